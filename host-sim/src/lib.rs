@@ -1,0 +1,1 @@
+//! Float plant of Hysteron: physical effects and their chain.

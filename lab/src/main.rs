@@ -1,0 +1,2 @@
+//! The `hysteron` program.
+fn main() {}
