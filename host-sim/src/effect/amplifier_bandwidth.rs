@@ -1,0 +1,56 @@
+//! Bandwidth of the amplifier: the voltage on the piezo follows the drive as a first-order lag.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// First-order lag in front of the hysteresis.
+pub struct AmplifierBandwidth;
+
+struct LagStage {
+    decay: f64,
+    mean_weight: f64,
+    voltage_v: f64,
+}
+
+impl Stage for LagStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let away = self.voltage_v - input;
+        self.voltage_v = input + away * self.decay;
+        input + away * self.mean_weight
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.voltage_v = input;
+        input
+    }
+}
+
+impl Effect for AmplifierBandwidth {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "amplifier_bandwidth".into(),
+            physics: "The output resistance of the amplifier and the capacitance of the piezo make the voltage lag behind the drive."
+                .into(),
+            reference: "Fleming and Leang, Design, Modeling and Control of Nanopositioning Systems (2014), Ch. 14".into(),
+            place: Place::AmplifierBandwidth,
+            modifies: None,
+            experiment: "multisines at two amplitudes: a lag before the hysteresis rounds its turning points, one behind does not".into(),
+            candidate: true,
+            one_sided: true,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 10.0 * overview.sample_rate_max_hz)]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.25 * overview.sample_rate_max_hz], vec![0.06 * overview.sample_rate_max_hz], vec![0.015 * overview.sample_rate_max_hz]]
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        let tau_s = 1.0 / (std::f64::consts::TAU * values[0]);
+        let decay = (-setting.dt_s / tau_s).exp();
+        let mean_weight = -(-setting.dt_s / tau_s).exp_m1() * tau_s / setting.dt_s;
+        Some(Box::new(LagStage { decay, mean_weight, voltage_v: model.drive_min_v }))
+    }
+    fn needs_substeps(&self) -> bool {
+        true
+    }
+}

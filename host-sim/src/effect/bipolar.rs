@@ -1,0 +1,38 @@
+//! Bipolar drive: the hysteresis counts from a lower limit below the drive's nominal one.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Moves the lower limit from which the one-sided hysteresis counts.
+pub struct Bipolar;
+
+/// Lower limit of the hysteresis in `model`, V.
+#[must_use]
+pub fn lower_limit_v(model: &Model) -> f64 {
+    model.values("bipolar").and_then(|v| v.first().copied()).unwrap_or(model.drive_min_v)
+}
+
+impl Effect for Bipolar {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "bipolar".into(),
+            physics: "The drive goes below zero: the one-sided memory then counts from the lowest drive, not from zero.".into(),
+            reference: "thesis Ch. 8, future work 2".into(),
+            place: Place::Hysteresis,
+            modifies: Some("hysteresis"),
+            experiment: "triangles of growing height that begin at the lowest drive".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let range = overview.drive_range_v();
+        vec![Parameter::linear("lower_limit_v", "V", overview.drive_min_v - 2.0 * range, overview.drive_min_v, 0.01 * range).fixed()]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![overview.drive_min_v]]
+    }
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None
+    }
+}

@@ -1,0 +1,79 @@
+//! Bouc-Wen hysteresis: one state that follows the drive and saturates.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Linear displacement less a Bouc-Wen state.
+pub struct BoucWen;
+
+struct BoucWenStage {
+    gain_um: f64,
+    alpha_um: f64,
+    beta: f64,
+    gamma: f64,
+    state: f64,
+    last: f64,
+    lower_limit_v: f64,
+    range_v: f64,
+}
+
+impl Stage for BoucWenStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let x = (input - self.lower_limit_v) / self.range_v;
+        let change = x - self.last;
+        // With |h| of one sign the equation is linear in h; stepping it in small pieces keeps the sign changes right.
+        let pieces = ((change.abs() * 200.0).ceil() as usize).clamp(1, 400);
+        let piece = change / pieces as f64;
+        for _ in 0..pieces {
+            let rate = self.beta * piece.abs() + self.gamma * piece * self.state.signum();
+            let middle = self.state + 0.5 * (self.alpha_um * piece - rate * self.state);
+            let rate = self.beta * piece.abs() + self.gamma * piece * middle.signum();
+            self.state += self.alpha_um * piece - rate * middle;
+        }
+        self.last = x;
+        self.gain_um * x - self.state
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.step(0, input)
+    }
+}
+
+impl Effect for BoucWen {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "bouc_wen".into(),
+            physics: "One hysteretic state follows the drive and saturates: a smooth loop from four numbers.".into(),
+            reference: "thesis Ch. 2, Eq. 3; Low and Guo, J. Microelectromech. Syst. 4 (1995) 230-237".into(),
+            place: Place::Hysteresis,
+            modifies: None,
+            experiment: "slow sines of several amplitudes".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let step = 0.01 * overview.range_um.max(1e-6);
+        vec![
+            Parameter::linear("gain_um", "um", -1e6, 1e6, step),
+            Parameter::linear("alpha_um", "um", -1e6, 1e6, step),
+            Parameter::linear("beta", "1", 0.0, 100.0, 0.02),
+            Parameter::linear("gamma", "1", -100.0, 100.0, 0.02),
+        ]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        vec![vec![1.1 * scale, 0.4 * scale, 2.0, 0.5]]
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(BoucWenStage {
+            gain_um: values[0],
+            alpha_um: values[1],
+            beta: values[2],
+            gamma: values[3],
+            state: 0.0,
+            last: 0.0,
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+        }))
+    }
+}

@@ -1,0 +1,53 @@
+//! Charge leakage: with a charge drive the piezo loses what it was given through its own resistance.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// High-pass of the drive in front of the hysteresis.
+pub struct ChargeLeakage;
+
+struct LeakStage {
+    decay: f64,
+    share: f64,
+    leaked: f64,
+    rest_v: f64,
+}
+
+impl Stage for LeakStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        self.leaked = self.decay * self.leaked + (1.0 - self.decay) * (input - self.rest_v);
+        input - self.share * self.leaked
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.leaked = input - self.rest_v;
+        input - self.share * self.leaked
+    }
+}
+
+impl Effect for ChargeLeakage {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "charge_leakage".into(),
+            physics: "A charge amplifier loses charge through the insulation resistance: what is held sinks back towards rest.".into(),
+            reference: "Fleming and Leang (2014), Ch. 15".into(),
+            place: Place::Charge,
+            modifies: None,
+            experiment: "steps held for several minutes at different voltages".into(),
+            candidate: true,
+            one_sided: true,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        vec![
+            Parameter::linear("share", "1", 0.0, 1.0, 0.01),
+            Parameter::logarithmic("time_constant_s", "s", 0.01, 1e3 * overview.duration_s),
+        ]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        [0.1, 1.0, 5.0].iter().map(|times| vec![0.02, times * overview.duration_s]).collect()
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        let decay = (-setting.dt_s / values[1]).exp();
+        Some(Box::new(LeakStage { decay, share: values[0], leaked: 0.0, rest_v: model.drive_min_v }))
+    }
+}

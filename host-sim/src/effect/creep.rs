@@ -1,0 +1,119 @@
+//! Creep: after a step the displacement goes on, roughly with the logarithm of time, in the direction of the step.
+//!
+//! A sum of first-order terms with time constants spread evenly over the logarithm of time; they stay fixed, their shares are
+//! estimated, which makes the logarithmic law without a start time as a parameter. The rational form of the thesis (Ch. 5, Eq. 17) is
+//! [`crate::linear_system::ContinuousSystem::from_transfer_function`].
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Sum of first-order terms behind the vibration.
+pub struct Creep {
+    /// Number of terms.
+    pub terms: usize,
+}
+
+impl Default for Creep {
+    fn default() -> Self {
+        Self { terms: 4 }
+    }
+}
+
+struct Term {
+    share: f64,
+    decay: f64,
+    from_start: f64,
+    from_end: f64,
+    state: f64,
+}
+
+struct CreepStage {
+    terms: Vec<Term>,
+    input: f64,
+}
+
+impl CreepStage {
+    fn new(values: &[f64], dt_s: f64) -> Self {
+        let terms = values
+            .chunks_exact(2)
+            .map(|pair| {
+                let (share, tau_s) = (pair[0], pair[1].max(1e-9));
+                let decay = (-dt_s / tau_s).exp();
+                // Exact for an input that runs straight through the interval.
+                let mean = -(-dt_s / tau_s).exp_m1() * tau_s / dt_s;
+                Term { share, decay, from_start: mean - decay, from_end: 1.0 - mean, state: 0.0 }
+            })
+            .collect();
+        Self { terms, input: 0.0 }
+    }
+}
+
+impl Stage for CreepStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let mut output = input;
+        for term in &mut self.terms {
+            term.state = term.decay * term.state + term.from_start * self.input + term.from_end * input;
+            output += term.share * term.state;
+        }
+        self.input = input;
+        output
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.input = input;
+        let mut output = input;
+        for term in &mut self.terms {
+            term.state = input;
+            output += term.share * input;
+        }
+        output
+    }
+}
+
+impl Creep {
+    /// Time constants that a data set can show, evenly spread over their logarithm.
+    fn time_constants_s(&self, overview: &Overview) -> Vec<f64> {
+        let longest = (overview.duration_s / 2.0).max(1e-3);
+        let shortest = (longest / 1000.0).max(10.0 / overview.sample_rate_max_hz).min(longest / 2.0);
+        let n = self.terms.max(1);
+        (0..n).map(|i| shortest * (longest / shortest).powf(if n == 1 { 1.0 } else { i as f64 / (n - 1) as f64 })).collect()
+    }
+}
+
+impl Effect for Creep {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "creep".into(),
+            physics:
+                "After a change of drive domains go on switching for seconds and minutes: the displacement creeps on after every step."
+                    .into(),
+            reference: "thesis Ch. 2, Eqs. 4-5; Ch. 5, Eqs. 9-17".into(),
+            place: Place::Creep,
+            modifies: None,
+            experiment: "steps of several heights, each held for ten seconds or more".into(),
+            candidate: true,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        self.time_constants_s(overview)
+            .iter()
+            .enumerate()
+            .flat_map(|(i, tau)| {
+                [
+                    Parameter::linear(format!("share_{}", i + 1), "1", -0.5, 0.9, 0.01),
+                    Parameter::logarithmic(format!("time_constant_{}_s", i + 1), "s", tau / 10.0, tau * 10.0).fixed(),
+                ]
+            })
+            .collect()
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let taus = self.time_constants_s(overview);
+        (0..taus.len()).map(|k| taus.iter().enumerate().flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau]).collect()).collect()
+    }
+    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(CreepStage::new(values, setting.dt_s)))
+    }
+    fn slow_time_constants_s(&self, values: &[f64]) -> Vec<f64> {
+        values.chunks_exact(2).map(|pair| pair[1]).collect()
+    }
+}

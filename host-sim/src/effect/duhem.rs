@@ -1,0 +1,76 @@
+//! Duhem hysteresis: the slope of the displacement depends on the direction of the drive.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Coleman-Hodgdon form of the Duhem model.
+pub struct Duhem;
+
+struct DuhemStage {
+    approach: f64,
+    slope_um: f64,
+    elastic_um: f64,
+    output: f64,
+    last: f64,
+    lower_limit_v: f64,
+    range_v: f64,
+}
+
+impl Stage for DuhemStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let x = (input - self.lower_limit_v) / self.range_v;
+        let change = x - self.last;
+        // w' = approach |x'| (slope x - w) + elastic x': linear in w along a monotone piece, with a straight x.
+        let e = (-self.approach * change.abs()).exp();
+        let sign = change.signum();
+        if change != 0.0 && self.approach > 1e-9 {
+            let forcing = (self.elastic_um - self.slope_um) * sign / self.approach;
+            self.output = self.slope_um * x + forcing + (self.output - self.slope_um * self.last - forcing) * e;
+        } else {
+            self.output += self.elastic_um * change;
+        }
+        self.last = x;
+        self.output
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.step(0, input)
+    }
+}
+
+impl Effect for Duhem {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "duhem".into(),
+            physics: "Rising and falling drive approach one line from two sides.".into(),
+            reference: "Coleman and Hodgdon, Int. J. Eng. Sci. 24 (1986) 897-919".into(),
+            place: Place::Hysteresis,
+            modifies: None,
+            experiment: "slow sines of several amplitudes".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let step = 0.01 * overview.range_um.max(1e-6);
+        vec![
+            Parameter::linear("approach", "1", 0.0, 200.0, 0.02),
+            Parameter::linear("slope_um", "um", -1e6, 1e6, step),
+            Parameter::linear("elastic_um", "um", -1e6, 1e6, step),
+        ]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        vec![vec![3.0, scale, 0.7 * scale]]
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(DuhemStage {
+            approach: values[0],
+            slope_um: values[1],
+            elastic_um: values[2],
+            output: 0.0,
+            last: 0.0,
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+        }))
+    }
+}

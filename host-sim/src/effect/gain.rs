@@ -1,0 +1,45 @@
+//! Proportional response: the least that a model can be.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Displacement proportional to the drive above its lower limit.
+pub struct Gain;
+
+struct GainStage {
+    gain_um_v: f64,
+    lower_limit_v: f64,
+}
+
+impl Stage for GainStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        self.gain_um_v * (input - self.lower_limit_v)
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.step(0, input)
+    }
+}
+
+impl Effect for Gain {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "gain".into(),
+            physics: "The displacement is proportional to the drive voltage.".into(),
+            reference: "thesis Ch. 5, K".into(),
+            place: Place::Hysteresis,
+            modifies: None,
+            experiment: "any slow drive over the range".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        vec![Parameter::linear("gain_um_v", "um/V", -1e3, 1e3, 0.01 * overview.gain_um_v.abs().max(1e-6))]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![overview.gain_um_v]]
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
+    }
+}

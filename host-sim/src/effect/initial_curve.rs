@@ -1,0 +1,43 @@
+//! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop takes back.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Remnant `R(M)` of the one-sided model; the hysteresis stage adds it.
+pub struct InitialCurve {
+    /// Number of Legendre terms.
+    pub terms: usize,
+}
+
+impl Default for InitialCurve {
+    /// Four, as in the thesis (Ch. 4, Eq. 14).
+    fn default() -> Self {
+        Self { terms: 4 }
+    }
+}
+
+impl Effect for InitialCurve {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "initial_curve".into(),
+            physics: "The first rise to a voltage never reached before switches domains that do not switch back: displacement remains."
+                .into(),
+            reference: "thesis Ch. 4, Eqs. 1, 10, 12-14".into(),
+            place: Place::Hysteresis,
+            modifies: Some("hysteresis"),
+            experiment: "slow triangles of growing height from the virgin state".into(),
+            candidate: true,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let step = 0.01 * overview.range_um.max(1e-6);
+        (0..self.terms).map(|k| Parameter::linear(format!("r_{k}_um"), "um", -1e6, 1e6, step)).collect()
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        (0..self.terms).map(|k| (0..self.terms).map(|i| if i == k { 0.02 * overview.range_um } else { 0.0 }).collect()).collect()
+    }
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None
+    }
+}

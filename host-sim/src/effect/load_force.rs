@@ -1,0 +1,46 @@
+//! External force on the actuator, taken from the measured force channel.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Displacement by a measured force through the compliance of the actuator.
+pub struct LoadForce;
+
+struct LoadStage<'a> {
+    compliance_um_n: f64,
+    force_n: Option<&'a [f64]>,
+}
+
+impl Stage for LoadStage<'_> {
+    fn step(&mut self, k: usize, input: f64) -> f64 {
+        let force_n = self.force_n.and_then(|f| f.get(k)).copied().unwrap_or(0.0);
+        input + self.compliance_um_n * force_n
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.step(0, input)
+    }
+}
+
+impl Effect for LoadForce {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "load_force".into(),
+            physics: "An external force compresses the actuator by its compliance.".into(),
+            reference: "thesis Ch. 7, Eq. 1; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)".into(),
+            place: Place::LoadForce,
+            modifies: None,
+            experiment: "constant drive while the force changes and is recorded".into(),
+            candidate: true,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        vec![Parameter::linear("compliance_um_n", "um/N", -1e3, 1e3, 0.001 * overview.range_um.max(1e-6))]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        if overview.has_force { vec![vec![0.001 * overview.range_um.max(1e-6)]] } else { Vec::new() }
+    }
+    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(LoadStage { compliance_um_n: values[0], force_n: setting.force_n }))
+    }
+}

@@ -1,0 +1,37 @@
+//! An added mass lowers the frequency and the damping ratio of the modes.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Mass added to the moving part, as a ratio to it; the vibration stage takes it in.
+pub struct MassChange;
+
+/// Factor on natural frequency and damping ratio in `model`.
+#[must_use]
+pub fn frequency_factor(model: &Model) -> f64 {
+    model.values("mass_change").and_then(|v| v.first().copied()).map_or(1.0, |ratio| 1.0 / (1.0 + ratio).max(0.01).sqrt())
+}
+
+impl Effect for MassChange {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "mass_change".into(),
+            physics: "A load on the stage adds mass: every mode becomes slower and, with the same damper, less damped.".into(),
+            reference: "thesis Ch. 7, loaded case".into(),
+            place: Place::Vibration,
+            modifies: Some("vibration"),
+            experiment: "the same multisine with and without the load".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
+        vec![Parameter::linear("mass_ratio", "1", -0.9, 50.0, 0.01)]
+    }
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
+    }
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None
+    }
+}

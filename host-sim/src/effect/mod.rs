@@ -1,0 +1,296 @@
+//! The physical effects of a piezoelectric positioning system, one file each, and their registry.
+//!
+//! An effect declares itself ([`Declaration`], [`Parameter`]), says where it may start when it is looked for ([`Effect::starts`]) and
+//! builds a [`Stage`] that walks along a signal. Fitting, diagnosis, reports and the command line work from that alone. To add an
+//! effect: one file here, one line in [`registry`].
+//!
+//! A *modifier* ([`Declaration::modifies`]) has no stage of its own where the effect that it modifies is in the model: the initial
+//! ascending curve and the rate dependence are properties of the hysteresis stage, a second mode of the vibration stage.
+
+pub mod amplifier_bandwidth;
+pub mod bipolar;
+pub mod bouc_wen;
+pub mod charge_leakage;
+pub mod creep;
+pub mod delay;
+pub mod duhem;
+pub mod expression;
+pub mod friction;
+pub mod gain;
+pub mod hysteresis;
+pub mod initial_curve;
+pub mod load_force;
+pub mod mains_hum;
+pub mod mass_change;
+pub mod maxwell_slip;
+pub mod prandtl_ishlinskii;
+pub mod quantisation;
+pub mod rate_dependence;
+pub mod saturation;
+pub mod second_mode;
+pub mod sensor_bandwidth;
+pub mod sensor_nonlinearity;
+pub mod slew_limit;
+pub mod thermal_drift;
+pub mod vibration;
+
+use crate::chain::Model;
+use std::sync::Arc;
+
+/// Where an effect stands in the chain from drive to measurement, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Place {
+    /// Transport delay of the drive.
+    Delay,
+    /// Bandwidth of the amplifier.
+    AmplifierBandwidth,
+    /// Slew limit of the amplifier.
+    AmplifierSlew,
+    /// Output limits of the amplifier.
+    AmplifierSaturation,
+    /// Charge that leaks from the piezo.
+    Charge,
+    /// Drive to force-equivalent displacement.
+    Hysteresis,
+    /// External force.
+    LoadForce,
+    /// Friction of the guide.
+    Friction,
+    /// Structural modes.
+    Vibration,
+    /// Slow following of the displacement.
+    Creep,
+    /// Motion that has no cause in the drive.
+    Drift,
+    /// Characteristic of the sensor.
+    SensorNonlinearity,
+    /// Bandwidth of the sensor.
+    SensorBandwidth,
+    /// Lines in the sensor signal.
+    Hum,
+    /// Resolution of the converter.
+    Quantisation,
+}
+
+impl Place {
+    /// All places with the names that files use, in the order of the chain.
+    pub const NAMES: [(&'static str, Place); 15] = [
+        ("delay", Place::Delay),
+        ("amplifier_bandwidth", Place::AmplifierBandwidth),
+        ("amplifier_slew", Place::AmplifierSlew),
+        ("amplifier_saturation", Place::AmplifierSaturation),
+        ("charge", Place::Charge),
+        ("hysteresis", Place::Hysteresis),
+        ("load_force", Place::LoadForce),
+        ("friction", Place::Friction),
+        ("vibration", Place::Vibration),
+        ("creep", Place::Creep),
+        ("drift", Place::Drift),
+        ("sensor_nonlinearity", Place::SensorNonlinearity),
+        ("sensor_bandwidth", Place::SensorBandwidth),
+        ("hum", Place::Hum),
+        ("quantisation", Place::Quantisation),
+    ];
+}
+
+/// How a parameter is varied when it is estimated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scale {
+    /// Steps of this size matter.
+    Linear(f64),
+    /// Positive; relative steps matter.
+    Logarithmic,
+}
+
+/// One parameter of an effect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Name, with its unit as a suffix.
+    pub name: String,
+    /// Unit as printed.
+    pub unit: String,
+    /// Least value.
+    pub lower: f64,
+    /// Greatest value.
+    pub upper: f64,
+    /// How it is varied.
+    pub scale: Scale,
+    /// Not estimated unless asked for.
+    pub fixed: bool,
+}
+
+impl Parameter {
+    /// A parameter for which steps of `step` matter.
+    #[must_use]
+    pub fn linear(name: impl Into<String>, unit: &str, lower: f64, upper: f64, step: f64) -> Self {
+        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Linear(step), fixed: false }
+    }
+
+    /// A positive parameter that is varied by ratios.
+    #[must_use]
+    pub fn logarithmic(name: impl Into<String>, unit: &str, lower: f64, upper: f64) -> Self {
+        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Logarithmic, fixed: false }
+    }
+
+    /// The same parameter, kept at its value.
+    #[must_use]
+    pub fn fixed(mut self) -> Self {
+        self.fixed = true;
+        self
+    }
+}
+
+/// What an effect says about itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Declaration {
+    /// Identifier on the command line and in files.
+    pub id: String,
+    /// One sentence of physics.
+    pub physics: String,
+    /// Where it is described.
+    pub reference: String,
+    /// Place in the chain.
+    pub place: Place,
+    /// The effect whose stage takes this one in, if any.
+    pub modifies: Option<&'static str>,
+    /// The experiment that shows it best.
+    pub experiment: String,
+    /// Whether it may be looked for in a residual.
+    pub candidate: bool,
+    /// The effect can only act in the direction of its start values (a delay cannot be negative).
+    pub one_sided: bool,
+}
+
+/// What is known about the data before anything is fitted; prior guesses come from it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overview {
+    /// Limits of the drive, V.
+    pub drive_min_v: f64,
+    /// Limits of the drive, V.
+    pub drive_max_v: f64,
+    /// Largest drive that occurs, V.
+    pub drive_peak_v: f64,
+    /// Fastest sampling, Hz.
+    pub sample_rate_max_hz: f64,
+    /// Slowest sampling, Hz.
+    pub sample_rate_min_hz: f64,
+    /// Longest record, s.
+    pub duration_s: f64,
+    /// Largest span of the measured displacement, um.
+    pub range_um: f64,
+    /// Largest slope of the drive, V/s.
+    pub slope_max_v_s: f64,
+    /// A force was measured.
+    pub has_force: bool,
+    /// Static gain of a straight line through the data, um/V.
+    pub gain_um_v: f64,
+}
+
+impl Overview {
+    /// Span of the drive, V.
+    #[must_use]
+    pub fn drive_range_v(&self) -> f64 {
+        self.drive_max_v - self.drive_min_v
+    }
+}
+
+/// What a stage is told about the record on which it runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting<'a> {
+    /// Length of one interval of the chain, s.
+    pub dt_s: f64,
+    /// External force on each interval, N, if it was measured.
+    pub force_n: Option<&'a [f64]>,
+    /// Limits of the drive, V.
+    pub drive_min_v: f64,
+    /// Limits of the drive, V.
+    pub drive_max_v: f64,
+}
+
+/// One physical effect walking along a signal.
+pub trait Stage: Send {
+    /// Carries the stage over interval `k`: its input there in, its output out.
+    fn step(&mut self, k: usize, input: f64) -> f64;
+
+    /// Puts the stage at rest for a constant input and returns the output.
+    fn settle(&mut self, input: f64) -> f64;
+
+    /// Runs over a whole signal in place.
+    fn run(&mut self, signal: &mut [f64]) {
+        for (k, value) in signal.iter_mut().enumerate() {
+            *value = self.step(k, *value);
+        }
+    }
+}
+
+/// A physical effect.
+pub trait Effect: Send + Sync {
+    /// What the effect says about itself.
+    fn declaration(&self) -> Declaration;
+
+    /// Its parameters for a data set (number of terms, bounds).
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter>;
+
+    /// Values, one list per start, at which the effect is small but visible; each is a direction in which it may be found.
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>>;
+
+    /// Builds the stage from the values in `model`, or `None` where another effect's stage takes it in.
+    ///
+    /// `values` are this effect's values in `model`.
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
+
+    /// True where the drive must be followed inside a sampling period.
+    fn needs_substeps(&self) -> bool {
+        false
+    }
+
+    /// Slow states of the stage whose initial values are unknown in a record that starts after an unknown history: time constants in s.
+    fn slow_time_constants_s(&self, _values: &[f64]) -> Vec<f64> {
+        Vec::new()
+    }
+
+    /// Frequencies in Hz of lines whose phase is arbitrary in every record.
+    fn line_frequencies_hz(&self, _values: &[f64]) -> Vec<f64> {
+        Vec::new()
+    }
+}
+
+/// Every built-in effect, in the order of the chain.
+#[must_use]
+pub fn registry() -> Vec<Arc<dyn Effect>> {
+    vec![
+        Arc::new(delay::Delay),
+        Arc::new(amplifier_bandwidth::AmplifierBandwidth),
+        Arc::new(slew_limit::SlewLimit),
+        Arc::new(saturation::Saturation),
+        Arc::new(charge_leakage::ChargeLeakage),
+        Arc::new(gain::Gain),
+        Arc::new(hysteresis::Hysteresis::default()),
+        Arc::new(initial_curve::InitialCurve::default()),
+        Arc::new(rate_dependence::RateDependence),
+        Arc::new(bipolar::Bipolar),
+        Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: false }),
+        Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: true }),
+        Arc::new(maxwell_slip::MaxwellSlip),
+        Arc::new(bouc_wen::BoucWen),
+        Arc::new(duhem::Duhem),
+        Arc::new(load_force::LoadForce),
+        Arc::new(friction::Friction),
+        Arc::new(vibration::Vibration),
+        Arc::new(second_mode::SecondMode),
+        Arc::new(mass_change::MassChange),
+        Arc::new(creep::Creep::default()),
+        Arc::new(thermal_drift::ThermalDrift),
+        Arc::new(sensor_nonlinearity::SensorNonlinearity),
+        Arc::new(sensor_bandwidth::SensorBandwidth),
+        Arc::new(mains_hum::MainsHum),
+        Arc::new(quantisation::Quantisation),
+    ]
+}
+
+/// Finds a built-in effect by its identifier; hyphens and underscores are the same.
+#[must_use]
+pub fn by_id(id: &str) -> Option<Arc<dyn Effect>> {
+    let wanted = id.trim().replace('-', "_");
+    registry().into_iter().find(|e| e.declaration().id == wanted)
+}

@@ -1,0 +1,95 @@
+//! Prandtl-Ishlinskii hysteresis: a weighted sum of play operators, and its modified form with dead zones behind.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Number of play operators.
+const PLAYS: usize = 10;
+/// Number of one-sided dead zones of the modified model.
+const DEAD_ZONES: usize = 4;
+
+/// Sum of play operators, optionally followed by one-sided dead zones (Kuhnen's modified model).
+pub struct PrandtlIshlinskii {
+    /// The modified model: dead zones make the loops asymmetric.
+    pub one_sided_dead_zones: bool,
+}
+
+struct PlayStage {
+    weights: Vec<f64>,
+    plays: Vec<f64>,
+    dead_zones: Vec<f64>,
+    span_um: f64,
+    lower_limit_v: f64,
+    range_v: f64,
+}
+
+impl Stage for PlayStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let x = (input - self.lower_limit_v) / self.range_v;
+        let mut sum = 0.0;
+        for (i, (weight, play)) in self.weights.iter().zip(&mut self.plays).enumerate() {
+            let threshold = 0.5 * i as f64 / PLAYS as f64;
+            *play = play.clamp(x - threshold, x + threshold);
+            sum += weight * *play;
+        }
+        let mut output = sum;
+        for (i, weight) in self.dead_zones.iter().enumerate() {
+            let threshold = self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
+            output += weight * (sum - threshold).max(0.0);
+        }
+        output
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.step(0, input)
+    }
+}
+
+impl Effect for PrandtlIshlinskii {
+    fn declaration(&self) -> Declaration {
+        let (id, reference) = if self.one_sided_dead_zones {
+            ("modified_prandtl_ishlinskii", "Kuhnen, European Journal of Control 9 (2003) 407-418")
+        } else {
+            ("prandtl_ishlinskii", "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)")
+        };
+        Declaration {
+            id: id.into(),
+            physics: "Many small backlash elements in parallel: loops that depend only on how far the drive came back.".into(),
+            reference: reference.into(),
+            place: Place::Hysteresis,
+            modifies: None,
+            experiment: "slow triangles of several heights".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let range = overview.range_um.max(1e-6);
+        let mut out: Vec<_> = (0..PLAYS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, 0.01 * range)).collect();
+        if self.one_sided_dead_zones {
+            out.extend((0..DEAD_ZONES).map(|i| Parameter::linear(format!("dead_zone_{i}"), "1", -10.0, 10.0, 0.01)));
+            out.push(Parameter::linear("span_um", "um", 0.0, 1e6, 0.01 * range).fixed());
+        }
+        out
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        let mut values: Vec<_> = (0..PLAYS).map(|i| if i == 0 { 0.8 * scale } else { 0.2 * scale / (PLAYS - 1) as f64 }).collect();
+        if self.one_sided_dead_zones {
+            values.extend([0.0; DEAD_ZONES]);
+            values.push(scale);
+        }
+        vec![values]
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        let (weights, rest) = values.split_at(PLAYS.min(values.len()));
+        let (dead_zones, span_um) = rest.split_last().map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
+        Some(Box::new(PlayStage {
+            weights: weights.to_vec(),
+            plays: vec![0.0; weights.len()],
+            dead_zones: dead_zones.to_vec(),
+            span_um,
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+        }))
+    }
+}

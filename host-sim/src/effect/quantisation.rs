@@ -1,0 +1,44 @@
+//! Quantisation of the reading by the converter.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Rounds the reading to the nearest code.
+pub struct Quantisation;
+
+struct RoundStage {
+    lsb_um: f64,
+}
+
+impl Stage for RoundStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        if self.lsb_um > 0.0 { (input / self.lsb_um).round() * self.lsb_um } else { input }
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.step(0, input)
+    }
+}
+
+impl Effect for Quantisation {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "quantisation".into(),
+            physics: "The converter knows only whole codes: the reading moves in steps of one least significant bit.".into(),
+            reference: "Widrow and Kollar, Quantization Noise (2008)".into(),
+            place: Place::Quantisation,
+            modifies: None,
+            experiment: "rest at constant drive: count the distinct readings".into(),
+            candidate: false,
+            one_sided: true,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        vec![Parameter::linear("lsb_um", "um", 0.0, overview.range_um, 1e-5 * overview.range_um.max(1e-6)).fixed()]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![overview.range_um / 65536.0]]
+    }
+    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(RoundStage { lsb_um: values[0] }))
+    }
+}
