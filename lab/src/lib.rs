@@ -1,1 +1,3 @@
 //! The lab of Hysteron.
+
+pub mod report;
