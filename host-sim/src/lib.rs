@@ -10,7 +10,9 @@
 //! that interval: it is the value held over it (in front of a dynamic stage) or reached at its end (behind one). What is measured at
 //! `t[k]` is therefore element `k - 1`, and the value at rest for `k = 0`.
 
+pub mod bench;
 pub mod chain;
 pub mod effect;
 pub mod hysteresis_surface;
 pub mod linear_system;
+pub mod waveform;
