@@ -13,6 +13,8 @@
 pub mod bench;
 pub mod chain;
 pub mod effect;
+pub mod elastoplastic_friction;
 pub mod hysteresis_surface;
 pub mod linear_system;
+pub mod stick_slip;
 pub mod waveform;

@@ -1,0 +1,152 @@
+//! Elastoplastic friction of two surfaces in presliding (thesis Ch. 3, Eqs. 1-6; Dupont, Hayward, Armstrong and Altpeter, IEEE Trans.
+//! Autom. Control 47 (2002) 787-792).
+//!
+//! The relative motion is split into an elastic part `z`, the bend of a bristle, and a plastic part. Up to the break-away displacement
+//! `z_b` all motion is elastic, so that a load that vibrates does not creep away; at `z_s` all of it is plastic and the force is the
+//! Coulomb friction. [`ElastoplasticFriction::bend_rate`] is the law in time; [`ElastoplasticFriction::bend_after`] is the same law over
+//! a given motion without time, which the friction of a guide in the chain of effects uses.
+
+use std::f64::consts::PI;
+
+/// A friction contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElastoplasticFriction {
+    /// Contact stiffness `sigma_0`, N/um.
+    pub stiffness_n_um: f64,
+    /// Damping of the tangential compliance `sigma_1`, N s/um.
+    pub damping_n_s_um: f64,
+    /// Coulomb friction `F_c`, N.
+    pub coulomb_force_n: f64,
+    /// Break-away displacement over the bend in steady sliding, `z_b / z_s`, below one.
+    pub breakaway_ratio: f64,
+}
+
+impl ElastoplasticFriction {
+    /// Bend in steady sliding `z_s = F_c / sigma_0`, um.
+    #[must_use]
+    pub fn sliding_bend_um(&self) -> f64 {
+        self.coulomb_force_n / self.stiffness_n_um
+    }
+
+    /// Share of the motion that is plastic, `alpha(z)` (Ch. 3, Eq. 4), for motion in the direction of `velocity`.
+    ///
+    /// The printed equation holds for positive `z`; by symmetry it is used with `|z|`.
+    #[must_use]
+    pub fn plastic_share(&self, bend_um: f64, velocity_um_s: f64) -> f64 {
+        if bend_um * velocity_um_s <= 0.0 {
+            return 0.0;
+        }
+        let (sliding_um, size_um) = (self.sliding_bend_um(), bend_um.abs());
+        let breakaway_um = self.breakaway_ratio * sliding_um;
+        if size_um <= breakaway_um {
+            0.0
+        } else if size_um >= sliding_um {
+            1.0
+        } else {
+            0.5 + 0.5 * (PI * (size_um - 0.5 * (sliding_um + breakaway_um)) / (sliding_um - breakaway_um)).sin()
+        }
+    }
+
+    /// Elastic share of the motion, `dz/dx = 1 - alpha z / z_s`, and its derivative with respect to `z` in 1/um.
+    #[must_use]
+    pub fn elastic_share(&self, bend_um: f64, velocity_um_s: f64) -> (f64, f64) {
+        let sliding_um = self.sliding_bend_um();
+        let plastic = self.plastic_share(bend_um, velocity_um_s);
+        if plastic == 0.0 {
+            return (1.0, 0.0);
+        }
+        let size_um = bend_um.abs();
+        let width_um = sliding_um * (1.0 - self.breakaway_ratio);
+        let slope = if plastic < 1.0 && width_um > 0.0 {
+            0.5 * PI / width_um * (PI * (size_um - sliding_um + 0.5 * width_um) / width_um).cos()
+        } else {
+            0.0
+        };
+        (1.0 - plastic * size_um / sliding_um, -bend_um.signum() * (slope * size_um + plastic) / sliding_um)
+    }
+
+    /// Rate of the bend, um/s (Ch. 3, Eq. 3): `velocity` is that of the driving surface relative to the driven one.
+    #[must_use]
+    pub fn bend_rate(&self, bend_um: f64, velocity_um_s: f64) -> f64 {
+        velocity_um_s * self.elastic_share(bend_um, velocity_um_s).0
+    }
+
+    /// Friction force on the driven surface, N (Ch. 3, Eq. 5; the viscous term is left out, as there).
+    #[must_use]
+    pub fn force_n(&self, bend_um: f64, bend_rate_um_s: f64) -> f64 {
+        self.stiffness_n_um * bend_um + self.damping_n_s_um * bend_rate_um_s
+    }
+
+    /// Bend after a motion of `travel_um` that is fast or slow: the law without time, `dz = (1 - alpha z / z_s) dx`.
+    ///
+    /// Elastic travel is taken in closed form; the transition in steps that begin at a twentieth of its width.
+    #[must_use]
+    pub fn bend_after(&self, bend_um: f64, travel_um: f64) -> f64 {
+        let sliding_um = self.sliding_bend_um();
+        if travel_um == 0.0 || sliding_um <= 0.0 {
+            return bend_um.clamp(-sliding_um.max(0.0), sliding_um.max(0.0));
+        }
+        // Mirror so that the motion is upward.
+        let direction = travel_um.signum();
+        let (mut bend, mut left) = (bend_um * direction, travel_um.abs());
+        let breakaway_um = self.breakaway_ratio.clamp(0.0, 1.0) * sliding_um;
+        if bend < breakaway_um {
+            let elastic = left.min(breakaway_um - bend);
+            bend += elastic;
+            left -= elastic;
+        }
+        let width_um = sliding_um - breakaway_um;
+        if width_um <= 1e-9 * sliding_um {
+            return direction * bend.min(sliding_um);
+        }
+        // Steps that grow with the way gone: the last of the bend comes over many z_s of travel. After twenty it has arrived.
+        let mut travelled_um = 0.0;
+        let reach_um = left.min(20.0 * sliding_um);
+        while travelled_um < reach_um && bend < sliding_um {
+            let step_um = (0.05 * width_um + 0.1 * travelled_um).min(reach_um - travelled_um);
+            let middle = bend + 0.5 * step_um * self.elastic_share(bend.max(f64::MIN_POSITIVE), 1.0).0;
+            bend += step_um * self.elastic_share(middle.max(f64::MIN_POSITIVE), 1.0).0;
+            travelled_um += step_um;
+        }
+        direction * bend.min(sliding_um)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CONTACT: ElastoplasticFriction =
+        ElastoplasticFriction { stiffness_n_um: 0.482, damping_n_s_um: 2.73e-4, coulomb_force_n: 0.0362, breakaway_ratio: 0.801 };
+
+    #[test]
+    fn elastic_below_breakaway_and_coulomb_beyond() {
+        let sliding = CONTACT.sliding_bend_um();
+        assert_eq!(CONTACT.bend_rate(0.5 * sliding, 3.0), 3.0);
+        assert!(CONTACT.bend_rate(sliding, 3.0).abs() < 1e-12);
+        assert_eq!(CONTACT.bend_rate(sliding, -3.0), -3.0, "unloading is elastic");
+        assert!((CONTACT.force_n(CONTACT.bend_after(0.0, 10.0), 0.0) - 0.0362).abs() < 1e-6);
+        assert!((CONTACT.force_n(CONTACT.bend_after(0.0, -10.0), 0.0) + 0.0362).abs() < 1e-6);
+    }
+
+    #[test]
+    fn slope_of_the_elastic_share_is_its_derivative() {
+        let sliding = CONTACT.sliding_bend_um();
+        for (share, velocity) in [(0.82, 1.0), (0.9, 1.0), (0.97, 1.0), (-0.85, -1.0), (-0.95, -1.0)] {
+            let z = share * sliding;
+            let numeric = (CONTACT.elastic_share(z + 1e-7, velocity).0 - CONTACT.elastic_share(z - 1e-7, velocity).0) / 2e-7;
+            let (_, slope) = CONTACT.elastic_share(z, velocity);
+            assert!((numeric - slope).abs() < 1e-3 * slope.abs(), "{share}: {numeric} {slope}");
+        }
+    }
+
+    #[test]
+    fn the_law_without_time_is_the_law_in_time() {
+        let mut bend = -0.03;
+        let (velocity, dt, travel) = (40.0, 1e-7, 0.09);
+        for _ in 0..(travel / velocity / dt) as usize {
+            bend += dt * CONTACT.bend_rate(bend, velocity);
+        }
+        assert!((CONTACT.bend_after(-0.03, travel) - bend).abs() < 1e-4 * CONTACT.sliding_bend_um());
+    }
+}
