@@ -174,7 +174,7 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
     for &(name, on, dots, line) in groups {
         let chosen: Vec<(f64, usize)> = (0..length)
             .filter(|&i| branch.get(sample(i)).is_some_and(|(b, _)| on.contains(b)))
-            .filter_map(|i| abscissa(i).map(|x| (x, i)))
+            .filter_map(|i| abscissa(i).filter(|x| x.is_finite()).map(|x| (x, i)))
             .collect();
         let (x, residual, predicted) = binned(&chosen, trace, bins);
         let x: Vec<f64> = if matches!(view, View::TimeHeld | View::TimeSinceTurn) { x.iter().map(|x| 10f64.powf(*x)).collect() } else { x };

@@ -73,7 +73,7 @@ pub(super) enum Branch {
     Held,
 }
 
-/// Branch and time since the last turn, s, for every sample of a drive.
+/// Branch and time since the last turn, s, for every sample of a drive; endless before the first motion.
 pub(super) fn branches(u_v: &[f64], sample_rate_hz: f64, range_v: f64) -> Vec<(Branch, f64)> {
     let still_v = 1e-6 * range_v;
     let turn_v = 1e-3 * range_v;
@@ -98,7 +98,7 @@ pub(super) fn branches(u_v: &[f64], sample_rate_hz: f64, range_v: f64) -> Vec<(B
                 (rising, extreme_v) = (true, u);
             }
         }
-        let branch = if unmoved >= still_samples || (k == unmoved && !moved) {
+        let branch = if unmoved >= still_samples || k + 1 == unmoved {
             Branch::Held
         } else if !rising {
             Branch::Falling
@@ -114,7 +114,8 @@ pub(super) fn branches(u_v: &[f64], sample_rate_hz: f64, range_v: f64) -> Vec<(B
             since = if branch == Branch::Held { k - unmoved.min(k) } else { k };
         }
         last = branch;
-        out.push((branch, (k - since) as f64 / sample_rate_hz));
+        let age_s = if k == unmoved.saturating_sub(1) { f64::INFINITY } else { (k - since) as f64 / sample_rate_hz };
+        out.push((branch, age_s));
     }
     out
 }
