@@ -13,6 +13,8 @@ use super::text::{effect_words, percent, role_words};
 const MOST_RECORDS: usize = 6;
 /// Bins of the averages.
 const BINS: usize = 60;
+/// At most this many holds are drawn in one plot.
+const MOST_HOLDS: usize = 6;
 /// Bins over time, where structure is finer.
 const TIME_BINS: usize = 400;
 
@@ -38,9 +40,10 @@ enum View {
 impl View {
     fn of(effect: &str) -> (Self, &'static str) {
         match effect {
-            "creep" => {
-                (Self::TimeHeld, "Creep goes on with the logarithm of time after the drive has stopped, in the direction of the last step.")
-            }
+            "creep" => (
+                Self::TimeHeld,
+                "Creep goes on with the logarithm of time after the drive has stopped, in the direction of the last step; one curve for each hold.",
+            ),
             "friction" => (Self::TimeSinceTurn, "Friction holds the motion back just after the drive turns, then lets go."),
             "hysteresis" | "initial_curve" => (
                 Self::Drive,
@@ -96,7 +99,12 @@ pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]
         .enumerate()
         .map(|(number, trace)| {
             let record = &records[trace.record];
-            let mut plot = trace_plot(view, trace, record).width(width).height_px(250);
+            let mut plot = trace_plot(view, trace, record);
+            if plot.series.is_empty() {
+                // The drive never stands still in this record, say: time always exists.
+                plot = trace_plot(View::Time, trace, record);
+            }
+            plot = plot.width(width).height_px(250);
             plot.title = format!(
                 "{} in {} ({}): {} of the residual's power",
                 effect_words(&evidence.effect),
@@ -144,11 +152,10 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
     let sample = |i: usize| trace.samples.get(i).copied().unwrap_or(i);
     let abscissa = |i: usize| -> Option<f64> {
         let k = sample(i);
-        let (on, age_s) = *branch.get(k)?;
+        let (_, age_s) = *branch.get(k)?;
         let u_v = *record.u_v.get(k)?;
         match view {
-            View::TimeHeld => (on == Branch::Held && age_s > 0.0).then(|| age_s.log10()),
-            View::TimeSinceTurn => (age_s > 0.0).then(|| age_s.log10()),
+            View::TimeHeld | View::TimeSinceTurn => (age_s > 0.0).then(|| age_s.log10()),
             View::Drive => Some(u_v),
             View::Displacement => record.y_um.get(k).copied(),
             View::Rate => Some((u_v - record.u_v[k.saturating_sub(1)]) * record.sample_rate_hz),
@@ -170,6 +177,10 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
     } else {
         &[("", &[Branch::FirstRise, Branch::Rising, Branch::Falling, Branch::Held], Role::Residual, Role::Model)]
     };
+    if view == View::TimeHeld {
+        add_holds(&mut plot, trace, record, &branch, sample);
+        return plot;
+    }
     let bins = if matches!(view, View::Time | View::Frequency) { TIME_BINS } else { BINS };
     for &(name, on, dots, line) in groups {
         let chosen: Vec<(f64, usize)> = (0..length)
@@ -177,7 +188,7 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
             .filter_map(|i| abscissa(i).filter(|x| x.is_finite()).map(|x| (x, i)))
             .collect();
         let (x, residual, predicted) = binned(&chosen, trace, bins);
-        let x: Vec<f64> = if matches!(view, View::TimeHeld | View::TimeSinceTurn) { x.iter().map(|x| 10f64.powf(*x)).collect() } else { x };
+        let x: Vec<f64> = if view == View::TimeSinceTurn { x.iter().map(|x| 10f64.powf(*x)).collect() } else { x };
         if x.is_empty() {
             continue;
         }
@@ -185,6 +196,37 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
         plot.series.push(Series::line(format!("what the signature predicts{name}"), line, x, predicted));
     }
     plot
+}
+
+/// One pair of curves for each of the longest holds: averaged over holds, steps up and steps down would cancel.
+fn add_holds(plot: &mut Plot, trace: &EvidenceTrace, record: &RecordReport, branch: &[(Branch, f64)], sample: impl Fn(usize) -> usize) {
+    let length = trace.residual_um.len().min(trace.predicted_um.len());
+    let mut holds: Vec<Vec<(f64, usize)>> = Vec::new();
+    let mut level_v = f64::NAN;
+    for i in 0..length {
+        let k = sample(i);
+        let (Some(&(on, age_s)), Some(&u_v)) = (branch.get(k), record.u_v.get(k)) else {
+            continue;
+        };
+        if on != Branch::Held || !(age_s.is_finite() && age_s > 0.0) {
+            level_v = f64::NAN;
+        } else if u_v == level_v {
+            if let Some(hold) = holds.last_mut() {
+                hold.push((age_s.log10(), i));
+            }
+        } else {
+            level_v = u_v;
+            holds.push(vec![(age_s.log10(), i)]);
+        }
+    }
+    holds.retain(|hold| hold.len() > BINS / 4);
+    holds.sort_by_key(|hold| std::cmp::Reverse(hold.len()));
+    for hold in holds.iter().take(MOST_HOLDS) {
+        let (x, residual, predicted) = binned(hold, trace, BINS / 2);
+        let x: Vec<f64> = x.iter().map(|x| 10f64.powf(*x)).collect();
+        plot.series.push(Series::points("what the residual does", Role::Residual, x.clone(), residual));
+        plot.series.push(Series::line("what the signature predicts", Role::Model, x, predicted));
+    }
 }
 
 /// Bin centres and the means of residual and prediction, nm, over the bins that hold samples.

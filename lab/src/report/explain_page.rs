@@ -12,7 +12,7 @@ use super::page::{
     WaterfallStep, When, Width,
 };
 use super::spectrum::amplitude_density;
-use super::text::{effect_words, figure, nanometres, percent, role_words};
+use super::text::{Significant, effect_words, figure, nanometres, percent, role_words};
 
 const RECORD: &str = "record";
 const STEP: &str = "step";
@@ -168,7 +168,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
     let features = drive_features(range_v.0, range_v.1);
     let floor_um = report.noise_floor.as_ref().map(|f| f.rms_um).filter(|f| *f > 0.0);
     let scale = floor_um.map_or(1e3, |f| 1.0 / f);
-    let layers = (0..report.steps.len().max(1))
+    let mut layers: Vec<HeatMapLayer> = (0..report.steps.len().max(1))
         .map(|step| HeatMapLayer {
             values: report
                 .records
@@ -184,8 +184,19 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             when: vec![When(STEP.to_owned(), step)],
         })
         .collect();
+    let used: Vec<bool> = (0..features.len())
+        .map(|column| {
+            let mut rows = layers.iter().flat_map(|layer| &layer.values);
+            rows.any(|row| row[column].is_some())
+        })
+        .collect();
+    for row in layers.iter_mut().flat_map(|layer| &mut layer.values) {
+        let mut column = 0..;
+        row.retain(|_| column.next().is_some_and(|c: usize| used[c]));
+    }
     let mut column_groups: Vec<(String, Vec<String>)> = Vec::new();
-    for feature in features {
+    let features = features.into_iter().zip(&used);
+    for (feature, _) in features.filter(|(_, used)| **used) {
         match column_groups.last_mut() {
             Some((group, columns)) if *group == feature.group => columns.push(feature.label),
             _ => column_groups.push((feature.group, vec![feature.label])),
@@ -286,7 +297,7 @@ fn falling_error(report: &ExplainReport) -> Section {
     }));
     blocks.push(Block::Table(Table {
         title: "Last model, record by record".to_owned(),
-        columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, um"].map(str::to_owned).to_vec(),
+        columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, \u{b5}m"].map(str::to_owned).to_vec(),
         rows: report
             .records
             .iter()
@@ -612,8 +623,6 @@ fn parameters(report: &ExplainReport) -> Option<Section> {
         })],
     })
 }
-
-use super::text::Significant;
 
 fn next_experiment(report: &ExplainReport) -> Option<Section> {
     let experiment = report.next_experiment.as_ref()?;

@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 /// One column of the map.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DriveFeature {
-    /// What the column belongs to, such as `drive level`.
+    /// What the column belongs to, with its unit, such as `drive level, V`.
     pub group: String,
-    /// The column itself, such as `14 to 28 V`.
+    /// The column itself, such as `14 to 28`.
     pub label: String,
 }
 
@@ -41,8 +41,8 @@ pub fn drive_features(drive_min_v: f64, drive_max_v: f64) -> Vec<DriveFeature> {
     let mut features: Vec<_> = (0..LEVELS)
         .map(|i| {
             let from_v = drive_min_v + step_v * i as f64;
-            let label = format!("{from_v:.0} to {:.0} V", from_v + step_v);
-            column("drive level", label)
+            let label = format!("{from_v:.0} to {:.0}", from_v + step_v);
+            column("drive level, V", label)
         })
         .collect();
     for label in ["first rise", "rising again", "falling", "held"] {

@@ -229,7 +229,9 @@ class Plot {
       out.push(band.along_x ? `<rect class="band" x="${low}" y="0" width="${long}" height="${height}"/><text x="${Math.max(low, margin.left) + 5}" y="${margin.top + 13}">${safe(band.label)}</text>` : `<rect class="band" x="0" y="${low}" width="${width}" height="${long}"/>`);
     }
     const series = this.shown();
-    for (const s of series) out.push(this.curve(s));
+    // Clouds below, lines over them, single dots on top.
+    const depth = s => s.style !== "points" ? 1 : column(s.x).length > 300 ? 0 : 2;
+    for (const s of [...series].sort((a, b) => depth(a) - depth(b))) out.push(this.curve(s));
     for (const level of spec.levels.filter(l => matches(l.when) && !(spec.y.log && l.value <= 0))) {
       const p = inside(Y(level.value)).toFixed(1);
       out.push(`<path class="level" d="M${margin.left} ${p}H${right}"/><text x="${right - 4}" y="${p - 4}" text-anchor="end">${safe(level.label)}</text>`);
@@ -369,7 +371,7 @@ function waterfall(frame, spec) {
     const width = drawing.clientWidth || 900, height = 300, left = 58, right = width - 14, top = 26, bottom = height - 34;
     const values = spec.steps.flatMap(s => [s.value, s.beside]).concat(spec.floor ? [spec.floor[1]] : []).filter(v => v > 0);
     const low = Math.min(...values) / 1.6, high = Math.max(...values) * 1.25, Y = scale(low, high, bottom, top, true);
-    const slot = Math.min(190, (right - left) / spec.steps.length), bar = Math.min(74, slot * 0.5), out = [];
+    const slot = Math.min(260, (right - left) / spec.steps.length), bar = Math.min(74, slot * 0.45), out = [];
     for (const tick of ticks(Y, 6)) { const p = Y(tick.at).toFixed(1); out.push(`<path class="grid" d="M${left} ${p}H${right}"/><text x="${left - 6}" y="${+p + 4}" text-anchor="end">${tick.text}</text>`); }
     out.push(`<text transform="translate(12 ${(top + bottom) / 2}) rotate(-90)" text-anchor="middle">${safe(spec.unit)}</text>`);
     spec.steps.forEach((step, i) => {
@@ -378,7 +380,7 @@ function waterfall(frame, spec) {
       const told = `${step.label}: ${number(step.value, 3)} ${spec.unit}`;
       out.push(`<g class="step" data-step="${i}" tabindex="0" role="button" aria-label="${safe(told)}"><title>${safe(told)}</title><rect x="${x - 8}" y="${top}" width="${bar + 16}" height="${height - top}" fill="transparent"/>`);
       if (before > step.value) out.push(`<rect class="taken" x="${x}" y="${Y(before)}" width="${bar}" height="${y - Y(before)}"/>`);
-      out.push(`<rect class="value" x="${x}" y="${y}" width="${bar}" height="${bottom - y}" style="fill:var(--residual)"/>`);
+      out.push(`<rect class="value" x="${x}" y="${y}" width="${bar}" height="${bottom - y}"/>`);
       if (step.beside > 0) out.push(`<path d="M${x - 7} ${Y(step.beside)}h${bar + 14}" style="stroke:var(--model);stroke-width:2.5"/>`);
       const above = before > step.value ? Math.min(y, Y(before)) : y;
       out.push(`<text class="strong" x="${x + bar / 2}" y="${Math.min(above, step.beside > 0 ? Y(step.beside) : above) - 6}" text-anchor="middle">${number(step.value, 3)}${change === null ? "" : change < 0 ? ` (\u2212${-change} %)` : ` (+${change} %)`}</text>`);
