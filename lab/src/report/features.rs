@@ -194,7 +194,7 @@ mod tests {
     fn drive() -> Vec<f64> {
         let mut u = vec![0.0; 50];
         for (from, to) in [(0.0, 50.0), (50.0, 0.0), (0.0, 30.0), (30.0, 0.0)] {
-            let samples = ((to - from) as f64).abs() as usize * 10;
+            let samples = f64::abs(to - from) as usize * 10;
             u.extend((1..=samples).map(|i| from + (to - from) * i as f64 / samples as f64));
         }
         u.extend([0.0; 400]);
