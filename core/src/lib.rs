@@ -1,6 +1,19 @@
 //! The part of Hysteron that runs on the microcontroller: `no_std`, and integers only in the control tick.
 //!
-//! Everything here is also what the host simulation runs, bit for bit. The map of the crate is the list of its modules.
+//! Everything here is also what the host simulation runs, bit for bit. The map of the crate is the list of its modules:
+//! [`servo_tick`] is the entry (ADC code in, DAC code out), [`servo_parameters`] is everything that the host computes for it; the
+//! other modules are its parts. Signals and their formats are in [`signal`].
 #![no_std]
 
 pub mod extrema_stack;
+pub mod integer_row;
+pub mod one_sided_hysteresis;
+pub mod pid_regulator;
+pub mod predictor_law;
+pub mod reference_generator;
+pub mod reference_window;
+pub mod servo_parameters;
+pub mod servo_tick;
+pub mod signal;
+pub mod sliding_mode_controller;
+pub mod state_estimator;

@@ -1,0 +1,60 @@
+//! PID on the tracking error, with feedforward from the reference window and a notch behind it.
+//!
+//! One form serves PID, PI, feedforward alone and feedforward + PI (thesis Ch. 4, 4.3): what a scheme leaves out has zero coefficients.
+//! The notch is a biquad in direct form I whose coefficients the host designs; without it the numerator is `[1, 0, 0]`.
+
+use crate::integer_row::{Integrating, Row};
+use crate::reference_window::{ReferenceWindow, WindowRow};
+
+/// Fraction bits of the gains.
+pub const PID_FRACTION_BITS: u32 = 20;
+
+/// Parameters of the regulator. Its output is in the unit of the actuator's input: V, or um of force-equivalent displacement when the
+/// hysteresis is inverted behind it; the host scales the coefficients accordingly.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PidParameters {
+    /// `P` and `D / T` over `[e, change of e]`.
+    pub proportional_derivative: Row<2, PID_FRACTION_BITS>,
+    /// `I T` with 26 fraction bits.
+    pub integral: i32,
+    /// Feedforward over the reference window.
+    pub feedforward: WindowRow<PID_FRACTION_BITS>,
+    /// Notch over `[x[k], x[k-1], x[k-2], y[k-1], y[k-2]]`.
+    pub notch: Row<5, 28>,
+}
+
+/// States of the regulator.
+#[derive(Clone, Debug, Default)]
+pub struct PidRegulator {
+    integral: Integrating,
+    last_error: i32,
+    notch: [i32; 4],
+}
+
+impl PidRegulator {
+    /// Begins with the integral that makes the first output `output` when `without` is what comes out without it.
+    pub fn take_over(&mut self, output: i32, without: i32) {
+        self.integral = Integrating::at(output.saturating_sub(without));
+        self.notch = [output; 4];
+    }
+
+    /// The output for a reading. `hold` stops the integral while the drive saturates in the direction of its sign.
+    #[inline]
+    pub fn output(&mut self, parameters: &PidParameters, reading: i32, reference: &ReferenceWindow, hold: i32, saturated: &mut u32) -> i32 {
+        let error = reference.now().saturating_sub(reading);
+        if (hold > 0 && error < 0) || (hold < 0 && error > 0) || hold == 0 {
+            self.integral.add::<26>(parameters.integral, error, saturated);
+        }
+        let change = error.saturating_sub(self.last_error);
+        self.last_error = error;
+        let regulated = parameters
+            .proportional_derivative
+            .apply(&[error, change], saturated)
+            .saturating_add(self.integral.state)
+            .saturating_add(parameters.feedforward.apply(reference.positions(), saturated));
+        let [x1, x2, y1, y2] = self.notch;
+        let output = parameters.notch.apply(&[regulated, x1, x2, y1, y2], saturated);
+        self.notch = [regulated, x1, output, y1];
+        output
+    }
+}

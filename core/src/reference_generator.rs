@@ -1,0 +1,176 @@
+//! References made on the target, sample by sample, in integers: the same samples on every machine.
+//!
+//! A phase of 32 bits per turn drives a polynomial sine (error below 2e-8 of the amplitude: far below the sensor, and far
+//! better than a fast single-precision sine). Rounded triangles are the sine's own series to its third term, the
+//! quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from the host are a waveform of their own.
+
+use crate::signal::Micrometres;
+
+/// `sin(2 pi phase / 2^32)` with 30 fraction bits.
+#[must_use]
+pub fn sine(phase: u32) -> i32 {
+    // Quarter-wave: fold to x in -1..1 of a quarter turn, 30 fraction bits.
+    let folded = phase.wrapping_add(1 << 30);
+    let half = (folded & 0x7fff_ffff) as i32; // 0..2^31 is half a turn
+    let x = half.wrapping_sub(1 << 30); // -2^30..2^30 is -1..1 quarter turns
+    let x2 = square(x);
+    let mut sum = 0i64;
+    for c in SINE_SERIES.iter().rev() {
+        sum = ((sum * i64::from(x2)) >> 30) + c;
+    }
+    let value = ((sum * i64::from(x)) >> 30) as i32;
+    if folded & 0x8000_0000 == 0 { value } else { value.wrapping_neg() }
+}
+
+#[inline]
+fn square(x: i32) -> i32 {
+    ((i64::from(x) * i64::from(x)) >> 30) as i32
+}
+
+/// `(-1)^k (pi/2)^(2k+1) / (2k+1)!` with 30 fraction bits.
+const SINE_SERIES: [i64; 8] = [1_686_629_713, -693_598_668, 85_569_306, -5_026_995, 172_272, -3_864, 61, -1];
+
+/// What is followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Waveform {
+    /// Stays at the offset.
+    Constant,
+    /// Sines of given phase increments per sample (2^32 a turn), amplitudes and first phases.
+    Multisine {
+        /// Up to four tones `(increment, amplitude um, first phase)`; unused ones have no amplitude.
+        tones: [(u32, i32, u32); 4],
+    },
+    /// A triangle with rounded corners: three terms of its series with falling weights.
+    RoundedTriangle {
+        /// Phase increment per sample.
+        increment: u32,
+        /// Amplitude, um.
+        amplitude: i32,
+    },
+    /// A sine whose frequency changes evenly.
+    Chirp {
+        /// Phase increment per sample at the beginning.
+        increment: u32,
+        /// Change of the increment at every sample, with 8 fraction bits.
+        change: i32,
+        /// Amplitude, um.
+        amplitude: i32,
+        /// Samples until the frequency stays.
+        duration_ticks: u32,
+    },
+    /// The quasi-step of thesis Ch. 6, Eq. (44): a quintic with velocity and acceleration zero at both ends.
+    QuasiStep {
+        /// Height, um.
+        height: i32,
+        /// Samples before it begins.
+        delay_ticks: u32,
+        /// Samples that it takes.
+        duration_ticks: u32,
+    },
+}
+
+/// A reference that is generated sample by sample.
+#[derive(Clone, Debug)]
+pub struct ReferenceGenerator {
+    waveform: Waveform,
+    offset: i32,
+    tick: u32,
+    phase: u32,
+    chirp_increment: i64,
+}
+
+impl ReferenceGenerator {
+    /// From sample 0.
+    #[must_use]
+    pub fn new(waveform: Waveform, offset: Micrometres) -> Self {
+        let chirp_increment = match waveform {
+            Waveform::Chirp { increment, .. } => i64::from(increment) << 8,
+            _ => 0,
+        };
+        Self { waveform, offset: offset.to_bits(), tick: 0, phase: 0, chirp_increment }
+    }
+
+    /// The next sample.
+    pub fn next_position(&mut self) -> Micrometres {
+        let tick = self.tick;
+        self.tick = self.tick.saturating_add(1);
+        let value = match &self.waveform {
+            Waveform::Constant => 0,
+            Waveform::Multisine { tones } => {
+                let mut sum = 0i32;
+                for (increment, amplitude, first) in tones {
+                    sum = sum.saturating_add(scaled(*amplitude, sine(increment.wrapping_mul(tick).wrapping_add(*first))));
+                }
+                sum
+            }
+            Waveform::RoundedTriangle { increment, amplitude } => {
+                let phase = increment.wrapping_mul(tick);
+                // 1, -0.6/9, 0.25/25, divided by the sum's peak 1.076667.
+                let series = i64::from(sine(phase)) * 997_283_428
+                    + i64::from(sine(phase.wrapping_mul(3))) * -66_485_562
+                    + i64::from(sine(phase.wrapping_mul(5))) * 9_972_834;
+                ((series >> 30) * i64::from(*amplitude) >> 30) as i32
+            }
+            Waveform::Chirp { change, amplitude, duration_ticks, .. } => {
+                let value = scaled(*amplitude, sine(self.phase));
+                self.phase = self.phase.wrapping_add((self.chirp_increment >> 8) as u32);
+                if tick < *duration_ticks {
+                    self.chirp_increment = self.chirp_increment.wrapping_add(i64::from(*change));
+                }
+                value
+            }
+            Waveform::QuasiStep { height, delay_ticks, duration_ticks } => {
+                let elapsed = tick.saturating_sub(*delay_ticks).min(*duration_ticks);
+                let share = (i64::from(elapsed) << 30).checked_div(i64::from(*duration_ticks)).unwrap_or(1 << 30);
+                // s^3 (10 - 15 s + 6 s^2)
+                let cube = (((share * share) >> 30) * share) >> 30;
+                let bracket = (10i64 << 30) - 15 * share + 6 * ((share * share) >> 30);
+                scaled(*height, ((cube * (bracket >> 4)) >> 26) as i32)
+            }
+        };
+        Micrometres::from_bits(self.offset.saturating_add(value))
+    }
+}
+
+#[inline]
+fn scaled(amplitude: i32, share: i32) -> i32 {
+    ((i64::from(amplitude) * i64::from(share)) >> 30) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn the_sine_is_a_sine() {
+        for k in 0..4096u32 {
+            let phase = k.wrapping_mul(1_048_583);
+            let exact = (f64::from(phase) / 4_294_967_296.0 * core::f64::consts::TAU).sin();
+            assert!((f64::from(sine(phase)) / 1_073_741_824.0 - exact).abs() < 2e-8, "{phase}");
+        }
+    }
+
+    #[test]
+    fn the_quasi_step_of_chapter_6() {
+        let waveform = Waveform::QuasiStep { height: 5 << 24, delay_ticks: 2000, duration_ticks: 1000 };
+        let mut generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(0));
+        let samples: Vec<f64> = (0..3200).map(|_| generator.next_position().to_num()).collect();
+        // Ch. 6, Eq. (44): 0 at 0.1 s, 2.5 at 0.125 s, 5 at 0.15 s.
+        for (k, expected) in [(2000, 0.0), (2500, 2.5), (3000, 5.0), (3199, 5.0)] {
+            assert!((samples[k] - expected).abs() < 1e-6, "{k} {}", samples[k]);
+        }
+        let t = 0.11f64;
+        let printed = 9.60e7 * t.powi(5) - 6.00e7 * t.powi(4) + 1.48e7 * t.powi(3) - 1.80e6 * t * t + 1.08e5 * t - 2.56e3;
+        assert!((samples[2200] - printed).abs() < 1e-4, "{} {printed}", samples[2200]);
+    }
+
+    #[test]
+    fn the_rounded_triangle_reaches_its_amplitude() {
+        let waveform = Waveform::RoundedTriangle { increment: 1 << 20, amplitude: 3 << 24 };
+        let mut generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(0));
+        let highest = (0..4096).map(|_| generator.next_position().to_num::<f64>()).fold(0.0, f64::max);
+        assert!((highest - 3.0).abs() < 1e-4, "{highest}");
+    }
+}

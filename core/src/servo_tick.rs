@@ -1,0 +1,335 @@
+//! The control tick: ADC code in, DAC code out, once every sampling period.
+//!
+//! # How it works
+//! [`ServoTick::tick`] reads the position, advances the reference window, runs the law, inverts the hysteresis, limits, rounds to a DAC
+//! code, and then takes note of what this code really does to the actuator: the drive after limits and rounding and, through the
+//! hysteresis model, the force-equivalent displacement. The laws see these, never what they wished for.
+//!
+//! # Taking over
+//! [`ServoTick::enable`] and [`ServoTick::swap`] let the next tick begin from the drive that is there: the law's integrating state is set
+//! so that its first output is that drive, and a difference between reference and position becomes a decaying offset.
+//! Every drive that is applied while the servo is off must pass [`ServoTick::open_loop`], so that the memory of the hysteresis is kept.
+//!
+//! # What is counted
+//! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left their format.
+
+use crate::one_sided_hysteresis::OneSidedHysteresis;
+use crate::pid_regulator::PidRegulator;
+use crate::predictor_law::PredictorLaw;
+use crate::reference_window::ReferenceWindow;
+use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use crate::signal::{Micrometres, SHARE_FRACTION_BITS, Volts, saturate};
+use crate::sliding_mode_controller::{Reaching, SlidingModeController};
+use crate::state_estimator::StateEstimator;
+
+/// What the tick counts. Counters stop at their largest value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Ticks at which the drive was held at a limit of the actuator.
+    pub limited_ticks: u32,
+    /// Ticks at which the wanted displacement was outside what the hysteresis can give.
+    pub unreachable_ticks: u32,
+    /// Values that left their format and were held at its end. Zero in normal running.
+    pub saturated_values: u32,
+}
+
+#[derive(Clone, Debug)]
+enum LawState {
+    Off,
+    Fresh,
+    Regulator(PidRegulator),
+    SlidingMode(StateEstimator, SlidingModeController),
+    Predictor(PredictorLaw),
+}
+
+/// The servo with all its state.
+#[derive(Clone, Debug)]
+pub struct ServoTick {
+    parameters: ServoParameters,
+    law: LawState,
+    window: ReferenceWindow,
+    hysteresis: Option<OneSidedHysteresis>,
+    /// Codes of the last two ticks, newest first, and their drives, V.
+    code: u16,
+    drives: [i32; 2],
+    /// Force-equivalent displacement of the newest drive, um (V for a direct actuator).
+    applied: i32,
+    rounding_error: i32,
+    limited: i32,
+    reading: i32,
+    counters: Counters,
+}
+
+impl ServoTick {
+    /// A servo that is off, with the actuator virgin at its lower limit.
+    #[must_use]
+    pub fn new(parameters: ServoParameters) -> Self {
+        let hysteresis = match &parameters.actuator {
+            ActuatorParameters::OneSidedHysteresis { surfaces, .. } => Some(OneSidedHysteresis::virgin(*surfaces)),
+            _ => None,
+        };
+        let mut this = Self {
+            parameters,
+            law: LawState::Off,
+            window: ReferenceWindow::at_rest(0),
+            hysteresis,
+            code: parameters.converters.dac_code_min,
+            drives: [0; 2],
+            applied: 0,
+            rounding_error: 0,
+            limited: 0,
+            reading: 0,
+            counters: Counters::default(),
+        };
+        this.open_loop(parameters.converters.dac_code_min);
+        this
+    }
+
+    /// Switches the servo off and applies a code: conditioning, identification. Returns the code within the limits.
+    pub fn open_loop(&mut self, code: u16) -> u16 {
+        self.law = LawState::Off;
+        self.note(code.clamp(self.parameters.converters.dac_code_min, self.parameters.converters.dac_code_max));
+        self.code
+    }
+
+    /// Lets the law take over at the next tick, from the drive and the position that it finds.
+    pub fn enable(&mut self) {
+        self.law = LawState::Fresh;
+    }
+
+    /// Changes all parameters; a running law takes over at the next tick. Evaluates the memory of the hysteresis again if its surfaces
+    /// change: call it between ticks.
+    pub fn swap(&mut self, parameters: ServoParameters) {
+        if parameters.actuator != self.parameters.actuator {
+            self.hysteresis = match (&parameters.actuator, &self.hysteresis) {
+                (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, Some(memory)) => Some(memory.with_surfaces(*surfaces)),
+                (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, None) => Some(OneSidedHysteresis::virgin(*surfaces)),
+                _ => None,
+            };
+        }
+        let running = !matches!(self.law, LawState::Off);
+        self.parameters = parameters;
+        self.note(self.code);
+        if running {
+            self.law = LawState::Fresh;
+        }
+    }
+
+    /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
+    /// Returns the code to apply.
+    #[inline]
+    pub fn tick(&mut self, adc_code: u16, reference_ahead: Micrometres) -> u16 {
+        let reading = position(&self.parameters.converters, adc_code);
+        self.reading = reading;
+        if matches!(self.law, LawState::Fresh) {
+            self.window = ReferenceWindow::at_rest(reading);
+        }
+        self.window.push(reference_ahead.to_bits());
+        let Some(command) = self.run_law(reading) else {
+            self.note(self.code);
+            return self.code;
+        };
+        let drive = self.drive_for(command);
+        self.convert(drive);
+        self.code
+    }
+
+    /// The law's output, um or V; `None` while it is off.
+    #[inline]
+    fn run_law(&mut self, reading: i32) -> Option<i32> {
+        let saturated = &mut self.counters.saturated_values;
+        let acted = if self.parameters.delayed { self.drives[1] } else { self.drives[0] };
+        match (&self.parameters.law, &mut self.law) {
+            (LawParameters::Hold, _) | (_, LawState::Off) => None,
+            (LawParameters::Regulator(parameters), LawState::Regulator(regulator)) => {
+                Some(regulator.output(parameters, reading, &self.window, self.limited, saturated))
+            }
+            (LawParameters::SlidingMode { estimator, controller }, LawState::SlidingMode(states, law)) => {
+                states.update(estimator, reading, acted, saturated);
+                Some(law.drive(controller, states.position(), states.velocity_per_tick(), &self.window, self.limited, saturated))
+            }
+            (LawParameters::Predictor(parameters), LawState::Predictor(law)) => {
+                Some(law.output(parameters, reading, self.applied, &self.window, saturated))
+            }
+            (parameters, _) => {
+                let (applied, drive) = (self.applied, self.drives[0]);
+                self.law = begin(parameters, reading, applied, drive, &self.window, saturated);
+                None
+            }
+        }
+    }
+
+    /// The drive for a law's output, V.
+    #[inline]
+    fn drive_for(&mut self, command: i32) -> i32 {
+        match &self.parameters.actuator {
+            ActuatorParameters::Direct => command,
+            ActuatorParameters::Linear { volts_per_micrometre, .. } => {
+                // um (24) * V/um (20) -> V (22)
+                saturate((i64::from(command) * i64::from(*volts_per_micrometre)) >> 22, &mut self.counters.saturated_values)
+            }
+            ActuatorParameters::OneSidedHysteresis { drive_min, drive_range, .. } => {
+                let Some(hysteresis) = &self.hysteresis else { return *drive_min };
+                let inverse = hysteresis.inverse(command);
+                if !inverse.reachable {
+                    self.counters.unreachable_ticks = self.counters.unreachable_ticks.saturating_add(1);
+                }
+                let above = (i64::from(inverse.share) * i64::from(*drive_range)) >> SHARE_FRACTION_BITS;
+                drive_min.saturating_add(above as i32)
+            }
+        }
+    }
+
+    /// Rounds a drive to a code within the limits, and takes note of what it does.
+    #[inline]
+    fn convert(&mut self, drive: i32) {
+        let c = &self.parameters.converters;
+        let wanted = if c.noise_shaping { drive.saturating_add(self.rounding_error) } else { drive };
+        // V (22) * codes/V (24) -> codes
+        let code = (i64::from(wanted.saturating_sub(c.dac_zero)) * c.dac_codes_per_volt + (1i64 << 45)) >> 46;
+        let (lowest, highest) = (i64::from(c.dac_code_min), i64::from(c.dac_code_max));
+        self.limited = i32::from(code > highest) - i32::from(code < lowest);
+        if self.limited != 0 {
+            self.counters.limited_ticks = self.counters.limited_ticks.saturating_add(1);
+        }
+        let code = code.max(lowest).min(highest) as u16;
+        self.note(code);
+        self.rounding_error = if self.limited == 0 { wanted.saturating_sub(self.drives[0]) } else { 0 };
+    }
+
+    /// Takes note of a code that will act.
+    #[inline]
+    fn note(&mut self, code: u16) {
+        let c = &self.parameters.converters;
+        let drive = c.dac_zero.saturating_add(((i64::from(code) * c.dac_step) >> 16) as i32);
+        self.code = code;
+        self.drives = [drive, self.drives[0]];
+        self.applied = match &self.parameters.actuator {
+            ActuatorParameters::Direct => drive,
+            ActuatorParameters::Linear { micrometres_per_volt, .. } => {
+                // V (22) * um/V (28) -> um (24)
+                saturate((i64::from(drive) * i64::from(*micrometres_per_volt)) >> 26, &mut self.counters.saturated_values)
+            }
+            ActuatorParameters::OneSidedHysteresis { drive_min, share_per_volt, .. } => {
+                // V (22) * 1/V (32) -> share (30)
+                let share = (i64::from(drive.saturating_sub(*drive_min)) * *share_per_volt) >> 24;
+                self.hysteresis.as_mut().map_or(0, |h| h.apply(share.clamp(0, 1 << SHARE_FRACTION_BITS) as i32))
+            }
+        };
+    }
+
+    /// Position at the last tick.
+    #[must_use]
+    pub fn reading(&self) -> Micrometres {
+        Micrometres::from_bits(self.reading)
+    }
+
+    /// Reference at the last tick.
+    #[must_use]
+    pub fn reference(&self) -> Micrometres {
+        Micrometres::from_bits(self.window.now())
+    }
+
+    /// Drive of the newest code.
+    #[must_use]
+    pub fn drive(&self) -> Volts {
+        Volts::from_bits(self.drives[0])
+    }
+
+    /// Force-equivalent displacement of the newest drive; for a direct actuator the drive's raw number.
+    #[must_use]
+    pub fn applied(&self) -> Micrometres {
+        Micrometres::from_bits(self.applied)
+    }
+
+    /// Estimated position and velocity times the period of a sliding-mode law.
+    #[must_use]
+    pub fn estimate(&self) -> Option<[Micrometres; 2]> {
+        match &self.law {
+            LawState::SlidingMode(estimator, _) => {
+                Some([Micrometres::from_bits(estimator.position()), Micrometres::from_bits(estimator.velocity_per_tick())])
+            }
+            _ => None,
+        }
+    }
+
+    /// Errors `e1`, `e2 T` and switching function `q T` of a sliding-mode law.
+    #[must_use]
+    pub fn sliding(&self) -> Option<[Micrometres; 3]> {
+        match &self.law {
+            LawState::SlidingMode(_, law) => {
+                let [e1, e2] = law.errors();
+                Some([e1, e2, law.switching_function()].map(Micrometres::from_bits))
+            }
+            _ => None,
+        }
+    }
+
+    /// Estimate of the unknown input, in um of force-equivalent displacement for the predictor (V for the PIDSMO).
+    #[must_use]
+    pub fn unknown_input(&self) -> i32 {
+        match &self.law {
+            LawState::Predictor(law) => law.unknown_input(),
+            LawState::SlidingMode(estimator, _) => estimator.unknown_input(),
+            _ => 0,
+        }
+    }
+
+    /// What was counted since the start or [`Self::reset_counters`].
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Sets the counters to zero.
+    pub fn reset_counters(&mut self) {
+        self.counters = Counters::default();
+    }
+
+    /// The hysteresis with its memory, where the actuator has one.
+    #[must_use]
+    pub fn hysteresis(&self) -> Option<&OneSidedHysteresis> {
+        self.hysteresis.as_ref()
+    }
+
+    /// The parameters in use.
+    #[must_use]
+    pub fn parameters(&self) -> &ServoParameters {
+        &self.parameters
+    }
+}
+
+/// Position for an ADC code, um.
+#[inline]
+fn position(c: &ConverterParameters, code: u16) -> i32 {
+    c.adc_zero.saturating_add(((i64::from(code) * c.adc_step) >> 16) as i32)
+}
+
+/// A law that takes over: at this tick it leaves the drive as it is, at the next it begins.
+fn begin(parameters: &LawParameters, reading: i32, applied: i32, drive: i32, window: &ReferenceWindow, saturated: &mut u32) -> LawState {
+    match parameters {
+        LawParameters::Hold => LawState::Off,
+        LawParameters::Regulator(parameters) => {
+            let mut regulator = PidRegulator::default();
+            // Without integral and without a change of the error.
+            let _ = regulator.output(parameters, reading, window, 0, saturated);
+            regulator.take_over(0, 0);
+            let without = regulator.output(parameters, reading, window, 0, saturated);
+            regulator.take_over(applied, without);
+            LawState::Regulator(regulator)
+        }
+        LawParameters::SlidingMode { controller, .. } => {
+            let estimator = StateEstimator::at_rest(reading);
+            let mut law = SlidingModeController::default();
+            if matches!(controller.reaching, Reaching::Pid { .. }) {
+                let first = law.drive(controller, reading, 0, window, 0, saturated);
+                law.take_over(drive, first);
+            }
+            LawState::SlidingMode(estimator, law)
+        }
+        LawParameters::Predictor(parameters) => {
+            let feedforward = parameters.feedforward.apply(window.positions(), saturated);
+            LawState::Predictor(PredictorLaw::take_over(applied, feedforward))
+        }
+    }
+}

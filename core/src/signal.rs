@@ -1,0 +1,41 @@
+//! The fixed-point formats of every signal in the tick. Each format is a type of the crate `fixed`, whose raw integer is what the tick
+//! computes with; converting costs nothing.
+//!
+//! | signal | type | unit | range | resolution |
+//! |---|---|---|---|---|
+//! | position, force-equivalent displacement, their errors and estimates | [`Micrometres`] | um | +-128 | 6e-8 |
+//! | velocity, times the sampling period | [`Micrometres`] | um per sample | +-128 | 6e-8 |
+//! | drive | [`Volts`] | V | +-512 | 2.4e-7 |
+//! | drive above its lower limit, as a share of its range | [`DriveShare`] | 1 | +-2 | 9e-10 |
+//!
+//! Velocities are carried times the sampling period so that they have the size of positions and need no format of their own.
+//! Nothing wraps: every conversion to 32 bits saturates, and counts that it did.
+
+/// Position, force-equivalent displacement, or velocity times the sampling period, um.
+pub type Micrometres = fixed::types::I8F24;
+/// Drive, V.
+pub type Volts = fixed::types::I10F22;
+/// Drive above its lower limit divided by its range.
+pub type DriveShare = fixed::types::I2F30;
+
+/// Fraction bits of [`Micrometres`].
+pub const MICROMETRE_FRACTION_BITS: u32 = 24;
+/// Fraction bits of [`Volts`].
+pub const VOLT_FRACTION_BITS: u32 = 22;
+/// Fraction bits of [`DriveShare`].
+pub const SHARE_FRACTION_BITS: u32 = 30;
+
+/// The nearest 32-bit value; counts when it is not the value itself.
+#[inline]
+#[must_use]
+pub fn saturate(value: i64, saturated: &mut u32) -> i32 {
+    if value > i64::from(i32::MAX) {
+        *saturated = saturated.saturating_add(1);
+        i32::MAX
+    } else if value < i64::from(i32::MIN) {
+        *saturated = saturated.saturating_add(1);
+        i32::MIN
+    } else {
+        value as i32
+    }
+}
