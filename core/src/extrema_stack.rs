@@ -62,9 +62,9 @@ where
 
     /// Takes the next input, in at most `N` steps, and returns how many leading pairs are the same as before.
     ///
-    /// An input below the lower limit is held at the limit.
+    /// An input below the lower limit is an extremum like any other: the surfaces are continued there. Whoever must not leave the
+    /// limits (an amplifier) clamps before.
     pub fn update(&mut self, input: T) -> usize {
-        let input = if input < self.lower_limit { self.lower_limit } else { input };
         let mut unchanged = self.pairs.len();
         if input > self.input {
             if let Some(maximum) = self.open_maximum.take() {

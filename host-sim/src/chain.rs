@@ -190,21 +190,80 @@ impl Model {
     /// What the sensor would read at every sample of a record, in um.
     #[must_use]
     pub fn simulate(&self, drive: &Drive) -> Vec<f64> {
+        self.run(drive).reading_um
+    }
+}
+
+/// One run of a chain with the signal in front of every stage, so that a change of one stage need not run those before it again.
+#[derive(Clone, Debug)]
+pub struct ChainRun {
+    substeps: usize,
+    samples: usize,
+    force_n: Option<Vec<f64>>,
+    /// Index of the effect of each stage.
+    pub stage_effects: Vec<usize>,
+    inputs: Vec<Vec<f64>>,
+    rests: Vec<f64>,
+    /// What the sensor would read, um.
+    pub reading_um: Vec<f64>,
+}
+
+impl Model {
+    /// Runs over a record and keeps what stands in front of every stage.
+    #[must_use]
+    pub fn run(&self, drive: &Drive) -> ChainRun {
         let substeps = self.substeps(drive.dt_s);
-        let force = drive.force_n.map(|f| spread_force(f, substeps));
-        let setting = Setting {
-            dt_s: drive.dt_s / substeps as f64,
-            force_n: force.as_deref(),
-            drive_min_v: self.drive_min_v,
-            drive_max_v: self.drive_max_v,
+        let mut run = ChainRun {
+            substeps,
+            samples: drive.drive_v.len(),
+            force_n: drive.force_n.map(|f| spread_force(f, substeps)),
+            stage_effects: Vec::new(),
+            inputs: Vec::new(),
+            rests: Vec::new(),
+            reading_um: Vec::new(),
         };
+        let force = run.force_n.take();
+        let setting = self.setting(drive.dt_s, substeps, force.as_deref());
         let mut signal = spread_drive(drive.drive_v, substeps);
         let mut at_rest = initial_drive(self, drive);
-        for (_, mut stage) in self.stages(&setting) {
+        for (effect, mut stage) in self.stages(&setting) {
+            run.stage_effects.push(effect);
+            run.inputs.push(signal.clone());
+            run.rests.push(at_rest);
             at_rest = stage.settle(at_rest);
             stage.run(&mut signal);
         }
-        sample(&signal, at_rest, substeps, drive.drive_v.len())
+        run.reading_um = sample(&signal, at_rest, substeps, drive.drive_v.len());
+        run.force_n = force;
+        run
+    }
+
+    /// The reading with this model, which differs from the one that made `run` only from stage `from` on.
+    #[must_use]
+    pub fn resume(&self, run: &ChainRun, from: usize, dt_s: f64) -> Vec<f64> {
+        let setting = self.setting(dt_s, run.substeps, run.force_n.as_deref());
+        let Some(input) = run.inputs.get(from) else { return run.reading_um.clone() };
+        let mut signal = input.clone();
+        let mut at_rest = run.rests[from];
+        for (_, mut stage) in self.stages(&setting).into_iter().skip(from) {
+            at_rest = stage.settle(at_rest);
+            stage.run(&mut signal);
+        }
+        sample(&signal, at_rest, run.substeps, run.samples)
+    }
+
+    fn setting<'a>(&self, dt_s: f64, substeps: usize, force_n: Option<&'a [f64]>) -> Setting<'a> {
+        Setting { dt_s: dt_s / substeps as f64, force_n, drive_min_v: self.drive_min_v, drive_max_v: self.drive_max_v }
+    }
+
+    /// The stage that a parameter of effect `effect` acts in.
+    #[must_use]
+    pub fn stage_of(&self, run: &ChainRun, effect: usize) -> usize {
+        if let Some(stage) = run.stage_effects.iter().position(|e| *e == effect) {
+            return stage;
+        }
+        let place = self.effects[effect].effect.declaration().place;
+        run.stage_effects.iter().position(|e| self.effects[*e].effect.declaration().place >= place).unwrap_or(0)
     }
 }
 
@@ -226,17 +285,10 @@ pub fn spread_drive(drive_v: &[f64], substeps: usize) -> Vec<f64> {
     drive_v.iter().flat_map(|u| std::iter::repeat_n(*u, substeps)).collect()
 }
 
-/// A force sampled with the displacement, straight between samples, as its mean over each sub-interval.
+/// A force held over the sub-intervals of each sample, like the drive.
 #[must_use]
 pub fn spread_force(force_n: &[f64], substeps: usize) -> Vec<f64> {
-    let mut out = Vec::with_capacity(force_n.len() * substeps);
-    for k in 0..force_n.len() {
-        let (start, end) = (force_n[k], force_n[(k + 1).min(force_n.len() - 1)]);
-        for s in 0..substeps {
-            out.push(start + (end - start) * (s as f64 + 0.5) / substeps as f64);
-        }
-    }
-    out
+    spread_drive(force_n, substeps)
 }
 
 /// What is measured at every sample: the value at the end of the interval before it.

@@ -183,6 +183,12 @@ impl OneSidedHysteresis {
         (&self.section, self.rising)
     }
 
+    /// `F(M_max)` in um: where the initial ascending curve was left, or is.
+    #[must_use]
+    pub fn initial_curve_at_maximum(&self) -> f64 {
+        self.surfaces.initial_ascending_curve(self.stack.global_maximum())
+    }
+
     fn collapse(&mut self) {
         let surfaces = &self.surfaces;
         let pairs = self.stack.pairs();

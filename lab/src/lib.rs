@@ -1,3 +1,9 @@
-//! The lab of Hysteron.
+//! The lab of Hysteron: data sets, identification, comparison, diagnosis.
+//!
+//! * [`dataset`]: records and their manifest; * [`fit`]: least squares over the whole chain;
+//! * [`report`]: pages to look at; [`problem`]: errors as users see them.
 
+pub mod dataset;
+pub mod fit;
+pub mod problem;
 pub mod report;

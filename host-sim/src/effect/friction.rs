@@ -2,7 +2,8 @@
 //!
 //! All quantities are force-equivalent displacements (force divided by the stiffness of the actuator). The bristle carries
 //! `z`, which grows by `stiffness` per micrometre of motion and is limited to `+-break_away`; the mechanism rests where the piezo
-//! force balances spring and bristle.
+//! force balances spring and bristle. Where the model has inertia, the vibration stage takes the bristle in: it then holds the moving
+//! mass, and a small motion inside the presliding range sees it as an additional spring.
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
@@ -10,25 +11,70 @@ use crate::chain::Model;
 /// Elastic-plastic friction element between the piezo force and the structure.
 pub struct Friction;
 
-struct FrictionStage {
+/// The bristle between guide and stage.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bristle {
     break_away_um: f64,
     stiffness: f64,
     displacement: f64,
     bristle: f64,
 }
 
-impl Stage for FrictionStage {
-    fn step(&mut self, _k: usize, input: f64) -> f64 {
-        // Sticking: x + z = input with z = z_0 + stiffness (x - x_0).
-        let stuck = (input - self.bristle + self.stiffness * self.displacement) / (1.0 + self.stiffness);
-        let bristle = self.bristle + self.stiffness * (stuck - self.displacement);
-        self.bristle = bristle.clamp(-self.break_away_um, self.break_away_um);
-        self.displacement = input - self.bristle;
+impl Bristle {
+    /// The bristle of `model`, if it has one.
+    pub(super) fn of(model: &Model) -> Option<Self> {
+        model.values("friction").map(|values| Self { break_away_um: values[0], stiffness: values[1], displacement: 0.0, bristle: 0.0 })
+    }
+
+    /// Follows a displacement and returns the force-equivalent that the bristle holds back.
+    pub(super) fn follow(&mut self, displacement: f64) -> f64 {
+        self.bristle = self.after(displacement - self.displacement);
+        self.displacement = displacement;
+        self.bristle
+    }
+
+    /// What the bristle would hold after a further motion: Dahl's law, exact for a motion in one direction.
+    pub(super) fn after(&self, motion: f64) -> f64 {
+        if motion == 0.0 || self.break_away_um <= 0.0 {
+            return self.bristle.clamp(-self.break_away_um, self.break_away_um);
+        }
+        let slipping = self.break_away_um.copysign(motion);
+        slipping + (self.bristle - slipping) * (-self.stiffness * motion.abs() / self.break_away_um).exp()
+    }
+
+    /// Rest position for a force, without any inertia.
+    pub(super) fn balance(&mut self, force: f64) -> f64 {
+        let unbalanced = force - self.displacement - self.bristle;
+        // x + z(x) = force: the bristle only stiffens, so Newton's steps from the stuck solution stay on one side and converge fast.
+        let mut motion = unbalanced / (1.0 + self.stiffness);
+        for _ in 0..6 {
+            let bristle = self.after(motion);
+            let slope = 1.0
+                + if self.break_away_um > 0.0 { self.stiffness * (1.0 - bristle / self.break_away_um.copysign(unbalanced)) } else { 0.0 };
+            motion += (force - self.displacement - motion - bristle) / slope;
+        }
+        self.bristle = self.after(motion);
+        self.displacement += motion;
         self.displacement
     }
-    fn settle(&mut self, input: f64) -> f64 {
-        self.displacement = input;
+
+    /// Relaxed at a displacement.
+    pub(super) fn relax(&mut self, displacement: f64) {
+        self.displacement = displacement;
         self.bristle = 0.0;
+    }
+}
+
+struct FrictionStage {
+    bristle: Bristle,
+}
+
+impl Stage for FrictionStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        self.bristle.balance(input)
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.bristle.relax(input);
         input
     }
 }
@@ -40,7 +86,7 @@ impl Effect for Friction {
             physics: "Dry friction in the guide holds the stage at every reversal until the force breaks it away.".into(),
             reference: "thesis Ch. 3, Eqs. 1-6 (presliding); Dupont et al., IEEE Trans. Autom. Control 47 (2002)".into(),
             place: Place::Friction,
-            modifies: None,
+            modifies: Some("vibration"),
             experiment: "small slow triangles around several positions: plateaus behind each reversal".into(),
             candidate: true,
             one_sided: true,
@@ -61,7 +107,11 @@ impl Effect for Friction {
         }
         out
     }
-    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(FrictionStage { break_away_um: values[0], stiffness: values[1], displacement: 0.0, bristle: 0.0 }))
+    fn stage<'a>(&self, model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
+        if model.effect("vibration").is_some() {
+            return None;
+        }
+        Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
     }
 }

@@ -42,10 +42,10 @@ struct HysteresisStage {
 impl Stage for HysteresisStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let rate_independent = self.operator.step(input);
-        let Some(law) = &mut self.rate else { return rate_independent };
+        let Some(law) = &self.rate else { return rate_independent };
         let rate_v_s = (input - self.last_drive_v).abs() / self.dt_s;
         self.last_drive_v = input;
-        law.apply(rate_independent, rate_v_s)
+        law.apply(rate_independent, self.operator.initial_curve_at_maximum(), rate_v_s)
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.last_drive_v = input;

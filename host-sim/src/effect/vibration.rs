@@ -1,5 +1,6 @@
 //! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
 
+use super::friction::Bristle;
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
@@ -14,6 +15,7 @@ pub struct Mode {
     phi: [f64; 4],
     gamma: [f64; 2],
     state: [f64; 2],
+    angle_rad: f64,
 }
 
 impl Mode {
@@ -29,7 +31,12 @@ impl Mode {
             d: 0.0,
         };
         let (phi, gamma) = system.held_matrices(dt_s);
-        Self { phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]], gamma: [gamma[0], gamma[1]], state: [0.0, 0.0] }
+        Self {
+            phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
+            gamma: [gamma[0], gamma[1]],
+            state: [0.0, 0.0],
+            angle_rad: w * dt_s,
+        }
     }
 
     /// One interval with the input held; the displacement at its end.
@@ -37,6 +44,18 @@ impl Mode {
         let [x, v] = self.state;
         self.state = [self.phi[0] * x + self.phi[1] * v + self.gamma[0] * input, self.phi[2] * x + self.phi[3] * v + self.gamma[1] * input];
         self.state[0]
+    }
+
+    /// Present displacement.
+    #[must_use]
+    pub fn displacement(&self) -> f64 {
+        self.state[0]
+    }
+
+    /// How far the mode would move in one interval at its present speed.
+    #[must_use]
+    pub fn motion_ahead(&self) -> f64 {
+        self.state[1] * self.angle_rad
     }
 
     /// At rest under a constant input.
@@ -50,21 +69,53 @@ impl Mode {
 pub(super) struct VibrationStage {
     first: Option<Mode>,
     second: Option<(f64, Mode)>,
+    bristle: Option<(Bristle, usize)>,
 }
+
+/// Largest angle of the mode in one piece of an interval, where a bristle acts on the moving mass.
+const PIECE_RAD: f64 = 0.2;
+/// Most pieces of an interval; with more the ringing within an interval is not followed and the bristle just balances.
+const PIECES_MAX: usize = 400;
+/// Imbalance and motion per piece, in um, below which nothing more happens in an interval.
+const AT_REST_UM: f64 = 1e-6;
 
 impl VibrationStage {
     /// The modes that `model` has.
     pub(super) fn of(model: &Model, dt_s: f64) -> Self {
         let mass_factor = super::mass_change::frequency_factor(model);
-        let first = model.values("vibration").map(|v| Mode::new(v[0] * mass_factor, v[1] * mass_factor, dt_s));
+        let bristle = Bristle::of(model).map(|bristle| {
+            let angle = model.values("vibration").map_or(f64::INFINITY, |v| v[0] * mass_factor * dt_s);
+            let pieces = (angle / PIECE_RAD).ceil().min(1e6) as usize;
+            (bristle, if pieces > PIECES_MAX { 0 } else { pieces.max(1) })
+        });
+        let pieces = bristle.map_or(1, |(_, pieces)| pieces.max(1)) as f64;
+        let first = model.values("vibration").map(|v| Mode::new(v[0] * mass_factor, v[1] * mass_factor, dt_s / pieces));
         let second = model.values("second_mode").map(|v| (v[0], Mode::new(v[1] * mass_factor, v[2] * mass_factor, dt_s)));
-        Self { first, second }
+        Self { first, second, bristle }
     }
 }
 
 impl Stage for VibrationStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let first = self.first.as_mut().map_or(input, |mode| mode.step(input));
+        let first = match (&mut self.first, &mut self.bristle) {
+            (Some(mode), None) => mode.step(input),
+            (Some(mode), Some((bristle, 0))) => mode.step(bristle.balance(input)),
+            (Some(mode), Some((bristle, pieces))) => {
+                let mut displacement = mode.displacement();
+                for _ in 0..*pieces {
+                    // The bristle in the middle of the piece, from the motion that goes on.
+                    let ahead = mode.motion_ahead();
+                    let held = bristle.after(0.5 * ahead);
+                    if ahead.abs() < AT_REST_UM && (input - held - displacement).abs() < AT_REST_UM {
+                        break;
+                    }
+                    displacement = mode.step(input - held);
+                    bristle.follow(displacement);
+                }
+                displacement
+            }
+            (None, _) => input,
+        };
         match &mut self.second {
             None => first,
             Some((share, mode)) => first + *share * (mode.step(input) - first),
@@ -73,6 +124,9 @@ impl Stage for VibrationStage {
     fn settle(&mut self, input: f64) -> f64 {
         if let Some(mode) = &mut self.first {
             mode.settle(input);
+        }
+        if let Some((bristle, _)) = &mut self.bristle {
+            bristle.relax(input);
         }
         if let Some((_, mode)) = &mut self.second {
             mode.settle(input);
