@@ -73,7 +73,7 @@ impl Creep {
     /// Time constants that a data set can show, evenly spread over their logarithm.
     fn time_constants_s(&self, overview: &Overview) -> Vec<f64> {
         let longest = (overview.duration_s / 2.0).max(1e-3);
-        let shortest = (longest / 1000.0).max(10.0 / overview.sample_rate_max_hz).min(longest / 2.0);
+        let shortest = (longest / 1000.0).max(0.005).min(longest / 2.0);
         let n = self.terms.max(1);
         (0..n).map(|i| shortest * (longest / shortest).powf(if n == 1 { 1.0 } else { i as f64 / (n - 1) as f64 })).collect()
     }
@@ -100,7 +100,7 @@ impl Effect for Creep {
             .enumerate()
             .flat_map(|(i, tau)| {
                 [
-                    Parameter::linear(format!("share_{}", i + 1), "1", -0.5, 0.9, 0.01),
+                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01),
                     Parameter::logarithmic(format!("time_constant_{}_s", i + 1), "s", tau / 10.0, tau * 10.0).fixed(),
                 ]
             })
