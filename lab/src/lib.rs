@@ -7,3 +7,4 @@ pub mod dataset;
 pub mod fit;
 pub mod problem;
 pub mod report;
+pub mod reproduce;
