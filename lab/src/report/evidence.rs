@@ -31,6 +31,8 @@ enum View {
     Displacement,
     /// Signed rate of the drive.
     Rate,
+    /// Measured external force.
+    Force,
     /// Plain time.
     Time,
     /// Frequency.
@@ -62,9 +64,8 @@ impl View {
             "mains_hum" => {
                 (Self::Frequency, "Hum is a line at the mains frequency and its multiples, whatever the drive does, and present at rest.")
             }
-            "thermal_drift" | "charge_leakage" | "load_force" => {
-                (Self::Time, "An error that goes its own way in time, whatever the drive does.")
-            }
+            "load_force" => (Self::Force, "An error that follows the measured force, whatever the drive does."),
+            "thermal_drift" | "charge_leakage" => (Self::Time, "An error that goes its own way in time, whatever the drive does."),
             _ => (Self::Drive, "Averaged over the drive, by branch."),
         }
     }
@@ -76,6 +77,7 @@ impl View {
             Self::Drive => ("drive", "V", false),
             Self::Displacement => ("displacement", "um", false),
             Self::Rate => ("rate of the drive", "V/s", false),
+            Self::Force => ("external force", "N", false),
             Self::Time => ("time", "s", false),
             Self::Frequency => ("frequency", "Hz", true),
         }
@@ -159,6 +161,7 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
             View::Drive => Some(u_v),
             View::Displacement => record.y_um.get(k).copied(),
             View::Rate => Some((u_v - record.u_v[k.saturating_sub(1)]) * record.sample_rate_hz),
+            View::Force => record.force_n.get(k).copied(),
             View::Time => record.t_s.get(k).copied(),
             View::Frequency => record.t_s.get(k).copied(),
         }

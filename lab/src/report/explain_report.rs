@@ -38,7 +38,7 @@ pub struct ExplainReport {
     pub command: String,
 }
 
-/// One record, sample by sample. All arrays have the same length.
+/// One record, sample by sample. All arrays that are not empty have the same length.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct RecordReport {
     /// Name, usually the file's.
@@ -53,6 +53,8 @@ pub struct RecordReport {
     pub u_v: Vec<f64>,
     /// Measured displacement, um.
     pub y_um: Vec<f64>,
+    /// External force, N, if it was measured; else empty.
+    pub force_n: Vec<f64>,
     /// Measured minus modelled displacement, um: one array for each step of the model's growth. The modelled displacement is the difference to `y_um`.
     pub residual_um: Vec<Vec<f64>>,
     /// The input disturbance that would explain the last residual, in `latent_unit`; empty if none was estimated (the views then show the residual itself).

@@ -1,6 +1,49 @@
 //! Self-contained pages: plots first, numbers beside, one file that opens offline.
 //!
-//! A caller fills a [`Page`] with sections, plots and tables and calls [`Page::write_html`]; `reproduce`, `track` and `explain` all do. The layers:
+//! A caller fills a [`Page`] with sections, plots and tables and calls [`Page::write_html`]; `reproduce`, `track` and `explain` all do:
+//!
+//! ```
+//! use hysteron::report::{Block, Page, Plot, Role, Section, Series, Table};
+//!
+//! let t_s: Vec<f64> = (0..100).map(|k| f64::from(k) * 1e-3).collect();
+//! let reference = t_s.iter().map(|t| (60.0 * t).sin()).collect();
+//! let error = t_s.iter().map(|t| 2.0 * (60.0 * t).cos()).collect();
+//! let page = Page {
+//!     title: "Tracking 10 Hz".into(),
+//!     lead_sentence: "The error stays below 2 nm.".into(),
+//!     sections: vec![Section {
+//!         heading: "Over time".into(),
+//!         text: "Both plots share their time axis.".into(),
+//!         blocks: vec![
+//!             Block::Plot(
+//!                 Plot::new("Reference").x_axis("time", "s").y_axis("displacement", "um").link("time").with(Series::line(
+//!                     "reference",
+//!                     Role::Drive,
+//!                     t_s.clone(),
+//!                     reference,
+//!                 )),
+//!             ),
+//!             Block::Plot(
+//!                 Plot::new("Error")
+//!                     .x_axis("time", "s")
+//!                     .y_axis("error", "nm")
+//!                     .link("time")
+//!                     .with(Series::line("error", Role::Residual, t_s, error))
+//!                     .level("goal", 2.0),
+//!             ),
+//!             Block::Table(Table {
+//!                 columns: vec!["Frequency, Hz".into(), "RMS, nm".into()],
+//!                 rows: vec![vec!["10".into(), "1.4".into()]],
+//!                 ..Table::default()
+//!             }),
+//!         ],
+//!     }],
+//!     ..Page::default()
+//! };
+//! assert!(page.to_html().contains("Tracking 10 Hz"));
+//! ```
+//!
+//! The layers:
 //!
 //! - `page`: the parts of a page as plain data, with conditions that tie a series to a reader's choice;
 //! - `decimate`: fewer points, the same picture (extremes of each stretch are kept);
