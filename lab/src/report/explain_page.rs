@@ -6,7 +6,7 @@
 use super::decimate::extreme_indices;
 use super::evidence::evidence_plots;
 use super::explain_report::{CandidateReport, ExplainReport, RecordReport};
-use super::features::{Branch, branches, drive_features, residual_by_feature};
+use super::features::{Branch, DriveFeature, branches, drive_features, residual_by_feature};
 use super::page::{
     Band, Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall,
     WaterfallStep, When, Width,
@@ -18,6 +18,9 @@ const RECORD: &str = "record";
 const STEP: &str = "step";
 /// Numbers that all sample-by-sample columns of a page may hold together; keeps a page below 3 MB.
 const NUMBERS_PER_PAGE: usize = 650_000;
+
+/// A cell of the map below so many times the noise is no place where the model fails: small cells scatter.
+const QUIET_CELL: f64 = 1.5;
 
 /// Builds the page.
 pub fn explain_page(report: &ExplainReport) -> Page {
@@ -184,6 +187,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             when: vec![When(STEP.to_owned(), step)],
         })
         .collect();
+    let hottest = layers.last().and_then(|last| hottest_cells(report, &features, &last.values, floor_um.is_some()));
     let used: Vec<bool> = (0..features.len())
         .map(|column| {
             let mut rows = layers.iter().flat_map(|layer| &layer.values);
@@ -215,7 +219,9 @@ fn where_it_fails(report: &ExplainReport) -> Section {
                 ", in nm"
             }
         ),
-        blocks: vec![Block::HeatMap(HeatMap {
+        blocks: hottest
+            .into_iter()
+            .chain([Block::HeatMap(HeatMap {
             title: "Residual over records and drive features".to_owned(),
             caption: "The frequency columns split the residual's own spectrum, so white noise spreads over them and stays below 1 there; empty cells have no samples."
                 .to_owned(),
@@ -225,8 +231,32 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             neutral: floor_um.map(|_| 1.0),
             unit: unit.to_owned(),
             selector: Some(RECORD.to_owned()),
-        })],
+        })])
+            .collect(),
     }
+}
+
+/// The largest cells of the last model in words. Frequencies are left out: a band holds a share of the noise only.
+fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], values: &[Vec<Option<f64>>], in_noise: bool) -> Option<Block> {
+    let mut cells: Vec<(f64, String)> = Vec::new();
+    for (record, row) in report.records.iter().zip(values) {
+        let inside = features.iter().zip(row).filter(|(feature, _)| !feature.group.starts_with("frequency"));
+        // One cell for each record: neighbours tell the same story.
+        let largest = inside.filter_map(|(feature, cell)| cell.map(|c| (c, feature))).max_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((value, feature)) = largest {
+            cells.push((value, format!("{}, {} {}", record.name, feature.group, feature.label)));
+        }
+    }
+    cells.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let unit = if in_noise { "x the noise" } else { "nm" };
+    let largest = cells.first()?.0;
+    let (title, tone) = if in_noise && largest < QUIET_CELL {
+        ("With the last model no circumstance stands out of the noise; the largest:".to_owned(), Tone::Good)
+    } else {
+        ("With the last model most remains in:".to_owned(), Tone::Neutral)
+    };
+    let items = cells.iter().take(3).map(|(value, place)| format!("{place}: {} {unit}", figure(*value))).collect();
+    Some(Block::Notes(Notes { title, items, tone }))
 }
 
 fn evidence(report: &ExplainReport) -> Option<Section> {

@@ -66,7 +66,8 @@ const listeners = [];
 function choose(id, option) {
   if (!(id in chosen) || chosen[id] === option) return;
   chosen[id] = option;
-  history.replaceState(null, "", "#" + Object.entries(chosen).map(([key, value]) => key + "=" + value).join("&"));
+  // A copied address shows the same choice; where a browser forbids it for files, nothing else is lost.
+  try { history.replaceState(null, "", "#" + Object.entries(chosen).map(([key, value]) => key + "=" + value).join("&")); } catch { /* stays as it was */ }
   for (const listener of listeners) listener(id);
 }
 
