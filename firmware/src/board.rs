@@ -8,6 +8,7 @@ use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
 };
 use embassy_stm32::time::Hertz;
+use embassy_stm32::peripherals::TIM2;
 use embassy_stm32::{Config, Peripherals, interrupt, rcc};
 
 /// Sets the clock tree up and puts the time driver's interrupt below the control interrupt.
@@ -37,18 +38,17 @@ pub fn init() -> Peripherals {
     peripherals
 }
 
-/// Clock of the core, Hz, as the clock tree reports it.
-pub fn core_clock_hz() -> u32 {
-    let peripherals = rcc_clocks();
-    peripherals.0
+/// Clocks that the clock tree reports.
+#[derive(Clone, Copy, defmt::Format)]
+pub struct Clocks {
+    /// Core, Hz.
+    pub core_hz: u32,
+    /// Timers on APB1, Hz.
+    pub timer_hz: u32,
 }
 
-/// Clock of the timers on APB1, Hz.
-pub fn timer_clock_hz() -> u32 {
-    rcc_clocks().1
-}
-
-fn rcc_clocks() -> (u32, u32) {
-    let _ = rcc::clocks;
-    (400_000_000, 200_000_000)
+/// What the clock tree gives.
+pub fn clocks(peripherals: &Peripherals) -> Clocks {
+    let sys: Option<Hertz> = rcc::clocks(&peripherals.RCC).sys.into();
+    Clocks { core_hz: sys.map_or(0, |hertz| hertz.0), timer_hz: rcc::frequency::<TIM2>().0 }
 }

@@ -1,7 +1,6 @@
 //! The control interrupt.
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use embassy_stm32::pac::TIM2;
 
 static TICKS: AtomicU32 = AtomicU32::new(0);
 

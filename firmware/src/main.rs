@@ -26,14 +26,15 @@ async fn main(_spawner: Spawner) {
     rtt_target::set_defmt_channel(channels.up.0);
 
     itcm::load();
-    let _peripherals = board::init();
+    let peripherals = board::init();
+    let clocks = board::clocks(&peripherals);
     defmt::info!(
         "hysteron {=str}: core {=u32} Hz, control {=u32} Hz",
         env!("CARGO_PKG_VERSION"),
-        board::core_clock_hz(),
+        clocks.core_hz,
         sample_clock::SAMPLE_RATE_HZ
     );
-    sample_clock::start(board::timer_clock_hz());
+    sample_clock::start(clocks.timer_hz);
 
     let mut ticker = Ticker::every(Duration::from_millis(5));
     loop {

@@ -10,7 +10,7 @@
 
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::pac::timer::vals::Ocm;
+use embassy_stm32::pac::timer::vals::OcmGp;
 use embassy_stm32::pac::{RCC, TIM2};
 
 /// Control ticks per second.
@@ -27,8 +27,8 @@ pub fn start(timer_clock_hz: u32) {
     TIM2.ccr(0).write_value(counts(CONVERSION_PULSE_NS));
     TIM2.ccr(2).write_value(counts(LATCH_PULSE_NS));
     TIM2.ccr(3).write_value(counts(INTERRUPT_AFTER_NS));
-    TIM2.ccmr_output(0).modify(|w| w.set_ocm(0, Ocm::PWM_MODE1));
-    TIM2.ccmr_output(1).modify(|w| w.set_ocm(0, Ocm::PWM_MODE2));
+    TIM2.ccmr_output(0).modify(|w| w.set_ocm(0, OcmGp::PWM_MODE1));
+    TIM2.ccmr_output(1).modify(|w| w.set_ocm(0, OcmGp::PWM_MODE2));
     TIM2.ccer().modify(|w| {
         w.set_cce(0, true);
         w.set_cce(2, true);
