@@ -23,6 +23,8 @@ SECTIONS
   __itcm_load = LOADADDR(.itcm);
 }
 INSERT BEFORE .text;
+/* .text begins behind the load image of .itcm. */
+_stext = (LOADADDR(.itcm) + SIZEOF(.itcm) + 7) & ~7;
 ";
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -264,7 +264,7 @@ mod tests {
         fn unchanged_pairs_are_reported_truly(inputs in proptest::collection::vec(0i32..500, 1..200)) {
             let mut stack = ExtremaStack::<i32, 4>::virgin(0);
             for u in inputs {
-                let before: StdVec<_> = stack.pairs().iter().copied().collect();
+                let before: StdVec<_> = stack.pairs().to_vec();
                 let unchanged = stack.update(u);
                 prop_assert!(unchanged <= stack.pairs().len());
                 prop_assert_eq!(&stack.pairs()[..unchanged], &before[..unchanged]);

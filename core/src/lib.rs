@@ -5,7 +5,9 @@
 //! other modules are its parts. Signals and their formats are in [`signal`].
 #![no_std]
 
+pub mod checksum;
 pub mod extrema_stack;
+pub mod guard;
 pub mod integer_row;
 pub mod one_sided_hysteresis;
 pub mod pid_regulator;
@@ -17,3 +19,4 @@ pub mod servo_tick;
 pub mod signal;
 pub mod sliding_mode_controller;
 pub mod state_estimator;
+pub mod trace_frame;

@@ -109,7 +109,7 @@ impl ReferenceGenerator {
                 let series = i64::from(sine(phase)) * 997_283_428
                     + i64::from(sine(phase.wrapping_mul(3))) * -66_485_562
                     + i64::from(sine(phase.wrapping_mul(5))) * 9_972_834;
-                ((series >> 30) * i64::from(*amplitude) >> 30) as i32
+                (((series >> 30) * i64::from(*amplitude)) >> 30) as i32
             }
             Waveform::Chirp { change, amplitude, duration_ticks, .. } => {
                 let value = scaled(*amplitude, sine(self.phase));

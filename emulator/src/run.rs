@@ -151,8 +151,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     }
     let end = finished.stop.map_or((0, 0), |stop| (stop.at.0, stop.instruction_count));
     let resets = finished.session.resets().len();
-    let without_model =
-        finished.session.unimplemented().values().map(|seen| format!("{}.{}", seen.instance, seen.register)).collect();
+    let without_model = finished.session.unimplemented().values().map(|seen| format!("{}.{}", seen.instance, seen.register)).collect();
     let unmapped: Vec<String> = finished.session.unmapped().iter().map(ToString::to_string).collect();
     if !unmapped.is_empty() {
         bail!("the image touched addresses that the part does not have: {}", unmapped.join("; "));

@@ -4,11 +4,9 @@
 //! for the buses' timers, and 100 MHz for SPI1 to SPI3.
 
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
-};
-use embassy_stm32::time::Hertz;
 use embassy_stm32::peripherals::TIM2;
+use embassy_stm32::rcc::{AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale};
+use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals, interrupt, rcc};
 
 /// Sets the clock tree up and puts the time driver's interrupt below the control interrupt.

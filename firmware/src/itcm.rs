@@ -1,23 +1,26 @@
-//! Copies the control interrupt's code to ITCM, once, before it runs.
+//! Copies the control interrupt's code to ITCM, before anything else runs: the compiler's helpers (`memcpy` and the like) live
+//! there too, and even the runtime's own start may call them. cortex-m-rt calls `__pre_init` before it sets up memory.
 
-unsafe extern "C" {
-    static mut __itcm_start: u64;
-    static mut __itcm_end: u64;
-    static __itcm_load: u64;
-}
-
-/// Copies the section `.itcm` from flash. Nothing in it may be called before.
-pub fn load() {
-    // SAFETY: the linker script places both areas, 8-byte aligned and of this length; no code in ITCM has run yet.
-    unsafe {
-        let start = &raw mut __itcm_start;
-        let end = &raw mut __itcm_end;
-        let words = (end as usize - start as usize) / 8;
-        let from = &raw const __itcm_load;
-        for word in 0..words {
-            start.add(word).write_volatile(from.add(word).read_volatile());
-        }
-    }
-    cortex_m::asm::dsb();
-    cortex_m::asm::isb();
-}
+core::arch::global_asm!(
+    ".section .text.__pre_init, \"ax\", %progbits",
+    ".global __pre_init",
+    ".type __pre_init, %function",
+    ".thumb_func",
+    "__pre_init:",
+    "ldr r0, =__itcm_start",
+    "ldr r1, =__itcm_end",
+    "ldr r2, =__itcm_load",
+    "2:",
+    "cmp r0, r1",
+    "beq 3f",
+    "ldr r3, [r2]",
+    "str r3, [r0]",
+    "adds r0, #4",
+    "adds r2, #4",
+    "b 2b",
+    "3:",
+    "dsb",
+    "isb",
+    "bx lr",
+    ".ltorg",
+);

@@ -25,7 +25,6 @@ async fn main(_spawner: Spawner) {
     };
     rtt_target::set_defmt_channel(channels.up.0);
 
-    itcm::load();
     let peripherals = board::init();
     let clocks = board::clocks(&peripherals);
     defmt::info!(

@@ -92,11 +92,7 @@ fn format() -> Result<(), String> {
 
 fn lints() -> Result<(), String> {
     // The profile of the tests, so that dependencies are built once.
-    cargo(
-        &["clippy", "--quiet", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"],
-        &root(),
-        &[],
-    )
+    cargo(&["clippy", "--quiet", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"], &root(), &[])
 }
 
 fn documentation() -> Result<(), String> {
@@ -126,11 +122,7 @@ fn emulator_build() -> Result<(), String> {
         &folder,
         &EMULATOR_VARIABLES,
     )?;
-    cargo(
-        &["test", "--quiet", "--release", "--locked", "--ignore-rust-version", "--no-run"],
-        &folder,
-        &EMULATOR_VARIABLES,
-    )
+    cargo(&["test", "--quiet", "--release", "--locked", "--ignore-rust-version", "--no-run"], &folder, &EMULATOR_VARIABLES)
 }
 
 fn emulator_tests() -> Result<(), String> {
@@ -138,9 +130,5 @@ fn emulator_tests() -> Result<(), String> {
     if !image.is_file() {
         return Err(format!("{} is not there: run `cargo xtask firmware` first", image.display()));
     }
-    cargo(
-        &["test", "--release", "--locked", "--ignore-rust-version", "--", "--nocapture"],
-        &root().join("emulator"),
-        &EMULATOR_VARIABLES,
-    )
+    cargo(&["test", "--release", "--locked", "--ignore-rust-version", "--", "--nocapture"], &root().join("emulator"), &EMULATOR_VARIABLES)
 }

@@ -31,15 +31,13 @@ fn output(program: &str, arguments: &[&str]) -> Option<String> {
 }
 
 fn rustup_has_target() -> bool {
-    output("rustup", &["target", "list", "--installed"])
-        .is_some_and(|targets| targets.lines().any(|line| line.trim() == TARGET))
+    output("rustup", &["target", "list", "--installed"]).is_some_and(|targets| targets.lines().any(|line| line.trim() == TARGET))
 }
 
 fn distribution_has_all() -> bool {
     Path::new("/usr/bin/cargo").exists()
-        && output("/usr/bin/rustc", &["--print", "sysroot"]).is_some_and(|sysroot| {
-            Path::new(sysroot.trim()).join("lib/rustlib/src/rust/library/core/src/lib.rs").exists()
-        })
+        && output("/usr/bin/rustc", &["--print", "sysroot"])
+            .is_some_and(|sysroot| Path::new(sysroot.trim()).join("lib/rustlib/src/rust/library/core/src/lib.rs").exists())
         && Path::new("/usr/bin/ld.lld-22").exists()
 }
 
@@ -88,9 +86,7 @@ impl Toolchain {
         let mut arguments = vec!["build", "--release", "--locked", "--target", TARGET];
         arguments.extend(features);
         match self {
-            Self::Rustup => {
-                command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, &[])
-            }
+            Self::Rustup => command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, &[]),
             Self::Distribution => {
                 arguments.extend(["-Z", "build-std=core"]);
                 // Set by the cargo that runs this program; the other compiler must not see it.

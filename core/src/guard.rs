@@ -1,0 +1,235 @@
+//! The guard: decides at every tick whether the sensor and the loop can be trusted, and names the fault when they cannot.
+//!
+//! # How it works
+//! [`Guard::inspect`] sees every reading. A fault latches: the amplifier ramps the drive to its rest value and stays there until the
+//! fault is cleared, which is allowed only after the sensor was healthy for [`GuardParameters::healthy_ticks`].
+//!
+//! | fault | when | safe output |
+//! |---|---|---|
+//! | sensor silent | the converter did not answer | ramp to rest |
+//! | sensor out of range | code at or beyond the limits ("railed") | ramp to rest |
+//! | sensor stuck | the same code for longer than noise allows | ramp to rest |
+//! | sensor jump | two codes further apart than physics allows | ramp to rest |
+//! | tracking error | larger than the limit for longer than allowed, loop closed | ramp to rest |
+//! | drive slew | the law asked for a step beyond the amplifier's limit | ramp to rest |
+//! | overrun | a tick was still running when the next was due | ramp to rest |
+//! | parameter block, watchdog, brown-out, hard fault | at start, from the reset's cause | rest |
+
+/// What can be wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Fault {
+    /// The sensor's converter did not answer.
+    SensorSilent = 1,
+    /// The code is at or beyond the limits of the sensor.
+    SensorOutOfRange = 2,
+    /// The code has not changed for longer than noise allows.
+    SensorStuck = 3,
+    /// Two successive codes are further apart than physics allows.
+    SensorJump = 4,
+    /// The tracking error was too large for too long.
+    TrackingError = 5,
+    /// The law asked for a larger step of the drive than allowed.
+    DriveSlew = 6,
+    /// A tick was late.
+    Overrun = 7,
+    /// No valid parameter block.
+    ParameterBlock = 8,
+    /// The watchdog restarted the target.
+    Watchdog = 9,
+    /// The supply had failed.
+    BrownOut = 10,
+    /// The processor had stopped on an error.
+    HardFault = 11,
+}
+
+impl Fault {
+    /// Every fault with its name.
+    pub const ALL: [(Self, &'static str); 11] = [
+        (Self::SensorSilent, "sensor silent"),
+        (Self::SensorOutOfRange, "sensor out of range"),
+        (Self::SensorStuck, "sensor stuck"),
+        (Self::SensorJump, "sensor jump"),
+        (Self::TrackingError, "tracking error"),
+        (Self::DriveSlew, "drive slew"),
+        (Self::Overrun, "overrun"),
+        (Self::ParameterBlock, "parameter block"),
+        (Self::Watchdog, "watchdog"),
+        (Self::BrownOut, "brown-out"),
+        (Self::HardFault, "hard fault"),
+    ];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(fault, _)| *fault == self).map_or("", |(_, name)| name)
+    }
+
+    /// The fault with a number.
+    #[must_use]
+    pub fn from_number(number: u8) -> Option<Self> {
+        Self::ALL.iter().find(|(fault, _)| *fault as u8 == number).map(|(fault, _)| *fault)
+    }
+}
+
+/// Limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GuardParameters {
+    /// Lowest code that the sensor can honestly give.
+    pub adc_code_min: u16,
+    /// Highest one.
+    pub adc_code_max: u16,
+    /// Ticks of the same code that mean a stuck sensor; 0 switches the check off (a noiseless sensor).
+    pub stuck_ticks: u16,
+    /// Largest honest change from tick to tick, codes.
+    pub jump_codes: u16,
+    /// Largest tracking error, um with 24 fraction bits.
+    pub tracking_error: i32,
+    /// Ticks for which it may be larger.
+    pub tracking_ticks: u16,
+    /// Largest change of the drive in one tick, codes.
+    pub slew_codes: u16,
+    /// Change of the drive in one tick on the way to rest, codes.
+    pub ramp_codes: u16,
+    /// Drive code of rest.
+    pub rest_code: u16,
+    /// Ticks of a healthy sensor before a fault can be cleared.
+    pub healthy_ticks: u16,
+}
+
+/// The guard with its memory.
+#[derive(Clone, Debug)]
+pub struct Guard {
+    parameters: GuardParameters,
+    last_code: Option<u16>,
+    same: u16,
+    late: u16,
+    healthy: u16,
+}
+
+impl Guard {
+    /// Has seen nothing yet.
+    #[must_use]
+    pub fn new(parameters: GuardParameters) -> Self {
+        Self { parameters, last_code: None, same: 0, late: 0, healthy: 0 }
+    }
+
+    /// The limits.
+    #[must_use]
+    pub fn parameters(&self) -> &GuardParameters {
+        &self.parameters
+    }
+
+    /// Looks at a reading; `None` if the converter did not answer.
+    #[inline]
+    pub fn inspect(&mut self, reading: Option<u16>) -> Option<Fault> {
+        let fault = self.sensor_fault(reading);
+        self.last_code = reading;
+        self.healthy = if fault.is_some() { 0 } else { self.healthy.saturating_add(1) };
+        fault
+    }
+
+    #[inline]
+    fn sensor_fault(&mut self, reading: Option<u16>) -> Option<Fault> {
+        let p = &self.parameters;
+        let Some(code) = reading else { return Some(Fault::SensorSilent) };
+        if code < p.adc_code_min || code > p.adc_code_max {
+            return Some(Fault::SensorOutOfRange);
+        }
+        let last = self.last_code?;
+        self.same = if code == last { self.same.saturating_add(1) } else { 0 };
+        if p.stuck_ticks > 0 && self.same >= p.stuck_ticks {
+            return Some(Fault::SensorStuck);
+        }
+        (code.abs_diff(last) > p.jump_codes).then_some(Fault::SensorJump)
+    }
+
+    /// Looks at the loop: error (um with 24 fraction bits) and the step of the drive.
+    #[inline]
+    pub fn inspect_loop(&mut self, error: i32, step_codes: u16) -> Option<Fault> {
+        let p = &self.parameters;
+        if step_codes > p.slew_codes {
+            return Some(Fault::DriveSlew);
+        }
+        self.late = if error.saturating_abs() > p.tracking_error { self.late.saturating_add(1) } else { 0 };
+        (self.late > p.tracking_ticks).then_some(Fault::TrackingError)
+    }
+
+    /// Whether the sensor was healthy long enough to clear a fault.
+    #[must_use]
+    pub fn healthy(&self) -> bool {
+        self.healthy >= self.parameters.healthy_ticks
+    }
+
+    /// The next code on the way to rest.
+    #[inline]
+    #[must_use]
+    pub fn towards_rest(&self, code: u16) -> u16 {
+        let (rest, ramp) = (self.parameters.rest_code, self.parameters.ramp_codes.max(1));
+        if code > rest { code.saturating_sub(ramp).max(rest) } else { code.saturating_add(ramp).min(rest) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PARAMETERS: GuardParameters = GuardParameters {
+        adc_code_min: 16,
+        adc_code_max: 65_519,
+        stuck_ticks: 10,
+        jump_codes: 3000,
+        tracking_error: 1 << 24,
+        tracking_ticks: 5,
+        slew_codes: 8000,
+        ramp_codes: 100,
+        rest_code: 9362,
+        healthy_ticks: 20,
+    };
+
+    #[test]
+    fn each_sensor_fault_has_its_name() {
+        let after = |codes: &[Option<u16>]| {
+            let mut guard = Guard::new(PARAMETERS);
+            codes.iter().find_map(|code| guard.inspect(*code))
+        };
+        assert_eq!(after(&[Some(5000), Some(5001), Some(4999)]), None);
+        assert_eq!(after(&[Some(5000), None]), Some(Fault::SensorSilent));
+        assert_eq!(after(&[Some(5000), Some(65_535)]), Some(Fault::SensorOutOfRange));
+        assert_eq!(after(&[Some(5000), Some(9000)]), Some(Fault::SensorJump));
+        assert_eq!(after(&[Some(5000); 11]), Some(Fault::SensorStuck));
+        assert_eq!(after(&[Some(5000); 10]), None);
+    }
+
+    #[test]
+    fn the_loop_is_watched() {
+        let mut guard = Guard::new(PARAMETERS);
+        assert_eq!(guard.inspect_loop(0, 8001), Some(Fault::DriveSlew));
+        let first = (1..20).find(|_| guard.inspect_loop(-(2 << 24), 0) == Some(Fault::TrackingError));
+        assert_eq!(first, Some(6));
+        assert_eq!(guard.inspect_loop(0, 0), None);
+    }
+
+    #[test]
+    fn rest_is_reached_from_both_sides_and_kept() {
+        let guard = Guard::new(PARAMETERS);
+        for start in [0u16, 9300, 9362, 20_000, 65_535] {
+            let mut code = start;
+            for _ in 0..600 {
+                let next = guard.towards_rest(code);
+                assert!(next.abs_diff(code) <= 100);
+                code = next;
+            }
+            assert_eq!(code, 9362);
+        }
+    }
+
+    #[test]
+    fn numbers_and_faults_correspond() {
+        for (fault, name) in Fault::ALL {
+            assert_eq!(Fault::from_number(fault as u8), Some(fault));
+            assert_eq!(fault.name(), name);
+        }
+        assert_eq!(Fault::from_number(0), None);
+    }
+}
