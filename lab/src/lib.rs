@@ -4,6 +4,7 @@
 //! * [`report`]: pages to look at; [`problem`]: errors as users see them.
 
 pub mod dataset;
+pub mod experiment;
 pub mod fit;
 pub mod problem;
 pub mod report;

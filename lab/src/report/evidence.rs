@@ -133,7 +133,8 @@ fn share(trace: &EvidenceTrace) -> f64 {
 fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot {
     let (label, unit, log) = view.axis();
     let mut plot = Plot::new("").x_axis(label, unit).log(log, false);
-    if view == View::Frequency && trace.samples.is_empty() {
+    let every_sample = trace.samples.is_empty() || trace.samples.len() == record.t_s.len();
+    if view == View::Frequency && every_sample {
         let curve = |values: &[f64]| {
             let spectrum = amplitude_density(values, record.sample_rate_hz);
             let density = spectrum.density.iter().map(|d| 1e3 * d).collect();
@@ -151,7 +152,7 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
     let high_v = record.u_v.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let branch = branches(&record.u_v, record.sample_rate_hz, high_v - low_v);
     let length = trace.residual_um.len().min(trace.predicted_um.len());
-    let sample = |i: usize| trace.samples.get(i).copied().unwrap_or(i);
+    let sample = |i: usize| if every_sample { i } else { trace.samples.get(i).copied().unwrap_or(i) };
     let abscissa = |i: usize| -> Option<f64> {
         let k = sample(i);
         let (_, age_s) = *branch.get(k)?;

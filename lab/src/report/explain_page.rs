@@ -244,7 +244,7 @@ fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], values: &[Ve
         // One cell for each record: neighbours tell the same story.
         let largest = inside.filter_map(|(feature, cell)| cell.map(|c| (c, feature))).max_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((value, feature)) = largest {
-            cells.push((value, format!("{}, {} {}", record.name, feature.group, feature.label)));
+            cells.push((value, format!("{}, {} ({})", record.name, feature.label, feature.group)));
         }
     }
     cells.sort_by(|a, b| b.0.total_cmp(&a.0));
