@@ -4,6 +4,7 @@
 //! needs and the machine lacks is installed where that is possible ([`toolchain`]), and said either way. No step is skipped
 //! silently: outside CI what is missing is named and the check fails; in CI (`CI=true`) likewise.
 
+mod browser;
 mod steps;
 mod toolchain;
 

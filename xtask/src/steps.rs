@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use crate::toolchain;
+use crate::{browser, toolchain};
 
 /// One step: its name and what it does.
 pub struct Step {
@@ -104,6 +104,7 @@ fn documentation() -> Result<(), String> {
 }
 
 fn host_tests() -> Result<(), String> {
+    browser::ensure()?;
     cargo(&["test", "--release", "--workspace"], &root(), &[])
 }
 
