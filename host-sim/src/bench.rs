@@ -26,7 +26,7 @@ use std::f64::consts::TAU;
 pub const SUBSTEPS: usize = 20;
 
 /// What the sensor's converter can read below the mechanical zero, um: the sensor is mounted so that noise at rest does not clip.
-const ADC_MARGIN_UM: f64 = 1.0;
+pub const ADC_MARGIN_UM: f64 = 1.0;
 
 /// Mass of the bare end-effector that moves, kg (thesis Ch. 7, 5.1).
 pub const END_EFFECTOR_MASS_KG: f64 = 0.150;
@@ -220,12 +220,32 @@ impl Bench {
         self.converters.adc_span_um / 2.0_f64.powi(self.converters.adc_bits as i32)
     }
 
+    /// The code of the sensor's converter for a position.
+    #[must_use]
+    pub fn adc_code(&self, position_um: f64) -> u16 {
+        let code = ((position_um + ADC_MARGIN_UM) / self.adc_lsb_um()).round();
+        code.clamp(0.0, (2.0_f64.powi(self.converters.adc_bits as i32) - 1.0).min(65_535.0)) as u16
+    }
+
     /// A position after the sensor's converter, um.
     #[must_use]
     pub fn position_after_converter_um(&self, position_um: f64) -> f64 {
-        let lsb_um = self.adc_lsb_um();
-        let code = ((position_um + ADC_MARGIN_UM) / lsb_um).round();
-        code.clamp(0.0, 2.0_f64.powi(self.converters.adc_bits as i32) - 1.0) * lsb_um - ADC_MARGIN_UM
+        f64::from(self.adc_code(position_um)) * self.adc_lsb_um() - ADC_MARGIN_UM
+    }
+
+    /// Drive for a code of its converter, V.
+    #[must_use]
+    pub fn drive_for_code_v(&self, code: u16) -> f64 {
+        let c = &self.converters;
+        c.dac_min_v + f64::from(code) * (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32)
+    }
+
+    /// The converter's code for a drive, within the limits of the actuator.
+    #[must_use]
+    pub fn dac_code(&self, drive_v: f64) -> u16 {
+        let c = &self.converters;
+        let lsb_v = (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32);
+        ((drive_v.clamp(self.drive_min_v, self.drive_max_v) - c.dac_min_v) / lsb_v).round().clamp(0.0, 65_535.0) as u16
     }
 
     /// The actuator, virgin and at rest at the lower limit of the drive.
@@ -339,8 +359,18 @@ impl Sensor {
 
     /// Reads the plant now, um.
     pub fn read(&mut self, plant: &Plant) -> f64 {
-        let noise_um = self.noise.map_or(0.0, |n| n.sample(&mut self.generator));
+        let noise_um = self.noise_um();
         self.bench.position_after_converter_um(plant.sensor_um() + noise_um) - self.zero_um
+    }
+
+    /// Reads the plant now, as the converter's code (which knows no zero).
+    pub fn read_code(&mut self, plant: &Plant) -> u16 {
+        let noise_um = self.noise_um();
+        self.bench.adc_code(plant.sensor_um() + noise_um)
+    }
+
+    fn noise_um(&mut self) -> f64 {
+        self.noise.map_or(0.0, |n| n.sample(&mut self.generator))
     }
 }
 

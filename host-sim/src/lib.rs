@@ -12,6 +12,7 @@
 
 pub mod bench;
 pub mod chain;
+pub mod closed_loop;
 pub mod effect;
 pub mod elastoplastic_friction;
 pub mod hysteresis_surface;

@@ -1,0 +1,15 @@
+//! Servo design: from an identified model to the integers of the control tick, proved for the sampled loop.
+//!
+//! * [`model`]: what a design knows of the actuator, and its linear part in continuous and sampled time;
+//! * [`quantise`]: from f64 to the rows of the tick, once, with its error;
+//! * [`window_fit`]: coefficients over the reference window by least squares in the frequency domain;
+//! * [`thesis_schemes`]: the controllers of the thesis, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
+//! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
+//! * [`check`]: sampled eigenvalues and the thesis' continuous conditions.
+
+pub mod check;
+pub mod model;
+pub mod predictor;
+pub mod quantise;
+pub mod thesis_schemes;
+pub mod window_fit;

@@ -1,0 +1,181 @@
+//! What a servo design knows of the actuator: hysteresis surfaces, modes, bandwidths. All of it identified, or from a data sheet.
+
+use hysteron_sim::hysteresis_surface::Surfaces;
+use hysteron_sim::linear_system::ContinuousSystem;
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Sampling period of the loop, s (thesis Ch. 7, 2.1).
+pub const SAMPLING_PERIOD_S: f64 = 5e-5;
+
+/// One second-order mode of unit static gain.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeModel {
+    /// Natural frequency, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
+}
+
+/// The nominal model of the thesis (Ch. 6, Eq. 3; Ch. 7, Eq. 1): one mode behind a gain, everything else an unknown input.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NominalModel {
+    /// Natural frequency, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
+    /// Static gain, um/V.
+    pub gain_um_v: f64,
+}
+
+impl NominalModel {
+    /// The values that the thesis identified on the P-753 (Ch. 6, 4.1).
+    pub const THESIS: Self = Self { natural_frequency_rad_s: 5352.0, damping_ratio: 0.7876, gain_um_v: 0.1347 };
+
+    /// `A21 = -wn^2`, 1/s^2.
+    #[must_use]
+    pub fn a21(&self) -> f64 {
+        -self.natural_frequency_rad_s.powi(2)
+    }
+
+    /// `A22 = -2 xi wn`, 1/s.
+    #[must_use]
+    pub fn a22(&self) -> f64 {
+        -2.0 * self.damping_ratio * self.natural_frequency_rad_s
+    }
+
+    /// `B2 = K wn^2`, um/(V s^2).
+    #[must_use]
+    pub fn b2(&self) -> f64 {
+        self.gain_um_v * self.natural_frequency_rad_s.powi(2)
+    }
+
+    /// Sampled model with the drive held: transition matrix and input vector over `[y (um), y' (um/s)]`.
+    #[must_use]
+    pub fn sampled(&self, period_s: f64) -> (DMatrix<f64>, DVector<f64>) {
+        ContinuousSystem {
+            a: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, self.a21(), self.a22()]),
+            b: DVector::from_row_slice(&[0.0, self.b2()]),
+            c: DVector::from_row_slice(&[1.0, 0.0]),
+            d: 0.0,
+        }
+        .held_matrices(period_s)
+    }
+}
+
+/// The linear dynamics behind the hysteresis: from force-equivalent displacement to reading.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinearModel {
+    /// First mode.
+    pub first_mode: ModeModel,
+    /// Share of the motion that goes through the second mode, with that mode.
+    pub second_mode: Option<(f64, ModeModel)>,
+    /// Bandwidth of the amplifier, Hz. It stands in front of the hysteresis and is taken to commute with it.
+    pub amplifier_bandwidth_hz: Option<f64>,
+    /// Bandwidth of the sensor, Hz.
+    pub sensor_bandwidth_hz: Option<f64>,
+}
+
+/// The linear dynamics, sampled: `x+ = a x + b v`, `y = c x`.
+#[derive(Clone, Debug)]
+pub struct SampledModel {
+    /// Transition matrix.
+    pub a: DMatrix<f64>,
+    /// Input vector.
+    pub b: DVector<f64>,
+    /// Reading, a row.
+    pub c: DVector<f64>,
+}
+
+impl LinearModel {
+    /// The same dynamics with more mass on the same spring.
+    #[must_use]
+    pub fn with_mass_ratio(&self, mass_ratio: f64) -> Self {
+        let factor = mass_ratio.powf(-0.5);
+        let scale =
+            |m: ModeModel| ModeModel { natural_frequency_rad_s: m.natural_frequency_rad_s * factor, damping_ratio: m.damping_ratio * factor };
+        Self { first_mode: scale(self.first_mode), second_mode: self.second_mode.map(|(share, m)| (share, scale(m))), ..*self }
+    }
+
+    /// Continuous-time system; states: first mode and its velocity over `wn`, second mode likewise, amplifier, sensor (those that exist).
+    #[must_use]
+    pub fn continuous(&self) -> ContinuousSystem {
+        let n = 2 + 2 * usize::from(self.second_mode.is_some())
+            + usize::from(self.amplifier_bandwidth_hz.is_some())
+            + usize::from(self.sensor_bandwidth_hz.is_some());
+        let mut a = DMatrix::zeros(n, n);
+        let mut b = DVector::zeros(n);
+        let mut c = DVector::zeros(n);
+        let amplifier = self.amplifier_bandwidth_hz.map(|hz| (2 + 2 * usize::from(self.second_mode.is_some()), TAU * hz));
+        let sensor = self.sensor_bandwidth_hz.map(|hz| (n - 1, TAU * hz));
+        if let Some((i, w)) = amplifier {
+            a[(i, i)] = -w;
+            b[i] = w;
+        }
+        let modes = [(0, 1.0 - self.second_mode.map_or(0.0, |(s, _)| s), Some(self.first_mode)), {
+            (2, self.second_mode.map_or(0.0, |(s, _)| s), self.second_mode.map(|(_, m)| m))
+        }];
+        for (i, share, mode) in modes {
+            let Some(mode) = mode else { continue };
+            let w = mode.natural_frequency_rad_s;
+            a[(i, i + 1)] = w;
+            a[(i + 1, i)] = -w;
+            a[(i + 1, i + 1)] = -2.0 * mode.damping_ratio * w;
+            match amplifier {
+                Some((j, _)) => a[(i + 1, j)] = w,
+                None => b[i + 1] = w,
+            }
+            match sensor {
+                Some((j, ws)) => a[(j, i)] = share * ws,
+                None => c[i] = share,
+            }
+        }
+        if let Some((j, ws)) = sensor {
+            a[(j, j)] = -ws;
+            c[j] = 1.0;
+        }
+        ContinuousSystem { a, b, c, d: 0.0 }
+    }
+
+    /// Sampled with the input held.
+    #[must_use]
+    pub fn sampled(&self, period_s: f64) -> SampledModel {
+        let system = self.continuous();
+        let (a, b) = system.held_matrices(period_s);
+        SampledModel { a, b, c: system.c }
+    }
+}
+
+/// All that a design knows of the actuator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorModel {
+    /// Lower limit of the drive, V.
+    pub drive_min_v: f64,
+    /// Upper limit of the drive, V.
+    pub drive_max_v: f64,
+    /// Loop surface in powers of the drive share: `g[i][j]` multiplies `x^i z^j`, um.
+    pub g_um: Vec<Vec<f64>>,
+    /// Remnant in powers of the drive share, um.
+    pub r_um: Vec<f64>,
+    /// Dynamics behind the hysteresis.
+    pub linear: LinearModel,
+}
+
+impl ActuatorModel {
+    /// The hysteresis surfaces.
+    #[must_use]
+    pub fn surfaces(&self) -> Surfaces {
+        Surfaces { g: self.g_um.clone(), r: self.r_um.clone() }
+    }
+
+    /// Mean slope of the largest loop, um/V: the nominal gain of a design without hysteresis model.
+    #[must_use]
+    pub fn mean_gain_um_v(&self) -> f64 {
+        self.surfaces().loop_loss(1.0, 0.0) / (self.drive_max_v - self.drive_min_v)
+    }
+}

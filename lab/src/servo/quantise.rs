@@ -1,0 +1,135 @@
+//! From f64 to the integers of the tick. A number that does not fit is an error that names it, never a clipped number.
+
+use super::model::ActuatorModel;
+use hysteron_core::integer_row::Row;
+use hysteron_core::one_sided_hysteresis::{SURFACE_FRACTION_BITS, SURFACE_SIZE, SurfaceCoefficients};
+use hysteron_core::servo_parameters::ActuatorParameters;
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+
+/// A number that has no integer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct QuantisationError {
+    /// What did not fit.
+    pub what: String,
+    /// Its value.
+    pub value: f64,
+    /// The largest magnitude that fits.
+    pub limit: f64,
+}
+
+impl std::fmt::Display for QuantisationError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} = {:.6e} does not fit the servo's fixed-point format (largest magnitude {:.6e})", self.what, self.value, self.limit)
+    }
+}
+
+impl std::error::Error for QuantisationError {}
+
+/// Fraction bits of a signal, for rows that mix units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Position or velocity times the period.
+    Micrometre,
+    /// Drive.
+    Volt,
+}
+
+impl Unit {
+    fn fraction_bits(self) -> i32 {
+        (match self {
+            Self::Micrometre => MICROMETRE_FRACTION_BITS,
+            Self::Volt => VOLT_FRACTION_BITS,
+        }) as i32
+    }
+}
+
+/// A number with fraction bits.
+///
+/// # Errors
+/// If it does not fit 32 bits.
+pub fn number(what: &str, value: f64, fraction_bits: i32) -> Result<i32, QuantisationError> {
+    let scaled = (value * 2.0_f64.powi(fraction_bits)).round();
+    if scaled.is_finite() && scaled.abs() <= f64::from(i32::MAX) {
+        Ok(scaled as i32)
+    } else {
+        Err(QuantisationError { what: what.into(), value, limit: f64::from(i32::MAX) / 2.0_f64.powi(fraction_bits) })
+    }
+}
+
+/// A row of coefficients whose inputs and output have units.
+///
+/// # Errors
+/// If the sum of the magnitudes does not fit 31 bits: only then can no sum wrap.
+pub fn row<const N: usize, const Q: u32>(
+    what: &str,
+    coefficients: &[f64],
+    inputs: impl Fn(usize) -> Unit,
+    output: Unit,
+) -> Result<Row<N, Q>, QuantisationError> {
+    let mut out = Row::default();
+    let mut sum = 0.0;
+    for (i, value) in coefficients.iter().enumerate().take(N) {
+        let bits = Q as i32 + output.fraction_bits() - inputs(i).fraction_bits();
+        let integer = number(&format!("{what}[{i}]"), *value, bits)?;
+        out.coefficients[i] = integer;
+        sum += f64::from(integer).abs();
+    }
+    if sum >= f64::from(i32::MAX) {
+        let scale = 2.0_f64.powi(Q as i32);
+        return Err(QuantisationError { what: format!("sum of |{what}|"), value: sum / scale, limit: f64::from(i32::MAX) / scale });
+    }
+    Ok(out)
+}
+
+/// A row of lengths.
+///
+/// # Errors
+/// As [`row`].
+pub fn row_um<const N: usize, const Q: u32>(what: &str, coefficients: &[f64]) -> Result<Row<N, Q>, QuantisationError> {
+    row(what, coefficients, |_| Unit::Micrometre, Unit::Micrometre)
+}
+
+/// Hysteresis surfaces and drive range.
+///
+/// # Errors
+/// If the degree exceeds the servo's or a coefficient does not fit.
+pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, QuantisationError> {
+    let mut surfaces = SurfaceCoefficients { g: [[0; SURFACE_SIZE]; SURFACE_SIZE], f: [0; SURFACE_SIZE] };
+    let bits = SURFACE_FRACTION_BITS as i32;
+    let too_high = |what: String, value: f64| QuantisationError { what: format!("{what} (degree too high)"), value, limit: 0.0 };
+    for (i, row) in model.g_um.iter().enumerate() {
+        for (j, value) in row.iter().enumerate() {
+            if i + j < SURFACE_SIZE {
+                surfaces.g[i][j] = number(&format!("G[{i}][{j}]"), *value, bits)?;
+            } else if value.abs() > 1e-9 {
+                return Err(too_high(format!("G[{i}][{j}]"), *value));
+            }
+        }
+    }
+    for i in 0..model.r_um.len().max(model.g_um.len()) {
+        let value = model.r_um.get(i).copied().unwrap_or(0.0) + model.g_um.get(i).and_then(|r| r.first()).copied().unwrap_or(0.0);
+        if i < SURFACE_SIZE {
+            surfaces.f[i] = number(&format!("F[{i}]"), value, bits)?;
+        } else if value.abs() > 1e-9 {
+            return Err(too_high(format!("F[{i}]"), value));
+        }
+    }
+    let range_v = model.drive_max_v - model.drive_min_v;
+    Ok(ActuatorParameters::OneSidedHysteresis {
+        surfaces,
+        drive_min: number("drive_min_v", model.drive_min_v, VOLT_FRACTION_BITS as i32)?,
+        drive_range: number("drive range", range_v, VOLT_FRACTION_BITS as i32)?,
+        share_per_volt: (2.0_f64.powi(32) / range_v).round() as i64,
+    })
+}
+
+/// A linear actuator of given gain.
+///
+/// # Errors
+/// If the gain does not fit.
+pub fn linear_actuator(gain_um_v: f64) -> Result<ActuatorParameters, QuantisationError> {
+    Ok(ActuatorParameters::Linear {
+        volts_per_micrometre: number("1 / gain", 1.0 / gain_um_v, 20)?,
+        micrometres_per_volt: number("gain", gain_um_v, 28)?,
+    })
+}

@@ -1,0 +1,62 @@
+//! Coefficients over the reference window: least squares in the frequency domain over the band of the reference.
+
+use hysteron_core::reference_window::{PREVIEW_TICKS, WINDOW};
+use nalgebra::{Complex, DMatrix, DVector};
+
+/// Where the band of references ends that the fit follows exactly, Hz.
+const BAND_HZ: f64 = 900.0;
+/// Points of the grid within the band.
+const BAND_POINTS: usize = 120;
+/// Points above the band, up to half the sampling rate.
+const UPPER_POINTS: usize = 120;
+/// Weight above the band: keeps the coefficients small where no reference is.
+const UPPER_WEIGHT: f64 = 1e-4;
+
+/// Coefficients, oldest first, such that `sum f_i r[k + i - 7]` has the frequency response `target(omega)` relative to `r[k]`.
+#[must_use]
+pub fn fit(period_s: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
+    let oldest = PREVIEW_TICKS as f64 + 1.0 - WINDOW as f64;
+    let nyquist = std::f64::consts::PI / period_s;
+    let band = std::f64::consts::TAU * BAND_HZ;
+    let mut rows: Vec<(f64, Complex<f64>, f64)> = Vec::new();
+    for i in 0..BAND_POINTS {
+        let omega = band * (i as f64 / (BAND_POINTS - 1) as f64);
+        rows.push((omega, target(omega), 1.0));
+    }
+    for i in 1..=UPPER_POINTS {
+        let omega = band + (nyquist - band) * i as f64 / UPPER_POINTS as f64;
+        // Held at the value at the end of the band and fading.
+        rows.push((omega, target(band) * (1.0 - i as f64 / UPPER_POINTS as f64), UPPER_WEIGHT));
+    }
+    // The constant counts most: a steady reference must be met to the last digit.
+    rows.push((0.0, target(0.0), 1e3));
+    let mut a = DMatrix::zeros(2 * rows.len(), WINDOW);
+    let mut b = DVector::zeros(2 * rows.len());
+    for (k, (omega, value, weight)) in rows.iter().enumerate() {
+        for i in 0..WINDOW {
+            let phase = omega * period_s * (i as f64 + oldest);
+            a[(2 * k, i)] = weight * phase.cos();
+            a[(2 * k + 1, i)] = weight * phase.sin();
+        }
+        b[2 * k] = weight * value.re;
+        b[2 * k + 1] = weight * value.im;
+    }
+    a.svd(true, true).solve(&b, 1e-13).map(|v| v.as_slice().to_vec()).unwrap_or_else(|_| vec![0.0; WINDOW])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_derivative_is_exact_in_the_band() {
+        let period_s = 5e-5;
+        let f = fit(period_s, |w| Complex::new(0.0, w * period_s));
+        for hz in [1.0, 50.0, 150.0, 500.0] {
+            let w = std::f64::consts::TAU * hz;
+            let response: Complex<f64> =
+                f.iter().enumerate().map(|(i, c)| Complex::from_polar(1.0, w * period_s * (i as f64 - 7.0)) * *c).sum();
+            assert!((response - Complex::new(0.0, w * period_s)).norm() < 1e-6, "{hz}: {response}");
+        }
+    }
+}
