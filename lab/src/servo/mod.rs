@@ -5,9 +5,11 @@
 //! * [`window_fit`]: coefficients over the reference window by least squares in the frequency domain;
 //! * [`thesis_schemes`]: the controllers of the thesis, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
+//! * [`identify`]: the experiment from which a design gets its model;
 //! * [`check`]: sampled eigenvalues and the thesis' continuous conditions.
 
 pub mod check;
+pub mod identify;
 pub mod model;
 pub mod predictor;
 pub mod quantise;

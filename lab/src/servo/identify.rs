@@ -1,0 +1,161 @@
+//! The model of a design, identified from an experiment on the bench: what a commissioning engineer would do, in two seconds of drive.
+//!
+//! # How it works
+//! One record from the virgin state: triangles that grow and nest (loops and the first rise), raised cosines at the frequencies of use,
+//! and a multisine to 8 kHz around mid-range (modes and bandwidths). The chain is grown as a reader of the residual would grow it: loops,
+//! first rise, first mode and creep; then, where it lowers the residual, amplifier bandwidth and second mode with the starts that the
+//! effects declare. The sensor's bandwidth stays what its data sheet says.
+
+use super::model::{ActuatorModel, LinearModel, ModeModel};
+use crate::dataset::{Dataset, Record, Role};
+use crate::fit::{Effort, Fit, fit, with_effect};
+use hysteron_sim::bench::{Bench, Completeness, Start, Variant};
+use hysteron_sim::chain::{EffectInstance, InitialState, Model};
+use hysteron_sim::effect::hysteresis::degree_of;
+use hysteron_sim::effect::{Overview, by_id};
+use hysteron_sim::hysteresis_surface::Surfaces;
+use hysteron_sim::waveform;
+use std::path::PathBuf;
+
+/// What identification came to.
+#[derive(Clone, Debug)]
+pub struct Identified {
+    /// For the design.
+    pub model: ActuatorModel,
+    /// The whole chain, creep included.
+    pub chain: Model,
+    /// Residual over the experiment, um RMS.
+    pub rms_um: f64,
+    /// Residual after each step, um RMS, with the effects that the chain then had.
+    pub steps: Vec<(String, f64)>,
+}
+
+/// The experiment's drive, V.
+#[must_use]
+pub fn drive_v(sample_rate_hz: f64, low_v: f64, high_v: f64) -> Vec<f64> {
+    let range = high_v - low_v;
+    let at = |share: f64| low_v + share * range;
+    let mut levels = vec![at(0.0)];
+    for peak in [0.3, 0.55, 0.8, 1.0] {
+        levels.extend([at(peak), at(0.0)]);
+    }
+    levels.extend([1.0, 0.3, 0.8, 0.45, 0.7, 0.1, 0.5, 0.2, 0.4, 0.0, 0.9, 0.6, 0.75, 0.15, 0.0].map(at));
+    let period = 2000;
+    let lines: Vec<usize> = (1..=800).step_by(3).collect();
+    waveform::concatenate(&[
+        waveform::half_cosines(sample_rate_hz, 0.02, &levels),
+        waveform::hold(sample_rate_hz, at(0.0), 0.1),
+        waveform::raised_cosine(sample_rate_hz, 10.0, at(0.05), at(0.95), 2),
+        waveform::raised_cosine(sample_rate_hz, 100.0, at(0.1), at(0.9), 6),
+        waveform::raised_cosine(sample_rate_hz, 200.0, at(0.1), at(0.85), 10),
+        waveform::raised_cosine(sample_rate_hz, 500.0, at(0.1), at(0.8), 20),
+        waveform::hold(sample_rate_hz, at(0.5), 0.02),
+        waveform::multisine(period, &lines, 0.3 * range, at(0.5), 4, 11),
+        waveform::hold(sample_rate_hz, at(0.5), 0.05),
+        waveform::hold(sample_rate_hz, at(0.0), 0.1),
+    ])
+}
+
+/// Plays the experiment on a variant of the bench and identifies the model.
+#[must_use]
+pub fn on_bench(bench: &Bench, variant: Variant, seed: u64) -> Option<Identified> {
+    let drive = drive_v(bench.converters.sample_rate_hz, bench.drive_min_v, bench.drive_max_v);
+    let record = bench.record(variant, Start::Virgin, &drive, seed);
+    let dataset = Dataset {
+        name: bench.name.clone(),
+        path: PathBuf::new(),
+        drive_min_v: bench.drive_min_v,
+        drive_max_v: bench.drive_max_v,
+        sensor_bandwidth_hz: None,
+        sensor_lsb_um: None,
+        records: vec![Record {
+            name: "commissioning".into(),
+            path: PathBuf::new(),
+            sample_rate_hz: record.sample_rate_hz,
+            role: Role::Identify,
+            initial_state: InitialState::Virgin,
+            window: 0..record.drive_v.len(),
+            periods: None,
+            repeat_of: None,
+            offset_is_fitted: false,
+            drive_v: record.drive_v,
+            displacement_um: record.reading_um,
+            force_n: None,
+        }],
+        notes: Vec::new(),
+    };
+    let data_sheet_hz = (variant.completeness == Completeness::Full).then(|| bench.data_sheet_sensor_bandwidth_hz());
+    identify(&dataset, data_sheet_hz)
+}
+
+/// An effect with one of its starts.
+fn instance(id: &str, overview: &Overview, values: &[f64]) -> Option<EffectInstance> {
+    Some(EffectInstance::new(by_id(id)?, overview, values))
+}
+
+/// Identifies the chain from a data set; `sensor_bandwidth_hz` is what the data sheet says.
+#[must_use]
+pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<Identified> {
+    let overview = dataset.overview();
+    let records: Vec<usize> = dataset.with_role(Role::Identify);
+    let quick = Effort { iterations: 4, tolerance: 1.0 };
+    let mut steps = Vec::new();
+    let mut model = Model::new(dataset.drive_min_v, dataset.drive_max_v);
+    for id in ["hysteresis", "initial_curve"] {
+        model = with_effect(&model, instance(id, &overview, &[])?);
+    }
+    if let Some(bandwidth_hz) = sensor_bandwidth_hz {
+        let mut sensor = instance("sensor_bandwidth", &overview, &[bandwidth_hz])?;
+        for p in &mut sensor.parameters {
+            p.parameter.fixed = true;
+        }
+        model = with_effect(&model, sensor);
+    }
+    // The first mode from its declared starts; the best goes on.
+    let best_of = |model: &Model, id: &str, effort: Effort| -> Option<Fit> {
+        let starts = by_id(id)?.starts(&overview);
+        starts
+            .iter()
+            .filter_map(|start| Some(fit(&with_effect(model, instance(id, &overview, start)?), dataset, &records, effort)))
+            .min_by(|a, b| a.rms_um.total_cmp(&b.rms_um))
+    };
+    let mut best = best_of(&model, "vibration", quick)?;
+    steps.push(("hysteresis, initial_curve, vibration".to_string(), best.rms_um));
+    best = fit(&with_effect(&best.model, instance("creep", &overview, &[])?), dataset, &records, Effort::default());
+    steps.push(("creep".to_string(), best.rms_um));
+    if sensor_bandwidth_hz.is_some() {
+        let amplifier = best_of(&best.model, "amplifier_bandwidth", Effort { iterations: 8, tolerance: 0.5 })?;
+        if amplifier.rms_um < 0.98 * best.rms_um {
+            best = amplifier;
+            steps.push(("amplifier_bandwidth".to_string(), best.rms_um));
+        }
+        let second = best_of(&best.model, "second_mode", quick)?;
+        if second.rms_um < 0.98 * best.rms_um {
+            best = fit(&second.model, dataset, &records, Effort::default());
+            steps.push(("second_mode".to_string(), best.rms_um));
+        }
+    }
+    let chain = best.model;
+    Some(Identified { model: actuator_model(&chain)?, chain, rms_um: best.rms_um, steps })
+}
+
+/// What a design needs of a chain.
+#[must_use]
+pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
+    let g = chain.values("hysteresis")?;
+    let r = chain.values("initial_curve").unwrap_or_default();
+    let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
+    let mode = |v: &[f64]| Some(ModeModel { natural_frequency_rad_s: *v.first()?, damping_ratio: *v.get(1)? });
+    Some(ActuatorModel {
+        drive_min_v: chain.drive_min_v,
+        drive_max_v: chain.drive_max_v,
+        g_um: surfaces.g,
+        r_um: surfaces.r,
+        linear: LinearModel {
+            first_mode: mode(&chain.values("vibration")?)?,
+            second_mode: chain.values("second_mode").and_then(|v| Some((*v.first()?, mode(v.get(1..)?)?))),
+            amplifier_bandwidth_hz: chain.values("amplifier_bandwidth").and_then(|v| v.first().copied()),
+            sensor_bandwidth_hz: chain.values("sensor_bandwidth").and_then(|v| v.first().copied()),
+        },
+    })
+}
