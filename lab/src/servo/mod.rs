@@ -6,12 +6,17 @@
 //! * [`thesis_schemes`]: the controllers of the thesis, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
 //! * [`identify`]: the experiment from which a design gets its model;
+//! * [`design`]: a design as a file, and the choice of the best one;
+//! * [`reproduce`]: Chapters 6 and 7 on the bench;
 //! * [`check`]: sampled eigenvalues and the thesis' continuous conditions.
 
 pub mod check;
+pub mod design;
+pub mod float_twin;
 pub mod identify;
 pub mod model;
 pub mod predictor;
 pub mod quantise;
+pub mod reproduce;
 pub mod thesis_schemes;
 pub mod window_fit;

@@ -1,0 +1,216 @@
+//! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains, and why.
+
+use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
+use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
+use super::quantise::{self, QuantisationError, Unit};
+use super::thesis_schemes::{AlphaBeta, ControllerGains, Estimator, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator};
+use super::window_fit;
+use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use nalgebra::Complex;
+use serde::{Deserialize, Serialize};
+
+/// A control scheme with its gains.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Scheme {
+    /// Observer-controller for the one-period delay, hysteresis inverted inside the loop.
+    Predictor {
+        /// What it is tuned by.
+        tuning: PredictorTuning,
+        /// False: the actuator is taken to be linear, and all its hysteresis is left to the unknown input.
+        #[serde(default = "yes")]
+        hysteresis_inverse: bool,
+    },
+    /// A sliding-mode scheme as the thesis has it.
+    SlidingMode {
+        /// Nominal model.
+        nominal: NominalModel,
+        /// Estimator.
+        estimator: Estimator,
+        /// Controller.
+        controller: ControllerGains,
+        /// How the surface is reached.
+        reaching: ReachingGains,
+    },
+    /// PID on the drive, V.
+    Pid {
+        /// Gains, V/um.
+        gains: PidGains,
+        /// Notch behind it.
+        notch: Option<Notch>,
+    },
+    /// Feedforward through the inverse of hysteresis and linear dynamics, with PI in um of force-equivalent displacement (no gains:
+    /// feedforward alone).
+    Feedforward {
+        /// Gains, 1 and 1/s.
+        gains: PidGains,
+        /// Notch behind it.
+        notch: Option<Notch>,
+    },
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// A design: everything that is needed to make the integers of the tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ServoDesign {
+    /// `hysteron.servo/1`.
+    pub schema: String,
+    /// Why it is as it is, for a reader.
+    pub explanation: Vec<String>,
+    /// True if a code acts one period after the reading it was computed from.
+    pub delayed: bool,
+    /// Carries the DAC's rounding error on.
+    pub noise_shaping: bool,
+    /// The scheme.
+    pub scheme: Scheme,
+    /// The model that it was made from.
+    pub model: ActuatorModel,
+    /// What the scan weighed: for the trade-off curve (of a predictor).
+    #[serde(default)]
+    pub trade_off: Vec<Assessment>,
+}
+
+/// Name of the file format.
+pub const SCHEMA: &str = "hysteron.servo/1";
+
+impl ServoDesign {
+    /// A scheme for a model.
+    #[must_use]
+    pub fn new(scheme: Scheme, model: &ActuatorModel, delayed: bool) -> Self {
+        Self {
+            schema: SCHEMA.into(),
+            explanation: Vec::new(),
+            delayed,
+            noise_shaping: false,
+            scheme,
+            model: model.clone(),
+            trade_off: Vec::new(),
+        }
+    }
+
+    /// The best predictor for a model: scans the tunings and explains the choice.
+    ///
+    /// Where no tuning keeps all margins the one with the smallest expected error is *not* taken silently: `None`.
+    #[must_use]
+    pub fn best(model: &ActuatorModel, demands: &Demands) -> Option<Self> {
+        let scan = tune(&model.linear, demands);
+        let chosen = scan.first().filter(|a| a.accepted)?;
+        let accepted = scan.iter().filter(|a| a.accepted).count();
+        let mut out = Self::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, model, true);
+        out.noise_shaping = true;
+        let m = &chosen.margins;
+        out.explanation = vec![
+            format!("Of {} tunings {accepted} keep every margin; this one has the smallest expected error.", scan.len()),
+            format!(
+                "Expected at {} Hz: {:.2} nm of sensor noise passed on and {:.2} nm of a {:.0} nm hysteresis model error let through.",
+                demands.reference_hz,
+                1e3 * chosen.noise_um,
+                1e3 * chosen.disturbance_um,
+                1e3 * demands.model_error_um
+            ),
+            format!(
+                "Largest sampled eigenvalue: nominal {:.3}; gain -50 % {:.3}, +50 % {:.3}; one more period of delay {:.3}; twice the mass {:.3}; {} {:.3}. Peak sensitivity {:.2}.",
+                m.nominal,
+                m.gain_half,
+                m.gain_plus_half,
+                m.delay,
+                m.mass_double,
+                if model.linear.second_mode.is_some() { "second mode 10 % lower" } else { "an unknown second mode" },
+                m.second_mode,
+                m.sensitivity_peak
+            ),
+            if model.linear.second_mode.is_some() {
+                "The observer carries the second mode, so the loop need not be slow enough to leave it alone.".into()
+            } else {
+                "The model has no second mode: the margin against an unknown one limits the bandwidth.".into()
+            },
+        ];
+        out.trade_off = pareto(&scan);
+        Some(out)
+    }
+
+    /// Name of the scheme.
+    #[must_use]
+    pub fn scheme_name(&self) -> &'static str {
+        match &self.scheme {
+            Scheme::Predictor { hysteresis_inverse: true, .. } => "predictor",
+            Scheme::Predictor { .. } => "predictor-linear",
+            Scheme::SlidingMode { estimator, reaching, .. } => match (estimator, reaching) {
+                (Estimator::Pidsmo(_), ReachingGains::Pid) => "pidsmoc",
+                (Estimator::AlphaBeta(_), ReachingGains::Pid) => "pidsmc-alpha-beta",
+                (_, ReachingGains::Switching { .. }) => "sliding-mode",
+                (_, ReachingGains::BoundaryLayer { .. }) => "boundary-layer",
+            },
+            Scheme::Pid { .. } => "pid",
+            Scheme::Feedforward { gains, .. } if gains.p == 0.0 && gains.i == 0.0 && gains.d == 0.0 => "feedforward",
+            Scheme::Feedforward { .. } => "feedforward-pi",
+        }
+    }
+
+    /// The integers of the tick.
+    ///
+    /// # Errors
+    /// If a coefficient does not fit its format.
+    pub fn parameters(&self, converters: ConverterParameters) -> Result<ServoParameters, QuantisationError> {
+        let mut converters = converters;
+        converters.noise_shaping = self.noise_shaping;
+        let gain = self.model.mean_gain_um_v();
+        let (actuator, law) = match &self.scheme {
+            Scheme::Predictor { tuning, hysteresis_inverse } => {
+                let law = LawParameters::Predictor(PredictorDesign::new(&self.model.linear, tuning).quantised()?);
+                let actuator = if *hysteresis_inverse { quantise::hysteresis(&self.model)? } else { quantise::linear_actuator(gain)? };
+                (actuator, law)
+            }
+            Scheme::SlidingMode { nominal, estimator, controller, reaching } => {
+                (ActuatorParameters::Direct, SlidingModeLaw::new(nominal, estimator, controller, reaching).quantised()?)
+            }
+            Scheme::Pid { gains, notch } => (ActuatorParameters::Direct, regulator(gains, &[], notch.as_ref(), Unit::Volt)?),
+            Scheme::Feedforward { gains, notch } => {
+                let ahead = if self.delayed { 1.0 } else { 0.0 };
+                let sampled = self.model.linear.sampled(SAMPLING_PERIOD_S);
+                let feedforward = window_fit::fit(SAMPLING_PERIOD_S, |w| {
+                    Complex::from_polar(1.0, ahead * w * SAMPLING_PERIOD_S) / frequency_response(&sampled, w)
+                });
+                (quantise::hysteresis(&self.model)?, regulator(gains, &feedforward, notch.as_ref(), Unit::Micrometre)?)
+            }
+        };
+        Ok(ServoParameters { converters, actuator, law, delayed: self.delayed })
+    }
+}
+
+/// The accepted assessments that no other one beats in both noise and disturbance, by rising noise.
+fn pareto(scan: &[Assessment]) -> Vec<Assessment> {
+    let mut accepted: Vec<Assessment> = scan.iter().filter(|a| a.accepted).copied().collect();
+    accepted.sort_by(|a, b| a.noise_um.total_cmp(&b.noise_um));
+    let mut best = f64::INFINITY;
+    accepted.retain(|a| {
+        let better = a.disturbance_um < best;
+        best = best.min(a.disturbance_um);
+        better
+    });
+    accepted
+}
+
+/// The schemes of the thesis with its own gains, by name, as the thesis ran them: without delay.
+#[must_use]
+pub fn thesis_scheme(name: &str) -> Option<Scheme> {
+    let nominal = NominalModel::THESIS;
+    let filter_6 = Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_6);
+    let sliding = |estimator, controller, reaching| Scheme::SlidingMode { nominal, estimator, controller, reaching };
+    Some(match name {
+        "pidsmoc" => sliding(Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC), ControllerGains::THESIS_PIDSMOC, ReachingGains::Pid),
+        "pidsmc-alpha-beta" => {
+            sliding(Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_7), ControllerGains::THESIS_CHAPTER_7, ReachingGains::Pid)
+        }
+        "pidsm-chapter-6" => sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::Pid),
+        "sliding-mode" => sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::Switching { eta_v: 7.0 }),
+        "boundary-layer" => {
+            sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::BoundaryLayer { eta_v: 122.0, delta_um_s: 60_000.0 })
+        }
+        "pid" => Scheme::Pid { gains: PidGains { p: 4.0, i: 55_100.0, d: 1e-8 }, notch: None },
+        _ => return None,
+    })
+}

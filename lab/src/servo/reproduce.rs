@@ -1,0 +1,508 @@
+//! Chapters 6 and 7 of the thesis on the reference bench: every scheme with the integers that run on the target.
+//!
+//! # How it works
+//! Each variant of the bench (plain, full, full with load) is commissioned once: its model is identified from records, and the best predictor
+//! is designed from that model. The schemes of the thesis run with the thesis' gains and, as there, without computational delay. Every run
+//! is a conditioning cycle, zeroing of the sensor, and the reference of the thesis with the bench's offset. Errors are of what the
+//! sensor reads, noise removed, after the first part of the run; the note gives the true ones.
+
+use super::design::{Scheme, ServoDesign, thesis_scheme};
+use super::identify::{Identified, on_bench};
+use super::model::{ActuatorModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
+use super::predictor::{Demands, PredictorDesign, PredictorTuning};
+use super::quantise::QuantisationError;
+use super::thesis_schemes::{Estimator, ObserverGains, estimator_rows};
+use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
+use hysteron_core::predictor_law::PredictorLaw;
+use hysteron_core::reference_window::ReferenceWindow;
+use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
+use hysteron_core::servo_tick::ServoTick;
+use hysteron_core::signal::Micrometres;
+use hysteron_sim::bench::{Bench, Completeness, Start, Variant};
+use hysteron_sim::closed_loop::{ErrorFigures, Experiment, Trace, converter_parameters};
+use hysteron_sim::effect::vibration::Mode;
+use hysteron_sim::waveform;
+use rand::SeedableRng;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// One figure.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Identifier, as in the goals.
+    pub id: String,
+    /// Our figure.
+    pub ours: f64,
+    /// Unit.
+    pub unit: String,
+    /// Condition, and what else is worth knowing.
+    pub note: String,
+}
+
+impl Row {
+    fn um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Self {
+        Self { id: id.into(), ours, unit: "um".into(), note: note.into() }
+    }
+}
+
+/// Steps of the plant in a period.
+pub const SUBSTEPS: usize = 10;
+/// Frequencies of Ch. 7, Table I, Hz.
+const FREQUENCIES_HZ: [f64; 6] = [1.0, 5.0, 10.0, 50.0, 100.0, 150.0];
+
+/// The loaded full bench.
+const LOADED: Variant = Variant { completeness: Completeness::Full, loaded: true };
+/// The loaded plain bench, on which the thesis' schemes run.
+const LOADED_PLAIN: Variant = Variant { completeness: Completeness::Plain, loaded: true };
+
+/// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), long enough to settle and then for two periods or a second.
+#[must_use]
+pub fn sine_reference_um(bench: &Bench, frequency_hz: f64, amplitude_um: f64) -> (Vec<f64>, usize) {
+    let fs = bench.converters.sample_rate_hz;
+    let settle_s = 0.5;
+    let duration_s = settle_s + (2.0 / frequency_hz).max(1.0);
+    let reference = waveform::sine(fs, frequency_hz, amplitude_um, bench.reference_offset_um, -FRAC_PI_2, duration_s);
+    (reference, waveform::samples_in(fs, settle_s))
+}
+
+/// The quasi-step of Ch. 6, Eq. (44), 8 s long.
+#[must_use]
+pub fn quasi_step_um(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
+    (0..waveform::samples_in(sample_rate_hz, duration_s))
+        .map(|k| {
+            let s = ((k as f64 / sample_rate_hz - 0.1) / 0.05).clamp(0.0, 1.0);
+            5.0 * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s)
+        })
+        .collect()
+}
+
+/// Runs a design on a variant of the bench.
+///
+/// # Errors
+/// If the design does not fit the tick's formats.
+pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: &[f64], seed: u64) -> Result<Trace, QuantisationError> {
+    let parameters = design.parameters(converter_parameters(bench, 0.0))?;
+    let mut experiment = Experiment::new(bench, variant, seed);
+    experiment.substeps = SUBSTEPS;
+    Ok(experiment.follow(&parameters, reference_um))
+}
+
+/// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data sheet.
+fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
+    let model = ActuatorModel {
+        drive_min_v: bench.drive_min_v,
+        drive_max_v: bench.drive_max_v,
+        g_um: vec![vec![0.0, -10.0], vec![10.0, 0.0]],
+        r_um: vec![0.0],
+        linear: super::model::LinearModel {
+            first_mode: ModeModel {
+                natural_frequency_rad_s: NominalModel::THESIS.natural_frequency_rad_s,
+                damping_ratio: NominalModel::THESIS.damping_ratio,
+            },
+            second_mode: None,
+            amplifier_bandwidth_hz: None,
+            sensor_bandwidth_hz: None,
+        },
+    };
+    ServoDesign::new(scheme, &model, false)
+}
+
+fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
+    let (sensor, truth) = (trace.sensor_error(from), trace.true_error(from));
+    let c = &trace.counters;
+    let mut note = format!("{condition}; max {:.4} um; true displacement {:.4} um RMS", sensor.max_um, truth.rms_um);
+    if c.limited_ticks + c.saturated_values > 0 {
+        note += &format!("; drive at a limit in {} ticks, {} saturated values", c.limited_ticks, c.saturated_values);
+    }
+    note
+}
+
+fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
+    let (reference, from) = sine_reference_um(bench, hz, amplitude_um);
+    match run(bench, variant, design, &reference, 7) {
+        Ok(trace) => Row::um(id, trace.sensor_error(from).rms_um, note_of(&trace, from, condition)),
+        Err(e) => Row::um(id, f64::NAN, e.to_string()),
+    }
+}
+
+/// Mean error over the last half second, um.
+fn steady_um(trace: &Trace) -> f64 {
+    let n = trace.sensor_um.len();
+    let from = n.saturating_sub(10_000);
+    let count = (n - from).max(1) as f64;
+    trace.sensor_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).sum::<f64>() / count
+}
+
+/// Time after the end of the quasi-step from which the error stays within a band, s.
+#[must_use]
+pub fn settling_s(trace: &Trace, band_um: f64, sample_rate_hz: f64) -> f64 {
+    let end = (0.15 * sample_rate_hz) as usize;
+    let last = trace.sensor_um.iter().zip(&trace.reference_um).rposition(|(y, r)| (y - r).abs() > band_um);
+    last.map_or(0.0, |k| (k + 1).saturating_sub(end) as f64 / sample_rate_hz)
+}
+
+/// Chapter 6: PIDSM, PID, ideal sliding mode and boundary layer.
+#[must_use]
+pub fn chapter_6(bench: &Bench) -> Vec<Row> {
+    let design = |name: &str| thesis_scheme(name).map(|s| without_model(bench, s));
+    let mut jobs: Vec<(String, ServoDesign, Option<f64>)> = Vec::new();
+    for hz in [10.0, 50.0, 100.0, 150.0] {
+        for (name, id) in [("pidsm-chapter-6", "pidsm_ab"), ("pid", "pid")] {
+            if let Some(d) = design(name) {
+                jobs.push((format!("ch6.{id}.{hz}hz.rms"), d, Some(hz)));
+            }
+        }
+    }
+    for (name, id) in [("sliding-mode", "sm_ab"), ("boundary-layer", "smcbl_ab")] {
+        if let Some(d) = design(name) {
+            jobs.push((format!("ch6.{id}.10hz.rms"), d, Some(10.0)));
+        }
+    }
+    for (name, id) in [("pidsm-chapter-6", "pidsm_ab"), ("pid", "pid"), ("sliding-mode", "sm_ab"), ("boundary-layer", "smcbl")] {
+        if let Some(d) = design(name) {
+            jobs.push((format!("ch6.{id}"), d, None));
+        }
+    }
+    jobs.par_iter()
+        .flat_map_iter(|(id, design, hz)| match hz {
+            Some(hz) => vec![tracking(bench, Variant::PLAIN, design, id, *hz, 5.0, &format!("{hz} Hz, plain bench, thesis gains, no delay"))],
+            None => quasi_step_rows(bench, Variant::PLAIN, design, id, "plain bench, thesis gains, no delay"),
+        })
+        .collect()
+}
+
+fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, condition: &str) -> Vec<Row> {
+    let fs = bench.converters.sample_rate_hz;
+    let reference = quasi_step_um(fs, 8.0);
+    match run(bench, variant, design, &reference, 7) {
+        Ok(trace) => {
+            let tail = trace.sensor_um.len().saturating_sub(10_000);
+            // Chattering: what the drive jumps from tick to tick while nothing moves.
+            let jumps: Vec<f64> = trace.drive_v[tail..].windows(2).map(|w| w[1] - w[0]).collect();
+            let chatter_v = (jumps.iter().map(|j| j * j).sum::<f64>() / jumps.len().max(1) as f64).sqrt();
+            let settle = settling_s(&trace, 0.01, fs);
+            vec![
+                Row::um(format!("{id}.step.rms"), trace.sensor_error(0).rms_um, note_of(&trace, 0, &format!("quasi-step, 8 s, {condition}"))),
+                Row::um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}")),
+                Row {
+                    id: format!("{id}.step.chatter"),
+                    ours: chatter_v,
+                    unit: "V".into(),
+                    note: "RMS change of the drive from tick to tick at rest".into(),
+                },
+                Row { id: format!("{id}.step.settling"), ours: 1e3 * settle, unit: "ms".into(), note: "to 10 nm after the end of the step; 7850 if never".into() },
+            ]
+        }
+        Err(e) => vec![Row::um(format!("{id}.step.rms"), f64::NAN, e.to_string())],
+    }
+}
+
+/// A commissioned variant of the bench.
+#[derive(Clone, Debug)]
+pub struct Commissioned {
+    /// What was identified.
+    pub identified: Identified,
+    /// The best design for it.
+    pub design: ServoDesign,
+}
+
+/// Identifies a variant of the bench and designs the best predictor for it.
+#[must_use]
+pub fn commission(bench: &Bench, variant: Variant) -> Option<Commissioned> {
+    let identified = on_bench(bench, variant, 23)?;
+    let design = ServoDesign::best(&identified.model, &Demands::default())?;
+    Some(Commissioned { identified, design })
+}
+
+/// Chapter 7: PIDSMOC against PIDSMC + alpha-beta, the best design, the observer, robustness.
+#[must_use]
+pub fn chapter_7(bench: &Bench) -> Vec<Row> {
+    let commissioned: Vec<Option<Commissioned>> =
+        [Variant::PLAIN, Variant::FULL, LOADED].into_par_iter().map(|v| commission(bench, v)).collect();
+    let mut twelve_bits = bench.clone();
+    twelve_bits.converters.dac_bits = 12;
+    let mut jobs: Vec<(String, &Bench, Variant, ServoDesign, f64, f64, String)> = Vec::new();
+    for hz in FREQUENCIES_HZ {
+        for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab")] {
+            for (variant, load) in [(Variant::PLAIN, "none"), (LOADED_PLAIN, "load")] {
+                if let Some(scheme) = thesis_scheme(name) {
+                    let condition = format!("{hz} Hz, {load}, plain bench, thesis gains, no delay");
+                    jobs.push((format!("ch7.{id}.{hz}hz.{load}.rms"), bench, variant, without_model(bench, scheme), hz, 5.0, condition));
+                }
+            }
+        }
+    }
+    for (index, variant, load, bench_name) in
+        [(0, Variant::PLAIN, "none", "plain"), (1, Variant::FULL, "none", "full"), (2, LOADED, "load", "full")]
+    {
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        for hz in FREQUENCIES_HZ {
+            let condition = format!("{hz} Hz, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
+            jobs.push((format!("ch7.best.{hz}hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), hz, 5.0, condition));
+            let condition = format!("{hz} Hz, {load}, {bench_name} bench, one period of delay, 12-bit DAC");
+            jobs.push((format!("ch7.best.{hz}hz.{load}.{bench_name}.dac12.rms"), &twelve_bits, variant, c.design.clone(), hz, 5.0, condition));
+        }
+        let condition = format!("300 Hz, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
+        jobs.push((format!("ch7.best.300hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), 300.0, 5.0, condition));
+        let condition = format!("500 Hz 4 um, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
+        jobs.push((format!("ch7.best.500hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), 500.0, 4.0, condition));
+        if index == 1 {
+            // The design for the bare actuator with the mass attached, unchanged.
+            for hz in [1.0, 50.0, 150.0] {
+                let condition = format!("{hz} Hz, load attached without a new design, full bench");
+                jobs.push((format!("ch7.best.{hz}hz.load_not_redesigned.full.rms"), bench, LOADED, c.design.clone(), hz, 5.0, condition));
+            }
+        }
+    }
+    let mut rows: Vec<Row> = jobs
+        .par_iter()
+        .map(|(id, bench, variant, design, hz, amplitude, condition)| tracking(bench, *variant, design, id, *hz, *amplitude, condition))
+        .collect();
+    for (index, variant, name) in [(0, Variant::PLAIN, "plain"), (1, Variant::FULL, "full"), (2, LOADED, "full, loaded")] {
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        let id = format!("ch7.best.{}", ["plain", "full", "loaded"][index]);
+        rows.extend(quasi_step_rows(bench, variant, &c.design, &id, &format!("{name} bench, best design, one period of delay")));
+        rows.push(Row::um(
+            format!("{id}.identified.rms"),
+            c.identified.rms_um,
+            format!("residual of the identified model over the commissioning record: {:?}", c.identified.steps),
+        ));
+    }
+    for (index, variant, id) in [(1, Variant::FULL, "noload"), (2, LOADED, "load")] {
+        if let Some(c) = commissioned.get(index).and_then(Option::as_ref) {
+            rows.extend(observer_rows(bench, variant, c, id));
+        }
+    }
+    rows.extend(robustness_rows());
+    rows
+}
+
+/// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one misses it).
+#[must_use]
+pub fn equation_35_v(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
+    let sines = |t: f64| {
+        let s = t - 0.03;
+        75.0 / 7.0 * (TAU * 10.0 * s + 2.0 * FRAC_PI_2).sin()
+            + 125.0 / 14.0 * (TAU * 40.0 * s + FRAC_PI_2).sin()
+            + 25.0 / 7.0 * (TAU * 100.0 * s + 0.2 * 2.0 * FRAC_PI_2).sin()
+            + 15.0 / 14.0 * (TAU * 200.0 * s).sin()
+            + 25.0
+    };
+    (0..waveform::samples_in(sample_rate_hz, duration_s))
+        .map(|k| {
+            let t = k as f64 / sample_rate_hz;
+            if t <= 0.02 {
+                0.0
+            } else if t <= 0.03 {
+                let s = (t - 0.02) / 0.01;
+                sines(0.03) * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s)
+            } else {
+                sines(t)
+            }
+        })
+        .collect()
+}
+
+/// Observer accuracy on Eq. (35): the design's own observer, and the PIDSMO with the thesis' gains.
+fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) -> Vec<Row> {
+    let fs = bench.converters.sample_rate_hz;
+    let drive = equation_35_v(fs, 0.5);
+    let record = bench.record(variant, Start::Conditioned, &drive, 31);
+    let to_um = |raw: i32| f64::from(raw) / 2.0_f64.powi(24);
+    let mut rows = Vec::new();
+    let converters = converter_parameters(bench, 0.0);
+    if let Ok(parameters) = c.design.parameters(converters)
+        && let (LawParameters::Predictor(law), ActuatorParameters::OneSidedHysteresis { surfaces, .. }) = (&parameters.law, &parameters.actuator)
+    {
+        let mut hysteresis = OneSidedHysteresis::virgin(*surfaces);
+        let share = |u: f64| (((u - bench.drive_min_v) / (bench.drive_max_v - bench.drive_min_v)) * 2.0_f64.powi(30)).round() as i32;
+        for u in bench.conditioning_drive_v() {
+            hysteresis.apply(share(bench.drive_after_converter_v(u)));
+        }
+        let window = ReferenceWindow::at_rest(0);
+        let mut observer = PredictorLaw::take_over(hysteresis.output(), 0);
+        let mut estimate = Vec::with_capacity(drive.len());
+        let mut overflow = 0;
+        for (u, y) in record.drive_v.iter().zip(&record.reading_um) {
+            let reading = Micrometres::saturating_from_num(*y).to_bits();
+            let applied = hysteresis.apply(share(*u));
+            // With the reference at zero the states are the actuator's own.
+            let _ = observer.output(law, reading, applied, &window, &mut overflow);
+            estimate.push(to_um(reading.saturating_sub(observer.innovation())));
+        }
+        let figures = ErrorFigures::between(&estimate, &record.noise_free_um, 400);
+        let noise = ErrorFigures::between(&record.reading_um, &record.noise_free_um, 400);
+        rows.push(Row::um(
+            format!("ch7.observer.{id}.rms"),
+            figures.rms_um,
+            format!(
+                "prediction of the reading one period ahead by the design's observer against the noise-free sensor, Eq. (35) drive, full bench; max {:.4} um; the reading itself is noisy by {:.4} um",
+                figures.max_um, noise.rms_um
+            ),
+        ));
+    }
+    let (states, _) = estimator_rows(&NominalModel::THESIS, &Estimator::Pidsmo(ObserverGains::THESIS_ESTIMATION));
+    let mut x = [0.0; 3];
+    let mut last = 0.0;
+    let mut estimate = Vec::new();
+    for (k, y) in record.reading_um.iter().enumerate() {
+        let u = if k == 0 { 0.0 } else { record.drive_v[k - 1] };
+        let signals = [x[0], x[1], x[2], last, *y, u];
+        x = states.map(|row| row.iter().zip(&signals).map(|(c, s)| c * s).sum());
+        last = *y;
+        estimate.push(x[0]);
+    }
+    let figures = ErrorFigures::between(&estimate, &record.noise_free_um, 400);
+    rows.push(Row::um(format!("ch7.observer.thesis.{id}.rms"), figures.rms_um, "PIDSMO with the thesis' gains (10, 20000, 6e-6), same record"));
+    rows
+}
+
+/// The linear plant of Fig. 12 under a servo: parameters +50 %, unknown input `10 sin(150 t + 1) + 10` V, sensor noise 0.05 um.
+fn robust_run(design: &ServoDesign, factor: f64, unknown: bool, noise_um: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+    let nominal = NominalModel::THESIS;
+    let fs = 1.0 / SAMPLING_PERIOD_S;
+    // The simulation of the thesis has no limits: converters over -200..+200 V and +-64 um, as fine as the codes allow.
+    let (adc_step_um, dac_step_v) = (128.0 / 65_536.0, 400.0 / 65_536.0);
+    let converters = hysteron_core::servo_parameters::ConverterParameters {
+        adc_zero: (-64.0 * 2.0_f64.powi(24)) as i32,
+        adc_step: (adc_step_um * 2.0_f64.powi(40)) as i64,
+        dac_zero: (-200.0 * 2.0_f64.powi(22)) as i32,
+        dac_step: (dac_step_v * 2.0_f64.powi(38)) as i64,
+        dac_codes_per_volt: (2.0_f64.powi(24) / dac_step_v).round() as i64,
+        dac_code_min: 0,
+        dac_code_max: u16::MAX,
+        noise_shaping: design.noise_shaping,
+    };
+    let parameters = design.parameters(converters).ok()?;
+    let mut servo = ServoTick::new(parameters);
+    let rest = (200.0 / dac_step_v).round() as u16;
+    servo.open_loop(rest);
+    servo.enable();
+    let substeps = 10;
+    let mut mode =
+        Mode::new(nominal.natural_frequency_rad_s * factor, nominal.damping_ratio * factor, SAMPLING_PERIOD_S / f64::from(substeps));
+    let mut generator = rand_pcg::Pcg64Mcg::seed_from_u64(3);
+    let reference = waveform::sine(fs, 100.0, 5.0, 5.0, 0.0, 1.0);
+    let mut y = 0.0;
+    let mut acting = 0.0;
+    let mut out = Vec::with_capacity(reference.len());
+    for k in 0..reference.len() {
+        out.push(y);
+        let noisy = y + noise_um * gaussian(&mut generator);
+        let adc = ((noisy + 64.0) / adc_step_um).round().clamp(0.0, 65_535.0) as u16;
+        let ahead = reference.get(k + hysteron_core::reference_window::PREVIEW_TICKS).or(reference.last()).copied()?;
+        let code = servo.tick(adc, Micrometres::saturating_from_num(ahead));
+        for i in 0..substeps {
+            let t = (k as f64 + f64::from(i) / f64::from(substeps)) * SAMPLING_PERIOD_S;
+            let epsilon = if unknown { 10.0 * (150.0 * t + 1.0).sin() + 10.0 } else { 0.0 };
+            y = mode.step(nominal.gain_um_v * factor * (acting + epsilon));
+        }
+        acting = f64::from(code) * dac_step_v - 200.0;
+    }
+    Some((out, reference))
+}
+
+fn gaussian(generator: &mut rand_pcg::Pcg64Mcg) -> f64 {
+    use rand::Rng;
+    // Sum of twelve uniform numbers: unit variance, and nothing beyond six.
+    (0..12).map(|_| generator.random::<f64>()).sum::<f64>() - 6.0
+}
+
+/// A predictor for the nominal model with a tuning, hysteresis left to the unknown input.
+fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
+    let nominal = NominalModel::THESIS;
+    let mut model = ActuatorModel {
+        drive_min_v: 0.0,
+        drive_max_v: 80.0,
+        g_um: vec![vec![0.0, -80.0 * nominal.gain_um_v], vec![80.0 * nominal.gain_um_v, 0.0]],
+        r_um: vec![0.0],
+        linear: super::model::LinearModel {
+            first_mode: ModeModel { natural_frequency_rad_s: nominal.natural_frequency_rad_s, damping_ratio: nominal.damping_ratio },
+            second_mode: None,
+            amplifier_bandwidth_hz: None,
+            sensor_bandwidth_hz: None,
+        },
+    };
+    model.drive_min_v = 0.0;
+    ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: false }, &model, true)
+}
+
+/// Fig. 12: the design made for it, what it does there and what it costs when nothing is wrong.
+fn robustness_rows() -> Vec<Row> {
+    let mut candidates = Vec::new();
+    for effort_weight in [0.1, 0.3, 1.0, 3.0, 10.0, 30.0] {
+        for unknown_change_um in [0.003, 0.01, 0.03, 0.1, 0.3] {
+            for slope in [0.0, 0.02] {
+                candidates.push(PredictorTuning {
+                    effort_weight,
+                    unknown_change_um,
+                    unknown_slope_change_um: slope * unknown_change_um,
+                    force_noise_um: 0.01,
+                    sensor_noise_um: 0.05,
+                });
+            }
+        }
+    }
+    let from = 4000;
+    let figures = |design: &ServoDesign, factor: f64, unknown: bool, noise: f64| {
+        robust_run(design, factor, unknown, noise).map(|(y, r)| ErrorFigures::between(&y, &r, from))
+    };
+    let best = candidates
+        .par_iter()
+        .filter_map(|tuning| {
+            let design = nominal_predictor(*tuning);
+            let wrong = figures(&design, 1.5, true, 0.05)?;
+            wrong.max_um.is_finite().then_some((wrong.max_um, *tuning))
+        })
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((max_um, tuning)) = best else { return Vec::new() };
+    let design = nominal_predictor(tuning);
+    let radius = {
+        let linear = design.model.linear;
+        let law = PredictorDesign::new(&linear, &tuning);
+        let wrong = super::model::LinearModel {
+            first_mode: ModeModel {
+                natural_frequency_rad_s: 1.5 * linear.first_mode.natural_frequency_rad_s,
+                damping_ratio: 1.5 * linear.first_mode.damping_ratio,
+            },
+            ..linear
+        };
+        law.spectral_radius(&wrong.sampled(SAMPLING_PERIOD_S), 1.5, 0)
+    };
+    // Of the 10 um that the reference spans.
+    let mut rows = vec![Row {
+        id: "ch7.robust.pct".into(),
+        ours: 100.0 * max_um / 10.0,
+        unit: "%".into(),
+        note: format!(
+            "largest error of 10 um, 100 Hz, xi, wn and K +50 %, unknown input 10 sin(150 t + 1) + 10 V, 0.05 um noise, one period of delay; largest sampled eigenvalue there {radius:.3}; tuning {tuning:?}"
+        ),
+    }];
+    if let Some(nominal) = figures(&design, 1.0, true, 0.05) {
+        rows.push(Row::um("ch7.robust.nominal.rms", nominal.rms_um, "the same design, noise and unknown input on the nominal plant"));
+    }
+    if let Some(nominal) = figures(&design, 1.0, true, 0.001) {
+        rows.push(Row::um("ch7.robust.nominal_quiet.rms", nominal.rms_um, "the same design with 1 nm noise on the nominal plant"));
+    }
+    let quick = nominal_predictor(PredictorTuning { effort_weight: 0.1, unknown_change_um: 0.002, ..PredictorTuning::START });
+    if let Some(nominal) = figures(&quick, 1.0, true, 0.001) {
+        rows.push(Row::um("ch7.robust.fast_nominal_quiet.rms", nominal.rms_um, "for comparison: a design for 1 nm noise, nominal plant, same unknown input"));
+    }
+    if let Some(scheme) = thesis_scheme("pidsmoc") {
+        let mut thesis = nominal_predictor(tuning);
+        thesis.scheme = scheme;
+        thesis.delayed = false;
+        for (factor, id) in [(1.0, "nominal"), (1.5, "plus50")] {
+            if let Some(f) = figures(&thesis, factor, true, 0.05) {
+                rows.push(Row {
+                    id: format!("ch7.robust.thesis_pidsmoc.{id}.pct"),
+                    ours: 100.0 * f.max_um / 10.0,
+                    unit: "%".into(),
+                    note: "thesis gains, no delay, sampled at 20 kHz".into(),
+                });
+            }
+        }
+    }
+    rows
+}
