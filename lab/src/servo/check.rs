@@ -172,7 +172,8 @@ pub fn sliding_mode(model: &NominalModel, estimator: &Estimator, gains: &Control
         }
         Estimator::AlphaBeta(f) => (Vec::new(), Vec::new(), alpha_beta_loop_poles(model, gains, f, super::model::SAMPLING_PERIOD_S), None),
     };
-    let satisfied = controller.iter().chain(&observer).chain(&reachability).chain(&closed_loop).all(|z| z.re < 0.0) && m_o.is_none_or(|m| m > 0.0);
+    let satisfied =
+        controller.iter().chain(&observer).chain(&reachability).chain(&closed_loop).all(|z| z.re < 0.0) && m_o.is_none_or(|m| m > 0.0);
     SlidingModeCheck {
         stable: eigenvalues.iter().all(|z| z.norm() < 1.0),
         sampled_poles: pairs(&eigenvalues),
@@ -205,11 +206,7 @@ mod tests {
         let poles = alpha_beta_loop_poles(&MODEL, &ControllerGains::THESIS_SLIDING, &AlphaBeta::THESIS_CHAPTER_6, 5e-5);
         close(&poles, &[(-7606.45, 0.0), (-1919.21, 5237.84), (-1919.21, -5237.84), (-1413.45, 0.0), (-15.02, 0.0)], 0.006);
         let poles = alpha_beta_loop_poles(&MODEL, &ControllerGains::THESIS_CHAPTER_6, &AlphaBeta::THESIS_CHAPTER_6, 5e-5);
-        close(
-            &poles,
-            &[(-7779.32, 0.0), (-1435.37, 5296.74), (-1435.37, -5296.74), (-1111.65, 1529.75), (-1111.65, -1529.75)],
-            0.006,
-        );
+        close(&poles, &[(-7779.32, 0.0), (-1435.37, 5296.74), (-1435.37, -5296.74), (-1111.65, 1529.75), (-1111.65, -1529.75)], 0.006);
     }
 
     #[test]
@@ -231,15 +228,16 @@ mod tests {
         assert!((peak - 1.86).abs() < 0.006, "{peak}");
         assert!((response(&loop_gains, 1187.0) - std::f64::consts::FRAC_1_SQRT_2).abs() < 2e-3);
         for (hz, nm) in [(1.0, 0.41), (10.0, 3.95), (50.0, 12.3), (100.0, 17.5), (150.0, 22.8), (300.0, 42.3)] {
-            let found = 1e3
-                * unknown_input_response(&MODEL, &loop_gains, &ControllerGains::THESIS_PIDSMOC, std::f64::consts::TAU * hz).norm();
+            let found =
+                1e3 * unknown_input_response(&MODEL, &loop_gains, &ControllerGains::THESIS_PIDSMOC, std::f64::consts::TAU * hz).norm();
             assert!((found - nm).abs() < 0.006 * nm.max(1.0), "{hz} Hz: {found} {nm}");
         }
     }
 
     #[test]
     fn the_thesis_gains_are_unstable_with_a_period_of_delay() {
-        let check = |delayed| sliding_mode(&MODEL, &Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC), &ControllerGains::THESIS_PIDSMOC, delayed);
+        let check =
+            |delayed| sliding_mode(&MODEL, &Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC), &ControllerGains::THESIS_PIDSMOC, delayed);
         assert!(check(false).stable);
         assert!(!check(true).stable);
         assert!(check(true).continuous.satisfied);

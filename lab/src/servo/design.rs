@@ -3,7 +3,9 @@
 use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
 use super::quantise::{self, QuantisationError, Unit};
-use super::thesis_schemes::{AlphaBeta, ControllerGains, Estimator, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator};
+use super::thesis_schemes::{
+    AlphaBeta, ControllerGains, Estimator, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator,
+};
 use super::window_fit;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
 use nalgebra::Complex;

@@ -29,7 +29,14 @@ fn inverse_v(hysteresis: &OneSidedHysteresis, target_um: f64, low_v: f64, high_v
 }
 
 /// What the sensor reads, noise removed, when the f64 law follows a reference.
-fn follow_float(bench: &Bench, variant: Variant, design: &ServoDesign, tuning_law: &PredictorDesign, reference_um: &[f64], seed: u64) -> Vec<f64> {
+fn follow_float(
+    bench: &Bench,
+    variant: Variant,
+    design: &ServoDesign,
+    tuning_law: &PredictorDesign,
+    reference_um: &[f64],
+    seed: u64,
+) -> Vec<f64> {
     let model = &design.model;
     let range_v = model.drive_max_v - model.drive_min_v;
     let mut hysteresis = OneSidedHysteresis::virgin(model.surfaces(), model.drive_min_v, range_v);

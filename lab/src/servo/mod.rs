@@ -8,6 +8,8 @@
 //! * [`identify`]: the experiment from which a design gets its model;
 //! * [`design`]: a design as a file, and the choice of the best one;
 //! * [`reproduce`]: Chapters 6 and 7 on the bench;
+//! * [`track`]: a design at work on an identified model;
+//! * [`float_twin`]: the predictor in f64, an oracle for its integers;
 //! * [`check`]: sampled eigenvalues and the thesis' continuous conditions.
 
 pub mod check;
@@ -19,4 +21,5 @@ pub mod predictor;
 pub mod quantise;
 pub mod reproduce;
 pub mod thesis_schemes;
+pub mod track;
 pub mod window_fit;

@@ -96,15 +96,18 @@ impl LinearModel {
     #[must_use]
     pub fn with_mass_ratio(&self, mass_ratio: f64) -> Self {
         let factor = mass_ratio.powf(-0.5);
-        let scale =
-            |m: ModeModel| ModeModel { natural_frequency_rad_s: m.natural_frequency_rad_s * factor, damping_ratio: m.damping_ratio * factor };
+        let scale = |m: ModeModel| ModeModel {
+            natural_frequency_rad_s: m.natural_frequency_rad_s * factor,
+            damping_ratio: m.damping_ratio * factor,
+        };
         Self { first_mode: scale(self.first_mode), second_mode: self.second_mode.map(|(share, m)| (share, scale(m))), ..*self }
     }
 
     /// Continuous-time system; states: first mode and its velocity over `wn`, second mode likewise, amplifier, sensor (those that exist).
     #[must_use]
     pub fn continuous(&self) -> ContinuousSystem {
-        let n = 2 + 2 * usize::from(self.second_mode.is_some())
+        let n = 2
+            + 2 * usize::from(self.second_mode.is_some())
             + usize::from(self.amplifier_bandwidth_hz.is_some())
             + usize::from(self.sensor_bandwidth_hz.is_some());
         let mut a = DMatrix::zeros(n, n);

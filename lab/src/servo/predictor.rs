@@ -139,9 +139,8 @@ impl PredictorDesign {
         let mut k = DVector::zeros(STATES);
         k.view_mut((0, 0), (n, 1)).copy_from(&quadratic_regulator(&model, tuning.effort_weight));
         k[unknown] = 1.0;
-        let feedforward = window_fit::fit(SAMPLING_PERIOD_S, |w| {
-            Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(&model, w)
-        });
+        let feedforward =
+            window_fit::fit(SAMPLING_PERIOD_S, |w| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(&model, w));
         Self { a, b, c, l, k, feedforward }
     }
 
@@ -212,8 +211,7 @@ impl PredictorDesign {
         from_input.view_mut((0, 0), (n, 1)).copy_from(&plant.b);
         let mut from_noise = DVector::zeros(size);
         from_noise.view_mut((n, 0), (STATES, 1)).copy_from(&self.l);
-        let response =
-            |b: DVector<f64>| frequency_response(&SampledModel { a: closed.clone(), b, c: c.clone() }, omega_rad_s);
+        let response = |b: DVector<f64>| frequency_response(&SampledModel { a: closed.clone(), b, c: c.clone() }, omega_rad_s);
         (response(from_input), response(from_noise))
     }
 }

@@ -12,6 +12,7 @@ use super::model::{ActuatorModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Demands, PredictorDesign, PredictorTuning};
 use super::quantise::QuantisationError;
 use super::thesis_schemes::{Estimator, ObserverGains, estimator_rows};
+use crate::reproduce::Row;
 use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
 use hysteron_core::predictor_law::PredictorLaw;
 use hysteron_core::reference_window::ReferenceWindow;
@@ -24,26 +25,12 @@ use hysteron_sim::effect::vibration::Mode;
 use hysteron_sim::waveform;
 use rand::SeedableRng;
 use rayon::prelude::*;
-use serde::Serialize;
+
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// One figure.
-#[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    /// Identifier, as in the goals.
-    pub id: String,
-    /// Our figure.
-    pub ours: f64,
-    /// Unit.
-    pub unit: String,
-    /// Condition, and what else is worth knowing.
-    pub note: String,
-}
-
-impl Row {
-    fn um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Self {
-        Self { id: id.into(), ours, unit: "um".into(), note: note.into() }
-    }
+/// A figure in micrometres.
+fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Row {
+    Row::new(id, ours, "um", note)
 }
 
 /// Steps of the plant in a period.
@@ -121,8 +108,8 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
 fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
     let (reference, from) = sine_reference_um(bench, hz, amplitude_um);
     match run(bench, variant, design, &reference, 7) {
-        Ok(trace) => Row::um(id, trace.sensor_error(from).rms_um, note_of(&trace, from, condition)),
-        Err(e) => Row::um(id, f64::NAN, e.to_string()),
+        Ok(trace) => row_um(id, trace.sensor_error(from).rms_um, note_of(&trace, from, condition)),
+        Err(e) => row_um(id, f64::NAN, e.to_string()),
     }
 }
 
@@ -166,7 +153,9 @@ pub fn chapter_6(bench: &Bench) -> Vec<Row> {
     }
     jobs.par_iter()
         .flat_map_iter(|(id, design, hz)| match hz {
-            Some(hz) => vec![tracking(bench, Variant::PLAIN, design, id, *hz, 5.0, &format!("{hz} Hz, plain bench, thesis gains, no delay"))],
+            Some(hz) => {
+                vec![tracking(bench, Variant::PLAIN, design, id, *hz, 5.0, &format!("{hz} Hz, plain bench, thesis gains, no delay"))]
+            }
             None => quasi_step_rows(bench, Variant::PLAIN, design, id, "plain bench, thesis gains, no delay"),
         })
         .collect()
@@ -183,18 +172,27 @@ fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id: &s
             let chatter_v = (jumps.iter().map(|j| j * j).sum::<f64>() / jumps.len().max(1) as f64).sqrt();
             let settle = settling_s(&trace, 0.01, fs);
             vec![
-                Row::um(format!("{id}.step.rms"), trace.sensor_error(0).rms_um, note_of(&trace, 0, &format!("quasi-step, 8 s, {condition}"))),
-                Row::um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}")),
+                row_um(
+                    format!("{id}.step.rms"),
+                    trace.sensor_error(0).rms_um,
+                    note_of(&trace, 0, &format!("quasi-step, 8 s, {condition}")),
+                ),
+                row_um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}")),
                 Row {
                     id: format!("{id}.step.chatter"),
                     ours: chatter_v,
                     unit: "V".into(),
                     note: "RMS change of the drive from tick to tick at rest".into(),
                 },
-                Row { id: format!("{id}.step.settling"), ours: 1e3 * settle, unit: "ms".into(), note: "to 10 nm after the end of the step; 7850 if never".into() },
+                Row {
+                    id: format!("{id}.step.settling"),
+                    ours: 1e3 * settle,
+                    unit: "ms".into(),
+                    note: "to 10 nm after the end of the step; 7850 if never".into(),
+                },
             ]
         }
-        Err(e) => vec![Row::um(format!("{id}.step.rms"), f64::NAN, e.to_string())],
+        Err(e) => vec![row_um(format!("{id}.step.rms"), f64::NAN, e.to_string())],
     }
 }
 
@@ -241,7 +239,15 @@ pub fn chapter_7(bench: &Bench) -> Vec<Row> {
             let condition = format!("{hz} Hz, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
             jobs.push((format!("ch7.best.{hz}hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), hz, 5.0, condition));
             let condition = format!("{hz} Hz, {load}, {bench_name} bench, one period of delay, 12-bit DAC");
-            jobs.push((format!("ch7.best.{hz}hz.{load}.{bench_name}.dac12.rms"), &twelve_bits, variant, c.design.clone(), hz, 5.0, condition));
+            jobs.push((
+                format!("ch7.best.{hz}hz.{load}.{bench_name}.dac12.rms"),
+                &twelve_bits,
+                variant,
+                c.design.clone(),
+                hz,
+                5.0,
+                condition,
+            ));
         }
         let condition = format!("300 Hz, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
         jobs.push((format!("ch7.best.300hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), 300.0, 5.0, condition));
@@ -263,7 +269,7 @@ pub fn chapter_7(bench: &Bench) -> Vec<Row> {
         let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
         let id = format!("ch7.best.{}", ["plain", "full", "loaded"][index]);
         rows.extend(quasi_step_rows(bench, variant, &c.design, &id, &format!("{name} bench, best design, one period of delay")));
-        rows.push(Row::um(
+        rows.push(row_um(
             format!("{id}.identified.rms"),
             c.identified.rms_um,
             format!("residual of the identified model over the commissioning record: {:?}", c.identified.steps),
@@ -313,7 +319,8 @@ fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) ->
     let mut rows = Vec::new();
     let converters = converter_parameters(bench, 0.0);
     if let Ok(parameters) = c.design.parameters(converters)
-        && let (LawParameters::Predictor(law), ActuatorParameters::OneSidedHysteresis { surfaces, .. }) = (&parameters.law, &parameters.actuator)
+        && let (LawParameters::Predictor(law), ActuatorParameters::OneSidedHysteresis { surfaces, .. }) =
+            (&parameters.law, &parameters.actuator)
     {
         let mut hysteresis = OneSidedHysteresis::virgin(*surfaces);
         let share = |u: f64| (((u - bench.drive_min_v) / (bench.drive_max_v - bench.drive_min_v)) * 2.0_f64.powi(30)).round() as i32;
@@ -333,7 +340,7 @@ fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) ->
         }
         let figures = ErrorFigures::between(&estimate, &record.noise_free_um, 400);
         let noise = ErrorFigures::between(&record.reading_um, &record.noise_free_um, 400);
-        rows.push(Row::um(
+        rows.push(row_um(
             format!("ch7.observer.{id}.rms"),
             figures.rms_um,
             format!(
@@ -354,7 +361,11 @@ fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) ->
         estimate.push(x[0]);
     }
     let figures = ErrorFigures::between(&estimate, &record.noise_free_um, 400);
-    rows.push(Row::um(format!("ch7.observer.thesis.{id}.rms"), figures.rms_um, "PIDSMO with the thesis' gains (10, 20000, 6e-6), same record"));
+    rows.push(row_um(
+        format!("ch7.observer.thesis.{id}.rms"),
+        figures.rms_um,
+        "PIDSMO with the thesis' gains (10, 20000, 6e-6), same record",
+    ));
     rows
 }
 
@@ -480,14 +491,18 @@ fn robustness_rows() -> Vec<Row> {
         ),
     }];
     if let Some(nominal) = figures(&design, 1.0, true, 0.05) {
-        rows.push(Row::um("ch7.robust.nominal.rms", nominal.rms_um, "the same design, noise and unknown input on the nominal plant"));
+        rows.push(row_um("ch7.robust.nominal.rms", nominal.rms_um, "the same design, noise and unknown input on the nominal plant"));
     }
     if let Some(nominal) = figures(&design, 1.0, true, 0.001) {
-        rows.push(Row::um("ch7.robust.nominal_quiet.rms", nominal.rms_um, "the same design with 1 nm noise on the nominal plant"));
+        rows.push(row_um("ch7.robust.nominal_quiet.rms", nominal.rms_um, "the same design with 1 nm noise on the nominal plant"));
     }
     let quick = nominal_predictor(PredictorTuning { effort_weight: 0.1, unknown_change_um: 0.002, ..PredictorTuning::START });
     if let Some(nominal) = figures(&quick, 1.0, true, 0.001) {
-        rows.push(Row::um("ch7.robust.fast_nominal_quiet.rms", nominal.rms_um, "for comparison: a design for 1 nm noise, nominal plant, same unknown input"));
+        rows.push(row_um(
+            "ch7.robust.fast_nominal_quiet.rms",
+            nominal.rms_um,
+            "for comparison: a design for 1 nm noise, nominal plant, same unknown input",
+        ));
     }
     if let Some(scheme) = thesis_scheme("pidsmoc") {
         let mut thesis = nominal_predictor(tuning);

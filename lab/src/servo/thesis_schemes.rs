@@ -76,17 +76,11 @@ pub struct AlphaBeta {
 
 impl AlphaBeta {
     /// Chapter 6: `1/sqrt 2`, `1000 pi`.
-    pub const THESIS_CHAPTER_6: Self = Self {
-        damping_ratio: std::f64::consts::FRAC_1_SQRT_2,
-        natural_frequency_rad_s: 1000.0 * std::f64::consts::PI,
-        discrete: false,
-    };
+    pub const THESIS_CHAPTER_6: Self =
+        Self { damping_ratio: std::f64::consts::FRAC_1_SQRT_2, natural_frequency_rad_s: 1000.0 * std::f64::consts::PI, discrete: false };
     /// Chapter 7: `1/sqrt 2`, `1200 pi`.
-    pub const THESIS_CHAPTER_7: Self = Self {
-        damping_ratio: std::f64::consts::FRAC_1_SQRT_2,
-        natural_frequency_rad_s: 1200.0 * std::f64::consts::PI,
-        discrete: false,
-    };
+    pub const THESIS_CHAPTER_7: Self =
+        Self { damping_ratio: std::f64::consts::FRAC_1_SQRT_2, natural_frequency_rad_s: 1200.0 * std::f64::consts::PI, discrete: false };
 }
 
 /// Which estimator stands before the controller.
