@@ -143,13 +143,14 @@ impl<'a> Experiment<'a> {
         (plant, servo, zero_um)
     }
 
-    /// Goes on from a given state with the servo enabled.
+    /// Goes on from a given state with the servo enabled. The trace ends where the reference can no longer be looked ahead at.
     #[must_use]
     pub fn follow_from(&self, mut plant: Plant, mut servo: ServoTick, zero_um: f64, reference_um: &[f64]) -> Trace {
-        let n = reference_um.len();
+        // The last samples of the reference are only looked ahead at.
+        let n = reference_um.len().saturating_sub(PREVIEW_TICKS);
         let delayed = servo.parameters().delayed;
         let mut sensor = Sensor::new(self.bench, zero_um, self.seed);
-        let mut trace = Trace { reference_um: reference_um.to_vec(), ..Trace::default() };
+        let mut trace = Trace { reference_um: reference_um[..n].to_vec(), ..Trace::default() };
         for column in [&mut trace.reading_um, &mut trace.sensor_um, &mut trace.displacement_um, &mut trace.drive_v] {
             column.reserve(n);
         }

@@ -82,7 +82,7 @@ pub fn goals() -> Result<Vec<Goal>, toml::de::Error> {
 pub type Progress<'a> = &'a dyn Fn(&str);
 
 /// Chapters that can be reproduced here.
-pub const CHAPTERS: [u32; 1] = [3];
+pub const CHAPTERS: [u32; 3] = [3, 6, 7];
 
 /// Reproduces one chapter.
 ///
@@ -91,6 +91,8 @@ pub const CHAPTERS: [u32; 1] = [3];
 pub fn chapter(number: u32, progress: Progress) -> Result<Chapter, String> {
     match number {
         3 => chapter_3::reproduce(progress),
+        6 => crate::servo::reproduce::chapter_6(progress),
+        7 => crate::servo::reproduce::chapter_7(progress),
         _ => Err(format!("chapter {number} has nothing to reproduce: choose from {CHAPTERS:?}")),
     }
 }

@@ -12,7 +12,7 @@ use super::model::{ActuatorModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Demands, PredictorDesign, PredictorTuning};
 use super::quantise::QuantisationError;
 use super::thesis_schemes::{Estimator, ObserverGains, estimator_rows};
-use crate::reproduce::Row;
+use crate::reproduce::{Chapter, Progress, Row};
 use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
 use hysteron_core::predictor_law::PredictorLaw;
 use hysteron_core::reference_window::ReferenceWindow;
@@ -76,7 +76,8 @@ pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: 
 }
 
 /// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data sheet.
-fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
+#[must_use]
+pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
     let model = ActuatorModel {
         drive_min_v: bench.drive_min_v,
         drive_max_v: bench.drive_max_v,
@@ -114,7 +115,8 @@ fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz:
 }
 
 /// Mean error over the last half second, um.
-fn steady_um(trace: &Trace) -> f64 {
+#[must_use]
+pub fn steady_um(trace: &Trace) -> f64 {
     let n = trace.sensor_um.len();
     let from = n.saturating_sub(10_000);
     let count = (n - from).max(1) as f64;
@@ -131,7 +133,7 @@ pub fn settling_s(trace: &Trace, band_um: f64, sample_rate_hz: f64) -> f64 {
 
 /// Chapter 6: PIDSM, PID, ideal sliding mode and boundary layer.
 #[must_use]
-pub fn chapter_6(bench: &Bench) -> Vec<Row> {
+pub fn rows_of_chapter_6(bench: &Bench) -> Vec<Row> {
     let design = |name: &str| thesis_scheme(name).map(|s| without_model(bench, s));
     let mut jobs: Vec<(String, ServoDesign, Option<f64>)> = Vec::new();
     for hz in [10.0, 50.0, 100.0, 150.0] {
@@ -215,7 +217,8 @@ pub fn commission(bench: &Bench, variant: Variant) -> Option<Commissioned> {
 
 /// Chapter 7: PIDSMOC against PIDSMC + alpha-beta, the best design, the observer, robustness.
 #[must_use]
-pub fn chapter_7(bench: &Bench) -> Vec<Row> {
+pub fn rows_of_chapter_7(bench: &Bench, progress: Progress) -> Vec<Row> {
+    progress("identifying three variants of the bench");
     let commissioned: Vec<Option<Commissioned>> =
         [Variant::PLAIN, Variant::FULL, LOADED].into_par_iter().map(|v| commission(bench, v)).collect();
     let mut twelve_bits = bench.clone();
@@ -261,6 +264,7 @@ pub fn chapter_7(bench: &Bench) -> Vec<Row> {
             }
         }
     }
+    progress("following references");
     let mut rows: Vec<Row> = jobs
         .par_iter()
         .map(|(id, bench, variant, design, hz, amplitude, condition)| tracking(bench, *variant, design, id, *hz, *amplitude, condition))
@@ -280,8 +284,28 @@ pub fn chapter_7(bench: &Bench) -> Vec<Row> {
             rows.extend(observer_rows(bench, variant, c, id));
         }
     }
+    progress("robustness");
     rows.extend(robustness_rows());
     rows
+}
+
+/// Chapter 6 for the program.
+///
+/// # Errors
+/// If the built-in bench cannot be read.
+pub fn chapter_6(progress: Progress) -> Result<Chapter, String> {
+    let bench = Bench::reference().map_err(|e| e.to_string())?;
+    progress("following references with the schemes of chapter 6");
+    Ok(Chapter { number: 6, rows: rows_of_chapter_6(&bench), sections: Vec::new() })
+}
+
+/// Chapter 7 for the program.
+///
+/// # Errors
+/// If the built-in bench cannot be read.
+pub fn chapter_7(progress: Progress) -> Result<Chapter, String> {
+    let bench = Bench::reference().map_err(|e| e.to_string())?;
+    Ok(Chapter { number: 7, rows: rows_of_chapter_7(&bench, progress), sections: Vec::new() })
 }
 
 /// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one misses it).
@@ -395,14 +419,15 @@ fn robust_run(design: &ServoDesign, factor: f64, unknown: bool, noise_um: f64) -
         Mode::new(nominal.natural_frequency_rad_s * factor, nominal.damping_ratio * factor, SAMPLING_PERIOD_S / f64::from(substeps));
     let mut generator = rand_pcg::Pcg64Mcg::seed_from_u64(3);
     let reference = waveform::sine(fs, 100.0, 5.0, 5.0, 0.0, 1.0);
+    let looked_ahead = hysteron_core::reference_window::PREVIEW_TICKS;
     let mut y = 0.0;
     let mut acting = 0.0;
     let mut out = Vec::with_capacity(reference.len());
-    for k in 0..reference.len() {
+    for k in 0..reference.len() - looked_ahead {
         out.push(y);
         let noisy = y + noise_um * gaussian(&mut generator);
         let adc = ((noisy + 64.0) / adc_step_um).round().clamp(0.0, 65_535.0) as u16;
-        let ahead = reference.get(k + hysteron_core::reference_window::PREVIEW_TICKS).or(reference.last()).copied()?;
+        let ahead = reference.get(k + looked_ahead).copied()?;
         let code = servo.tick(adc, Micrometres::saturating_from_num(ahead));
         for i in 0..substeps {
             let t = (k as f64 + f64::from(i) / f64::from(substeps)) * SAMPLING_PERIOD_S;

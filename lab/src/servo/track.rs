@@ -242,7 +242,9 @@ pub fn track(
     servo.swap(design.parameters(board.parameters(zero_um))?);
     servo.reset_counters();
     servo.enable();
-    let (wanted, from) = reference.samples_um();
+    let (ahead_of_all, from) = reference.samples_um();
+    // The last samples are only looked ahead at.
+    let wanted = ahead_of_all[..ahead_of_all.len().saturating_sub(PREVIEW_TICKS)].to_vec();
     let mut generator = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
     let mut acting = board.code(low_v);
     let mut result = TrackResult {
@@ -266,7 +268,7 @@ pub fn track(
         truth.push(plant.displacement_um - true_zero_um);
         let noisy = plant.sensor_um + noise_um * gaussian(&mut generator);
         let adc = ((noisy - board.adc_zero_um) / board.adc_step_um).round().clamp(0.0, 65_535.0) as u16;
-        let ahead = wanted.get(k + PREVIEW_TICKS).or(wanted.last()).copied().unwrap_or(0.0);
+        let ahead = ahead_of_all.get(k + PREVIEW_TICKS).copied().unwrap_or(0.0);
         let code = servo.tick(adc, Micrometres::saturating_from_num(ahead));
         result.drive_v.push(board.drive_v(code));
         if !design.delayed {
