@@ -196,8 +196,18 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
         if x.is_empty() {
             continue;
         }
-        plot.series.push(Series::points(format!("what the residual does{name}"), dots, x.clone(), residual));
-        plot.series.push(Series::line(format!("what the signature predicts{name}"), line, x, predicted));
+        plot.series.push(Series::points(
+            format!("{}{name}", if name.is_empty() { "what the residual does" } else { "residual" }),
+            dots,
+            x.clone(),
+            residual,
+        ));
+        plot.series.push(Series::line(
+            format!("{}{name}", if name.is_empty() { "what the signature predicts" } else { "signature" }),
+            line,
+            x,
+            predicted,
+        ));
     }
     plot
 }

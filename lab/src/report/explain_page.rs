@@ -19,8 +19,10 @@ const STEP: &str = "step";
 /// Numbers that all sample-by-sample columns of a page may hold together; keeps a page below 3 MB.
 const NUMBERS_PER_PAGE: usize = 650_000;
 
-/// A cell of the map below so many times the noise is no place where the model fails: small cells scatter.
-const QUIET_CELL: f64 = 1.5;
+/// An excess over the noise below this share is not worth a word.
+const MATTERS: f64 = 0.1;
+/// Deviations that the largest of a hundred cells stays below by chance.
+const CHANCE_DEVIATIONS: f64 = 4.0;
 
 /// Builds the page.
 pub fn explain_page(report: &ExplainReport) -> Page {
@@ -187,7 +189,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             when: vec![When(STEP.to_owned(), step)],
         })
         .collect();
-    let hottest = layers.last().and_then(|last| hottest_cells(report, &features, &last.values, floor_um.is_some()));
+    let hottest = hottest_cells(report, &features, range_v, floor_um);
     let used: Vec<bool> = (0..features.len())
         .map(|column| {
             let mut rows = layers.iter().flat_map(|layer| &layer.values);
@@ -219,9 +221,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
                 ", in nm"
             }
         ),
-        blocks: hottest
-            .into_iter()
-            .chain([Block::HeatMap(HeatMap {
+        blocks: vec![hottest, Block::HeatMap(HeatMap {
             title: "Residual over records and drive features".to_owned(),
             caption: "The frequency columns split the residual's own spectrum, so white noise spreads over them and stays below 1 there; empty cells have no samples."
                 .to_owned(),
@@ -231,32 +231,47 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             neutral: floor_um.map(|_| 1.0),
             unit: unit.to_owned(),
             selector: Some(RECORD.to_owned()),
-        })])
-            .collect(),
+        })],
     }
 }
 
 /// The largest cells of the last model in words. Frequencies are left out: a band holds a share of the noise only.
-fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], values: &[Vec<Option<f64>>], in_noise: bool) -> Option<Block> {
+fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f64, f64), floor_um: Option<f64>) -> Block {
     let mut cells: Vec<(f64, String)> = Vec::new();
-    for (record, row) in report.records.iter().zip(values) {
-        let inside = features.iter().zip(row).filter(|(feature, _)| !feature.group.starts_with("frequency"));
+    for record in &report.records {
+        let Some(residual_um) = record.residual_um.last() else { continue };
+        let row = residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, window(record), range_v);
+        let largest = features
+            .iter()
+            .zip(row)
+            .filter(|(feature, _)| !feature.group.starts_with("frequency"))
+            .filter_map(|(feature, cell)| cell.map(|c| (feature, c)))
+            .filter(|(_, cell)| floor_um.is_none_or(|floor_um| stands_out(cell.rms / floor_um, cell.samples)))
+            .max_by(|a, b| a.1.rms.total_cmp(&b.1.rms));
         // One cell for each record: neighbours tell the same story.
-        let largest = inside.filter_map(|(feature, cell)| cell.map(|c| (c, feature))).max_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((value, feature)) = largest {
-            cells.push((value, format!("{}, {} ({})", record.name, feature.label, feature.group)));
+        if let Some((feature, cell)) = largest {
+            cells.push((cell.rms, format!("{}, {} ({})", record.name, feature.label, feature.group)));
         }
     }
     cells.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let unit = if in_noise { "x the noise" } else { "nm" };
-    let largest = cells.first()?.0;
-    let (title, tone) = if in_noise && largest < QUIET_CELL {
-        ("With the last model no circumstance stands out of the noise; the largest:".to_owned(), Tone::Good)
-    } else {
-        ("With the last model most remains in:".to_owned(), Tone::Neutral)
-    };
-    let items = cells.iter().take(3).map(|(value, place)| format!("{place}: {} {unit}", figure(*value))).collect();
-    Some(Block::Notes(Notes { title, items, tone }))
+    let items = cells
+        .iter()
+        .take(3)
+        .map(|(rms_um, place)| match floor_um {
+            Some(floor_um) => format!("{place}: {} RMS, {:.2} x the noise", nanometres(*rms_um), rms_um / floor_um),
+            None => format!("{place}: {} RMS", nanometres(*rms_um)),
+        })
+        .collect();
+    if cells.is_empty() {
+        let title = "With the last model nothing stands out of the noise, under any circumstance of the drive.".to_owned();
+        return Block::Notes(Notes { title, items, tone: Tone::Good });
+    }
+    Block::Notes(Notes { title: "With the last model most remains in:".to_owned(), items, tone: Tone::Neutral })
+}
+
+/// Whether a cell is so many times the noise by more than chance and by enough to matter: the RMS of n samples of white noise scatters by 1 / sqrt(2 n).
+fn stands_out(times_noise: f64, samples: usize) -> bool {
+    times_noise > 1.0 + MATTERS.max(CHANCE_DEVIATIONS / (2.0 * samples as f64).sqrt())
 }
 
 fn evidence(report: &ExplainReport) -> Option<Section> {
@@ -402,7 +417,7 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
             loops.series.push(model(&u_v));
             let error = |x: &Vec<f64>| chosen(Series::line("residual", Role::Residual, x.clone(), residual_nm.clone()));
             residual.series.push(error(&t_s));
-            residual_over_drive.series.push(error(&u_v));
+            residual_over_drive.series.push(error(&u_v).style(Style::Points));
             let counted_um: Vec<f64> =
                 residual_um.get(counted.clone()).unwrap_or_default().iter().map(|e| if e.is_finite() { *e } else { 0.0 }).collect();
             let density = amplitude_density(&counted_um, record.sample_rate_hz);
@@ -476,7 +491,8 @@ fn alternatives(report: &ExplainReport) -> Option<Section> {
     };
     Some(Section {
         heading: "The alternatives, and why not".to_owned(),
-        text: "Every effect the library knows was tried on the residual, after taking out of its signature whatever the model can already do. The share is that of the \
+        text: "Every effect the library knows was tried on the residual of the model that was started from, after \
+               taking out of its signature whatever that model can already do. The share is that of the \
                residual's power above the noise, with its 90 % interval over resampled blocks; the p-value is corrected for all effects tried; the best are refitted and \
                judged on records that were not fitted."
             .to_owned(),

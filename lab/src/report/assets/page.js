@@ -369,7 +369,7 @@ class Plot {
 function waterfall(frame, spec) {
   const drawing = frame.querySelector(".drawing");
   const draw = () => {
-    const width = drawing.clientWidth || 900, height = 300, left = 58, right = width - 14, top = 26, bottom = height - 34;
+    const width = drawing.clientWidth || 900, height = 300, left = 58, right = width - (spec.floor ? 120 : 14), top = 26, bottom = height - 34;
     const values = spec.steps.flatMap(s => [s.value, s.beside]).concat(spec.floor ? [spec.floor[1]] : []).filter(v => v > 0);
     const low = Math.min(...values) / 1.6, high = Math.max(...values) * 1.25, Y = scale(low, high, bottom, top, true);
     const slot = Math.min(260, (right - left) / spec.steps.length), bar = Math.min(74, slot * 0.45), out = [];
@@ -387,7 +387,7 @@ function waterfall(frame, spec) {
       out.push(`<text class="strong" x="${x + bar / 2}" y="${Math.min(above, step.beside > 0 ? Y(step.beside) : above) - 6}" text-anchor="middle">${number(step.value, 3)}${change === null ? "" : change < 0 ? ` (\u2212${-change} %)` : ` (+${change} %)`}</text>`);
       out.push(`<text class="strong" x="${x + bar / 2}" y="${bottom + 16}" text-anchor="middle">${safe(step.label)}</text></g>`);
     });
-    if (spec.floor && spec.floor[1] > 0) { const p = Y(spec.floor[1]); out.push(`<path class="level" d="M${left} ${p}H${right}"/><text class="strong" x="${right - 4}" y="${p - 5}" text-anchor="end">${safe(spec.floor[0])} ${number(spec.floor[1], 3)}</text>`); }
+    if (spec.floor && spec.floor[1] > 0) { const p = Y(spec.floor[1]); out.push(`<path class="level" d="M${left} ${p}H${right}"/><text class="strong" x="${right + 6}" y="${p + 4}">${safe(spec.floor[0])} ${number(spec.floor[1], 3)}</text>`); }
     out.push(`<path class="frame" d="M${left} ${top}V${bottom}H${right}"/>`);
     drawing.innerHTML = `<div class="legend"><span><svg viewBox="0 0 18 10"><rect width="18" height="10" style="fill:var(--residual)"/></svg> ${safe(spec.labels[0])}</span>${spec.labels[1] ? `<span>&ensp;<svg viewBox="0 0 18 10"><path d="M0 5H18" style="stroke:var(--model);stroke-width:2.5"/></svg> ${safe(spec.labels[1])}</span>` : ""}</div><svg viewBox="0 0 ${width} ${height}">${out.join("")}</svg>`;
     mark();
