@@ -7,7 +7,7 @@
 //! the stack.
 //!
 //! The inverse walks outward over the stored extrema until it finds the section that contains the wanted output (at most one
-//! comparison for each stored pair), then takes [`NEWTON_STEPS`] Newton steps in the bracket of that section. All sections are monotone,
+//! comparison for each stored pair), then takes at most [`NEWTON_STEPS`] Newton steps in the bracket of that section. All sections are monotone,
 //! so the bracket always contains the solution. Outputs below what zero drive gives (the remnant) and above the range saturate
 //! and say so (erratum of the thesis' pseudo-code, which loops for ever there).
 //!
@@ -21,8 +21,10 @@ use crate::signal::{MICROMETRE_FRACTION_BITS, SHARE_FRACTION_BITS};
 pub const STACK_CAPACITY: usize = 16;
 /// Rows of the loop surface: powers 0 to 4, as in the thesis (Ch. 4, Eq. 15).
 pub const SURFACE_SIZE: usize = 5;
-/// Newton steps of the inverse.
-pub const NEWTON_STEPS: usize = 3;
+/// Most Newton steps of the inverse; from one tick to the next two or three are enough, and then it stops.
+pub const NEWTON_STEPS: usize = 5;
+/// A step of a Newton iteration that is not worth another one, as a share of the range (2e-7: a hundredth of a DAC code).
+const SMALL_STEP: i64 = 1 << 8;
 /// Fraction bits of the surface coefficients, um.
 pub const SURFACE_FRACTION_BITS: u32 = 22;
 
@@ -153,6 +155,9 @@ impl Section {
             let step = (i64::from(wanted.wrapping_sub(value)) * i64::from(reciprocal)) >> 9;
             let next = i64::from(share).wrapping_add(step);
             share = next.max(i64::from(low)).min(i64::from(high)) as i32;
+            if step > -SMALL_STEP && step < SMALL_STEP {
+                break;
+            }
         }
         share
     }
