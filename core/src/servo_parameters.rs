@@ -19,8 +19,8 @@ pub struct ConverterParameters {
     pub dac_zero: i32,
     /// Drive per DAC code, V with 38 fraction bits.
     pub dac_step: i64,
-    /// DAC codes per volt, with 24 fraction bits.
-    pub dac_codes_per_volt: i64,
+    /// DAC codes per volt, with 20 fraction bits.
+    pub dac_codes_per_volt: i32,
     /// Lowest DAC code within the limits of the actuator.
     pub dac_code_min: u16,
     /// Highest DAC code within the limits of the actuator.

@@ -88,7 +88,7 @@ impl ServoTick {
     /// Switches the servo off and applies a code: conditioning, identification. Returns the code within the limits.
     pub fn open_loop(&mut self, code: u16) -> u16 {
         self.law = LawState::Off;
-        self.note(code.clamp(self.parameters.converters.dac_code_min, self.parameters.converters.dac_code_max));
+        self.note(code.max(self.parameters.converters.dac_code_min).min(self.parameters.converters.dac_code_max));
         self.code
     }
 
@@ -185,8 +185,8 @@ impl ServoTick {
     fn convert(&mut self, drive: i32) {
         let c = &self.parameters.converters;
         let wanted = if c.noise_shaping { drive.saturating_add(self.rounding_error) } else { drive };
-        // V (22) * codes/V (24) -> codes
-        let code = (i64::from(wanted.saturating_sub(c.dac_zero)) * c.dac_codes_per_volt + (1i64 << 45)) >> 46;
+        // V (22) * codes/V (20) -> codes
+        let code = (i64::from(wanted.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
         let (lowest, highest) = (i64::from(c.dac_code_min), i64::from(c.dac_code_max));
         self.limited = i32::from(code > highest) - i32::from(code < lowest);
         if self.limited != 0 {

@@ -103,7 +103,7 @@ pub fn converter_parameters(bench: &Bench, zero_um: f64) -> ConverterParameters 
         adc_step: (bench.adc_lsb_um() * 2.0_f64.powi(40)).round() as i64,
         dac_zero: (c.dac_min_v * 2.0_f64.powi(22)).round() as i32,
         dac_step: (dac_step_v * 2.0_f64.powi(38)).round() as i64,
-        dac_codes_per_volt: (2.0_f64.powi(24) / dac_step_v).round() as i64,
+        dac_codes_per_volt: (2.0_f64.powi(20) / dac_step_v).round() as i32,
         dac_code_min: bench.dac_code(bench.drive_min_v),
         dac_code_max: bench.dac_code(bench.drive_max_v),
         noise_shaping: false,

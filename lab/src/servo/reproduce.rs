@@ -480,7 +480,7 @@ fn robust_run(design: &ServoDesign, factor: f64, unknown: bool, noise_um: f64) -
         adc_step: (adc_step_um * 2.0_f64.powi(40)) as i64,
         dac_zero: (-200.0 * 2.0_f64.powi(22)) as i32,
         dac_step: (dac_step_v * 2.0_f64.powi(38)) as i64,
-        dac_codes_per_volt: (2.0_f64.powi(24) / dac_step_v).round() as i64,
+        dac_codes_per_volt: (2.0_f64.powi(20) / dac_step_v).round() as i32,
         dac_code_min: 0,
         dac_code_max: u16::MAX,
         noise_shaping: design.noise_shaping,

@@ -182,7 +182,7 @@ impl Board {
             adc_step: (self.adc_step_um * 2.0_f64.powi(40)).round() as i64,
             dac_zero: (self.dac_zero_v * 2.0_f64.powi(22)).round() as i32,
             dac_step: (self.dac_step_v * 2.0_f64.powi(38)).round() as i64,
-            dac_codes_per_volt: (2.0_f64.powi(24) / self.dac_step_v).round() as i64,
+            dac_codes_per_volt: (2.0_f64.powi(20) / self.dac_step_v).round() as i32,
             dac_code_min: self.code_min,
             dac_code_max: self.code_max,
             noise_shaping: false,
