@@ -1,13 +1,17 @@
-//! The lab of Hysteron: data sets, identification, comparison, diagnosis.
+//! The lab of Hysteron: data sets, identification, comparison, diagnosis, servo design, reproduction of the thesis, pages.
 //!
-//! * [`dataset`]: records and their manifest; * [`fit`]: least squares over the whole chain;
-//! * [`report`]: pages to look at; [`problem`]: errors as users see them;
-//! * [`servo`]: controllers designed from an identified model.
+//! * [`dataset`]: records and their manifest; [`plant`]: simulated ones with known effects;
+//! * [`fit`]: least squares over the whole chain; [`floor`]: the noise; [`refine`]: finer hysteresis surfaces;
+//! * [`diagnosis`]: which effect is missing; [`explain`]: the main job; [`score`]: how often it is right;
+//! * [`report`]: pages to look at; [`cli`]: the command line; [`problem`]: errors as users see them.
 
 pub mod dataset;
+pub mod diagnosis;
 pub mod experiment;
 pub mod fit;
+pub mod floor;
 pub mod problem;
+pub mod refine;
 pub mod report;
 pub mod reproduce;
 pub mod servo;

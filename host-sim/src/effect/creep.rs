@@ -110,6 +110,9 @@ impl Effect for Creep {
         let taus = self.time_constants_s(overview);
         (0..taus.len()).map(|k| taus.iter().enumerate().flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau]).collect()).collect()
     }
+    fn starts_combine(&self) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(CreepStage::new(values, setting.dt_s)))
     }

@@ -37,6 +37,9 @@ impl Effect for InitialCurve {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         (0..self.terms).map(|k| (0..self.terms).map(|i| if i == k { 0.02 * overview.range_um } else { 0.0 }).collect()).collect()
     }
+    fn starts_combine(&self) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
     }

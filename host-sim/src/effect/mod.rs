@@ -234,6 +234,11 @@ pub trait Effect: Send + Sync {
     /// Values, one list per start, at which the effect is small but visible; each is a direction in which it may be found.
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>>;
 
+    /// True where the starts are coefficients of one linear form, which is looked for as a whole.
+    fn starts_combine(&self) -> bool {
+        false
+    }
+
     /// Builds the stage from the values in `model`, or `None` where another effect's stage takes it in.
     ///
     /// `values` are this effect's values in `model`.

@@ -44,6 +44,9 @@ impl Effect for SensorNonlinearity {
         let range = overview.range_um.max(1e-6);
         vec![vec![0.003 / range, 0.0], vec![0.0, 0.003 / (range * range)]]
     }
+    fn starts_combine(&self) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PolynomialStage { quadratic: values[0], cubic: values[1] }))
     }

@@ -58,7 +58,7 @@ mod encode;
 mod evidence;
 mod explain_page;
 mod explain_report;
-mod features;
+pub(crate) mod features;
 mod html;
 mod page;
 mod spectrum;

@@ -1,0 +1,271 @@
+//! Five words for what came out, and the figures behind them (`hysteron.diagnosis/1`).
+
+use super::growth::{Growth, nm};
+use super::refit::Split;
+use crate::dataset::Dataset;
+use crate::floor::NoiseFloor;
+use serde::Serialize;
+
+/// The verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Nothing is missing that the data could show.
+    AtFloor,
+    /// These effects are missing.
+    Named,
+    /// One of these is missing; the data cannot tell which.
+    Ambiguous,
+    /// Something is missing that no known effect explains.
+    Unexplained,
+    /// Without a noise floor nobody can say whether anything is missing.
+    Undecidable,
+}
+
+impl Verdict {
+    /// The word in files.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::AtFloor => "at_floor",
+            Verdict::Named => "named",
+            Verdict::Ambiguous => "ambiguous",
+            Verdict::Unexplained => "unexplained",
+            Verdict::Undecidable => "undecidable",
+        }
+    }
+}
+
+/// One candidate in the file.
+#[derive(Clone, Debug, Serialize)]
+pub struct CandidateFigures {
+    /// The effect.
+    pub effect: String,
+    /// Share of the residual above the floor that its signature explains.
+    pub explained_share: f64,
+    /// 90 % interval of it.
+    pub explained_share_interval: (f64, f64),
+    /// p-value after control of false discoveries.
+    pub p_value: f64,
+    /// Held-out error before.
+    pub validate_rms_before_um: Option<f64>,
+    /// Held-out error after adding it and fitting again; for finalists.
+    pub validate_rms_after_um: Option<f64>,
+    /// Fitted error after adding it.
+    pub identify_rms_after_um: Option<f64>,
+    /// Candidates whose signature looks the same on this data.
+    pub confusable_with: Vec<String>,
+    /// The experiment that shows it best.
+    pub next_experiment: String,
+}
+
+/// Errors on fitted and held-out records.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Residuals {
+    /// Fitted.
+    pub identify: f64,
+    /// Held out.
+    pub validate: Option<f64>,
+}
+
+/// Residual in one cell of the map.
+#[derive(Clone, Debug, Serialize)]
+pub struct Cell {
+    /// What the samples have in common.
+    pub feature: String,
+    /// Residual there.
+    pub rms_um: f64,
+    /// How many samples.
+    pub samples: usize,
+}
+
+/// Where a record fails.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecordCells {
+    /// The record.
+    pub record: String,
+    /// Its cells.
+    pub cells: Vec<Cell>,
+}
+
+/// The diagnosis as it is written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Diagnosis {
+    /// `hysteron.diagnosis/1`.
+    pub schema: &'static str,
+    /// The word.
+    pub verdict: Verdict,
+    /// The same in a sentence.
+    pub sentence: String,
+    /// Effects that the verdict is about.
+    pub named: Vec<String>,
+    /// Floor used.
+    pub noise_floor_um: Option<f64>,
+    /// What it rests on.
+    pub floor_basis: String,
+    /// All estimates of the floor.
+    pub floor_estimates: Vec<crate::floor::FloorEstimate>,
+    /// Errors of the model that was diagnosed.
+    pub residual_rms_um: Residuals,
+    /// Errors after adding what is named, or the best that is known.
+    pub residual_rms_after_um: Residuals,
+    /// Candidates, best first.
+    pub candidates: Vec<CandidateFigures>,
+    /// Where the diagnosed model fails.
+    #[serde(rename = "where")]
+    pub where_it_fails: Vec<RecordCells>,
+}
+
+/// Held-out error within this of the floor counts as the floor.
+const AT_FLOOR: f64 = 1.03;
+/// Held-out error above this times the floor, with everything known added, is unexplained.
+pub const EXPLAINED: f64 = 1.15;
+/// Signatures more alike than this are confusable.
+const ALIKE: f64 = 0.9;
+
+/// Puts a growth into words.
+#[must_use]
+pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset, split: &Split) -> Diagnosis {
+    let first = &growth.steps[0].judged;
+    let last = growth.last();
+    let added = growth.added();
+    let error = |j: &super::refit::Judged| j.validate_rms_um.unwrap_or(j.identify_rms_um);
+    let (verdict, named) = match floor.rms_um {
+        None => (Verdict::Undecidable, added.clone()),
+        Some(floor_um) => {
+            let end = error(last).max(if split.validate.is_empty() { 0.0 } else { last.identify_rms_um.min(error(last)) });
+            let alternatives = alternatives(growth);
+            if added.is_empty() && error(first).min(end) <= AT_FLOOR * floor_um {
+                (Verdict::AtFloor, Vec::new())
+            } else if added.is_empty() && end <= AT_FLOOR * floor_um {
+                (Verdict::AtFloor, Vec::new())
+            } else if added.is_empty() || end > EXPLAINED * floor_um {
+                (Verdict::Unexplained, Vec::new())
+            } else if alternatives.len() > 1 {
+                (Verdict::Ambiguous, alternatives)
+            } else {
+                (Verdict::Named, added.clone())
+            }
+        }
+    };
+    let sentence = sentence(verdict, &named, growth, floor, error(first), error(last));
+    Diagnosis {
+        schema: "hysteron.diagnosis/1",
+        verdict,
+        sentence,
+        named,
+        noise_floor_um: floor.rms_um,
+        floor_basis: floor.basis.clone(),
+        floor_estimates: floor.estimates.clone(),
+        residual_rms_um: Residuals { identify: first.identify_rms_um, validate: first.validate_rms_um },
+        residual_rms_after_um: Residuals { identify: last.identify_rms_um, validate: last.validate_rms_um },
+        candidates: candidate_figures(growth),
+        where_it_fails: cells(first, dataset),
+    }
+}
+
+/// Effects of the first decision that cannot be told apart, if that is where the growth ended.
+fn alternatives(growth: &Growth) -> Vec<String> {
+    growth.rounds.iter().find(|r| !r.tied.is_empty()).map_or_else(Vec::new, |r| r.tied.clone())
+}
+
+fn candidate_figures(growth: &Growth) -> Vec<CandidateFigures> {
+    let Some(round) = growth.rounds.iter().find(|r| !r.tied.is_empty()).or(growth.rounds.first()) else { return Vec::new() };
+    let scores = &round.screening.scores;
+    let mut order: Vec<usize> = round.finalists.iter().map(|f| f.score).collect();
+    // The accepted ones first, then the other finalists, then the rest by what they explain.
+    order.sort_by_key(|i| !round.tied.contains(&scores[*i].id));
+    order.extend((0..scores.len()).filter(|i| !round.finalists.iter().any(|f| f.score == *i)));
+    let before = growth.steps[0].judged.validate_rms_um;
+    order
+        .into_iter()
+        .map(|i| {
+            let score = &scores[i];
+            let finalist = round.finalists.iter().find(|f| f.score == i);
+            let mut confusable: Vec<String> =
+                scores.iter().filter(|s| s.id != score.id && s.similarity(score) > ALIKE).map(|s| s.id.clone()).collect();
+            for id in &round.tied {
+                if round.tied.contains(&score.id) && *id != score.id && !confusable.contains(id) {
+                    confusable.push(id.clone());
+                }
+            }
+            CandidateFigures {
+                effect: score.id.clone(),
+                explained_share: score.share,
+                explained_share_interval: score.share_interval,
+                p_value: score.p_adjusted,
+                validate_rms_before_um: before,
+                validate_rms_after_um: finalist.and_then(|f| f.judged.validate_rms_um),
+                identify_rms_after_um: finalist.map(|f| f.judged.identify_rms_um),
+                confusable_with: confusable,
+                next_experiment: score.effect.declaration().experiment,
+            }
+        })
+        .collect()
+}
+
+fn words(id: &str) -> String {
+    id.replace('_', " ")
+}
+
+fn list(ids: &[String], joint: &str) -> String {
+    match ids {
+        [] => String::new(),
+        [one] => words(one),
+        [head @ .., last] => format!("{} {joint} {}", head.iter().map(|i| words(i)).collect::<Vec<_>>().join(", "), words(last)),
+    }
+}
+
+fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFloor, before: f64, after: f64) -> String {
+    let floor_nm = floor.rms_um.map(nm).unwrap_or_default();
+    match verdict {
+        Verdict::AtFloor => format!("Nothing is missing that this data could show: the held-out error is {} nm, the noise {floor_nm} nm.", nm(after)),
+        Verdict::Named => {
+            let verb = if named.len() == 1 { "is" } else { "are" };
+            format!("{} {verb} missing: adding it brings the held-out error from {} to {} nm; the noise is {floor_nm} nm.", capital(&list(named, "and")), nm(before), nm(after))
+        }
+        Verdict::Ambiguous => format!(
+            "{}: this data cannot tell which is missing. Either brings the held-out error from {} to about {} nm; the noise is {floor_nm} nm.",
+            capital(&list(named, "or")),
+            nm(before),
+            nm(after)
+        ),
+        Verdict::Unexplained => {
+            let best = growth.added();
+            let known = if best.is_empty() { "no known effect explains any of it".to_string() } else { format!("the best that is known ({}) leaves {} nm", list(&best, "and"), nm(after)) };
+            format!("Something is missing that the library does not know: the held-out error is {} nm, the noise {floor_nm} nm, and {known}.", nm(before))
+        }
+        Verdict::Undecidable => {
+            let best = growth.added();
+            let gained = if best.is_empty() { "no effect lowers the held-out error".to_string() } else { format!("{} lower the held-out error from {} to {} nm", list(&best, "and"), nm(before), nm(after)) };
+            format!("Without repeats, periods or a record at rest the noise is unknown, so nobody can say whether more is missing; {gained}.")
+        }
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + letters.as_str())
+}
+
+fn cells(judged: &super::refit::Judged, dataset: &Dataset) -> Vec<RecordCells> {
+    use crate::report::features::{drive_features, residual_by_feature};
+    let range_v = (dataset.drive_min_v, dataset.drive_max_v);
+    dataset
+        .records
+        .iter()
+        .zip(&judged.residuals)
+        .filter(|(_, residual)| !residual.is_empty())
+        .map(|(record, residual)| {
+            let mut full = vec![f64::NAN; record.drive_v.len()];
+            full[record.window.clone()].copy_from_slice(residual);
+            let found = residual_by_feature(&record.drive_v, &full, record.sample_rate_hz, record.window.clone(), range_v);
+            let cells = drive_features(range_v.0, range_v.1)
+                .into_iter()
+                .zip(found)
+                .filter_map(|(feature, cell)| cell.map(|c| Cell { feature: format!("{} {}", feature.group, feature.label), rms_um: c.rms, samples: c.samples }))
+                .collect();
+            RecordCells { record: record.name.clone(), cells }
+        })
+        .collect()
+}

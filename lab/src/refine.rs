@@ -1,0 +1,37 @@
+//! More flexible hysteresis surfaces: what a wrong polynomial degree could explain must never pass for a missing effect.
+
+use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::hysteresis::{Hysteresis, degree_of};
+use hysteron_sim::effect::initial_curve::InitialCurve;
+use hysteron_sim::effect::Overview;
+use std::sync::Arc;
+
+/// Highest degree that surfaces are refined to.
+pub const DEGREE_MAX: usize = 9;
+
+/// The model with surfaces of a higher degree and the same values, or `None` where it has no surfaces or they are at their highest.
+#[must_use]
+pub fn refined(model: &Model, overview: &Overview, by: usize) -> Option<Model> {
+    let loops = model.values("hysteresis")?;
+    let degree = degree_of(loops.len());
+    if degree >= DEGREE_MAX {
+        return None;
+    }
+    let degree = (degree + by).min(DEGREE_MAX);
+    let mut out = model.clone();
+    // Coefficients are ordered by total degree, so the old ones come first.
+    let mut values = loops;
+    values.resize(degree * (degree + 1) / 2, 0.0);
+    out.add(EffectInstance::new(Arc::new(Hysteresis { degree }), overview, &values));
+    if let Some(mut remnant) = model.values("initial_curve") {
+        remnant.resize(degree.max(remnant.len()), 0.0);
+        out.add(EffectInstance::new(Arc::new(InitialCurve { terms: remnant.len() }), overview, &remnant));
+    }
+    Some(out)
+}
+
+/// Degree of the loop surface of a model.
+#[must_use]
+pub fn degree(model: &Model) -> Option<usize> {
+    model.values("hysteresis").map(|v| degree_of(v.len()))
+}
