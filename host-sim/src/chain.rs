@@ -125,11 +125,6 @@ pub struct Drive<'a> {
     pub initial_state: InitialState,
 }
 
-/// Longest sub-interval for effects in front of the hysteresis, s, where the sampling is fast enough for it to matter.
-const SUBSTEP_S: f64 = 12.5e-6;
-/// Most sub-intervals in one sample: slow records do not show what happens inside theirs.
-const SUBSTEPS_MAX: usize = 4;
-
 impl Model {
     /// A model without effects.
     #[must_use]
@@ -170,7 +165,7 @@ impl Model {
     /// Sub-intervals per sample.
     #[must_use]
     pub fn substeps(&self, dt_s: f64) -> usize {
-        if self.effects.iter().any(|e| e.effect.needs_substeps()) { ((dt_s / SUBSTEP_S).ceil() as usize).clamp(1, SUBSTEPS_MAX) } else { 1 }
+        self.effects.iter().map(|e| e.effect.substeps(dt_s)).max().unwrap_or(1).max(1)
     }
 
     /// Builds the stages in the order of the chain, each with the index of its effect.
@@ -190,7 +185,16 @@ impl Model {
     /// What the sensor would read at every sample of a record, in um.
     #[must_use]
     pub fn simulate(&self, drive: &Drive) -> Vec<f64> {
-        self.run(drive).reading_um
+        let substeps = self.substeps(drive.dt_s);
+        let force = drive.force_n.map(|f| spread_force(f, substeps));
+        let setting = self.setting(drive.dt_s, substeps, force.as_deref());
+        let mut signal = spread_drive(drive.drive_v, substeps);
+        let mut at_rest = initial_drive(self, drive);
+        for (_, mut stage) in self.stages(&setting) {
+            at_rest = stage.settle(at_rest);
+            stage.run(&mut signal);
+        }
+        sample(&signal, at_rest, substeps, drive.drive_v.len())
     }
 }
 

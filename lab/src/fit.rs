@@ -155,6 +155,20 @@ const DERIVATIVE_STEP: f64 = 1e-3;
 /// Linearises the model over records in the coordinates of `free`.
 #[must_use]
 pub fn linearise(model: &Model, dataset: &Dataset, records: &[usize], free: &[ParameterIndex]) -> Vec<Linearised> {
+    linearise_reusing(model, dataset, records, free, None)
+}
+
+/// As [`linearise`], but takes the derivatives by plain coefficients from an earlier linearisation.
+///
+/// They depend on the other parameters alone and change little with them; the step stays right because every step is judged by the
+/// true sum of squares.
+fn linearise_reusing(
+    model: &Model,
+    dataset: &Dataset,
+    records: &[usize],
+    free: &[ParameterIndex],
+    earlier: Option<&[Linearised]>,
+) -> Vec<Linearised> {
     let runs: Vec<_> = records.par_iter().map(|&i| model.run(&dataset.records[i].drive())).collect();
     let nuisances: Vec<_> = records.par_iter().map(|&i| nuisance_columns(model, &dataset.records[i])).collect();
     let tasks: Vec<(usize, usize)> = (0..records.len()).flat_map(|r| (0..free.len()).map(move |p| (r, p))).collect();
@@ -163,6 +177,9 @@ pub fn linearise(model: &Model, dataset: &Dataset, records: &[usize], free: &[Pa
         .map(|&(r, p)| {
             let record = &dataset.records[records[r]];
             let index = free[p];
+            if let Some(known) = earlier.filter(|_| is_surface_coefficient(model, index)) {
+                return known[r].jacobian[p].clone();
+            }
             let mut moved = model.clone();
             let value = &mut moved.effects[index.effect].parameters[index.parameter];
             let before = value.coordinate();
@@ -190,6 +207,27 @@ pub fn linearise(model: &Model, dataset: &Dataset, records: &[usize], free: &[Pa
     }
     out.reverse();
     out
+}
+
+/// A coefficient of the hysteresis surfaces: most of a model's parameters, and they enter linearly.
+fn is_surface_coefficient(model: &Model, index: ParameterIndex) -> bool {
+    matches!(model.effects[index.effect].id.as_str(), "hysteresis" | "initial_curve")
+}
+
+/// How far the parameters that are no surface coefficients moved between two models, in coordinates that matter.
+fn shape_change(a: &Model, b: &Model, free: &[ParameterIndex]) -> f64 {
+    free.iter()
+        .filter(|index| !is_surface_coefficient(a, **index))
+        .map(|index| {
+            let before = &a.effects[index.effect].parameters[index.parameter];
+            let after = &b.effects[index.effect].parameters[index.parameter];
+            let change = (before.coordinate() - after.coordinate()).abs();
+            match before.parameter.scale {
+                Scale::Linear(_) => 0.02 * change,
+                Scale::Logarithmic => change,
+            }
+        })
+        .fold(0.0, f64::max)
 }
 
 /// Normal equations of linearised records: `J'J`, `J'r`, `r'r`, samples.
@@ -248,6 +286,9 @@ pub struct Fit {
     pub iterations: usize,
 }
 
+/// Surface derivatives are taken again when some other parameter has moved this far.
+const SHAPE_TOLERANCE: f64 = 0.03;
+
 /// Fits the free parameters of a model to records of a data set.
 #[must_use]
 pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) -> Fit {
@@ -257,10 +298,17 @@ pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) 
     let mut iterations = 0;
     let mut cost;
     let mut samples;
+    let mut known: Option<(Model, Vec<Linearised>)> = None;
+    let mut fresh = false;
     loop {
-        let parts = linearise(&model, dataset, records, &free);
+        let reusable = known.as_ref().filter(|(at, _)| !fresh && shape_change(at, &model, &free) < SHAPE_TOLERANCE);
+        let reused = reusable.is_some();
+        let parts = linearise_reusing(&model, dataset, records, &free, reusable.map(|(_, parts)| parts.as_slice()));
+        fresh = false;
         let (h, g, current, n) = normal_equations(&parts);
-        drop(parts);
+        if !reused {
+            known = Some((model.clone(), parts));
+        }
         cost = current;
         samples = n;
         iterations += 1;
@@ -286,12 +334,16 @@ pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) 
             }
             lambda = (lambda * 10.0).max(1e-7);
         }
-        let Some((better, better_cost)) = improved else { break };
-        model = better;
-        let gain = cost - better_cost;
-        cost = better_cost;
+        let gain = improved.as_ref().map_or(0.0, |(_, better_cost)| cost - better_cost);
+        if let Some((better, better_cost)) = improved {
+            model = better;
+            cost = better_cost;
+        }
         if gain < effort.tolerance * variance * free.len() as f64 {
-            break;
+            if !reused {
+                break;
+            }
+            fresh = true; // a last look with exact derivatives
         }
     }
     store_lines(&mut model, dataset, records);

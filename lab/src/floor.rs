@@ -48,7 +48,10 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     for record in &dataset.records {
         let original = record.repeat_of.as_ref().and_then(|name| dataset.records.iter().find(|r| r.name == *name));
         if let Some(original) = original {
-            estimates.push(FloorEstimate { basis: format!("repeated records {} and {}", original.name, record.name), rms_um: between_records(original, record) });
+            estimates.push(FloorEstimate {
+                basis: format!("repeated records {} and {}", original.name, record.name),
+                rms_um: between_records(original, record),
+            });
         }
     }
     let Some(first) = estimates.first() else {
@@ -144,9 +147,8 @@ pub fn periodogram(values: &[f64]) -> Vec<f64> {
 fn between_periods(record: &Record) -> Option<f64> {
     let periods = record.periods.filter(|p| p.count >= 2)?;
     let p = periods.length;
-    let mut rows: Vec<Vec<f64>> = (0..periods.count)
-        .map(|i| record.displacement_um[periods.from + i * p..periods.from + (i + 1) * p].to_vec())
-        .collect();
+    let mut rows: Vec<Vec<f64>> =
+        (0..periods.count).map(|i| record.displacement_um[periods.from + i * p..periods.from + (i + 1) * p].to_vec()).collect();
     let drift = orthonormalise(drift_columns(p)[..2].to_vec());
     let mean: Vec<f64> = (0..p).map(|k| rows.iter().map(|r| r[k]).sum::<f64>() / rows.len() as f64).collect();
     let mut sum = 0.0;
@@ -214,7 +216,8 @@ mod tests {
 
     #[test]
     fn periods_tell_the_noise_under_drive() {
-        let y: Vec<f64> = noise(4000, 3).iter().enumerate().map(|(k, e)| 0.02 * e + (std::f64::consts::TAU * k as f64 / 500.0).sin()).collect();
+        let y: Vec<f64> =
+            noise(4000, 3).iter().enumerate().map(|(k, e)| 0.02 * e + (std::f64::consts::TAU * k as f64 / 500.0).sin()).collect();
         let mut with_periods = record(y);
         with_periods.periods = Some(crate::dataset::Periods { from: 0, length: 500, count: 8 });
         assert!((between_periods(&with_periods).unwrap() / 0.02 - 1.0).abs() < 0.05);

@@ -5,13 +5,18 @@
 //! * [`diagnosis`]: which effect is missing; [`explain`]: the main job; [`score`]: how often it is right;
 //! * [`report`]: pages to look at; [`cli`]: the command line; [`problem`]: errors as users see them.
 
+pub mod cli;
 pub mod dataset;
 pub mod diagnosis;
 pub mod experiment;
+pub mod explain;
 pub mod fit;
 pub mod floor;
+pub mod model_file;
+pub mod plant;
 pub mod problem;
 pub mod refine;
 pub mod report;
 pub mod reproduce;
+pub mod score;
 pub mod servo;

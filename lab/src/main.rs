@@ -1,2 +1,7 @@
-//! The `hysteron` program.
-fn main() {}
+//! The `hysteron` program: see `hysteron --help`, or README.md.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    hysteron::cli::run()
+}

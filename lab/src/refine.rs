@@ -1,9 +1,9 @@
 //! More flexible hysteresis surfaces: what a wrong polynomial degree could explain must never pass for a missing effect.
 
 use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::Overview;
 use hysteron_sim::effect::hysteresis::{Hysteresis, degree_of};
 use hysteron_sim::effect::initial_curve::InitialCurve;
-use hysteron_sim::effect::Overview;
 use std::sync::Arc;
 
 /// Highest degree that surfaces are refined to.

@@ -50,7 +50,7 @@ impl Effect for AmplifierBandwidth {
         let mean_weight = -(-setting.dt_s / tau_s).exp_m1() * tau_s / setting.dt_s;
         Some(Box::new(LagStage { decay, mean_weight, voltage_v: model.drive_min_v }))
     }
-    fn needs_substeps(&self) -> bool {
-        true
+    fn substeps(&self, dt_s: f64) -> usize {
+        super::substeps_for_lag(dt_s)
     }
 }

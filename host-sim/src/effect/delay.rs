@@ -53,4 +53,8 @@ impl Effect for Delay {
         let line = std::iter::repeat_n(model.drive_min_v, whole as usize + 1).collect();
         Some(Box::new(DelayStage { line, late_share: intervals - whole }))
     }
+    fn substeps(&self, dt_s: f64) -> usize {
+        // A delay shorter than a slow period is over at its end; without sub-intervals its mean would not be.
+        if dt_s > 60e-6 { 2 } else { 1 }
+    }
 }

@@ -108,6 +108,7 @@ impl Compiled {
 /// An effect defined by expressions.
 #[derive(Clone, Debug)]
 pub struct ExpressionEffect {
+    text: String,
     declaration: Declaration,
     parameters: Vec<Parameter>,
     starts: Vec<Vec<f64>>,
@@ -160,6 +161,7 @@ impl ExpressionEffect {
         let derivatives =
             file.state.iter().map(|s| Compiled::new(&s.derivative, &names, &format!("state {}", s.name))).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
+            text: text.to_string(),
             declaration: Declaration {
                 id: file.id,
                 physics: file.physics,
@@ -235,6 +237,9 @@ impl Stage for ExpressionStage<'_> {
 impl Effect for ExpressionEffect {
     fn declaration(&self) -> Declaration {
         self.declaration.clone()
+    }
+    fn definition(&self) -> Option<&str> {
+        Some(&self.text)
     }
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         self.parameters.clone()

@@ -207,6 +207,13 @@ pub struct Setting<'a> {
     pub drive_max_v: f64,
 }
 
+/// Sub-intervals of a sampling period for a lag in front of the hysteresis: 12.5 us or finer where the sampling is fast enough to show
+/// what happens inside a period, and no more than four, because slow records only see that it is over.
+#[must_use]
+pub fn substeps_for_lag(dt_s: f64) -> usize {
+    ((dt_s / 12.5e-6).ceil() as usize).clamp(1, 4)
+}
+
 /// One physical effect walking along a signal.
 pub trait Stage: Send {
     /// Carries the stage over interval `k`: its input there in, its output out.
@@ -244,9 +251,14 @@ pub trait Effect: Send + Sync {
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
-    /// True where the drive must be followed inside a sampling period.
-    fn needs_substeps(&self) -> bool {
-        false
+    /// Into how many sub-intervals a sampling period must be divided for this effect.
+    fn substeps(&self, _dt_s: f64) -> usize {
+        1
+    }
+
+    /// The text that defines an effect which is not built in.
+    fn definition(&self) -> Option<&str> {
+        None
     }
 
     /// Slow states of the stage whose initial values are unknown in a record that starts after an unknown history: time constants in s.

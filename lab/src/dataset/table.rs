@@ -207,6 +207,21 @@ impl Table {
         Ok(Signals { t_s: time.map(scaled), u_v: scaled((u, u_factor)), y_um: scaled((y, y_factor)), force_n: force.map(scaled) })
     }
 
+    /// Time and drive of a file that has no displacement.
+    ///
+    /// # Errors
+    /// When either column is missing.
+    pub fn drive_only(&self) -> Result<(Vec<f64>, Vec<f64>)> {
+        let pick = |quantity: &Quantity, anonymous: usize| -> Result<Vec<f64>> {
+            let found = if self.names.is_empty() { Some((anonymous, 1.0)) } else { self.find(quantity, None)? };
+            let (c, factor) = found
+                .filter(|(c, _)| self.columns.get(*c).is_some_and(|column| !column.is_empty()))
+                .ok_or_else(|| Problem::file(&self.path, format!("no column for {}; expected t and u", quantity.key)))?;
+            Ok(self.columns[c].iter().map(|v| v * factor).collect())
+        };
+        Ok((pick(&TIME, 0)?, pick(&DRIVE, 1)?))
+    }
+
     fn find(&self, quantity: &Quantity, wanted: Option<&ColumnName>) -> Result<Option<(usize, f64)>> {
         match wanted {
             Some(ColumnName::Number(n)) => {

@@ -26,6 +26,8 @@ const FALSE_DISCOVERY_RATE: f64 = 0.05;
 const ROUNDS_MAX: usize = 6;
 /// Finalists of a round.
 const FINALISTS_MAX: usize = 6;
+/// A model whose error is below this times the floor in every record has nothing left to explain.
+const NOTHING_LEFT: f64 = 1.03;
 /// Two models closer than this, in standard errors of their difference, are not told apart.
 const TIE_Z: f64 = 3.0;
 
@@ -137,7 +139,7 @@ impl Workbench<'_> {
             let screening = screen(&model, &self.overview, self.dataset, &self.split.identify, std::slice::from_ref(effect), None, 1);
             let before = judge(model.clone(), self.dataset, &self.split);
             model = match screening.scores.first() {
-                Some(score) => refit(&before, score, 0, &self.overview, self.dataset, &self.split).judged.model,
+                Some(score) => refit(&before, score, 0, &self.overview, self.dataset, &self.split, self.floor_um).judged.model,
                 None => crate::fit::with_effect(&model, EffectInstance::new(effect.clone(), &self.overview, &[])),
             };
         }
@@ -154,13 +156,19 @@ impl Workbench<'_> {
         };
         while growth.rounds.len() < ROUNDS_MAX {
             let before = growth.last().clone();
+            if !growth.rounds.is_empty() && self.nothing_left(&before) {
+                break;
+            }
             let round = self.round(&before, growth.rounds.len());
             let refined = self.refine(&before, &round);
             let step = match (refined, round.tied.first()) {
                 (Some(judged), _) => Some(Step {
                     added: None,
                     removed: Vec::new(),
-                    why: format!("hysteresis surfaces of degree {}: the same effect, described more finely", refine::degree(&judged.model).unwrap_or(0)),
+                    why: format!(
+                        "hysteresis surfaces of degree {}: the same effect, described more finely",
+                        refine::degree(&judged.model).unwrap_or(0)
+                    ),
                     judged,
                 }),
                 (None, Some(id)) => self.add(&growth, &before, &round, id),
@@ -182,14 +190,14 @@ impl Workbench<'_> {
         let chosen: Vec<usize> = (0..screening.scores.len())
             .filter(|&i| {
                 let score = &screening.scores[i];
-                i < 3 || (i < FINALISTS_MAX && score.p_value <= 0.05 && score.explained_um2 > 0.03 * strongest)
+                i < 3 || (i < FINALISTS_MAX && score.p_value <= 0.05 && score.explained_um2 > 0.15 * strongest)
             })
             .collect();
         let mut finalists: Vec<Finalist> = chosen
             .into_iter()
             .map(|i| {
                 (self.progress)(&format!("fitting with {}", screening.scores[i].id));
-                refit(before, &screening.scores[i], i, &self.overview, self.dataset, &self.split)
+                refit(before, &screening.scores[i], i, &self.overview, self.dataset, &self.split, self.floor_um)
             })
             .collect();
         finalists.sort_by(|a, b| merit(&a.judged).total_cmp(&merit(&b.judged)));
@@ -202,6 +210,11 @@ impl Workbench<'_> {
                 .collect()
         });
         Round { screening, finalists, tied }
+    }
+
+    /// Every judged record is at the floor.
+    fn nothing_left(&self, judged: &Judged) -> bool {
+        self.floor_um.is_some_and(|floor| judged.residuals.iter().all(|r| crate::fit::rms(r) < NOTHING_LEFT * floor))
     }
 
     fn accepts(&self, finalist: &Finalist, screening: &Screening) -> bool {
@@ -229,11 +242,17 @@ impl Workbench<'_> {
         }
         let finer = refine::refined(&before.model, &self.overview, 1)?;
         (self.progress)("fitting finer hysteresis surfaces");
-        let judged = judge(fit(&finer, self.dataset, &self.split.identify, Effort { iterations: 8, tolerance: 0.3 }).model, self.dataset, &self.split);
+        let judged = judge(
+            fit(&finer, self.dataset, &self.split.identify, Effort { iterations: 8, tolerance: 0.3 }).model,
+            self.dataset,
+            &self.split,
+        );
         let gain = improvement(before, &judged, &self.split);
-        let worth = if self.split.validate.is_empty() { gain.total_z > 4.0 } else { gain.validate_z > 2.0 && gain.validate_relative > 0.005 };
+        let worth =
+            if self.split.validate.is_empty() { gain.total_z > 4.0 } else { gain.validate_z > 2.0 && gain.validate_relative > 0.005 };
         let best = round.tied.first().and_then(|id| round.finalists.iter().find(|f| f.id == *id));
-        let better = best.is_none_or(|f| improvement(&judged, &f.judged, &self.split).total_z < TIE_Z && merit(&judged) < 1.02 * merit(&f.judged));
+        let better =
+            best.is_none_or(|f| improvement(&judged, &f.judged, &self.split).total_z < TIE_Z && merit(&judged) < 1.02 * merit(&f.judged));
         (worth && better).then_some(judged)
     }
 
@@ -272,7 +291,11 @@ impl Workbench<'_> {
             return None; // nothing would be left to drive the chain
         }
         model.effects.retain(|e| e.id != id);
-        Some(judge(fit(&model, self.dataset, &self.split.identify, Effort { iterations: 8, tolerance: 0.3 }).model, self.dataset, &self.split))
+        Some(judge(
+            fit(&model, self.dataset, &self.split.identify, Effort { iterations: 8, tolerance: 0.3 }).model,
+            self.dataset,
+            &self.split,
+        ))
     }
 }
 
@@ -292,5 +315,11 @@ fn build_rank(id: &str) -> usize {
 #[must_use]
 pub fn nm(um: f64) -> String {
     let value = 1e3 * um;
-    if value >= 100.0 { format!("{value:.0}") } else if value >= 10.0 { format!("{value:.1}") } else { format!("{value:.2}") }
+    if value >= 100.0 {
+        format!("{value:.0}")
+    } else if value >= 10.0 {
+        format!("{value:.1}")
+    } else {
+        format!("{value:.2}")
+    }
 }

@@ -39,22 +39,20 @@ impl Split {
 }
 
 fn rms_of(residuals: &[Vec<f64>], records: &[usize]) -> Option<f64> {
-    let (sum, count) = records
-        .iter()
-        .map(|&i| &residuals[i])
-        .fold((0.0, 0usize), |(s, n), r| (s + crate::fit::dot(r, r), n + r.len()));
+    let (sum, count) = records.iter().map(|&i| &residuals[i]).fold((0.0, 0usize), |(s, n), r| (s + crate::fit::dot(r, r), n + r.len()));
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
 
 /// Judges a fitted model.
 #[must_use]
 pub fn judge(model: Model, dataset: &Dataset, split: &Split) -> Judged {
-    let residuals: Vec<Vec<f64>> = (0..dataset.records.len())
-        .into_par_iter()
-        .map(|i| {
-            if split.identify.contains(&i) || split.validate.contains(&i) { residual(&model, &dataset.records[i]) } else { Vec::new() }
-        })
-        .collect();
+    let residuals: Vec<Vec<f64>> =
+        (0..dataset.records.len())
+            .into_par_iter()
+            .map(|i| {
+                if split.identify.contains(&i) || split.validate.contains(&i) { residual(&model, &dataset.records[i]) } else { Vec::new() }
+            })
+            .collect();
     let identify_rms_um = rms_of(&residuals, &split.identify).unwrap_or(0.0);
     let validate_rms_um = rms_of(&residuals, &split.validate);
     Judged { model, residuals, identify_rms_um, validate_rms_um }
@@ -81,10 +79,14 @@ pub fn improvement(before: &Judged, after: &Judged, split: &Split) -> Improvemen
         let mut variance = 0.0;
         for i in records {
             let (a, b) = (&before.residuals[i], &after.residuals[i]);
-            let drops: Vec<f64> = blocks(a.len()).into_iter().map(|r| crate::fit::dot(&a[r.clone()], &a[r.clone()]) - crate::fit::dot(&b[r.clone()], &b[r])).collect();
+            let drops: Vec<f64> = blocks(a.len())
+                .into_iter()
+                .map(|r| crate::fit::dot(&a[r.clone()], &a[r.clone()]) - crate::fit::dot(&b[r.clone()], &b[r]))
+                .collect();
             let mean = drops.iter().sum::<f64>() / drops.len().max(1) as f64;
             sum += drops.iter().sum::<f64>();
-            variance += drops.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() * drops.len() as f64 / drops.len().saturating_sub(1).max(1) as f64;
+            variance += drops.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() * drops.len() as f64
+                / drops.len().saturating_sub(1).max(1) as f64;
         }
         if variance > 0.0 { sum / variance.sqrt() } else { 0.0 }
     };
@@ -118,20 +120,32 @@ pub struct Finalist {
 }
 
 /// Steps of a refit that only has to rank.
-const RANKING_EFFORT: Effort = Effort { iterations: 12, tolerance: 0.3 };
+const RANKING_EFFORT: Effort = Effort { iterations: 10, tolerance: 0.5 };
 
 /// Starts of a candidate that are tried, best first.
 const STARTS_TRIED: usize = 2;
 
 /// Fits the model with one more effect from its best starts and keeps the better result.
 #[must_use]
-pub fn refit(before: &Judged, score: &Score, at: usize, overview: &Overview, dataset: &Dataset, split: &Split) -> Finalist {
+pub fn refit(
+    before: &Judged,
+    score: &Score,
+    at: usize,
+    overview: &Overview,
+    dataset: &Dataset,
+    split: &Split,
+    floor_um: Option<f64>,
+) -> Finalist {
     let mut best: Option<(f64, Model)> = None;
     for start in score.starts.iter().take(STARTS_TRIED) {
         let begin = with_effect(&before.model, EffectInstance::new(score.effect.clone(), overview, start));
         let result = fit(&begin, dataset, &split.identify, RANKING_EFFORT);
         if best.as_ref().is_none_or(|(rms, _)| result.rms_um < *rms) {
             best = Some((result.rms_um, result.model));
+        }
+        let enough = floor_um.is_some_and(|f| best.as_ref().is_some_and(|(rms, _)| *rms < 1.05 * f));
+        if enough || score.effect.starts_combine() {
+            break;
         }
     }
     let model = best.map_or_else(|| before.model.clone(), |(_, model)| model);

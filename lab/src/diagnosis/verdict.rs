@@ -219,10 +219,17 @@ fn list(ids: &[String], joint: &str) -> String {
 fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFloor, before: f64, after: f64) -> String {
     let floor_nm = floor.rms_um.map(nm).unwrap_or_default();
     match verdict {
-        Verdict::AtFloor => format!("Nothing is missing that this data could show: the held-out error is {} nm, the noise {floor_nm} nm.", nm(after)),
+        Verdict::AtFloor => {
+            format!("Nothing is missing that this data could show: the held-out error is {} nm, the noise {floor_nm} nm.", nm(after))
+        }
         Verdict::Named => {
             let verb = if named.len() == 1 { "is" } else { "are" };
-            format!("{} {verb} missing: adding it brings the held-out error from {} to {} nm; the noise is {floor_nm} nm.", capital(&list(named, "and")), nm(before), nm(after))
+            format!(
+                "{} {verb} missing: adding it brings the held-out error from {} to {} nm; the noise is {floor_nm} nm.",
+                capital(&list(named, "and")),
+                nm(before),
+                nm(after)
+            )
         }
         Verdict::Ambiguous => format!(
             "{}: this data cannot tell which is missing. Either brings the held-out error from {} to about {} nm; the noise is {floor_nm} nm.",
@@ -232,13 +239,26 @@ fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFl
         ),
         Verdict::Unexplained => {
             let best = growth.added();
-            let known = if best.is_empty() { "no known effect explains any of it".to_string() } else { format!("the best that is known ({}) leaves {} nm", list(&best, "and"), nm(after)) };
-            format!("Something is missing that the library does not know: the held-out error is {} nm, the noise {floor_nm} nm, and {known}.", nm(before))
+            let known = if best.is_empty() {
+                "no known effect explains any of it".to_string()
+            } else {
+                format!("the best that is known ({}) leaves {} nm", list(&best, "and"), nm(after))
+            };
+            format!(
+                "Something is missing that the library does not know: the held-out error is {} nm, the noise {floor_nm} nm, and {known}.",
+                nm(before)
+            )
         }
         Verdict::Undecidable => {
             let best = growth.added();
-            let gained = if best.is_empty() { "no effect lowers the held-out error".to_string() } else { format!("{} lower the held-out error from {} to {} nm", list(&best, "and"), nm(before), nm(after)) };
-            format!("Without repeats, periods or a record at rest the noise is unknown, so nobody can say whether more is missing; {gained}.")
+            let gained = if best.is_empty() {
+                "no effect lowers the held-out error".to_string()
+            } else {
+                format!("{} lower the held-out error from {} to {} nm", list(&best, "and"), nm(before), nm(after))
+            };
+            format!(
+                "Without repeats, periods or a record at rest the noise is unknown, so nobody can say whether more is missing; {gained}."
+            )
         }
     }
 }
@@ -263,7 +283,9 @@ fn cells(judged: &super::refit::Judged, dataset: &Dataset) -> Vec<RecordCells> {
             let cells = drive_features(range_v.0, range_v.1)
                 .into_iter()
                 .zip(found)
-                .filter_map(|(feature, cell)| cell.map(|c| Cell { feature: format!("{} {}", feature.group, feature.label), rms_um: c.rms, samples: c.samples }))
+                .filter_map(|(feature, cell)| {
+                    cell.map(|c| Cell { feature: format!("{} {}", feature.group, feature.label), rms_um: c.rms, samples: c.samples })
+                })
                 .collect();
             RecordCells { record: record.name.clone(), cells }
         })

@@ -1,0 +1,177 @@
+//! The command line: arguments in, short text and files out.
+//!
+//! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message. Output files are written whole
+//! at the end, so that a failed run leaves what was there.
+
+mod output;
+mod plant;
+mod score;
+mod study;
+
+use crate::problem::{Problem, Result};
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// From the measurement of a piezoelectric actuator to what its model misses, and to its controller.
+#[derive(Parser)]
+#[command(name = "hysteron", version, max_term_width = 100, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Files that a command may write.
+#[derive(clap::Args, Clone, Debug, Default)]
+struct Outputs {
+    /// Write every figure as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write a page to look at, one HTML file that opens offline
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Identify, compare, diagnose, add effects until the noise floor: the main job
+    Explain {
+        /// Folder with dataset.toml, a manifest, or one CSV, NPY or NPZ file
+        dataset: PathBuf,
+        /// Effects to start from, comma-separated (default: gain), or a file that lists them
+        #[arg(long, default_value = "gain")]
+        from: String,
+        /// Effects of your own that take part, as .toml files
+        #[arg(long, value_name = "FILES", default_value = "")]
+        own: String,
+        /// Write the final model
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Fit a list of effects to a data set
+    Identify {
+        /// Data set
+        dataset: PathBuf,
+        /// Effects, comma-separated: built-in names or .toml files
+        #[arg(long)]
+        effects: String,
+        /// Hysteresis model in place of `hysteresis`
+        #[arg(long, value_name = "KIND")]
+        hysteresis: Option<String>,
+        /// Write the model
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Compare a model with a data set as it is
+    Compare {
+        /// Model file
+        model: PathBuf,
+        /// Data set
+        dataset: PathBuf,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Say which physical effect a model misses on a data set
+    Diagnose {
+        /// Model file
+        model: PathBuf,
+        /// Data set
+        dataset: PathBuf,
+        /// Effects of your own that take part, as .toml files
+        #[arg(long, value_name = "FILES", default_value = "")]
+        own: String,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Add an effect to a model and fit it again
+    Add {
+        /// Effect: a built-in name or a .toml file
+        effect: String,
+        /// Model file
+        model: PathBuf,
+        /// Data set
+        dataset: PathBuf,
+        /// Write the model
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// What a model's sensor would read under a drive
+    Simulate {
+        /// Model file
+        model: PathBuf,
+        /// CSV file with t and u, or a waveform: sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS, triangle:V_PER_S:PEAK_V:SECONDS, step:V:SECONDS
+        #[arg(long)]
+        drive: String,
+        /// CSV file to write
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        /// Sampling rate of a waveform
+        #[arg(long, default_value_t = 20000.0)]
+        rate_hz: f64,
+    },
+    /// Simulate a data set that has these effects, with its truth
+    Plant {
+        /// Effects, comma-separated, each with an optional strength: creep=2.0,delay
+        effects: String,
+        /// Folder to write
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        /// Seed of noise and parameters
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Effects that the user already models, comma-separated
+        #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
+        base: String,
+    },
+    /// Diagnose a folder of planted cases and compare with their truth
+    Score {
+        /// Folder with truth.json and one folder per case
+        dir: PathBuf,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+}
+
+/// Runs the program.
+#[must_use]
+pub fn run() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+        }
+    };
+    match dispatch(arguments.command) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
+        Err(problem) => {
+            eprintln!("error: {problem}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn dispatch(command: Command) -> Result<bool> {
+    match command {
+        Command::Explain { dataset, from, own, out, outputs } => study::explain(&dataset, &from, &own, out.as_deref(), &outputs),
+        Command::Identify { dataset, effects, hysteresis, out, outputs } => {
+            study::identify(&dataset, &effects, hysteresis.as_deref(), out.as_deref(), &outputs)
+        }
+        Command::Compare { model, dataset, outputs } => study::compare(&model, &dataset, &outputs),
+        Command::Diagnose { model, dataset, own, outputs } => study::diagnose(&model, &dataset, &own, &outputs),
+        Command::Add { effect, model, dataset, out, outputs } => study::add(&effect, &model, &dataset, &out, &outputs),
+        Command::Simulate { model, drive, out, rate_hz } => study::simulate(&model, &drive, &out, rate_hz),
+        Command::Plant { effects, out, seed, base } => plant::plant(&effects, &base, &out, seed),
+        Command::Score { dir, outputs } => score::score(&dir, &outputs),
+    }
+    .and_then(|ok| {
+        if std::io::Write::flush(&mut std::io::stdout()).is_ok() { Ok(ok) } else { Err(Problem::new("output", "cannot be written")) }
+    })
+}

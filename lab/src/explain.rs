@@ -1,0 +1,463 @@
+//! The main job: identify, compare, diagnose, add, until the floor; and everything that files and pages show of it.
+
+use crate::dataset::{Dataset, Role};
+use crate::diagnosis::growth::{Growth, Workbench};
+use crate::diagnosis::refit::{Judged, Split};
+use crate::diagnosis::verdict::{self, Diagnosis};
+use crate::fit::{estimate_uncertainty, residual, rms};
+use crate::floor::{NoiseFloor, noise_floor};
+use crate::problem::{Problem, Result};
+use crate::report::{
+    CandidateReport, EvidenceReport, EvidenceTrace, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport, StepReport,
+};
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::{Effect, registry};
+use serde::Serialize;
+use std::sync::Arc;
+
+/// How one record is met.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecordFigures {
+    /// The record.
+    pub file: String,
+    /// Its role.
+    pub role: &'static str,
+    /// Residual, um.
+    pub rms_um: f64,
+    /// Largest residual, um.
+    pub max_um: f64,
+    /// Residual in % of the measured range.
+    pub rms_pct_range: f64,
+}
+
+/// One value of a model.
+#[derive(Clone, Debug, Serialize)]
+pub struct ParameterFigures {
+    /// The effect.
+    pub effect: String,
+    /// The parameter.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: Option<f64>,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// One step of the growth.
+#[derive(Clone, Debug, Serialize)]
+pub struct StepFigures {
+    /// What was added.
+    pub added: Option<String>,
+    /// What was taken back.
+    pub removed: Vec<String>,
+    /// Why.
+    pub why: String,
+    /// Fitted error.
+    pub identify_rms_um: f64,
+    /// Held-out error.
+    pub validate_rms_um: Option<f64>,
+}
+
+/// What `identify`, `add`, `explain` and `compare` write (`hysteron.fit/1`).
+#[derive(Clone, Debug, Serialize)]
+pub struct FitFigures {
+    /// `hysteron.fit/1`.
+    pub schema: &'static str,
+    /// Effects in the order of the chain.
+    pub effects: Vec<String>,
+    /// Every record.
+    pub records: Vec<RecordFigures>,
+    /// Floor.
+    pub noise_floor_um: Option<f64>,
+    /// What it rests on.
+    pub floor_basis: String,
+    /// All values.
+    pub parameters: Vec<ParameterFigures>,
+    /// The growth.
+    pub steps: Vec<StepFigures>,
+    /// What the data cannot tell, in words.
+    pub cannot_identify: Vec<String>,
+    /// Remarks on data and floor.
+    pub warnings: Vec<String>,
+    /// Wall-clock time.
+    pub seconds: f64,
+    /// The diagnosis, with `explain` and `diagnose`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diagnosis: Option<Diagnosis>,
+}
+
+/// Everything that one run of the main job found.
+pub struct Explanation {
+    /// The final model with standard deviations.
+    pub model: Model,
+    /// The growth.
+    pub growth: Growth,
+    /// The floor.
+    pub floor: NoiseFloor,
+    /// The verdict on the starting model.
+    pub diagnosis: Diagnosis,
+    /// What the data cannot tell.
+    pub cannot_identify: Vec<String>,
+    /// Records that are fitted and judge.
+    pub split: Split,
+}
+
+/// All built-in candidates and the user's own.
+#[must_use]
+pub fn candidates(own: &[Arc<dyn Effect>]) -> Vec<Arc<dyn Effect>> {
+    let mut all: Vec<Arc<dyn Effect>> = registry().into_iter().filter(|e| e.declaration().candidate).collect();
+    all.extend(own.iter().cloned());
+    all
+}
+
+/// Where a run starts.
+pub enum Start<'a> {
+    /// From these effects, fitted first.
+    Effects(&'a [Arc<dyn Effect>]),
+    /// From a model as it is.
+    Model(Model),
+}
+
+/// Runs the main job.
+#[must_use]
+pub fn explain(dataset: &Dataset, start: Start, own: &[Arc<dyn Effect>], progress: &(dyn Fn(&str) + Sync)) -> Explanation {
+    let floor = noise_floor(dataset);
+    let workbench = Workbench {
+        dataset,
+        overview: dataset.overview(),
+        split: Split::of(dataset),
+        candidates: candidates(own),
+        floor_um: floor.rms_um,
+        progress,
+    };
+    let base = match start {
+        Start::Effects(effects) => workbench.build(effects),
+        Start::Model(model) => crate::diagnosis::refit::judge(model, dataset, &workbench.split),
+    };
+    let growth = workbench.grow(base);
+    let diagnosis = verdict::diagnose(&growth, &floor, dataset, &workbench.split);
+    let mut model = growth.last().model.clone();
+    progress("estimating standard deviations");
+    let cannot_identify = unidentified(&mut model, dataset, &workbench.split);
+    Explanation { model, growth, floor, diagnosis, cannot_identify, split: workbench.split }
+}
+
+/// Fills in standard deviations and says in words what the data cannot tell.
+pub fn unidentified(model: &mut Model, dataset: &Dataset, split: &Split) -> Vec<String> {
+    let mut out: Vec<String> = Vec::new();
+    let mut by_effect: Vec<(String, Vec<String>)> = Vec::new();
+    for u in estimate_uncertainty(model, dataset, &split.identify) {
+        match by_effect.iter_mut().find(|(effect, _)| *effect == u.effect) {
+            Some((_, names)) => names.push(u.parameter),
+            None => by_effect.push((u.effect, vec![u.parameter])),
+        }
+    }
+    for (effect, names) in by_effect {
+        let all = model.effect(&effect).map_or(0, |e| e.parameters.iter().filter(|p| !p.parameter.fixed).count());
+        let which = if names.len() == all { "none of its parameters".to_string() } else { format!("not {}", names.join(", ")) };
+        out.push(format!("{effect}: this data fixes {which}"));
+    }
+    out.extend(what_the_drive_cannot_show(dataset, split));
+    out
+}
+
+/// What the drives of the fitted records leave open, whatever the model.
+fn what_the_drive_cannot_show(dataset: &Dataset, split: &Split) -> Vec<String> {
+    let mut out = Vec::new();
+    let mut turns: Vec<f64> = Vec::new();
+    let mut slopes: Vec<f64> = Vec::new();
+    let range = dataset.drive_max_v - dataset.drive_min_v;
+    for &i in &split.identify {
+        let record = &dataset.records[i];
+        let u = &record.drive_v[record.window.clone()];
+        let mut last_turn = u[0];
+        for w in u.windows(3) {
+            if (w[1] - w[0]) * (w[2] - w[1]) < 0.0 && (w[1] - last_turn).abs() > 0.02 * range {
+                turns.push(w[1]);
+                last_turn = w[1];
+            }
+        }
+        let mut fast: Vec<f64> = u.windows(2).map(|w| (w[1] - w[0]).abs() * record.sample_rate_hz).collect();
+        fast.sort_by(f64::total_cmp);
+        slopes.push(fast[fast.len() * 9 / 10]);
+    }
+    let spread = |values: &[f64]| {
+        let mut levels: Vec<f64> = Vec::new();
+        for v in values {
+            if levels.iter().all(|l| (l - v).abs() > 0.05 * range) {
+                levels.push(*v);
+            }
+        }
+        levels.len()
+    };
+    if !turns.is_empty() && spread(&turns) <= 2 {
+        out.push(
+            "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into(),
+        );
+    }
+    let (slow, fast) = slopes.iter().filter(|s| **s > 0.0).fold((f64::INFINITY, 0.0_f64), |(l, h), s| (l.min(*s), h.max(*s)));
+    if fast < 3.0 * slow {
+        out.push(format!("rate dependence: the drive moves at one speed only (about {fast:.0} V/s), so loops at other speeds are a guess"));
+    }
+    out
+}
+
+fn record_figures(model: &Model, dataset: &Dataset) -> Vec<RecordFigures> {
+    dataset
+        .records
+        .iter()
+        .map(|record| {
+            let r = residual(model, record);
+            let rms_um = rms(&r);
+            let range = record.range_um();
+            RecordFigures {
+                file: record.name.clone(),
+                role: record.role.name(),
+                rms_um,
+                max_um: r.iter().fold(0.0, |m, v| m.max(v.abs())),
+                rms_pct_range: if range > 0.0 { 100.0 * rms_um / range } else { 0.0 },
+            }
+        })
+        .collect()
+}
+
+/// All values of a model.
+#[must_use]
+pub fn parameter_figures(model: &Model) -> Vec<ParameterFigures> {
+    model
+        .effects
+        .iter()
+        .flat_map(|e| {
+            e.parameters.iter().map(|p| ParameterFigures {
+                effect: e.id.clone(),
+                name: p.parameter.name.clone(),
+                value: p.value,
+                std: p.std,
+                unit: p.parameter.unit.clone(),
+            })
+        })
+        .collect()
+}
+
+/// Figures of a model on a data set.
+#[must_use]
+pub fn fit_figures(
+    model: &Model,
+    dataset: &Dataset,
+    floor: &NoiseFloor,
+    steps: Vec<StepFigures>,
+    cannot_identify: Vec<String>,
+    seconds: f64,
+) -> FitFigures {
+    FitFigures {
+        schema: "hysteron.fit/1",
+        effects: model.effect_ids(),
+        records: record_figures(model, dataset),
+        noise_floor_um: floor.rms_um,
+        floor_basis: floor.basis.clone(),
+        parameters: parameter_figures(model),
+        steps,
+        cannot_identify,
+        warnings: dataset.notes.iter().chain(&floor.warnings).cloned().collect(),
+        seconds,
+        diagnosis: None,
+    }
+}
+
+impl Explanation {
+    /// Figures for files.
+    #[must_use]
+    pub fn figures(&self, dataset: &Dataset, seconds: f64) -> FitFigures {
+        let steps = self.growth.steps.iter().map(|s| step_figures(s.added.clone(), s.removed.clone(), s.why.clone(), &s.judged)).collect();
+        let mut out = fit_figures(&self.model, dataset, &self.floor, steps, self.cannot_identify.clone(), seconds);
+        out.diagnosis = Some(self.diagnosis.clone());
+        out
+    }
+
+    /// Everything that the page shows.
+    #[must_use]
+    pub fn report(&self, dataset: &Dataset, command: String) -> ExplainReport {
+        let models: Vec<&Model> = self.growth.steps.iter().map(|s| &s.judged.model).collect();
+        let steps = self
+            .growth
+            .steps
+            .iter()
+            .map(|s| StepReport {
+                added: s.added.clone(),
+                why: s.why.clone(),
+                identify_rms_um: s.judged.identify_rms_um,
+                validate_rms_um: s.judged.validate_rms_um,
+            })
+            .collect();
+        let candidates = self
+            .diagnosis
+            .candidates
+            .iter()
+            .map(|c| CandidateReport {
+                effect: c.effect.clone(),
+                explained_share: c.explained_share,
+                explained_share_interval: Some(c.explained_share_interval),
+                p_value: c.p_value,
+                validate_rms_before_um: c.validate_rms_before_um,
+                validate_rms_after_um: c.validate_rms_after_um,
+                confusable_with: c.confusable_with.clone(),
+                next_experiment: c.next_experiment.clone(),
+                why: why(c, &self.diagnosis),
+            })
+            .collect();
+        let mut warnings: Vec<String> = dataset.notes.iter().chain(&self.floor.warnings).cloned().collect();
+        warnings.extend(self.cannot_identify.iter().map(|c| format!("cannot be identified from this data: {c}")));
+        ExplainReport {
+            data_set: dataset.name.clone(),
+            verdict: self.diagnosis.verdict.word().into(),
+            sentence: self.diagnosis.sentence.clone(),
+            named: self.diagnosis.named.clone(),
+            records: record_reports(&models, dataset),
+            noise_floor: floor_report(&self.floor),
+            steps,
+            candidates,
+            evidence: self.evidence(dataset),
+            parameters: parameter_reports(&self.model),
+            next_experiment: None,
+            warnings,
+            program_version: env!("CARGO_PKG_VERSION").into(),
+            command,
+        }
+    }
+
+    fn evidence(&self, dataset: &Dataset) -> Vec<EvidenceReport> {
+        let Some(round) = self.growth.rounds.first() else { return Vec::new() };
+        round
+            .screening
+            .scores
+            .iter()
+            .filter(|s| self.diagnosis.named.contains(&s.id))
+            .map(|score| EvidenceReport {
+                effect: score.id.clone(),
+                caption: String::new(),
+                traces: self
+                    .split
+                    .identify
+                    .iter()
+                    .enumerate()
+                    .map(|(r, &record)| EvidenceTrace {
+                        record,
+                        samples: dataset.records[record].window.clone().collect(),
+                        residual_um: round.screening.residual[r].clone(),
+                        predicted_um: score.signature[r].clone(),
+                    })
+                    .collect(),
+            })
+            .collect()
+    }
+}
+
+/// Figures of one step.
+#[must_use]
+pub fn step_figures(added: Option<String>, removed: Vec<String>, why: String, judged: &Judged) -> StepFigures {
+    StepFigures { added, removed, why, identify_rms_um: judged.identify_rms_um, validate_rms_um: judged.validate_rms_um }
+}
+
+fn why(c: &verdict::CandidateFigures, diagnosis: &Diagnosis) -> String {
+    if diagnosis.named.contains(&c.effect) {
+        return "named".into();
+    }
+    match (c.validate_rms_before_um, c.validate_rms_after_um) {
+        _ if c.p_value > 0.05 => "its signature is not in the residual".into(),
+        (Some(before), Some(after)) if after > before => "fits the fitted records, but makes the held-out ones worse".into(),
+        (Some(_), Some(_)) => "helps, but another explains more".into(),
+        _ => "explains less than the finalists".into(),
+    }
+}
+
+/// Records with measured and modelled displacement for a page.
+#[must_use]
+pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport> {
+    dataset
+        .records
+        .iter()
+        .filter(|r| r.role != Role::Noise)
+        .map(|record| {
+            let window = record.window.clone();
+            let residuals: Vec<Vec<f64>> = models.iter().map(|m| residual(m, record)).collect();
+            let last = residuals.last().cloned().unwrap_or_default();
+            RecordReport {
+                name: record.name.clone(),
+                role: record.role.name().into(),
+                sample_rate_hz: record.sample_rate_hz,
+                t_s: window.clone().map(|k| k as f64 * record.dt_s()).collect(),
+                // The reading of a sample answers to the drive held before it.
+                u_v: window.clone().map(|k| record.drive_v[k.saturating_sub(1)]).collect(),
+                y_um: record.displacement_um[window.clone()].to_vec(),
+                residual_um: residuals,
+                latent_force: Vec::new(),
+                latent_unit: String::new(),
+                window_from: 0,
+                window_to: 0,
+                range_um: record.range_um(),
+                rms_um: rms(&last),
+                max_um: last.iter().fold(0.0, |m, v| m.max(v.abs())),
+            }
+        })
+        .collect()
+}
+
+/// Floor for a page.
+#[must_use]
+pub fn floor_report(floor: &NoiseFloor) -> Option<NoiseFloorReport> {
+    floor.rms_um.map(|rms_um| NoiseFloorReport {
+        rms_um,
+        basis: floor.basis.clone(),
+        estimates: floor.estimates.iter().map(|e| (e.basis.clone(), e.rms_um)).collect(),
+    })
+}
+
+/// Values for a page.
+#[must_use]
+pub fn parameter_reports(model: &Model) -> Vec<ParameterReport> {
+    model
+        .effects
+        .iter()
+        .flat_map(|e| {
+            e.parameters.iter().map(|p| ParameterReport {
+                effect: e.id.clone(),
+                name: p.parameter.name.clone(),
+                value: p.value,
+                std: p.std,
+                unit: p.parameter.unit.clone(),
+                note: if p.parameter.fixed {
+                    "fixed".into()
+                } else if p.value <= p.parameter.lower || p.value >= p.parameter.upper {
+                    "at its bound".into()
+                } else {
+                    String::new()
+                },
+            })
+        })
+        .collect()
+}
+
+/// Checks that a list of effects can be told by the data at all.
+///
+/// # Errors
+/// Names effects none of whose parameters the data fix.
+pub fn require_identifiable(model: &Model, requested: &[Arc<dyn Effect>], cannot: &[String], dataset: &Dataset) -> Result<()> {
+    for effect in requested {
+        let id = effect.declaration().id;
+        if cannot.iter().any(|c| c.starts_with(&format!("{id}: ")) && c.ends_with("none of its parameters")) {
+            return Err(Problem::new(
+                dataset.path.display(),
+                format!("cannot identify {id}: the data fix none of its parameters. Best shown by: {}", effect.declaration().experiment),
+            ));
+        }
+        if id == "load_force" && !dataset.records.iter().any(|r| r.force_n.is_some()) {
+            return Err(Problem::new(dataset.path.display(), "cannot identify load_force: no record has a force column"));
+        }
+        if model.effect(&id).is_none() {
+            return Err(Problem::new("effects", format!("{id} needs the effect it modifies in the model")));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,327 @@
+//! Simulated data sets with known effects: the examples that the project ships, and the cases that the diagnosis is scored on.
+//!
+//! The plant is the chain of the reference actuator with random frequency, damping, gain and noise. It is stepped four times as finely
+//! as it is recorded, so that a model identified from the records does not share the discretisation of its truth.
+
+use crate::problem::{Problem, Result, nearest, write_whole};
+use hysteron_sim::bench::Bench;
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
+use hysteron_sim::effect::hysteresis::Hysteresis;
+use hysteron_sim::effect::{Effect, Overview, by_id};
+use hysteron_sim::hysteresis_surface::{Surfaces, loop_terms, shifted_legendre};
+use hysteron_sim::waveform;
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Truth of one case, in the form in which `score` reads it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Truth {
+    /// Folder of the case, relative to the truth file.
+    pub name: String,
+    /// The hidden effect; none if nothing is missing.
+    pub hidden: Option<String>,
+    /// Effects that are missing with it.
+    #[serde(default)]
+    pub also: Vec<String>,
+    /// Second hidden effect.
+    #[serde(default)]
+    pub second: Option<String>,
+    /// What the user already models.
+    pub base: Vec<String>,
+    /// Standard deviation of the noise.
+    pub noise_um: f64,
+    /// Strength of the hidden effect.
+    #[serde(default)]
+    pub strength: f64,
+    /// How much the hidden effect changes each record.
+    #[serde(default)]
+    pub effect_rms_um: Vec<(String, f64)>,
+}
+
+/// Sub-steps of a sampling period.
+const FINER: usize = 4;
+
+struct Planned {
+    name: &'static str,
+    role: &'static str,
+    rate_hz: f64,
+    drive_v: Vec<f64>,
+    period_s: Option<(f64, f64)>,
+}
+
+/// One cycle over the range and a rest, so that the loops that follow are settled.
+fn conditioned(rate_hz: f64, peak_v: f64, seconds: f64, then: Vec<f64>) -> Vec<f64> {
+    let mut out = waveform::raised_cosine(rate_hz, 1.0 / seconds, 0.0, peak_v, 1);
+    out.extend(waveform::hold(rate_hz, 0.0, 0.6 * seconds));
+    out.extend(then);
+    out
+}
+
+fn plan(peak_v: f64, seed: u64) -> Vec<Planned> {
+    let stair = |tops: &[f64]| {
+        let mut vertices = vec![0.0];
+        vertices.extend(tops.iter().map(|t| t * peak_v / 70.0));
+        waveform::triangles(2000.0, 200.0, &vertices)
+    };
+    let bursts = {
+        let mut out = Vec::new();
+        for hz in [5.0_f64, 20.0, 50.0, 100.0, 200.0, 400.0] {
+            let amplitude = peak_v * if hz < 60.0 { 0.42 } else { 0.17 };
+            let seconds = (3.0 / hz).max(0.03).min(0.25);
+            out.extend(waveform::sine_burst(20_000.0, hz, amplitude, 0.45 * peak_v, seconds));
+        }
+        out
+    };
+    let period = 3800;
+    let lines: Vec<usize> = (1..=285).step_by(3).collect();
+    let multisine = waveform::multisine(period, &lines, 0.09 * peak_v, 0.43 * peak_v, 6, seed);
+    let several: Vec<f64> = (0..11_000)
+        .map(|k| {
+            let t = f64::from(k) / 20_000.0;
+            let ramp = (t / 0.03).min(1.0);
+            let tau = std::f64::consts::TAU;
+            ramp * peak_v * (0.46 + 0.21 * (tau * 13.0 * t).sin() + 0.12 * (tau * 47.0 * t + 1.0).sin() + 0.06 * (tau * 131.0 * t).sin())
+        })
+        .collect();
+    vec![
+        Planned {
+            name: "stair",
+            role: "identify",
+            rate_hz: 2000.0,
+            drive_v: stair(&[
+                20.0, 5.0, 35.0, 10.0, 50.0, 20.0, 45.0, 25.0, 60.0, 0.0, 70.0, 0.0, 65.0, 10.0, 55.0, 20.0, 45.0, 30.0, 40.0, 0.0,
+            ]),
+            period_s: None,
+        },
+        Planned {
+            name: "stair2",
+            role: "validate",
+            rate_hz: 2000.0,
+            drive_v: stair(&[15.0, 3.0, 42.0, 18.0, 55.0, 8.0, 38.0, 14.0, 66.0, 30.0, 58.0, 22.0, 47.0, 0.0]),
+            period_s: None,
+        },
+        Planned { name: "sines", role: "identify", rate_hz: 20_000.0, drive_v: conditioned(20_000.0, peak_v, 0.1, bursts), period_s: None },
+        Planned {
+            name: "multisine",
+            role: "identify",
+            rate_hz: 20_000.0,
+            drive_v: conditioned(20_000.0, peak_v, 0.1, multisine),
+            period_s: Some((0.19, 0.35)),
+        },
+        Planned {
+            name: "hold",
+            role: "identify",
+            rate_hz: 200.0,
+            drive_v: conditioned(
+                200.0,
+                peak_v,
+                1.0,
+                waveform::steps(200.0, &[(0.43 * peak_v, 12.0), (0.79 * peak_v, 12.0), (0.21 * peak_v, 12.0)]),
+            ),
+            period_s: None,
+        },
+        Planned {
+            name: "hold2",
+            role: "validate",
+            rate_hz: 200.0,
+            drive_v: conditioned(
+                200.0,
+                peak_v,
+                1.0,
+                waveform::steps(200.0, &[(0.64 * peak_v, 9.0), (0.29 * peak_v, 9.0), (0.86 * peak_v, 9.0)]),
+            ),
+            period_s: None,
+        },
+        Planned { name: "rest", role: "noise", rate_hz: 20_000.0, drive_v: vec![0.0; 12_000], period_s: None },
+        Planned {
+            name: "validation",
+            role: "validate",
+            rate_hz: 20_000.0,
+            drive_v: conditioned(20_000.0, peak_v, 0.1, several),
+            period_s: None,
+        },
+    ]
+}
+
+/// The reference actuator with random values, with these effects.
+struct Plant {
+    model: Model,
+    noise_um: f64,
+}
+
+/// Values of an effect at a strength: at strength 1 it is a few times the noise.
+fn values_at(id: &str, strength: f64, overview: &Overview, natural_frequency_rad_s: f64, random: &mut Pcg64Mcg) -> Vec<f64> {
+    let mut spread = || 0.8 + 0.4 * random.random::<f64>();
+    match id {
+        "creep" => [0.02, 0.2, 2.0, 20.0].iter().flat_map(|tau| [0.006 * strength * spread(), *tau]).collect(),
+        "delay" => vec![50e-6 * strength],
+        "second_mode" => vec![0.05 * strength, natural_frequency_rad_s * 2.2 * spread(), 0.02],
+        "rate_dependence" => vec![0.03 * strength, 0.0, 0.0],
+        "amplifier_bandwidth" => vec![3000.0 / strength.max(0.01)],
+        "sensor_bandwidth" => vec![2500.0 / strength.max(0.01)],
+        "slew_limit" => vec![8500.0 / strength.max(0.01)],
+        "saturation" => vec![overview.drive_max_v - 6.5 * strength, -overview.drive_max_v],
+        "friction" => vec![0.03 * strength, 1.0 * spread()],
+        "sensor_nonlinearity" => vec![0.0016 * strength, 0.000_24 * strength],
+        "mains_hum" => vec![50.0, 0.007 * strength, 0.007 * strength],
+        "thermal_drift" => vec![-0.03 * strength, 20.0 * spread()],
+        "load_force" => vec![0.02 * strength],
+        "charge_leakage" => vec![0.02 * strength, 30.0 * spread()],
+        "quantisation" => vec![0.005 * strength],
+        _ => Vec::new(),
+    }
+}
+
+/// Legendre coefficients of the bench's surfaces, times a factor.
+fn reference_surfaces(drive_max_v: f64, factor: f64) -> Result<(Vec<f64>, Vec<f64>)> {
+    let bench = Bench::reference().map_err(|e| Problem::new("bench.toml", e))?;
+    let surfaces = Surfaces::from_thesis_powers(&bench.hysteresis.f, &bench.hysteresis.g, drive_max_v);
+    // The surfaces are polynomials of the same space: solve for the coefficients at as many points as there are.
+    let terms: Vec<(usize, usize)> = loop_terms(4).collect();
+    let legendre: Vec<Vec<f64>> = (0..4).map(shifted_legendre).collect();
+    let p = |k: usize, v: f64| hysteron_sim::hysteresis_surface::horner(&legendre[k], v);
+    let points: Vec<(f64, f64)> = (1..=12).flat_map(|i| (0..i).map(move |j| (f64::from(i) / 12.0, f64::from(j) / 12.0))).collect();
+    let a = nalgebra::DMatrix::from_fn(points.len(), terms.len(), |r, c| {
+        let ((x, z), (i, j)) = (points[r], terms[c]);
+        (x - z) * p(i, x) * p(j, z)
+    });
+    let b = nalgebra::DVector::from_fn(points.len(), |r, _| factor * surfaces.loop_loss(points[r].0, points[r].1));
+    let g = a.svd(true, true).solve(&b, 1e-12).map_err(|e| Problem::new("bench.toml", e))?;
+    let a = nalgebra::DMatrix::from_fn(12, 4, |r, c| (r + 1) as f64 / 12.0 * p(c, (r + 1) as f64 / 12.0));
+    let b = nalgebra::DVector::from_fn(12, |r, _| {
+        let x = (r + 1) as f64 / 12.0;
+        factor * (surfaces.initial_ascending_curve(x) - surfaces.loop_loss(x, 0.0))
+    });
+    let r = a.svd(true, true).solve(&b, 1e-12).map_err(|e| Problem::new("bench.toml", e))?;
+    Ok((g.as_slice().to_vec(), r.as_slice().to_vec()))
+}
+
+/// Simulates and writes a data set in `folder`: records, `dataset.toml`, `base_effects.txt` and `truth.json`.
+///
+/// # Errors
+/// An effect that is not known; a folder that cannot be written.
+pub fn plant(hidden: &[(String, f64)], base: &[String], folder: &Path, seed: u64) -> Result<Truth> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let drive_max_v = 70.0;
+    let overview = Overview {
+        drive_min_v: 0.0,
+        drive_max_v,
+        drive_peak_v: drive_max_v,
+        sample_rate_max_hz: 20_000.0,
+        sample_rate_min_hz: 200.0,
+        duration_s: 40.0,
+        range_um: 11.0,
+        slope_max_v_s: 3e4,
+        has_force: true,
+        gain_um_v: 0.15,
+    };
+    let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
+    let natural_frequency_rad_s = uniform(3000.0, 7000.0);
+    let damping_ratio = uniform(0.25, 0.8);
+    let noise_um = uniform(0.003, 0.006);
+    let (g, r) = reference_surfaces(drive_max_v, uniform(0.8, 1.2))?;
+    let mut plant = Plant { model: Model::new(0.0, drive_max_v), noise_um };
+    plant.model.add(EffectInstance::new(Arc::new(Hysteresis { degree: 4 }), &overview, &g));
+    let mut wanted: Vec<(String, f64)> = base.iter().map(|id| (id.clone(), 1.5)).collect();
+    wanted.extend(hidden.iter().cloned());
+    for (id, strength) in &wanted {
+        let id = id.replace('-', "_");
+        let effect: Arc<dyn Effect> = by_id(&id)
+            .ok_or_else(|| Problem::new("effects", format!("unknown effect `{id}`{}", nearest(&id, &crate::model_file::known_ids()))))?;
+        let values = match id.as_str() {
+            "hysteresis" | "gain" => continue,
+            "initial_curve" => r.clone(),
+            "vibration" => vec![natural_frequency_rad_s, damping_ratio],
+            _ => values_at(&id, *strength, &overview, natural_frequency_rad_s, &mut random),
+        };
+        plant.model.add(EffectInstance::new(effect, &overview, &values));
+    }
+    let with_force = plant.model.effect("load_force").is_some();
+    let mut without = plant.model.clone();
+    without.effects.retain(|e| !hidden.iter().any(|(id, _)| id.replace('-', "_") == e.id));
+    let mut truth = Truth {
+        name: ".".into(),
+        hidden: hidden.first().map(|(id, _)| id.replace('-', "_")),
+        also: Vec::new(),
+        second: hidden.get(1).map(|(id, _)| id.replace('-', "_")),
+        base: base.to_vec(),
+        noise_um,
+        strength: hidden.first().map_or(0.0, |(_, s)| *s),
+        effect_rms_um: Vec::new(),
+    };
+    std::fs::create_dir_all(folder).map_err(|e| Problem::file(folder, format!("cannot be made: {e}")))?;
+    let mut manifest = format!(
+        "name = \"{}\"\ndrive_min_v = 0.0\ndrive_max_v = {drive_max_v:?}\ntiming = \"hold_after_sample\"\n",
+        folder.file_name().map_or_else(|| "planted".into(), |n| n.to_string_lossy().into_owned())
+    );
+    for planned in plan(drive_max_v, seed) {
+        let force = with_force.then(|| square_force(planned.drive_v.len(), planned.rate_hz));
+        let clean = finely(&plant.model, &planned, force.as_deref());
+        let bare = finely(&without, &planned, force.as_deref());
+        let difference: Vec<f64> = clean.iter().zip(&bare).map(|(a, b)| a - b).collect();
+        truth.effect_rms_um.push((planned.name.into(), crate::fit::rms(&difference)));
+        write_record(folder, &planned, &clean, force.as_deref(), plant.noise_um, &mut random)?;
+        manifest.push_str(&format!(
+            "\n[[record]]\nfile = \"{}.csv\"\nsample_rate_hz = {:?}\nrole = \"{}\"\ninitial_state = \"virgin\"\n",
+            planned.name, planned.rate_hz, planned.role
+        ));
+        if let Some((period_s, from_s)) = planned.period_s {
+            manifest.push_str(&format!("period_s = {period_s}\nperiodic_from_s = {from_s}\n"));
+        }
+    }
+    write_whole(&folder.join("dataset.toml"), manifest.as_bytes())?;
+    write_whole(&folder.join("base_effects.txt"), (base.join("\n") + "\n").as_bytes())?;
+    let json = serde_json::to_string_pretty(&[&truth]).map_err(|e| Problem::file(folder, e))?;
+    write_whole(&folder.join("truth.json"), (json + "\n").as_bytes())?;
+    Ok(truth)
+}
+
+fn square_force(samples: usize, rate_hz: f64) -> Vec<f64> {
+    (0..samples).map(|k| if (k as f64 / rate_hz).rem_euclid(0.77) > 0.36 { 10.0 } else { 0.0 }).collect()
+}
+
+fn finely(model: &Model, planned: &Planned, force_n: Option<&[f64]>) -> Vec<f64> {
+    let finer = |signal: &[f64]| -> Vec<f64> { signal.iter().flat_map(|v| std::iter::repeat_n(*v, FINER)).collect() };
+    let drive_v = finer(&planned.drive_v);
+    let force = force_n.map(finer);
+    let rate_hz = planned.rate_hz * FINER as f64;
+    let mut fine = model.clone();
+    // The rate that widens the loops is that of recorded samples: a held drive has none in between.
+    if let Some(rate) = fine.effects.iter_mut().find(|e| e.id == "rate_dependence") {
+        let _ = rate;
+        return model.simulate(&Drive {
+            drive_v: &planned.drive_v,
+            force_n,
+            dt_s: 1.0 / planned.rate_hz,
+            initial_state: InitialState::Virgin,
+        });
+    }
+    let y =
+        fine.simulate(&Drive { drive_v: &drive_v, force_n: force.as_deref(), dt_s: 1.0 / rate_hz, initial_state: InitialState::Virgin });
+    y.into_iter().step_by(FINER).collect()
+}
+
+fn write_record(
+    folder: &Path,
+    planned: &Planned,
+    clean: &[f64],
+    force_n: Option<&[f64]>,
+    noise_um: f64,
+    random: &mut Pcg64Mcg,
+) -> Result<()> {
+    use rand_distr::{Distribution, StandardNormal};
+    let mut text = String::from(if force_n.is_some() { "t_s,u_v,y_um,force_n\n" } else { "t_s,u_v,y_um\n" });
+    for (k, (u, y)) in planned.drive_v.iter().zip(clean).enumerate() {
+        let noise: f64 = StandardNormal.sample(random);
+        let t = k as f64 / planned.rate_hz;
+        text.push_str(&format!("{t:.5},{u:.5},{:.5}", y + noise_um * noise));
+        if let Some(force) = force_n {
+            text.push_str(&format!(",{}", force[k]));
+        }
+        text.push('\n');
+    }
+    write_whole(&folder.join(format!("{}.csv", planned.name)), text.as_bytes())
+}

@@ -1,0 +1,146 @@
+//! Diagnoses planted cases and compares with their truth (`hysteron.score/1`).
+
+use crate::dataset::Dataset;
+use crate::diagnosis::verdict::Verdict;
+use crate::explain::{Start, explain};
+use crate::model_file::parse_effects;
+use crate::plant::Truth;
+use crate::problem::{Problem, Result};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+
+/// How one case went.
+#[derive(Clone, Debug, Serialize)]
+pub struct CaseScore {
+    /// The case.
+    pub case: String,
+    /// What was hidden: effects joined by `+`, or `none`.
+    pub hidden: String,
+    /// The verdict.
+    pub verdict: &'static str,
+    /// What it names.
+    pub named: Vec<String>,
+    /// The hidden effect is first, or nothing is named where nothing (known) is missing.
+    pub right_first: bool,
+    /// Right first, or within an ambiguous set.
+    pub right_in_set: bool,
+    /// Something is named that is not missing.
+    pub false_discovery: bool,
+    /// Held-out error after adding what was found, over the true noise.
+    pub validate_over_noise: f64,
+    /// p-value of the best candidate on the base model.
+    pub least_p_value: f64,
+    /// Smallest p-value of the base model's candidates before control of false discoveries does not exist per case; the strongest share is this.
+    pub strongest_share: f64,
+    /// Wall-clock time.
+    pub seconds: f64,
+}
+
+/// All cases.
+#[derive(Clone, Debug, Serialize)]
+pub struct Score {
+    /// `hysteron.score/1`.
+    pub schema: &'static str,
+    /// Share right first.
+    pub right_first: f64,
+    /// Share right first or in the ambiguous set.
+    pub right_in_set: f64,
+    /// Share with something named that is not missing.
+    pub false_discoveries: f64,
+    /// Share of outside-library cases that were called unexplained; `None` without any.
+    pub unexplained_recognised: Option<f64>,
+    /// Share whose held-out error came within 1.15 times the noise, of those with a known effect.
+    pub within_noise: f64,
+    /// Longest case.
+    pub seconds_max: f64,
+    /// Rows: hidden; columns: what was said first.
+    pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
+    /// Every case.
+    pub cases: Vec<CaseScore>,
+}
+
+/// Scores all cases of a folder.
+///
+/// # Errors
+/// Without a readable truth file, or where a case cannot be read.
+pub fn score(folder: &Path, progress: &dyn Fn(&CaseScore, usize, usize)) -> Result<Score> {
+    let path = folder.join("truth.json");
+    let text = std::fs::read_to_string(&path)
+        .map_err(|e| Problem::file(&path, format!("cannot be read: {e}; expected the truth of planted cases")))?;
+    let truths: Vec<Truth> = serde_json::from_str(&text).map_err(|e| Problem::file(&path, e))?;
+    if truths.is_empty() {
+        return Err(Problem::file(&path, "has no cases"));
+    }
+    let mut cases = Vec::new();
+    for (i, truth) in truths.iter().enumerate() {
+        let case = score_case(&folder.join(&truth.name), truth)?;
+        progress(&case, i + 1, truths.len());
+        cases.push(case);
+    }
+    Ok(summarise(cases))
+}
+
+fn score_case(folder: &Path, truth: &Truth) -> Result<CaseScore> {
+    let started = Instant::now();
+    let dataset = Dataset::load(folder)?;
+    let base = parse_effects(&truth.base.join(","))?;
+    let found = explain(&dataset, Start::Effects(&base), &[], &|_| {});
+    let named = found.diagnosis.named.clone();
+    let mut missing: Vec<String> = truth.hidden.iter().chain(&truth.second).cloned().collect();
+    let outside = missing.iter().any(|id| id.starts_with("outside_library"));
+    let verdict = found.diagnosis.verdict;
+    let all: Vec<String> = missing.iter().chain(&truth.also).cloned().collect();
+    let (right_first, right_in_set) = if outside {
+        (verdict == Verdict::Unexplained, verdict == Verdict::Unexplained)
+    } else if missing.is_empty() {
+        (verdict == Verdict::AtFloor, verdict == Verdict::AtFloor || named.is_empty())
+    } else {
+        let first = named.first().is_some_and(|id| all.contains(id)) && verdict == Verdict::Named;
+        let both = missing.iter().all(|id| named.contains(id));
+        (first && both, both)
+    };
+    if missing.is_empty() {
+        missing.push("none".into());
+    }
+    let after = found.growth.last();
+    Ok(CaseScore {
+        case: truth.name.clone(),
+        hidden: missing.join("+"),
+        verdict: verdict.word(),
+        right_first,
+        right_in_set,
+        false_discovery: verdict == Verdict::Named && named.iter().any(|id| !all.contains(id)),
+        named,
+        validate_over_noise: after.validate_rms_um.unwrap_or(after.identify_rms_um) / truth.noise_um,
+        least_p_value: found.growth.rounds.first().map_or(1.0, |r| r.screening.scores.iter().map(|s| s.p_value).fold(1.0, f64::min)),
+        strongest_share: found.diagnosis.candidates.first().map_or(0.0, |c| c.explained_share),
+        seconds: started.elapsed().as_secs_f64(),
+    })
+}
+
+fn summarise(cases: Vec<CaseScore>) -> Score {
+    let n = cases.len().max(1) as f64;
+    let share = |test: &dyn Fn(&CaseScore) -> bool| cases.iter().filter(|c| test(c)).count() as f64 / n;
+    let outside: Vec<&CaseScore> = cases.iter().filter(|c| c.hidden.starts_with("outside_library")).collect();
+    let known: Vec<&CaseScore> = cases.iter().filter(|c| !c.hidden.starts_with("outside_library") && c.hidden != "none").collect();
+    let part =
+        |set: &[&CaseScore], test: &dyn Fn(&CaseScore) -> bool| set.iter().filter(|c| test(c)).count() as f64 / set.len().max(1) as f64;
+    let mut confusion: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    for case in &cases {
+        let said = if case.verdict == "named" { case.named.join("+") } else { case.verdict.to_string() };
+        *confusion.entry(case.hidden.clone()).or_default().entry(said).or_default() += 1;
+    }
+    Score {
+        schema: "hysteron.score/1",
+        right_first: share(&|c| c.right_first),
+        right_in_set: share(&|c| c.right_in_set),
+        false_discoveries: share(&|c| c.false_discovery),
+        unexplained_recognised: (!outside.is_empty()).then(|| part(&outside, &|c| c.verdict == "unexplained")),
+        within_noise: part(&known, &|c| c.validate_over_noise <= 1.15),
+        seconds_max: cases.iter().map(|c| c.seconds).fold(0.0, f64::max),
+        confusion,
+        cases,
+    }
+}
