@@ -4,11 +4,13 @@ use crate::dataset::{Dataset, Role};
 use crate::diagnosis::growth::{Growth, Workbench};
 use crate::diagnosis::refit::{Judged, Split};
 use crate::diagnosis::verdict::{self, Diagnosis};
+use crate::experiment::{Limits, Proposal, propose};
 use crate::fit::{estimate_uncertainty, residual, rms};
 use crate::floor::{NoiseFloor, noise_floor};
 use crate::problem::{Problem, Result};
 use crate::report::{
-    CandidateReport, EvidenceReport, EvidenceTrace, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport, StepReport,
+    CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
+    StepReport,
 };
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{Effect, registry};
@@ -102,6 +104,25 @@ pub struct Explanation {
     pub cannot_identify: Vec<String>,
     /// Records that are fitted and judge.
     pub split: Split,
+    /// The drive that would tell the first two of an ambiguous set apart.
+    pub next_experiment: Option<NextExperiment>,
+}
+
+/// A drive to run next.
+pub struct NextExperiment {
+    /// The drive.
+    pub proposal: Proposal,
+    /// What it decides and how well.
+    pub sentence: String,
+}
+
+/// Where two explanations tie, the drive on which they differ most.
+fn next_experiment(growth: &Growth, diagnosis: &Diagnosis, dataset: &Dataset, floor_um: Option<f64>) -> Option<NextExperiment> {
+    let round = growth.rounds.iter().find(|r| r.tied.len() > 1).filter(|_| diagnosis.verdict == verdict::Verdict::Ambiguous)?;
+    let model = |id: &String| round.finalists.iter().find(|f| f.id == *id).map(|f| &f.judged.model);
+    let proposal = propose(model(&round.tied[0])?, model(&round.tied[1])?, &Limits::of(&dataset.overview()))?;
+    let sentence = proposal.sentence(&round.tied[0].replace('_', " "), &round.tied[1].replace('_', " "), floor_um);
+    Some(NextExperiment { proposal, sentence })
 }
 
 /// All built-in candidates and the user's own.
@@ -141,7 +162,8 @@ pub fn explain(dataset: &Dataset, start: Start, own: &[Arc<dyn Effect>], progres
     let mut model = growth.last().model.clone();
     progress("estimating standard deviations");
     let cannot_identify = unidentified(&mut model, dataset, &workbench.split);
-    Explanation { model, growth, floor, diagnosis, cannot_identify, split: workbench.split }
+    let next_experiment = next_experiment(&growth, &diagnosis, dataset, floor.rms_um);
+    Explanation { model, growth, floor, diagnosis, cannot_identify, split: workbench.split, next_experiment }
 }
 
 /// Fills in standard deviations and says in words what the data cannot tell.
@@ -320,7 +342,12 @@ impl Explanation {
             candidates,
             evidence: self.evidence(dataset),
             parameters: parameter_reports(&self.model),
-            next_experiment: None,
+            next_experiment: self.next_experiment.as_ref().map(|next| ExperimentReport {
+                why: next.sentence.clone(),
+                file: None,
+                t_s: (0..next.proposal.drive_v.len()).map(|k| k as f64 / next.proposal.sample_rate_hz).collect(),
+                u_v: next.proposal.drive_v.clone(),
+            }),
             warnings,
             program_version: env!("CARGO_PKG_VERSION").into(),
             command,
@@ -391,6 +418,7 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
                 // The reading of a sample answers to the drive held before it.
                 u_v: window.clone().map(|k| record.drive_v[k.saturating_sub(1)]).collect(),
                 y_um: record.displacement_um[window.clone()].to_vec(),
+                force_n: record.force_n.as_ref().map_or_else(Vec::new, |f| window.clone().map(|k| f[k.saturating_sub(1)]).collect()),
                 residual_um: residuals,
                 latent_force: Vec::new(),
                 latent_unit: String::new(),

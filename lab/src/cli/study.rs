@@ -79,6 +79,7 @@ pub fn explain(path: &Path, from: &str, own: &str, out: Option<&Path>, outputs: 
         }
     }
     say_candidates(&found.diagnosis);
+    write_next_experiment(&found, outputs)?;
     if let Some(path) = out {
         model_file::write(path, &found.model, &dataset.name)?;
     }
@@ -93,6 +94,18 @@ pub fn explain(path: &Path, from: &str, own: &str, out: Option<&Path>, outputs: 
     );
     say_next(outputs, path);
     Ok(true)
+}
+
+/// Writes the drive that would decide beside the other outputs.
+fn write_next_experiment(found: &explain::Explanation, outputs: &Outputs) -> Result<()> {
+    let Some(next) = &found.next_experiment else { return Ok(()) };
+    println!("  {}", next.sentence);
+    if let Some(beside) = outputs.report.as_ref().or(outputs.json.as_ref()) {
+        let path = beside.with_extension("next_drive.csv");
+        write_whole(&path, next.proposal.csv().as_bytes())?;
+        println!("  that drive, ready to run: {}", path.display());
+    }
+    Ok(())
 }
 
 fn say_candidates(diagnosis: &Diagnosis) {
@@ -280,6 +293,7 @@ pub fn diagnose(model: &Path, path: &Path, own: &str, outputs: &Outputs) -> Resu
         );
     }
     say_candidates(d);
+    write_next_experiment(&found, outputs)?;
     if let Some(path) = &outputs.json {
         write_json(path, d)?;
     }
