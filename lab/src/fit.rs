@@ -265,11 +265,13 @@ pub struct Effort {
     pub iterations: usize,
     /// A step that lowers the sum of squares by less than this share of one sample's variance per parameter ends the fit.
     pub tolerance: f64,
+    /// A step that lowers the sum of squares by less than this share of it ends the fit.
+    pub relative: f64,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Self { iterations: 30, tolerance: 0.05 }
+        Self { iterations: 30, tolerance: 0.05, relative: 1e-6 }
     }
 }
 
@@ -339,7 +341,7 @@ pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) 
             model = better;
             cost = better_cost;
         }
-        if gain < effort.tolerance * variance * free.len() as f64 {
+        if gain < (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost) {
             if !reused {
                 break;
             }

@@ -133,7 +133,7 @@ impl Workbench<'_> {
             (self.progress)(&format!("fitting {}", effect.declaration().id));
             if effect.starts_combine() || effect.starts(&self.overview).len() <= 1 || model.effects.is_empty() {
                 model.add(EffectInstance::new(effect.clone(), &self.overview, &[]));
-                model = fit(&model, self.dataset, &self.split.identify, Effort { iterations: 6, tolerance: 1.0 }).model;
+                model = fit(&model, self.dataset, &self.split.identify, Effort { iterations: 6, tolerance: 1.0, relative: 0.003 }).model;
                 continue;
             }
             let screening = screen(&model, &self.overview, self.dataset, &self.split.identify, std::slice::from_ref(effect), None, 1);
@@ -159,7 +159,8 @@ impl Workbench<'_> {
             if !growth.rounds.is_empty() && self.nothing_left(&before) {
                 break;
             }
-            let round = self.round(&before, growth.rounds.len());
+            let hopeless = hopeless(&growth);
+            let round = self.round(&before, growth.rounds.len(), &hopeless);
             let refined = self.refine(&before, &round);
             let step = match (refined, round.tied.first()) {
                 (Some(judged), _) => Some(Step {
@@ -181,7 +182,7 @@ impl Workbench<'_> {
         growth
     }
 
-    fn round(&self, before: &Judged, number: usize) -> Round {
+    fn round(&self, before: &Judged, number: usize, hopeless: &[String]) -> Round {
         let candidates = self.candidates_for(&before.model);
         (self.progress)(&format!("scoring {} candidate effects", candidates.len()));
         let screening =
@@ -190,7 +191,8 @@ impl Workbench<'_> {
         let chosen: Vec<usize> = (0..screening.scores.len())
             .filter(|&i| {
                 let score = &screening.scores[i];
-                i < 3 || (i < FINALISTS_MAX && score.p_value <= 0.05 && score.explained_um2 > 0.15 * strongest)
+                let again = hopeless.contains(&score.id);
+                (i < 3 && number == 0) || (!again && i < FINALISTS_MAX && score.p_value <= 0.05 && score.explained_um2 > 0.15 * strongest)
             })
             .collect();
         let mut finalists: Vec<Finalist> = chosen
@@ -234,26 +236,36 @@ impl Workbench<'_> {
         (held_out || only_seen_in_fitted) && i.record_relative > MATTERS
     }
 
-    /// More flexible surfaces, where they do at least as well as the best candidate.
+    /// More flexible surfaces, where they do at least as well as the best candidate; as fine as keeps paying.
     fn refine(&self, before: &Judged, round: &Round) -> Option<Judged> {
         let close = |rms: Option<f64>| matches!((rms, self.floor_um), (Some(r), Some(f)) if r < 1.02 * f);
         if close(before.validate_rms_um) && close(Some(before.identify_rms_um)) {
             return None;
         }
+        let mut finest = self.finer(before)?;
+        let best = round.tied.first().and_then(|id| round.finalists.iter().find(|f| f.id == *id));
+        let no_worse =
+            best.is_none_or(|f| improvement(&finest, &f.judged, &self.split).total_z < TIE_Z && merit(&finest) < 1.02 * merit(&f.judged));
+        if !no_worse {
+            return None;
+        }
+        while let Some(finer) = self.finer(&finest) {
+            finest = finer;
+        }
+        Some(finest)
+    }
+
+    /// Surfaces of one degree more, if they are worth it.
+    fn finer(&self, before: &Judged) -> Option<Judged> {
         let finer = refine::refined(&before.model, &self.overview, 1)?;
         (self.progress)("fitting finer hysteresis surfaces");
-        let judged = judge(
-            fit(&finer, self.dataset, &self.split.identify, Effort { iterations: 8, tolerance: 0.3 }).model,
-            self.dataset,
-            &self.split,
-        );
+        let effort = Effort { iterations: 8, tolerance: 0.3, relative: 0.001 };
+        let judged = judge(fit(&finer, self.dataset, &self.split.identify, effort).model, self.dataset, &self.split);
         let gain = improvement(before, &judged, &self.split);
+        let least = if self.floor_um.is_some() { 0.005 } else { 0.02 };
         let worth =
-            if self.split.validate.is_empty() { gain.total_z > 4.0 } else { gain.validate_z > 2.0 && gain.validate_relative > 0.005 };
-        let best = round.tied.first().and_then(|id| round.finalists.iter().find(|f| f.id == *id));
-        let better =
-            best.is_none_or(|f| improvement(&judged, &f.judged, &self.split).total_z < TIE_Z && merit(&judged) < 1.02 * merit(&f.judged));
-        (worth && better).then_some(judged)
+            if self.split.validate.is_empty() { gain.total_z > 4.0 } else { gain.validate_z > 2.0 && gain.validate_relative > least };
+        worth.then_some(judged)
     }
 
     fn add(&self, growth: &Growth, before: &Judged, round: &Round, id: &str) -> Option<Step> {
@@ -292,10 +304,20 @@ impl Workbench<'_> {
         }
         model.effects.retain(|e| e.id != id);
         Some(judge(
-            fit(&model, self.dataset, &self.split.identify, Effort { iterations: 8, tolerance: 0.3 }).model,
+            fit(&model, self.dataset, &self.split.identify, Effort { iterations: 8, tolerance: 0.3, relative: 0.001 }).model,
             self.dataset,
             &self.split,
         ))
+    }
+}
+
+/// Candidates that were fitted in the last round and did not help the held-out records, where only the surfaces have changed since.
+fn hopeless(growth: &Growth) -> Vec<String> {
+    match (growth.steps.last(), growth.rounds.last()) {
+        (Some(step), Some(round)) if step.added.is_none() => {
+            round.finalists.iter().filter(|f| f.improvement.validate_relative <= 0.0).map(|f| f.id.clone()).collect()
+        }
+        _ => Vec::new(),
     }
 }
 

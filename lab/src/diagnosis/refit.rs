@@ -120,7 +120,7 @@ pub struct Finalist {
 }
 
 /// Steps of a refit that only has to rank.
-const RANKING_EFFORT: Effort = Effort { iterations: 10, tolerance: 0.5 };
+const RANKING_EFFORT: Effort = Effort { iterations: 10, tolerance: 0.5, relative: 0.003 };
 
 /// Starts of a candidate that are tried, best first.
 const STARTS_TRIED: usize = 2;
