@@ -102,8 +102,8 @@ pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]
         .map(|(number, trace)| {
             let record = &records[trace.record];
             let mut plot = trace_plot(view, trace, record);
-            if plot.series.is_empty() {
-                // The drive never stands still in this record, say: time always exists.
+            let over_time = plot.series.is_empty();
+            if over_time {
                 plot = trace_plot(View::Time, trace, record);
             }
             plot = plot.width(width).height_px(250);
@@ -114,7 +114,9 @@ pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]
                 role_words(&record.role),
                 percent(share(trace)),
             );
-            if number == 0 {
+            if over_time {
+                plot.caption = "Over time: the drive of this record does not show the effect in its own kind of picture.".to_owned();
+            } else if number == 0 {
                 plot.caption = caption.to_owned();
             }
             Block::Plot(plot)

@@ -5,7 +5,7 @@
 
 use super::decimate::extreme_indices;
 use super::evidence::evidence_plots;
-use super::explain_report::{CandidateReport, ExplainReport, RecordReport};
+use super::explain_report::{CandidateReport, ExplainReport, RecordReport, StepReport};
 use super::features::{Branch, DriveFeature, branches, drive_features, residual_by_feature};
 use super::page::{
     Band, Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall,
@@ -102,7 +102,7 @@ fn step_names(report: &ExplainReport) -> Vec<String> {
         .map(|(number, step)| match &step.added {
             Some(effect) => format!("+ {effect}"),
             None if number == 0 => "start".to_owned(),
-            None => "refit".to_owned(),
+            None => "finer".to_owned(),
         })
         .collect()
 }
@@ -154,7 +154,12 @@ fn facts(report: &ExplainReport) -> Vec<(String, String)> {
             None => "this data cannot give one".to_owned(),
         },
     ));
-    let added: Vec<_> = report.steps.iter().filter_map(|s| s.added.as_deref()).map(effect_words).collect();
+    let mut added: Vec<String> = Vec::new();
+    for step in &report.steps {
+        added.retain(|effect| !step.removed.contains(effect));
+        added.extend(step.added.clone());
+    }
+    let added: Vec<String> = added.iter().map(|effect| effect_words(effect)).collect();
     if !added.is_empty() {
         facts.push(("Added".to_owned(), added.join(", ")));
     }
@@ -215,23 +220,24 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             "RMS of measured minus modelled in each record, by what the drive was doing at that moment{}. A column that glows in every record is a \
              property of the actuator; a single cell points at one circumstance. Step through the models above to see which cells each effect empties; click \
              a record to look into it.",
-            if floor_um.is_some() {
-                ", as a multiple of the noise floor: 1 is noise alone"
-            } else {
-                ", in nm"
-            }
+            if floor_um.is_some() { ", as a multiple of the noise floor: 1 is noise alone" } else { ", in nm" }
         ),
-        blocks: vec![hottest, Block::HeatMap(HeatMap {
-            title: "Residual over records and drive features".to_owned(),
-            caption: "The frequency columns split the residual's own spectrum, so white noise spreads over them and stays below 1 there; empty cells have no samples."
-                .to_owned(),
-            rows: report.records.iter().map(|r| r.name.clone()).collect(),
-            column_groups,
-            layers,
-            neutral: floor_um.map(|_| 1.0),
-            unit: unit.to_owned(),
-            selector: Some(RECORD.to_owned()),
-        })],
+        blocks: vec![
+            hottest,
+            Block::HeatMap(HeatMap {
+                title: "Residual over records and drive features".to_owned(),
+                caption: format!(
+                    "The frequency columns split the residual's own spectrum{}; empty cells have no samples.",
+                    if floor_um.is_some() { ", so white noise spreads over them and stays below 1 there" } else { "" }
+                ),
+                rows: report.records.iter().map(|r| r.name.clone()).collect(),
+                column_groups,
+                layers,
+                neutral: floor_um.map(|_| 1.0),
+                unit: unit.to_owned(),
+                selector: Some(RECORD.to_owned()),
+            }),
+        ],
     }
 }
 
@@ -293,6 +299,15 @@ fn evidence(report: &ExplainReport) -> Option<Section> {
     })
 }
 
+/// What a step added and took back.
+fn added_words(step: &StepReport, name: &str) -> String {
+    let added = step.added.clone().unwrap_or_else(|| name.to_owned());
+    match step.removed.as_slice() {
+        [] => added,
+        removed => format!("{added}; {} taken back", removed.join(", ")),
+    }
+}
+
 fn falling_error(report: &ExplainReport) -> Section {
     let names = step_names(report);
     let held_out = report.steps.iter().all(|s| s.validate_rms_um.is_some());
@@ -331,7 +346,7 @@ fn falling_error(report: &ExplainReport) -> Section {
             .map(|(number, step)| {
                 vec![
                     (number + 1).to_string(),
-                    step.added.clone().unwrap_or_else(|| names[number].clone()),
+                    added_words(step, &names[number]),
                     figure(1e3 * step.identify_rms_um),
                     step.validate_rms_um.map(|v| figure(1e3 * v)).unwrap_or_default(),
                     step.why.clone(),
@@ -383,8 +398,7 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         .y_axis("measured - modelled", "nm")
         .link("time")
         .width(Width::Full)
-        .height_px(240)
-        .caption("Between the dashed lines: plus and minus one standard deviation of the noise.");
+        .height_px(240);
     let mut loops = Plot::new("Measured and modelled over the drive").x_axis("drive", "V").y_axis("displacement", "um").height_px(340);
     let mut residual_over_drive = Plot::new("Residual over the drive")
         .x_axis("drive", "V")
@@ -417,7 +431,7 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
             loops.series.push(model(&u_v));
             let error = |x: &Vec<f64>| chosen(Series::line("residual", Role::Residual, x.clone(), residual_nm.clone()));
             residual.series.push(error(&t_s));
-            residual_over_drive.series.push(error(&u_v).style(Style::Points));
+            residual_over_drive.series.push(error(&u_v));
             let counted_um: Vec<f64> =
                 residual_um.get(counted.clone()).unwrap_or_default().iter().map(|e| if e.is_finite() { *e } else { 0.0 }).collect();
             let density = amplitude_density(&counted_um, record.sample_rate_hz);
@@ -454,6 +468,7 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         }
     }
     if let Some(floor) = &report.noise_floor {
+        residual.caption = "Between the dashed lines: plus and minus one standard deviation of the noise.".to_owned();
         for plot in [&mut residual, &mut residual_over_drive] {
             plot.levels.push(Level { label: "noise".to_owned(), value: 1e3 * floor.rms_um, when: Vec::new() });
             plot.levels.push(Level { label: String::new(), value: -1e3 * floor.rms_um, when: Vec::new() });

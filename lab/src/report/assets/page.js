@@ -262,7 +262,7 @@ class Plot {
       pen = true; lastX = px; lastY = low = high = py; pixel = Math.round(px);
     }
     flush();
-    return `<path class="${dots ? "dots" + (to - from > 300 ? " many" : "") : "curve"}" data-series="${safe(s.label)}" style="stroke:var(--${s.role})"${s.style === "dashed" ? ' stroke-dasharray="6 4"' : ""} d="${path.join("")}"/>`;
+    return `<path class="${dots ? "dots" + (to - from > 300 ? " many" : "") : `curve ${s.role}${x.rising ? "" : " loop"}`}" data-series="${safe(s.label)}" style="stroke:var(--${s.role})"${s.style === "dashed" ? ' stroke-dasharray="6 4"' : ""} d="${path.join("")}"/>`;
   }
   drawLegend() {
     const labels = new Map();
