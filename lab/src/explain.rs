@@ -1,6 +1,6 @@
 //! The main job: identify, compare, diagnose, add, until the floor; and everything that files and pages show of it.
 
-use crate::dataset::{Dataset, Role};
+use crate::dataset::Dataset;
 use crate::diagnosis::growth::{Growth, Workbench};
 use crate::diagnosis::refit::{Judged, Split};
 use crate::diagnosis::verdict::{self, Diagnosis};
@@ -308,6 +308,7 @@ impl Explanation {
             .iter()
             .map(|s| StepReport {
                 added: s.added.clone(),
+                removed: s.removed.clone(),
                 why: s.why.clone(),
                 identify_rms_um: s.judged.identify_rms_um,
                 validate_rms_um: s.judged.validate_rms_um,
@@ -340,7 +341,7 @@ impl Explanation {
             noise_floor: floor_report(&self.floor),
             steps,
             candidates,
-            evidence: self.evidence(dataset),
+            evidence: self.evidence(),
             parameters: parameter_reports(&self.model),
             next_experiment: self.next_experiment.as_ref().map(|next| ExperimentReport {
                 why: next.sentence.clone(),
@@ -354,30 +355,26 @@ impl Explanation {
         }
     }
 
-    fn evidence(&self, dataset: &Dataset) -> Vec<EvidenceReport> {
-        let Some(round) = self.growth.rounds.first() else { return Vec::new() };
-        round
-            .screening
-            .scores
-            .iter()
-            .filter(|s| self.diagnosis.named.contains(&s.id))
-            .map(|score| EvidenceReport {
-                effect: score.id.clone(),
-                caption: String::new(),
-                traces: self
-                    .split
-                    .identify
-                    .iter()
-                    .enumerate()
-                    .map(|(r, &record)| EvidenceTrace {
-                        record,
-                        samples: dataset.records[record].window.clone().collect(),
-                        residual_um: round.screening.residual[r].clone(),
-                        predicted_um: score.signature[r].clone(),
-                    })
-                    .collect(),
-            })
-            .collect()
+    /// What the named effects predicted in the rounds that decided on them, against what the model before them had left.
+    fn evidence(&self) -> Vec<EvidenceReport> {
+        let growth = &self.growth;
+        let decided_on = |id: &String| {
+            let added = growth.steps.iter().position(|s| s.added.as_ref() == Some(id)).and_then(|step| step.checked_sub(1));
+            added.or_else(|| growth.rounds.iter().position(|round| round.tied.contains(id))).unwrap_or(0)
+        };
+        let of = |id: &String| {
+            let screening = &growth.rounds.get(decided_on(id))?.screening;
+            let score = screening.scores.iter().find(|score| score.id == *id)?;
+            let records = self.split.identify.iter().zip(&screening.residual).zip(&score.signature);
+            let traces = records.map(|((&record, residual_um), predicted_um)| EvidenceTrace {
+                record,
+                samples: Vec::new(),
+                residual_um: residual_um.clone(),
+                predicted_um: predicted_um.clone(),
+            });
+            Some(EvidenceReport { effect: id.clone(), caption: String::new(), traces: traces.collect() })
+        };
+        self.diagnosis.named.iter().filter_map(of).collect()
     }
 }
 
@@ -405,7 +402,6 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
     dataset
         .records
         .iter()
-        .filter(|r| r.role != Role::Noise)
         .map(|record| {
             let window = record.window.clone();
             let residuals: Vec<Vec<f64>> = models.iter().map(|m| residual(m, record)).collect();

@@ -203,6 +203,7 @@ fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures) -> 
         noise_floor: explain::floor_report(&floor),
         steps: vec![crate::report::StepReport {
             added: None,
+            removed: Vec::new(),
             why: "the model as it is".into(),
             identify_rms_um: judged.identify_rms_um,
             validate_rms_um: judged.validate_rms_um,
