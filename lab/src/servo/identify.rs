@@ -123,7 +123,7 @@ fn slow_creep(overview: &Overview) -> Option<EffectInstance> {
 pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<Identified> {
     let overview = dataset.overview();
     let records: Vec<usize> = dataset.with_role(Role::Identify);
-    let quick = Effort { iterations: 4, tolerance: 1.0 };
+    let quick = Effort { iterations: 4, tolerance: 1.0, ..Effort::default() };
     let mut steps = Vec::new();
     let mut model = Model::new(dataset.drive_min_v, dataset.drive_max_v);
     for id in ["hysteresis", "initial_curve"] {
@@ -156,7 +156,7 @@ pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<I
         }
         let start_hz = sensor_bandwidth_hz.unwrap_or(1e4);
         let amplifier = instance("amplifier_bandwidth", &overview, &[start_hz])?;
-        let fine = Effort { iterations: 30, tolerance: 0.01 };
+        let fine = Effort { iterations: 30, tolerance: 0.01, ..Effort::default() };
         let with_amplifier = fit(&with_effect(&best.model, amplifier), dataset, &records, fine);
         if with_amplifier.rms_um < best.rms_um {
             best = with_amplifier;
