@@ -9,8 +9,11 @@
 //! sampling rate and the limits of the drive.
 
 mod chapter_3;
+mod chapter_4;
+mod chapter_5;
 pub mod least_squares;
 pub mod statistics;
+pub mod surface_fit;
 
 use crate::report::{Notes, Section, Tone};
 use serde::{Deserialize, Serialize};
@@ -82,7 +85,7 @@ pub fn goals() -> Result<Vec<Goal>, toml::de::Error> {
 pub type Progress<'a> = &'a dyn Fn(&str);
 
 /// Chapters that can be reproduced here.
-pub const CHAPTERS: [u32; 3] = [3, 6, 7];
+pub const CHAPTERS: [u32; 5] = [3, 4, 5, 6, 7];
 
 /// Reproduces one chapter.
 ///
@@ -91,6 +94,8 @@ pub const CHAPTERS: [u32; 3] = [3, 6, 7];
 pub fn chapter(number: u32, progress: Progress) -> Result<Chapter, String> {
     match number {
         3 => chapter_3::reproduce(progress),
+        4 => chapter_4::reproduce(progress),
+        5 => chapter_5::reproduce(progress),
         6 => crate::servo::reproduce::chapter_6(progress),
         7 => crate::servo::reproduce::chapter_7(progress),
         _ => Err(format!("chapter {number} has nothing to reproduce: choose from {CHAPTERS:?}")),
