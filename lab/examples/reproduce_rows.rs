@@ -1,5 +1,5 @@
 //! Prints the figures of the given chapters beside the goals.
-pub fn main() {
+fn main() {
     let goals = hysteron::reproduce::goals().unwrap_or_default();
     for number in std::env::args().skip(1).filter_map(|a| a.parse().ok()) {
         let from = std::time::Instant::now();

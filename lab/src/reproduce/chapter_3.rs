@@ -68,10 +68,10 @@ fn identify_hysteresis(rig: &StickSlipActuator) -> Result<(Surfaces, Estimate), 
             let ((x, z), (i, j)) = (points[r], terms[c]);
             (x - z) * x.powi(i) * z.powi(j)
         });
-        if let Some(fit) = least_squares::linear(rows, &data, None) {
-            if best.as_ref().is_none_or(|(_, b)| fit.information_criterion() < b.information_criterion()) {
-                best = Some((degree, fit));
-            }
+        if let Some(fit) = least_squares::linear(rows, &data, None)
+            && best.as_ref().is_none_or(|(_, b)| fit.information_criterion() < b.information_criterion())
+        {
+            best = Some((degree, fit));
         }
     }
     let (degree, fit) = best.ok_or("the hysteresis surface of the stick-slip actuator could not be fitted")?;
