@@ -25,7 +25,7 @@ use crate::state_estimator::StateEstimator;
 /// What the tick counts. Counters stop at their largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Ticks at which the drive was held at a limit of the actuator.
+    /// Ticks at which the drive was held at a limit of the actuator, unreachable ones included.
     pub limited_ticks: u32,
     /// Ticks at which the wanted displacement was outside what the hysteresis can give.
     pub unreachable_ticks: u32,
@@ -55,6 +55,7 @@ pub struct ServoTick {
     /// Force-equivalent displacement of the newest drive, um (V for a direct actuator).
     applied: i32,
     rounding_error: i32,
+    /// Sign of the limit at which the drive is held, or beyond which the hysteresis cannot reach.
     limited: i32,
     reading: i32,
     counters: Counters,
@@ -129,8 +130,8 @@ impl ServoTick {
             self.note(self.code);
             return self.code;
         };
-        let drive = self.drive_for(command);
-        self.convert(drive);
+        let (drive, unreachable) = self.drive_for(command);
+        self.convert(drive, unreachable);
         self.code
     }
 
@@ -159,36 +160,42 @@ impl ServoTick {
         }
     }
 
-    /// The drive for a law's output, V.
+    /// The drive for a law's output, V, and the sign of the direction in which the output is out of reach.
     #[inline]
-    fn drive_for(&mut self, command: i32) -> i32 {
+    fn drive_for(&mut self, command: i32) -> (i32, i32) {
         match &self.parameters.actuator {
-            ActuatorParameters::Direct => command,
+            ActuatorParameters::Direct => (command, 0),
             ActuatorParameters::Linear { volts_per_micrometre, .. } => {
                 // um (24) * V/um (20) -> V (22)
-                saturate((i64::from(command) * i64::from(*volts_per_micrometre)) >> 22, &mut self.counters.saturated_values)
+                let wide = (i64::from(command) * i64::from(*volts_per_micrometre)) >> 22;
+                (saturate(wide, &mut self.counters.saturated_values), 0)
             }
             ActuatorParameters::OneSidedHysteresis { drive_min, drive_range, .. } => {
-                let Some(hysteresis) = &self.hysteresis else { return *drive_min };
+                let Some(hysteresis) = &self.hysteresis else { return (*drive_min, 0) };
                 let inverse = hysteresis.inverse(command);
+                let mut unreachable = 0;
                 if !inverse.reachable {
+                    unreachable = if command > hysteresis.output() { 1 } else { -1 };
                     self.counters.unreachable_ticks = self.counters.unreachable_ticks.saturating_add(1);
                 }
                 let above = (i64::from(inverse.share) * i64::from(*drive_range)) >> SHARE_FRACTION_BITS;
-                drive_min.saturating_add(above as i32)
+                (drive_min.saturating_add(above as i32), unreachable)
             }
         }
     }
 
     /// Rounds a drive to a code within the limits, and takes note of what it does.
     #[inline]
-    fn convert(&mut self, drive: i32) {
+    fn convert(&mut self, drive: i32, unreachable: i32) {
         let c = &self.parameters.converters;
         let wanted = if c.noise_shaping { drive.saturating_add(self.rounding_error) } else { drive };
         // V (22) * codes/V (20) -> codes
         let code = (i64::from(wanted.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
         let (lowest, highest) = (i64::from(c.dac_code_min), i64::from(c.dac_code_max));
         self.limited = i32::from(code > highest) - i32::from(code < lowest);
+        if self.limited == 0 {
+            self.limited = unreachable;
+        }
         if self.limited != 0 {
             self.counters.limited_ticks = self.counters.limited_ticks.saturating_add(1);
         }

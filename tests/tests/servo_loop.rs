@@ -91,7 +91,9 @@ fn taking_over_does_not_bump() {
         let trace = experiment.follow_from(plant, servo, zero_um, &vec![before + 1.0; 6000]);
         assert!((trace.drive_v[0] - 35.0).abs() < 0.01, "{}: {}", design.scheme_name(), trace.drive_v[0]);
         let first: f64 = trace.sensor_um[..40].iter().map(|y| (y - before).abs()).fold(0.0, f64::max);
-        assert!(first < 0.2, "{}: moved by {first} um in 2 ms", design.scheme_name());
+        // The offset of 1 um decays over 256 ticks, so the reference itself has moved by 0.145 um after 40: no more than twice that.
+        let reference_moved = 1.0 - (-40.0_f64 / 256.0).exp();
+        assert!(first < 2.0 * reference_moved, "{}: moved by {first} um in 2 ms", design.scheme_name());
         assert!(trace.sensor_error(5000).rms_um < 0.01, "{}: {:?}", design.scheme_name(), trace.sensor_error(5000));
     }
 }

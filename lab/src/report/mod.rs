@@ -61,7 +61,7 @@ mod explain_report;
 pub(crate) mod features;
 mod html;
 mod page;
-mod spectrum;
+pub mod spectrum;
 mod text;
 mod whole_file;
 

@@ -10,10 +10,14 @@
 //! * [`reproduce`]: Chapters 6 and 7 on the bench;
 //! * [`track`]: a design at work on an identified model;
 //! * [`float_twin`]: the predictor in f64, an oracle for its integers;
+//! * [`commands`]: what the program does with all this;
+//! * [`figures`]: the figures of those chapters with ours;
 //! * [`check`]: sampled eigenvalues and the thesis' continuous conditions.
 
 pub mod check;
+pub mod commands;
 pub mod design;
+pub mod figures;
 pub mod float_twin;
 pub mod identify;
 pub mod model;

@@ -7,6 +7,7 @@
 //! sensor reads, noise removed, after the first part of the run; the note gives the true ones.
 
 use super::design::{Scheme, ServoDesign, thesis_scheme};
+use super::figures;
 use super::float_twin::integer_difference_um;
 use super::identify::{Identified, on_bench};
 use super::model::{ActuatorModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
@@ -268,12 +269,16 @@ pub fn commission(bench: &Bench, variant: Variant) -> Option<Commissioned> {
     Some(Commissioned { identified, design })
 }
 
+/// Commissions the plain, the full, and the full bench with load.
+#[must_use]
+pub fn commission_all(bench: &Bench, progress: Progress) -> Vec<Option<Commissioned>> {
+    progress("identifying three variants of the bench");
+    [Variant::PLAIN, Variant::FULL, LOADED].into_par_iter().map(|v| commission(bench, v)).collect()
+}
+
 /// Chapter 7: PIDSMOC against PIDSMC + alpha-beta, the best design, the observer, robustness.
 #[must_use]
-pub fn rows_of_chapter_7(bench: &Bench, progress: Progress) -> Vec<Row> {
-    progress("identifying three variants of the bench");
-    let commissioned: Vec<Option<Commissioned>> =
-        [Variant::PLAIN, Variant::FULL, LOADED].into_par_iter().map(|v| commission(bench, v)).collect();
+pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], progress: Progress) -> Vec<Row> {
     let mut twelve_bits = bench.clone();
     twelve_bits.converters.dac_bits = 12;
     let mut jobs: Vec<(String, &Bench, Variant, ServoDesign, f64, f64, String)> = Vec::new();
@@ -372,7 +377,9 @@ pub fn rows_of_chapter_7(bench: &Bench, progress: Progress) -> Vec<Row> {
 pub fn chapter_6(progress: Progress) -> Result<Chapter, String> {
     let bench = Bench::reference().map_err(|e| e.to_string())?;
     progress("following references with the schemes of chapter 6");
-    Ok(Chapter { number: 6, rows: rows_of_chapter_6(&bench), sections: Vec::new() })
+    let rows = rows_of_chapter_6(&bench);
+    let sections = figures::chapter_6(&bench, &rows);
+    Ok(Chapter { number: 6, rows, sections })
 }
 
 /// Chapter 7 for the program.
@@ -381,7 +388,10 @@ pub fn chapter_6(progress: Progress) -> Result<Chapter, String> {
 /// If the built-in bench cannot be read.
 pub fn chapter_7(progress: Progress) -> Result<Chapter, String> {
     let bench = Bench::reference().map_err(|e| e.to_string())?;
-    Ok(Chapter { number: 7, rows: rows_of_chapter_7(&bench, progress), sections: Vec::new() })
+    let commissioned = commission_all(&bench, progress);
+    let rows = rows_of_chapter_7(&bench, &commissioned, progress);
+    let sections = figures::chapter_7(&bench, &rows, commissioned.get(1).and_then(Option::as_ref));
+    Ok(Chapter { number: 7, rows, sections })
 }
 
 /// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one misses it).
