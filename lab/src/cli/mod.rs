@@ -6,9 +6,11 @@
 mod output;
 mod plant;
 mod score;
+mod servo;
 mod study;
 
 use crate::problem::{Problem, Result};
+use crate::servo::predictor::Demands;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -129,6 +131,50 @@ enum Command {
         #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
         base: String,
     },
+    /// Design a servo for an identified model, with margins, and write its parameters
+    Design {
+        /// Model file
+        model: PathBuf,
+        /// Servo file to write
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        /// Highest frequency of the references
+        #[arg(long, default_value_t = 150.0)]
+        reference_hz: f64,
+        /// RMS noise of the sensor
+        #[arg(long, default_value_t = 0.001)]
+        sensor_noise_um: f64,
+        /// Largest sensitivity that is accepted
+        #[arg(long, default_value_t = 2.5)]
+        sensitivity_peak: f64,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Sampled eigenvalues and margins of a servo; exit status 1 if it is unstable
+    Check {
+        /// Servo file
+        servo: PathBuf,
+        /// Model file
+        #[arg(long)]
+        model: PathBuf,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Follow a reference with a servo on an identified model
+    Track {
+        /// Model file
+        model: PathBuf,
+        /// Servo file
+        servo: PathBuf,
+        /// sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]
+        #[arg(long)]
+        reference: String,
+        /// Another scheme for the same model
+        #[arg(long, value_name = "NAME")]
+        scheme: Option<String>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
     /// Diagnose a folder of planted cases and compare with their truth
     Score {
         /// Folder with truth.json and one folder per case
@@ -169,6 +215,14 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Add { effect, model, dataset, out, outputs } => study::add(&effect, &model, &dataset, &out, &outputs),
         Command::Simulate { model, drive, out, rate_hz } => study::simulate(&model, &drive, &out, rate_hz),
         Command::Plant { effects, out, seed, base } => plant::plant(&effects, &base, &out, seed),
+        Command::Design { model, out, reference_hz, sensor_noise_um, sensitivity_peak, outputs } => {
+            let demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
+            servo::design(&model, &out, &demands, &outputs)
+        }
+        Command::Check { servo: path, model, outputs } => servo::check(&path, &model, &outputs),
+        Command::Track { model, servo: path, reference, scheme, outputs } => {
+            servo::track(&model, &path, &reference, scheme.as_deref(), &outputs)
+        }
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
     }
     .and_then(|ok| {

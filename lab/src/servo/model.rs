@@ -176,6 +176,44 @@ impl ActuatorModel {
         Surfaces { g: self.g_um.clone(), r: self.r_um.clone() }
     }
 
+    /// The same hysteresis with surfaces of the degree that the servo's tick evaluates (thesis Ch. 4, Eq. 15), and the largest difference of the
+    /// surfaces that this makes, um. Least squares on a grid; a model of that degree or less stays as it is.
+    #[must_use]
+    pub fn for_the_tick(&self) -> (Self, f64) {
+        const DEGREE: usize = hysteron_core::one_sided_hysteresis::SURFACE_SIZE - 1;
+        let small = |v: &f64| v.abs() < 1e-12;
+        let fits = self.g_um.iter().enumerate().all(|(i, row)| row.iter().enumerate().all(|(j, v)| i + j <= DEGREE || small(v)))
+            && self.r_um.iter().skip(DEGREE + 1).all(small);
+        if fits {
+            return (self.clone(), 0.0);
+        }
+        const GRID: usize = 24;
+        let at = |k: usize| k as f64 / GRID as f64;
+        let surfaces = self.surfaces();
+        let remnant = |x: f64| self.r_um.iter().rev().fold(0.0, |sum, c| sum * x + c);
+        let terms: Vec<(i32, i32)> = (0..DEGREE as i32).flat_map(|total| (0..=total).map(move |j| (total - j, j))).collect();
+        let points: Vec<(f64, f64)> = (1..=GRID).flat_map(|i| (0..i).map(move |j| (at(i), at(j)))).collect();
+        let a = DMatrix::from_fn(points.len(), terms.len(), |row, column| {
+            let ((x, z), (i, j)) = (points[row], terms[column]);
+            (x - z) * x.powi(i) * z.powi(j)
+        });
+        let b = DVector::from_iterator(points.len(), points.iter().map(|(x, z)| surfaces.loop_loss(*x, *z)));
+        let a_r = DMatrix::from_fn(GRID, DEGREE, |row, column| at(row + 1).powi(column as i32 + 1));
+        let b_r = DVector::from_iterator(GRID, (1..=GRID).map(|k| remnant(at(k))));
+        let (Ok(g_terms), Ok(r_terms)) = (a.clone().svd(true, true).solve(&b, 1e-12), a_r.clone().svd(true, true).solve(&b_r, 1e-12))
+        else {
+            return (self.clone(), f64::INFINITY);
+        };
+        let mut g_um = vec![vec![0.0; DEGREE + 1]; DEGREE + 1];
+        for ((i, j), value) in terms.iter().zip(g_terms.iter()) {
+            g_um[*i as usize + 1][*j as usize] += value;
+            g_um[*i as usize][*j as usize + 1] -= value;
+        }
+        let r_um = std::iter::once(0.0).chain(r_terms.iter().copied()).collect();
+        let error_um = (a * &g_terms - b).amax() + (a_r * &r_terms - b_r).amax();
+        (Self { g_um, r_um, ..self.clone() }, error_um)
+    }
+
     /// Mean slope of the largest loop, um/V: the nominal gain of a design without hysteresis model.
     #[must_use]
     pub fn mean_gain_um_v(&self) -> f64 {

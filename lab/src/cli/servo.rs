@@ -1,0 +1,155 @@
+//! `design`, `check`, `track`: a servo from an identified model.
+
+use super::Outputs;
+use super::output::{check_writable, write_json};
+use crate::model_file;
+use crate::problem::{Problem, Result, write_whole};
+use crate::report::{Block, Page, Plot, Role, Section, Series};
+use crate::servo::commands;
+use crate::servo::design::{SCHEMA, ServoDesign};
+use crate::servo::predictor::Demands;
+use serde::Serialize;
+use std::path::Path;
+
+/// What `design --json` carries.
+#[derive(Serialize)]
+struct DesignFigures<'a> {
+    schema: &'static str,
+    design: &'a ServoDesign,
+}
+
+fn nm(um: f64) -> String {
+    format!("{:.2} nm", 1e3 * um)
+}
+
+/// Reads a servo file.
+fn read_design(path: &Path) -> Result<ServoDesign> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Problem::file(path, format!("cannot be read: {e}; expected a file written by `hysteron design`")))?;
+    let design: ServoDesign = toml::from_str(&text).map_err(|e| {
+        let line = e.span().map_or(0, |span| text.get(..span.start).map_or(0, |before| before.lines().count().max(1)));
+        Problem::new(format!("{}: line {line}", path.display()), e.message())
+    })?;
+    if design.schema != SCHEMA {
+        return Err(Problem::file(path, format!("schema = \"{}\"; expected \"{SCHEMA}\"", design.schema)));
+    }
+    Ok(design)
+}
+
+fn write_page(path: Option<&Path>, page: &Page) -> Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    page.write_html(path).map_err(|e| Problem::file(path, format!("cannot be written: {e}")))
+}
+
+/// `hysteron design MODEL --out servo.toml`.
+pub fn design(model: &Path, out: &Path, demands: &Demands, outputs: &Outputs) -> Result<bool> {
+    check_writable(Some(out))?;
+    check_writable(outputs.json.as_deref())?;
+    check_writable(outputs.report.as_deref())?;
+    let chain = model_file::read(model)?;
+    let design = commands::design(&chain, demands).map_err(|m| Problem::file(model, m))?;
+    let text = toml::to_string_pretty(&design).map_err(|e| Problem::file(out, e))?;
+    if let Some(json) = &outputs.json {
+        write_json(json, &DesignFigures { schema: "hysteron.design/1", design: &design })?;
+    }
+    let (x, y) = design.trade_off.iter().map(|a| (1e3 * a.noise_um, 1e3 * a.disturbance_um)).unzip();
+    let page = Page {
+        title: "Servo design".into(),
+        lead_sentence: design.explanation.first().cloned().unwrap_or_default(),
+        sections: vec![Section {
+            heading: "Why this one".into(),
+            text: design.explanation.join("\n\n"),
+            blocks: vec![Block::Plot(
+                Plot::new("Trade-off")
+                    .x_axis("sensor noise passed on", "nm")
+                    .y_axis("hysteresis model error let through", "nm")
+                    .caption("Tunings that keep every margin and that no other one beats in both.")
+                    .with(Series::line("tunings", Role::Model, x, y)),
+            )],
+        }],
+        ..Page::default()
+    };
+    write_page(outputs.report.as_deref(), &page)?;
+    write_whole(out, text.as_bytes())?;
+    for line in &design.explanation {
+        println!("  {line}");
+    }
+    println!("wrote {}; next: hysteron track {} {} --reference sine:50:5", out.display(), model.display(), out.display());
+    Ok(true)
+}
+
+/// `hysteron check SERVO --model MODEL`.
+pub fn check(servo: &Path, model: &Path, outputs: &Outputs) -> Result<bool> {
+    check_writable(outputs.json.as_deref())?;
+    let design = read_design(servo)?;
+    let chain = model_file::read(model)?;
+    let found = commands::check(&design, &chain).map_err(|m| Problem::file(model, m))?;
+    let largest = found.sampled_poles.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
+    println!("{}: {}, largest sampled eigenvalue {largest:.4}", found.scheme, if found.stable { "stable" } else { "UNSTABLE" });
+    if let Some(m) = &found.margins {
+        println!(
+            "  gain -50 % {:.3}, +50 % {:.3}; a period more of delay {:.3}; twice the mass {:.3}; second mode {:.3}; peak sensitivity {:.2}",
+            m.gain_half, m.gain_plus_half, m.delay, m.mass_double, m.second_mode, m.sensitivity_peak
+        );
+    }
+    if let Some(m_o) = found.continuous.m_o {
+        println!("  m_o = {m_o:.2} 1/s; the thesis' continuous conditions {}", if found.continuous.satisfied { "hold" } else { "fail" });
+    }
+    for remark in &found.remarks {
+        println!("  {remark}");
+    }
+    if let Some(json) = &outputs.json {
+        write_json(json, &found)?;
+    }
+    Ok(found.stable)
+}
+
+/// `hysteron track MODEL SERVO --reference R [--scheme NAME]`.
+pub fn track(model: &Path, servo: &Path, reference: &str, scheme: Option<&str>, outputs: &Outputs) -> Result<bool> {
+    check_writable(outputs.json.as_deref())?;
+    check_writable(outputs.report.as_deref())?;
+    let design = read_design(servo)?;
+    let chain = model_file::read(model)?;
+    let result = commands::follow(&chain, &design, reference, scheme).map_err(|m| Problem::new("", m))?;
+    println!("{} on {reference}", result.scheme);
+    println!("  sensor  RMS {}, max {}", nm(result.sensor.rms_um), nm(result.sensor.max_um));
+    println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
+    println!("  mean error {}, {} saturated ticks", nm(result.steady_state_um), result.saturated_ticks);
+    if let Some(json) = &outputs.json {
+        write_json(json, &result)?;
+    }
+    let error_nm = result.sensor_um.iter().zip(&result.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
+    let page = Page {
+        title: format!("{} on {reference}", result.scheme),
+        lead_sentence: format!("The sensor's error is {} RMS, {} at most.", nm(result.sensor.rms_um), nm(result.sensor.max_um)),
+        sections: vec![Section {
+            heading: "Tracking".into(),
+            text: "Integer servo on the identified model, 1 nm of sensor noise.".into(),
+            blocks: vec![
+                Block::Plot(
+                    Plot::new("Displacement")
+                        .x_axis("time", "s")
+                        .y_axis("displacement", "um")
+                        .link("time")
+                        .with(Series::line("reference", Role::Drive, result.time_s.clone(), result.reference_um.clone()))
+                        .with(Series::line("sensor", Role::Measured, result.time_s.clone(), result.sensor_um.clone())),
+                ),
+                Block::Plot(Plot::new("Error").x_axis("time", "s").y_axis("error", "nm").link("time").with(Series::line(
+                    "sensor minus reference",
+                    Role::Residual,
+                    result.time_s.clone(),
+                    error_nm,
+                ))),
+                Block::Plot(Plot::new("Drive").x_axis("time", "s").y_axis("drive", "V").link("time").with(Series::line(
+                    "drive",
+                    Role::Drive,
+                    result.time_s.clone(),
+                    result.drive_v.clone(),
+                ))),
+            ],
+        }],
+        ..Page::default()
+    };
+    write_page(outputs.report.as_deref(), &page)?;
+    Ok(true)
+}
