@@ -5,11 +5,14 @@
 //! other modules are its parts. Signals and their formats are in [`signal`].
 #![no_std]
 
+pub mod amplifier;
 pub mod checksum;
+pub mod command_text;
 pub mod extrema_stack;
 pub mod guard;
 pub mod integer_row;
 pub mod one_sided_hysteresis;
+pub mod parameter_block;
 pub mod pid_regulator;
 pub mod predictor_law;
 pub mod reference_generator;

@@ -1,0 +1,349 @@
+//! What the control interrupt runs: servo, guard and modes. The host simulation and the emulator run the same, bit for bit.
+//!
+//! # How it works
+//! [`Amplifier::tick`] is called once a period with the reading and returns what leaves in that period. Commands are given between
+//! ticks with [`Amplifier::command`].
+//!
+//! | mode | drive |
+//! |---|---|
+//! | [`Mode::Rest`] | ramps to the rest code and stays |
+//! | [`Mode::Playing`] | an open-loop waveform within the limits: conditioning, identification |
+//! | [`Mode::Closed`] | the servo |
+//! | [`Mode::Fault`] | ramps to the rest code and stays, until the fault is cleared and the sensor was healthy long enough |
+//!
+//! Conditioning is a played raised cosine of a given length over the whole range, a rest, and then the sensor is zeroed at the mean of the last
+//! [`ZERO_TICKS`] readings.
+
+use crate::guard::{Fault, Guard};
+use crate::parameter_block::AmplifierParameters;
+use crate::reference_generator::{ReferenceGenerator, Waveform};
+use crate::servo_tick::ServoTick;
+use crate::signal::Micrometres;
+use crate::trace_frame::TraceSample;
+
+/// Readings whose mean is the sensor's zero.
+pub const ZERO_TICKS: u32 = 1024;
+
+/// What the amplifier is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Mode {
+    /// At rest.
+    Rest = 0,
+    /// Plays an open-loop drive.
+    Playing = 1,
+    /// The servo follows its reference.
+    Closed = 2,
+    /// Stopped by a fault.
+    Fault = 3,
+}
+
+/// What the amplifier can be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Closes the loop.
+    Enable,
+    /// Opens it and goes to rest.
+    Disable,
+    /// Follows another reference.
+    Reference {
+        /// Its form, amplitudes in um with 24 fraction bits.
+        waveform: Waveform,
+        /// Its offset, um with 24 fraction bits.
+        offset: i32,
+    },
+    /// Plays an open-loop drive, then goes to rest.
+    Play {
+        /// Its form, amplitudes in V with 24 fraction bits.
+        waveform: Waveform,
+        /// Its offset, V with 24 fraction bits.
+        offset: i32,
+        /// How long, ticks.
+        ticks: u32,
+    },
+    /// Plays one cycle over the whole range, rests, and zeroes the sensor.
+    Condition {
+        /// Length of the cycle, ticks.
+        cycle_ticks: u32,
+        /// Length of the rest, ticks; at least [`ZERO_TICKS`].
+        rest_ticks: u32,
+    },
+    /// Clears the fault, if the sensor has been healthy long enough.
+    Clear,
+}
+
+/// Why a command is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// A fault is latched.
+    Faulted,
+    /// The sensor has not been healthy long enough.
+    NotYetHealthy,
+    /// Only at rest.
+    NotAtRest,
+}
+
+/// The amplifier with all its state.
+#[derive(Clone, Debug)]
+pub struct Amplifier {
+    parameters: AmplifierParameters,
+    servo: ServoTick,
+    guard: Guard,
+    mode: Mode,
+    fault: Option<Fault>,
+    reference: (Waveform, i32),
+    generator: ReferenceGenerator,
+    remaining_ticks: u32,
+    rest_after_ticks: u32,
+    zero_sum: i64,
+    code: u16,
+    tick: u32,
+}
+
+impl Amplifier {
+    /// At rest. Without a valid block it is made from any parameters and [`Amplifier::refuse`]d at once.
+    #[must_use]
+    pub fn new(parameters: AmplifierParameters) -> Self {
+        let mut servo = ServoTick::new(parameters.servo);
+        let code = servo.open_loop(parameters.guard.rest_code);
+        Self {
+            servo,
+            guard: Guard::new(parameters.guard),
+            mode: Mode::Rest,
+            fault: None,
+            reference: (Waveform::Constant, 0),
+            generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
+            remaining_ticks: 0,
+            rest_after_ticks: 0,
+            zero_sum: 0,
+            code,
+            tick: 0,
+            parameters,
+        }
+    }
+
+    /// Stops with a fault that was found outside the tick.
+    pub fn refuse(&mut self, fault: Fault) {
+        self.fault.get_or_insert(fault);
+        self.mode = Mode::Fault;
+    }
+
+    /// Takes a command.
+    ///
+    /// # Errors
+    /// [`Refusal`]; nothing has changed then.
+    pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
+        match command {
+            Command::Disable => {
+                if self.mode != Mode::Fault {
+                    self.mode = Mode::Rest;
+                }
+                return Ok(());
+            }
+            Command::Clear => {
+                if self.mode == Mode::Fault {
+                    if !self.guard.healthy() {
+                        return Err(Refusal::NotYetHealthy);
+                    }
+                    self.fault = None;
+                    self.mode = Mode::Rest;
+                }
+                return Ok(());
+            }
+            _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
+            Command::Enable => {
+                if self.mode == Mode::Playing {
+                    return Err(Refusal::NotAtRest);
+                }
+                self.begin_reference();
+                self.mode = Mode::Closed;
+            }
+            Command::Reference { waveform, offset } => {
+                self.reference = (waveform, offset);
+                if self.mode == Mode::Closed {
+                    self.begin_reference();
+                }
+            }
+            Command::Play { waveform, offset, ticks } => {
+                self.at_rest()?;
+                self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
+                self.begin_playing(ticks, 0);
+            }
+            Command::Condition { cycle_ticks, rest_ticks } => {
+                self.at_rest()?;
+                let physical = &self.parameters.physical;
+                // mV to V with 24 fraction bits.
+                let volts = |millivolts: i32| ((i64::from(millivolts) << 24) / 1000) as i32;
+                let middle = volts(physical.drive_min_mv / 2 + physical.drive_max_mv / 2);
+                let half = middle.saturating_sub(volts(physical.drive_min_mv));
+                let increment = u32::MAX.checked_div(cycle_ticks).unwrap_or(0);
+                // A sine from its lowest point.
+                let waveform = Waveform::Multisine { tones: [(increment, half, 0xc000_0000), (0, 0, 0), (0, 0, 0), (0, 0, 0)] };
+                self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(middle));
+                self.begin_playing(cycle_ticks, rest_ticks.max(ZERO_TICKS));
+            }
+        }
+        Ok(())
+    }
+
+    fn at_rest(&self) -> Result<(), Refusal> {
+        if self.mode == Mode::Rest { Ok(()) } else { Err(Refusal::NotAtRest) }
+    }
+
+    fn begin_reference(&mut self) {
+        let (waveform, offset) = self.reference;
+        self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
+        self.servo.enable();
+    }
+
+    fn begin_playing(&mut self, ticks: u32, rest_after_ticks: u32) {
+        self.remaining_ticks = ticks;
+        self.rest_after_ticks = rest_after_ticks;
+        self.zero_sum = 0;
+        self.mode = Mode::Playing;
+    }
+
+    /// One period: the reading (`None`: the converter did not answer) in, everything about the period out; `dac_code` is to act at
+    /// the next edge.
+    #[inline]
+    pub fn tick(&mut self, reading: Option<u16>, overrun: bool) -> TraceSample {
+        let tick = self.tick;
+        self.tick = tick.wrapping_add(1);
+        let mut fault = self.guard.inspect(reading);
+        if overrun {
+            fault = Some(Fault::Overrun);
+        }
+        if let Some(fault) = fault {
+            self.refuse(fault);
+        }
+        let before = self.code;
+        self.code = match (self.mode, reading) {
+            (Mode::Closed, Some(code)) => {
+                let wanted = self.servo.tick(code, self.generator.next_position());
+                let error = self.servo.reference().to_bits().saturating_sub(self.servo.reading().to_bits());
+                match self.guard.inspect_loop(error, wanted.abs_diff(before)) {
+                    None => wanted,
+                    Some(fault) => {
+                        self.refuse(fault);
+                        self.servo.open_loop(self.guard.towards_rest(before))
+                    }
+                }
+            }
+            (Mode::Playing, Some(code)) => self.play(code),
+            _ => self.servo.open_loop(self.guard.towards_rest(before)),
+        };
+        TraceSample {
+            tick,
+            adc_code: reading.unwrap_or(0),
+            dac_code: self.code,
+            reference: if self.mode == Mode::Closed { self.servo.reference().to_bits() } else { 0 },
+            applied: self.servo.applied().to_bits(),
+            unknown_input: self.servo.unknown_input(),
+            flags: self.mode as u16 | (self.fault.map_or(0, |fault| fault as u16) << 8),
+        }
+    }
+
+    /// The next code of an open-loop drive.
+    #[inline]
+    fn play(&mut self, reading: u16) -> u16 {
+        if self.remaining_ticks > 0 {
+            self.remaining_ticks -= 1;
+            let c = &self.parameters.servo.converters;
+            // V with 24 fraction bits -> 22; * codes/V (24) -> codes with 46.
+            let drive = i64::from(self.generator.next_position().to_bits() >> 2);
+            let code = ((drive - i64::from(c.dac_zero)) * c.dac_codes_per_volt + (1i64 << 45)) >> 46;
+            let code = code.max(i64::from(c.dac_code_min)).min(i64::from(c.dac_code_max)) as u16;
+            return self.servo.open_loop(code);
+        }
+        let code = self.servo.open_loop(self.guard.towards_rest(self.code));
+        if self.rest_after_ticks == 0 {
+            self.mode = Mode::Rest;
+            return code;
+        }
+        if self.rest_after_ticks <= ZERO_TICKS {
+            self.zero_sum += i64::from(reading);
+        }
+        self.rest_after_ticks -= 1;
+        if self.rest_after_ticks == 0 {
+            let c = &mut self.parameters.servo.converters;
+            // codes * ZERO_TICKS (2^10) * um/code (40) -> um (24)
+            c.adc_zero = -((self.zero_sum * c.adc_step) >> 26) as i32;
+            self.servo.swap(self.parameters.servo);
+            self.servo.reset_counters();
+            self.mode = Mode::Rest;
+        }
+        code
+    }
+
+    /// What it is doing.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The latched fault.
+    #[must_use]
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// The servo.
+    #[must_use]
+    pub fn servo(&self) -> &ServoTick {
+        &self.servo
+    }
+
+    /// The parameters in use, with the sensor's zero as found.
+    #[must_use]
+    pub fn parameters(&self) -> &AmplifierParameters {
+        &self.parameters
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameter_block::tests::example;
+
+    /// A massless linear actuator with a gain of 1/7 um/V and a little noise, read by the ADC of the example.
+    fn reading(code: u16, tick: u32) -> u16 {
+        let volts = f64::from(code) * 140.0 / 65_536.0 - 20.0;
+        ((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u16 + (tick.wrapping_mul(2_654_435_761) >> 30) as u16
+    }
+
+    #[test]
+    fn conditions_zeroes_and_follows_then_a_fault_rests_and_is_cleared() {
+        let mut amplifier = Amplifier::new(example());
+        let mut code = amplifier.parameters().guard.rest_code;
+        let mut run = |amplifier: &mut Amplifier, ticks: u32, sensor: bool| {
+            let mut last = TraceSample::default();
+            for k in 0..ticks {
+                let adc = reading(code, k);
+                last = amplifier.tick(sensor.then_some(adc), false);
+                code = last.dac_code;
+            }
+            last
+        };
+        run(&mut amplifier, 1000, true);
+        assert_eq!(amplifier.command(Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotAtRest));
+        run(&mut amplifier, 4500, true);
+        assert_eq!(amplifier.mode(), Mode::Rest);
+        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        run(&mut amplifier, 8000, true);
+        let error_um = amplifier.servo().reading().to_num::<f64>() - 5.0;
+        assert!(error_um.abs() < 0.01, "{error_um}");
+        let last = run(&mut amplifier, 1, false);
+        assert_eq!((last.flags & 0xff, last.flags >> 8), (Mode::Fault as u16, Fault::SensorSilent as u16));
+        let last = run(&mut amplifier, 2000, false);
+        assert_eq!(last.dac_code, amplifier.parameters().guard.rest_code);
+        assert_eq!(amplifier.command(Command::Clear), Err(Refusal::NotYetHealthy));
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::Faulted));
+        run(&mut amplifier, 1100, true);
+        assert_eq!(amplifier.command(Command::Clear), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        run(&mut amplifier, 8000, true);
+        assert_eq!((amplifier.mode(), amplifier.fault()), (Mode::Closed, None));
+    }
+}

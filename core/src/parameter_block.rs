@@ -1,0 +1,513 @@
+//! The parameter block: everything that the amplifier needs to know, as bytes that can be kept in flash and trusted.
+//!
+//! # How it works
+//! Little-endian: `HYST`, version (2), reserved (2), length of the content (4), content, CRC-32 of all before it (4). The content is
+//! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
+//! field by field in the order of [`Wire`]'s implementations. [`read`] refuses what is damaged, of another version, made for another
+//! sampling rate, whose integers contradict its physical description, or whose design is not stable, and says which.
+
+use crate::checksum::crc32;
+use crate::guard::GuardParameters;
+use crate::integer_row::Row;
+use crate::one_sided_hysteresis::SurfaceCoefficients;
+use crate::pid_regulator::PidParameters;
+use crate::predictor_law::PredictorParameters;
+use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
+use crate::state_estimator::EstimatorParameters;
+
+/// First bytes of a block.
+pub const MAGIC: [u8; 4] = *b"HYST";
+/// Version of the layout.
+pub const VERSION: u16 = 1;
+/// Bytes of the largest block.
+pub const BLOCK_BYTES: usize = 2048;
+const HEADER_BYTES: usize = 12;
+
+/// The physical quantities behind the integers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PhysicalDescription {
+    /// Name of the actuator, padded with zeros.
+    pub name: [u8; 16],
+    /// Control ticks per second, Hz.
+    pub sample_rate_hz: u32,
+    /// Lowest drive, mV.
+    pub drive_min_mv: i32,
+    /// Highest drive, mV.
+    pub drive_max_mv: i32,
+    /// Position from the sensor's lowest to its highest code, nm.
+    pub sensor_span_nm: i32,
+    /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths; at 1 000 000 the loop is not stable.
+    pub spectral_radius_millionths: u32,
+}
+
+/// Everything in a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AmplifierParameters {
+    /// Physical description.
+    pub physical: PhysicalDescription,
+    /// Servo.
+    pub servo: ServoParameters,
+    /// Guard.
+    pub guard: GuardParameters,
+}
+
+/// Why a block is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BlockError {
+    /// No block here: erased flash or something else.
+    Absent,
+    /// Another version of the layout.
+    Version(u16),
+    /// Shorter than it says, or with bytes left over.
+    Length,
+    /// The checksum does not match: damaged.
+    Checksum,
+    /// A field holds a value that its type does not have.
+    Value,
+    /// Made for another sampling rate, Hz.
+    SampleRate(u32),
+    /// The integers of the converters do not give the physical limits.
+    Mismatch,
+    /// The design is not stable when sampled.
+    Unstable,
+    /// The buffer is too small to write it.
+    NoRoom,
+}
+
+impl BlockError {
+    /// What is wrong, in words.
+    #[must_use]
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Absent => "no block",
+            Self::Version(_) => "another version of the layout",
+            Self::Length => "cut off or with bytes left over",
+            Self::Checksum => "checksum does not match",
+            Self::Value => "a field holds an impossible value",
+            Self::SampleRate(_) => "made for another sampling rate",
+            Self::Mismatch => "integers contradict the physical limits",
+            Self::Unstable => "the design is not stable when sampled",
+            Self::NoRoom => "larger than the buffer",
+        }
+    }
+}
+
+/// A cursor over bytes to be written.
+pub struct Writer<'a> {
+    bytes: &'a mut [u8],
+    at: usize,
+}
+
+impl Writer<'_> {
+    fn put(&mut self, bytes: &[u8]) -> Result<(), BlockError> {
+        let end = self.at.checked_add(bytes.len()).ok_or(BlockError::NoRoom)?;
+        self.bytes.get_mut(self.at..end).ok_or(BlockError::NoRoom)?.copy_from_slice(bytes);
+        self.at = end;
+        Ok(())
+    }
+}
+
+/// A cursor over bytes to be read.
+pub struct Reader<'a> {
+    rest: &'a [u8],
+}
+
+impl Reader<'_> {
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], BlockError> {
+        let (chunk, rest) = self.rest.split_first_chunk::<N>().ok_or(BlockError::Length)?;
+        self.rest = rest;
+        Ok(*chunk)
+    }
+}
+
+/// What can stand in a block.
+pub trait Wire: Sized {
+    /// Writes the value.
+    ///
+    /// # Errors
+    /// [`BlockError::NoRoom`].
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError>;
+    /// Reads a value.
+    ///
+    /// # Errors
+    /// [`BlockError::Length`], [`BlockError::Value`].
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError>;
+}
+
+macro_rules! wire_integers {
+    ($($type:ty),*) => {$(
+        impl Wire for $type {
+            fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+                to.put(&self.to_le_bytes())
+            }
+            fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+                Ok(Self::from_le_bytes(from.take()?))
+            }
+        }
+    )*};
+}
+wire_integers!(u8, u16, u32, i32, i64);
+
+impl Wire for bool {
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        u8::from(*self).write(to)
+    }
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+        match u8::read(from)? {
+            0 => Ok(false),
+            1 => Ok(true),
+            _ => Err(BlockError::Value),
+        }
+    }
+}
+
+impl<T: Wire + Copy + Default, const N: usize> Wire for [T; N] {
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        self.iter().try_for_each(|element| element.write(to))
+    }
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+        let mut out = [T::default(); N];
+        for element in &mut out {
+            *element = T::read(from)?;
+        }
+        Ok(out)
+    }
+}
+
+macro_rules! wire_struct {
+    ($type:ident $(<$(const $n:ident: $t:ty),*>)? { $($field:ident),* $(,)? }) => {
+        impl $(<$(const $n: $t),*>)? Wire for $type $(<$($n),*>)? {
+            fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+                let Self { $($field),* } = self;
+                $($field.write(to)?;)*
+                Ok(())
+            }
+            fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+                Ok(Self { $($field: Wire::read(from)?),* })
+            }
+        }
+    };
+}
+
+wire_struct!(Row<const N: usize, const Q: u32> { coefficients });
+wire_struct!(SurfaceCoefficients { g, f });
+wire_struct!(ConverterParameters { adc_zero, adc_step, dac_zero, dac_step, dac_codes_per_volt, dac_code_min, dac_code_max, noise_shaping });
+wire_struct!(PidParameters { proportional_derivative, integral, feedforward, notch });
+wire_struct!(EstimatorParameters { rows, unknown_input });
+wire_struct!(SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching });
+wire_struct!(PredictorParameters { state_rows, reading_row, gain_row, feedforward });
+wire_struct!(ServoParameters { converters, actuator, law, delayed });
+wire_struct!(GuardParameters {
+    adc_code_min,
+    adc_code_max,
+    stuck_ticks,
+    jump_codes,
+    tracking_error,
+    tracking_ticks,
+    slew_codes,
+    ramp_codes,
+    rest_code,
+    healthy_ticks,
+});
+wire_struct!(PhysicalDescription { name, sample_rate_hz, drive_min_mv, drive_max_mv, sensor_span_nm, spectral_radius_millionths });
+wire_struct!(AmplifierParameters { physical, servo, guard });
+
+impl Wire for Reaching {
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        match self {
+            Self::Pid { proportional_derivative, integral } => {
+                0u8.write(to)?;
+                proportional_derivative.write(to)?;
+                integral.write(to)
+            }
+            Self::Switching { magnitude } => {
+                1u8.write(to)?;
+                magnitude.write(to)
+            }
+            Self::BoundaryLayer { magnitude, thickness } => {
+                2u8.write(to)?;
+                magnitude.write(to)?;
+                thickness.write(to)
+            }
+        }
+    }
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+        Ok(match u8::read(from)? {
+            0 => Self::Pid { proportional_derivative: Wire::read(from)?, integral: Wire::read(from)? },
+            1 => Self::Switching { magnitude: Wire::read(from)? },
+            2 => Self::BoundaryLayer { magnitude: Wire::read(from)?, thickness: Wire::read(from)? },
+            _ => return Err(BlockError::Value),
+        })
+    }
+}
+
+impl Wire for ActuatorParameters {
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        match self {
+            Self::Direct => 0u8.write(to),
+            Self::Linear { volts_per_micrometre, micrometres_per_volt } => {
+                1u8.write(to)?;
+                volts_per_micrometre.write(to)?;
+                micrometres_per_volt.write(to)
+            }
+            Self::OneSidedHysteresis { surfaces, drive_min, drive_range, share_per_volt } => {
+                2u8.write(to)?;
+                surfaces.write(to)?;
+                drive_min.write(to)?;
+                drive_range.write(to)?;
+                share_per_volt.write(to)
+            }
+        }
+    }
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+        Ok(match u8::read(from)? {
+            0 => Self::Direct,
+            1 => Self::Linear { volts_per_micrometre: Wire::read(from)?, micrometres_per_volt: Wire::read(from)? },
+            2 => Self::OneSidedHysteresis {
+                surfaces: Wire::read(from)?,
+                drive_min: Wire::read(from)?,
+                drive_range: Wire::read(from)?,
+                share_per_volt: Wire::read(from)?,
+            },
+            _ => return Err(BlockError::Value),
+        })
+    }
+}
+
+impl Wire for LawParameters {
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        match self {
+            Self::Hold => 0u8.write(to),
+            Self::Regulator(parameters) => {
+                1u8.write(to)?;
+                parameters.write(to)
+            }
+            Self::SlidingMode { estimator, controller } => {
+                2u8.write(to)?;
+                estimator.write(to)?;
+                controller.write(to)
+            }
+            Self::Predictor(parameters) => {
+                3u8.write(to)?;
+                parameters.write(to)
+            }
+        }
+    }
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+        Ok(match u8::read(from)? {
+            0 => Self::Hold,
+            1 => Self::Regulator(Wire::read(from)?),
+            2 => Self::SlidingMode { estimator: Wire::read(from)?, controller: Wire::read(from)? },
+            3 => Self::Predictor(Wire::read(from)?),
+            _ => return Err(BlockError::Value),
+        })
+    }
+}
+
+/// Writes a block and returns its length.
+///
+/// # Errors
+/// [`BlockError::NoRoom`]; [`BLOCK_BYTES`] always suffice.
+pub fn write(parameters: &AmplifierParameters, bytes: &mut [u8]) -> Result<usize, BlockError> {
+    let mut writer = Writer { bytes, at: 0 };
+    writer.put(&MAGIC)?;
+    VERSION.write(&mut writer)?;
+    0u16.write(&mut writer)?;
+    0u32.write(&mut writer)?;
+    parameters.write(&mut writer)?;
+    let end = writer.at;
+    let content = (end - HEADER_BYTES) as u32;
+    writer.bytes.get_mut(8..HEADER_BYTES).ok_or(BlockError::NoRoom)?.copy_from_slice(&content.to_le_bytes());
+    let checksum = crc32(writer.bytes.get(..end).ok_or(BlockError::NoRoom)?);
+    checksum.write(&mut writer)?;
+    Ok(writer.at)
+}
+
+/// Reads a block from the beginning of `bytes` (what follows it does not matter) for a target with this sampling rate.
+///
+/// # Errors
+/// [`BlockError`].
+pub fn read(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
+    let mut header = Reader { rest: bytes };
+    if header.take::<4>().map_err(|_| BlockError::Absent)? != MAGIC {
+        return Err(BlockError::Absent);
+    }
+    let version = u16::read(&mut header)?;
+    if version != VERSION {
+        return Err(BlockError::Version(version));
+    }
+    let _reserved = u16::read(&mut header)?;
+    let content = u32::read(&mut header)? as usize;
+    if content > BLOCK_BYTES {
+        return Err(BlockError::Length);
+    }
+    let checked = bytes.get(..HEADER_BYTES + content).ok_or(BlockError::Length)?;
+    let mut tail = Reader { rest: bytes.get(HEADER_BYTES + content..).ok_or(BlockError::Length)? };
+    if u32::read(&mut tail)? != crc32(checked) {
+        return Err(BlockError::Checksum);
+    }
+    let mut reader = Reader { rest: checked.get(HEADER_BYTES..).ok_or(BlockError::Length)? };
+    let parameters = AmplifierParameters::read(&mut reader)?;
+    if !reader.rest.is_empty() {
+        return Err(BlockError::Length);
+    }
+    verify(&parameters, sample_rate_hz)?;
+    Ok(parameters)
+}
+
+/// Whether parameters are fit to run.
+///
+/// # Errors
+/// [`BlockError::SampleRate`], [`BlockError::Unstable`], [`BlockError::Mismatch`].
+pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(), BlockError> {
+    let (physical, c, guard) = (&parameters.physical, &parameters.servo.converters, &parameters.guard);
+    if physical.sample_rate_hz != sample_rate_hz {
+        return Err(BlockError::SampleRate(physical.sample_rate_hz));
+    }
+    if physical.spectral_radius_millionths >= 1_000_000 {
+        return Err(BlockError::Unstable);
+    }
+    // Drive at a code, mV: V with 22 fraction bits + codes * V with 38.
+    let drive_mv = |code: u16| ((i64::from(c.dac_zero) + ((i64::from(code) * c.dac_step) >> 16)) * 1000) >> 22;
+    let step_mv = ((c.dac_step * 1000) >> 38) + 1;
+    let near = |code: u16, limit_mv: i32| (drive_mv(code) - i64::from(limit_mv)).abs() <= 2 * step_mv;
+    let span_nm = (((c.adc_step * 65_536) >> 16) * 1000) >> 24;
+    let fits = c.dac_step > 0
+        && c.adc_step > 0
+        && c.dac_code_min < c.dac_code_max
+        && near(c.dac_code_min, physical.drive_min_mv)
+        && near(c.dac_code_max, physical.drive_max_mv)
+        && (span_nm - i64::from(physical.sensor_span_nm)).abs() <= i64::from(physical.sensor_span_nm) / 1000 + 1
+        && (c.dac_code_min..=c.dac_code_max).contains(&guard.rest_code)
+        && guard.adc_code_min < guard.adc_code_max;
+    if fits { Ok(()) } else { Err(BlockError::Mismatch) }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    extern crate std;
+    use super::*;
+    use std::vec::Vec;
+
+    /// A plausible block: DAC -20..120 V, ADC 15 um, drive 0..80 V.
+    pub(crate) fn example() -> AmplifierParameters {
+        let dac_step = ((140i64 << 38) + 32_768) >> 16;
+        AmplifierParameters {
+            physical: PhysicalDescription {
+                name: *b"p753\0\0\0\0\0\0\0\0\0\0\0\0",
+                sample_rate_hz: 20_000,
+                drive_min_mv: 0,
+                drive_max_mv: 80_000,
+                sensor_span_nm: 15_000,
+                spectral_radius_millionths: 990_000,
+            },
+            servo: ServoParameters {
+                converters: ConverterParameters {
+                    adc_zero: -(1 << 24),
+                    adc_step: (15i64 << 40) >> 16,
+                    dac_zero: -20 << 22,
+                    dac_step,
+                    dac_codes_per_volt: (65_536i64 << 24) / 140,
+                    dac_code_min: 9363,
+                    dac_code_max: 46_811,
+                    noise_shaping: false,
+                },
+                actuator: ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 },
+                law: LawParameters::Regulator(PidParameters {
+                    proportional_derivative: Row { coefficients: [1 << 17, 0] },
+                    integral: 1 << 22,
+                    feedforward: Row::default(),
+                    notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
+                }),
+                delayed: true,
+            },
+            guard: GuardParameters {
+                adc_code_min: 16,
+                adc_code_max: 65_519,
+                stuck_ticks: 50,
+                jump_codes: 8000,
+                tracking_error: 4 << 24,
+                tracking_ticks: 200,
+                slew_codes: 20_000,
+                ramp_codes: 40,
+                rest_code: 9363,
+                healthy_ticks: 1000,
+            },
+        }
+    }
+
+    #[test]
+    fn every_law_and_actuator_comes_back_as_it_went() {
+        let mut parameters = example();
+        let row = Row { coefficients: core::array::from_fn(|k| k as i32 * 1_000_003 - 7) };
+        let laws = [
+            LawParameters::Hold,
+            parameters.servo.law,
+            LawParameters::SlidingMode {
+                estimator: EstimatorParameters {
+                    rows: [Row { coefficients: [1, -2, 3, -4, 5, i32::MIN] }; 3],
+                    unknown_input: Row::default(),
+                },
+                controller: SlidingModeParameters {
+                    reference_velocity: row,
+                    reference_drive: Row { coefficients: row.coefficients },
+                    switching_function: Row { coefficients: [3, 4] },
+                    equivalent_control: Row { coefficients: [5, 6] },
+                    reaching: Reaching::BoundaryLayer { magnitude: 7, thickness: -8 },
+                },
+            },
+            LawParameters::Predictor(PredictorParameters {
+                state_rows: [Row { coefficients: core::array::from_fn(|k| -(k as i32)) }; crate::predictor_law::STATES],
+                reading_row: Row::default(),
+                gain_row: Row::default(),
+                feedforward: Row { coefficients: row.coefficients },
+            }),
+        ];
+        let surfaces = SurfaceCoefficients { g: [[1, 2, 3, 4, 5]; 5], f: [-1, -2, -3, -4, -5] };
+        let actuators = [
+            ActuatorParameters::Direct,
+            parameters.servo.actuator,
+            ActuatorParameters::OneSidedHysteresis { surfaces, drive_min: 0, drive_range: 80 << 22, share_per_volt: (1 << 32) / 80 },
+        ];
+        for law in laws {
+            for actuator in actuators {
+                parameters.servo.law = law;
+                parameters.servo.actuator = actuator;
+                let mut bytes = [0xff; BLOCK_BYTES];
+                let length = write(&parameters, &mut bytes).expect("fits");
+                assert_eq!(read(&bytes, 20_000), Ok(parameters));
+                assert_eq!(read(&bytes[..length], 20_000), Ok(parameters));
+                assert_eq!(read(&bytes[..length - 1], 20_000), Err(BlockError::Length));
+            }
+        }
+    }
+
+    #[test]
+    fn a_bad_block_is_refused_with_its_reason() {
+        let good = example();
+        let written = |parameters: &AmplifierParameters| -> Vec<u8> {
+            let mut bytes = [0xff; BLOCK_BYTES];
+            let length = write(parameters, &mut bytes).expect("fits");
+            bytes[..length].to_vec()
+        };
+        assert_eq!(read(&[0xff; 100], 20_000), Err(BlockError::Absent));
+        assert_eq!(read(&[], 20_000), Err(BlockError::Absent));
+        assert_eq!(read(&written(&good), 10_000), Err(BlockError::SampleRate(20_000)));
+        let mut bytes = written(&good);
+        for bit in 0..bytes.len() * 8 {
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            assert!(read(&bytes, 20_000).is_err(), "bit {bit}");
+            bytes[bit / 8] ^= 1 << (bit % 8);
+        }
+        let mut unstable = good;
+        unstable.physical.spectral_radius_millionths = 1_000_000;
+        assert_eq!(read(&written(&unstable), 20_000), Err(BlockError::Unstable));
+        let mut mismatched = good;
+        mismatched.servo.converters.dac_code_max = 65_535;
+        assert_eq!(read(&written(&mismatched), 20_000), Err(BlockError::Mismatch));
+        let mut mismatched = good;
+        mismatched.physical.sensor_span_nm = 10_000;
+        assert_eq!(read(&written(&mismatched), 20_000), Err(BlockError::Mismatch));
+    }
+}
