@@ -1,19 +1,168 @@
-//! The control interrupt.
+//! The control interrupt: one tick of the amplifier, between two edges of the sample clock.
+//!
+//! # How it works
+//! The interrupt owns [`Control`]: the front end, the amplifier and its ends of the queues. It was handed over in [`hand_over`] before the
+//! interrupt was enabled, and nothing else ever touches it. What the tasks may know comes through lock-free queues of one
+//! producer and one consumer, and through atomics. Code is in ITCM, data in DTCM.
 
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-static TICKS: AtomicU32 = AtomicU32::new(0);
+use embassy_stm32::pac::TIM2 as TIMER;
+use heapless::spsc::{Consumer, Producer};
+use hysteron_core::amplifier::{Amplifier, Command, Refusal};
+use hysteron_core::trace_frame::TraceSample;
 
-/// Control ticks since the start.
-pub fn ticks() -> u32 {
-    TICKS.load(Ordering::Relaxed)
+use crate::front_end::FrontEnd;
+use crate::front_end::spi::SpiConverters;
+
+/// The front end of this image.
+pub type ChosenFrontEnd = SpiConverters;
+
+/// Samples on their way to the trace task: 12 ms at 20 kHz.
+pub const SAMPLE_QUEUE: usize = 256;
+/// Commands on their way to the interrupt.
+pub const COMMAND_QUEUE: usize = 16;
+
+/// A command and the tick at which it acts.
+#[derive(Clone, Copy)]
+pub struct Scheduled {
+    /// `None`: at the next tick.
+    pub at: Option<u32>,
+    /// The command.
+    pub command: Command,
 }
+
+/// What became of a command.
+#[derive(Clone, Copy)]
+pub struct Reply {
+    /// The tick at which it acted.
+    pub tick: u32,
+    /// Refused, and why.
+    pub refusal: Option<Refusal>,
+}
+
+/// Everything that the interrupt owns.
+pub struct Control {
+    /// Converters.
+    pub front_end: ChosenFrontEnd,
+    /// Servo, guard and modes.
+    pub amplifier: Amplifier,
+    /// To the trace task.
+    pub samples: Producer<'static, TraceSample>,
+    /// From the command task.
+    pub commands: Consumer<'static, Scheduled>,
+    /// To the command task.
+    pub replies: Producer<'static, Reply>,
+    /// The command that waits for its tick.
+    pub pending: Option<Scheduled>,
+    /// The next tick.
+    pub tick: u32,
+    /// The last tick ended after the next one was due.
+    pub overrun: bool,
+}
+
+struct Owned(UnsafeCell<MaybeUninit<Control>>);
+// SAFETY: written once before the interrupt is enabled, and from then on touched by the interrupt only.
+unsafe impl Sync for Owned {}
+static CONTROL: Owned = Owned(UnsafeCell::new(MaybeUninit::uninit()));
+
+static TICKS: AtomicU32 = AtomicU32::new(0);
+static LOST_SAMPLES: AtomicU32 = AtomicU32::new(0);
+static OVERRUNS: AtomicU32 = AtomicU32::new(0);
+static SLOWEST_COUNTS: AtomicU32 = AtomicU32::new(0);
+static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
+static FLAGS: AtomicU32 = AtomicU32::new(0);
+
+/// What the tasks may know of the interrupt.
+#[derive(Clone, Copy, defmt::Format)]
+pub struct Report {
+    /// Ticks since the start.
+    pub ticks: u32,
+    /// Ticks that found the sample queue full.
+    pub lost_samples: u32,
+    /// Ticks that ended late.
+    pub overruns: u32,
+    /// Latest end of a tick after its edge, timer counts.
+    pub slowest_counts: u32,
+    /// Latest beginning of a tick after its edge, timer counts.
+    pub latest_entry_counts: u32,
+    /// Mode (low byte) and fault (next byte).
+    pub flags: u32,
+}
+
+/// The interrupt's state as of the last tick.
+pub fn report() -> Report {
+    Report {
+        ticks: TICKS.load(Ordering::Relaxed),
+        lost_samples: LOST_SAMPLES.load(Ordering::Relaxed),
+        overruns: OVERRUNS.load(Ordering::Relaxed),
+        slowest_counts: SLOWEST_COUNTS.load(Ordering::Relaxed),
+        latest_entry_counts: LATEST_ENTRY_COUNTS.load(Ordering::Relaxed),
+        flags: FLAGS.load(Ordering::Relaxed),
+    }
+}
+
+/// Ticks that found the sample queue full.
+pub fn lost_samples() -> u32 {
+    LOST_SAMPLES.load(Ordering::Relaxed)
+}
+
+/// Hands everything to the interrupt, which is not enabled yet.
+pub fn hand_over(control: Control) {
+    // SAFETY: the interrupt is not enabled, so nobody else looks at it.
+    unsafe { (*CONTROL.0.get()).write(control) };
+}
+
+#[inline(always)]
+fn count(counter: &AtomicU32) {
+    counter.store(counter.load(Ordering::Relaxed).saturating_add(1), Ordering::Relaxed);
+}
+
+#[inline(always)]
+fn keep_largest(largest: &AtomicU32, value: u32) {
+    if value > largest.load(Ordering::Relaxed) {
+        largest.store(value, Ordering::Relaxed);
+    }
+}
+
+const COMPARE_4: u32 = 1 << 4;
 
 /// Runs once a period, 1 us after the edge of the sample clock.
 #[unsafe(no_mangle)]
 #[unsafe(link_section = ".itcm.control")]
 extern "C" fn TIM2() {
-    const CC4IF: u32 = 1 << 4;
-    embassy_stm32::pac::TIM2.sr().write(|w| w.0 = !CC4IF);
-    TICKS.store(TICKS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+    let entry = TIMER.cnt().read();
+    TIMER.sr().write(|w| w.0 = !COMPARE_4);
+    // SAFETY: `hand_over` ran before the interrupt was enabled, and the interrupt does not nest.
+    let control = unsafe { (*CONTROL.0.get()).assume_init_mut() };
+
+    let reading = control.front_end.read();
+    if control.pending.is_none() {
+        control.pending = control.commands.dequeue();
+    }
+    if let Some(scheduled) = control.pending
+        && scheduled.at.is_none_or(|at| at <= control.tick)
+    {
+        let refusal = control.amplifier.command(scheduled.command).err();
+        let _ = control.replies.enqueue(Reply { tick: control.tick, refusal });
+        control.pending = None;
+    }
+    let sample = control.amplifier.tick(reading, control.overrun);
+    control.front_end.write(sample.dac_code);
+
+    if control.samples.enqueue(sample).is_err() {
+        count(&LOST_SAMPLES);
+    }
+    control.tick = control.tick.wrapping_add(1);
+    TICKS.store(control.tick, Ordering::Relaxed);
+    FLAGS.store(u32::from(sample.flags), Ordering::Relaxed);
+    keep_largest(&LATEST_ENTRY_COUNTS, entry);
+    // The next compare is already flagged: the tick took longer than a period.
+    control.overrun = TIMER.sr().read().0 & COMPARE_4 != 0;
+    if control.overrun {
+        count(&OVERRUNS);
+    }
+    keep_largest(&SLOWEST_COUNTS, TIMER.cnt().read());
 }

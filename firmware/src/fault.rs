@@ -1,9 +1,94 @@
-//! Panic and hard fault: the end of a run. Both stop here with the reason; the safe output is set first.
+//! What ends or restarts the program, and that the drive is at rest whenever it does.
+//!
+//! A panic or a hard fault first writes the rest code to the drive's converter: the sample clock goes on latching without the
+//! processor, so the drive rests at the next edge. It then leaves a mark in memory that survives a reset, and restarts. The watchdog
+//! restarts a program whose ticks or tasks have stopped. At start [`cause_of_last_restart`] names what happened, and the amplifier
+//! stays at rest until that fault is cleared.
 
+use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use embassy_stm32::pac::{IWDG1, RCC};
+use embassy_time::Timer;
+use hysteron_core::guard::Fault;
+
+use crate::control::{self, ChosenFrontEnd};
+use crate::front_end::FrontEnd;
+
+/// A mark that says "this program stopped itself".
+const MARK: u32 = 0x4859_5354;
+#[unsafe(link_section = ".uninit.restart_mark")]
+static mut RESTART_MARK: MaybeUninit<u32> = MaybeUninit::uninit();
+static REST_CODE: AtomicU32 = AtomicU32::new(0);
+
+/// Watchdog period: 32 kHz / 16 counts down from this in 50 ms.
+const WATCHDOG_COUNTS: u16 = 100;
+const WATCH_MS: u64 = 10;
+
+/// Tells the fault handlers which code is rest.
+pub fn remember_rest(code: u16) {
+    REST_CODE.store(u32::from(code), Ordering::Relaxed);
+}
+
+/// Why the part restarted, if that was a fault; clears the flags.
+pub fn cause_of_last_restart() -> Option<Fault> {
+    // SAFETY: memory that nothing initialises; any value may be there. Only thread code before the start touches it.
+    let marked = unsafe {
+        let mark = &raw mut RESTART_MARK;
+        let marked = mark.cast::<u32>().read_volatile() == MARK;
+        mark.cast::<u32>().write_volatile(0);
+        marked
+    };
+    let flags = RCC.rsr().read();
+    RCC.rsr().modify(|w| w.set_rmvf(true));
+    if flags.iwdg1rstf() {
+        Some(Fault::Watchdog)
+    } else if marked && flags.sftrstf() {
+        Some(Fault::HardFault)
+    } else if flags.borrstf() && !flags.porrstf() {
+        Some(Fault::BrownOut)
+    } else {
+        None
+    }
+}
+
+/// Starts the watchdog and feeds it as long as ticks and tasks go on.
+pub async fn watch() {
+    IWDG1.kr().write(|w| w.set_key(Key::START));
+    IWDG1.kr().write(|w| w.set_key(Key::ENABLE));
+    IWDG1.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
+    IWDG1.rlr().write(|w| w.set_rl(WATCHDOG_COUNTS));
+    let mut last = control::report().ticks;
+    loop {
+        Timer::after_millis(WATCH_MS).await;
+        let ticks = control::report().ticks;
+        if ticks != last {
+            IWDG1.kr().write(|w| w.set_key(Key::RESET));
+        }
+        last = ticks;
+    }
+}
+
+/// The drive to rest, then a restart that remembers why.
+fn stop() -> ! {
+    cortex_m::interrupt::disable();
+    ChosenFrontEnd::new().write(REST_CODE.load(Ordering::Relaxed) as u16);
+    // SAFETY: interrupts are off; nobody else runs any more.
+    unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK) };
+    cortex_m::asm::dsb();
+    // Two edges of the sample clock, so that the rest code has been latched.
+    cortex_m::asm::delay(40_000);
+    cortex_m::peripheral::SCB::sys_reset()
+}
 
 #[panic_handler]
-fn panic(information: &PanicInfo) -> ! {
-    defmt::error!("panic: {}", defmt::Display2Format(information));
-    cortex_m::peripheral::SCB::sys_reset()
+fn panic(_: &PanicInfo) -> ! {
+    stop()
+}
+
+#[cortex_m_rt::exception]
+unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
+    stop()
 }

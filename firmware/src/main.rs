@@ -10,17 +10,34 @@ mod board;
 mod control;
 mod critical_section_below_control;
 mod fault;
+mod front_end;
 mod itcm;
 mod sample_clock;
+mod settings;
+mod stack;
+mod tasks;
 
 use embassy_executor::Spawner;
-use embassy_time::{Duration, Ticker};
+use heapless::spsc::Queue;
+use hysteron_core::amplifier::Amplifier;
+use hysteron_core::guard::Fault;
+use hysteron_core::trace_frame::TraceSample;
 use rtt_target::{ChannelMode, rtt_init};
+use static_cell::StaticCell;
+
+use control::{COMMAND_QUEUE, ChosenFrontEnd, Control, Reply, SAMPLE_QUEUE, Scheduled};
+use front_end::FrontEnd;
+use sample_clock::SAMPLE_RATE_HZ;
+
+static SAMPLES: StaticCell<Queue<TraceSample, SAMPLE_QUEUE>> = StaticCell::new();
+static COMMANDS: StaticCell<Queue<Scheduled, COMMAND_QUEUE>> = StaticCell::new();
+static REPLIES: StaticCell<Queue<Reply, COMMAND_QUEUE>> = StaticCell::new();
 
 #[embassy_executor::main]
-async fn main(_spawner: Spawner) {
+async fn main(spawner: Spawner) {
+    stack::paint();
     let channels = rtt_init! {
-        up: { 0: { size: 16384, mode: ChannelMode::NoBlockSkip, name: "defmt" } }
+        up: { 0: { size: 32768, mode: ChannelMode::NoBlockSkip, name: "defmt" } }
         down: { 0: { size: 1024, name: "commands" } }
     };
     rtt_target::set_defmt_channel(channels.up.0);
@@ -28,16 +45,45 @@ async fn main(_spawner: Spawner) {
     let peripherals = board::init();
     let clocks = board::clocks(&peripherals);
     defmt::info!(
-        "hysteron {=str}: core {=u32} Hz, control {=u32} Hz",
+        "hysteron {=str}: core {=u32} Hz, control {=u32} Hz, front end {=str}",
         env!("CARGO_PKG_VERSION"),
         clocks.core_hz,
-        sample_clock::SAMPLE_RATE_HZ
+        SAMPLE_RATE_HZ,
+        ChosenFrontEnd::NAME
     );
-    sample_clock::start(clocks.timer_hz);
 
-    let mut ticker = Ticker::every(Duration::from_millis(5));
-    loop {
-        ticker.next().await;
-        defmt::info!("ticks {=u32}", control::ticks());
+    let (parameters, refused) = match settings::load(SAMPLE_RATE_HZ) {
+        Ok(parameters) => (parameters, None),
+        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ), Some(Fault::ParameterBlock)),
+    };
+    let mut amplifier = Amplifier::new(parameters);
+    if let Some(fault) = refused.or(fault::cause_of_last_restart()) {
+        amplifier.refuse(fault);
     }
+    let mut front_end = control::ChosenFrontEnd::new();
+    front_end.start(parameters.guard.rest_code);
+    fault::remember_rest(parameters.guard.rest_code);
+
+    let (sample_producer, sample_consumer) = SAMPLES.init(Queue::new()).split();
+    let (command_producer, command_consumer) = COMMANDS.init(Queue::new()).split();
+    let (reply_producer, reply_consumer) = REPLIES.init(Queue::new()).split();
+    control::hand_over(Control {
+        front_end,
+        amplifier,
+        samples: sample_producer,
+        commands: command_consumer,
+        replies: reply_producer,
+        pending: None,
+        tick: 0,
+        overrun: false,
+    });
+    match (tasks::trace(sample_consumer), tasks::commands(channels.down.0, command_producer, reply_consumer)) {
+        (Ok(trace), Ok(commands)) => {
+            spawner.spawn(trace);
+            spawner.spawn(commands);
+        }
+        _ => defmt::error!("a task has no room"),
+    }
+    sample_clock::start(clocks.timer_hz);
+    fault::watch().await;
 }

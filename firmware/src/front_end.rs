@@ -1,0 +1,18 @@
+//! The analogue front end: what the control interrupt needs of converters, whichever they are.
+//!
+//! A front end gives the sensor's code of the latest edge of the sample clock, and takes a drive code that acts at the next edge.
+//! Codes are 16 bits wide on this side; a converter with more keeps its lowest bits to itself.
+
+pub mod spi;
+
+/// Converters as the control interrupt sees them. Both calls end after a bounded time, whatever the converters do.
+pub trait FrontEnd {
+    /// Name, as reported at start.
+    const NAME: &'static str;
+    /// Sets pins and converters up, with the drive at `rest_code`; called before the beat starts.
+    fn start(&mut self, rest_code: u16);
+    /// The sensor's code sampled at the latest edge; `None` if the converter did not answer.
+    fn read(&mut self) -> Option<u16>;
+    /// The drive's code for the next edge; `false` if the converter did not take it.
+    fn write(&mut self, code: u16) -> bool;
+}

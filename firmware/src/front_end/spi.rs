@@ -1,0 +1,127 @@
+//! Precision converters on SPI: a 16-bit SAR converter of the AD4000 family (3-wire, CNV) and a 20-bit DAC of the AD5791 family.
+//!
+//! | signal | pin | timing |
+//! |---|---|---|
+//! | sensor SCK, SDO | PA5, PA6 (SPI1, 16-bit frames, 25 MHz) | read by the control interrupt |
+//! | sensor CNV | PA0 (TIM2_CH1) | rises at the edge: the sample is taken there; low before the read |
+//! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 25 MHz) | written by the control interrupt |
+//! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
+//!
+//! The DAC leaves power-up with its output clamped to ground, and [`FrontEnd::start`] removes the clamp only after the rest code has
+//! been written.
+
+use embassy_stm32::pac::gpio::Gpio;
+use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
+use embassy_stm32::pac::spi::Spi;
+use embassy_stm32::pac::spi::vals::{Comm, Cpha, Cpol, Fthlv, Master, Mbr};
+use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
+
+use super::FrontEnd;
+
+/// Polls of a flag before a converter counts as silent: about ten frames.
+const MOST_POLLS: u32 = 400;
+/// AD5791: write to the DAC register.
+const WRITE_DAC: u32 = 0x1 << 20;
+/// AD5791: write to the control register, offset binary, output on, clamp off, amplifier of the reference off.
+const WRITE_CONTROL: u32 = (0x2 << 20) | (1 << 4) | (1 << 1);
+/// SYNC is PC9.
+const SYNC_HIGH: u32 = 1 << 9;
+const SYNC_LOW: u32 = 1 << 25;
+
+/// The SPI front end.
+pub struct SpiConverters {
+    _private: (),
+}
+
+impl SpiConverters {
+    /// Not started yet.
+    pub const fn new() -> Self {
+        Self { _private: () }
+    }
+}
+
+fn alternate(port: Gpio, pin: usize, function: u8) {
+    port.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
+    port.ospeedr().modify(|w| w.set_ospeedr(pin, Ospeedr::VERY_HIGH_SPEED));
+    port.moder().modify(|w| w.set_moder(pin, Moder::ALTERNATE));
+}
+
+fn start_interface(spi: Spi, frame_bits: u8, duplex: Comm, phase: Cpha) {
+    spi.cr1().write(|w| w.set_ssi(true));
+    spi.cfg1().write(|w| {
+        w.set_dsize(frame_bits - 1);
+        w.set_fthlv(Fthlv::ONE_FRAME);
+        w.set_mbr(Mbr::DIV4);
+        w.set_crcsize(7);
+    });
+    spi.cfg2().write(|w| {
+        w.set_master(Master::MASTER);
+        w.set_ssm(true);
+        w.set_comm(duplex);
+        w.set_cpha(phase);
+        w.set_cpol(Cpol::IDLE_LOW);
+        w.set_afcntr(true);
+    });
+    spi.cr2().write(|w| w.set_tsize(0));
+    spi.cr1().modify(|w| w.set_spe(true));
+    spi.cr1().modify(|w| w.set_cstart(true));
+}
+
+/// One frame to the DAC, framed by SYNC.
+#[inline(always)]
+fn send_to_dac(word: u32) -> bool {
+    GPIOC.bsrr().write(|w| w.0 = SYNC_LOW);
+    SPI3.txdr32().write_value(word);
+    let mut polls = 0;
+    while !SPI3.sr().read().txc() {
+        polls += 1;
+        if polls == MOST_POLLS {
+            break;
+        }
+    }
+    GPIOC.bsrr().write(|w| w.0 = SYNC_HIGH);
+    polls < MOST_POLLS
+}
+
+impl FrontEnd for SpiConverters {
+    const NAME: &'static str = "SPI, AD4000 and AD5791 families";
+
+    fn start(&mut self, rest_code: u16) {
+        RCC.apb2enr().modify(|w| w.set_spi1en(true));
+        RCC.apb1lenr().modify(|w| w.set_spi3en(true));
+        GPIOC.bsrr().write(|w| w.0 = SYNC_HIGH);
+        GPIOC.moder().modify(|w| w.set_moder(9, Moder::OUTPUT));
+        alternate(GPIOA, 0, 1);
+        alternate(GPIOB, 10, 1);
+        for pin in [5, 6] {
+            alternate(GPIOA, pin, 5);
+        }
+        for pin in [10, 12] {
+            alternate(GPIOC, pin, 6);
+        }
+        start_interface(SPI1, 16, Comm::FULL_DUPLEX, Cpha::FIRST_EDGE);
+        start_interface(SPI3, 24, Comm::TRANSMITTER, Cpha::SECOND_EDGE);
+        self.write(rest_code);
+        send_to_dac(WRITE_CONTROL);
+    }
+
+    #[inline(always)]
+    fn read(&mut self) -> Option<u16> {
+        SPI1.txdr16().write_value(0);
+        let mut polls = 0;
+        while !SPI1.sr().read().rxp() {
+            polls += 1;
+            if polls == MOST_POLLS {
+                return None;
+            }
+        }
+        let code = SPI1.rxdr16().read();
+        // A line that floats or is shorted reads all ones or zeros; the guard's limits name that.
+        Some(code)
+    }
+
+    #[inline(always)]
+    fn write(&mut self, code: u16) -> bool {
+        send_to_dac(WRITE_DAC | (u32::from(code) << 4))
+    }
+}
