@@ -3,10 +3,15 @@
 use std::num::{NonZeroU32, NonZeroU64};
 
 use rigless::cpu::armv7m::windows;
+use rigless::device::Level;
 use rigless::machine::{Board, Crystal, Supply, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::soc::Error;
 use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::peripherals::gpio::Pin;
+use rigless::soc::stm32h743::peripherals::spi::Select;
+
+use crate::converters::{DriveConverter, SensorConverter, SharedWorld};
 
 /// Name of the part on the board.
 pub const PART: &str = "stm32h743";
@@ -22,6 +27,10 @@ pub struct NucleoBoard {
     pub mcu: Stm32h743,
 }
 
+/// Position of SPI1 and SPI3 among the part's interfaces.
+const SENSOR_INTERFACE: usize = 0;
+const DRIVE_INTERFACE: usize = 2;
+
 rigless::store!(NucleoBoard { values: [], parts: [mcu], built: [] });
 
 impl NucleoBoard {
@@ -35,6 +44,21 @@ impl NucleoBoard {
         mcu.set_supply(Supply(3300).0);
         mcu.set_analog_supply(Supply(3300).0);
         Ok(Self { mcu })
+    }
+
+    /// The board with converters on its SPI connectors and a plant behind them.
+    ///
+    /// # Errors
+    /// The part's description is inconsistent.
+    pub fn with_plant(world: &SharedWorld) -> Result<Self, Error> {
+        let mut board = Self::new()?;
+        if let Some(interface) = board.mcu.spi.get_mut(SENSOR_INTERFACE) {
+            interface.attach(SensorConverter::new(world));
+        }
+        if let (Some(interface), Some(pin)) = (board.mcu.spi.get_mut(DRIVE_INTERFACE), Pin::new(9)) {
+            interface.attach_selected(DriveConverter::new(world), Select { port: "GPIOC", pin, active: Level::Low });
+        }
+        Ok(board)
     }
 }
 

@@ -17,6 +17,9 @@ use crate::real_time_transfer::ControlBlock;
 /// Nanoseconds in a millisecond.
 pub const MILLISECOND: u64 = 1_000_000;
 
+/// Where the first parameter block stands (`memory.x`, SETTINGS).
+const SETTINGS: u64 = 0x081C_0000;
+
 /// What the probe does in a run.
 #[derive(Clone, Debug)]
 pub struct Script {
@@ -24,6 +27,8 @@ pub struct Script {
     pub until_ns: u64,
     /// How often the probe reads RTT, ns; `None`: a probe that is not there.
     pub read_every_ns: Option<u64>,
+    /// A parameter block that is in the flash at the start.
+    pub block: Option<Vec<u8>>,
     /// Bytes for the command channel, each with the instant from which it is sent, ns; in order.
     pub commands: Vec<(u64, Vec<u8>)>,
 }
@@ -32,7 +37,7 @@ impl Script {
     /// Runs for so long with a probe that reads every millisecond and sends nothing.
     #[must_use]
     pub fn listening(until_ns: u64) -> Self {
-        Self { until_ns, read_every_ns: Some(MILLISECOND), commands: Vec::new() }
+        Self { until_ns, read_every_ns: Some(MILLISECOND), block: None, commands: Vec::new() }
     }
 }
 
@@ -140,7 +145,10 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         .ok_or_else(|| anyhow!("{}: no symbol _SEGGER_RTT", elf.display()))?;
     let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
 
-    let images = [Image::read(elf, None)?];
+    let mut images = vec![Image::read(elf, None)?];
+    if let Some(block) = &script.block {
+        images.push(Image::new(Path::new("parameter block"), block.clone(), Some(SETTINGS))?);
+    }
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(script.until_ns);
     let session = Session::new(Box::new(board), 0, VirtualNanos(first))?;
     let taken = Arc::new(Mutex::new(Taken::default()));

@@ -1,38 +1,45 @@
 //! The image boots on the emulated part, and its 20 kHz beat is exact in virtual time.
 
-use std::path::PathBuf;
+mod common;
 
+use common::image;
 use hysteron_emulator::board::NucleoBoard;
+use hysteron_emulator::converters::World;
 use hysteron_emulator::run::{MILLISECOND, Script, run};
-
-/// The image under test: `HYSTERON_FIRMWARE_ELF`, or where `cargo xtask check` builds it.
-fn image() -> PathBuf {
-    std::env::var_os("HYSTERON_FIRMWARE_ELF").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release/hysteron-firmware"),
-        PathBuf::from,
-    )
-}
+use hysteron_sim::bench::{Bench, Variant};
 
 #[test]
-fn the_image_boots_and_beats_at_20_khz() {
+fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
     let until_ns = 105 * MILLISECOND;
-    let outcome = run(&image(), NucleoBoard::new().expect("a board"), Script::listening(until_ns)).expect("a run");
-    println!("end {:?}, resets {}, raw {}, without a model {:?}", outcome.end, outcome.resets, outcome.raw.len(), outcome.without_model);
+    let bench = Bench::reference().expect("the bench");
+    let world = World::new(&bench, Variant::PLAIN, 1).shared();
+    let mut script = Script::listening(until_ns);
+    for status in 0..18 {
+        script.commands.push(((10 + 5 * status) * MILLISECOND, b"status\n".to_vec()));
+    }
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    println!("end {:?}, without a model: {:?}", outcome.end, outcome.without_model);
     let boot: Vec<_> = outcome.texts_with("hysteron ").collect();
     assert_eq!(boot.len(), 1, "boots once: {:?}", outcome.messages);
     assert!(boot[0].contains("core 400000000 Hz, control 20000 Hz"), "{}", boot[0]);
     assert_eq!((outcome.malformed, outcome.resets), (0, 0));
+    assert!(outcome.texts_with("mode fault: parameter block").count() == 1, "{:?}", outcome.messages);
 
-    let counts: Vec<(u64, u64)> =
-        outcome.messages.iter().filter_map(|message| Some((message.at_ns, message.text.strip_prefix("ticks ")?.parse().ok()?))).collect();
+    let counts: Vec<(u64, u64)> = outcome
+        .messages
+        .iter()
+        .filter_map(|message| {
+            let rest = message.text.split("ticks: ").nth(1)?;
+            Some((message.at_ns, rest.split(',').next()?.parse().ok()?))
+        })
+        .collect();
     assert!(counts.len() >= 15, "reports: {:?}", outcome.messages);
     for pair in counts.windows(2) {
         let [(_, before), (_, after)] = pair else { unreachable!() };
-        // A report every 5 ms by TIM5 and ticks every 50 us by TIM2: both timers run from the same clock.
+        // A report every 5 ms of the probe's clock, and a tick every 50 us of TIM2.
         assert_eq!(after - before, 100, "{counts:?}");
     }
-    let (seen_ns, ticks) = counts[counts.len() - 1];
-    // The probe sees a message at most 1 ms after it was written, and the beat starts within the first millisecond or two.
-    let expected = seen_ns / 50_000;
-    assert!(ticks <= expected && ticks + 60 >= expected, "{ticks} ticks at {seen_ns} ns");
+    let world = world.lock().expect("the world");
+    let rest = bench.dac_code(bench.drive_min_v);
+    assert!(world.codes.len() > 2000 && world.codes.iter().all(|(_, acting)| *acting == rest), "always the safe output");
 }

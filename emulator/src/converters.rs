@@ -1,0 +1,173 @@
+//! The converters of the SPI front end, with the float plant behind them, in virtual time.
+//!
+//! # How it works
+//! Each SPI word carries its instant. The first read of the sensor fixes the phase of the sample clock's edges; from then on every
+//! edge that has passed carries the plant over one period under the code that acted, and only then lets the code that was written
+//! before act. The plant, the noise and the order of both are those of the host's simulation, so the codes can be compared bit by bit.
+
+use std::sync::{Arc, Mutex};
+
+use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
+use rigless::chip::Timeline;
+use rigless::chip::spi::Peer;
+
+/// The sample clock's period, ns.
+pub const PERIOD_NS: u64 = 50_000;
+
+/// What is wrong with the sensor, and when (edges, from included, to excluded).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SensorTrouble {
+    /// First edge.
+    pub from: u64,
+    /// First edge after it.
+    pub to: u64,
+    /// What it reads then.
+    pub kind: Trouble,
+}
+
+/// Kinds of trouble.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// The code of the edge before.
+    Stuck,
+    /// The cable is off: the line floats high.
+    Disconnected,
+}
+
+/// Plant, sensor and the codes between them and the target.
+#[derive(Debug)]
+pub struct World {
+    bench: Bench,
+    plant: Plant,
+    sensor: Sensor,
+    acting_code: u16,
+    written_code: u16,
+    first_edge_ns: Option<u64>,
+    edges: u64,
+    last_code: u16,
+    /// Troubles of the sensor.
+    pub troubles: Vec<SensorTrouble>,
+    /// At each edge: the code that the sensor gave and the code that acts from it on.
+    pub codes: Vec<(u16, u16)>,
+}
+
+/// The world as the converters and the test share it.
+pub type SharedWorld = Arc<Mutex<World>>;
+
+impl World {
+    /// A virgin actuator of the bench, its drive at rest, with this seed of noise.
+    #[must_use]
+    pub fn new(bench: &Bench, variant: Variant, seed: u64) -> Self {
+        let rest = bench.dac_code(bench.drive_min_v);
+        Self {
+            plant: bench.plant(variant),
+            sensor: Sensor::new(bench, 0.0, seed),
+            bench: bench.clone(),
+            acting_code: rest,
+            written_code: rest,
+            first_edge_ns: None,
+            edges: 0,
+            last_code: 0,
+            troubles: Vec::new(),
+            codes: Vec::new(),
+        }
+    }
+
+    /// Shared with converters.
+    #[must_use]
+    pub fn shared(self) -> SharedWorld {
+        Arc::new(Mutex::new(self))
+    }
+
+    /// One edge of the sample clock: the period before it ends, the code written in it begins to act, the sensor is sampled.
+    pub fn edge(&mut self) -> u16 {
+        if self.edges > 0 {
+            self.plant.tick(self.bench.drive_for_code_v(self.acting_code));
+        }
+        self.acting_code = self.written_code;
+        let honest = self.sensor.read_code(&self.plant);
+        let now = self.edges;
+        let trouble = self.troubles.iter().find(|trouble| (trouble.from..trouble.to).contains(&now));
+        let code = match trouble.map(|trouble| trouble.kind) {
+            None => honest,
+            Some(Trouble::Stuck) => self.last_code,
+            Some(Trouble::Disconnected) => u16::MAX,
+        };
+        self.last_code = code;
+        self.codes.push((code, self.acting_code));
+        self.edges += 1;
+        code
+    }
+
+    /// Takes a code that acts from the next edge on.
+    pub fn write(&mut self, code: u16) {
+        self.written_code = code;
+    }
+
+    /// The code that acts now.
+    #[must_use]
+    pub fn acting_code(&self) -> u16 {
+        self.acting_code
+    }
+
+    /// Lets all edges up to an instant pass and returns the sensor's code of the last one.
+    fn read_at(&mut self, now_ns: u64) -> u16 {
+        let first = *self.first_edge_ns.get_or_insert(now_ns);
+        // The interrupt's latency is far below half a period.
+        let passed = (now_ns.saturating_sub(first) + PERIOD_NS / 2) / PERIOD_NS + 1;
+        while self.edges < passed {
+            self.edge();
+        }
+        self.last_code
+    }
+}
+
+/// The sensor's converter.
+#[derive(Debug)]
+pub struct SensorConverter {
+    world: SharedWorld,
+}
+
+rigless::store!(SensorConverter { values: [], parts: [], built: [world] });
+
+impl SensorConverter {
+    /// On this world.
+    #[must_use]
+    pub fn new(world: &SharedWorld) -> Self {
+        Self { world: Arc::clone(world) }
+    }
+}
+
+impl Peer for SensorConverter {
+    fn transfer(&mut self, _: u32, _: u8, context: &mut Timeline<'_, '_>) -> u32 {
+        self.world.lock().map_or(0, |mut world| u32::from(world.read_at(context.now().0)))
+    }
+}
+
+/// The drive's converter: 24-bit words, of which the top four bits choose the register and the next sixteen are the code.
+#[derive(Debug)]
+pub struct DriveConverter {
+    world: SharedWorld,
+}
+
+rigless::store!(DriveConverter { values: [], parts: [], built: [world] });
+
+impl DriveConverter {
+    /// On this world.
+    #[must_use]
+    pub fn new(world: &SharedWorld) -> Self {
+        Self { world: Arc::clone(world) }
+    }
+}
+
+impl Peer for DriveConverter {
+    fn transfer(&mut self, mosi: u32, bits: u8, _: &mut Timeline<'_, '_>) -> u32 {
+        if bits == 24
+            && mosi >> 20 == 1
+            && let (Ok(mut world), Ok(code)) = (self.world.lock(), u16::try_from(mosi >> 4 & 0xffff))
+        {
+            world.write(code);
+        }
+        0
+    }
+}
