@@ -249,9 +249,9 @@ impl Amplifier {
         if self.remaining_ticks > 0 {
             self.remaining_ticks -= 1;
             let c = &self.parameters.servo.converters;
-            // V with 24 fraction bits -> 22; * codes/V (24) -> codes with 46.
+            // V with 24 fraction bits -> 22; * codes/V (20) -> codes with 42.
             let drive = i64::from(self.generator.next_position().to_bits() >> 2);
-            let code = ((drive - i64::from(c.dac_zero)) * c.dac_codes_per_volt + (1i64 << 45)) >> 46;
+            let code = ((drive - i64::from(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
             let code = code.max(i64::from(c.dac_code_min)).min(i64::from(c.dac_code_max)) as u16;
             return self.servo.open_loop(code);
         }

@@ -408,7 +408,7 @@ pub(crate) mod tests {
                     adc_step: (15i64 << 40) >> 16,
                     dac_zero: -20 << 22,
                     dac_step,
-                    dac_codes_per_volt: (65_536i64 << 24) / 140,
+                    dac_codes_per_volt: ((65_536i64 << 20) / 140) as i32,
                     dac_code_min: 9363,
                     dac_code_max: 46_811,
                     noise_shaping: false,

@@ -31,13 +31,22 @@ fn sines_agree_with_the_host_to_the_last_bit() {
     let world = World::new(&bench, Variant::FULL, 7).shared();
     let script = Script {
         block: Some(block(&parameters)),
-        commands: vec![(2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()), (u64::from(ticks) * 50_000, b"status\n".to_vec())],
+        commands: vec![
+            (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()),
+            (u64::from(ticks) * 50_000, b"status\n".to_vec()),
+        ],
         ..Script::listening(u64::from(ticks) * 50_000 + 20 * MILLISECOND)
     };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
     let others: Vec<_> = outcome.messages.iter().filter(|message| !message.text.starts_with("trace [")).collect();
     let (target, lost) = samples(&outcome);
-    println!("{} samples, {lost} lost, {} malformed; {} instructions in {} ms", target.len(), outcome.malformed, outcome.end.1, outcome.end.0 / MILLISECOND);
+    println!(
+        "{} samples, {lost} lost, {} malformed; {} instructions in {} ms",
+        target.len(),
+        outcome.malformed,
+        outcome.end.1,
+        outcome.end.0 / MILLISECOND
+    );
     for message in &others {
         println!("{:>12} {} {}", message.at_ns, message.level, message.text);
     }
@@ -59,9 +68,15 @@ fn sines_agree_with_the_host_to_the_last_bit() {
         let zero = converter_zero(&parameters, &host[..FIRST_TICK as usize]);
         let square: f64 = host[from..to]
             .iter()
-            .map(|sample| (f64::from(sample.adc_code) * bench.adc_lsb_um() - zero - f64::from(sample.reference) / f64::from(1 << 24)).powi(2))
+            .map(|sample| {
+                (f64::from(sample.adc_code) * bench.adc_lsb_um() - zero - f64::from(sample.reference) / f64::from(1 << 24)).powi(2)
+            })
             .sum();
-        println!("{:>6} Hz: {:.4} um RMS of the sensor's reading, noise included", f64::from(millihertz) / 1e3, (square / (to - from) as f64).sqrt());
+        println!(
+            "{:>6} Hz: {:.4} um RMS of the sensor's reading, noise included",
+            f64::from(millihertz) / 1e3,
+            (square / (to - from) as f64).sqrt()
+        );
     }
 
     let status = outcome.texts_with("status").last().expect("a status").to_string();
@@ -76,7 +91,10 @@ fn sines_agree_with_the_host_to_the_last_bit() {
 }
 
 /// Position at code 0, um, as the sensor was zeroed: from the last readings of the conditioning.
-fn converter_zero(parameters: &hysteron_core::parameter_block::AmplifierParameters, before: &[hysteron_core::trace_frame::TraceSample]) -> f64 {
+fn converter_zero(
+    parameters: &hysteron_core::parameter_block::AmplifierParameters,
+    before: &[hysteron_core::trace_frame::TraceSample],
+) -> f64 {
     let end = 100 + 2000 + 20_000;
     let mean = before[end - 1024..end].iter().map(|sample| f64::from(sample.adc_code)).sum::<f64>() / 1024.0;
     mean * parameters.servo.converters.adc_step as f64 / 2f64.powi(40)

@@ -56,6 +56,18 @@ async fn main(spawner: Spawner) {
         Ok(parameters) => (parameters, None),
         Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ), Some(Fault::ParameterBlock)),
     };
+    let c = &parameters.servo.converters;
+    // What a decoder needs to turn codes into um and V, in the formats of the parameter block.
+    defmt::info!(
+        "converters {=i32} {=i64} {=i32} {=i64} {=u16} {=u16} {=u32}",
+        c.adc_zero,
+        c.adc_step,
+        c.dac_zero,
+        c.dac_step,
+        c.dac_code_min,
+        c.dac_code_max,
+        SAMPLE_RATE_HZ
+    );
     let mut amplifier = Amplifier::new(parameters);
     if let Some(fault) = refused.or(fault::cause_of_last_restart()) {
         amplifier.refuse(fault);

@@ -3,8 +3,11 @@
 //! * [`dataset`]: records and their manifest; [`plant`]: simulated ones with known effects;
 //! * [`fit`]: least squares over the whole chain; [`floor`]: the noise; [`refine`]: finer hysteresis surfaces;
 //! * [`diagnosis`]: which effect is missing; [`explain`]: the main job; [`score`]: how often it is right;
+//! * [`capture`]: the target's trace as a data set; [`amplifier_block`]: a design as the target keeps it;
 //! * [`report`]: pages to look at; [`cli`]: the command line; [`problem`]: errors as users see them.
 
+pub mod amplifier_block;
+pub mod capture;
 pub mod cli;
 pub mod dataset;
 pub mod diagnosis;

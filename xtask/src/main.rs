@@ -5,6 +5,7 @@
 //! silently: outside CI what is missing is named and the check fails; in CI (`CI=true`) likewise.
 
 mod browser;
+mod control_code;
 mod steps;
 mod toolchain;
 

@@ -33,7 +33,10 @@ pub fn host() -> Vec<Step> {
 
 /// The cross-build.
 pub fn firmware() -> Vec<Step> {
-    vec![Step { name: "firmware for thumbv7em-none-eabihf", action: firmware_images }]
+    vec![
+        Step { name: "firmware for thumbv7em-none-eabihf", action: firmware_images },
+        Step { name: "control interrupt's code: in ITCM, no float, no panic", action: control_code },
+    ]
 }
 
 /// The emulated target.
@@ -111,6 +114,29 @@ fn host_tests() -> Result<(), String> {
 fn firmware_images() -> Result<(), String> {
     let toolchain = toolchain::for_target()?;
     toolchain.build(&root().join("firmware"), &[])
+}
+
+/// What the image may take; a change that needs more says so by changing these numbers.
+const MOST_CONTROL_CODE_BYTES: u64 = 12 * 1024;
+const MOST_FLASH_BYTES: u64 = 96 * 1024;
+const MOST_RAM_BYTES: u64 = 80 * 1024;
+
+fn control_code() -> Result<(), String> {
+    let figures = control_code::check(&toolchain::image())?;
+    println!(
+        "   control interrupt: {} bytes in {} functions; image: {} bytes of flash, {} bytes of static RAM",
+        figures.control_code_bytes, figures.control_functions, figures.flash_bytes, figures.ram_bytes
+    );
+    for (what, value, most) in [
+        ("control code", figures.control_code_bytes, MOST_CONTROL_CODE_BYTES),
+        ("flash", figures.flash_bytes, MOST_FLASH_BYTES),
+        ("static RAM", figures.ram_bytes, MOST_RAM_BYTES),
+    ] {
+        if value > most {
+            return Err(format!("{what}: {value} bytes, more than the {most} of xtask/src/steps.rs"));
+        }
+    }
+    Ok(())
 }
 
 /// The emulated part asks for a newer compiler than it needs; its lock file names versions that build on this one.

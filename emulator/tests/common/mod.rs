@@ -4,10 +4,16 @@
 use std::path::PathBuf;
 
 use hysteron_core::amplifier::Amplifier;
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
+use hysteron_core::guard::GuardParameters;
+use hysteron_core::integer_row::Row;
+use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, write};
+use hysteron_core::pid_regulator::PidParameters;
+use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::converters::World;
 use hysteron_emulator::run::Outcome;
+use hysteron_sim::bench::Bench;
+use hysteron_sim::closed_loop::converter_parameters;
 
 /// The image under test: `HYSTERON_FIRMWARE_ELF`, or where `cargo xtask check` builds it.
 pub fn image() -> PathBuf {
@@ -17,9 +23,45 @@ pub fn image() -> PathBuf {
     )
 }
 
-/// The block of the best design for the reference bench, as `tests/p753.block` keeps it.
+/// A servo for the reference bench that needs no identification: integral control through a mean gain, and the guard's limits.
 pub fn parameters() -> AmplifierParameters {
-    read(include_bytes!("../p753.block"), 20_000).expect("a valid block")
+    let bench = Bench::reference().expect("the bench");
+    let mut name = [0; 16];
+    name[..4].copy_from_slice(b"p753");
+    let converters = converter_parameters(&bench, 0.0);
+    AmplifierParameters {
+        physical: PhysicalDescription {
+            name,
+            sample_rate_hz: 20_000,
+            drive_min_mv: 0,
+            drive_max_mv: 80_000,
+            sensor_span_nm: 15_000,
+            spectral_radius_millionths: 950_000,
+        },
+        servo: ServoParameters {
+            converters,
+            actuator: ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 },
+            law: LawParameters::Regulator(PidParameters {
+                proportional_derivative: Row { coefficients: [1 << 16, 0] },
+                integral: 3 << 21,
+                feedforward: Row::default(),
+                notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
+            }),
+            delayed: true,
+        },
+        guard: GuardParameters {
+            adc_code_min: 16,
+            adc_code_max: 65_519,
+            stuck_ticks: 200,
+            jump_codes: 4500,
+            tracking_error: 4 << 24,
+            tracking_ticks: 400,
+            slew_codes: 12_000,
+            ramp_codes: 40,
+            rest_code: converters.dac_code_min,
+            healthy_ticks: 2000,
+        },
+    }
 }
 
 /// A block as bytes.
@@ -33,8 +75,7 @@ pub fn block(parameters: &AmplifierParameters) -> Vec<u8> {
 pub fn samples(outcome: &Outcome) -> (Vec<TraceSample>, u32) {
     let (mut samples, mut lost) = (Vec::new(), 0);
     for text in outcome.texts_with("trace [") {
-        let bytes: Vec<u8> =
-            text["trace [".len()..text.len() - 1].split(", ").map(|byte| byte.parse().expect("a byte")).collect();
+        let bytes: Vec<u8> = text["trace [".len()..text.len() - 1].split(", ").map(|byte| byte.parse().expect("a byte")).collect();
         let block = ReadBlock::read(&bytes).expect("a whole block");
         lost = block.lost_ticks;
         samples.extend(block.samples());

@@ -1,0 +1,139 @@
+//! Every fault that can be injected ends at the safe output with its name, and the way back works.
+
+mod common;
+
+use common::{block, image, parameters, samples};
+use hysteron_core::amplifier::Mode;
+use hysteron_core::guard::Fault;
+use hysteron_emulator::board::NucleoBoard;
+use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_sim::bench::{Bench, Variant};
+
+const ENABLED_AT: u32 = 300;
+const TROUBLE_FROM: u64 = 2000;
+const TROUBLE_TO: u64 = 4000;
+
+/// Closed loop on a constant reference, a sensor in trouble from 100 ms to 200 ms, `clear` too early and again late, `enable`.
+fn with_trouble(kind: Trouble) -> (Outcome, u16) {
+    let bench = Bench::reference().expect("the bench");
+    let mut world = World::new(&bench, Variant::PLAIN, 3);
+    world.troubles.push(SensorTrouble { from: TROUBLE_FROM, to: TROUBLE_TO, kind });
+    let world = world.shared();
+    let mut parameters = parameters();
+    parameters.guard.healthy_ticks = 500;
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![
+            (4 * MILLISECOND, format!("trace 31 1\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes()),
+            (205 * MILLISECOND, b"clear\n".to_vec()),
+            (300 * MILLISECOND, b"clear\nenable\n".to_vec()),
+        ],
+        ..Script::listening(400 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    (outcome, parameters.guard.rest_code)
+}
+
+fn ends_safe_and_comes_back(kind: Trouble, fault: Fault) {
+    let (outcome, rest) = with_trouble(kind);
+    let (samples, lost) = samples(&outcome);
+    assert_eq!(lost, 0);
+    let at = |tick: u64| samples.iter().find(|sample| u64::from(sample.tick) == tick).expect("traced");
+    assert_eq!(at(TROUBLE_FROM - 1).flags, Mode::Closed as u16);
+    let first =
+        samples.iter().find(|sample| sample.flags != Mode::Closed as u16 && u64::from(sample.tick) >= TROUBLE_FROM).expect("a fault");
+    assert_eq!(first.flags, Mode::Fault as u16 | (fault as u16) << 8, "named");
+    println!("{}: named {} ticks after it began", fault.name(), u64::from(first.tick) - TROUBLE_FROM);
+    assert_eq!(at(TROUBLE_TO - 1).dac_code, rest, "at rest");
+    assert!(outcome.texts_with(&format!("mode fault: {}", fault.name())).count() >= 1, "said");
+    assert!(outcome.texts_with("has not been healthy long enough").count() == 1, "{:?}", outcome.texts_with("refused").collect::<Vec<_>>());
+    let last = samples.last().expect("samples");
+    assert_eq!(last.flags, Mode::Closed as u16, "closed again");
+    assert!((f64::from(last.reference) / f64::from(1 << 24) - 3.0).abs() < 0.01);
+}
+
+#[test]
+fn a_stuck_sensor() {
+    ends_safe_and_comes_back(Trouble::Stuck, Fault::SensorStuck);
+}
+
+#[test]
+fn a_disconnected_sensor() {
+    ends_safe_and_comes_back(Trouble::Disconnected, Fault::SensorOutOfRange);
+}
+
+#[test]
+fn a_corrupt_block_is_refused_with_its_reason_and_the_drive_rests() {
+    let bench = Bench::reference().expect("the bench");
+    let good = parameters();
+    let mut damaged = block(&good);
+    damaged[100] ^= 1;
+    let mut unstable = good;
+    unstable.physical.spectral_radius_millionths = 1_200_000;
+    let mut mismatched = good;
+    mismatched.physical.drive_max_mv = 120_000;
+    for (bytes, reason) in [
+        (damaged, "checksum does not match"),
+        (block(&unstable), "the design is not stable when sampled"),
+        (block(&mismatched), "integers contradict the physical limits"),
+    ] {
+        let world = World::new(&bench, Variant::PLAIN, 3).shared();
+        let script = Script {
+            block: Some(bytes),
+            commands: vec![(5 * MILLISECOND, b"enable\ncondition\nclear\n".to_vec())],
+            ..Script::listening(60 * MILLISECOND)
+        };
+        let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+        assert_eq!(outcome.texts_with(&format!("parameter block A refused: {reason}")).count(), 1, "{:?}", outcome.messages);
+        assert_eq!(outcome.texts_with("mode fault: parameter block").count(), 1);
+        assert_eq!(outcome.texts_with("refused at tick").count(), 3);
+        let world = world.lock().expect("the world");
+        assert!(world.codes.iter().all(|(_, acting)| *acting == good.guard.rest_code));
+    }
+}
+
+#[test]
+fn without_a_reader_the_control_goes_on_and_losses_are_seen() {
+    let bench = Bench::reference().expect("the bench");
+    let run_with = |read_every_ns| {
+        let world = World::new(&bench, Variant::PLAIN, 3).shared();
+        let script = Script {
+            block: Some(block(&parameters())),
+            read_every_ns,
+            commands: vec![(4 * MILLISECOND, b"trace 31 1\nreference constant 3000\n@500 enable\n".to_vec())],
+            ..Script::listening(500 * MILLISECOND)
+        };
+        let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+        let codes = world.lock().expect("the world").codes.clone();
+        (outcome, codes)
+    };
+    let (_, codes) = run_with(Some(MILLISECOND));
+    let (absent, codes_absent) = run_with(None);
+    assert_eq!(codes, codes_absent, "the loop does not know whether somebody listens");
+    assert!(absent.raw.is_empty());
+    let (slow, codes_slow) = run_with(Some(140 * MILLISECOND));
+    let (samples, lost) = samples(&slow);
+    let gaps = samples.windows(2).filter(|pair| pair[1].tick != pair[0].tick + 1 && pair[1].tick != pair[0].tick + 20).count();
+    println!("slow reader: {} samples came, {gaps} gaps, {} torn frames, {lost} lost on the target", samples.len(), slow.malformed);
+    assert_eq!(codes.len(), codes_slow.len());
+    assert!(gaps > 0 || slow.malformed > 0, "a loss is seen");
+}
+
+#[test]
+fn what_is_not_a_command_is_refused() {
+    let bench = Bench::reference().expect("the bench");
+    let world = World::new(&bench, Variant::PLAIN, 3).shared();
+    let script = Script {
+        block: Some(block(&parameters())),
+        commands: vec![(
+            5 * MILLISECOND,
+            [b"enabel\nreference sine\n\xff\xfe\n".to_vec(), vec![b'x'; 200], b"\nenable\n".to_vec()].concat(),
+        )],
+        ..Script::listening(60 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    assert!(outcome.texts_with("refused:").count() >= 4, "{:?}", outcome.messages);
+    assert_eq!(outcome.texts_with("mode closed").count(), 1);
+    assert_eq!(outcome.resets, 0);
+}

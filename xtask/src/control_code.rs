@@ -1,0 +1,153 @@
+//! Checks of the control interrupt's machine code, from the binary.
+//!
+//! # How it works
+//! Beginning at the interrupt's handler, every Thumb-2 instruction is walked (literal pools are skipped by the `$d`/`$t` mapping symbols), and
+//! every function that is called is walked in turn. The check fails on
+//!
+//! * an instruction of the floating-point unit (coprocessors 10 and 11);
+//! * an undefined instruction, which is what an abort compiles to;
+//! * a call or jump that leaves ITCM: panics, formatting, logging and allocation all live in flash, so none of them is reachable;
+//! * a call through a register, whose destination the binary does not tell.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
+
+const HANDLER: &str = "TIM2";
+const SECTION: &str = ".itcm";
+
+/// What the check found.
+pub struct Figures {
+    /// Bytes of code that the interrupt can reach.
+    pub control_code_bytes: u64,
+    /// Functions among them.
+    pub control_functions: usize,
+    /// Bytes in flash: code, constants, initial values.
+    pub flash_bytes: u64,
+    /// Bytes of static data in RAM.
+    pub ram_bytes: u64,
+}
+
+/// Walks the interrupt's code in the image.
+pub fn check(elf: &Path) -> Result<Figures, String> {
+    let bytes = std::fs::read(elf).map_err(|error| format!("{}: {error}", elf.display()))?;
+    let file = object::File::parse(&*bytes).map_err(|error| format!("{}: {error}", elf.display()))?;
+    let section = file.section_by_name(SECTION).ok_or_else(|| format!("{}: no section {SECTION}", elf.display()))?;
+    let code = section.data().map_err(|error| error.to_string())?;
+    let range = section.address()..section.address() + section.size();
+
+    let mut functions: BTreeMap<u64, (u64, String)> = BTreeMap::new();
+    let mut data: BTreeMap<u64, bool> = BTreeMap::new();
+    let mut handler = None;
+    for symbol in file.symbols() {
+        let name = symbol.name().unwrap_or_default();
+        if name.starts_with("$d") && range.contains(&symbol.address()) {
+            data.insert(symbol.address(), true);
+        } else if name.starts_with("$t") && range.contains(&symbol.address()) {
+            data.insert(symbol.address(), false);
+        } else if symbol.kind() == SymbolKind::Text && range.contains(&(symbol.address() & !1)) {
+            let start = symbol.address() & !1;
+            if name == HANDLER {
+                handler = Some(start);
+            }
+            let entry = functions.entry(start).or_insert((0, String::new()));
+            if symbol.size() >= entry.0 {
+                *entry = (symbol.size(), name.to_owned());
+            }
+        }
+    }
+    let handler = handler.ok_or_else(|| format!("{HANDLER} is not in {SECTION}"))?;
+
+    let (mut waiting, mut seen) = (vec![handler], BTreeSet::new());
+    let mut complaints = Vec::new();
+    while let Some(start) = waiting.pop() {
+        if !seen.insert(start) {
+            continue;
+        }
+        let Some((size, name)) = functions.get(&start) else {
+            complaints.push(format!("a call to {start:#x}, which is no function"));
+            continue;
+        };
+        let size = if *size > 0 { *size } else { functions.range(start + 1..).next().map_or(range.end, |(next, _)| *next) - start };
+        let halfword = |address: u64| -> u16 {
+            let at = (address - range.start) as usize;
+            code.get(at..at + 2).map_or(0, |pair| u16::from_le_bytes([pair[0], pair[1]]))
+        };
+        let mut at = start;
+        while at < start + size {
+            if data.range(..=at).next_back().is_some_and(|(_, is_data)| *is_data) {
+                at += 2;
+                continue;
+            }
+            let first = halfword(at);
+            if first >> 11 < 0b11101 {
+                if first & 0xFF00 == 0xDE00 {
+                    complaints.push(format!("{name}: an undefined instruction (abort) at {at:#x}"));
+                } else if first & 0xFF80 == 0x4780 {
+                    complaints.push(format!("{name}: a call through a register at {at:#x}"));
+                }
+                at += 2;
+                continue;
+            }
+            let second = halfword(at + 2);
+            if first & 0xEC00 == 0xEC00 && matches!(second >> 8 & 0xF, 10 | 11) {
+                complaints.push(format!("{name}: a floating-point instruction at {at:#x}"));
+            }
+            // BL, and B with the same range (a tail call).
+            if first & 0xF800 == 0xF000 && matches!(second & 0xD000, 0xD000 | 0x9000) {
+                let target = branch_target(at, first, second);
+                if !(start..start + size).contains(&target) {
+                    if range.contains(&target) {
+                        waiting.push(target);
+                    } else {
+                        complaints.push(format!("{name}: leaves ITCM for {} at {at:#x}", owner(&file, target)));
+                    }
+                }
+            }
+            at += 4;
+        }
+    }
+    if !complaints.is_empty() {
+        complaints.truncate(20);
+        return Err(format!("the control interrupt's code is not clean:\n  {}", complaints.join("\n  ")));
+    }
+    let size_of = |wanted: &[&str]| -> u64 { wanted.iter().filter_map(|name| file.section_by_name(name)).map(|s| s.size()).sum() };
+    Ok(Figures {
+        control_code_bytes: seen.iter().filter_map(|start| functions.get(start)).map(|(size, _)| size).sum(),
+        control_functions: seen.len(),
+        flash_bytes: size_of(&[".vector_table", ".itcm", ".text", ".rodata", ".data"]),
+        ram_bytes: size_of(&[".data", ".bss", ".uninit"]),
+    })
+}
+
+/// Destination of BL (T1) and B (T4).
+fn branch_target(at: u64, first: u16, second: u16) -> u64 {
+    let (first, second) = (u32::from(first), u32::from(second));
+    let sign = first >> 10 & 1;
+    let i1 = 1 ^ (second >> 13 & 1) ^ sign;
+    let i2 = 1 ^ (second >> 11 & 1) ^ sign;
+    let offset = sign << 24 | i1 << 23 | i2 << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
+    let offset = ((offset << 7) as i32) >> 7;
+    at.wrapping_add(4).wrapping_add_signed(i64::from(offset))
+}
+
+fn owner(file: &object::File<'_>, address: u64) -> String {
+    file.symbols()
+        .find(|symbol| symbol.kind() == SymbolKind::Text && (symbol.address() & !1) == address)
+        .and_then(|symbol| symbol.name().ok().map(str::to_owned))
+        .unwrap_or_else(|| format!("{address:#x}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::branch_target;
+
+    #[test]
+    fn branches_go_where_the_manual_says() {
+        // F000 F800: BL to the next instruction; F7FF FFFE: BL to itself (Arm ARM v7-M, A7.7.18).
+        assert_eq!(branch_target(0x100, 0xF000, 0xF800), 0x104);
+        assert_eq!(branch_target(0x100, 0xF7FF, 0xFFFE), 0x100);
+        assert_eq!(branch_target(0x100, 0xF000, 0xB800), 0x104);
+    }
+}
