@@ -5,6 +5,7 @@
 
 mod output;
 mod plant;
+mod reproduce;
 mod score;
 mod servo;
 mod study;
@@ -175,6 +176,13 @@ enum Command {
         #[command(flatten)]
         outputs: Outputs,
     },
+    /// Play the thesis' experiments on the simulated bench and stand ours beside its figures
+    Reproduce {
+        /// Chapters: 3, 4, 5, 6, 7 (default: all)
+        chapters: Vec<u32>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
     /// Diagnose a folder of planted cases and compare with their truth
     Score {
         /// Folder with truth.json and one folder per case
@@ -223,6 +231,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Track { model, servo: path, reference, scheme, outputs } => {
             servo::track(&model, &path, &reference, scheme.as_deref(), &outputs)
         }
+        Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
     }
     .and_then(|ok| {

@@ -12,6 +12,7 @@ mod chapter_3;
 mod chapter_4;
 mod chapter_5;
 pub mod least_squares;
+pub mod overview;
 pub mod statistics;
 pub mod surface_fit;
 
