@@ -16,7 +16,7 @@ const BINS: usize = 60;
 /// At most this many holds are drawn in one plot.
 const MOST_HOLDS: usize = 6;
 /// Bins over time, where structure is finer.
-const TIME_BINS: usize = 400;
+const TIME_BINS: usize = 280;
 
 /// The abscissa that shows an effect best.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
