@@ -33,6 +33,11 @@ impl Bristle {
         self.bristle
     }
 
+    /// Factor by which a stuck bristle raises the natural frequency.
+    pub(super) fn stiffening(&self) -> f64 {
+        (1.0 + self.stiffness).sqrt()
+    }
+
     /// What the bristle would hold after a further motion: Dahl's law, exact for a motion in one direction.
     pub(super) fn after(&self, motion: f64) -> f64 {
         if motion == 0.0 || self.break_away_um <= 0.0 {
@@ -95,13 +100,13 @@ impl Effect for Friction {
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![
             Parameter::linear("break_away_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6)),
-            Parameter::logarithmic("bristle_stiffness", "1", 1e-3, 1e4),
+            Parameter::logarithmic("bristle_stiffness", "1", 1e-2, 50.0),
         ]
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let mut out = Vec::new();
         for share in [0.002, 0.01] {
-            for stiffness in [0.3, 1.0, 5.0, 30.0] {
+            for stiffness in [0.3, 1.0, 4.0, 12.0] {
                 out.push(vec![share * overview.range_um, stiffness]);
             }
         }

@@ -73,18 +73,19 @@ pub(super) struct VibrationStage {
 }
 
 /// Largest angle of the mode in one piece of an interval, where a bristle acts on the moving mass.
-const PIECE_RAD: f64 = 0.2;
+const PIECE_RAD: f64 = 0.4;
 /// Most pieces of an interval; with more the ringing within an interval is not followed and the bristle just balances.
-const PIECES_MAX: usize = 400;
+const PIECES_MAX: usize = 150;
 /// Imbalance and motion per piece, in um, below which nothing more happens in an interval.
-const AT_REST_UM: f64 = 1e-6;
+const AT_REST_UM: f64 = 1e-5;
 
 impl VibrationStage {
     /// The modes that `model` has.
     pub(super) fn of(model: &Model, dt_s: f64) -> Self {
         let mass_factor = super::mass_change::frequency_factor(model);
         let bristle = Bristle::of(model).map(|bristle| {
-            let angle = model.values("vibration").map_or(f64::INFINITY, |v| v[0] * mass_factor * dt_s);
+            // A stuck bristle adds its stiffness: the mode that has to be followed is the faster for it.
+            let angle = model.values("vibration").map_or(f64::INFINITY, |v| v[0] * mass_factor * dt_s) * bristle.stiffening();
             let pieces = (angle / PIECE_RAD).ceil().min(1e6) as usize;
             (bristle, if pieces > PIECES_MAX { 0 } else { pieces.max(1) })
         });

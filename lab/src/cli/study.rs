@@ -5,7 +5,7 @@ use super::output::{Progress, check_writable, print_notes, print_records, print_
 use crate::dataset::Dataset;
 use crate::dataset::table::Table;
 use crate::diagnosis::growth::{Workbench, nm};
-use crate::diagnosis::refit::{Split, judge, refit};
+use crate::diagnosis::refit::{Split, Trial, judge, refit};
 use crate::diagnosis::screening::screen;
 use crate::diagnosis::verdict::{Diagnosis, Verdict};
 use crate::explain::{self, FitFigures, Start, fit_figures, require_identifiable, step_figures, unidentified};
@@ -323,7 +323,7 @@ pub fn add(effect: &str, model: &Path, path: &Path, out: &Path, outputs: &Output
             format!("cannot identify {}: it changes nothing that the model does not already do on this data", effect.declaration().id),
         ));
     };
-    let finalist = refit(&before, score, 0, &overview, &dataset, &split, None);
+    let finalist = refit(&before, score, 0, &overview, &dataset, &split, None, Trial::for_promise(1.0, 1.0));
     let judged = judge(fit(&finalist.judged.model, &dataset, &split.identify, Effort::default()).model, &dataset, &split);
     drop(progress);
     let steps = vec![

@@ -121,9 +121,25 @@ pub struct Finalist {
 
 /// Steps of a refit that only has to rank.
 const RANKING_EFFORT: Effort = Effort { iterations: 10, tolerance: 0.5, relative: 0.003 };
-
-/// Starts of a candidate that are tried, best first.
+/// The same for a candidate that promises less than a third of what the best does.
+const BRIEF_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.5, relative: 0.02 };
+/// Starts of a promising candidate that are tried, best first.
 const STARTS_TRIED: usize = 2;
+
+/// How hard a candidate is tried.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    effort: Effort,
+    starts: usize,
+}
+
+impl Trial {
+    /// By how much of the strongest candidate's share this one explains.
+    #[must_use]
+    pub fn for_promise(explained: f64, strongest: f64) -> Self {
+        if explained > 0.3 * strongest { Self { effort: RANKING_EFFORT, starts: STARTS_TRIED } } else { Self { effort: BRIEF_EFFORT, starts: 1 } }
+    }
+}
 
 /// Fits the model with one more effect from its best starts and keeps the better result.
 #[must_use]
@@ -133,13 +149,11 @@ pub fn refit(
     at: usize,
     overview: &Overview,
     dataset: &Dataset,
-    split: &Split,
-    floor_um: Option<f64>,
-) -> Finalist {
+    split: &Split, floor_um: Option<f64>, trial: Trial) -> Finalist {
     let mut best: Option<(f64, Model)> = None;
-    for start in score.starts.iter().take(STARTS_TRIED) {
+    for start in score.starts.iter().take(trial.starts) {
         let begin = with_effect(&before.model, EffectInstance::new(score.effect.clone(), overview, start));
-        let result = fit(&begin, dataset, &split.identify, RANKING_EFFORT);
+        let result = fit(&begin, dataset, &split.identify, trial.effort);
         if best.as_ref().is_none_or(|(rms, _)| result.rms_um < *rms) {
             best = Some((result.rms_um, result.model));
         }

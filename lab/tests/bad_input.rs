@@ -1,0 +1,94 @@
+//! Bad input of any kind: one clear message, exit status 2, nothing written.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn hysteron(arguments: &[&str], folder: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_hysteron")).args(arguments).current_dir(folder).output().unwrap()
+}
+
+const MANIFEST: &str = "name = \"t\"\ndrive_min_v = 0.0\ndrive_max_v = 10.0\n\n[[record]]\nfile = \"a.csv\"\nsample_rate_hz = 1000.0\nrole = \"identify\"\ninitial_state = \"virgin\"\n";
+
+fn good_rows(samples: usize) -> String {
+    let mut text = String::from("t_s,u_v,y_um\n");
+    for k in 0..samples {
+        let u = 5.0 - 5.0 * (k as f64 * 0.05).cos();
+        text.push_str(&format!("{:.3},{u:.5},{:.5}\n", k as f64 * 1e-3, 0.1 * u));
+    }
+    text
+}
+
+/// Runs explain on a folder with this manifest and file, and returns what it says.
+fn refused(manifest: Option<&str>, rows: &str, expected: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    if let Some(manifest) = manifest {
+        std::fs::write(folder.path().join("dataset.toml"), manifest).unwrap();
+    }
+    std::fs::write(folder.path().join("a.csv"), rows).unwrap();
+    let output = hysteron(&["explain", ".", "--out", "m.toml", "--json", "m.json", "--report", "m.html"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(!said.contains("panicked"), "{said}");
+    for word in expected {
+        assert!(said.contains(word), "expected `{word}` in: {said}");
+    }
+    for file in ["m.toml", "m.json", "m.html"] {
+        assert!(!folder.path().join(file).exists());
+    }
+}
+
+#[test]
+fn cells_that_are_no_numbers() {
+    refused(Some(MANIFEST), &good_rows(100).replace("0.050,", "0.050,NaN,x,").replace("NaN,x,", "NaN"), &["a.csv"]);
+    let mut lines: Vec<String> = good_rows(100).lines().map(String::from).collect();
+    lines[40] = "0.039,abc,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["a.csv", "row 41", "u_v", "abc"]);
+    lines[40] = "0.039,NaN,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["row 41", "u_v", "finite"]);
+    lines[40] = "0.039,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["row 41", "2 cells", "3"]);
+}
+
+#[test]
+fn time_that_does_not_run() {
+    let mut lines: Vec<String> = good_rows(100).lines().map(String::from).collect();
+    lines[40] = "0.030,1.0,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["row 41", "does not increase"]);
+    lines[40] = "0.0395,1.0,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["row 41", "jumps"]);
+}
+
+#[test]
+fn records_that_say_nothing() {
+    refused(Some(MANIFEST), "", &["a.csv", "empty"]);
+    refused(Some(MANIFEST), &good_rows(3), &["a.csv", "3 samples"]);
+    let constant: String = std::iter::once("t_s,u_v,y_um\n".to_string()).chain((0..100).map(|k| format!("{:.3},1.0,{:.4}\n", f64::from(k) * 1e-3, f64::from(k % 7)))).collect();
+    refused(Some(MANIFEST), &constant, &["a.csv", "constant"]);
+    refused(Some(MANIFEST), &good_rows(100).replace(",10.00", ",99.00").replace(",9.9", ",99.9"), &["drive_max_v"]);
+}
+
+#[test]
+fn manifests_that_are_wrong() {
+    refused(None, &good_rows(100), &["dataset.toml"]);
+    refused(Some(&MANIFEST.replace("sample_rate_hz", "sample_rate_hx")), &good_rows(100), &["line", "sample_rate_hx", "sample_rate_hz"]);
+    refused(Some(&MANIFEST.replace("a.csv", "b.csv")), &good_rows(100), &["b.csv", "does not exist"]);
+    refused(Some(&MANIFEST.replace("drive_max_v = 10.0", "drive_max_v = -1.0")), &good_rows(100), &["drive_max_v"]);
+}
+
+#[test]
+fn effects_that_are_not_known_or_not_in_the_data() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(400)).unwrap();
+    let output = hysteron(&["explain", ".", "--from", "hysterisis"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said.contains("hysterisis") && said.contains("`hysteresis`"), "{said}");
+    let output = hysteron(&["identify", ".", "--effects", "gain,load_force", "--out", "m.toml"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("load_force"), "{said}");
+    assert!(!folder.path().join("m.toml").exists());
+    let output = hysteron(&["compare", "missing.toml", "."], folder.path());
+    assert_eq!(output.status.code(), Some(2));
+}

@@ -1,0 +1,114 @@
+//! The main job on real input: planted cases, measured recordings, and the example that the project ships.
+//!
+//! Measured and planted data lie beside the project and are never copied into it; without them a test says so and passes.
+
+use hysteron::dataset::Dataset;
+use hysteron::diagnosis::verdict::Verdict;
+use hysteron::explain::{Explanation, Start, explain};
+use hysteron::model_file::parse_effects;
+use hysteron::plant::Truth;
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn beside(path: &str) -> Option<PathBuf> {
+    let folder = root().join("../shared/data").join(path);
+    if folder.exists() {
+        return Some(folder);
+    }
+    eprintln!("skipped: no {path} data");
+    None
+}
+
+fn run(dataset: &Dataset, effects: &str) -> Explanation {
+    let effects = parse_effects(effects).unwrap();
+    explain(dataset, Start::Effects(&effects), &[], &|_| {})
+}
+
+/// A folder with a manifest of the project and the measured files that it names.
+fn measured(name: &str, files: &[(&str, &str)]) -> Option<(tempfile::TempDir, Dataset)> {
+    let source = beside("measured")?.join(name);
+    let folder = tempfile::tempdir().unwrap();
+    for (from, to) in files {
+        std::fs::copy(source.join(from), folder.path().join(to)).unwrap();
+    }
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("manifests/{name}.toml"));
+    std::fs::copy(manifest, folder.path().join("dataset.toml")).unwrap();
+    let dataset = Dataset::load(folder.path()).unwrap();
+    Some((folder, dataset))
+}
+
+fn percent_of_range(found: &Explanation, dataset: &Dataset, record: &str) -> f64 {
+    let record = dataset.records.iter().find(|r| r.name == record).unwrap();
+    100.0 * hysteron::fit::rms(&hysteron::fit::residual(&found.model, record)) / record.range_um()
+}
+
+#[test]
+fn a_real_stage_is_explained_effect_by_effect() {
+    let Some((_folder, dataset)) = measured("piezo_stage", &[("20_hz_no_lp.csv", "20_hz_no_lp.csv"), ("40_hz_no_lp.csv", "40_hz_no_lp.csv")])
+    else {
+        return;
+    };
+    let found = run(&dataset, "gain");
+    assert!(percent_of_range(&found, &dataset, "20_hz_no_lp") <= 0.07);
+    assert!(percent_of_range(&found, &dataset, "40_hz_no_lp") <= 0.22);
+    assert!(found.growth.steps.len() > 2);
+    assert_eq!(found.diagnosis.verdict, Verdict::Undecidable);
+}
+
+#[test]
+fn one_real_loop_is_met_and_what_it_cannot_tell_is_said() {
+    let file = "hysteresis_v_150_1hz.csv";
+    let Some((_folder, dataset)) = measured("piezo_150v_1hz", &[(file, file), (file, "second_half.csv")]) else { return };
+    let found = run(&dataset, "gain");
+    assert!(percent_of_range(&found, &dataset, "second_half") <= 0.20);
+    let said = found.cannot_identify.join("\n");
+    assert!(said.contains("minor loops") && said.contains("rate dependence"), "{said}");
+}
+
+#[test]
+fn the_missing_effect_of_the_planted_cases_is_named_first() {
+    let Some(folder) = beside("planted") else { return };
+    let truths: Vec<Truth> = serde_json::from_str(&std::fs::read_to_string(folder.join("truth.json")).unwrap()).unwrap();
+    let spine = [Some("hysteresis"), Some("initial_curve"), Some("vibration"), Some("creep"), Some("delay"), None];
+    for truth in truths.iter().filter(|t| spine.contains(&t.hidden.as_deref())) {
+        let dataset = Dataset::load(&folder.join(&truth.name)).unwrap();
+        let found = run(&dataset, &truth.base.join(","));
+        let first = found.diagnosis.named.first().map(String::as_str);
+        assert_eq!(first, truth.hidden.as_deref(), "{}: {}", truth.name, found.diagnosis.sentence);
+        let ratio = found.growth.last().validate_rms_um.unwrap() / truth.noise_um;
+        assert!(ratio <= 1.15, "{}: {ratio}", truth.name);
+        if truth.hidden.is_none() {
+            assert_eq!(found.diagnosis.verdict, Verdict::AtFloor);
+            assert_eq!(found.growth.steps.len(), 1);
+        }
+    }
+}
+
+#[test]
+fn what_no_library_knows_is_unexplained_until_the_user_writes_it() {
+    let Some(folder) = beside("planted") else { return };
+    let dataset = Dataset::load(&folder.join("case000")).unwrap();
+    let base = "hysteresis,initial_curve,vibration";
+    let found = run(&dataset, base);
+    assert_eq!(found.diagnosis.verdict, Verdict::Unexplained, "{}", found.diagnosis.sentence);
+    let own = parse_effects(&root().join("examples/contact.toml").display().to_string()).unwrap();
+    let effects = parse_effects(base).unwrap();
+    let found = explain(&dataset, Start::Effects(&effects), &own, &|_| {});
+    assert_eq!(found.diagnosis.named.first().map(String::as_str), Some("contact"), "{}", found.diagnosis.sentence);
+    let ratio = found.growth.last().validate_rms_um.unwrap() / found.floor.rms_um.unwrap();
+    assert!(ratio <= 1.15, "{ratio}");
+}
+
+#[test]
+fn the_shipped_example_is_explained_twice_alike() {
+    let dataset = Dataset::load(&root().join("examples/hidden_effect")).unwrap();
+    let text = || {
+        let found = run(&dataset, "hysteresis,initial_curve,vibration");
+        assert_eq!(found.diagnosis.named, ["creep"]);
+        serde_json::to_string(&found.figures(&dataset, 0.0)).unwrap()
+    };
+    assert_eq!(text(), text(), "the same input must give the same output, bit for bit");
+}
