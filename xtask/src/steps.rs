@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use crate::{browser, toolchain};
+use crate::{browser, control_code, toolchain};
 
 /// One step: its name and what it does.
 pub struct Step {
