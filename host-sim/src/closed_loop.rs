@@ -50,6 +50,8 @@ pub struct Trace {
     pub sliding_um: Vec<[f64; 3]>,
     /// Unknown input as the law estimates it, in its raw integer.
     pub unknown_input: Vec<i32>,
+    /// Ticks at a limit of the drive up to and including this one.
+    pub limited_ticks: Vec<u32>,
     /// Counters of the servo at the end.
     pub counters: Counters,
 }
@@ -84,6 +86,13 @@ impl Trace {
     #[must_use]
     pub fn sensor_error(&self, from: usize) -> ErrorFigures {
         ErrorFigures::between(&self.sensor_um, &self.reference_um, from)
+    }
+
+    /// Ticks at a limit of the drive after a tick.
+    #[must_use]
+    pub fn limited_after(&self, from: usize) -> u32 {
+        let before = self.limited_ticks.get(from).copied().unwrap_or(0);
+        self.limited_ticks.last().copied().unwrap_or(0).saturating_sub(before)
     }
 
     /// Error of the true displacement from a tick on.
@@ -174,6 +183,7 @@ impl<'a> Experiment<'a> {
                 trace.sliding_um.push(sliding.map(|v| v.to_num()));
             }
             trace.unknown_input.push(servo.unknown_input());
+            trace.limited_ticks.push(servo.counters().limited_ticks);
             if !delayed {
                 acting_v = computed_v;
             }

@@ -45,14 +45,24 @@ const LOADED: Variant = Variant { completeness: Completeness::Full, loaded: true
 /// The loaded plain bench, on which the thesis' schemes run.
 const LOADED_PLAIN: Variant = Variant { completeness: Completeness::Plain, loaded: true };
 
-/// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), long enough to settle and then for two periods or a second.
+/// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), grown from zero in 0.3 s, then for two periods or a second; and the sample from which
+/// the error counts.
 #[must_use]
 pub fn sine_reference_um(bench: &Bench, frequency_hz: f64, amplitude_um: f64) -> (Vec<f64>, usize) {
     let fs = bench.converters.sample_rate_hz;
     let settle_s = 0.5;
     let duration_s = settle_s + (2.0 / frequency_hz).max(1.0);
-    let reference = waveform::sine(fs, frequency_hz, amplitude_um, bench.reference_offset_um, -FRAC_PI_2, duration_s);
+    let mut reference = waveform::sine(fs, frequency_hz, amplitude_um, bench.reference_offset_um, -FRAC_PI_2, duration_s);
+    grow(&mut reference, fs);
     (reference, waveform::samples_in(fs, settle_s))
+}
+
+/// Lets a reference grow from zero within 0.3 s, smooth to its second derivative: it never asks for what the one-sided actuator cannot give.
+pub fn grow(reference_um: &mut [f64], sample_rate_hz: f64) {
+    for (k, r) in reference_um.iter_mut().enumerate() {
+        let s = (k as f64 / sample_rate_hz / 0.3).min(1.0);
+        *r *= s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s);
+    }
 }
 
 /// The quasi-step of Ch. 6, Eq. (44), 8 s long.
@@ -102,8 +112,9 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
     let (sensor, truth) = (trace.sensor_error(from), trace.true_error(from));
     let c = &trace.counters;
     let mut note = format!("{condition}; max {:.4} um; true displacement {:.4} um RMS", sensor.max_um, truth.rms_um);
-    if c.limited_ticks + c.saturated_values > 0 {
-        note += &format!("; drive at a limit in {} ticks, {} saturated values", c.limited_ticks, c.saturated_values);
+    let limited_ticks = trace.limited_after(from);
+    if limited_ticks + c.saturated_values > 0 {
+        note += &format!("; drive at a limit in {} ticks, {} saturated values", limited_ticks, c.saturated_values);
     }
     note
 }

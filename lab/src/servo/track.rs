@@ -73,13 +73,15 @@ impl SineReference {
         })
     }
 
-    /// Samples for half a second and then two periods or a second; and the sample from which the error counts.
+    /// Samples, grown from zero, for half a second and then two periods or a second; and the sample from which the error counts.
     #[must_use]
     pub fn samples_um(&self) -> (Vec<f64>, usize) {
         let fs = 1.0 / SAMPLING_PERIOD_S;
         let duration_s = 0.5 + (2.0 / self.frequency_hz).max(1.0);
         let phase_rad = self.phase_deg.to_radians();
-        (waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, phase_rad, duration_s), waveform::samples_in(fs, 0.5))
+        let mut samples = waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, phase_rad, duration_s);
+        super::reproduce::grow(&mut samples, fs);
+        (samples, waveform::samples_in(fs, 0.5))
     }
 }
 
@@ -114,7 +116,7 @@ pub struct TrackResult {
     pub truth: Figures,
     /// Mean error of what the sensor reads, um.
     pub steady_state_um: f64,
-    /// Ticks in which the drive was at a limit or a value left its format.
+    /// Ticks in which the drive was at a limit while the error counts, and values that left their format.
     pub saturated_ticks: u32,
     /// Ticks that came too late: none in a simulation.
     pub overruns: u32,
@@ -262,6 +264,7 @@ pub fn track(
         drive_v: Vec::new(),
     };
     let mut truth = Vec::with_capacity(wanted.len());
+    let mut limited_before = 0;
     for k in 0..wanted.len() {
         result.time_s.push(k as f64 * SAMPLING_PERIOD_S);
         result.sensor_um.push(plant.sensor_um - zero_um);
@@ -270,6 +273,9 @@ pub fn track(
         let adc = ((noisy - board.adc_zero_um) / board.adc_step_um).round().clamp(0.0, 65_535.0) as u16;
         let ahead = ahead_of_all.get(k + PREVIEW_TICKS).copied().unwrap_or(0.0);
         let code = servo.tick(adc, Micrometres::saturating_from_num(ahead));
+        if k == from {
+            limited_before = servo.counters().limited_ticks;
+        }
         result.drive_v.push(board.drive_v(code));
         if !design.delayed {
             acting = code;
@@ -282,7 +288,7 @@ pub fn track(
     let count = (wanted.len() - from).max(1) as f64;
     result.steady_state_um = result.sensor_um.iter().zip(&wanted).skip(from).map(|(y, r)| y - r).sum::<f64>() / count;
     let counters = servo.counters();
-    result.saturated_ticks = counters.limited_ticks.saturating_add(counters.saturated_values);
+    result.saturated_ticks = counters.limited_ticks.saturating_sub(limited_before).saturating_add(counters.saturated_values);
     Ok(result)
 }
 
