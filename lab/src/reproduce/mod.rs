@@ -11,6 +11,7 @@
 mod chapter_3;
 mod chapter_4;
 mod chapter_5;
+pub mod coverage;
 pub mod least_squares;
 pub mod overview;
 pub mod statistics;
