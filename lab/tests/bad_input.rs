@@ -62,7 +62,9 @@ fn time_that_does_not_run() {
 fn records_that_say_nothing() {
     refused(Some(MANIFEST), "", &["a.csv", "empty"]);
     refused(Some(MANIFEST), &good_rows(3), &["a.csv", "3 samples"]);
-    let constant: String = std::iter::once("t_s,u_v,y_um\n".to_string()).chain((0..100).map(|k| format!("{:.3},1.0,{:.4}\n", f64::from(k) * 1e-3, f64::from(k % 7)))).collect();
+    let constant: String = std::iter::once("t_s,u_v,y_um\n".to_string())
+        .chain((0..100).map(|k| format!("{:.3},1.0,{:.4}\n", f64::from(k) * 1e-3, f64::from(k % 7))))
+        .collect();
     refused(Some(MANIFEST), &constant, &["a.csv", "constant"]);
     refused(Some(MANIFEST), &good_rows(100).replace(",10.00", ",99.00").replace(",9.9", ",99.9"), &["drive_max_v"]);
 }

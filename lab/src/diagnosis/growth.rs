@@ -139,7 +139,11 @@ impl Workbench<'_> {
             let screening = screen(&model, &self.overview, self.dataset, &self.split.identify, std::slice::from_ref(effect), None, 1);
             let before = judge(model.clone(), self.dataset, &self.split);
             model = match screening.scores.first() {
-                Some(score) => refit(&before, score, 0, &self.overview, self.dataset, &self.split, self.floor_um, Trial::for_promise(1.0, 1.0)).judged.model,
+                Some(score) => {
+                    refit(&before, score, 0, &self.overview, self.dataset, &self.split, self.floor_um, Trial::for_promise(1.0, 1.0))
+                        .judged
+                        .model
+                }
                 None => crate::fit::with_effect(&model, EffectInstance::new(effect.clone(), &self.overview, &[])),
             };
         }
@@ -199,7 +203,10 @@ impl Workbench<'_> {
             .into_iter()
             .map(|i| {
                 (self.progress)(&format!("fitting with {}", screening.scores[i].id));
-                { let trial = Trial::for_promise(screening.scores[i].explained_um2, strongest); refit(before, &screening.scores[i], i, &self.overview, self.dataset, &self.split, self.floor_um, trial) }
+                {
+                    let trial = Trial::for_promise(screening.scores[i].explained_um2, strongest);
+                    refit(before, &screening.scores[i], i, &self.overview, self.dataset, &self.split, self.floor_um, trial)
+                }
             })
             .collect();
         finalists.sort_by(|a, b| merit(&a.judged).total_cmp(&merit(&b.judged)));

@@ -137,7 +137,11 @@ impl Trial {
     /// By how much of the strongest candidate's share this one explains.
     #[must_use]
     pub fn for_promise(explained: f64, strongest: f64) -> Self {
-        if explained > 0.3 * strongest { Self { effort: RANKING_EFFORT, starts: STARTS_TRIED } } else { Self { effort: BRIEF_EFFORT, starts: 1 } }
+        if explained > 0.3 * strongest {
+            Self { effort: RANKING_EFFORT, starts: STARTS_TRIED }
+        } else {
+            Self { effort: BRIEF_EFFORT, starts: 1 }
+        }
     }
 }
 
@@ -149,7 +153,10 @@ pub fn refit(
     at: usize,
     overview: &Overview,
     dataset: &Dataset,
-    split: &Split, floor_um: Option<f64>, trial: Trial) -> Finalist {
+    split: &Split,
+    floor_um: Option<f64>,
+    trial: Trial,
+) -> Finalist {
     let mut best: Option<(f64, Model)> = None;
     for start in score.starts.iter().take(trial.starts) {
         let begin = with_effect(&before.model, EffectInstance::new(score.effect.clone(), overview, start));
