@@ -158,7 +158,7 @@ pub fn explain(dataset: &Dataset, start: Start, own: &[Arc<dyn Effect>], progres
         Start::Model(model) => crate::diagnosis::refit::judge(model, dataset, &workbench.split),
     };
     let growth = workbench.grow(base);
-    let diagnosis = verdict::diagnose(&growth, &floor, dataset, &workbench.split);
+    let diagnosis = verdict::diagnose(&growth, &floor, dataset);
     let mut model = growth.last().model.clone();
     progress("estimating standard deviations");
     let cannot_identify = unidentified(&mut model, dataset, &workbench.split);

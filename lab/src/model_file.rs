@@ -109,7 +109,7 @@ pub fn read(path: &Path) -> Result<Model> {
     if file.schema != SCHEMA {
         return Err(Problem::file(path, format!("schema = \"{}\"; expected \"{SCHEMA}\"", file.schema)));
     }
-    if !(file.drive_min_v < file.drive_max_v) {
+    if file.drive_min_v.partial_cmp(&file.drive_max_v) != Some(std::cmp::Ordering::Less) {
         return Err(Problem::file(path, "drive_min_v is not below drive_max_v"));
     }
     let mut model = Model::new(file.drive_min_v, file.drive_max_v);

@@ -70,7 +70,7 @@ fn plan(peak_v: f64, seed: u64) -> Vec<Planned> {
         let mut out = Vec::new();
         for hz in [5.0_f64, 20.0, 50.0, 100.0, 200.0, 400.0] {
             let amplitude = peak_v * if hz < 60.0 { 0.42 } else { 0.17 };
-            let seconds = (3.0 / hz).max(0.03).min(0.25);
+            let seconds = (3.0 / hz).clamp(0.03, 0.25);
             out.extend(waveform::sine_burst(20_000.0, hz, amplitude, 0.45 * peak_v, seconds));
         }
         out

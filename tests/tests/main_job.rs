@@ -47,7 +47,8 @@ fn percent_of_range(found: &Explanation, dataset: &Dataset, record: &str) -> f64
 
 #[test]
 fn a_real_stage_is_explained_effect_by_effect() {
-    let Some((_folder, dataset)) = measured("piezo_stage", &[("20_hz_no_lp.csv", "20_hz_no_lp.csv"), ("40_hz_no_lp.csv", "40_hz_no_lp.csv")])
+    let Some((_folder, dataset)) =
+        measured("piezo_stage", &[("20_hz_no_lp.csv", "20_hz_no_lp.csv"), ("40_hz_no_lp.csv", "40_hz_no_lp.csv")])
     else {
         return;
     };

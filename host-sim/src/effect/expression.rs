@@ -142,7 +142,7 @@ impl ExpressionEffect {
         let mut parameters = Vec::new();
         let mut starts = vec![Vec::new()];
         for entry in &file.parameter {
-            if !(entry.lower < entry.upper) || entry.starts.is_empty() {
+            if entry.lower.partial_cmp(&entry.upper) != Some(std::cmp::Ordering::Less) || entry.starts.is_empty() {
                 return Err(format!("parameter {}: expected lower < upper and at least one start", entry.name));
             }
             if let Some(start) = entry.starts.iter().find(|s| !(entry.lower..=entry.upper).contains(*s)) {

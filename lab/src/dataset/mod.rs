@@ -240,7 +240,7 @@ impl Dataset {
 
     fn check(self) -> Result<Self> {
         let place = self.path.display();
-        if !(self.drive_max_v > self.drive_min_v) {
+        if self.drive_min_v.partial_cmp(&self.drive_max_v) != Some(std::cmp::Ordering::Less) {
             return Err(Problem::new(
                 place,
                 format!(

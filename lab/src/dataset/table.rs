@@ -316,7 +316,7 @@ pub fn sample_rate_hz(path: &Path, t_s: &Option<Vec<f64>>) -> Result<f64> {
         return Err(Problem::file(path, "has no time column; expected t in s, or a dataset.toml with sample_rate_hz"));
     };
     let span = t_s[t_s.len() - 1] - t_s[0];
-    if !(span > 0.0) {
+    if span <= 0.0 {
         return Err(Problem::file(path, "time does not increase from the first to the last row"));
     }
     let fs = (t_s.len() - 1) as f64 / span;

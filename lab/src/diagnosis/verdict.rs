@@ -1,7 +1,6 @@
 //! Five words for what came out, and the figures behind them (`hysteron.diagnosis/1`).
 
 use super::growth::{Growth, nm};
-use super::refit::Split;
 use crate::dataset::Dataset;
 use crate::floor::NoiseFloor;
 use serde::Serialize;
@@ -125,7 +124,7 @@ const ALIKE: f64 = 0.9;
 
 /// Puts a growth into words.
 #[must_use]
-pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset, split: &Split) -> Diagnosis {
+pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset) -> Diagnosis {
     let first = &growth.steps[0].judged;
     let last = growth.last();
     let added = growth.added();
@@ -133,11 +132,9 @@ pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset, split: &
     let (verdict, named) = match floor.rms_um {
         None => (Verdict::Undecidable, added.clone()),
         Some(floor_um) => {
-            let end = error(last).max(if split.validate.is_empty() { 0.0 } else { last.identify_rms_um.min(error(last)) });
+            let end = error(last);
             let alternatives = alternatives(growth);
-            if added.is_empty() && error(first).min(end) <= AT_FLOOR * floor_um {
-                (Verdict::AtFloor, Vec::new())
-            } else if added.is_empty() && end <= AT_FLOOR * floor_um {
+            if added.is_empty() && end <= AT_FLOOR * floor_um {
                 (Verdict::AtFloor, Vec::new())
             } else if added.is_empty() || end > EXPLAINED * floor_um {
                 (Verdict::Unexplained, Vec::new())
@@ -223,9 +220,9 @@ fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFl
             format!("Nothing is missing that this data could show: the held-out error is {} nm, the noise {floor_nm} nm.", nm(after))
         }
         Verdict::Named => {
-            let verb = if named.len() == 1 { "is" } else { "are" };
+            let (verb, adding) = if named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };
             format!(
-                "{} {verb} missing: adding it brings the held-out error from {} to {} nm; the noise is {floor_nm} nm.",
+                "{} {verb} missing: {adding} brings the held-out error from {} to {} nm; the noise is {floor_nm} nm.",
                 capital(&list(named, "and")),
                 nm(before),
                 nm(after)

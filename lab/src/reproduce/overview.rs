@@ -121,7 +121,7 @@ mod tests {
     fn a_missing_or_missed_figure_is_not_met() {
         let goals = crate::reproduce::goals().unwrap();
         let chapter = Chapter { number: 3, rows: vec![Row::new("ch3.erms", 0.5, "um", "")], sections: Vec::new() };
-        assert!(compare(&[chapter.clone()], &goals).iter().all(Comparison::met));
+        assert!(compare(std::slice::from_ref(&chapter), &goals).iter().all(Comparison::met));
         let missed = Chapter { rows: vec![Row::new("ch3.erms", 0.7, "um", "")], ..chapter.clone() };
         assert!(!compare(&[missed], &goals)[0].met());
         assert!(!compare(&[Chapter { rows: Vec::new(), ..chapter }], &goals)[0].met());
