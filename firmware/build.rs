@@ -16,7 +16,7 @@ SECTIONS
     *(.itcm .itcm.*);
     *(.text.*hysteron_core*);
     *(.text.*compiler_builtins*);
-    *(.text.__aeabi_* .text.memcpy .text.memset .text.memmove .text.__multi3 .text.__udivti3 .text.__divti3);
+    *(.text.__* .text.mem* .text.unlikely.mem*);
     . = ALIGN(8);
     __itcm_end = .;
   } > ITCM AT > FLASH

@@ -10,12 +10,12 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_stm32::pac::TIM2 as TIMER;
-use heapless::spsc::{Consumer, Producer};
 use hysteron_core::amplifier::{Amplifier, Command, Refusal};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::front_end::FrontEnd;
 use crate::front_end::spi::SpiConverters;
+use crate::ring::{Consumer, Producer};
 
 /// The front end of this image.
 pub type ChosenFrontEnd = SpiConverters;
@@ -50,11 +50,11 @@ pub struct Control {
     /// Servo, guard and modes.
     pub amplifier: Amplifier,
     /// To the trace task.
-    pub samples: Producer<'static, TraceSample>,
+    pub samples: Producer<TraceSample, SAMPLE_QUEUE>,
     /// From the command task.
-    pub commands: Consumer<'static, Scheduled>,
+    pub commands: Consumer<Scheduled, COMMAND_QUEUE>,
     /// To the command task.
-    pub replies: Producer<'static, Reply>,
+    pub replies: Producer<Reply, COMMAND_QUEUE>,
     /// The command that waits for its tick.
     pub pending: Option<Scheduled>,
     /// The next tick.
@@ -152,7 +152,7 @@ extern "C" fn TIM2() {
     let sample = control.amplifier.tick(reading, control.overrun);
     control.front_end.write(sample.dac_code);
 
-    if control.samples.enqueue(sample).is_err() {
+    if !control.samples.enqueue(sample) {
         count(&LOST_SAMPLES);
     }
     control.tick = control.tick.wrapping_add(1);

@@ -2,7 +2,7 @@
 //! there too, and even the runtime's own start may call them. cortex-m-rt calls `__pre_init` before it sets up memory.
 
 core::arch::global_asm!(
-    ".section .text.__pre_init, \"ax\", %progbits",
+    ".section .text.copy_itcm, \"ax\", %progbits",
     ".global __pre_init",
     ".type __pre_init, %function",
     ".thumb_func",

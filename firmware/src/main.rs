@@ -12,13 +12,13 @@ mod critical_section_below_control;
 mod fault;
 mod front_end;
 mod itcm;
+mod ring;
 mod sample_clock;
 mod settings;
 mod stack;
 mod tasks;
 
 use embassy_executor::Spawner;
-use heapless::spsc::Queue;
 use hysteron_core::amplifier::Amplifier;
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
@@ -27,11 +27,12 @@ use static_cell::StaticCell;
 
 use control::{COMMAND_QUEUE, ChosenFrontEnd, Control, Reply, SAMPLE_QUEUE, Scheduled};
 use front_end::FrontEnd;
+use ring::Ring;
 use sample_clock::SAMPLE_RATE_HZ;
 
-static SAMPLES: StaticCell<Queue<TraceSample, SAMPLE_QUEUE>> = StaticCell::new();
-static COMMANDS: StaticCell<Queue<Scheduled, COMMAND_QUEUE>> = StaticCell::new();
-static REPLIES: StaticCell<Queue<Reply, COMMAND_QUEUE>> = StaticCell::new();
+static SAMPLES: StaticCell<Ring<TraceSample, SAMPLE_QUEUE>> = StaticCell::new();
+static COMMANDS: StaticCell<Ring<Scheduled, COMMAND_QUEUE>> = StaticCell::new();
+static REPLIES: StaticCell<Ring<Reply, COMMAND_QUEUE>> = StaticCell::new();
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -76,9 +77,9 @@ async fn main(spawner: Spawner) {
     front_end.start(parameters.guard.rest_code);
     fault::remember_rest(parameters.guard.rest_code);
 
-    let (sample_producer, sample_consumer) = SAMPLES.init(Queue::new()).split();
-    let (command_producer, command_consumer) = COMMANDS.init(Queue::new()).split();
-    let (reply_producer, reply_consumer) = REPLIES.init(Queue::new()).split();
+    let (sample_producer, sample_consumer) = SAMPLES.init(Ring::new()).split();
+    let (command_producer, command_consumer) = COMMANDS.init(Ring::new()).split();
+    let (reply_producer, reply_consumer) = REPLIES.init(Ring::new()).split();
     control::hand_over(Control {
         front_end,
         amplifier,

@@ -3,13 +3,13 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_time::{Duration, Ticker};
-use heapless::spsc::{Consumer, Producer};
 use hysteron_core::command_text::{Line, parse};
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::{Channels, TraceBlock, TraceSample};
 use rtt_target::DownChannel;
 
-use crate::control::{self, Reply, Scheduled};
+use crate::control::{self, COMMAND_QUEUE, Reply, SAMPLE_QUEUE, Scheduled};
+use crate::ring::{Consumer, Producer};
 use crate::sample_clock::SAMPLE_RATE_HZ;
 use crate::stack;
 
@@ -20,7 +20,7 @@ const LINE_BYTES: usize = 96;
 
 /// Packs samples into blocks and logs them.
 #[embassy_executor::task]
-pub async fn trace(mut samples: Consumer<'static, TraceSample>) {
+pub async fn trace(mut samples: Consumer<TraceSample, SAMPLE_QUEUE>) {
     let mut ticker = Ticker::every(Duration::from_millis(1));
     let mut choice = TRACE.load(Ordering::Relaxed);
     let mut block = block_for(choice);
@@ -46,7 +46,11 @@ fn block_for(choice: u32) -> TraceBlock {
 
 /// Reads lines from the probe and reports what changes.
 #[embassy_executor::task]
-pub async fn commands(mut channel: DownChannel, mut queue: Producer<'static, Scheduled>, mut replies: Consumer<'static, Reply>) {
+pub async fn commands(
+    mut channel: DownChannel,
+    mut queue: Producer<Scheduled, COMMAND_QUEUE>,
+    mut replies: Consumer<Reply, COMMAND_QUEUE>,
+) {
     let mut ticker = Ticker::every(Duration::from_millis(1));
     let mut line = heapless::Vec::<u8, LINE_BYTES>::new();
     let mut flags = u32::MAX;
@@ -101,14 +105,14 @@ fn say_mode(flags: u32) {
     }
 }
 
-fn obey(line: &[u8], queue: &mut Producer<'static, Scheduled>) {
+fn obey(line: &[u8], queue: &mut Producer<Scheduled, COMMAND_QUEUE>) {
     let Ok(text) = core::str::from_utf8(line) else {
         defmt::warn!("refused: not text");
         return;
     };
     match parse(text, SAMPLE_RATE_HZ) {
         Ok(Line::Control(at, command)) => {
-            if queue.enqueue(Scheduled { at, command }).is_err() {
+            if !queue.enqueue(Scheduled { at, command }) {
                 defmt::warn!("refused: too many commands wait");
             }
         }

@@ -5,7 +5,8 @@
 //! every function that is called is walked in turn. The check fails on
 //!
 //! * an instruction of the floating-point unit (coprocessors 10 and 11);
-//! * an undefined instruction, which is what an abort compiles to;
+//! * an undefined instruction, which is what an abort compiles to, if a jump or the instruction before it leads there
+//!   (the entry of a jump table for a value that no `enum` has is counted apart: only corrupted memory has it);
 //! * a call or jump that leaves ITCM: panics, formatting, logging and allocation all live in flash, so none of them is reachable;
 //! * a call through a register, whose destination the binary does not tell.
 
@@ -23,6 +24,8 @@ pub struct Figures {
     pub control_code_bytes: u64,
     /// Functions among them.
     pub control_functions: usize,
+    /// Jump tables whose entry for a value that no `enum` has is an abort: reached by corrupted memory only.
+    pub impossible_cases: usize,
     /// Bytes in flash: code, constants, initial values.
     pub flash_bytes: u64,
     /// Bytes of static data in RAM.
@@ -61,6 +64,7 @@ pub fn check(elf: &Path) -> Result<Figures, String> {
 
     let (mut waiting, mut seen) = (vec![handler], BTreeSet::new());
     let mut complaints = Vec::new();
+    let mut impossible_cases = 0;
     while let Some(start) = waiting.pop() {
         if !seen.insert(start) {
             continue;
@@ -74,38 +78,80 @@ pub fn check(elf: &Path) -> Result<Figures, String> {
             let at = (address - range.start) as usize;
             code.get(at..at + 2).map_or(0, |pair| u16::from_le_bytes([pair[0], pair[1]]))
         };
+        let is_data = |at: u64| data.range(..=at).next_back().is_some_and(|(_, is_data)| *is_data);
+        let (mut jumps, mut table_jumps, mut aborts) = (BTreeSet::new(), BTreeSet::new(), Vec::new());
+        let mut falls_through = true;
         let mut at = start;
         while at < start + size {
-            if data.range(..=at).next_back().is_some_and(|(_, is_data)| *is_data) {
+            if is_data(at) {
                 at += 2;
                 continue;
             }
             let first = halfword(at);
             if first >> 11 < 0b11101 {
                 if first & 0xFF00 == 0xDE00 {
-                    complaints.push(format!("{name}: an undefined instruction (abort) at {at:#x}"));
+                    // Behind code that never comes here the compiler leaves one; whether it does is told below.
+                    if falls_through {
+                        jumps.insert(at);
+                    }
+                    aborts.push(at);
                 } else if first & 0xFF80 == 0x4780 {
                     complaints.push(format!("{name}: a call through a register at {at:#x}"));
+                } else if first & 0xFF87 == 0x4700 && first != 0x4770 {
+                    // The linker's bridges for destinations out of a branch's reach end like this.
+                    complaints.push(format!("{name}: a jump through a register at {at:#x}"));
+                } else if first & 0xF000 == 0xD000 && first & 0x0F00 < 0x0E00 {
+                    jumps.insert(relative(at, (i64::from(first as u8 as i8)) << 1));
+                } else if first & 0xF800 == 0xE000 {
+                    jumps.insert(relative(at, i64::from(((first << 5) as i16) >> 4)));
+                } else if first & 0xF500 == 0xB100 {
+                    jumps.insert(relative(at, i64::from((first >> 9 & 1) << 6 | (first >> 3 & 0x1F) << 1)));
                 }
+                // B, BX, POP {.., pc}; conditional ones in an IT block are taken as ends too only when no abort follows them.
+                falls_through = !(first & 0xF800 == 0xE000 || first & 0xFF87 == 0x4700 || first & 0xFF00 == 0xBD00);
                 at += 2;
                 continue;
             }
+            falls_through = true;
             let second = halfword(at + 2);
             if first & 0xEC00 == 0xEC00 && matches!(second >> 8 & 0xF, 10 | 11) {
                 complaints.push(format!("{name}: a floating-point instruction at {at:#x}"));
             }
-            // BL, and B with the same range (a tail call).
+            // BL, and B with the same range (a tail call, or a jump within the function).
             if first & 0xF800 == 0xF000 && matches!(second & 0xD000, 0xD000 | 0x9000) {
                 let target = branch_target(at, first, second);
-                if !(start..start + size).contains(&target) {
-                    if range.contains(&target) {
-                        waiting.push(target);
-                    } else {
-                        complaints.push(format!("{name}: leaves ITCM for {} at {at:#x}", owner(&file, target)));
+                let is_call = second & 0xD000 == 0xD000;
+                falls_through = is_call;
+                if (start..start + size).contains(&target) && !is_call {
+                    jumps.insert(target);
+                } else if range.contains(&target) {
+                    waiting.push(target);
+                } else {
+                    complaints.push(format!("{name}: leaves ITCM for {} at {at:#x}", owner(&file, target)));
+                }
+            } else if first & 0xF800 == 0xF000 && second & 0xD000 == 0x8000 && first & 0x0380 != 0x0380 {
+                jumps.insert(conditional_target(at, first, second));
+            } else if first & 0xFFF0 == 0xE8D0 && second & 0xFFE0 == 0xF000 {
+                // TBB and TBH: the table stands behind the instruction, marked as data.
+                falls_through = false;
+                let wide = second & 0x10 != 0;
+                let mut entry = at + 4;
+                while entry < start + size && is_data(entry) {
+                    let pair = halfword(entry);
+                    for offset in if wide { vec![pair] } else { vec![pair & 0xFF, pair >> 8] } {
+                        table_jumps.insert(at + 4 + 2 * u64::from(offset));
                     }
+                    entry += 2;
                 }
             }
             at += 4;
+        }
+        for abort in aborts {
+            if jumps.contains(&abort) {
+                complaints.push(format!("{name}: an abort at {abort:#x} can be reached"));
+            } else if table_jumps.contains(&abort) {
+                impossible_cases += 1;
+            }
         }
     }
     if !complaints.is_empty() {
@@ -116,9 +162,23 @@ pub fn check(elf: &Path) -> Result<Figures, String> {
     Ok(Figures {
         control_code_bytes: seen.iter().filter_map(|start| functions.get(start)).map(|(size, _)| size).sum(),
         control_functions: seen.len(),
+        impossible_cases,
         flash_bytes: size_of(&[".vector_table", ".itcm", ".text", ".rodata", ".data"]),
         ram_bytes: size_of(&[".data", ".bss", ".uninit"]),
     })
+}
+
+/// Destination of a branch by `offset` from where the program counter reads.
+fn relative(at: u64, offset: i64) -> u64 {
+    at.wrapping_add(4).wrapping_add_signed(offset)
+}
+
+/// Destination of the wide conditional branch (T3).
+fn conditional_target(at: u64, first: u16, second: u16) -> u64 {
+    let (first, second) = (u32::from(first), u32::from(second));
+    let offset =
+        (first >> 10 & 1) << 20 | (second >> 11 & 1) << 19 | (second >> 13 & 1) << 18 | (first & 0x3F) << 12 | (second & 0x7FF) << 1;
+    relative(at, i64::from(((offset << 11) as i32) >> 11))
 }
 
 /// Destination of BL (T1) and B (T4).
