@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use hysteron_core::amplifier::Amplifier;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::integer_row::Row;
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, write};
+use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write};
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
@@ -62,6 +62,11 @@ pub fn parameters() -> AmplifierParameters {
             healthy_ticks: 2000,
         },
     }
+}
+
+/// The best design for the reference bench, made from records of it: `lab/examples/reference_block.rs` wrote the file.
+pub fn best_parameters() -> AmplifierParameters {
+    read(include_bytes!("../p753.block"), 20_000).expect("a valid block")
 }
 
 /// A block as bytes.
