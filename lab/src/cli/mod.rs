@@ -158,6 +158,9 @@ enum Command {
         /// Model file
         #[arg(long)]
         model: PathBuf,
+        /// Check a scheme of the thesis with the thesis' gains instead, on the target with its period of delay
+        #[arg(long, value_name = "NAME")]
+        scheme: Option<String>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -227,7 +230,7 @@ fn dispatch(command: Command) -> Result<bool> {
             let demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
             servo::design(&model, &out, &demands, &outputs)
         }
-        Command::Check { servo: path, model, outputs } => servo::check(&path, &model, &outputs),
+        Command::Check { servo: path, model, scheme, outputs } => servo::check(&path, &model, scheme.as_deref(), &outputs),
         Command::Track { model, servo: path, reference, scheme, outputs } => {
             servo::track(&model, &path, &reference, scheme.as_deref(), &outputs)
         }

@@ -78,10 +78,14 @@ pub fn design(model: &Path, out: &Path, demands: &Demands, outputs: &Outputs) ->
     Ok(true)
 }
 
-/// `hysteron check SERVO --model MODEL`.
-pub fn check(servo: &Path, model: &Path, outputs: &Outputs) -> Result<bool> {
+/// `hysteron check SERVO --model MODEL [--scheme NAME]`; a scheme is checked with the target's period of delay.
+pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs) -> Result<bool> {
     check_writable(outputs.json.as_deref())?;
-    let design = read_design(servo)?;
+    let mut design = read_design(servo)?;
+    if let Some(name) = scheme {
+        design = commands::with_scheme(&design, name).map_err(|m| Problem::new("--scheme", m))?;
+        design.delayed = true;
+    }
     let chain = model_file::read(model)?;
     let found = commands::check(&design, &chain).map_err(|m| Problem::file(model, m))?;
     let largest = found.sampled_poles.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
