@@ -92,20 +92,21 @@ pub fn capture(elf: &Path, raw: &Path, out: &Path) -> Result<CaptureSummary> {
         converters.drive_min_v, converters.drive_max_v, converters.adc_step_um
     );
     for (nth, run) in kept.iter().enumerate() {
-        let name = format!("run_{}.csv", nth + 1);
         let text = csv(run, &converters, rate_hz);
-        write_whole(&out.join(&name), text.as_bytes())?;
         let samples = run.samples.len() - 1;
         let middle_s = (samples as f64 * 0.6).floor() / rate_hz;
         let first_drives = run.samples.iter().take(50);
         let settled = first_drives.clone().all(|sample| Some(sample.dac_code) == run.samples.first().map(|s| s.dac_code));
         let state = if settled { "settled" } else { "unknown" };
+        // The last part validates; what lies before it still drives the model, so both records hold the whole run.
         for (role, window) in [("identify", format!("to_s = {middle_s:?}")), ("validate", format!("from_s = {middle_s:?}"))] {
+            let name = format!("run_{}_{role}.csv", nth + 1);
+            write_whole(&out.join(&name), text.as_bytes())?;
             manifest.push_str(&format!(
                 "\n[[record]]\nfile = \"{name}\"\nsample_rate_hz = {rate_hz:?}\nrole = \"{role}\"\ninitial_state = \"{state}\"\noffset = \"fit\"\n{window}\n"
             ));
+            summary.records.push((name, samples));
         }
-        summary.records.push((name, samples));
     }
     write_whole(&out.join("dataset.toml"), manifest.as_bytes())?;
     Ok(summary)

@@ -3,6 +3,7 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message. Output files are written whole
 //! at the end, so that a failed run leaves what was there.
 
+mod capture;
 mod output;
 mod plant;
 mod reproduce;
@@ -132,6 +133,16 @@ enum Command {
         #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
         base: String,
     },
+    /// Decode the log of a target (its image, the raw bytes of its RTT channel) into a data set
+    Capture {
+        /// The image that was flashed
+        elf: PathBuf,
+        /// Raw bytes of the log channel
+        raw: PathBuf,
+        /// Folder to write
+        #[arg(long, value_name = "DATASET")]
+        out: PathBuf,
+    },
     /// Design a servo for an identified model, with margins, and write its parameters
     Design {
         /// Model file
@@ -170,7 +181,7 @@ enum Command {
         model: PathBuf,
         /// Servo file
         servo: PathBuf,
-        /// sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]
+        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`
         #[arg(long)]
         reference: String,
         /// Another scheme for the same model
@@ -226,6 +237,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Add { effect, model, dataset, out, outputs } => study::add(&effect, &model, &dataset, &out, &outputs),
         Command::Simulate { model, drive, out, rate_hz } => study::simulate(&model, &drive, &out, rate_hz),
         Command::Plant { effects, out, seed, base } => plant::plant(&effects, &base, &out, seed),
+        Command::Capture { elf, raw, out } => capture::capture(&elf, &raw, &out),
         Command::Design { model, out, reference_hz, sensor_noise_um, sensitivity_peak, outputs } => {
             let demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
             servo::design(&model, &out, &demands, &outputs)
