@@ -49,14 +49,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_derivative_is_exact_in_the_band() {
+    fn a_derivative_is_right_in_the_band() {
         let period_s = 5e-5;
         let f = fit(period_s, |w| Complex::new(0.0, w * period_s));
         for hz in [1.0, 50.0, 150.0, 500.0] {
             let w = std::f64::consts::TAU * hz;
             let response: Complex<f64> =
                 f.iter().enumerate().map(|(i, c)| Complex::from_polar(1.0, w * period_s * (i as f64 - 7.0)) * *c).sum();
-            assert!((response - Complex::new(0.0, w * period_s)).norm() < 1e-6, "{hz}: {response}");
+            // Of a 5 um reference: below 0.05 nm per sample, a tenth of what integers may differ from f64.
+            let error_um = 5.0 * (response - Complex::new(0.0, w * period_s)).norm();
+            assert!(error_um < 5e-5, "{hz} Hz: {error_um} um");
         }
     }
 }
