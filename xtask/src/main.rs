@@ -8,6 +8,7 @@ mod browser;
 mod control_code;
 mod steps;
 mod toolchain;
+mod whole_circle;
 
 use std::process::ExitCode;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use crate::{browser, control_code, toolchain};
+use crate::{browser, control_code, toolchain, whole_circle};
 
 /// One step: its name and what it does.
 pub struct Step {
@@ -44,6 +44,7 @@ pub fn emulator() -> Vec<Step> {
     vec![
         Step { name: "emulated STM32H743: build", action: emulator_build },
         Step { name: "emulated STM32H743: run the image", action: emulator_tests },
+        Step { name: "whole circle: the image's log, identified, names the hidden effect", action: whole_circle::run },
     ]
 }
 
@@ -82,7 +83,8 @@ pub fn command(program: impl AsRef<OsStr>, arguments: &[&str], folder: &Path, va
     if status.success() { Ok(()) } else { Err(format!("`{words}` in {} ended with {status}", folder.display())) }
 }
 
-fn cargo(arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
+/// Runs this cargo.
+pub fn cargo(arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
     command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), arguments, folder, variables)
 }
 
