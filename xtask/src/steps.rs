@@ -147,11 +147,11 @@ const EMULATOR_VARIABLES: [(&str, &str); 1] = [("CARGO_RESOLVER_INCOMPATIBLE_RUS
 fn emulator_build() -> Result<(), String> {
     let folder = root().join("emulator");
     cargo(
-        &["clippy", "--quiet", "--release", "--locked", "--ignore-rust-version", "--all-targets", "--", "-D", "warnings"],
+        &["clippy", "--quiet", "--release", "--ignore-rust-version", "--all-targets", "--", "-D", "warnings"],
         &folder,
         &EMULATOR_VARIABLES,
     )?;
-    cargo(&["test", "--quiet", "--release", "--locked", "--ignore-rust-version", "--no-run"], &folder, &EMULATOR_VARIABLES)
+    cargo(&["test", "--quiet", "--release", "--ignore-rust-version", "--no-run"], &folder, &EMULATOR_VARIABLES)
 }
 
 fn emulator_tests() -> Result<(), String> {
@@ -159,5 +159,5 @@ fn emulator_tests() -> Result<(), String> {
     if !image.is_file() {
         return Err(format!("{} is not there: run `cargo xtask firmware` first", image.display()));
     }
-    cargo(&["test", "--release", "--locked", "--ignore-rust-version", "--", "--nocapture"], &root().join("emulator"), &EMULATOR_VARIABLES)
+    cargo(&["test", "--release", "--ignore-rust-version", "--", "--nocapture"], &root().join("emulator"), &EMULATOR_VARIABLES)
 }

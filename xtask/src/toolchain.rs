@@ -83,7 +83,7 @@ pub fn for_target() -> Result<Toolchain, String> {
 impl Toolchain {
     /// Builds the image in `firmware/`, release profile.
     pub fn build(&self, folder: &Path, features: &[&str]) -> Result<(), String> {
-        let mut arguments = vec!["build", "--release", "--locked", "--target", TARGET];
+        let mut arguments = vec!["build", "--release", "--target", TARGET];
         arguments.extend(features);
         match self {
             Self::Rustup => command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, &[]),
