@@ -5,7 +5,7 @@
 
 use crate::problem::{Problem, Result, nearest, write_whole};
 use hysteron_sim::bench::Bench;
-use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model, spread_drive, spread_force};
 use hysteron_sim::effect::hysteresis::Hysteresis;
 use hysteron_sim::effect::{Effect, Overview, by_id};
 use hysteron_sim::hysteresis_surface::{Surfaces, loop_terms, shifted_legendre};
@@ -284,24 +284,13 @@ fn square_force(samples: usize, rate_hz: f64) -> Vec<f64> {
 }
 
 fn finely(model: &Model, planned: &Planned, force_n: Option<&[f64]>) -> Vec<f64> {
-    let finer = |signal: &[f64]| -> Vec<f64> { signal.iter().flat_map(|v| std::iter::repeat_n(*v, FINER)).collect() };
-    let drive_v = finer(&planned.drive_v);
-    let force = force_n.map(finer);
-    let rate_hz = planned.rate_hz * FINER as f64;
-    let mut fine = model.clone();
-    // The rate that widens the loops is that of recorded samples: a held drive has none in between.
-    if let Some(rate) = fine.effects.iter_mut().find(|e| e.id == "rate_dependence") {
-        let _ = rate;
-        return model.simulate(&Drive {
-            drive_v: &planned.drive_v,
-            force_n,
-            dt_s: 1.0 / planned.rate_hz,
-            initial_state: InitialState::Virgin,
-        });
-    }
-    let y =
-        fine.simulate(&Drive { drive_v: &drive_v, force_n: force.as_deref(), dt_s: 1.0 / rate_hz, initial_state: InitialState::Virgin });
-    y.into_iter().step_by(FINER).collect()
+    // The rate that widens the loops is that of recorded samples: a drive held over finer ones would have none in between.
+    let finer = if model.effect("rate_dependence").is_some() { 1 } else { FINER };
+    let drive_v = spread_drive(&planned.drive_v, finer);
+    let force = force_n.map(|f| spread_force(f, finer));
+    let dt_s = 1.0 / (planned.rate_hz * finer as f64);
+    let y = model.simulate(&Drive { drive_v: &drive_v, force_n: force.as_deref(), dt_s, initial_state: InitialState::Virgin });
+    y.into_iter().step_by(finer).collect()
 }
 
 fn write_record(

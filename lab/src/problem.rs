@@ -51,18 +51,5 @@ pub fn nearest(unknown: &str, known: &[String]) -> String {
 /// # Errors
 /// When the folder cannot be written to.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    use std::io::Write;
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
-    let fail = |e: std::io::Error| Problem::file(path, format!("cannot be written: {e}"));
-    let mut temporary = tempfile::NamedTempFile::new_in(folder).map_err(fail)?;
-    temporary.write_all(bytes).map_err(fail)?;
-    temporary.as_file().sync_all().map_err(fail)?;
-    // Temporary files are private; what replaces a user's file should be as readable as any other.
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        temporary.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).map_err(fail)?;
-    }
-    temporary.persist(path).map_err(|e| fail(e.error))?;
-    Ok(())
+    crate::report::write_whole(path, bytes).map_err(|e| Problem::file(path, format!("cannot be written: {e}")))
 }

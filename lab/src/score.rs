@@ -30,9 +30,9 @@ pub struct CaseScore {
     pub false_discovery: bool,
     /// Held-out error after adding what was found, over the true noise.
     pub validate_over_noise: f64,
-    /// p-value of the best candidate on the base model.
+    /// Smallest p-value of any candidate on the base model, before control of false discoveries.
     pub least_p_value: f64,
-    /// Smallest p-value of the base model's candidates before control of false discoveries does not exist per case; the strongest share is this.
+    /// Share of the residual above the floor that the first candidate explains.
     pub strongest_share: f64,
     /// Wall-clock time.
     pub seconds: f64,

@@ -39,15 +39,13 @@ impl Effect for AmplifierBandwidth {
         }
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 10.0 * overview.sample_rate_max_hz)]
+        super::lag_parameters(overview)
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![0.25 * overview.sample_rate_max_hz], vec![0.06 * overview.sample_rate_max_hz], vec![0.015 * overview.sample_rate_max_hz]]
+        super::lag_starts(overview)
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let tau_s = 1.0 / (std::f64::consts::TAU * values[0]);
-        let decay = (-setting.dt_s / tau_s).exp();
-        let mean_weight = -(-setting.dt_s / tau_s).exp_m1() * tau_s / setting.dt_s;
+        let (decay, mean_weight) = super::lag_weights(values[0], setting.dt_s);
         Some(Box::new(LagStage { decay, mean_weight, voltage_v: model.drive_min_v }))
     }
     fn substeps(&self, dt_s: f64) -> usize {

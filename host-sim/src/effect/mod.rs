@@ -207,6 +207,23 @@ pub struct Setting<'a> {
     pub drive_max_v: f64,
 }
 
+/// A first-order lag over one interval: what remains of its state, and the mean of that remainder.
+#[must_use]
+pub fn lag_weights(bandwidth_hz: f64, dt_s: f64) -> (f64, f64) {
+    let tau_s = 1.0 / (std::f64::consts::TAU * bandwidth_hz);
+    ((-dt_s / tau_s).exp(), -(-dt_s / tau_s).exp_m1() * tau_s / dt_s)
+}
+
+/// Bandwidths at which a first-order lag is looked for, Hz.
+fn lag_starts(overview: &Overview) -> Vec<Vec<f64>> {
+    [0.25, 0.06, 0.015].iter().map(|share| vec![share * overview.sample_rate_max_hz]).collect()
+}
+
+/// The bandwidth of a first-order lag, within what the fastest record can show.
+fn lag_parameters(overview: &Overview) -> Vec<Parameter> {
+    vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 10.0 * overview.sample_rate_max_hz)]
+}
+
 /// Sub-intervals of a sampling period for a lag in front of the hysteresis: 12.5 us or finer where the sampling is fast enough to show
 /// what happens inside a period, and no more than four, because slow records only see that it is over.
 #[must_use]
