@@ -11,7 +11,7 @@
 //! maximum `M_1` are never wiped out. Passing `M_1` only moves it: the input is then on the initial ascending curve, and no
 //! minimum remembers anything any more.
 //!
-//! The capacity is fixed. When it is full the smallest stored loop is dropped, which is counted and whose height is kept, so
+//! The capacity is fixed. When it is full the smallest loop, the innermost one, is dropped, which is counted and whose height is kept, so
 //! that a model can bound the error that this made ([`ExtremaStack::dropped_loops`], [`ExtremaStack::largest_dropped_loop`]).
 //!
 //! A model that caches one partial sum per stored pair learns from [`ExtremaStack::update`] how many leading pairs are
@@ -92,54 +92,24 @@ where
         unchanged.min(self.pairs.len())
     }
 
-    /// Stores a closed pair; drops the smallest loop first when there is no room. Returns the pairs left untouched.
+    /// Replaces the present input by one that is equal to it, for a `T` that carries more than what it is compared by.
+    #[inline]
+    pub fn replace_input(&mut self, equal: T) {
+        self.input = equal;
+    }
+
+    /// Stores a closed pair. Returns the pairs left untouched: all of them.
+    ///
+    /// Loops are nested, so the smallest one is always that which would be stored; without room it is the one to forget.
     fn close(&mut self, pair: Pair<T>) -> usize {
-        let mut unchanged = self.pairs.len();
-        let mut pair = pair;
-        if self.pairs.is_full() {
-            // Loop k is bounded by the minimum of one pair and the maximum of the next; without both the outer loop remains.
-            let mut smallest = self.pairs.len();
-            let mut smallest_height = pair.maximum - pair.minimum;
-            for k in 0..self.pairs.len() {
-                let next_maximum = self.pairs.get(k + 1).map_or(pair.maximum, |next| next.maximum);
-                let Some(this) = self.pairs.get(k) else { break };
-                let height = next_maximum - this.minimum;
-                if height < smallest_height {
-                    smallest_height = height;
-                    smallest = k;
-                }
-            }
+        let unchanged = self.pairs.len();
+        if self.pairs.push(pair).is_err() {
             self.dropped_loops = self.dropped_loops.saturating_add(1);
-            if smallest_height > self.largest_dropped_loop {
-                self.largest_dropped_loop = smallest_height;
+            let height = pair.maximum - pair.minimum;
+            if height > self.largest_dropped_loop {
+                self.largest_dropped_loop = height;
             }
-            if smallest == self.pairs.len() {
-                return unchanged; // the loop that would be stored is itself the smallest
-            }
-            unchanged = smallest;
-            // Merge: maximum of the outer pair with the minimum of the inner one.
-            for k in smallest..self.pairs.len() {
-                let following = self.pairs.get(k + 1).copied();
-                let Some(this) = self.pairs.get_mut(k) else { break };
-                if k == smallest {
-                    this.minimum = following.map_or(pair.minimum, |f| f.minimum);
-                } else if let Some(f) = following {
-                    *this = f;
-                } else {
-                    *this = pair;
-                }
-            }
-            if smallest + 1 == self.pairs.len() {
-                return unchanged;
-            }
-            // The last slot already holds `pair` (shifted in above).
-            pair = match self.pairs.pop() {
-                Some(last) => last,
-                None => return unchanged,
-            };
         }
-        // Cannot fail: there is room by now.
-        let _ = self.pairs.push(pair);
         unchanged
     }
 

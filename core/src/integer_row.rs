@@ -20,11 +20,11 @@ impl<const N: usize, const Q: u32> Default for Row<N, Q> {
 }
 
 impl<const N: usize, const Q: u32> Row<N, Q> {
-    /// The sum before the shift.
-    #[inline]
+    /// The sum before the shift, begun with `start`.
+    #[inline(always)]
     #[must_use]
-    pub fn sum(&self, signals: &[i32; N]) -> i64 {
-        let mut sum = 0i64;
+    pub fn sum_from(&self, start: i64, signals: &[i32; N]) -> i64 {
+        let mut sum = start;
         for (coefficient, signal) in self.coefficients.iter().zip(signals) {
             sum = sum.wrapping_add(i64::from(*coefficient) * i64::from(*signal));
         }
@@ -35,7 +35,7 @@ impl<const N: usize, const Q: u32> Row<N, Q> {
     #[inline]
     #[must_use]
     pub fn apply(&self, signals: &[i32; N], saturated: &mut u32) -> i32 {
-        saturate(self.sum(signals).wrapping_add(1i64 << (Q - 1)) >> Q, saturated)
+        saturate(self.sum_from(1i64 << (Q - 1), signals) >> Q, saturated)
     }
 }
 
@@ -57,7 +57,7 @@ impl Integrating {
     /// Replaces the state by the row's result, with the fraction carried on.
     #[inline]
     pub fn replace<const N: usize, const Q: u32>(&mut self, row: &Row<N, Q>, signals: &[i32; N], saturated: &mut u32) {
-        let sum = row.sum(signals).wrapping_add(i64::from(self.remainder));
+        let sum = row.sum_from(i64::from(self.remainder), signals);
         self.remainder = (sum & ((1i64 << Q) - 1)) as u32;
         self.state = saturate(sum >> Q, saturated);
     }

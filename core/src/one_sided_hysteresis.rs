@@ -6,6 +6,10 @@
 //! every extremum *with its output*, so a new section needs only the coefficients of `G` collapsed at one extremum, no sum over
 //! the stack.
 //!
+//! Polynomials are evaluated by Horner's rule in the variable's upper half: the high word of the product of a coefficient and a share with
+//! 31 fraction bits is half their product, so a coefficient of degree `d` carries `d` fraction bits more than the constant, and each
+//! step of the rule is one multiply-accumulate instruction (SMMLAR) of the target.
+//!
 //! The inverse walks outward over the stored extrema until it finds the section that contains the wanted output (at most one
 //! comparison for each stored pair), then takes at most [`NEWTON_STEPS`] Newton steps in the bracket of that section. All sections are monotone,
 //! so the bracket always contains the solution. Outputs below what zero drive gives (the remnant) and above the range saturate
@@ -21,12 +25,15 @@ use crate::signal::{MICROMETRE_FRACTION_BITS, SHARE_FRACTION_BITS};
 pub const STACK_CAPACITY: usize = 16;
 /// Rows of the loop surface: powers 0 to 4, as in the thesis (Ch. 4, Eq. 15).
 pub const SURFACE_SIZE: usize = 5;
-/// Most Newton steps of the inverse; from one tick to the next two or three are enough, and then it stops.
+/// Most Newton steps of the inverse; from one tick to the next one or two are enough, and then it stops.
 pub const NEWTON_STEPS: usize = 5;
-/// A step of a Newton iteration that is not worth another one, as a share of the range (2e-7: a hundredth of a DAC code).
-const SMALL_STEP: i64 = 1 << 8;
-/// Fraction bits of the surface coefficients, um.
-pub const SURFACE_FRACTION_BITS: u32 = 22;
+/// A Newton step that needs no other one, as a share of the range (1.2e-4): the next would be about its square, or its product with the
+/// reciprocal's error, less than a hundredth of a DAC code.
+const SMALL_STEP: i32 = 1 << 17;
+/// Fraction bits of the surface coefficients of degree 0, um; a coefficient of degree `d` has `d` more.
+pub const SURFACE_FRACTION_BITS: u32 = 20;
+/// Largest sum of the magnitudes of all coefficients of degree `d` and more, um: below it no intermediate value of the evaluation wraps.
+pub const SURFACE_LIMITS_UM: [i32; SURFACE_SIZE] = [300, 300, 256, 256, 128];
 
 const ONE: i32 = 1 << SHARE_FRACTION_BITS;
 /// From the format of the coefficients to that of the output.
@@ -34,7 +41,13 @@ const OUTPUT_SHIFT: u32 = MICROMETRE_FRACTION_BITS - SURFACE_FRACTION_BITS;
 /// Least slope that a Newton step trusts: 1/8 um over the whole range.
 const LEAST_SLOPE: i32 = 1 << (SURFACE_FRACTION_BITS - 3);
 
-/// Surfaces of the hysteresis in powers of the drive share, um with [`SURFACE_FRACTION_BITS`].
+/// Fraction bits of a coefficient of `x^i z^j`.
+#[must_use]
+pub const fn surface_fraction_bits(i: usize, j: usize) -> u32 {
+    SURFACE_FRACTION_BITS + (i + j) as u32
+}
+
+/// Surfaces of the hysteresis in powers of the drive share, um with [`surface_fraction_bits`]; sums within [`SURFACE_LIMITS_UM`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceCoefficients {
     /// `g[i][j]` multiplies `x^i z^j` in `G(x, z)`; zero where `i + j` exceeds the degree.
@@ -45,59 +58,66 @@ pub struct SurfaceCoefficients {
 
 type Polynomial = [i32; SURFACE_SIZE];
 
-/// Product of a coefficient and a share.
-#[inline]
-fn times(a: i32, share: i32) -> i32 {
-    ((i64::from(a) * i64::from(share)) >> SHARE_FRACTION_BITS) as i32
+/// A drive share with 31 fraction bits.
+#[inline(always)]
+fn fine(share: i32) -> i32 {
+    share.saturating_add(share)
 }
 
-#[inline]
-fn horner(c: &Polynomial, x: i32) -> i32 {
-    let mut value = 0i32;
-    for coefficient in c.iter().rev() {
-        value = times(value, x).wrapping_add(*coefficient);
-    }
-    value
+/// `a + b x / 2` for `x` with 31 fraction bits, rounded: one step of Horner's rule.
+#[inline(always)]
+fn step(a: i32, b: i32, x: i32) -> i32 {
+    ((i64::from(b) * i64::from(x)).wrapping_add(i64::from(a) << 32).wrapping_add(1 << 31) >> 32) as i32
 }
 
-#[inline]
-fn horner_with_slope(c: &Polynomial, x: i32) -> (i32, i32) {
-    let (mut value, mut slope) = (0i32, 0i32);
-    for coefficient in c.iter().rev() {
-        slope = times(slope, x).wrapping_add(value);
-        value = times(value, x).wrapping_add(*coefficient);
-    }
-    (value, slope)
+#[inline(always)]
+fn horner(&[c0, c1, c2, c3, c4]: &Polynomial, share: i32) -> i32 {
+    let x = fine(share);
+    step(c0, step(c1, step(c2, step(c3, c4, x), x), x), x)
+}
+
+/// Value and slope, both with [`SURFACE_FRACTION_BITS`].
+#[inline(always)]
+fn horner_with_slope(&[c0, c1, c2, c3, c4]: &Polynomial, share: i32) -> (i32, i32) {
+    let x = fine(share);
+    // The derivative of step k is that of step k + 1, times x, plus half the value of step k + 1.
+    let value_3 = step(c3, c4, x);
+    let slope_3 = c4 >> 1;
+    let value_2 = step(c2, value_3, x);
+    let slope_2 = step(value_3 >> 1, slope_3, x);
+    let value_1 = step(c1, value_2, x);
+    let slope_1 = step(value_2 >> 1, slope_2, x);
+    (step(c0, value_1, x), step(value_1 >> 1, slope_1, x))
 }
 
 impl SurfaceCoefficients {
-    /// `G(x, m)` as a polynomial in `x`.
+    /// `G(x, m)` as a polynomial in `x`. Powers with `i + j` beyond the degree are zero.
     #[inline]
     fn rising_from(&self, minimum: i32) -> Polynomial {
-        let mut out = [0; SURFACE_SIZE];
-        for (i, (value, row)) in out.iter_mut().zip(&self.g).enumerate() {
-            // Powers with i + j beyond the degree are zero.
-            let mut sum = 0i32;
-            for coefficient in row.iter().take(SURFACE_SIZE - i).rev() {
-                sum = times(sum, minimum).wrapping_add(*coefficient);
-            }
-            *value = sum;
-        }
-        out
+        let z = fine(minimum);
+        let [[g00, g01, g02, g03, g04], [g10, g11, g12, g13, _], [g20, g21, g22, ..], [g30, g31, ..], [g40, ..]] = self.g;
+        [
+            step(g00, step(g01, step(g02, step(g03, g04, z), z), z), z),
+            step(g10, step(g11, step(g12, g13, z), z), z),
+            step(g20, step(g21, g22, z), z),
+            step(g30, g31, z),
+            g40,
+        ]
     }
 
     /// `-G(M, z)` as a polynomial in `z`.
     #[inline]
     fn falling_from(&self, maximum: i32) -> Polynomial {
-        let mut out = [0i32; SURFACE_SIZE];
-        for (i, row) in self.g.iter().enumerate().rev() {
-            // Powers with i + j beyond the degree are zero.
-            for (j, value) in out.iter_mut().enumerate().take(SURFACE_SIZE - i) {
-                let coefficient = row.get(j).copied().unwrap_or(0);
-                *value = times(*value, maximum).wrapping_sub(coefficient);
-            }
-        }
-        out
+        let x = fine(maximum);
+        let [[g00, g01, g02, g03, g04], [g10, g11, g12, g13, _], [g20, g21, g22, ..], [g30, g31, ..], [g40, ..]] = self.g;
+        [
+            step(g00, step(g10, step(g20, step(g30, g40, x), x), x), x),
+            step(g01, step(g11, step(g21, g31, x), x), x),
+            step(g02, step(g12, g22, x), x),
+            step(g03, g13, x),
+            g04,
+        ]
+        .map(i32::wrapping_neg)
     }
 }
 
@@ -149,12 +169,13 @@ impl Section {
         let wanted = target.wrapping_sub(self.base) >> OUTPUT_SHIFT;
         for _ in 0..NEWTON_STEPS {
             let (value, slope) = horner_with_slope(&self.polynomial, share);
-            // A reciprocal of 13 to 20 bits is enough for a step that is repeated.
-            let divisor = (slope.max(LEAST_SLOPE) >> 8) as u32;
-            let reciprocal = (1u32 << 31).checked_div(divisor).unwrap_or(0);
-            let step = (i64::from(wanted.wrapping_sub(value)) * i64::from(reciprocal)) >> 9;
-            let next = i64::from(share).wrapping_add(step);
-            share = next.max(i64::from(low)).min(i64::from(high)) as i32;
+            let slope = slope.max(LEAST_SLOPE);
+            // No step beyond the whole range.
+            let error = wanted.wrapping_sub(value).min(slope).max(slope.wrapping_neg());
+            // A reciprocal of 10 to 20 bits is enough for a step that is repeated.
+            let reciprocal = (1u32 << 31).checked_div((slope >> 7) as u32).unwrap_or(0);
+            let step = ((i64::from(error) * i64::from(reciprocal)) >> 8) as i32;
+            share = share.wrapping_add(step).max(low).min(high);
             if step > -SMALL_STEP && step < SMALL_STEP {
                 break;
             }
@@ -206,8 +227,8 @@ impl OneSidedHysteresis {
             };
         }
         self.output = self.section.output(share);
-        // The same drive again: only the output beside it changes.
-        self.stack.update(Extremum { share, output: self.output });
+        // The same drive: only the output beside it changes.
+        self.stack.replace_input(Extremum { share, output: self.output });
         self.output
     }
 

@@ -19,7 +19,7 @@ use crate::state_estimator::EstimatorParameters;
 /// First bytes of a block.
 pub const MAGIC: [u8; 4] = *b"HYST";
 /// Version of the layout.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
@@ -196,7 +196,7 @@ wire_struct!(ConverterParameters { adc_zero, adc_step, dac_zero, dac_step, dac_c
 wire_struct!(PidParameters { proportional_derivative, integral, feedforward, notch });
 wire_struct!(EstimatorParameters { rows, unknown_input });
 wire_struct!(SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching });
-wire_struct!(PredictorParameters { state_rows, reading_row, gain_row, feedforward });
+wire_struct!(PredictorParameters { state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward });
 wire_struct!(ServoParameters { converters, actuator, law, delayed });
 wire_struct!(GuardParameters {
     adc_code_min,
@@ -459,6 +459,8 @@ pub(crate) mod tests {
             },
             LawParameters::Predictor(PredictorParameters {
                 state_rows: [Row { coefficients: core::array::from_fn(|k| -(k as i32)) }; crate::predictor_law::STATES],
+                unknown_gain: 11,
+                slope_gain: -12,
                 reading_row: Row::default(),
                 gain_row: Row::default(),
                 feedforward: Row { coefficients: row.coefficients },

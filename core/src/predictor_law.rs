@@ -2,13 +2,13 @@
 //!
 //! # How it works
 //! The law works on the error between the actuator and a model that follows the reference exactly. Its states are those of the
-//! identified linear dynamics (lags, first and second mode) and of the unknown input `d`, which the thesis estimates as `epsilon` (Ch. 7,
-//! Eq. 15). With the error `i = (y - r) - c z` of the predicted reading,
+//! identified linear dynamics (lags, first and second mode), `z`, and the unknown input `d` with its slope `s`, which the thesis estimates
+//! as `epsilon` (Ch. 7, Eq. 15). With the error `i = (y - r) - c z` of the predicted reading,
 //!
-//! * the states one period ahead are `z+ = A z + L i + B (v - v_ff)`, where `v` is what acts during that period: it was sent at the last
-//!   tick, so the prediction ends at the very instant at which the drive now computed begins to act;
-//! * that drive is `v+ = v_ff+ - K z+`, the row `K` holding the discrete sliding surface's equivalent and reaching control and one for
-//!   the unknown input;
+//! * the states one period ahead are `z+ = A z + L i + B (v - v_ff + d)`, `d+ = d + s + l_d i`, `s+ = s + l_s i`, where `v` is what acts
+//!   during that period: it was sent at the last tick, so the prediction ends at the very instant at which the drive now computed begins
+//!   to act;
+//! * that drive is `v+ = v_ff+ - K z+ - d+`, the row `K` holding the discrete sliding surface's equivalent and reaching control;
 //! * `v_ff` is the force-equivalent displacement that makes the model follow the reference: a sum over the reference window.
 //!
 //! `v` is the *force-equivalent displacement that was really applied*, after limits, converter and hysteresis, so neither saturation
@@ -16,12 +16,13 @@
 
 use crate::integer_row::{Integrating, Row};
 use crate::reference_window::{ReferenceWindow, WindowRow};
+use crate::signal::saturate;
 
-/// States of the law, the unknown input included.
-pub const STATES: usize = 8;
-/// States and the two inputs `i` and `v - v_ff`.
+/// States of the linear dynamics.
+pub const STATES: usize = 6;
+/// States and the two inputs `i` and `v - v_ff + d`.
 pub const INPUTS: usize = STATES + 2;
-/// Fraction bits of the state rows.
+/// Fraction bits of the state rows and of the gains of the unknown input.
 pub const STATE_ROW_FRACTION_BITS: u32 = 27;
 /// Fraction bits of the output rows.
 pub const OUTPUT_ROW_FRACTION_BITS: u32 = 24;
@@ -29,8 +30,12 @@ pub const OUTPUT_ROW_FRACTION_BITS: u32 = 24;
 /// Parameters of the law. All signals are in um.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PredictorParameters {
-    /// `[A | L | B]` over `[z, i, v - v_ff]`.
+    /// `[A | L | B]` over `[z, i, v - v_ff + d]`.
     pub state_rows: [Row<INPUTS, STATE_ROW_FRACTION_BITS>; STATES],
+    /// `l_d`, with [`STATE_ROW_FRACTION_BITS`].
+    pub unknown_gain: i32,
+    /// `l_s`, with [`STATE_ROW_FRACTION_BITS`]; zero for an unknown input without a slope.
+    pub slope_gain: i32,
     /// `c`: the reading that the states predict.
     pub reading_row: Row<STATES, STATE_ROW_FRACTION_BITS>,
     /// `K`.
@@ -42,18 +47,47 @@ pub struct PredictorParameters {
 /// States of the law.
 #[derive(Clone, Debug)]
 pub struct PredictorLaw {
-    states: [Integrating; STATES],
+    states: [i32; STATES],
+    /// What the states' format cannot hold of them.
+    remainders: [u32; STATES],
+    unknown: Integrating,
+    slope: Integrating,
     feedforward: i32,
     innovation: i32,
 }
 
+/// Replaces two states with their remainders by their rows' results; the fractions are carried on.
+#[inline(always)]
+fn replace_two(
+    [a, b]: [&Row<INPUTS, STATE_ROW_FRACTION_BITS>; 2],
+    signals: &[i32; INPUTS],
+    [(state_a, rest_a), (state_b, rest_b)]: [(&mut i32, &mut u32); 2],
+    saturated: &mut u32,
+) {
+    const FRACTION: u32 = (1 << STATE_ROW_FRACTION_BITS) - 1;
+    let (mut sum_a, mut sum_b) = (i64::from(*rest_a), i64::from(*rest_b));
+    for ((signal, a), b) in signals.iter().zip(&a.coefficients).zip(&b.coefficients) {
+        sum_a = sum_a.wrapping_add(i64::from(*a) * i64::from(*signal));
+        sum_b = sum_b.wrapping_add(i64::from(*b) * i64::from(*signal));
+    }
+    *rest_a = sum_a as u32 & FRACTION;
+    *rest_b = sum_b as u32 & FRACTION;
+    *state_a = saturate(sum_a >> STATE_ROW_FRACTION_BITS, saturated);
+    *state_b = saturate(sum_b >> STATE_ROW_FRACTION_BITS, saturated);
+}
+
 impl PredictorLaw {
-    /// At rest, with the unknown input (the last state) such that the output is `applied` when the feedforward is `feedforward`.
+    /// At rest, with the unknown input such that the output is `applied` when the feedforward is `feedforward`.
     #[must_use]
     pub fn take_over(applied: i32, feedforward: i32) -> Self {
-        let mut states = [Integrating::default(); STATES];
-        states[STATES - 1] = Integrating::at(feedforward.saturating_sub(applied));
-        Self { states, feedforward, innovation: 0 }
+        Self {
+            states: [0; STATES],
+            remainders: [0; STATES],
+            unknown: Integrating::at(feedforward.saturating_sub(applied)),
+            slope: Integrating::at(0),
+            feedforward,
+            innovation: 0,
+        }
     }
 
     /// The force-equivalent displacement to command for the next period, from the reading now and what acts now.
@@ -66,22 +100,24 @@ impl PredictorLaw {
         reference: &ReferenceWindow,
         saturated: &mut u32,
     ) -> i32 {
-        let mut signals = [0i32; INPUTS];
-        let mut states = [0i32; STATES];
-        for i in 0..STATES {
-            states[i] = self.states[i].state;
-            signals[i] = states[i];
-        }
         let error = reading.saturating_sub(reference.now());
-        self.innovation = error.saturating_sub(parameters.reading_row.apply(&states, saturated));
-        signals[STATES] = self.innovation;
-        signals[STATES + 1] = applied.saturating_sub(self.feedforward);
-        for i in 0..STATES {
-            self.states[i].replace(&parameters.state_rows[i], &signals, saturated);
-            states[i] = self.states[i].state;
-        }
+        let innovation = error.saturating_sub(parameters.reading_row.apply(&self.states, saturated));
+        self.innovation = innovation;
+        let input = applied.saturating_sub(self.feedforward).saturating_add(self.unknown.state);
+        let [z0, z1, z2, z3, z4, z5] = self.states;
+        let signals = [z0, z1, z2, z3, z4, z5, innovation, input];
+        // Two rows at a time, so that each signal is loaded once for both.
+        let [a, b, c, d, e, f] = &parameters.state_rows;
+        let [z0, z1, z2, z3, z4, z5] = &mut self.states;
+        let [r0, r1, r2, r3, r4, r5] = &mut self.remainders;
+        replace_two([a, b], &signals, [(z0, r0), (z1, r1)], saturated);
+        replace_two([c, d], &signals, [(z2, r2), (z3, r3)], saturated);
+        replace_two([e, f], &signals, [(z4, r4), (z5, r5)], saturated);
+        self.unknown.state = self.unknown.state.saturating_add(self.slope.state);
+        self.unknown.add::<STATE_ROW_FRACTION_BITS>(parameters.unknown_gain, innovation, saturated);
+        self.slope.add::<STATE_ROW_FRACTION_BITS>(parameters.slope_gain, innovation, saturated);
         self.feedforward = parameters.feedforward.apply(reference.positions(), saturated);
-        self.feedforward.saturating_sub(parameters.gain_row.apply(&states, saturated))
+        self.feedforward.saturating_sub(parameters.gain_row.apply(&self.states, saturated)).saturating_sub(self.unknown.state)
     }
 
     /// Difference between the last reading and its prediction, um.
@@ -93,6 +129,6 @@ impl PredictorLaw {
     /// Estimate of the unknown input, um of force-equivalent displacement.
     #[must_use]
     pub fn unknown_input(&self) -> i32 {
-        self.states[STATES - 1].state
+        self.unknown.state
     }
 }

@@ -13,22 +13,18 @@ pub fn sine(phase: u32) -> i32 {
     let folded = phase.wrapping_add(1 << 30);
     let half = (folded & 0x7fff_ffff) as i32; // 0..2^31 is half a turn
     let x = half.wrapping_sub(1 << 30); // -2^30..2^30 is -1..1 quarter turns
-    let x2 = square(x);
-    let mut sum = 0i64;
+    let x2 = scaled(x, x);
+    let mut sum = 0i32;
     for c in SINE_SERIES.iter().rev() {
-        sum = ((sum * i64::from(x2)) >> 30) + c;
+        // Stays below pi/2 with 30 fraction bits.
+        sum = scaled(sum, x2).wrapping_add(*c);
     }
-    let value = ((sum * i64::from(x)) >> 30) as i32;
+    let value = scaled(sum, x);
     if folded & 0x8000_0000 == 0 { value } else { value.wrapping_neg() }
 }
 
-#[inline]
-fn square(x: i32) -> i32 {
-    ((i64::from(x) * i64::from(x)) >> 30) as i32
-}
-
 /// `(-1)^k (pi/2)^(2k+1) / (2k+1)!` with 30 fraction bits.
-const SINE_SERIES: [i64; 8] = [1_686_629_713, -693_598_668, 85_569_306, -5_026_995, 172_272, -3_864, 61, -1];
+const SINE_SERIES: [i32; 8] = [1_686_629_713, -693_598_668, 85_569_306, -5_026_995, 172_272, -3_864, 61, -1];
 
 /// What is followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +94,7 @@ impl ReferenceGenerator {
             Waveform::Constant => 0,
             Waveform::Multisine { tones } => {
                 let mut sum = 0i32;
-                for (increment, amplitude, first) in tones {
+                for (increment, amplitude, first) in tones.iter().filter(|(_, amplitude, _)| *amplitude != 0) {
                     sum = sum.saturating_add(scaled(*amplitude, sine(increment.wrapping_mul(tick).wrapping_add(*first))));
                 }
                 sum

@@ -189,9 +189,9 @@ impl ServoTick {
     fn convert(&mut self, drive: i32, unreachable: i32) {
         let c = &self.parameters.converters;
         let wanted = if c.noise_shaping { drive.saturating_add(self.rounding_error) } else { drive };
-        // V (22) * codes/V (20) -> codes
-        let code = (i64::from(wanted.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
-        let (lowest, highest) = (i64::from(c.dac_code_min), i64::from(c.dac_code_max));
+        // V (22) * codes/V (20) -> codes; 62 bits less 42 always fit.
+        let code = ((i64::from(wanted.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42) as i32;
+        let (lowest, highest) = (i32::from(c.dac_code_min), i32::from(c.dac_code_max));
         self.limited = i32::from(code > highest) - i32::from(code < lowest);
         if self.limited == 0 {
             self.limited = unreachable;
@@ -220,7 +220,8 @@ impl ServoTick {
             ActuatorParameters::OneSidedHysteresis { drive_min, share_per_volt, .. } => {
                 // V (22) * 1/V (32) -> share (30)
                 let share = (i64::from(drive.saturating_sub(*drive_min)) * *share_per_volt) >> 24;
-                self.hysteresis.as_mut().map_or(0, |h| h.apply(share.clamp(0, 1 << SHARE_FRACTION_BITS) as i32))
+                let within = if share < 0 { 0 } else { share.min(1 << SHARE_FRACTION_BITS) as i32 };
+                self.hysteresis.as_mut().map_or(0, |h| h.apply(within))
             }
         };
     }

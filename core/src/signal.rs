@@ -26,16 +26,16 @@ pub const VOLT_FRACTION_BITS: u32 = 22;
 pub const SHARE_FRACTION_BITS: u32 = 30;
 
 /// The nearest 32-bit value; counts when it is not the value itself.
-#[inline]
+#[inline(always)]
 #[must_use]
 pub fn saturate(value: i64, saturated: &mut u32) -> i32 {
-    if value > i64::from(i32::MAX) {
-        *saturated = saturated.saturating_add(1);
-        i32::MAX
-    } else if value < i64::from(i32::MIN) {
-        *saturated = saturated.saturating_add(1);
-        i32::MIN
-    } else {
-        value as i32
-    }
+    let low = value as i32;
+    if i64::from(low) == value { low } else { end_of_format(value, saturated) }
+}
+
+#[cold]
+#[inline(never)]
+fn end_of_format(value: i64, saturated: &mut u32) -> i32 {
+    *saturated = saturated.saturating_add(1);
+    if value > 0 { i32::MAX } else { i32::MIN }
 }

@@ -25,13 +25,18 @@ pub const INSTRUCTIONS_PER_SECOND: u64 = 250_000_000;
 pub struct NucleoBoard {
     /// The part.
     pub mcu: Stm32h743,
+    /// Instructions that the core retires in a second of virtual time.
+    pub instructions_per_second: u64,
 }
+
+/// With this many every instruction is one count of the part's cycle counter, so that the counter counts instructions.
+pub const ONE_INSTRUCTION_PER_CYCLE: u64 = 400_000_000;
 
 /// Position of SPI1 and SPI3 among the part's interfaces.
 const SENSOR_INTERFACE: usize = 0;
 const DRIVE_INTERFACE: usize = 2;
 
-rigless::store!(NucleoBoard { values: [], parts: [mcu], built: [] });
+rigless::store!(NucleoBoard { values: [], parts: [mcu], built: [instructions_per_second] });
 
 impl NucleoBoard {
     /// The board out of its box: 8 MHz on the crystal pins and 3.3 V.
@@ -43,7 +48,7 @@ impl NucleoBoard {
         mcu.rcc.attach_crystals(Crystal(8_000_000).0, Crystal::NONE.0);
         mcu.set_supply(Supply(3300).0);
         mcu.set_analog_supply(Supply(3300).0);
-        Ok(Self { mcu })
+        Ok(Self { mcu, instructions_per_second: INSTRUCTIONS_PER_SECOND })
     }
 
     /// The board with converters on its SPI connectors and a plant behind them.
@@ -63,14 +68,14 @@ impl NucleoBoard {
 }
 
 /// The Cortex-M7 r1p1 of the part: double-precision FPU, 16 MPU regions, 4 priority bits, 16 KiB caches.
-fn core(mcu: &Stm32h743) -> armv7m::Config {
+fn core(mcu: &Stm32h743, instructions_per_second: u64) -> armv7m::Config {
     let core = armv7m::Core {
         variant: armv7m::Variant::M7,
         clock_hz: NonZeroU64::new(400_000_000).unwrap_or(NonZeroU64::MIN),
         interrupt_lines: NonZeroU32::new(u32::from(mcu.cpu().interrupt_lines)).unwrap_or(NonZeroU32::MIN),
         priority_bits: 4,
         refclk_divider: NonZeroU32::new(8).unwrap_or(NonZeroU32::MIN),
-        instructions_per_second: NonZeroU64::new(INSTRUCTIONS_PER_SECOND).unwrap_or(NonZeroU64::MIN),
+        instructions_per_second: NonZeroU64::new(instructions_per_second).unwrap_or(NonZeroU64::MIN),
         boot: "flash",
     };
     let mut config = armv7m::Config::new(core, &windows(mcu.bus()));
@@ -97,7 +102,7 @@ impl Board for NucleoBoard {
     }
 
     fn targets(&mut self) -> Vec<Target<'_>> {
-        let core = core(&self.mcu).spec();
+        let core = core(&self.mcu, self.instructions_per_second).spec();
         vec![Target::new(PART, &mut self.mcu, core)]
     }
 }

@@ -33,6 +33,11 @@ pub fn init() -> Peripherals {
     c.voltage_scale = VoltageScale::Scale1;
     let peripherals = embassy_stm32::init(config);
     interrupt::TIM5.set_priority(Priority::P8);
+    if let Some(mut core) = cortex_m::Peripherals::take() {
+        // The cycle counter, with which the control interrupt times its tick.
+        core.DCB.enable_trace();
+        core.DWT.enable_cycle_counter();
+    }
     peripherals
 }
 

@@ -9,6 +9,7 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
 use hysteron_core::amplifier::{Amplifier, Command, Refusal};
 use hysteron_core::trace_frame::TraceSample;
@@ -73,6 +74,8 @@ static LOST_SAMPLES: AtomicU32 = AtomicU32::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static SLOWEST_COUNTS: AtomicU32 = AtomicU32::new(0);
 static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
+static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
+static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static FLAGS: AtomicU32 = AtomicU32::new(0);
 
 /// What the tasks may know of the interrupt.
@@ -84,24 +87,40 @@ pub struct Report {
     pub lost_samples: u32,
     /// Ticks that ended late.
     pub overruns: u32,
-    /// Latest end of a tick after its edge, timer counts.
+    /// Latest end of a tick after its edge since the last report, timer counts.
     pub slowest_counts: u32,
-    /// Latest beginning of a tick after its edge, timer counts.
+    /// Latest beginning of a tick after its edge since the last report, timer counts.
     pub latest_entry_counts: u32,
+    /// Most cycles from the sensor's code to the drive's code since the last report.
+    pub most_tick_cycles: u32,
+    /// The same, mean over about the last 256 ticks.
+    pub recent_tick_cycles: u32,
     /// Mode (low byte) and fault (next byte).
     pub flags: u32,
 }
 
-/// The interrupt's state as of the last tick.
+/// The interrupt's state as of the last tick. Largest values begin again.
 pub fn report() -> Report {
     Report {
         ticks: TICKS.load(Ordering::Relaxed),
         lost_samples: LOST_SAMPLES.load(Ordering::Relaxed),
         overruns: OVERRUNS.load(Ordering::Relaxed),
-        slowest_counts: SLOWEST_COUNTS.load(Ordering::Relaxed),
-        latest_entry_counts: LATEST_ENTRY_COUNTS.load(Ordering::Relaxed),
+        slowest_counts: SLOWEST_COUNTS.swap(0, Ordering::Relaxed),
+        latest_entry_counts: LATEST_ENTRY_COUNTS.swap(0, Ordering::Relaxed),
+        most_tick_cycles: MOST_TICK_CYCLES.swap(0, Ordering::Relaxed),
+        recent_tick_cycles: RECENT_TICK_CYCLES.load(Ordering::Relaxed) >> RECENT_SHIFT,
         flags: FLAGS.load(Ordering::Relaxed),
     }
+}
+
+/// Ticks since the start.
+pub fn ticks() -> u32 {
+    TICKS.load(Ordering::Relaxed)
+}
+
+/// Mode (low byte) and fault (next byte) of the last tick.
+pub fn flags() -> u32 {
+    FLAGS.load(Ordering::Relaxed)
 }
 
 /// Ticks that found the sample queue full.
@@ -128,6 +147,8 @@ fn keep_largest(largest: &AtomicU32, value: u32) {
 }
 
 const COMPARE_4: u32 = 1 << 4;
+/// The mean of the tick's cycles forgets a 2^-n part at every tick.
+const RECENT_SHIFT: u32 = 8;
 
 /// Runs once a period, 1 us after the edge of the sample clock.
 #[unsafe(no_mangle)]
@@ -149,7 +170,9 @@ extern "C" fn TIM2() {
         let _ = control.replies.enqueue(Reply { tick: control.tick, refusal });
         control.pending = None;
     }
+    let begin = DWT::cycle_count();
     let sample = control.amplifier.tick(reading, control.overrun);
+    let cycles = DWT::cycle_count().wrapping_sub(begin);
     control.front_end.write(sample.dac_code);
 
     if !control.samples.enqueue(sample) {
@@ -159,6 +182,9 @@ extern "C" fn TIM2() {
     TICKS.store(control.tick, Ordering::Relaxed);
     FLAGS.store(u32::from(sample.flags), Ordering::Relaxed);
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
+    keep_largest(&MOST_TICK_CYCLES, cycles);
+    let recent = RECENT_TICK_CYCLES.load(Ordering::Relaxed);
+    RECENT_TICK_CYCLES.store(recent.wrapping_sub(recent >> RECENT_SHIFT).wrapping_add(cycles), Ordering::Relaxed);
     // The next compare is already flagged: the tick took longer than a period.
     control.overrun = TIMER.sr().read().0 & COMPARE_4 != 0;
     if control.overrun {

@@ -60,10 +60,10 @@ pub async fn watch() {
     IWDG1.kr().write(|w| w.set_key(Key::ENABLE));
     IWDG1.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
     IWDG1.rlr().write(|w| w.set_rl(WATCHDOG_COUNTS));
-    let mut last = control::report().ticks;
+    let mut last = control::ticks();
     loop {
         Timer::after_millis(WATCH_MS).await;
-        let ticks = control::report().ticks;
+        let ticks = control::ticks();
         if ticks != last {
             IWDG1.kr().write(|w| w.set_key(Key::RESET));
         }

@@ -75,7 +75,7 @@ pub async fn commands(
                 Some(refusal) => defmt::warn!("refused at tick {=u32}: {=str}", reply.tick, reason(refusal)),
             }
         }
-        let now = control::report().flags;
+        let now = control::flags();
         if now != flags {
             flags = now;
             say_mode(flags);

@@ -1,6 +1,6 @@
 //! The integer hysteresis of the controller against the f64 model of the plant: forward, inverse, limits, full stack.
 
-use hysteron_core::one_sided_hysteresis::{OneSidedHysteresis, STACK_CAPACITY, SURFACE_FRACTION_BITS, SURFACE_SIZE, SurfaceCoefficients};
+use hysteron_core::one_sided_hysteresis::{OneSidedHysteresis, STACK_CAPACITY, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
 use hysteron_sim::bench::Bench;
 use hysteron_sim::hysteresis_surface::{OneSidedHysteresis as FloatHysteresis, Surfaces};
 use proptest::prelude::*;
@@ -13,16 +13,20 @@ fn surfaces() -> Surfaces {
     Surfaces::from_thesis_powers(&bench.hysteresis.f, &bench.hysteresis.g, 80.0)
 }
 
-fn integer(surfaces: &Surfaces) -> OneSidedHysteresis {
-    let quantise = |v: f64| (v * f64::from(1u32 << SURFACE_FRACTION_BITS)).round() as i32;
+fn quantised(surfaces: &Surfaces) -> SurfaceCoefficients {
+    let quantise = |v: f64, i: usize, j: usize| (v * f64::from(1u32 << surface_fraction_bits(i, j))).round() as i32;
     let mut out = SurfaceCoefficients { g: [[0; SURFACE_SIZE]; SURFACE_SIZE], f: [0; SURFACE_SIZE] };
     for i in 0..SURFACE_SIZE {
         for j in 0..SURFACE_SIZE {
-            out.g[i][j] = quantise(surfaces.g[i][j]);
+            out.g[i][j] = quantise(surfaces.g[i][j], i, j);
         }
-        out.f[i] = quantise(surfaces.g[i][0] + surfaces.r[i]);
+        out.f[i] = quantise(surfaces.g[i][0] + surfaces.r[i], i, 0);
     }
-    OneSidedHysteresis::virgin(out)
+    out
+}
+
+fn integer(surfaces: &Surfaces) -> OneSidedHysteresis {
+    OneSidedHysteresis::virgin(quantised(surfaces))
 }
 
 fn share(x: f64) -> i32 {
@@ -134,10 +138,7 @@ fn memory_survives_a_change_of_surfaces() {
     for x in [0.8, 0.2, 0.6, 0.3, 0.5, 0.45] {
         ours.apply(share(x));
     }
-    let again = ours.with_surfaces(SurfaceCoefficients {
-        g: std::array::from_fn(|i| std::array::from_fn(|j| (surfaces().g[i][j] * f64::from(1u32 << SURFACE_FRACTION_BITS)).round() as i32)),
-        f: std::array::from_fn(|i| ((surfaces().g[i][0] + surfaces().r[i]) * f64::from(1u32 << SURFACE_FRACTION_BITS)).round() as i32),
-    });
+    let again = ours.with_surfaces(quantised(&surfaces()));
     assert_eq!(again.output(), ours.output());
     assert_eq!(again.stored_pairs(), ours.stored_pairs());
 }

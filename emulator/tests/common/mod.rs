@@ -15,12 +15,14 @@ use hysteron_emulator::run::Outcome;
 use hysteron_sim::bench::Bench;
 use hysteron_sim::closed_loop::converter_parameters;
 
-/// The image under test: `HYSTERON_FIRMWARE_ELF`, or where `cargo xtask check` builds it.
+/// The image under test.
 pub fn image() -> PathBuf {
-    std::env::var_os("HYSTERON_FIRMWARE_ELF").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release/hysteron-firmware"),
-        PathBuf::from,
-    )
+    image_named("hysteron-firmware")
+}
+
+/// An image where `cargo xtask check` builds it.
+pub fn image_named(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release").join(name)
 }
 
 /// A servo for the reference bench that needs no identification: integral control through a mean gain, and the guard's limits.

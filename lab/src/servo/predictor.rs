@@ -10,11 +10,14 @@
 //! error in the hysteresis that it lets through.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
-use super::quantise::{QuantisationError, row_um};
+use super::quantise::{QuantisationError, number, row_um};
 use super::window_fit;
-use hysteron_core::predictor_law::{INPUTS, PredictorParameters, STATES};
+use hysteron_core::predictor_law::{self, PredictorParameters, STATE_ROW_FRACTION_BITS};
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+
+/// States of the linear dynamics, the slope of the unknown input, and the unknown input.
+const STATES: usize = predictor_law::STATES + 2;
 
 /// What the predictor is tuned by.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -149,16 +152,20 @@ impl PredictorDesign {
     /// # Errors
     /// If a coefficient does not fit.
     pub fn quantised(&self) -> Result<PredictorParameters, QuantisationError> {
-        let mut state_rows = [hysteron_core::integer_row::Row::default(); STATES];
+        const LINEAR: usize = predictor_law::STATES;
+        let (slope, unknown) = (LINEAR, LINEAR + 1);
+        let mut state_rows = [hysteron_core::integer_row::Row::default(); LINEAR];
         for (i, row) in state_rows.iter_mut().enumerate() {
-            let mut coefficients: Vec<f64> = self.a.row(i).iter().copied().collect();
-            coefficients.push(self.l[i]);
-            coefficients.push(self.b[i]);
-            debug_assert_eq!(coefficients.len(), INPUTS);
+            // The unknown input acts as the drive does: its column is `b`.
+            let mut coefficients: Vec<f64> = self.a.row(i).iter().take(LINEAR).copied().collect();
+            coefficients.extend([self.l[i], self.b[i]]);
             *row = row_um(&format!("observer row {i}"), &coefficients)?;
         }
+        let bits = STATE_ROW_FRACTION_BITS as i32;
         Ok(PredictorParameters {
             state_rows,
+            unknown_gain: number("observer gain of the unknown input", self.l[unknown], bits)?,
+            slope_gain: number("observer gain of its slope", self.l[slope], bits)?,
             reading_row: row_um("reading row", self.c.as_slice())?,
             gain_row: row_um("control gain", self.k.as_slice())?,
             feedforward: row_um("feedforward", &self.feedforward)?,

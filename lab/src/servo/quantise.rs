@@ -2,7 +2,7 @@
 
 use super::model::ActuatorModel;
 use hysteron_core::integer_row::Row;
-use hysteron_core::one_sided_hysteresis::{SURFACE_FRACTION_BITS, SURFACE_SIZE, SurfaceCoefficients};
+use hysteron_core::one_sided_hysteresis::{SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
 use hysteron_core::servo_parameters::ActuatorParameters;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
@@ -95,12 +95,12 @@ pub fn row_um<const N: usize, const Q: u32>(what: &str, coefficients: &[f64]) ->
 /// If the degree exceeds the servo's or a coefficient does not fit.
 pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, QuantisationError> {
     let mut surfaces = SurfaceCoefficients { g: [[0; SURFACE_SIZE]; SURFACE_SIZE], f: [0; SURFACE_SIZE] };
-    let bits = SURFACE_FRACTION_BITS as i32;
+    let bits = |i: usize, j: usize| surface_fraction_bits(i, j) as i32;
     let too_high = |what: String, value: f64| QuantisationError { what: format!("{what} (degree too high)"), value, limit: 0.0 };
     for (i, row) in model.g_um.iter().enumerate() {
         for (j, value) in row.iter().enumerate() {
             if i + j < SURFACE_SIZE {
-                surfaces.g[i][j] = number(&format!("G[{i}][{j}]"), *value, bits)?;
+                surfaces.g[i][j] = number(&format!("G[{i}][{j}]"), *value, bits(i, j))?;
             } else if value.abs() > 1e-9 {
                 return Err(too_high(format!("G[{i}][{j}]"), *value));
             }
@@ -109,9 +109,15 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
     for i in 0..model.r_um.len().max(model.g_um.len()) {
         let value = model.r_um.get(i).copied().unwrap_or(0.0) + model.g_um.get(i).and_then(|r| r.first()).copied().unwrap_or(0.0);
         if i < SURFACE_SIZE {
-            surfaces.f[i] = number(&format!("F[{i}]"), value, bits)?;
+            surfaces.f[i] = number(&format!("F[{i}]"), value, bits(i, 0))?;
         } else if value.abs() > 1e-9 {
             return Err(too_high(format!("F[{i}]"), value));
+        }
+    }
+    for (degree, limit) in SURFACE_LIMITS_UM.iter().enumerate() {
+        let sum: f64 = model.g_um.iter().enumerate().flat_map(|(i, row)| row.iter().skip(degree.saturating_sub(i))).map(|v| v.abs()).sum();
+        if sum >= f64::from(*limit) {
+            return Err(QuantisationError { what: format!("sum of |G| from degree {degree} on"), value: sum, limit: f64::from(*limit) });
         }
     }
     let range_v = model.drive_max_v - model.drive_min_v;

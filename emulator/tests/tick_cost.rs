@@ -1,0 +1,40 @@
+//! What the servo's tick costs in instructions, counted by the emulated part's cycle counter at one instruction a cycle.
+
+mod common;
+
+use common::image_named;
+use hysteron_emulator::board::NucleoBoard;
+use hysteron_emulator::run::{MILLISECOND, Script, run};
+
+/// Core clock after reset, before any clock set-up: the count of instructions a second that makes a cycle an instruction.
+const RESET_CLOCK_HZ: u64 = 64_000_000;
+/// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick from the ADC's code to the DAC's, with
+/// 16 pairs of extrema stored; `amplifier` is all that the interrupt does between its converters. A change that needs more says so here.
+const LIMITS: [(&str, u32, u32); 5] = [
+    ("follow", 1_000, 800),
+    ("jump", 1_300, 950),
+    ("chatter", 1_050, 950),
+    ("amplifier begins", 1_250, 1_050),
+    ("amplifier follows", 1_300, 1_050),
+];
+
+#[test]
+fn the_servo_tick_keeps_its_count_with_a_full_memory() {
+    let mut board = NucleoBoard::new().expect("a board");
+    board.instructions_per_second = RESET_CLOCK_HZ;
+    let outcome = run(&image_named("tick_cost"), board, Script::listening(250 * MILLISECOND)).expect("a run");
+    assert_eq!(outcome.texts_with("tick cost done").count(), 1, "{:?}", outcome.messages);
+    for (case, most, typical) in LIMITS {
+        let begin = format!("tick cost {case} most");
+        let text = outcome.texts_with(&begin).next().expect("every case is reported");
+        println!("{text} (limits {most}, {typical})");
+        let number = |name: &str| -> u32 {
+            let mut words = text.split(' ').skip_while(|word| *word != name);
+            words.nth(1).and_then(|word| word.parse().ok()).unwrap_or(u32::MAX)
+        };
+        assert!(number("most") <= most && number("typical") <= typical, "{text}");
+        if case == "follow" {
+            assert_eq!(number("pairs"), 16, "the memory is full: {text}");
+        }
+    }
+}
