@@ -14,6 +14,9 @@ use rigless::chip::spi::Peer;
 /// The sample clock's period, ns.
 pub const PERIOD_NS: u64 = 50_000;
 
+/// Silence of the target after which its next read begins a new phase of the sample clock: a restart takes milliseconds.
+const RESTARTED_NS: u64 = 400_000;
+
 /// What is wrong with the sensor, and when (edges, from included, to excluded).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SensorTrouble {
@@ -43,6 +46,7 @@ pub struct World {
     acting_code: u16,
     written_code: u16,
     first_edge_ns: Option<u64>,
+    last_read_ns: Option<u64>,
     edges: u64,
     last_code: u16,
     /// Troubles of the sensor.
@@ -66,6 +70,7 @@ impl World {
             acting_code: rest,
             written_code: rest,
             first_edge_ns: None,
+            last_read_ns: None,
             edges: 0,
             last_code: 0,
             troubles: Vec::new(),
@@ -112,7 +117,14 @@ impl World {
 
     /// Lets all edges up to an instant pass and returns the sensor's code of the last one.
     fn read_at(&mut self, now_ns: u64) -> u16 {
-        let first = *self.first_edge_ns.get_or_insert(now_ns);
+        let mut first = *self.first_edge_ns.get_or_insert(now_ns);
+        if self.last_read_ns.is_some_and(|last| now_ns.saturating_sub(last) > RESTARTED_NS) {
+            // The part has restarted and its sample clock beats in another phase: this read is at an edge.
+            let passed = (now_ns.saturating_sub(first) + PERIOD_NS / 2) / PERIOD_NS;
+            first = now_ns.saturating_sub(passed * PERIOD_NS);
+            self.first_edge_ns = Some(first);
+        }
+        self.last_read_ns = Some(now_ns);
         // The interrupt's latency is far below half a period.
         let passed = (now_ns.saturating_sub(first) + PERIOD_NS / 2) / PERIOD_NS + 1;
         while self.edges < passed {

@@ -5,10 +5,12 @@ use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
 use defmt_decoder::{DecodeError, Table};
-use object::{Object, ObjectSymbol};
+use object::{Object, ObjectSection, ObjectSymbol};
 use rigless::emulator::{Driver, Host, Start, Stop, run as emulate};
 use rigless::image::Image;
 use rigless::session::Session;
+use rigless::soc::Width;
+use rigless::soc::stm32h743::generated::{iwdg, rcc};
 use rigless::time::VirtualNanos;
 
 use crate::board::NucleoBoard;
@@ -31,13 +33,37 @@ pub struct Script {
     pub block: Option<Vec<u8>>,
     /// Bytes for the command channel, each with the instant from which it is sent, ns; in order.
     pub commands: Vec<(u64, Vec<u8>)>,
+    /// What goes wrong, each with its instant, ns; in order.
+    pub injections: Vec<(u64, Injection)>,
 }
+
+/// What can go wrong with the part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Injection {
+    /// A halfword of the target's memory changes: code in ITCM that has gone bad.
+    Halfword {
+        /// Address.
+        address: u64,
+        /// New value.
+        value: u16,
+    },
+    /// The part restarts with these flags in RCC_RSR (RM0433, 8.7.39), those of the reset pin included.
+    Restart {
+        /// Flags.
+        flags: u64,
+    },
+}
+
+/// RCC_RSR: the independent watchdog bit.
+pub const WATCHDOG_FLAG: u64 = 1 << 26;
+/// RCC_RSR: brown-out.
+pub const BROWN_OUT_FLAG: u64 = 1 << 21;
 
 impl Script {
     /// Runs for so long with a probe that reads every millisecond and sends nothing.
     #[must_use]
     pub fn listening(until_ns: u64) -> Self {
-        Self { until_ns, read_every_ns: Some(MILLISECOND), block: None, commands: Vec::new() }
+        Self { until_ns, read_every_ns: Some(MILLISECOND), block: None, commands: Vec::new(), injections: Vec::new() }
     }
 }
 
@@ -89,6 +115,9 @@ struct Probe {
     script: Script,
     control_block: ControlBlock,
     next_command: usize,
+    next_injection: usize,
+    watchdog: Watchdog,
+    next_read_ns: u64,
     sent_of_command: usize,
     taken: Arc<Mutex<Taken>>,
 }
@@ -120,15 +149,94 @@ impl Probe {
     }
 }
 
+/// The part's independent watchdog, which the emulated part keeps the registers of and nothing more: 32 kHz by the prescaler, counted down
+/// from the reload value, started by any key of its set-up and fed by the key 0xAAAA. Looked at once a millisecond.
+#[derive(Debug, Default)]
+struct Watchdog {
+    running: bool,
+    fed_at_ns: u64,
+}
+
+impl Watchdog {
+    const FEED: u64 = 0xAAAA;
+
+    /// Whether it bites now.
+    fn bites(&mut self, session: &mut Session<NucleoBoard>, at_ns: u64) -> bool {
+        let bus = session.mcu().bus_mut();
+        let Some(slot) = bus.slot_of("IWDG") else { return false };
+        let registers = bus.slot_mut(slot).registers_mut();
+        let key = registers.get(iwdg::Register::Kr);
+        if key != 0 {
+            registers.set(iwdg::Register::Kr, 0);
+            // Only the last key since the last look is seen; at the first one the set-up has just been done.
+            if key == Self::FEED || !self.running {
+                self.fed_at_ns = at_ns;
+            }
+            self.running = true;
+        }
+        let (prescaler, reload) = (registers.get(iwdg::Register::Pr) & 7, registers.get(iwdg::Register::Rlr) & 0xFFF);
+        let period_ns = (reload + 1) * (4 << prescaler) * 1_000_000 / 32;
+        self.running && at_ns.saturating_sub(self.fed_at_ns) > period_ns
+    }
+}
+
+/// Restarts the part with these flags.
+fn restart(session: &mut Session<NucleoBoard>, stop: Stop, flags: u64, host: &mut dyn Host) {
+    session.reset_by_pin(stop.at, stop.instruction_count, host);
+    let bus = session.mcu().bus_mut();
+    if let Some(slot) = bus.slot_of("RCC") {
+        let registers = bus.slot_mut(slot).registers_mut();
+        let pin = registers.get(rcc::Register::Rsr);
+        registers.set(rcc::Register::Rsr, pin | flags);
+    }
+}
+
 impl Driver<NucleoBoard> for Probe {
-    fn on_stop(&mut self, _: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
-        self.serve(stop.at.0, host);
-        if stop.at.0 >= self.script.until_ns {
+    fn on_stop(&mut self, session: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
+        let at_ns = stop.at.0;
+        if at_ns >= self.next_read_ns {
+            self.serve(at_ns, host);
+            self.next_read_ns = at_ns.saturating_add(self.script.read_every_ns.unwrap_or(MILLISECOND));
+        }
+        while let Some((_, injection)) = self.script.injections.get(self.next_injection).filter(|(from_ns, _)| *from_ns <= at_ns) {
+            match *injection {
+                Injection::Halfword { address, value } => {
+                    let _ = host.write(address, Width::W16, u64::from(value));
+                }
+                Injection::Restart { flags } => restart(session, stop, flags, host),
+            }
+            self.next_injection += 1;
+        }
+        if self.watchdog.bites(session, at_ns) {
+            self.watchdog = Watchdog::default();
+            restart(session, stop, WATCHDOG_FLAG, host);
+        }
+        if at_ns >= self.script.until_ns {
             return None;
         }
-        let period = self.script.read_every_ns.unwrap_or(MILLISECOND);
-        Some(VirtualNanos(stop.at.0.saturating_add(period).min(self.script.until_ns)))
+        let injection = self.script.injections.get(self.next_injection).map_or(u64::MAX, |(from_ns, _)| *from_ns);
+        let next = self.next_read_ns.min(at_ns.saturating_add(MILLISECOND)).min(self.script.until_ns).min(injection.max(at_ns + 1));
+        Some(VirtualNanos(next))
     }
+}
+
+/// The address of a function or a datum of the image.
+///
+/// # Errors
+/// The image cannot be read or has no such symbol.
+pub fn address_of(elf: &Path, name: &str) -> Result<u64> {
+    let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
+    let file = object::File::parse(&*bytes)?;
+    let symbol = file.symbols().find(|symbol| symbol.name() == Ok(name)).ok_or_else(|| anyhow!("{}: no symbol {name}", elf.display()))?;
+    Ok(symbol.address() & !1)
+}
+
+/// The halfword that the image has at an address.
+#[must_use]
+pub fn halfword_at(image: &[u8], address: u64) -> Option<u16> {
+    let file = object::File::parse(image).ok()?;
+    let bytes = file.sections().find_map(|section| section.data_range(address, 2).ok().flatten())?;
+    Some(u16::from_le_bytes(bytes.try_into().ok()?))
 }
 
 /// Runs the image on the board.
@@ -137,22 +245,26 @@ impl Driver<NucleoBoard> for Probe {
 /// The image cannot be read or placed, has no RTT control block or defmt table, or the emulated part refused something.
 pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
-    let file = object::File::parse(&*bytes)?;
-    let control_block = file
-        .symbols()
-        .find(|symbol| symbol.name() == Ok("_SEGGER_RTT"))
-        .map(|symbol| ControlBlock::at(symbol.address()))
-        .ok_or_else(|| anyhow!("{}: no symbol _SEGGER_RTT", elf.display()))?;
+    let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
     let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
 
     let mut images = vec![Image::read(elf, None)?];
     if let Some(block) = &script.block {
         images.push(Image::new(Path::new("parameter block"), block.clone(), Some(SETTINGS))?);
     }
-    let first = script.read_every_ns.unwrap_or(MILLISECOND).min(script.until_ns);
+    let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
     let session = Session::new(Box::new(board), 0, VirtualNanos(first))?;
     let taken = Arc::new(Mutex::new(Taken::default()));
-    let probe = Probe { script, control_block, next_command: 0, sent_of_command: 0, taken: Arc::clone(&taken) };
+    let probe = Probe {
+        script,
+        control_block,
+        next_command: 0,
+        next_injection: 0,
+        watchdog: Watchdog::default(),
+        next_read_ns: first,
+        sent_of_command: 0,
+        taken: Arc::clone(&taken),
+    };
     let mut finished = emulate(session, &Start::new(&images), probe)?;
     if let Some(error) = finished.session.take_error() {
         return Err(error.into());

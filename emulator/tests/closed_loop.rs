@@ -12,7 +12,8 @@ use hysteron_sim::bench::{Bench, Variant};
 /// Frequencies, mHz, of the sines of 5 um.
 const SINES_MHZ: [u32; 5] = [1_000, 10_000, 50_000, 100_000, 150_000];
 const FIRST_TICK: u32 = 22_300;
-const TICKS_EACH: u32 = 20_000;
+/// 10.1 s in all.
+const TICKS_EACH: u32 = 36_000;
 /// What the slowest tick may take, in instructions from the edge of the interrupt to its end; waiting for the converters included.
 const MOST_INSTRUCTIONS: u64 = 4_000;
 /// What the part of it that is not the converters and the queues may take.

@@ -7,7 +7,7 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::guard::Fault;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, address_of, halfword_at, run};
 use hysteron_sim::bench::{Bench, Variant};
 
 const ENABLED_AT: u32 = 300;
@@ -91,6 +91,85 @@ fn a_corrupt_block_is_refused_with_its_reason_and_the_drive_rests() {
         let world = world.lock().expect("the world");
         assert!(world.codes.iter().all(|(_, acting)| *acting == good.guard.rest_code));
     }
+}
+
+/// Closed loop, then something happens to the processor; `clear` and `enable` bring the loop back. Returns the run and the acting codes.
+fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Vec<(u16, u16)>) {
+    let bench = Bench::reference().expect("the bench");
+    let world = World::new(&bench, Variant::PLAIN, 3).shared();
+    let mut parameters = parameters();
+    parameters.guard.healthy_ticks = 500;
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![
+            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n".to_vec()),
+            (300 * MILLISECOND, b"clear\ntrace 31 1\nreference constant 3000\nenable\n".to_vec()),
+        ],
+        injections,
+        ..Script::listening(400 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let codes = world.lock().expect("the world").codes.clone();
+    (outcome, codes)
+}
+
+/// The drive rests from a while after `at_ns` until the loop is closed again, and then it is closed.
+fn rests_and_comes_back(outcome: &Outcome, codes: &[(u16, u16)], from_ns: u64, fault: Fault) {
+    let rest = parameters().guard.rest_code;
+    let edge = |at_ns: u64| (at_ns / 50_000) as usize;
+    assert!(codes[edge(90 * MILLISECOND)].1 > rest + 1000, "closed before");
+    assert!(codes[edge(from_ns)..edge(295 * MILLISECOND)].iter().all(|(_, acting)| *acting == rest), "rests");
+    assert_eq!(outcome.texts_with(&format!("mode fault: {}", fault.name())).count(), 1, "{:?}", texts(outcome));
+    let (samples, _) = samples(outcome);
+    assert_eq!(samples.last().expect("samples").flags, Mode::Closed as u16, "closed again: {:?}", texts(outcome));
+    assert!(codes.last().expect("codes").1 > rest + 1000, "and driving");
+}
+
+fn texts(outcome: &Outcome) -> Vec<&str> {
+    outcome.messages.iter().map(|message| message.text.as_str()).filter(|text| !text.starts_with("trace [")).collect()
+}
+
+/// Thumb instructions that replace the first one of the control interrupt.
+const UNDEFINED: u16 = 0xDE00;
+const JUMP_TO_ITSELF: u16 = 0xE7FE;
+const RETURN: u16 = 0x4770;
+
+#[test]
+fn an_overrun() {
+    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    let bytes = std::fs::read(image()).expect("the image");
+    let honest = halfword_at(&bytes, handler).expect("its first instruction");
+    // For 120 us the interrupt returns at once, unacknowledged, and begins again: two edges go by without a tick.
+    let (outcome, codes) = with_injections(vec![
+        (100 * MILLISECOND, Injection::Halfword { address: handler, value: RETURN }),
+        (100 * MILLISECOND + 120_000, Injection::Halfword { address: handler, value: honest }),
+    ]);
+    rests_and_comes_back(&outcome, &codes, 160 * MILLISECOND, Fault::Overrun);
+    assert_eq!(outcome.resets, 0);
+}
+
+#[test]
+fn a_hard_fault() {
+    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    let (outcome, codes) = with_injections(vec![(100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED })]);
+    // At rest with the second edge, long before the ramp of the other faults would be.
+    rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 150_000, Fault::HardFault);
+    assert_eq!(outcome.resets, 1);
+}
+
+#[test]
+fn a_program_that_hangs_is_restarted_by_the_watchdog() {
+    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    let (outcome, codes) = with_injections(vec![(100 * MILLISECOND, Injection::Halfword { address: handler, value: JUMP_TO_ITSELF })]);
+    rests_and_comes_back(&outcome, &codes, 175 * MILLISECOND, Fault::Watchdog);
+    assert_eq!(outcome.resets, 1);
+}
+
+#[test]
+fn a_brown_out() {
+    let (outcome, codes) = with_injections(vec![(100 * MILLISECOND, Injection::Restart { flags: BROWN_OUT_FLAG })]);
+    rests_and_comes_back(&outcome, &codes, 110 * MILLISECOND, Fault::BrownOut);
+    assert_eq!(outcome.resets, 1);
 }
 
 #[test]

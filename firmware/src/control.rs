@@ -62,6 +62,10 @@ pub struct Control {
     pub tick: u32,
     /// The last tick ended after the next one was due.
     pub overrun: bool,
+    /// Core cycles in a period and a half: ticks further apart have skipped one.
+    pub late_cycles: u32,
+    /// The cycle counter at the last tick; `None` before the first.
+    pub last_cycles: Option<u32>,
 }
 
 struct Owned(UnsafeCell<MaybeUninit<Control>>);
@@ -155,9 +159,18 @@ const RECENT_SHIFT: u32 = 8;
 #[unsafe(link_section = ".itcm.control")]
 extern "C" fn TIM2() {
     let entry = TIMER.cnt().read();
+    let cycles_now = DWT::cycle_count();
     TIMER.sr().write(|w| w.0 = !COMPARE_4);
     // SAFETY: `hand_over` ran before the interrupt was enabled, and the interrupt does not nest.
     let control = unsafe { (*CONTROL.0.get()).assume_init_mut() };
+
+    // Held up for so long that edges went by without a tick.
+    let skipped = control.last_cycles.is_some_and(|last| cycles_now.wrapping_sub(last) > control.late_cycles);
+    control.last_cycles = Some(cycles_now);
+    if skipped && !control.overrun {
+        count(&OVERRUNS);
+    }
+    let overrun = control.overrun || skipped;
 
     let reading = control.front_end.read();
     if control.pending.is_none() {
@@ -171,7 +184,7 @@ extern "C" fn TIM2() {
         control.pending = None;
     }
     let begin = DWT::cycle_count();
-    let sample = control.amplifier.tick(reading, control.overrun);
+    let sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);
     control.front_end.write(sample.dac_code);
 

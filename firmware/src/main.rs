@@ -89,6 +89,8 @@ async fn main(spawner: Spawner) {
         pending: None,
         tick: 0,
         overrun: false,
+        late_cycles: clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
+        last_cycles: None,
     });
     match (tasks::trace(sample_consumer), tasks::commands(channels.down.0, command_producer, reply_consumer)) {
         (Ok(trace), Ok(commands)) => {
