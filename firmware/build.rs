@@ -21,6 +21,7 @@ SECTIONS
     __itcm_end = .;
   } > ITCM AT > FLASH
   __itcm_load = LOADADDR(.itcm);
+  .axisram (NOLOAD) : ALIGN(8) { *(.axisram .axisram.*); } > AXISRAM
 }
 INSERT BEFORE .text;
 /* .text begins behind the load image of .itcm. */

@@ -68,6 +68,12 @@ pub enum Command {
         /// Length of the rest, ticks; at least [`ZERO_TICKS`].
         rest_ticks: u32,
     },
+    /// Plays four tones that together sweep the whole range, from its lower end, then goes to rest: what an identification needs of slow
+    /// loops, nested loops and dynamics, with no jump in it.
+    Identify {
+        /// How long, ticks.
+        ticks: u32,
+    },
     /// Clears the fault, if the sensor has been healthy long enough.
     Clear,
 }
@@ -171,19 +177,30 @@ impl Amplifier {
             }
             Command::Condition { cycle_ticks, rest_ticks } => {
                 self.at_rest()?;
-                let physical = &self.parameters.physical;
-                // mV to V with 24 fraction bits.
-                let volts = |millivolts: i32| ((i64::from(millivolts) << 24) / 1000) as i32;
-                let middle = volts(physical.drive_min_mv / 2 + physical.drive_max_mv / 2);
-                let half = middle.saturating_sub(volts(physical.drive_min_mv));
                 let increment = u32::MAX.checked_div(cycle_ticks).unwrap_or(0);
-                // A sine from its lowest point.
-                let waveform = Waveform::Multisine { tones: [(increment, half, 0xc000_0000), (0, 0, 0), (0, 0, 0), (0, 0, 0)] };
-                self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(middle));
+                self.generator = self.over_the_range([(increment, 1 << 10), (0, 0), (0, 0), (0, 0)]);
                 self.begin_playing(cycle_ticks, rest_ticks.max(ZERO_TICKS));
+            }
+            Command::Identify { ticks } => {
+                self.at_rest()?;
+                // 2, 17.3, 131 and 907 Hz at 20 kHz, with 62, 25, 10 and 3 % of the range.
+                self.generator = self.over_the_range([(429_497, 635), (3_715_146, 256), (28_132_034, 102), (194_776_752, 31)]);
+                self.begin_playing(ticks, 0);
             }
         }
         Ok(())
+    }
+
+    /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest point, so that it begins at the lower
+    /// limit.
+    fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator {
+        let physical = &self.parameters.physical;
+        // mV to V with 24 fraction bits.
+        let volts = |millivolts: i32| ((i64::from(millivolts) << 24) / 1000) as i32;
+        let middle = volts(physical.drive_min_mv / 2 + physical.drive_max_mv / 2);
+        let half = middle.saturating_sub(volts(physical.drive_min_mv));
+        let tones = tones.map(|(increment, share)| (increment, ((i64::from(half) * i64::from(share)) >> 10) as i32, 0xc000_0000));
+        ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(middle))
     }
 
     fn at_rest(&self) -> Result<(), Refusal> {

@@ -8,10 +8,19 @@
 //! reference step NM DELAY_TICKS DURATION_TICKS
 //! play sine MILLIHERTZ MV OFFSET_MV TICKS      open loop
 //! play chirp MILLIHERTZ MILLIHERTZ MV OFFSET_MV TICKS
+//! identify TICKS                               open loop: four tones over the whole range, traced at the full rate, for an identification
 //! trace CHANNELS DECIMATION                    channels: sum of 1 codes, 2 reference, 4 applied, 8 unknown input, 16 flags
+//! capture now|fault|closed BEFORE AFTER        every tick around an event into RAM, from BEFORE ticks before it to AFTER ticks after it
+//! capture send | capture off                   read it out | forget it
+//! block begin BYTES                            a new parameter block follows
+//! block data OFFSET HEX                        up to 32 bytes of it
+//! block commit                                 verify it and keep it in flash, beside the last good one
+//! restart                                      with the newest valid block
 //! ```
 //!
 //! `@TICK` in front of a command lets it act at that tick exactly; a tick that has passed means now.
+
+use core::fmt::{self, Write};
 
 use crate::amplifier::Command;
 use crate::reference_generator::Waveform;
@@ -26,6 +35,88 @@ pub enum Line {
     Trace(Channels, u16),
     /// Report the state.
     Status,
+    /// Gather every tick around an event.
+    Capture(Trigger, u32, u32),
+    /// Read the capture out.
+    CaptureSend,
+    /// Forget the capture.
+    CaptureOff,
+    /// Plays the drive for an identification, for so many ticks.
+    Identify(u32),
+    /// A parameter block of so many bytes follows.
+    BlockBegin(u32),
+    /// Bytes of it.
+    BlockData(BlockPiece),
+    /// It is complete.
+    BlockCommit,
+    /// Start again.
+    Restart,
+}
+
+/// The event around which a capture is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trigger {
+    /// The command itself.
+    Now,
+    /// A fault.
+    Fault,
+    /// The loop is closed.
+    Closed,
+}
+
+/// Most bytes of a block in one line.
+pub const PIECE_BYTES: usize = 32;
+
+/// A piece of a parameter block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlockPiece {
+    offset: u32,
+    bytes: [u8; PIECE_BYTES],
+    count: usize,
+}
+
+impl BlockPiece {
+    /// Where it belongs.
+    #[must_use]
+    pub fn offset(&self) -> usize {
+        self.offset as usize
+    }
+
+    /// Its bytes.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        self.bytes.get(..self.count).unwrap_or(&[])
+    }
+
+    fn parse(offset: i32, text: &str) -> Result<Self, &'static str> {
+        const EXPECTED: &str = "expected up to 32 bytes in hexadecimal";
+        let offset = u32::try_from(offset).map_err(|_| "an offset is negative")?;
+        let mut piece = Self { offset, bytes: [0; PIECE_BYTES], count: text.len() / 2 };
+        if piece.count == 0 || piece.count > PIECE_BYTES || text.len() % 2 != 0 {
+            return Err(EXPECTED);
+        }
+        for (byte, digits) in piece.bytes.iter_mut().zip(text.as_bytes().chunks_exact(2)) {
+            let digits = core::str::from_utf8(digits).map_err(|_| EXPECTED)?;
+            *byte = u8::from_str_radix(digits, 16).map_err(|_| EXPECTED)?;
+        }
+        Ok(piece)
+    }
+}
+
+/// Writes the lines that bring a parameter block to the target.
+///
+/// # Errors
+/// Those of the writer.
+pub fn write_upload(block: &[u8], to: &mut impl Write) -> fmt::Result {
+    writeln!(to, "block begin {}", block.len())?;
+    for (nth, piece) in block.chunks(PIECE_BYTES).enumerate() {
+        write!(to, "block data {} ", nth * PIECE_BYTES)?;
+        for byte in piece {
+            write!(to, "{byte:02x}")?;
+        }
+        writeln!(to)?;
+    }
+    writeln!(to, "block commit")
 }
 
 /// `SAMPLE_RATE_HZ / 10`: a conditioning cycle of 10 Hz.
@@ -105,14 +196,39 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
             let channels = u8::try_from(number()?).map_err(|_| "channels are a sum of 1, 2, 4, 8, 16")?;
             return Ok(Line::Trace(Channels(channels), u16::try_from(number()?).map_err(|_| "expected a decimation of at least 1")?));
         }
-        _ => return Err("expected enable, disable, clear, status, condition, reference, play or trace"),
+        (Some("identify"), Some(_)) => return Ok(Line::Identify(ticks(number()?)?)),
+        (Some("capture"), Some("send")) => return Ok(Line::CaptureSend),
+        (Some("capture"), Some("off")) => return Ok(Line::CaptureOff),
+        (Some("capture"), Some(trigger)) => {
+            let trigger = match trigger {
+                "now" => Trigger::Now,
+                "fault" => Trigger::Fault,
+                "closed" => Trigger::Closed,
+                _ => return Err("expected capture now, fault, closed, send or off"),
+            };
+            return Ok(Line::Capture(trigger, ticks(number()?)?, ticks(number()?)?));
+        }
+        (Some("block"), Some("begin")) => return Ok(Line::BlockBegin(ticks(number()?).map_err(|_| "a length is negative")?)),
+        (Some("block"), Some("data")) => {
+            let hexadecimal = verbs.nth(1).ok_or("the bytes are missing")?;
+            return Ok(Line::BlockData(BlockPiece::parse(number()?, hexadecimal)?));
+        }
+        (Some("block"), Some("commit")) => return Ok(Line::BlockCommit),
+        (Some("restart"), None) => return Ok(Line::Restart),
+        _ => {
+            return Err("expected enable, disable, clear, status, condition, reference, play, identify, trace, capture, block or restart");
+        }
     };
     Ok(Line::Control(at, command))
 }
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
+    use std::string::String;
+    use std::vec;
+    use std::vec::Vec;
 
     #[test]
     fn what_is_typed_is_understood() {
@@ -133,6 +249,28 @@ mod tests {
     }
 
     #[test]
+    fn a_block_is_brought_line_by_line() {
+        let block: Vec<u8> = (0..100u8).collect();
+        let mut text = String::new();
+        write_upload(&block, &mut text).expect("written");
+        let mut received = vec![0; 100];
+        let mut lines = text.lines();
+        assert_eq!(lines.next().map(|line| parse(line, 20_000)), Some(Ok(Line::BlockBegin(100))));
+        for line in lines {
+            assert!(line.len() < 96);
+            match parse(line, 20_000) {
+                Ok(Line::BlockData(piece)) => {
+                    received[piece.offset()..piece.offset() + piece.bytes().len()].copy_from_slice(piece.bytes());
+                }
+                other => assert_eq!(other, Ok(Line::BlockCommit)),
+            }
+        }
+        assert_eq!(received, block);
+        assert_eq!(parse("capture fault 100 200", 20_000), Ok(Line::Capture(Trigger::Fault, 100, 200)));
+        assert_eq!(parse("identify 40000", 20_000), Ok(Line::Identify(40_000)));
+    }
+
+    #[test]
     fn what_is_not_understood_is_said() {
         for line in [
             "",
@@ -144,6 +282,12 @@ mod tests {
             "@x enable",
             "play sine 1 2 3 -4",
             "trace 999 1",
+            "block data 0",
+            "block data 0 0g",
+            "block data 0 012",
+            "block data -1 00",
+            "capture later 1 2",
+            "capture now 1",
         ] {
             assert!(parse(line, 20_000).is_err(), "{line}");
         }

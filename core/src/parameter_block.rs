@@ -1,7 +1,7 @@
 //! The parameter block: everything that the amplifier needs to know, as bytes that can be kept in flash and trusted.
 //!
 //! # How it works
-//! Little-endian: `HYST`, version (2), reserved (2), length of the content (4), content, CRC-32 of all before it (4). The content is
+//! Little-endian: `HYST`, version (2), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
 //! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
 //! field by field in the order of [`Wire`]'s implementations. [`read`] refuses what is damaged, of another version, made for another
 //! sampling rate, whose integers contradict its physical description, or whose design is not stable, and says which.
@@ -337,7 +337,7 @@ pub fn read(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, Bl
     if version != VERSION {
         return Err(BlockError::Version(version));
     }
-    let _reserved = u16::read(&mut header)?;
+    let _generation = u16::read(&mut header)?;
     let content = u32::read(&mut header)? as usize;
     if content > BLOCK_BYTES {
         return Err(BlockError::Length);
@@ -354,6 +354,26 @@ pub fn read(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, Bl
     }
     verify(&parameters, sample_rate_hz)?;
     Ok(parameters)
+}
+
+/// Which of two kept blocks is the newer one: their generation, 0 for a block that comes from the host.
+#[must_use]
+pub fn generation(bytes: &[u8]) -> u16 {
+    match bytes {
+        [_, _, _, _, _, _, low, high, ..] => u16::from_le_bytes([*low, *high]),
+        _ => 0,
+    }
+}
+
+/// Gives a whole block (without anything behind it) another generation, and its checksum with it.
+///
+/// # Errors
+/// [`BlockError::Length`] if it is shorter than any block.
+pub fn set_generation(block: &mut [u8], generation: u16) -> Result<(), BlockError> {
+    block.get_mut(6..8).ok_or(BlockError::Length)?.copy_from_slice(&generation.to_le_bytes());
+    let (content, checksum) = block.split_last_chunk_mut::<4>().ok_or(BlockError::Length)?;
+    *checksum = crc32(content).to_le_bytes();
+    Ok(())
 }
 
 /// Whether parameters are fit to run.
@@ -483,6 +503,16 @@ pub(crate) mod tests {
                 assert_eq!(read(&bytes[..length - 1], 20_000), Err(BlockError::Length));
             }
         }
+    }
+
+    #[test]
+    fn a_block_gets_its_generation_and_stays_valid() {
+        let mut bytes = [0xff; BLOCK_BYTES];
+        let length = write(&example(), &mut bytes).expect("fits");
+        assert_eq!(generation(&bytes), 0);
+        set_generation(&mut bytes[..length], 65_535).expect("a block");
+        assert_eq!((generation(&bytes), read(&bytes, 20_000)), (65_535, Ok(example())));
+        assert_eq!(set_generation(&mut [0; 3], 1), Err(BlockError::Length));
     }
 
     #[test]

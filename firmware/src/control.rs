@@ -16,6 +16,7 @@ use hysteron_core::trace_frame::TraceSample;
 
 use crate::front_end::FrontEnd;
 use crate::front_end::spi::SpiConverters;
+use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
 
 /// The front end of this image.
@@ -56,6 +57,8 @@ pub struct Control {
     pub commands: Consumer<Scheduled, COMMAND_QUEUE>,
     /// To the command task.
     pub replies: Producer<Reply, COMMAND_QUEUE>,
+    /// Triggered captures.
+    pub recorder: Recorder,
     /// The command that waits for its tick.
     pub pending: Option<Scheduled>,
     /// The next tick.
@@ -188,6 +191,7 @@ extern "C" fn TIM2() {
     let cycles = DWT::cycle_count().wrapping_sub(begin);
     control.front_end.write(sample.dac_code);
 
+    control.recorder.take(&sample);
     if !control.samples.enqueue(sample) {
         count(&LOST_SAMPLES);
     }

@@ -10,8 +10,11 @@ mod board;
 mod control;
 mod critical_section_below_control;
 mod fault;
+mod flash;
 mod front_end;
 mod itcm;
+mod log_channel;
+mod recorder;
 mod ring;
 mod sample_clock;
 mod settings;
@@ -86,15 +89,17 @@ async fn main(spawner: Spawner) {
         samples: sample_producer,
         commands: command_consumer,
         replies: reply_producer,
+        recorder: recorder::Recorder::new(),
         pending: None,
         tick: 0,
         overrun: false,
         late_cycles: clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
         last_cycles: None,
     });
-    match (tasks::trace(sample_consumer), tasks::commands(channels.down.0, command_producer, reply_consumer)) {
-        (Ok(trace), Ok(commands)) => {
+    match (tasks::trace(sample_consumer), tasks::read_out(), tasks::commands(channels.down.0, command_producer, reply_consumer)) {
+        (Ok(trace), Ok(read_out), Ok(commands)) => {
             spawner.spawn(trace);
+            spawner.spawn(read_out);
             spawner.spawn(commands);
         }
         _ => defmt::error!("a task has no room"),

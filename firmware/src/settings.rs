@@ -1,23 +1,44 @@
 //! The parameter blocks in flash: two sectors of bank 2, the newest and the last good one beside it.
 //!
-//! A block is written by the probe or by the host's tools to either address; at start the first valid one is taken, A before B, and
-//! the reason why a block was refused is said.
+//! A block is written by the probe to either address, or brought line by line as a command: then it is verified before anything is
+//! touched, gets a generation that counts up, goes where the block in use is not, and is read back. At start the valid block of the
+//! highest generation is taken, A before B, and the reason why a block was refused is said. So a block that was damaged on its way or in
+//! flash leaves the last good one in force.
 
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, read};
+use core::sync::atomic::{AtomicU8, Ordering};
+
+use hysteron_core::command_text::BlockPiece;
+use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, generation, read, set_generation};
+
+use crate::flash::write_sector;
 
 /// Addresses of the blocks A and B (`memory.x`, SETTINGS).
-const BLOCKS: [(&str, usize); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
+const BLOCKS: [(&str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
 
-/// The first valid block.
+/// Bytes of a block with its header and checksum, at most.
+const KEPT_BYTES: usize = BLOCK_BYTES + 64;
+
+/// Which of [`BLOCKS`] is in use; none: 2.
+static IN_USE: AtomicU8 = AtomicU8::new(2);
+
+fn kept(address: u32) -> &'static [u8] {
+    // SAFETY: flash that no code and no data of the image occupies (memory.x), always readable. It changes only in `Upload::commit`, which
+    // holds no such slice then.
+    unsafe { core::slice::from_raw_parts(address as *const u8, KEPT_BYTES) }
+}
+
+/// The valid block of the highest generation.
 pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let mut first_error = None;
-    for (name, address) in BLOCKS {
-        // SAFETY: flash that no code and no data of the image occupies (memory.x), always readable.
-        let bytes = unsafe { core::slice::from_raw_parts(address as *const u8, BLOCK_BYTES + 64) };
+    let mut newest: Option<(u8, u16, AmplifierParameters)> = None;
+    for (nth, (name, address)) in (0..).zip(BLOCKS) {
+        let bytes = kept(address);
         match read(bytes, sample_rate_hz) {
             Ok(parameters) => {
-                defmt::info!("parameter block {=str} taken", name);
-                return Ok(parameters);
+                let this = generation(bytes);
+                if newest.as_ref().is_none_or(|(_, before, _)| this > *before) {
+                    newest = Some((nth, this, parameters));
+                }
             }
             Err(error) => {
                 defmt::warn!("parameter block {=str} refused: {=str}", name, error.reason());
@@ -25,7 +46,53 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
             }
         }
     }
-    Err(first_error.unwrap_or(BlockError::Absent))
+    let Some((nth, _, parameters)) = newest else { return Err(first_error.unwrap_or(BlockError::Absent)) };
+    IN_USE.store(nth, Ordering::Relaxed);
+    defmt::info!("parameter block {=str} taken", BLOCKS.get(usize::from(nth)).map_or("", |(name, _)| name));
+    Ok(parameters)
+}
+
+/// A block on its way.
+pub struct Upload {
+    bytes: heapless::Vec<u8, KEPT_BYTES>,
+    length: usize,
+}
+
+impl Upload {
+    /// Nothing has come yet.
+    pub const fn new() -> Self {
+        Self { bytes: heapless::Vec::new(), length: 0 }
+    }
+
+    /// A block of so many bytes follows.
+    pub fn begin(&mut self, length: u32) -> Result<(), &'static str> {
+        self.bytes.clear();
+        self.length = length as usize;
+        if self.length > KEPT_BYTES { Err("larger than any block") } else { Ok(()) }
+    }
+
+    /// Takes the next piece.
+    pub fn take(&mut self, piece: &BlockPiece) -> Result<(), &'static str> {
+        if piece.offset() != self.bytes.len() || self.bytes.len() + piece.bytes().len() > self.length {
+            return Err("a piece is missing or too much");
+        }
+        self.bytes.extend_from_slice(piece.bytes()).map_err(|_| "larger than any block")
+    }
+
+    /// Verifies what came and keeps it; returns the name of its place.
+    pub async fn commit(&mut self, sample_rate_hz: u32) -> Result<&'static str, &'static str> {
+        if self.bytes.len() != self.length {
+            return Err("pieces are missing");
+        }
+        let parameters = read(&self.bytes, sample_rate_hz).map_err(BlockError::reason)?;
+        let in_use = usize::from(IN_USE.load(Ordering::Relaxed));
+        let newest = BLOCKS.get(in_use).map_or(0, |(_, address)| generation(kept(*address)));
+        let (name, address) = if in_use == 0 { BLOCKS[1] } else { BLOCKS[0] };
+        set_generation(&mut self.bytes, newest.checked_add(1).ok_or("the generations are used up: erase both blocks")?)
+            .map_err(BlockError::reason)?;
+        write_sector(address, &self.bytes).await?;
+        if read(kept(address), sample_rate_hz) == Ok(parameters) { Ok(name) } else { Err("what was written does not read back") }
+    }
 }
 
 /// What runs without a valid block: nothing but rest at the drive code that is zero volts of the reference front end.

@@ -120,8 +120,8 @@ fn firmware_images() -> Result<(), String> {
 
 /// What the image may take; a change that needs more says so by changing these numbers.
 const MOST_CONTROL_CODE_BYTES: u64 = 21 * 1024;
-const MOST_FLASH_BYTES: u64 = 58 * 1024;
-const MOST_RAM_BYTES: u64 = 48 * 1024;
+const MOST_FLASH_BYTES: u64 = 68 * 1024;
+const MOST_RAM_BYTES: u64 = 52 * 1024;
 
 fn control_code() -> Result<(), String> {
     let figures = control_code::check(&toolchain::image())?;

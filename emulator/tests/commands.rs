@@ -1,0 +1,118 @@
+//! What the target does with more than a line: a parameter block brought by command, a triggered capture, a drive for identification.
+
+mod common;
+
+use common::{best_parameters, block, image, parameters, samples};
+use hysteron_core::amplifier::Mode;
+use hysteron_core::command_text::write_upload;
+use hysteron_core::guard::Fault;
+use hysteron_core::trace_frame::TraceSample;
+use hysteron_emulator::board::NucleoBoard;
+use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_sim::bench::{Bench, Variant};
+
+fn world() -> hysteron_emulator::converters::SharedWorld {
+    World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared()
+}
+
+fn texts(outcome: &Outcome) -> Vec<&str> {
+    outcome.messages.iter().map(|message| message.text.as_str()).filter(|text| !text.starts_with("trace [")).collect()
+}
+
+fn upload(block: &[u8]) -> Vec<u8> {
+    let mut text = String::new();
+    write_upload(block, &mut text).expect("written");
+    text.into_bytes()
+}
+
+/// Virtual time for an erase and a restart.
+const KEPT_AFTER: u64 = 1_500 * MILLISECOND;
+
+#[test]
+fn a_block_is_kept_beside_the_last_good_one_and_taken_at_the_next_start() {
+    let world = world();
+    let old = parameters();
+    let new = best_parameters();
+    let mut damaged = block(&new);
+    damaged[200] ^= 0x10;
+    let mut unstable = new;
+    unstable.physical.spectral_radius_millionths = 1_000_000;
+    let script = Script {
+        block: Some(block(&old)),
+        commands: vec![
+            (4 * MILLISECOND, upload(&damaged)),
+            (150 * MILLISECOND, upload(&block(&unstable))),
+            (300 * MILLISECOND, [upload(&block(&new)), b"enable\n".to_vec()].concat()),
+            (KEPT_AFTER + 300 * MILLISECOND, b"restart\ndisable\n".to_vec()),
+            (KEPT_AFTER + 400 * MILLISECOND, b"restart\n".to_vec()),
+        ],
+        ..Script::listening(KEPT_AFTER + 500 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let texts = texts(&outcome);
+    let position = |part: &str| texts.iter().position(|text| text.contains(part)).unwrap_or_else(|| panic!("{part}: {texts:?}"));
+    let damaged_at = position("refused: block: checksum does not match");
+    let unstable_at = position("refused: block: the design is not stable when sampled");
+    let kept_at = position("block kept as B");
+    assert!(damaged_at < unstable_at && unstable_at < kept_at, "{texts:?}");
+    // The loop was closed meanwhile: no restart then, and the watchdog was fed through the erase.
+    assert!(position("refused: only at rest") > kept_at, "{texts:?}");
+    assert_eq!(outcome.resets, 1, "{texts:?}");
+    assert!(position("parameter block A taken") < kept_at && position("parameter block B taken") > kept_at);
+    assert_eq!(texts.last(), Some(&"mode rest"), "a restart by command is no fault");
+}
+
+#[test]
+fn a_capture_holds_every_tick_around_a_fault_however_slow_the_reader_is() {
+    const BEFORE: u32 = 1000;
+    const AFTER: u32 = 500;
+    const TROUBLE: u64 = 4000;
+    let world = world();
+    world.lock().expect("the world").troubles.push(SensorTrouble { from: TROUBLE, to: TROUBLE + 100, kind: Trouble::Disconnected });
+    let script = Script {
+        block: Some(block(&parameters())),
+        read_every_ns: Some(40 * MILLISECOND),
+        commands: vec![
+            (MILLISECOND, format!("trace 16 1000\nreference constant 3000\n@300 enable\ncapture fault {BEFORE} {AFTER}\n").into_bytes()),
+            (280 * MILLISECOND, b"capture send\n".to_vec()),
+        ],
+        ..Script::listening(1_200 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    assert_eq!(outcome.malformed, 0);
+    assert_eq!(outcome.texts_with("capture: 1501 ticks read out").count(), 1, "{:?}", texts(&outcome));
+    let (samples, _) = samples(&outcome);
+    let captured: Vec<&TraceSample> = samples.windows(2).filter(|pair| pair[1].tick == pair[0].tick + 1).map(|pair| &pair[0]).collect();
+    assert!(captured.len() >= (BEFORE + AFTER) as usize, "{} ticks", captured.len());
+    let fault = captured.iter().position(|sample| sample.flags >> 8 == Fault::SensorOutOfRange as u16).expect("the fault");
+    assert_eq!(fault, BEFORE as usize, "{} ticks before it", fault);
+    assert_eq!(captured[fault - 1].flags, Mode::Closed as u16);
+    let world = world.lock().expect("the world");
+    for sample in &captured {
+        assert_eq!(sample.adc_code, world.codes[sample.tick as usize].0, "tick {}", sample.tick);
+    }
+}
+
+#[test]
+fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
+    let world = world();
+    let mut parameters = parameters();
+    parameters.guard.jump_codes = 20_000;
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![(4 * MILLISECOND, b"identify 12000\n".to_vec())],
+        ..Script::listening(700 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let (samples, lost) = samples(&outcome);
+    let played: Vec<&TraceSample> = samples.iter().filter(|sample| sample.flags == Mode::Playing as u16).collect();
+    assert_eq!((lost, played.len()), (0, 12_000), "{:?}", texts(&outcome));
+    let c = parameters.servo.converters;
+    let (least, most) = (played.iter().map(|s| s.dac_code).min(), played.iter().map(|s| s.dac_code).max());
+    println!("drive codes {least:?} to {most:?}, limits {} to {}", c.dac_code_min, c.dac_code_max);
+    assert!(least >= Some(c.dac_code_min) && most <= Some(c.dac_code_max));
+    assert!(most > Some(c.dac_code_min + (c.dac_code_max - c.dac_code_min) / 10 * 9), "nearly the whole range");
+    let largest_step = played.windows(2).map(|pair| pair[1].dac_code.abs_diff(pair[0].dac_code)).max();
+    assert!(largest_step < Some(parameters.guard.slew_codes / 4), "no jump: {largest_step:?}");
+}

@@ -1,0 +1,91 @@
+//! Writes sectors of flash bank 2, without ever holding up the tasks: an erase takes seconds, and the watchdog must be fed meanwhile.
+//!
+//! The HAL's driver waits in a loop, so the few registers are driven here (RM0433, 4.3.9 and 4.3.10). Code runs from bank 1, and the
+//! control interrupt from ITCM, so neither waits for bank 2.
+
+use embassy_stm32::pac::FLASH;
+use embassy_time::Timer;
+
+/// Where bank 2 begins, and the length of its sectors.
+const BANK_2: u32 = 0x0810_0000;
+const SECTOR_BYTES: u32 = 128 * 1024;
+/// What is programmed at once.
+const WORD_BYTES: usize = 32;
+const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+/// Doublewords at once (PSIZE x64).
+const PARALLELISM: u8 = 3;
+/// A sector's erase takes at most 4 s (DS12110).
+const MOST_WAITS_MS: u32 = 5_000;
+
+/// Why a sector was not written.
+pub type FlashError = &'static str;
+
+/// Waits until bank 2 is idle, and says what went wrong in what it did.
+async fn finished() -> Result<(), FlashError> {
+    let bank = FLASH.bank(1);
+    for _ in 0..MOST_WAITS_MS {
+        let status = bank.sr().read();
+        if !status.qw() && !status.bsy() {
+            let failed = status.wrperr() || status.pgserr() || status.strberr() || status.incerr() || status.operr();
+            bank.ccr().write(|w| {
+                w.set_clr_eop(true);
+                w.set_clr_wrperr(true);
+                w.set_clr_pgserr(true);
+                w.set_clr_strberr(true);
+                w.set_clr_incerr(true);
+                w.set_clr_operr(true);
+            });
+            return if failed { Err("the flash refused it") } else { Ok(()) };
+        }
+        Timer::after_millis(1).await;
+    }
+    Err("the flash does not answer")
+}
+
+/// Erases the sector at `address` and writes `bytes` to its beginning.
+pub async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+    let bank = FLASH.bank(1);
+    if bank.cr().read().lock() {
+        for key in KEYS {
+            bank.keyr().write_value(key);
+        }
+    }
+    let result = erase_and_program(address, bytes).await;
+    bank.cr().modify(|w| {
+        w.set_pg(false);
+        w.set_ser(false);
+        w.set_lock(true);
+    });
+    result
+}
+
+async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+    let bank = FLASH.bank(1);
+    finished().await?;
+    let sector = ((address - BANK_2) / SECTOR_BYTES) as u8;
+    bank.cr().modify(|w| {
+        w.set_psize(PARALLELISM);
+        w.set_ser(true);
+        w.set_snb(sector);
+    });
+    bank.cr().modify(|w| w.set_start(true));
+    finished().await?;
+    bank.cr().modify(|w| {
+        w.set_ser(false);
+        w.set_pg(true);
+    });
+    for (nth, piece) in bytes.chunks(WORD_BYTES).enumerate() {
+        let mut word = [0xFF; WORD_BYTES];
+        word.iter_mut().zip(piece).for_each(|(to, from)| *to = *from);
+        let to = address as usize + nth * WORD_BYTES;
+        for (quarter, four) in word.chunks_exact(4).enumerate() {
+            let value = four.iter().rev().fold(0u32, |sum, byte| sum << 8 | u32::from(*byte));
+            // SAFETY: an address within a sector that no code and no data of the image occupies (memory.x); the flash interface takes the store.
+            unsafe { ((to + 4 * quarter) as *mut u32).write_volatile(value) };
+        }
+        cortex_m::asm::dsb();
+        finished().await?;
+    }
+    bank.cr().modify(|w| w.set_pg(false));
+    Ok(())
+}

@@ -1,0 +1,140 @@
+//! Triggered captures: every tick around an event, in a memory of its own that nothing can make it lose.
+//!
+//! # How it works
+//! The control interrupt owns the memory (AXI SRAM) while a capture is armed: it writes each sample into a ring, and after the event as many
+//! more as were asked for. Then it hands the memory over ([`State::Full`]) and never touches it again until the task that reads it out says
+//! so. [`STATE`] says whose the memory is.
+
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+
+use hysteron_core::amplifier::Mode;
+use hysteron_core::command_text::Trigger;
+use hysteron_core::trace_frame::TraceSample;
+
+/// Samples that fit: 0.8 s.
+pub const ROOM: u32 = 1 << 14;
+
+/// Whose the memory is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum State {
+    /// The task's; nothing is in it.
+    Empty = 0,
+    /// The interrupt's.
+    Armed = 1,
+    /// The task's, with a capture in it.
+    Full = 2,
+}
+
+struct Memory(UnsafeCell<[MaybeUninit<TraceSample>; ROOM as usize]>);
+// SAFETY: touched by the interrupt while `STATE` is armed and by the one task that reads it out otherwise.
+unsafe impl Sync for Memory {}
+#[unsafe(link_section = ".axisram.capture")]
+static MEMORY: Memory = Memory(UnsafeCell::new([const { MaybeUninit::uninit() }; ROOM as usize]));
+
+static STATE: AtomicU8 = AtomicU8::new(State::Empty as u8);
+static TRIGGER: AtomicU8 = AtomicU8::new(0);
+static BEFORE: AtomicU32 = AtomicU32::new(0);
+static AFTER: AtomicU32 = AtomicU32::new(0);
+/// Samples written in all, and those of them that count.
+static WRITTEN: AtomicU32 = AtomicU32::new(0);
+static KEPT: AtomicU32 = AtomicU32::new(0);
+
+/// Whose the memory is now.
+pub fn state() -> State {
+    match STATE.load(Ordering::Acquire) {
+        1 => State::Armed,
+        2 => State::Full,
+        _ => State::Empty,
+    }
+}
+
+/// Hands the memory to the interrupt. Not while it has it.
+pub fn arm(trigger: Trigger, before: u32, after: u32) -> Result<(), &'static str> {
+    if state() == State::Armed {
+        return Err("a capture is armed: `capture off` first");
+    }
+    if before.saturating_add(after) >= ROOM {
+        return Err("more ticks than there is room for: 16383");
+    }
+    TRIGGER.store(trigger as u8, Ordering::Relaxed);
+    BEFORE.store(before, Ordering::Relaxed);
+    AFTER.store(after, Ordering::Relaxed);
+    STATE.store(State::Armed as u8, Ordering::Release);
+    Ok(())
+}
+
+/// Takes the memory back. The interrupt cannot be in the middle of a sample while a task runs.
+pub fn disarm() {
+    STATE.store(State::Empty as u8, Ordering::Release);
+}
+
+/// The capture's sample of this number, oldest first; `None` at its end or without one.
+pub fn sample(nth: u32) -> Option<TraceSample> {
+    let kept = KEPT.load(Ordering::Relaxed);
+    if state() != State::Full || nth >= kept {
+        return None;
+    }
+    let at = WRITTEN.load(Ordering::Relaxed).wrapping_sub(kept).wrapping_add(nth) % ROOM;
+    // SAFETY: the memory is the task's while the state is full, and the last `kept` samples were written.
+    let slots = unsafe { &*MEMORY.0.get() };
+    slots.get(at as usize).map(|slot| unsafe { slot.assume_init() })
+}
+
+/// The interrupt's part.
+pub struct Recorder {
+    active: bool,
+    written: u32,
+    remaining: Option<u32>,
+    mode: u8,
+}
+
+impl Recorder {
+    /// Nothing is armed.
+    pub const fn new() -> Self {
+        Self { active: false, written: 0, remaining: None, mode: 0 }
+    }
+
+    /// Takes the sample of a tick.
+    #[inline(always)]
+    pub fn take(&mut self, sample: &TraceSample) {
+        let mode = sample.flags as u8;
+        let before = core::mem::replace(&mut self.mode, mode);
+        if STATE.load(Ordering::Acquire) != State::Armed as u8 {
+            self.active = false;
+            return;
+        }
+        if !self.active {
+            *self = Self { active: true, written: 0, remaining: None, mode };
+        }
+        // SAFETY: the memory is the interrupt's while the state is armed.
+        let slots = unsafe { &mut *MEMORY.0.get() };
+        if let Some(slot) = slots.get_mut((self.written % ROOM) as usize) {
+            slot.write(*sample);
+        }
+        self.written = self.written.wrapping_add(1);
+        let changed_to = |wanted: Mode| mode == wanted as u8 && before != wanted as u8;
+        let remaining = match self.remaining {
+            Some(remaining) => remaining - 1,
+            None => {
+                let trigger = TRIGGER.load(Ordering::Relaxed);
+                let happened = (trigger == Trigger::Now as u8 && self.written > BEFORE.load(Ordering::Relaxed))
+                    || (trigger == Trigger::Fault as u8 && changed_to(Mode::Fault))
+                    || (trigger == Trigger::Closed as u8 && changed_to(Mode::Closed));
+                if !happened {
+                    return;
+                }
+                AFTER.load(Ordering::Relaxed)
+            }
+        };
+        self.remaining = Some(remaining);
+        if remaining == 0 {
+            let wanted = BEFORE.load(Ordering::Relaxed).wrapping_add(AFTER.load(Ordering::Relaxed)).wrapping_add(1);
+            KEPT.store(wanted.min(self.written), Ordering::Relaxed);
+            WRITTEN.store(self.written, Ordering::Relaxed);
+            STATE.store(State::Full as u8, Ordering::Release);
+        }
+    }
+}
