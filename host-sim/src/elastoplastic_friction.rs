@@ -3,8 +3,10 @@
 //!
 //! The relative motion is split into an elastic part `z`, the bend of a bristle, and a plastic part. Up to the break-away displacement
 //! `z_b` all motion is elastic, so that a load that vibrates does not creep away; at `z_s` all of it is plastic and the force is the
-//! Coulomb friction. [`ElastoplasticFriction::bend_rate`] is the law in time; [`ElastoplasticFriction::bend_after`] is the same law over
-//! a given motion without time, which the friction of a guide in the chain of effects uses.
+//! Coulomb friction. Without an elastic range, with `alpha = 1` throughout, the law is Dahl's: plastic from the first motion on.
+//! [`ElastoplasticFriction::bend_rate`] is the law in time, for the contact of the stick-slip actuator;
+//! [`ElastoplasticFriction::bend_after`] is the same law over a given motion without time, for the friction of a guide in the chain of
+//! effects ([`crate::effect::friction`]).
 
 use std::f64::consts::PI;
 
@@ -17,8 +19,8 @@ pub struct ElastoplasticFriction {
     pub damping_n_s_um: f64,
     /// Coulomb friction `F_c`, N.
     pub coulomb_force_n: f64,
-    /// Break-away displacement over the bend in steady sliding, `z_b / z_s`, below one.
-    pub breakaway_ratio: f64,
+    /// Break-away displacement over the bend in steady sliding, `z_b / z_s`, from zero to below one; none is Dahl's law.
+    pub breakaway_ratio: Option<f64>,
 }
 
 impl ElastoplasticFriction {
@@ -33,11 +35,12 @@ impl ElastoplasticFriction {
     /// The printed equation holds for positive `z`; by symmetry it is used with `|z|`.
     #[must_use]
     pub fn plastic_share(&self, bend_um: f64, velocity_um_s: f64) -> f64 {
+        let Some(breakaway_ratio) = self.breakaway_ratio else { return 1.0 };
         if bend_um * velocity_um_s <= 0.0 {
             return 0.0;
         }
         let (sliding_um, size_um) = (self.sliding_bend_um(), bend_um.abs());
-        let breakaway_um = self.breakaway_ratio * sliding_um;
+        let breakaway_um = breakaway_ratio * sliding_um;
         if size_um <= breakaway_um {
             0.0
         } else if size_um >= sliding_um {
@@ -51,12 +54,16 @@ impl ElastoplasticFriction {
     #[must_use]
     pub fn elastic_share(&self, bend_um: f64, velocity_um_s: f64) -> (f64, f64) {
         let sliding_um = self.sliding_bend_um();
+        let Some(breakaway_ratio) = self.breakaway_ratio else {
+            let direction = if velocity_um_s < 0.0 { -1.0 } else { 1.0 };
+            return (1.0 - direction * bend_um / sliding_um, -direction / sliding_um);
+        };
         let plastic = self.plastic_share(bend_um, velocity_um_s);
         if plastic == 0.0 {
             return (1.0, 0.0);
         }
         let size_um = bend_um.abs();
-        let width_um = sliding_um * (1.0 - self.breakaway_ratio);
+        let width_um = sliding_um * (1.0 - breakaway_ratio);
         let slope = if plastic < 1.0 && width_um > 0.0 {
             0.5 * PI / width_um * (PI * (size_um - sliding_um + 0.5 * width_um) / width_um).cos()
         } else {
@@ -79,7 +86,7 @@ impl ElastoplasticFriction {
 
     /// Bend after a motion of `travel_um` that is fast or slow: the law without time, `dz = (1 - alpha z / z_s) dx`.
     ///
-    /// Elastic travel is taken in closed form; the transition in steps that begin at a twentieth of its width.
+    /// Dahl's law and elastic travel are taken in closed form; the transition in steps that begin at a twentieth of its width.
     #[must_use]
     pub fn bend_after(&self, bend_um: f64, travel_um: f64) -> f64 {
         let sliding_um = self.sliding_bend_um();
@@ -89,7 +96,10 @@ impl ElastoplasticFriction {
         // Mirror so that the motion is upward.
         let direction = travel_um.signum();
         let (mut bend, mut left) = (bend_um * direction, travel_um.abs());
-        let breakaway_um = self.breakaway_ratio.clamp(0.0, 1.0) * sliding_um;
+        let Some(breakaway_ratio) = self.breakaway_ratio else {
+            return direction * (sliding_um + (bend - sliding_um) * (-left / sliding_um).exp());
+        };
+        let breakaway_um = breakaway_ratio.clamp(0.0, 1.0) * sliding_um;
         if bend < breakaway_um {
             let elastic = left.min(breakaway_um - bend);
             bend += elastic;
@@ -117,7 +127,7 @@ mod tests {
     use super::*;
 
     const CONTACT: ElastoplasticFriction =
-        ElastoplasticFriction { stiffness_n_um: 0.482, damping_n_s_um: 2.73e-4, coulomb_force_n: 0.0362, breakaway_ratio: 0.801 };
+        ElastoplasticFriction { stiffness_n_um: 0.482, damping_n_s_um: 2.73e-4, coulomb_force_n: 0.0362, breakaway_ratio: Some(0.801) };
 
     #[test]
     fn elastic_below_breakaway_and_coulomb_beyond() {
@@ -142,11 +152,13 @@ mod tests {
 
     #[test]
     fn the_law_without_time_is_the_law_in_time() {
-        let mut bend = -0.03;
-        let (velocity, dt, travel) = (40.0, 1e-7, 0.09);
-        for _ in 0..(travel / velocity / dt) as usize {
-            bend += dt * CONTACT.bend_rate(bend, velocity);
+        for contact in [CONTACT, ElastoplasticFriction { breakaway_ratio: None, ..CONTACT }] {
+            let mut bend = -0.03;
+            let (velocity, dt, travel) = (40.0, 1e-7, 0.09);
+            for _ in 0..(travel / velocity / dt) as usize {
+                bend += dt * contact.bend_rate(bend, velocity);
+            }
+            assert!((contact.bend_after(-0.03, travel) - bend).abs() < 1e-4 * contact.sliding_bend_um());
         }
-        assert!((CONTACT.bend_after(-0.03, travel) - bend).abs() < 1e-4 * CONTACT.sliding_bend_um());
     }
 }

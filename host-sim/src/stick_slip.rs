@@ -122,7 +122,7 @@ impl StickSlipActuator {
                 stiffness_n_um,
                 damping_n_s_um: 0.273e-3,
                 coulomb_force_n: 0.0362 / 0.0635 * end_effector_mass_kg,
-                breakaway_ratio: 0.801,
+                breakaway_ratio: Some(0.801),
             },
             end_effector_mass_kg,
         }
@@ -282,7 +282,7 @@ mod tests {
     /// Errors of both methods, in um, for a contact with this `z_b / z_s`.
     fn errors_um(breakaway_ratio: f64, height_v: f64, frequency_hz: f64) -> [f64; 2] {
         let mut actuator = StickSlipActuator::thesis(0.0635);
-        actuator.friction.breakaway_ratio = breakaway_ratio;
+        actuator.friction.breakaway_ratio = Some(breakaway_ratio);
         let force = actuator.force_equivalent_um(&waveform::saw_tooth(FS, frequency_hz, height_v, 1.0, 3));
         let fine = actuator.simulate_with(&force, FS, Integrator::RungeKutta, 100 * SUBSTEPS);
         [Integrator::RungeKutta, Integrator::Rosenbrock].map(|integrator| {

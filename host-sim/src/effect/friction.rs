@@ -1,12 +1,15 @@
 //! Friction of the guide in presliding: an elastic bristle that slips at the break-away force.
 //!
-//! All quantities are force-equivalent displacements (force divided by the stiffness of the actuator). The bristle carries
-//! `z`, which grows by `stiffness` per micrometre of motion and is limited to `+-break_away`; the mechanism rests where the piezo
-//! force balances spring and bristle. Where the model has inertia, the vibration stage takes the bristle in: it then holds the moving
-//! mass, and a small motion inside the presliding range sees it as an additional spring.
+//! The contact is that of the stick-slip actuator ([`crate::elastoplastic_friction`]) with all forces as force-equivalent displacements
+//! (force divided by the stiffness of the actuator): the bristle holds back `bristle_stiffness` per micrometre of its bend and no more
+//! than `break_away_um`. `breakaway_ratio` is `z_b / z_s` of the law; at zero, where it stands unless a model file says otherwise, the
+//! bristle slips from the first motion on (Dahl's law). The mechanism rests where the piezo force balances spring and bristle. Where
+//! the model has inertia, the vibration stage takes the bristle in: it then holds the moving mass, and a small motion inside the
+//! presliding range sees it as an additional spring.
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
+use crate::elastoplastic_friction::ElastoplasticFriction;
 
 /// Elastic-plastic friction element between the piezo force and the structure.
 pub struct Friction;
@@ -14,51 +17,61 @@ pub struct Friction;
 /// The bristle between guide and stage.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bristle {
-    break_away_um: f64,
-    stiffness: f64,
+    /// The contact, forces as the displacements that they make at rest: stiffness in units of the actuator's, Coulomb force in um.
+    contact: ElastoplasticFriction,
     displacement: f64,
-    bristle: f64,
+    bend: f64,
 }
 
 impl Bristle {
     /// The bristle of `model`, if it has one.
     pub(super) fn of(model: &Model) -> Option<Self> {
-        model.values("friction").map(|values| Self { break_away_um: values[0], stiffness: values[1], displacement: 0.0, bristle: 0.0 })
+        let values = model.values("friction")?;
+        let value = |k: usize| values.get(k).copied().unwrap_or(0.0);
+        let breakaway_ratio = (value(2) > 0.0).then_some(value(2));
+        let contact = ElastoplasticFriction {
+            stiffness_n_um: value(1).max(f64::MIN_POSITIVE),
+            damping_n_s_um: 0.0,
+            coulomb_force_n: value(0).max(0.0),
+            breakaway_ratio,
+        };
+        Some(Self { contact, displacement: 0.0, bend: 0.0 })
     }
 
     /// Follows a displacement and returns the force-equivalent that the bristle holds back.
     pub(super) fn follow(&mut self, displacement: f64) -> f64 {
-        self.bristle = self.after(displacement - self.displacement);
+        self.bend = self.bend_after(displacement - self.displacement);
         self.displacement = displacement;
-        self.bristle
+        self.contact.force_n(self.bend, 0.0)
     }
 
     /// Factor by which a stuck bristle raises the natural frequency.
     pub(super) fn stiffening(&self) -> f64 {
-        (1.0 + self.stiffness).sqrt()
+        (1.0 + self.contact.stiffness_n_um).sqrt()
     }
 
-    /// What the bristle would hold after a further motion: Dahl's law, exact for a motion in one direction.
+    fn bend_after(&self, motion: f64) -> f64 {
+        self.contact.bend_after(self.bend, motion)
+    }
+
+    /// What the bristle would hold after a further motion.
     pub(super) fn after(&self, motion: f64) -> f64 {
-        if motion == 0.0 || self.break_away_um <= 0.0 {
-            return self.bristle.clamp(-self.break_away_um, self.break_away_um);
-        }
-        let slipping = self.break_away_um.copysign(motion);
-        slipping + (self.bristle - slipping) * (-self.stiffness * motion.abs() / self.break_away_um).exp()
+        self.contact.force_n(self.bend_after(motion), 0.0)
     }
 
     /// Rest position for a force, without any inertia.
     pub(super) fn balance(&mut self, force: f64) -> f64 {
-        let unbalanced = force - self.displacement - self.bristle;
+        let stiffness = self.contact.stiffness_n_um;
+        let unbalanced = force - self.displacement - self.contact.force_n(self.bend, 0.0);
         // x + z(x) = force: the bristle only stiffens, so Newton's steps from the stuck solution stay on one side and converge fast.
-        let mut motion = unbalanced / (1.0 + self.stiffness);
+        let mut motion = unbalanced / (1.0 + stiffness);
         for _ in 0..6 {
-            let bristle = self.after(motion);
-            let slope = 1.0
-                + if self.break_away_um > 0.0 { self.stiffness * (1.0 - bristle / self.break_away_um.copysign(unbalanced)) } else { 0.0 };
-            motion += (force - self.displacement - motion - bristle) / slope;
+            let bend = self.bend_after(motion);
+            let slope =
+                1.0 + if self.contact.coulomb_force_n > 0.0 { stiffness * self.contact.elastic_share(bend, unbalanced).0 } else { 0.0 };
+            motion += (force - self.displacement - motion - stiffness * bend) / slope;
         }
-        self.bristle = self.after(motion);
+        self.bend = self.bend_after(motion);
         self.displacement += motion;
         self.displacement
     }
@@ -66,7 +79,7 @@ impl Bristle {
     /// Relaxed at a displacement.
     pub(super) fn relax(&mut self, displacement: f64) {
         self.displacement = displacement;
-        self.bristle = 0.0;
+        self.bend = 0.0;
     }
 }
 
@@ -101,13 +114,14 @@ impl Effect for Friction {
         vec![
             Parameter::linear("break_away_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6)),
             Parameter::logarithmic("bristle_stiffness", "1", 1e-2, 50.0),
+            Parameter::linear("breakaway_ratio", "1", 0.0, 0.99, 0.01).fixed(),
         ]
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let mut out = Vec::new();
         for share in [0.002, 0.01] {
             for stiffness in [0.3, 1.0, 4.0, 12.0] {
-                out.push(vec![share * overview.range_um, stiffness]);
+                out.push(vec![share * overview.range_um, stiffness, 0.0]);
             }
         }
         out
@@ -118,5 +132,42 @@ impl Effect for Friction {
             return None;
         }
         Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The chain's bristle and the stick-slip actuator's contact are one law: the bend after slow motion is the integral of the rate.
+    #[test]
+    fn the_bristle_is_the_contact_of_the_stick_slip_actuator() {
+        for breakaway_ratio in [None, Some(0.6)] {
+            let contact = ElastoplasticFriction { stiffness_n_um: 2.0, damping_n_s_um: 0.0, coulomb_force_n: 0.1, breakaway_ratio };
+            let mut bristle = Bristle { contact, displacement: 0.0, bend: 0.0 };
+            let (mut displacement, mut bend, step_um) = (0.0, 0.0, 1e-5);
+            for (direction, travel_um) in [(1.0, 0.04), (-1.0, 0.11), (1.0, 0.3), (-1.0, 0.02)] {
+                for _ in 0..(travel_um / step_um) as usize {
+                    displacement += direction * step_um;
+                    bend += step_um * contact.bend_rate(bend, direction);
+                }
+                let held = bristle.follow(displacement);
+                assert!((held - 2.0 * bend).abs() < 1e-4, "{breakaway_ratio:?}: {held} {}", 2.0 * bend);
+            }
+        }
+    }
+
+    #[test]
+    fn at_rest_the_force_is_shared_by_spring_and_bristle() {
+        for breakaway_ratio in [None, Some(0.6)] {
+            let contact = ElastoplasticFriction { stiffness_n_um: 3.0, damping_n_s_um: 0.0, coulomb_force_n: 0.1, breakaway_ratio };
+            let mut bristle = Bristle { contact, displacement: 0.0, bend: 0.0 };
+            for force in [0.02, 0.5, 1.4, 1.3, 1.1, 0.2, 0.25, 3.0] {
+                let displacement = bristle.balance(force);
+                let held = contact.force_n(bristle.bend, 0.0);
+                assert!((displacement + held - force).abs() < 1e-6, "{breakaway_ratio:?}, {force}: {displacement} + {held}");
+                assert!(held.abs() <= 0.1 + 1e-9);
+            }
+        }
     }
 }

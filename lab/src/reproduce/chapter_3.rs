@@ -149,7 +149,7 @@ fn friction_from(p: &[f64]) -> ElastoplasticFriction {
         coulomb_force_n: p[0].abs().max(1e-6),
         stiffness_n_um: p[1].abs().max(1e-6),
         damping_n_s_um: p[2].abs(),
-        breakaway_ratio: 0.97 / (1.0 + (-p[3]).exp()),
+        breakaway_ratio: Some(0.97 / (1.0 + (-p[3]).exp())),
     }
 }
 
@@ -433,7 +433,7 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     for (i, ((key, symbol, unit, scale), printed)) in names.into_iter().zip([0.0362, 482.0, 0.273, 0.801]).enumerate() {
         // The ratio was varied as its logit.
         let (value, std) = if i == 3 {
-            let ratio = model.friction.breakaway_ratio;
+            let ratio = model.friction.breakaway_ratio.unwrap_or(0.0);
             (ratio, deviations[i] * ratio * (1.0 - ratio / 0.97))
         } else {
             (friction.values[i].abs() * scale, deviations[i] * scale)
