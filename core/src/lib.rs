@@ -8,6 +8,7 @@
 pub mod amplifier;
 pub mod checksum;
 pub mod command_text;
+pub mod creep_inverse;
 pub mod extrema_stack;
 pub mod guard;
 pub mod integer_row;

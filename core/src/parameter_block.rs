@@ -7,6 +7,7 @@
 //! sampling rate, whose integers contradict its physical description, or whose design is not stable, and says which.
 
 use crate::checksum::crc32;
+use crate::creep_inverse::CreepInverseParameters;
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
 use crate::one_sided_hysteresis::SurfaceCoefficients;
@@ -193,7 +194,8 @@ macro_rules! wire_struct {
 wire_struct!(Row<const N: usize, const Q: u32> { coefficients });
 wire_struct!(SurfaceCoefficients { g, f });
 wire_struct!(ConverterParameters { adc_zero, adc_step, dac_zero, dac_step, dac_codes_per_volt, dac_code_min, dac_code_max, noise_shaping });
-wire_struct!(PidParameters { proportional_derivative, integral, feedforward, notch });
+wire_struct!(CreepInverseParameters { terms, shares, rates, at_rest });
+wire_struct!(PidParameters { proportional_derivative, integral, feedforward, creep, notch });
 wire_struct!(EstimatorParameters { rows, unknown_input });
 wire_struct!(SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching });
 wire_struct!(PredictorParameters { state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward });
@@ -438,6 +440,7 @@ pub(crate) mod tests {
                     proportional_derivative: Row { coefficients: [1 << 17, 0] },
                     integral: 1 << 22,
                     feedforward: Row::default(),
+                    creep: CreepInverseParameters::default(),
                     notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
                 }),
                 delayed: true,

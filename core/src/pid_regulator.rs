@@ -1,8 +1,9 @@
-//! PID on the tracking error, with feedforward from the reference window and a notch behind it.
+//! PID on the tracking error, with feedforward from the reference window, through the inverse of creep, and a notch behind it.
 //!
 //! One form serves PID, PI, feedforward alone and feedforward + PI (thesis Ch. 4, 4.3): what a scheme leaves out has zero coefficients.
 //! The notch is a biquad in direct form I whose coefficients the host designs; without it the numerator is `[1, 0, 0]`.
 
+use crate::creep_inverse::{CreepInverse, CreepInverseParameters};
 use crate::integer_row::{Integrating, Row};
 use crate::reference_window::{ReferenceWindow, WindowRow};
 
@@ -19,6 +20,8 @@ pub struct PidParameters {
     pub integral: i32,
     /// Feedforward over the reference window.
     pub feedforward: WindowRow<PID_FRACTION_BITS>,
+    /// Inverse of creep that the feedforward passes.
+    pub creep: CreepInverseParameters,
     /// Notch over `[x[k], x[k-1], x[k-2], y[k-1], y[k-2]]`.
     pub notch: Row<5, 28>,
 }
@@ -29,9 +32,17 @@ pub struct PidRegulator {
     integral: Integrating,
     last_error: i32,
     notch: [i32; 4],
+    creep: CreepInverse,
 }
 
 impl PidRegulator {
+    /// At rest at a reference: creep has come to its end there.
+    #[must_use]
+    pub fn at_rest(parameters: &PidParameters, reference: &ReferenceWindow, saturated: &mut u32) -> Self {
+        let feedforward = parameters.feedforward.apply(reference.positions(), saturated);
+        Self { creep: CreepInverse::at_rest(&parameters.creep, feedforward, saturated), ..Self::default() }
+    }
+
     /// Begins with the integral that makes the first output `output` when `without` is what comes out without it.
     pub fn take_over(&mut self, output: i32, without: i32) {
         self.integral = Integrating::at(output.saturating_sub(without));
@@ -47,11 +58,13 @@ impl PidRegulator {
         }
         let change = error.saturating_sub(self.last_error);
         self.last_error = error;
+        let wanted = parameters.feedforward.apply(reference.positions(), saturated);
+        let feedforward = self.creep.step(&parameters.creep, wanted, saturated);
         let regulated = parameters
             .proportional_derivative
             .apply(&[error, change], saturated)
             .saturating_add(self.integral.state)
-            .saturating_add(parameters.feedforward.apply(reference.positions(), saturated));
+            .saturating_add(feedforward);
         let [x1, x2, y1, y2] = self.notch;
         let output = parameters.notch.apply(&[regulated, x1, x2, y1, y2], saturated);
         self.notch = [regulated, x1, output, y1];

@@ -26,6 +26,7 @@ fn model() -> ActuatorModel {
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
         },
+        creep: Vec::new(),
     }
 }
 

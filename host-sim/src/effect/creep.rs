@@ -5,7 +5,7 @@
 //! [`crate::linear_system::ContinuousSystem::from_transfer_function`].
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
-use crate::chain::Model;
+use crate::chain::{EffectInstance, Model};
 
 /// Sum of first-order terms behind the vibration.
 pub struct Creep {
@@ -77,6 +77,22 @@ impl Creep {
         let n = self.terms.max(1);
         (0..n).map(|i| shortest * (longest / shortest).powf(if n == 1 { 1.0 } else { i as f64 / (n - 1) as f64 })).collect()
     }
+}
+
+/// Creep with fixed time constants whose shares may have either sign, each starting at 0.01.
+///
+/// The thesis' own creep has a complex pole pair (Ch. 5, Eq. 17), which no sum of terms that all go with the step can follow: with
+/// positive shares alone a few nanometres remain. It serves where creep has to be taken off the other parameters, whatever its form.
+#[must_use]
+pub fn with_signed_shares(overview: &Overview, time_constants_s: &[f64]) -> EffectInstance {
+    let mut creep = EffectInstance::new(std::sync::Arc::new(Creep { terms: time_constants_s.len() }), overview, &[]);
+    for (pair, tau_s) in creep.parameters.chunks_exact_mut(2).zip(time_constants_s) {
+        if let [share, tau] = pair {
+            (share.parameter.lower, share.parameter.upper, share.value) = (-2.0, 2.0, 0.01);
+            (tau.parameter.lower, tau.parameter.upper, tau.value) = (0.5 * tau_s, 2.0 * tau_s, *tau_s);
+        }
+    }
+    creep
 }
 
 impl Effect for Creep {

@@ -10,7 +10,7 @@ use crate::report::{Block, Plot, Role, Section, Series, Style, Table, Width};
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
-use hysteron_sim::stick_slip::{PLATFORM_STIFFNESS_N_UM, StickSlipActuator, average_speed_um_s};
+use hysteron_sim::stick_slip::{Integrator, PLATFORM_STIFFNESS_N_UM, SUBSTEPS, StickSlipActuator, average_speed_um_s};
 use hysteron_sim::waveform;
 use nalgebra::DMatrix;
 use rand::SeedableRng;
@@ -277,6 +277,22 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
         ),
     );
     rows.push(Row::new("ch3.emax", largest(&errors), "um", "largest error of the same"));
+
+    progress("chapter 3: error of the integrator");
+    let force_um = rig.force_equivalent_um(&saw_tooth(60.0, 50.0, 3));
+    let finest = rig.simulate_with(&force_um, SAMPLE_RATE_HZ, Integrator::RungeKutta, 100 * SUBSTEPS).end_effector_um;
+    for (id, integrator, name) in [
+        ("runge_kutta", Integrator::RungeKutta, "Runge-Kutta of fourth order, the one in use"),
+        ("rosenbrock", Integrator::Rosenbrock, "two-stage L-stable Rosenbrock method of second order"),
+    ] {
+        let coarse = rig.simulate_with(&force_um, SAMPLE_RATE_HZ, integrator, SUBSTEPS).end_effector_um;
+        rows.push(Row::new(
+            format!("ch3.integrator.{id}.max"),
+            largest(&difference(&coarse, &finest)),
+            "um",
+            format!("{name}, {SUBSTEPS} steps in 50 us, against a step 100 times finer; 50 V, 60 Hz, three cycles"),
+        ));
+    }
 
     // Fig. 5: with and without hysteresis.
     progress("chapter 3: with and without hysteresis (Fig. 5)");

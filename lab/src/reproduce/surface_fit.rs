@@ -105,7 +105,8 @@ pub fn add_loss_term(g: &mut [Vec<f64>], (i, j): (i32, i32), value: f64) {
 
 /// The one-sided model from every `stride`-th reading of whole records, each `(drive, reading)` from the virgin state.
 ///
-/// The model's output is linear in the coefficients: one operator per coefficient walks along the drive and gives its column.
+/// The model's output is linear in the coefficients: one operator per coefficient walks along the drive and gives its column. Outputs
+/// count from that at the first sample, which is zero at the lower limit.
 #[must_use]
 pub fn fit_samples(
     records: &[(Vec<f64>, Vec<f64>)],
@@ -134,8 +135,10 @@ pub fn fit_samples(
     for (drive_v, reading_um) in records {
         let mut operators: Vec<OneSidedHysteresis> =
             units.iter().map(|u| OneSidedHysteresis::virgin(u.clone(), lower_limit_v, range_v)).collect();
+        let first = drive_v.first().copied().unwrap_or(lower_limit_v);
+        let zeros: Vec<f64> = operators.iter_mut().map(|o| o.step(first)).collect();
         for (k, u) in drive_v.iter().enumerate() {
-            let values: Vec<f64> = operators.iter_mut().map(|o| o.step(*u)).collect();
+            let values: Vec<f64> = operators.iter_mut().zip(&zeros).map(|(o, zero)| o.step(*u) - zero).collect();
             if let (0, Some(y)) = (k % stride.max(1), reading_um.get(k + 1)) {
                 rows.extend(values);
                 data.push(*y);

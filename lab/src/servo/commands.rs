@@ -2,26 +2,32 @@
 
 use super::check::{self, ContinuousConditions};
 use super::design::{SCHEMA, Scheme, ServoDesign, thesis_scheme};
+use super::disturbance_observer;
 use super::identify::actuator_model;
-use super::model::{NominalModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, Margins, PredictorDesign, assess};
+use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
+use super::predictor::{Demands, Margins, PredictorDesign, judge};
+use super::regulator_loop;
 use super::thesis_schemes::{PidGains, ReachingGains};
 use super::track::{SineReference, TrackResult, track};
 use hysteron_sim::chain::Model;
 use serde::Serialize;
 
 /// Names of the schemes that `track --scheme` takes besides the one of the design.
-pub const SCHEMES: [&str; 10] = [
+pub const SCHEMES: [&str; 14] = [
     "predictor",
     "predictor-linear",
+    "disturbance-observer",
     "pidsmoc",
     "pidsmc-alpha-beta",
+    "pidsmc-alpha-beta-discrete",
     "pidsm-chapter-6",
     "sliding-mode",
     "boundary-layer",
     "pid",
     "feedforward",
+    "feedforward-without-creep",
     "feedforward-pi",
+    "feedforward-pi-notch",
 ];
 
 /// What `hysteron check` found.
@@ -93,11 +99,7 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
     };
     match &design.scheme {
         Scheme::Predictor { tuning, .. } => {
-            let law = PredictorDesign::new(&design.model.linear, tuning);
-            let poles = law.eigenvalues(&model.linear.sampled(SAMPLING_PERIOD_S));
-            out.stable = poles.iter().all(|z| z.norm() < 1.0);
-            out.sampled_poles = check::pairs(&poles);
-            out.margins = Some(assess(&design.model.linear, tuning, &Demands::default()).margins);
+            judge_law(&PredictorDesign::new(&design.model.linear, tuning), design, &model, &mut out);
             out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
         }
         Scheme::SlidingMode { nominal, estimator, controller, reaching: ReachingGains::Pid } => {
@@ -125,14 +127,35 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
             ));
             out.continuous = found.continuous;
         }
+        Scheme::DisturbanceObserver { gains, .. } => {
+            judge_law(&disturbance_observer::law(&design.model.linear, gains), design, &model, &mut out);
+        }
+        Scheme::Feedforward { gains, notch, .. } => {
+            judge_law(&regulator_loop::law(gains, notch.as_ref()), design, &model, &mut out);
+            out.remarks.push("What is fed forward does not touch stability.".into());
+        }
+        Scheme::Pid { gains, notch } if design.delayed => {
+            let gain = model.mean_gain_um_v();
+            let gains = PidGains { p: gain * gains.p, i: gain * gains.i, d: gain * gains.d };
+            judge_law(&regulator_loop::law(&gains, notch.as_ref()), design, &model, &mut out);
+            out.remarks.push(format!("The drive counts with the mean gain of the largest loop, {gain:.4} um/V."));
+        }
         _ => {
             out.stable = false;
             out.remarks.push(
-                "Eigenvalues are taken of the predictor and of the sliding-mode schemes with PID; nothing is claimed for this one: follow a reference to judge it.".into(),
+                "No eigenvalues are taken of this one (a law that switches, or a regulator without the period of delay), and nothing is claimed: follow a reference to judge it.".into(),
             );
         }
     }
     Ok(out)
+}
+
+/// Eigenvalues on an actuator, and margins on the model that a law was designed for.
+fn judge_law(law: &PredictorDesign, design: &ServoDesign, actuator: &ActuatorModel, out: &mut CheckResult) {
+    let poles = law.eigenvalues(&actuator.linear.sampled(SAMPLING_PERIOD_S));
+    out.stable = poles.iter().all(|z| z.norm() < 1.0);
+    out.sampled_poles = check::pairs(&poles);
+    out.margins = Some(judge(law, &design.model.linear, &Demands::default()).margins);
 }
 
 /// Follows a reference on a chain; `scheme` replaces the design's own by name.
@@ -163,11 +186,18 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
     (out.scheme, out.delayed) = match name {
         "predictor" => (Scheme::Predictor { tuning, hysteresis_inverse: true }, true),
         "predictor-linear" => (Scheme::Predictor { tuning, hysteresis_inverse: false }, true),
-        "feedforward" => (Scheme::Feedforward { gains, notch: None }, true),
-        // PI whose crossover is a twentieth of the first mode's frequency.
-        "feedforward-pi" => {
-            let i = 0.2 * design.model.linear.first_mode.natural_frequency_rad_s;
-            (Scheme::Feedforward { gains: PidGains { i, ..gains }, notch: None }, true)
+        "feedforward" => (Scheme::Feedforward { gains, notch: None, creep_inverse: true }, true),
+        "feedforward-without-creep" => (Scheme::Feedforward { gains, notch: None, creep_inverse: false }, true),
+        "feedforward-pi" | "feedforward-pi-notch" => {
+            let notch = (name == "feedforward-pi-notch").then(|| regulator_loop::notch_for(&design.model.linear));
+            let (gains, _) = regulator_loop::tune(&design.model.linear, &Demands::default(), notch.as_ref())
+                .ok_or("no integral gain keeps the margins with this model")?;
+            (Scheme::Feedforward { gains, notch, creep_inverse: true }, true)
+        }
+        "disturbance-observer" => {
+            let (gains, _) = disturbance_observer::tune(&design.model.linear, &Demands::default())
+                .ok_or("no disturbance observer keeps the margins with this model")?;
+            (Scheme::DisturbanceObserver { gains, hysteresis_inverse: false }, true)
         }
         _ => match thesis_scheme(name) {
             Some(scheme) => (scheme, false),

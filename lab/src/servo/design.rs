@@ -1,10 +1,11 @@
 //! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains, and why.
 
+use super::disturbance_observer::{self, DisturbanceObserverGains};
 use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
 use super::quantise::{self, QuantisationError, Unit};
 use super::thesis_schemes::{
-    AlphaBeta, ControllerGains, Estimator, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator,
+    AlphaBeta, ControllerGains, Estimator, Feedforward, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator,
 };
 use super::window_fit;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
@@ -41,13 +42,24 @@ pub enum Scheme {
         /// Notch behind it.
         notch: Option<Notch>,
     },
-    /// Feedforward through the inverse of hysteresis and linear dynamics, with PI in um of force-equivalent displacement (no gains:
-    /// feedforward alone).
+    /// Feedforward through the inverse of hysteresis, linear dynamics and creep, with PI in um of force-equivalent displacement (no
+    /// gains: feedforward alone).
     Feedforward {
         /// Gains, 1 and 1/s.
         gains: PidGains,
         /// Notch behind it.
         notch: Option<Notch>,
+        /// False: creep is not undone.
+        #[serde(default = "yes")]
+        creep_inverse: bool,
+    },
+    /// Disturbance observer on a nominal second-order model.
+    DisturbanceObserver {
+        /// Gains.
+        gains: DisturbanceObserverGains,
+        /// False: the actuator is taken to be linear, and all its hysteresis is a disturbance.
+        #[serde(default = "yes")]
+        hysteresis_inverse: bool,
     },
 }
 
@@ -147,8 +159,16 @@ impl ServoDesign {
                 (_, ReachingGains::BoundaryLayer { .. }) => "boundary-layer",
             },
             Scheme::Pid { .. } => "pid",
-            Scheme::Feedforward { gains, .. } if gains.p == 0.0 && gains.i == 0.0 && gains.d == 0.0 => "feedforward",
-            Scheme::Feedforward { .. } => "feedforward-pi",
+            Scheme::Feedforward { gains, creep_inverse, .. } if gains.p == 0.0 && gains.i == 0.0 && gains.d == 0.0 => {
+                if *creep_inverse {
+                    "feedforward"
+                } else {
+                    "feedforward-without-creep"
+                }
+            }
+            Scheme::Feedforward { notch: None, .. } => "feedforward-pi",
+            Scheme::Feedforward { .. } => "feedforward-pi-notch",
+            Scheme::DisturbanceObserver { .. } => "disturbance-observer",
         }
     }
 
@@ -160,22 +180,30 @@ impl ServoDesign {
         let mut converters = converters;
         converters.noise_shaping = self.noise_shaping;
         let gain = self.model.mean_gain_um_v();
+        let inverse_or_gain = |inverse: bool| if inverse { quantise::hysteresis(&self.model) } else { quantise::linear_actuator(gain) };
         let (actuator, law) = match &self.scheme {
             Scheme::Predictor { tuning, hysteresis_inverse } => {
                 let law = LawParameters::Predictor(PredictorDesign::new(&self.model.linear, tuning).quantised()?);
-                let actuator = if *hysteresis_inverse { quantise::hysteresis(&self.model)? } else { quantise::linear_actuator(gain)? };
-                (actuator, law)
+                (inverse_or_gain(*hysteresis_inverse)?, law)
+            }
+            Scheme::DisturbanceObserver { gains, hysteresis_inverse } => {
+                let law = LawParameters::Predictor(disturbance_observer::law(&self.model.linear, gains).quantised()?);
+                (inverse_or_gain(*hysteresis_inverse)?, law)
             }
             Scheme::SlidingMode { nominal, estimator, controller, reaching } => {
                 (ActuatorParameters::Direct, SlidingModeLaw::new(nominal, estimator, controller, reaching).quantised()?)
             }
-            Scheme::Pid { gains, notch } => (ActuatorParameters::Direct, regulator(gains, &[], notch.as_ref(), Unit::Volt)?),
-            Scheme::Feedforward { gains, notch } => {
+            Scheme::Pid { gains, notch } => {
+                (ActuatorParameters::Direct, regulator(gains, &Feedforward::default(), notch.as_ref(), Unit::Volt)?)
+            }
+            Scheme::Feedforward { gains, notch, creep_inverse } => {
                 let ahead = if self.delayed { 1.0 } else { 0.0 };
                 let sampled = self.model.linear.sampled(SAMPLING_PERIOD_S);
                 let feedforward = window_fit::fit(SAMPLING_PERIOD_S, |w| {
                     Complex::from_polar(1.0, ahead * w * SAMPLING_PERIOD_S) / frequency_response(&sampled, w)
                 });
+                let creep = if *creep_inverse { self.model.creep.as_slice() } else { &[] };
+                let feedforward = Feedforward { window: &feedforward, creep };
                 (quantise::hysteresis(&self.model)?, regulator(gains, &feedforward, notch.as_ref(), Unit::Micrometre)?)
             }
         };
@@ -206,6 +234,10 @@ pub fn thesis_scheme(name: &str) -> Option<Scheme> {
         "pidsmoc" => sliding(Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC), ControllerGains::THESIS_PIDSMOC, ReachingGains::Pid),
         "pidsmc-alpha-beta" => {
             sliding(Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_7), ControllerGains::THESIS_CHAPTER_7, ReachingGains::Pid)
+        }
+        "pidsmc-alpha-beta-discrete" => {
+            let filter = AlphaBeta { discrete: true, ..AlphaBeta::THESIS_CHAPTER_7 };
+            sliding(Estimator::AlphaBeta(filter), ControllerGains::THESIS_CHAPTER_7, ReachingGains::Pid)
         }
         "pidsm-chapter-6" => sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::Pid),
         "sliding-mode" => sliding(filter_6, ControllerGains::THESIS_CHAPTER_6, ReachingGains::Switching { eta_v: 7.0 }),

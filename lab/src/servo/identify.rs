@@ -6,18 +6,19 @@
 //! first rise, first mode and creep; then, where it lowers the residual, amplifier bandwidth and second mode with the starts that the
 //! effects declare. The sensor's bandwidth stays what its data sheet says.
 
-use super::model::{ActuatorModel, LinearModel, ModeModel};
+use super::model::{ActuatorModel, CreepTerm, LinearModel, ModeModel};
 use crate::dataset::{Dataset, Record, Role};
 use crate::fit::{Effort, Fit, fit, with_effect};
 use hysteron_sim::bench::{Bench, Completeness, Start, Variant};
 use hysteron_sim::chain::{EffectInstance, InitialState, Model};
+use hysteron_sim::effect::creep::with_signed_shares;
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{Overview, by_id};
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::waveform;
 use std::path::PathBuf;
 
-/// Time constants of the creep that is fitted beside the modes, s.
+/// Time constants of the creep that is fitted beside the modes, s: slower than these by far, so that it cannot take their place.
 const CREEP_TIME_CONSTANTS_S: [f64; 6] = [0.015, 0.03, 0.06, 0.12, 0.4, 1.6];
 
 /// What identification came to.
@@ -96,28 +97,6 @@ fn instance(id: &str, overview: &Overview, values: &[f64]) -> Option<EffectInsta
     Some(EffectInstance::new(by_id(id)?, overview, values))
 }
 
-/// Creep that is slower than the modes by far, so that it cannot take their place. Its shares may be negative: here it only has to keep
-/// slow motion away from the other parameters, whatever its form (the thesis' own has a complex pole pair, Ch. 5, Eq. 17).
-fn slow_creep(overview: &Overview) -> Option<EffectInstance> {
-    let mut creep = instance("creep", overview, &[])?;
-    let (share, tau) = (creep.parameters.first()?.clone(), creep.parameters.get(1)?.clone());
-    creep.parameters.clear();
-    for (i, tau_s) in CREEP_TIME_CONSTANTS_S.iter().enumerate() {
-        let mut term = (share.clone(), tau.clone());
-        term.0.parameter.name = format!("share_{}", i + 1);
-        term.0.parameter.lower = -0.9;
-        term.0.value = 0.01;
-        term.1.parameter.name = format!("time_constant_{}_s", i + 1);
-        term.1.parameter.fixed = true;
-        term.1.parameter.lower = 0.5 * tau_s;
-        term.1.parameter.upper = 2.0 * tau_s;
-        term.1.value = *tau_s;
-        creep.parameters.push(term.0);
-        creep.parameters.push(term.1);
-    }
-    Some(creep)
-}
-
 /// Identifies the chain from a data set; `sensor_bandwidth_hz` is what the data sheet says.
 #[must_use]
 pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<Identified> {
@@ -146,7 +125,7 @@ pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<I
     };
     let mut best = best_of(&model, "vibration", quick)?;
     steps.push(("hysteresis, initial_curve, vibration".to_string(), best.rms_um));
-    best = fit(&with_effect(&best.model, slow_creep(&overview)?), dataset, &records, Effort::default());
+    best = fit(&with_effect(&best.model, with_signed_shares(&overview, &CREEP_TIME_CONSTANTS_S)), dataset, &records, Effort::default());
     steps.push(("creep".to_string(), best.rms_um));
     if sensor_bandwidth_hz.is_some() {
         let second = best_of(&best.model, "second_mode", quick)?;
@@ -173,6 +152,7 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
     let g = chain.values("hysteresis")?;
     let r = chain.values("initial_curve").unwrap_or_default();
     let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
+    let creep = chain.values("creep").unwrap_or_default();
     let mode = |v: &[f64]| Some(ModeModel { natural_frequency_rad_s: *v.first()?, damping_ratio: *v.get(1)? });
     Some(ActuatorModel {
         drive_min_v: chain.drive_min_v,
@@ -185,5 +165,6 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
             amplifier_bandwidth_hz: chain.values("amplifier_bandwidth").and_then(|v| v.first().copied()),
             sensor_bandwidth_hz: chain.values("sensor_bandwidth").and_then(|v| v.first().copied()),
         },
+        creep: creep.chunks_exact(2).map(|pair| CreepTerm { share: pair[0], time_constant_s: pair[1] }).collect(),
     })
 }

@@ -5,6 +5,8 @@
 //! * [`window_fit`]: coefficients over the reference window by least squares in the frequency domain;
 //! * [`thesis_schemes`]: the controllers of the thesis, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
+//! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
+//! * [`fair_tuning`]: the two schemes of the thesis under one optimiser;
 //! * [`identify`]: the experiment from which a design gets its model;
 //! * [`design`]: a design as a file, and the choice of the best one;
 //! * [`reproduce`]: Chapters 6 and 7 on the bench;
@@ -17,12 +19,15 @@
 pub mod check;
 pub mod commands;
 pub mod design;
+pub mod disturbance_observer;
+pub mod fair_tuning;
 pub mod figures;
 pub mod float_twin;
 pub mod identify;
 pub mod model;
 pub mod predictor;
 pub mod quantise;
+pub mod regulator_loop;
 pub mod reproduce;
 pub mod thesis_schemes;
 pub mod track;

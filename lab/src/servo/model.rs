@@ -167,6 +167,19 @@ pub struct ActuatorModel {
     pub r_um: Vec<f64>,
     /// Dynamics behind the hysteresis.
     pub linear: LinearModel,
+    /// Creep behind them, as first-order terms: for the feedforward; a feedback leaves it to the unknown input.
+    #[serde(default)]
+    pub creep: Vec<CreepTerm>,
+}
+
+/// A first-order term of creep (thesis Ch. 5, Eqs. 9-17).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CreepTerm {
+    /// Displacement that it adds in the end, as a share of what it follows.
+    pub share: f64,
+    /// Time constant, s.
+    pub time_constant_s: f64,
 }
 
 impl ActuatorModel {

@@ -110,6 +110,12 @@ pub fn frequency_response(model: &SampledModel, omega_rad_s: f64) -> Complex<f64
     }
 }
 
+/// Feedforward over the reference window for the period that begins one tick after now: the inverse of a sampled model.
+#[must_use]
+pub fn feedforward(model: &SampledModel) -> Vec<f64> {
+    window_fit::fit(SAMPLING_PERIOD_S, |w| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(model, w))
+}
+
 impl PredictorDesign {
     /// For a linear model and a tuning.
     #[must_use]
@@ -142,9 +148,7 @@ impl PredictorDesign {
         let mut k = DVector::zeros(STATES);
         k.view_mut((0, 0), (n, 1)).copy_from(&quadratic_regulator(&model, tuning.effort_weight));
         k[unknown] = 1.0;
-        let feedforward =
-            window_fit::fit(SAMPLING_PERIOD_S, |w| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(&model, w));
-        Self { a, b, c, l, k, feedforward }
+        Self { a, b, c, l, k, feedforward: feedforward(&model) }
     }
 
     /// Rows of the tick.
@@ -291,10 +295,37 @@ impl Default for Demands {
     }
 }
 
+/// What any law of the predictor's form is worth on a model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judgement {
+    /// Sensor noise that appears as motion, um RMS.
+    pub noise_um: f64,
+    /// Hysteresis model error that is let through, um RMS.
+    pub disturbance_um: f64,
+    /// Margins.
+    pub margins: Margins,
+    /// Stable in every case, and the sensitivity's peak as demanded.
+    pub accepted: bool,
+}
+
+impl Judgement {
+    /// Expected error, um RMS.
+    #[must_use]
+    pub fn expected_um(&self) -> f64 {
+        self.noise_um.hypot(self.disturbance_um)
+    }
+}
+
 /// Assesses one tuning.
 #[must_use]
 pub fn assess(linear: &LinearModel, tuning: &PredictorTuning, demands: &Demands) -> Assessment {
-    let design = PredictorDesign::new(linear, tuning);
+    let Judgement { noise_um, disturbance_um, margins, accepted } = judge(&PredictorDesign::new(linear, tuning), linear, demands);
+    Assessment { tuning: *tuning, noise_um, disturbance_um, margins, accepted }
+}
+
+/// Judges a law on the model that it was designed for: what it lets through, and its margins.
+#[must_use]
+pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) -> Judgement {
     let plant = linear.sampled(SAMPLING_PERIOD_S);
     let radius = |model: &LinearModel, gain: f64, delay: usize| design.spectral_radius(&model.sampled(SAMPLING_PERIOD_S), gain, delay);
     let other_mode = match linear.second_mode {
@@ -336,8 +367,7 @@ pub fn assess(linear: &LinearModel, tuning: &PredictorTuning, demands: &Demands)
     let worst = [margins.nominal, margins.gain_half, margins.gain_plus_half, margins.delay, margins.mass_double, margins.second_mode]
         .into_iter()
         .fold(0.0, f64::max);
-    Assessment {
-        tuning: *tuning,
+    Judgement {
         noise_um: noise_power.sqrt() * demands.sensor_noise_um,
         disturbance_um: disturbance_power.sqrt(),
         margins,

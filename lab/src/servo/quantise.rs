@@ -1,10 +1,12 @@
 //! From f64 to the integers of the tick. A number that does not fit is an error that names it, never a clipped number.
 
-use super::model::ActuatorModel;
+use super::model::{ActuatorModel, CreepTerm, SAMPLING_PERIOD_S};
+use hysteron_core::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use hysteron_core::integer_row::Row;
 use hysteron_core::one_sided_hysteresis::{SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
 use hysteron_core::servo_parameters::ActuatorParameters;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use nalgebra::DMatrix;
 
 /// A number that has no integer.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,6 +129,36 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
         drive_range: number("drive range", range_v, VOLT_FRACTION_BITS as i32)?,
         share_per_volt: (2.0_f64.powi(32) / range_v).round() as i64,
     })
+}
+
+/// Inverse of creep; terms whose share is nothing are left out.
+///
+/// # Errors
+/// If there are more terms than the tick has, a coefficient does not fit, or the inverse would not be stable.
+pub fn creep_inverse(terms: &[CreepTerm]) -> Result<CreepInverseParameters, QuantisationError> {
+    let used: Vec<&CreepTerm> = terms.iter().filter(|t| t.share.abs() > 1e-9).collect();
+    if used.is_empty() {
+        return Ok(CreepInverseParameters::default());
+    }
+    if used.len() > CREEP_TERMS {
+        return Err(QuantisationError { what: "terms of creep".into(), value: used.len() as f64, limit: CREEP_TERMS as f64 });
+    }
+    let rate = |t: &CreepTerm| -(-SAMPLING_PERIOD_S / t.time_constant_s.max(1e-6)).exp_m1();
+    // z+ = z + rate (x - z) with x = y - sum share z.
+    let n = used.len();
+    let recursion = DMatrix::from_fn(n, n, |i, j| f64::from(u8::from(i == j)) * (1.0 - rate(used[i])) - rate(used[i]) * used[j].share);
+    let radius = recursion.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
+    if radius >= 1.0 {
+        return Err(QuantisationError { what: "largest eigenvalue of the inverse of creep".into(), value: radius, limit: 1.0 });
+    }
+    let mut out = CreepInverseParameters { terms: n as u8, ..CreepInverseParameters::default() };
+    let shares: Vec<f64> = used.iter().map(|t| t.share).collect();
+    out.shares = row_um("shares of creep", &shares)?;
+    for (to, term) in out.rates.iter_mut().zip(&used) {
+        *to = number("rate of creep", rate(term), 32)?;
+    }
+    out.at_rest = number("1 / (1 + creep)", 1.0 / (1.0 + shares.iter().sum::<f64>()), 28)?;
+    Ok(out)
 }
 
 /// A linear actuator of given gain.

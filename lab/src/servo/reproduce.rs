@@ -104,6 +104,7 @@ pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
         },
+        creep: Vec::new(),
     };
     ServoDesign::new(scheme, &model, false)
 }
@@ -556,6 +557,7 @@ fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
         },
+        creep: Vec::new(),
     };
     model.drive_min_v = 0.0;
     ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: false }, &model, true)

@@ -4,8 +4,8 @@
 //! the estimates; their integral is a sum and their derivative a difference, as in the tick. [`SlidingModeLaw`] is the law in f64: what is
 //! quantised and what the sampled eigenvalues are taken of.
 
-use super::model::{NominalModel, SAMPLING_PERIOD_S};
-use super::quantise::{QuantisationError, Unit, number, row, row_um};
+use super::model::{CreepTerm, NominalModel, SAMPLING_PERIOD_S};
+use super::quantise::{QuantisationError, Unit, creep_inverse, number, row, row_um};
 use super::window_fit;
 use hysteron_core::integer_row::Row;
 use hysteron_core::pid_regulator::PidParameters;
@@ -312,19 +312,33 @@ pub struct PidGains {
     pub d: f64,
 }
 
-/// PID, or PI with feedforward: `feedforward` are coefficients over the reference window (empty for none). `output` is what stands behind:
-/// volts, or um of force-equivalent displacement, in which the gains then are.
+/// Feedforward of a regulator.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Feedforward<'a> {
+    /// Coefficients over the reference window; empty for none.
+    pub window: &'a [f64],
+    /// Creep that it undoes.
+    pub creep: &'a [CreepTerm],
+}
+
+/// PID, or PI with feedforward. `output` is what stands behind: volts, or um of force-equivalent displacement, in which the gains then are.
 ///
 /// # Errors
-/// If a coefficient does not fit.
-pub fn regulator(gains: &PidGains, feedforward: &[f64], notch: Option<&Notch>, output: Unit) -> Result<LawParameters, QuantisationError> {
+/// If a coefficient does not fit, or creep has no stable inverse.
+pub fn regulator(
+    gains: &PidGains,
+    feedforward: &Feedforward<'_>,
+    notch: Option<&Notch>,
+    output: Unit,
+) -> Result<LawParameters, QuantisationError> {
     let t = SAMPLING_PERIOD_S;
     let unit_bits = if output == Unit::Volt { -2 } else { 0 };
     let biquad = notch.map_or([1.0, 0.0, 0.0, 0.0, 0.0], Notch::coefficients);
     Ok(LawParameters::Regulator(PidParameters {
         proportional_derivative: row("P, D", &[gains.p, gains.d / t], |_| Unit::Micrometre, output)?,
         integral: number("I", gains.i * t, 26 + unit_bits)?,
-        feedforward: row("feedforward", feedforward, |_| Unit::Micrometre, output)?,
+        feedforward: row("feedforward", feedforward.window, |_| Unit::Micrometre, output)?,
+        creep: creep_inverse(feedforward.creep)?,
         notch: {
             let mut quantised = Row::default();
             for (i, value) in biquad.iter().enumerate() {

@@ -1,0 +1,178 @@
+//! PIDSMOC and PIDSMC + alpha-beta tuned by one optimiser under one set of margins, so that their order is that of the schemes and not of
+//! somebody's gains.
+//!
+//! # How it works
+//! A compass search over the logarithms of the gains, the same number of evaluations for both, from the thesis' gains (with one period of
+//! delay `m_c` and `P_c` are lowered first until the margins hold). An evaluation is what a commissioning engineer would try: the integer
+//! servo follows 10 Hz and 100 Hz on the bare bench, and the geometric mean of both RMS errors counts. A candidate whose sampled loop is
+//! not stable on the nominal model with the gain 50 % lower and higher and with twice the moving mass is not tried.
+
+use super::design::{Scheme, ServoDesign, thesis_scheme};
+use super::model::NominalModel;
+use super::reproduce::{SUBSTEPS, sine_reference_um, without_model};
+use super::thesis_schemes::{AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw};
+use hysteron_core::servo_tick::ServoTick;
+use hysteron_sim::bench::{Bench, Plant, Variant};
+use hysteron_sim::closed_loop::{Experiment, converter_parameters};
+use hysteron_sim::waveform::samples_in;
+
+/// Evaluations of each search.
+pub const EVALUATIONS: usize = 220;
+/// Sensitivity of the search's steps in the logarithm of a gain, from the first to the last.
+const STEPS: [f64; 4] = [0.7, 0.35, 0.18, 0.09];
+
+/// Which of the two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Family {
+    /// PIDSMO and PIDSMC.
+    Pidsmoc,
+    /// PIDSMC with the continuous alpha-beta filter.
+    PidsmcAlphaBeta,
+}
+
+impl Family {
+    fn start(self) -> Vec<f64> {
+        let controller = |g: ControllerGains| [g.m, g.p, g.i];
+        match self {
+            Self::Pidsmoc => {
+                let o = ObserverGains::THESIS_PIDSMOC;
+                controller(ControllerGains::THESIS_PIDSMOC).into_iter().chain([o.p, o.i, o.d]).collect()
+            }
+            Self::PidsmcAlphaBeta => {
+                let f = AlphaBeta::THESIS_CHAPTER_7;
+                controller(ControllerGains::THESIS_CHAPTER_7).into_iter().chain([f.natural_frequency_rad_s, f.damping_ratio]).collect()
+            }
+        }
+    }
+
+    fn scheme(self, gains: &[f64]) -> Option<Scheme> {
+        let [m, p, i, rest @ ..] = gains else { return None };
+        let controller = ControllerGains { m: *m, p: *p, i: *i, ..ControllerGains::THESIS_PIDSMOC };
+        let estimator = match (self, rest) {
+            (Self::Pidsmoc, [p, i, d]) => Estimator::Pidsmo(ObserverGains { p: *p, i: *i, d: *d }),
+            (Self::PidsmcAlphaBeta, [w, xi]) => {
+                Estimator::AlphaBeta(AlphaBeta { damping_ratio: *xi, natural_frequency_rad_s: *w, discrete: false })
+            }
+            _ => return None,
+        };
+        Some(Scheme::SlidingMode { nominal: NominalModel::THESIS, estimator, controller, reaching: ReachingGains::Pid })
+    }
+
+    /// Name of the scheme whose thesis gains stand beside.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pidsmoc => "pidsmoc",
+            Self::PidsmcAlphaBeta => "pidsmc-alpha-beta",
+        }
+    }
+}
+
+/// Largest sampled eigenvalue with the gain as it is, 50 % lower, 50 % higher, and with twice the mass.
+#[must_use]
+pub fn worst_eigenvalue(scheme: &Scheme, delayed: bool) -> Option<f64> {
+    let Scheme::SlidingMode { nominal, estimator, controller, reaching } = scheme else { return None };
+    let law = SlidingModeLaw::new(nominal, estimator, controller, reaching);
+    let heavy = std::f64::consts::FRAC_1_SQRT_2;
+    let plants = [
+        *nominal,
+        NominalModel { gain_um_v: 0.5 * nominal.gain_um_v, ..*nominal },
+        NominalModel { gain_um_v: 1.5 * nominal.gain_um_v, ..*nominal },
+        NominalModel {
+            natural_frequency_rad_s: heavy * nominal.natural_frequency_rad_s,
+            damping_ratio: heavy * nominal.damping_ratio,
+            ..*nominal
+        },
+    ];
+    let radius = |plant: &NominalModel| {
+        law.closed_loop(plant, usize::from(delayed)).complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max)
+    };
+    Some(plants.iter().map(radius).fold(0.0, f64::max))
+}
+
+/// A conditioned bench on which gains are tried.
+struct Trial<'a> {
+    bench: &'a Bench,
+    plant: Plant,
+    servo: ServoTick,
+    zero_um: f64,
+    references: [(Vec<f64>, usize); 2],
+    delayed: bool,
+}
+
+impl<'a> Trial<'a> {
+    fn new(bench: &'a Bench, delayed: bool) -> Option<Self> {
+        let design = without_model(bench, thesis_scheme("pidsmoc")?);
+        let parameters = design.parameters(converter_parameters(bench, 0.0)).ok()?;
+        let (plant, servo, zero_um) = Self::experiment(bench).conditioned(&parameters);
+        // Half a second in which the reference grows, then two periods at 10 Hz or twenty at 100 Hz.
+        let references = [10.0, 100.0].map(|hz| {
+            let (mut reference, from) = sine_reference_um(bench, hz, 5.0);
+            reference.truncate(from + samples_in(bench.converters.sample_rate_hz, 0.2));
+            (reference, from)
+        });
+        Some(Self { bench, plant, servo, zero_um, references, delayed })
+    }
+
+    fn experiment(bench: &Bench) -> Experiment<'_> {
+        Experiment { substeps: SUBSTEPS, ..Experiment::new(bench, Variant::PLAIN, 7) }
+    }
+
+    /// Logarithm of the product of both RMS errors, or nothing where the margins do not hold or the gains do not fit the tick.
+    fn score(&self, scheme: &Scheme) -> Option<f64> {
+        if worst_eigenvalue(scheme, self.delayed)? >= 1.0 {
+            return None;
+        }
+        let design = ServoDesign { delayed: self.delayed, ..without_model(self.bench, scheme.clone()) };
+        let mut servo = self.servo.clone();
+        servo.swap(design.parameters(converter_parameters(self.bench, self.zero_um)).ok()?);
+        let mut sum = 0.0;
+        for (reference, from) in &self.references {
+            let trace = Self::experiment(self.bench).follow_from(self.plant.clone(), servo.clone(), self.zero_um, reference);
+            sum += trace.sensor_error(*from).rms_um.ln();
+        }
+        sum.is_finite().then_some(sum)
+    }
+}
+
+/// Tunes one of the two; `delayed` as on the target, or as the thesis ran it.
+#[must_use]
+pub fn tune(bench: &Bench, family: Family, delayed: bool) -> Option<ServoDesign> {
+    let trial = Trial::new(bench, delayed)?;
+    let mut gains = family.start();
+    let mut best = family.scheme(&gains).and_then(|s| trial.score(&s));
+    for _ in 0..12 {
+        if best.is_some() {
+            break;
+        }
+        gains.iter_mut().take(2).for_each(|g| *g *= 0.75);
+        best = family.scheme(&gains).and_then(|s| trial.score(&s));
+    }
+    let mut best = best?;
+    let mut evaluations = 0;
+    'search: for step in STEPS {
+        loop {
+            let before = best;
+            for k in 0..gains.len() {
+                for direction in [1.0, -1.0] {
+                    if evaluations >= EVALUATIONS {
+                        break 'search;
+                    }
+                    evaluations += 1;
+                    let mut moved = gains.clone();
+                    moved[k] *= f64::exp(direction * step);
+                    if let Some(score) = family.scheme(&moved).and_then(|s| trial.score(&s))
+                        && score < best
+                    {
+                        (best, gains) = (score, moved);
+                        break;
+                    }
+                }
+            }
+            if before - best < 0.01 {
+                break;
+            }
+        }
+    }
+    Some(ServoDesign { delayed, ..without_model(bench, family.scheme(&gains)?) })
+}
