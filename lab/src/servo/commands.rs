@@ -13,10 +13,11 @@ use hysteron_sim::chain::Model;
 use serde::Serialize;
 
 /// Names of the schemes that `track --scheme` takes besides the one of the design.
-pub const SCHEMES: [&str; 14] = [
+pub const SCHEMES: [&str; 15] = [
     "predictor",
     "predictor-linear",
     "disturbance-observer",
+    "disturbance-observer-inverse",
     "pidsmoc",
     "pidsmc-alpha-beta",
     "pidsmc-alpha-beta-discrete",
@@ -194,10 +195,10 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
                 .ok_or("no integral gain keeps the margins with this model")?;
             (Scheme::Feedforward { gains, notch, creep_inverse: true }, true)
         }
-        "disturbance-observer" => {
+        "disturbance-observer" | "disturbance-observer-inverse" => {
             let (gains, _) = disturbance_observer::tune(&design.model.linear, &Demands::default())
                 .ok_or("no disturbance observer keeps the margins with this model")?;
-            (Scheme::DisturbanceObserver { gains, hysteresis_inverse: false }, true)
+            (Scheme::DisturbanceObserver { gains, hysteresis_inverse: name == "disturbance-observer-inverse" }, true)
         }
         _ => match thesis_scheme(name) {
             Some(scheme) => (scheme, false),

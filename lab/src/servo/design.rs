@@ -168,7 +168,8 @@ impl ServoDesign {
             }
             Scheme::Feedforward { notch: None, .. } => "feedforward-pi",
             Scheme::Feedforward { .. } => "feedforward-pi-notch",
-            Scheme::DisturbanceObserver { .. } => "disturbance-observer",
+            Scheme::DisturbanceObserver { hysteresis_inverse: false, .. } => "disturbance-observer",
+            Scheme::DisturbanceObserver { .. } => "disturbance-observer-inverse",
         }
     }
 

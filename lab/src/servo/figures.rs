@@ -4,7 +4,7 @@ use super::check::sliding_surface_parameter;
 use super::design::{Scheme, ServoDesign, thesis_scheme};
 use super::model::{NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::Assessment;
-use super::reproduce::{Commissioned, equation_35_v, run, sine_reference_um, without_model};
+use super::reproduce::{Commissioned, equation_35_v, quasi_step_um, run, sine_reference_um, without_model};
 use super::thesis_schemes::{AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw, estimator_rows};
 use crate::report::spectrum::amplitude_density;
 use crate::report::{Block, Plot, Role, Section, Series, Style};
@@ -188,6 +188,42 @@ fn errors_at_100_hz(bench: &Bench, commissioned: &Commissioned, variant: Variant
     plot
 }
 
+/// Ch. 7, Fig. 12: desired and reached with everything wrong by half.
+fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
+    let (reached, reference) = super::robustness::run(design, 1.5, true, 0.05)?;
+    let shown = 4000..4800.min(reached.len());
+    let time = shown.clone().map(|k| k as f64 * SAMPLING_PERIOD_S).collect::<Vec<_>>();
+    let error = shown.clone().map(|k| reached[k] - reference[k]).collect();
+    Some(
+        Plot::new("Robustness (Ch. 7, Fig. 12): xi, wn and K +50 %, unknown input, 0.05 um noise")
+            .x_axis("time", "s")
+            .y_axis("displacement", "um")
+            .with(Series::line("desired", Role::Drive, time.clone(), reference[shown.clone()].to_vec()))
+            .with(Series::line("reached", Role::Measured, time.clone(), reached[shown].to_vec()))
+            .with(Series::line("error", Role::Residual, time, error)),
+    )
+}
+
+/// Ch. 6, Figs. 10-12: the error on the quasi-step of Eq. (44).
+fn quasi_step_errors(bench: &Bench) -> Plot {
+    let reference = quasi_step_um(1.0 / SAMPLING_PERIOD_S, 0.6);
+    let mut plot = Plot::new("Error on the quasi-step of 5 um, thesis gains").x_axis("time", "s").y_axis("error", "um");
+    for (label, name, role) in [
+        ("sliding mode", "sliding-mode", Role::Other2),
+        ("boundary layer", "boundary-layer", Role::Other3),
+        ("PID", "pid", Role::Other1),
+        ("PIDSM + alpha-beta", "pidsm-chapter-6", Role::Measured),
+    ] {
+        let Some(scheme) = thesis_scheme(name) else { continue };
+        if let Ok(trace) = run(bench, Variant::PLAIN, &without_model(bench, scheme), &reference, 7) {
+            let time = (0..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
+            let error = trace.sensor_um.iter().zip(&trace.reference_um).map(|(y, r)| y - r).collect();
+            plot = plot.with(Series::line(label, role, time, error));
+        }
+    }
+    plot
+}
+
 /// Noise passed on against disturbance let through: the tunings that no other one beats.
 fn trade_off(assessments: &[Assessment]) -> Plot {
     let (x, y) = assessments.iter().map(|a| (1e3 * a.noise_um, 1e3 * a.disturbance_um)).unzip();
@@ -211,6 +247,7 @@ pub fn chapter_6(bench: &Bench, rows: &[Row]) -> Vec<Section> {
                 ("boundary layer", "ch6.smcbl.", "hz.rms", Role::Other3),
             ],
         )),
+        Block::Plot(quasi_step_errors(bench)),
         Block::Plot(portrait_of_the_controller()),
     ];
     blocks.extend(portrait_on_the_bench(bench).map(Block::Plot));
@@ -229,7 +266,7 @@ pub fn chapter_6(bench: &Bench, rows: &[Row]) -> Vec<Section> {
 
 /// Sections of Chapter 7.
 #[must_use]
-pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>) -> Vec<Section> {
+pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robust: Option<&ServoDesign>) -> Vec<Section> {
     let mut blocks = vec![Block::Plot(over_frequency(
         rows,
         &[
@@ -251,6 +288,7 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>) -> Ve
         Block::Plot(estimation(bench, false)),
         Block::Plot(estimation(bench, true)),
     ]);
+    blocks.extend(robust.and_then(robust_tracking).map(Block::Plot));
     let mut text =
         "The thesis' schemes have the thesis' gains and no computational delay, on the plain bench. The best design has one period of \
                     delay; its model was identified from one record of the same bench."
@@ -258,5 +296,35 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>) -> Ve
     if let Some(c) = full {
         text += &format!("\n\n{}", c.design.explanation.join(" "));
     }
-    vec![Section { heading: "Chapter 7: observer and controller".into(), text, blocks }]
+    let compared = Section {
+        heading: "Chapter 7: other schemes under equal conditions".into(),
+        text: "With the thesis' gains the order of PIDSMOC and PIDSMC + alpha-beta at low frequency is that of their integral gains, 1 and 2. \
+               Here both are tuned by one optimiser under one set of margins (gain +-50 %, twice the mass), without delay and with one \
+               period of it. Below, on the full bench with one period of delay, each scheme from the same identified model and under the \
+               margins of the best design."
+            .into(),
+        blocks: vec![
+            Block::Plot(over_frequency(
+                rows,
+                &[
+                    ("PIDSMOC, no delay", "ch7.fair.pidsmoc.no_delay.", "hz.none.rms", Role::Other1),
+                    ("PIDSMC + alpha-beta, no delay", "ch7.fair.pidsmc_ab.no_delay.", "hz.none.rms", Role::Other2),
+                    ("PIDSMOC, one period", "ch7.fair.pidsmoc.delay.", "hz.none.rms", Role::Measured),
+                    ("PIDSMC + alpha-beta, one period", "ch7.fair.pidsmc_ab.delay.", "hz.none.rms", Role::Other3),
+                ],
+            )),
+            Block::Plot(over_frequency(
+                rows,
+                &[
+                    ("best design", "ch7.best.", "hz.none.full.rms", Role::Measured),
+                    ("without hysteresis model", "ch7.compare.predictor-linear.", "hz.none.rms", Role::Model),
+                    ("disturbance observer", "ch7.compare.disturbance-observer.", "hz.none.rms", Role::Other1),
+                    ("feedforward alone", "ch7.compare.feedforward.", "hz.none.rms", Role::Other2),
+                    ("feedforward without creep", "ch7.compare.feedforward-without-creep.", "hz.none.rms", Role::Other3),
+                    ("feedforward + PI", "ch7.compare.feedforward-pi.", "hz.none.rms", Role::Other4),
+                ],
+            )),
+        ],
+    };
+    vec![Section { heading: "Chapter 7: observer and controller".into(), text, blocks }, compared]
 }

@@ -7,6 +7,7 @@
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
 //! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
 //! * [`fair_tuning`]: the two schemes of the thesis under one optimiser;
+//! * [`comparison`]: other schemes under equal conditions; [`robustness`]: Ch. 7, Fig. 12;
 //! * [`identify`]: the experiment from which a design gets its model;
 //! * [`design`]: a design as a file, and the choice of the best one;
 //! * [`reproduce`]: Chapters 6 and 7 on the bench;
@@ -18,6 +19,7 @@
 
 pub mod check;
 pub mod commands;
+pub mod comparison;
 pub mod design;
 pub mod disturbance_observer;
 pub mod fair_tuning;
@@ -29,6 +31,7 @@ pub mod predictor;
 pub mod quantise;
 pub mod regulator_loop;
 pub mod reproduce;
+pub mod robustness;
 pub mod thesis_schemes;
 pub mod track;
 pub mod window_fit;

@@ -6,44 +6,43 @@
 //! is a conditioning cycle, zeroing of the sensor, and the reference of the thesis with the bench's offset. Errors are of what the
 //! sensor reads, noise removed, after the first part of the run; the note gives the true ones.
 
+use super::comparison;
 use super::design::{Scheme, ServoDesign, thesis_scheme};
 use super::figures;
 use super::float_twin::integer_difference_um;
 use super::identify::{Identified, on_bench};
-use super::model::{ActuatorModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, PredictorDesign, PredictorTuning};
+use super::model::{ActuatorModel, ModeModel, NominalModel};
+use super::predictor::Demands;
 use super::quantise::QuantisationError;
+use super::robustness;
 use super::thesis_schemes::{ControllerGains, Estimator, ObserverGains, PidGains, ReachingGains, estimator_rows};
 use crate::reproduce::{Chapter, Progress, Row};
 use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
 use hysteron_core::predictor_law::PredictorLaw;
 use hysteron_core::reference_window::ReferenceWindow;
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
-use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
 use hysteron_sim::bench::{Bench, Completeness, Start, Variant};
 use hysteron_sim::closed_loop::{ErrorFigures, Experiment, Trace, converter_parameters};
-use hysteron_sim::effect::vibration::Mode;
 use hysteron_sim::waveform;
-use rand::SeedableRng;
 use rayon::prelude::*;
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// A figure in micrometres.
-fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Row {
+pub(super) fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Row {
     Row::new(id, ours, "um", note)
 }
 
 /// Steps of the plant in a period.
 pub const SUBSTEPS: usize = 10;
 /// Frequencies of Ch. 7, Table I, Hz.
-const FREQUENCIES_HZ: [f64; 6] = [1.0, 5.0, 10.0, 50.0, 100.0, 150.0];
+pub(super) const FREQUENCIES_HZ: [f64; 6] = [1.0, 5.0, 10.0, 50.0, 100.0, 150.0];
 
 /// The loaded full bench.
-const LOADED: Variant = Variant { completeness: Completeness::Full, loaded: true };
+pub(super) const LOADED: Variant = Variant { completeness: Completeness::Full, loaded: true };
 /// The loaded plain bench, on which the thesis' schemes run.
-const LOADED_PLAIN: Variant = Variant { completeness: Completeness::Plain, loaded: true };
+pub(super) const LOADED_PLAIN: Variant = Variant { completeness: Completeness::Plain, loaded: true };
 
 /// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), grown from zero in 0.3 s, then for two periods or a second; and the sample from which
 /// the error counts.
@@ -120,7 +119,15 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
     note
 }
 
-fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
+pub(super) fn tracking(
+    bench: &Bench,
+    variant: Variant,
+    design: &ServoDesign,
+    id: &str,
+    hz: f64,
+    amplitude_um: f64,
+    condition: &str,
+) -> Row {
     let (reference, from) = sine_reference_um(bench, hz, amplitude_um);
     match run(bench, variant, design, &reference, 7) {
         Ok(trace) => row_um(id, trace.sensor_error(from).rms_um, note_of(&trace, from, condition)),
@@ -217,15 +224,24 @@ pub fn rows_of_chapter_6(bench: &Bench) -> Vec<Row> {
 }
 
 /// Gains in words.
-fn gains_of(scheme: &Scheme) -> String {
+pub(super) fn gains_of(scheme: &Scheme) -> String {
     match scheme {
         Scheme::Pid { gains, .. } => format!("P = {} V/um, I = {} V/(um s), D = {:e} V s/um", gains.p, gains.i, gains.d),
-        Scheme::SlidingMode { controller: c, reaching, .. } => match reaching {
-            ReachingGains::Pid => format!("m = {}, P_c = {}, I_c = {}, D_c = {:e}", c.m, c.p, c.i, c.d),
+        Scheme::SlidingMode { controller: c, reaching, estimator, .. } => match reaching {
+            ReachingGains::Pid => {
+                format!("m = {:.0}, P_c = {:.2e}, I_c = {:.3}, D_c = {:e}; {}", c.m, c.p, c.i, c.d, estimator_in_words(estimator))
+            }
             ReachingGains::Switching { eta_v } => format!("m = {}, eta = {eta_v} V", c.m),
             ReachingGains::BoundaryLayer { eta_v, delta_um_s } => format!("m = {}, eta = {eta_v} V, delta = {delta_um_s:.0} um/s", c.m),
         },
         _ => String::new(),
+    }
+}
+
+fn estimator_in_words(estimator: &Estimator) -> String {
+    match estimator {
+        Estimator::Pidsmo(o) => format!("P_o = {:.2}, I_o = {:.0}, D_o = {:.1e}", o.p, o.i, o.d),
+        Estimator::AlphaBeta(f) => format!("xi_f = {:.2}, w_fn = {:.0} rad/s", f.damping_ratio, f.natural_frequency_rad_s),
     }
 }
 
@@ -377,8 +393,6 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
             rows.extend(observer_rows(bench, variant, c, id));
         }
     }
-    progress("robustness");
-    rows.extend(robustness_rows());
     rows
 }
 
@@ -401,8 +415,15 @@ pub fn chapter_6(progress: Progress) -> Result<Chapter, String> {
 pub fn chapter_7(progress: Progress) -> Result<Chapter, String> {
     let bench = Bench::reference().map_err(|e| e.to_string())?;
     let commissioned = commission_all(&bench, progress);
-    let rows = rows_of_chapter_7(&bench, &commissioned, progress);
-    let sections = figures::chapter_7(&bench, &rows, commissioned.get(1).and_then(Option::as_ref));
+    let mut rows = rows_of_chapter_7(&bench, &commissioned, progress);
+    progress("both schemes of chapter 7 under one optimiser");
+    rows.extend(comparison::rows_of_fair_tuning(&bench));
+    progress("other schemes on the full bench");
+    rows.extend(comparison::rows_of_other_schemes(&bench, &commissioned));
+    progress("robustness");
+    let robust = robustness::design();
+    rows.extend(robust.iter().flat_map(robustness::rows));
+    let sections = figures::chapter_7(&bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
     Ok(Chapter { number: 7, rows, sections })
 }
 
@@ -488,160 +509,5 @@ fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) ->
         figures.rms_um,
         "PIDSMO with the thesis' gains (10, 20000, 6e-6), same record",
     ));
-    rows
-}
-
-/// The linear plant of Fig. 12 under a servo: parameters +50 %, unknown input `10 sin(150 t + 1) + 10` V, sensor noise 0.05 um.
-fn robust_run(design: &ServoDesign, factor: f64, unknown: bool, noise_um: f64) -> Option<(Vec<f64>, Vec<f64>)> {
-    let nominal = NominalModel::THESIS;
-    let fs = 1.0 / SAMPLING_PERIOD_S;
-    // The simulation of the thesis has no limits: converters over -200..+200 V and +-64 um, as fine as the codes allow.
-    let (adc_step_um, dac_step_v) = (128.0 / 65_536.0, 400.0 / 65_536.0);
-    let converters = hysteron_core::servo_parameters::ConverterParameters {
-        adc_zero: (-64.0 * 2.0_f64.powi(24)) as i32,
-        adc_step: (adc_step_um * 2.0_f64.powi(40)) as i64,
-        dac_zero: (-200.0 * 2.0_f64.powi(22)) as i32,
-        dac_step: (dac_step_v * 2.0_f64.powi(38)) as i64,
-        dac_codes_per_volt: (2.0_f64.powi(20) / dac_step_v).round() as i32,
-        dac_code_min: 0,
-        dac_code_max: u16::MAX,
-        noise_shaping: design.noise_shaping,
-    };
-    let parameters = design.parameters(converters).ok()?;
-    let mut servo = ServoTick::new(parameters);
-    let rest = (200.0 / dac_step_v).round() as u16;
-    servo.open_loop(rest);
-    servo.enable();
-    let substeps = 10;
-    let mut mode =
-        Mode::new(nominal.natural_frequency_rad_s * factor, nominal.damping_ratio * factor, SAMPLING_PERIOD_S / f64::from(substeps));
-    let mut generator = rand_pcg::Pcg64Mcg::seed_from_u64(3);
-    let reference = waveform::sine(fs, 100.0, 5.0, 5.0, 0.0, 1.0);
-    let looked_ahead = hysteron_core::reference_window::PREVIEW_TICKS;
-    let mut y = 0.0;
-    let mut acting = 0.0;
-    let mut out = Vec::with_capacity(reference.len());
-    for k in 0..reference.len() - looked_ahead {
-        out.push(y);
-        let noisy = y + noise_um * gaussian(&mut generator);
-        let adc = ((noisy + 64.0) / adc_step_um).round().clamp(0.0, 65_535.0) as u16;
-        let ahead = reference.get(k + looked_ahead).copied()?;
-        let code = servo.tick(adc, Micrometres::saturating_from_num(ahead));
-        for i in 0..substeps {
-            let t = (k as f64 + f64::from(i) / f64::from(substeps)) * SAMPLING_PERIOD_S;
-            let epsilon = if unknown { 10.0 * (150.0 * t + 1.0).sin() + 10.0 } else { 0.0 };
-            y = mode.step(nominal.gain_um_v * factor * (acting + epsilon));
-        }
-        acting = f64::from(code) * dac_step_v - 200.0;
-    }
-    Some((out, reference))
-}
-
-fn gaussian(generator: &mut rand_pcg::Pcg64Mcg) -> f64 {
-    use rand::Rng;
-    // Sum of twelve uniform numbers: unit variance, and nothing beyond six.
-    (0..12).map(|_| generator.random::<f64>()).sum::<f64>() - 6.0
-}
-
-/// A predictor for the nominal model with a tuning, hysteresis left to the unknown input.
-fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
-    let nominal = NominalModel::THESIS;
-    let mut model = ActuatorModel {
-        drive_min_v: 0.0,
-        drive_max_v: 80.0,
-        g_um: vec![vec![0.0, -80.0 * nominal.gain_um_v], vec![80.0 * nominal.gain_um_v, 0.0]],
-        r_um: vec![0.0],
-        linear: super::model::LinearModel {
-            first_mode: ModeModel { natural_frequency_rad_s: nominal.natural_frequency_rad_s, damping_ratio: nominal.damping_ratio },
-            second_mode: None,
-            amplifier_bandwidth_hz: None,
-            sensor_bandwidth_hz: None,
-        },
-        creep: Vec::new(),
-    };
-    model.drive_min_v = 0.0;
-    ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: false }, &model, true)
-}
-
-/// Fig. 12: the design made for it, what it does there and what it costs when nothing is wrong.
-fn robustness_rows() -> Vec<Row> {
-    let mut candidates = Vec::new();
-    for effort_weight in [0.1, 0.3, 1.0, 3.0, 10.0, 30.0] {
-        for unknown_change_um in [0.003, 0.01, 0.03, 0.1, 0.3] {
-            for slope in [0.0, 0.02] {
-                candidates.push(PredictorTuning {
-                    effort_weight,
-                    unknown_change_um,
-                    unknown_slope_change_um: slope * unknown_change_um,
-                    force_noise_um: 0.01,
-                    sensor_noise_um: 0.05,
-                });
-            }
-        }
-    }
-    let from = 4000;
-    let figures = |design: &ServoDesign, factor: f64, unknown: bool, noise: f64| {
-        robust_run(design, factor, unknown, noise).map(|(y, r)| ErrorFigures::between(&y, &r, from))
-    };
-    let best = candidates
-        .par_iter()
-        .filter_map(|tuning| {
-            let design = nominal_predictor(*tuning);
-            let wrong = figures(&design, 1.5, true, 0.05)?;
-            wrong.max_um.is_finite().then_some((wrong.max_um, *tuning))
-        })
-        .min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((max_um, tuning)) = best else { return Vec::new() };
-    let design = nominal_predictor(tuning);
-    let radius = {
-        let linear = design.model.linear;
-        let law = PredictorDesign::new(&linear, &tuning);
-        let wrong = super::model::LinearModel {
-            first_mode: ModeModel {
-                natural_frequency_rad_s: 1.5 * linear.first_mode.natural_frequency_rad_s,
-                damping_ratio: 1.5 * linear.first_mode.damping_ratio,
-            },
-            ..linear
-        };
-        law.spectral_radius(&wrong.sampled(SAMPLING_PERIOD_S), 1.5, 0)
-    };
-    // Of the 10 um that the reference spans.
-    let mut rows = vec![Row {
-        id: "ch7.robust.pct".into(),
-        ours: 100.0 * max_um / 10.0,
-        unit: "%".into(),
-        note: format!(
-            "largest error of 10 um, 100 Hz, xi, wn and K +50 %, unknown input 10 sin(150 t + 1) + 10 V, 0.05 um noise, one period of delay; largest sampled eigenvalue there {radius:.3}; tuning {tuning:?}"
-        ),
-    }];
-    if let Some(nominal) = figures(&design, 1.0, true, 0.05) {
-        rows.push(row_um("ch7.robust.nominal.rms", nominal.rms_um, "the same design, noise and unknown input on the nominal plant"));
-    }
-    if let Some(nominal) = figures(&design, 1.0, true, 0.001) {
-        rows.push(row_um("ch7.robust.nominal_quiet.rms", nominal.rms_um, "the same design with 1 nm noise on the nominal plant"));
-    }
-    let quick = nominal_predictor(PredictorTuning { effort_weight: 0.1, unknown_change_um: 0.002, ..PredictorTuning::START });
-    if let Some(nominal) = figures(&quick, 1.0, true, 0.001) {
-        rows.push(row_um(
-            "ch7.robust.fast_nominal_quiet.rms",
-            nominal.rms_um,
-            "for comparison: a design for 1 nm noise, nominal plant, same unknown input",
-        ));
-    }
-    if let Some(scheme) = thesis_scheme("pidsmoc") {
-        let mut thesis = nominal_predictor(tuning);
-        thesis.scheme = scheme;
-        thesis.delayed = false;
-        for (factor, id) in [(1.0, "nominal"), (1.5, "plus50")] {
-            if let Some(f) = figures(&thesis, factor, true, 0.05) {
-                rows.push(Row {
-                    id: format!("ch7.robust.thesis_pidsmoc.{id}.pct"),
-                    ours: 100.0 * f.max_um / 10.0,
-                    unit: "%".into(),
-                    note: "thesis gains, no delay, sampled at 20 kHz".into(),
-                });
-            }
-        }
-    }
     rows
 }
