@@ -14,7 +14,7 @@
 
 use crate::effect::vibration::Mode;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
-use crate::linear_system::{ContinuousSystem, DiscreteSystem};
+use crate::linear_system::{ContinuousSystem, FixedSystem};
 use crate::waveform;
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -24,6 +24,9 @@ use std::f64::consts::TAU;
 
 /// Steps of the plant in one sampling period.
 pub const SUBSTEPS: usize = 20;
+
+/// Poles of the bench's creep.
+const CREEP_POLES: usize = 4;
 
 /// What the sensor's converter can read below the mechanical zero, um: the sensor is mounted so that noise at rest does not clip.
 pub const ADC_MARGIN_UM: f64 = 1.0;
@@ -188,9 +191,13 @@ impl Bench {
     /// A bench from the text of a file like `bench.toml`.
     ///
     /// # Errors
-    /// If keys are missing, unknown, or of the wrong type.
+    /// If keys are missing, unknown, or of the wrong type, or creep has more poles than the bench simulates.
     pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
-        toml::from_str(text)
+        let bench: Self = toml::from_str(text)?;
+        if bench.creep.denominator.len() > CREEP_POLES + 1 {
+            return Err(serde::de::Error::custom(format!("creep.denominator: at most {CREEP_POLES} poles")));
+        }
+        Ok(bench)
     }
 
     /// Sampling period, s.
@@ -266,7 +273,8 @@ impl Bench {
         let range_v = self.drive_max_v - self.drive_min_v;
         let surfaces = Surfaces::from_thesis_powers(&self.hysteresis.f, &self.hysteresis.g, range_v);
         let lag = |bandwidth_hz: f64| {
-            ContinuousSystem::from_transfer_function(&[1.0], &[1.0 / (TAU * bandwidth_hz), 1.0]).map(|system| system.discretise(dt_s))
+            ContinuousSystem::from_transfer_function(&[1.0], &[1.0 / (TAU * bandwidth_hz), 1.0])
+                .and_then(|system| FixedSystem::new(&system.discretise(dt_s)))
         };
         Plant {
             substeps,
@@ -277,7 +285,8 @@ impl Bench {
                 let frequency_rad_s = TAU * self.full.second_mode_hz * mass_factor;
                 (self.full.second_mode_share, Mode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s))
             }),
-            creep: ContinuousSystem::from_transfer_function(&self.creep.numerator, &self.creep.denominator).map(|g2| g2.discretise(dt_s)),
+            creep: ContinuousSystem::from_transfer_function(&self.creep.numerator, &self.creep.denominator)
+                .and_then(|g2| FixedSystem::new(&g2.discretise(dt_s))),
             sensor: if full { lag(self.full.sensor_bandwidth_hz) } else { None },
             mean_weight: {
                 let step = TAU * self.full.amplifier_bandwidth_hz * dt_s;
@@ -378,12 +387,12 @@ impl Sensor {
 #[derive(Clone, Debug)]
 pub struct Plant {
     substeps: usize,
-    amplifier: Option<DiscreteSystem>,
+    amplifier: Option<FixedSystem<1>>,
     hysteresis: OneSidedHysteresis,
     first_mode: Mode,
     second_mode: Option<(f64, Mode)>,
-    creep: Option<DiscreteSystem>,
-    sensor: Option<DiscreteSystem>,
+    creep: Option<FixedSystem<CREEP_POLES>>,
+    sensor: Option<FixedSystem<1>>,
     /// Where the mean of the voltage over a step lies between its two ends.
     mean_weight: f64,
     piezo_v: f64,
@@ -401,6 +410,11 @@ impl Plant {
     /// One sampling period with the drive and an external force held; the force is given as the displacement that it makes at rest, um.
     /// It acts where the piezo's own force acts, in front of the modes.
     pub fn tick_with_force(&mut self, drive_v: f64, external_um: f64) {
+        if self.amplifier.is_none() {
+            // The piezo has the drive's voltage at once and for the whole period.
+            self.piezo_v = drive_v;
+            self.force_equivalent_um = self.hysteresis.step(drive_v);
+        }
         for _ in 0..self.substeps {
             let piezo_um = match &mut self.amplifier {
                 // The voltage moves within the step as an exponential: so does, to first order, its force.
@@ -411,11 +425,7 @@ impl Plant {
                     self.force_equivalent_um = end_um;
                     mean_um
                 }
-                None => {
-                    self.piezo_v = drive_v;
-                    self.force_equivalent_um = self.hysteresis.step(drive_v);
-                    self.force_equivalent_um
-                }
+                None => self.force_equivalent_um,
             };
             let force_um = piezo_um + external_um;
             let first_um = self.first_mode.step(force_um);

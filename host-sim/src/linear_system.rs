@@ -149,6 +149,66 @@ impl DiscreteSystem {
     }
 }
 
+/// A discretised system of at most `N` states in fixed arrays: the same sums in the same order as [`DiscreteSystem`], several times faster.
+#[derive(Clone, Debug)]
+pub struct FixedSystem<const N: usize> {
+    phi: [[f64; N]; N],
+    gamma_start: [f64; N],
+    gamma_end: [f64; N],
+    c: [f64; N],
+    d: f64,
+    state: [f64; N],
+    input: f64,
+}
+
+impl<const N: usize> FixedSystem<N> {
+    /// A system at rest at zero; none if it has more than `N` states. States that it does not have stay zero.
+    #[must_use]
+    pub fn new(system: &DiscreteSystem) -> Option<Self> {
+        let n = system.state.len();
+        if n > N {
+            return None;
+        }
+        let padded = |values: &[f64]| std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0));
+        Some(Self {
+            phi: std::array::from_fn(|i| if i < n { padded(&system.phi[i * n..(i + 1) * n]) } else { [0.0; N] }),
+            gamma_start: padded(&system.gamma_start),
+            gamma_end: padded(&system.gamma_end),
+            c: padded(&system.c),
+            d: system.d,
+            state: [0.0; N],
+            input: 0.0,
+        })
+    }
+
+    /// One interval with the input held at `input`; the output at its end.
+    pub fn step_held(&mut self, input: f64) -> f64 {
+        self.advance(input, input)
+    }
+
+    /// One interval in which the input runs straight from its last value to `input`; the output at its end.
+    pub fn step_straight(&mut self, input: f64) -> f64 {
+        self.advance(self.input, input)
+    }
+
+    #[inline]
+    fn advance(&mut self, start: f64, end: f64) -> f64 {
+        let mut next = [0.0; N];
+        let mut output = self.d * end;
+        for i in 0..N {
+            let mut sum = self.gamma_start[i] * start + self.gamma_end[i] * end;
+            for (p, x) in self.phi[i].iter().zip(&self.state) {
+                sum += p * x;
+            }
+            next[i] = sum;
+            output += self.c[i] * sum;
+        }
+        self.state = next;
+        self.input = end;
+        output
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -166,6 +226,20 @@ mod tests {
             let t = 0.1 * f64::from(k);
             let y = ramp.step_straight(t);
             assert!((y - (t - 0.5 * (1.0 - (-t / 0.5).exp()))).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn fixed_arrays_give_the_same_bits() {
+        let g2 = ContinuousSystem::from_transfer_function(&[0.1804, 4.181, 47.84, 9.404], &[1.0, 14.10, 610.1, 1018.0, 125.0]).unwrap();
+        let mut general = g2.discretise(5e-6);
+        let (mut fixed, mut padded) = (FixedSystem::<4>::new(&general).unwrap(), FixedSystem::<5>::new(&general).unwrap());
+        assert!(FixedSystem::<3>::new(&general).is_none());
+        for k in 0..5000 {
+            let input = (f64::from(k) * 0.01).sin();
+            let expected = general.step_straight(input);
+            assert_eq!(fixed.step_straight(input), expected);
+            assert_eq!(padded.step_straight(input), expected);
         }
     }
 

@@ -1,10 +1,11 @@
 //! The servo across its rooms: designs quantised by the lab, run by the core, on the plant of the simulation.
 
+use hysteron::servo::commands::{SCHEMES, with_scheme};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::float_twin::integer_difference_um;
-use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel};
-use hysteron::servo::predictor::{Demands, PredictorTuning};
-use hysteron::servo::reproduce::{run, sine_reference_um};
+use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, SAMPLING_PERIOD_S};
+use hysteron::servo::predictor::{Demands, PredictorDesign, PredictorTuning};
+use hysteron::servo::reproduce::{commission, run, sine_reference_um};
 use hysteron_core::servo_parameters::ServoParameters;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
@@ -155,6 +156,52 @@ fn a_design_keeps_its_margins_or_is_refused() {
     // What is written is what is read.
     let text = toml::to_string(&design).unwrap();
     assert_eq!(toml::from_str::<ServoDesign>(&text).unwrap(), design);
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn an_identified_second_mode_is_carried_by_the_observer() {
+    let bench = Bench::reference().unwrap();
+    let c = commission(&bench, Variant::FULL).unwrap();
+    let (_, mode) = c.design.model.linear.second_mode.expect("the full bench shows its second mode");
+    let Scheme::Predictor { tuning, .. } = c.design.scheme else { panic!("{:?}", c.design.scheme) };
+    // The mode's pole, sampled, is one of the observer's model.
+    let (w, xi) = (mode.natural_frequency_rad_s * SAMPLING_PERIOD_S, mode.damping_ratio);
+    let (radius, angle) = ((-xi * w).exp(), w * (1.0 - xi * xi).sqrt());
+    let poles = PredictorDesign::new(&c.design.model.linear, &tuning).a.complex_eigenvalues();
+    assert!(poles.iter().any(|z| (z.re - radius * angle.cos()).hypot(z.im - radius * angle.sin()) < 1e-6), "{poles}");
+    // With the same tuning and without the mode the loop is worse, if it holds at all.
+    let mut without = c.design.clone();
+    without.model.linear.second_mode = None;
+    let (reference, from) = sine_reference_um(&bench, 150.0, 5.0);
+    let rms_um = |design: &ServoDesign| run(&bench, Variant::FULL, design, &reference, 7).unwrap().sensor_error(from).rms_um;
+    let (with_mode, without_mode) = (rms_um(&c.design), rms_um(&without));
+    assert!(without_mode > 2.0 * with_mode, "{with_mode} {without_mode}");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn the_feedforward_undoes_creep() {
+    let bench = Bench::reference().unwrap();
+    let c = commission(&bench, Variant::PLAIN).unwrap();
+    let (reference, from) = sine_reference_um(&bench, 1.0, 5.0);
+    let rms_um = |scheme: &str| {
+        let design = with_scheme(&c.design, scheme).unwrap();
+        run(&bench, Variant::PLAIN, &design, &reference, 7).unwrap().sensor_error(from).rms_um
+    };
+    let (with_creep, without_creep) = (rms_um("feedforward"), rms_um("feedforward-without-creep"));
+    assert!(with_creep < 0.5 * without_creep, "{with_creep} {without_creep}");
+}
+
+#[test]
+fn every_scheme_can_be_checked_and_run() {
+    let bench = Bench::reference().unwrap();
+    let (reference, _) = sine_reference_um(&bench, 10.0, 3.0);
+    for name in SCHEMES {
+        let design = with_scheme(&predictor(), name).unwrap();
+        let trace = run(&bench, Variant::PLAIN, &design, &reference[..4000], 3).unwrap();
+        assert!(trace.sensor_um.iter().all(|y| y.is_finite()), "{name}");
+    }
 }
 
 proptest! {

@@ -7,7 +7,8 @@ use crate::problem::{Problem, Result, write_whole};
 use crate::report::{Block, Page, Plot, Role, Section, Series};
 use crate::servo::commands;
 use crate::servo::design::{SCHEMA, ServoDesign};
-use crate::servo::predictor::Demands;
+use crate::servo::figures::trade_off;
+use crate::servo::predictor::{Assessment, Demands};
 use serde::Serialize;
 use std::path::Path;
 
@@ -52,20 +53,13 @@ pub fn design(model: &Path, out: &Path, demands: &Demands, outputs: &Outputs) ->
     if let Some(json) = &outputs.json {
         write_json(json, &DesignFigures { schema: "hysteron.design/1", design: &design })?;
     }
-    let (x, y) = design.trade_off.iter().map(|a| (1e3 * a.noise_um, 1e3 * a.disturbance_um)).unzip();
     let page = Page {
         title: "Servo design".into(),
         lead_sentence: design.explanation.first().cloned().unwrap_or_default(),
         sections: vec![Section {
             heading: "Why this one".into(),
             text: design.explanation.join("\n\n"),
-            blocks: vec![Block::Plot(
-                Plot::new("Trade-off")
-                    .x_axis("sensor noise passed on", "nm")
-                    .y_axis("hysteresis model error let through", "nm")
-                    .caption("Tunings that keep every margin and that no other one beats in both.")
-                    .with(Series::line("tunings", Role::Model, x, y)),
-            )],
+            blocks: vec![Block::Plot(trade_off(&design.trade_off))],
         }],
         ..Page::default()
     };
@@ -73,6 +67,13 @@ pub fn design(model: &Path, out: &Path, demands: &Demands, outputs: &Outputs) ->
     write_whole(out, text.as_bytes())?;
     for line in &design.explanation {
         println!("  {line}");
+    }
+    // Ends and middle of the curve: the whole of it is in the page and in the figures.
+    let curve = &design.trade_off;
+    if let [first, .., last] = curve.as_slice() {
+        let point = |a: &Assessment| format!("{:.2} and {:.2}", 1e3 * a.noise_um, 1e3 * a.disturbance_um);
+        let middle = curve.get(curve.len() / 2).map(point).unwrap_or_default();
+        println!("  Trade-off, noise passed on and error let through in nm: {}; {middle}; {}.", point(first), point(last));
     }
     println!("wrote {}; next: hysteron track {} {} --reference sine:50:5", out.display(), model.display(), out.display());
     Ok(true)

@@ -10,11 +10,10 @@
 //! proportional gain, two of `Q` over the input and its output of the tick before, and the offset of a take-over, which decays.
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, Judgement, PredictorDesign, feedforward, judge};
+use super::predictor::{Demands, Judgement, PredictorDesign, best_of, feedforward};
 use hysteron_core::predictor_law::STATES;
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Time in which the offset of a take-over decays, s.
@@ -75,15 +74,11 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
 pub fn tune(linear: &LinearModel, demands: &Demands) -> Option<(DisturbanceObserverGains, Judgement)> {
     let mut candidates = Vec::new();
     for i in 0..16 {
-        for proportional in [0.0, 0.05, 0.1, 0.2, 0.4, 0.8] {
+        for proportional in [0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6] {
             candidates.push(DisturbanceObserverGains { cutoff_rad_s: 300.0 * 1.25_f64.powi(i), proportional });
         }
     }
-    candidates
-        .into_par_iter()
-        .map(|gains| (gains, judge(&law(linear, &gains), linear, demands)))
-        .filter(|(_, judgement)| judgement.accepted)
-        .min_by(|x, y| x.1.expected_um().total_cmp(&y.1.expected_um()))
+    best_of(candidates, |gains| law(linear, gains), linear, demands)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::check::sliding_surface_parameter;
 use super::design::{Scheme, ServoDesign, thesis_scheme};
 use super::model::{NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::Assessment;
-use super::reproduce::{Commissioned, equation_35_v, quasi_step_um, run, sine_reference_um, without_model};
+use super::reproduce::{Commissioned, NamedScheme, equation_35_v, quasi_step_um, run, sine_reference_um, without_model};
 use super::thesis_schemes::{AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw, estimator_rows};
 use crate::report::spectrum::amplitude_density;
 use crate::report::{Block, Plot, Role, Section, Series, Style};
@@ -204,18 +204,18 @@ fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
     )
 }
 
-/// Ch. 6, Figs. 10-12: the error on the quasi-step of Eq. (44).
-fn quasi_step_errors(bench: &Bench) -> Plot {
+/// The error on the quasi-step of Ch. 6, Eq. (44).
+fn quasi_step_errors(bench: &Bench, schemes: &[NamedScheme]) -> Plot {
     let reference = quasi_step_um(1.0 / SAMPLING_PERIOD_S, 0.6);
-    let mut plot = Plot::new("Error on the quasi-step of 5 um, thesis gains").x_axis("time", "s").y_axis("error", "um");
-    for (label, name, role) in [
-        ("sliding mode", "sliding-mode", Role::Other2),
-        ("boundary layer", "boundary-layer", Role::Other3),
+    let mut plot = Plot::new("Error on the quasi-step of 5 um (Ch. 6, Eq. 44)").x_axis("time", "s").y_axis("error", "um");
+    for (label, id, role) in [
+        ("sliding mode", "sm_ab", Role::Other2),
+        ("boundary layer", "smcbl", Role::Other3),
         ("PID", "pid", Role::Other1),
-        ("PIDSM + alpha-beta", "pidsm-chapter-6", Role::Measured),
+        ("PIDSM + alpha-beta", "pidsm_ab", Role::Measured),
     ] {
-        let Some(scheme) = thesis_scheme(name) else { continue };
-        if let Ok(trace) = run(bench, Variant::PLAIN, &without_model(bench, scheme), &reference, 7) {
+        let Some((_, scheme, _)) = schemes.iter().find(|s| s.0 == id) else { continue };
+        if let Ok(trace) = run(bench, Variant::PLAIN, &without_model(bench, scheme.clone()), &reference, 7) {
             let time = (0..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
             let error = trace.sensor_um.iter().zip(&trace.reference_um).map(|(y, r)| y - r).collect();
             plot = plot.with(Series::line(label, role, time, error));
@@ -224,19 +224,47 @@ fn quasi_step_errors(bench: &Bench) -> Plot {
     plot
 }
 
-/// Noise passed on against disturbance let through: the tunings that no other one beats.
-fn trade_off(assessments: &[Assessment]) -> Plot {
-    let (x, y) = assessments.iter().map(|a| (1e3 * a.noise_um, 1e3 * a.disturbance_um)).unzip();
-    Plot::new("Trade-off of the design")
+/// What is left of a 12-bit converter's steps, with its rounding error carried on and without.
+fn noise_shaped(bench: &Bench, design: &ServoDesign) -> Plot {
+    let mut twelve_bits = bench.clone();
+    twelve_bits.converters.dac_bits = 12;
+    let (reference, from) = sine_reference_um(bench, 1.0, 5.0);
+    let mut plot = Plot::new("Error with a 12-bit DAC: noise shaping")
+        .x_axis("frequency", "Hz")
+        .y_axis("amplitude density", "um/sqrt(Hz)")
+        .log(true, true)
+        .caption("1 Hz, 5 um, full bench; steps of 34 mV, about 5 nm.");
+    for (label, noise_shaping, role) in [("rounded", false, Role::Other1), ("rounding error carried on", true, Role::Measured)] {
+        let design = ServoDesign { noise_shaping, ..design.clone() };
+        if let Ok(trace) = run(&twelve_bits, Variant::FULL, &design, &reference, 7) {
+            let error: Vec<f64> = trace.sensor_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).collect();
+            let spectrum = amplitude_density(&error, 1.0 / SAMPLING_PERIOD_S);
+            plot = plot.with(Series::line(label, role, spectrum.frequency_hz, spectrum.density));
+        }
+    }
+    plot
+}
+
+/// Noise passed on against disturbance let through: the tunings that keep every margin and that no other one beats in both.
+#[must_use]
+pub fn trade_off(assessments: &[Assessment]) -> Plot {
+    let point = |a: &Assessment| (1e3 * a.noise_um, 1e3 * a.disturbance_um);
+    let (x, y) = assessments.iter().map(point).unzip();
+    let mut plot = Plot::new("Trade-off of the design")
         .x_axis("sensor noise passed on", "nm")
         .y_axis("hysteresis model error let through", "nm")
-        .caption("Every point keeps all margins; the chosen one is nearest to the origin.")
-        .with(Series::line("tunings", Role::Model, x, y))
+        .caption("Every point keeps all margins, and no other tuning beats it in both; the chosen one is nearest to the origin.")
+        .with(Series::line("tunings", Role::Model, x, y));
+    if let Some(chosen) = assessments.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um())) {
+        let (x, y) = point(chosen);
+        plot = plot.with(Series::points("chosen", Role::Measured, vec![x], vec![y]));
+    }
+    plot
 }
 
 /// Sections of Chapter 6.
 #[must_use]
-pub fn chapter_6(bench: &Bench, rows: &[Row]) -> Vec<Section> {
+pub fn chapter_6(bench: &Bench, rows: &[Row], schemes: &[NamedScheme]) -> Vec<Section> {
     let mut blocks = vec![
         Block::Plot(over_frequency(
             rows,
@@ -247,7 +275,7 @@ pub fn chapter_6(bench: &Bench, rows: &[Row]) -> Vec<Section> {
                 ("boundary layer", "ch6.smcbl.", "hz.rms", Role::Other3),
             ],
         )),
-        Block::Plot(quasi_step_errors(bench)),
+        Block::Plot(quasi_step_errors(bench, schemes)),
         Block::Plot(portrait_of_the_controller()),
     ];
     blocks.extend(portrait_on_the_bench(bench).map(Block::Plot));
@@ -281,6 +309,7 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
         blocks
             .extend(hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(Block::Plot));
         blocks.push(Block::Plot(trade_off(&c.design.trade_off)));
+        blocks.push(Block::Plot(noise_shaped(bench, &c.design)));
     }
     blocks.extend([
         Block::Plot(portrait_of_the_observer()),

@@ -316,6 +316,29 @@ impl Judgement {
     }
 }
 
+/// Of candidate gains the one with the smallest expected error among those that keep the margins: noise passed on, and model error let
+/// through at the references' highest frequency and at a tenth of it, so that a slow integral is not taken for a good one.
+#[must_use]
+pub fn best_of<G: Copy + Send>(
+    candidates: Vec<G>,
+    law: impl Fn(&G) -> PredictorDesign + Sync,
+    linear: &LinearModel,
+    demands: &Demands,
+) -> Option<(G, Judgement)> {
+    use rayon::prelude::*;
+    let slow = Demands { reference_hz: 0.1 * demands.reference_hz, ..*demands };
+    candidates
+        .into_par_iter()
+        .filter_map(|gains| {
+            let design = law(&gains);
+            let judgement = judge(&design, linear, demands);
+            let expected = judgement.expected_um().hypot(judge(&design, linear, &slow).disturbance_um);
+            judgement.accepted.then_some((expected, gains, judgement))
+        })
+        .min_by(|x, y| x.0.total_cmp(&y.0))
+        .map(|(_, gains, judgement)| (gains, judgement))
+}
+
 /// Assesses one tuning.
 #[must_use]
 pub fn assess(linear: &LinearModel, tuning: &PredictorTuning, demands: &Demands) -> Assessment {

@@ -2,11 +2,10 @@
 //! under the margins that every design keeps. What runs in the tick is [`super::thesis_schemes::regulator`].
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, Judgement, PredictorDesign, judge};
+use super::predictor::{Demands, Judgement, PredictorDesign, best_of};
 use super::thesis_schemes::{Notch, PidGains};
 use hysteron_core::predictor_law::STATES;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// The regulator in f64. States: output, last error, two of the notch, integral.
 #[must_use]
@@ -51,15 +50,11 @@ pub fn notch_for(linear: &LinearModel) -> Notch {
 pub fn tune(linear: &LinearModel, demands: &Demands, notch: Option<&Notch>) -> Option<(PidGains, Judgement)> {
     let mut candidates = Vec::new();
     for step in 0..24 {
-        for p in [0.0, 0.1, 0.2, 0.3, 0.4, 0.6] {
+        for p in [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.4] {
             candidates.push(PidGains { p, i: 50.0 * 1.25_f64.powi(step), d: 0.0 });
         }
     }
-    candidates
-        .into_par_iter()
-        .map(|gains| (gains, judge(&law(&gains, notch), linear, demands)))
-        .filter(|(_, judgement)| judgement.accepted)
-        .min_by(|x, y| x.1.expected_um().total_cmp(&y.1.expected_um()))
+    best_of(candidates, |gains| law(gains, notch), linear, demands)
 }
 
 #[cfg(test)]

@@ -181,10 +181,13 @@ fn reaching_candidates(reaching: &[ReachingGains]) -> Vec<Scheme> {
     reaching.iter().map(|reaching| Scheme::SlidingMode { nominal, estimator, controller, reaching: *reaching }).collect()
 }
 
-/// Chapter 6: PIDSM, PID, ideal sliding mode and boundary layer. PIDSM has the thesis' gains; the others are tuned on the bench by the
-/// thesis' criterion, and their thesis gains stand beside.
+/// A scheme of Chapter 6: its name in the rows' identifiers, its gains, and where these come from.
+pub type NamedScheme = (&'static str, Scheme, &'static str);
+
+/// PIDSM, PID, ideal sliding mode and boundary layer. PIDSM has the thesis' gains; the others are tuned on the bench by the thesis'
+/// criterion, and their thesis gains stand beside.
 #[must_use]
-pub fn rows_of_chapter_6(bench: &Bench) -> Vec<Row> {
+pub fn schemes_of_chapter_6(bench: &Bench) -> Vec<NamedScheme> {
     let switching: Vec<ReachingGains> =
         [7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0].into_iter().map(|eta_v| ReachingGains::Switching { eta_v }).collect();
     let mut layers = Vec::new();
@@ -196,7 +199,7 @@ pub fn rows_of_chapter_6(bench: &Bench) -> Vec<Row> {
     }
     let thesis = "thesis gains";
     let on_bench = "tuned on the bench for 10 Hz";
-    let schemes: Vec<(&str, Option<Scheme>, &str)> = vec![
+    let schemes: Vec<(&'static str, Option<Scheme>, &'static str)> = vec![
         ("pidsm_ab", thesis_scheme("pidsm-chapter-6"), thesis),
         ("pid", tuned(bench, pid_candidates()), on_bench),
         ("sm_ab", tuned(bench, reaching_candidates(&switching)), on_bench),
@@ -205,11 +208,16 @@ pub fn rows_of_chapter_6(bench: &Bench) -> Vec<Row> {
         ("sm_ab_thesis", thesis_scheme("sliding-mode"), thesis),
         ("smcbl_thesis", thesis_scheme("boundary-layer"), thesis),
     ];
+    schemes.into_iter().filter_map(|(id, scheme, gains)| Some((id, scheme?, gains))).collect()
+}
+
+/// Chapter 6: sines and the quasi-step with every scheme.
+#[must_use]
+pub fn rows_of_chapter_6(bench: &Bench, schemes: &[NamedScheme]) -> Vec<Row> {
     let mut jobs: Vec<(String, ServoDesign, Option<f64>, String)> = Vec::new();
     for (id, scheme, gains) in schemes {
-        let Some(scheme) = scheme else { continue };
-        let condition = format!("plain bench, {gains}, no delay: {}", gains_of(&scheme));
-        let design = without_model(bench, scheme);
+        let condition = format!("plain bench, {gains}, no delay: {}", gains_of(scheme));
+        let design = without_model(bench, scheme.clone());
         for hz in [10.0, 50.0, 100.0, 150.0] {
             jobs.push((format!("ch6.{id}.{hz}hz.rms"), design.clone(), Some(hz), format!("{hz} Hz, {condition}")));
         }
@@ -311,7 +319,8 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
     twelve_bits.converters.dac_bits = 12;
     let mut jobs: Vec<(String, &Bench, Variant, ServoDesign, f64, f64, String)> = Vec::new();
     for hz in FREQUENCIES_HZ {
-        for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab")] {
+        for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab"), ("pidsmc-alpha-beta-discrete", "pidsmc_ab_discrete")]
+        {
             for (variant, load) in [(Variant::PLAIN, "none"), (LOADED_PLAIN, "load")] {
                 if let Some(scheme) = thesis_scheme(name) {
                     if let (Scheme::SlidingMode { nominal, estimator, controller, reaching }, "pidsmoc") = (&scheme, id) {
@@ -403,8 +412,9 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
 pub fn chapter_6(progress: Progress) -> Result<Chapter, String> {
     let bench = Bench::reference().map_err(|e| e.to_string())?;
     progress("following references with the schemes of chapter 6");
-    let rows = rows_of_chapter_6(&bench);
-    let sections = figures::chapter_6(&bench, &rows);
+    let schemes = schemes_of_chapter_6(&bench);
+    let rows = rows_of_chapter_6(&bench, &schemes);
+    let sections = figures::chapter_6(&bench, &rows, &schemes);
     Ok(Chapter { number: 6, rows, sections })
 }
 

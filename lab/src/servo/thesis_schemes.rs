@@ -192,13 +192,14 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
             // x2 = p', x1 = p + kappa x2 with p = w^2 / (s^2 + 2 xi w s + w^2) y, kappa = (2 xi - w T) / w.
             let kappa = (2.0 * xi - w * t) / w;
             let acceleration = [-w * w, w * w * kappa - 2.0 * xi * w, 0.0];
-            let rows = discretised(
+            let [position, velocity, _] = discretised(
                 [[kappa * acceleration[0], 1.0 + kappa * acceleration[1], 0.0], acceleration, [0.0; 3]],
                 [0.0; 3],
                 [kappa * w * w, w * w, 0.0],
                 [0.0; 3],
             );
-            (rows, [0.0; 6])
+            // A filter has no integral: left as it is, that state would stand in the sampled eigenvalues as a one.
+            ([position, velocity, [0.0; 6]], [0.0; 6])
         }
     }
 }
