@@ -7,6 +7,7 @@ use hysteron_core::amplifier::Amplifier;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::integer_row::Row;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write};
+use hysteron_core::creep_inverse::CreepInverseParameters;
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
@@ -47,6 +48,7 @@ pub fn parameters() -> AmplifierParameters {
                 proportional_derivative: Row { coefficients: [1 << 16, 0] },
                 integral: 3 << 21,
                 feedforward: Row::default(),
+                creep: CreepInverseParameters::default(),
                 notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
             }),
             delayed: true,
