@@ -4,10 +4,10 @@
 use std::path::PathBuf;
 
 use hysteron_core::amplifier::Amplifier;
+use hysteron_core::creep_inverse::CreepInverseParameters;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::integer_row::Row;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write};
-use hysteron_core::creep_inverse::CreepInverseParameters;
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
