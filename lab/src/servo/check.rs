@@ -246,4 +246,12 @@ mod tests {
         assert!(!check(true).stable);
         assert!(check(true).continuous.satisfied);
     }
+
+    #[test]
+    fn a_filter_brings_no_pole_of_its_own_at_one() {
+        for filter in [AlphaBeta::THESIS_CHAPTER_6, AlphaBeta { discrete: true, ..AlphaBeta::THESIS_CHAPTER_6 }] {
+            let found = sliding_mode(&MODEL, &Estimator::AlphaBeta(filter), &ControllerGains::THESIS_CHAPTER_6, false);
+            assert!(found.stable, "{:?}", found.sampled_poles);
+        }
+    }
 }
