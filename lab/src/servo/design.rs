@@ -201,7 +201,8 @@ impl ServoDesign {
                 let ahead = if self.delayed { 1.0 } else { 0.0 };
                 let sampled = self.model.linear.sampled(SAMPLING_PERIOD_S);
                 let feedforward = window_fit::fit(SAMPLING_PERIOD_S, |w| {
-                    Complex::from_polar(1.0, ahead * w * SAMPLING_PERIOD_S) / frequency_response(&sampled, w)
+                    let notched = notch.map_or(Complex::new(1.0, 0.0), |n| n.response(w));
+                    Complex::from_polar(1.0, ahead * w * SAMPLING_PERIOD_S) / (frequency_response(&sampled, w) * notched)
                 });
                 let creep = if *creep_inverse { self.model.creep.as_slice() } else { &[] };
                 let feedforward = Feedforward { window: &feedforward, creep };

@@ -363,6 +363,14 @@ pub struct Notch {
 }
 
 impl Notch {
+    /// Frequency response at `omega`: what stands behind a feedforward has to be undone by it.
+    #[must_use]
+    pub fn response(&self, omega_rad_s: f64) -> Complex<f64> {
+        let [n0, n1, n2, d1, d2] = self.coefficients();
+        let back = Complex::from_polar(1.0, -omega_rad_s * SAMPLING_PERIOD_S);
+        (back * (back * n2 + n1) + n0) / (-back * (back * d2 + d1) + 1.0)
+    }
+
     /// Biquad over `[x[k], x[k-1], x[k-2], y[k-1], y[k-2]]`: zeros and poles mapped by `z = exp(s T)`, unit static gain.
     #[must_use]
     pub fn coefficients(&self) -> [f64; 5] {
