@@ -7,17 +7,14 @@
 //!
 //! All of it is linear, so it runs in the tick as a law of the predictor's form ([`hysteron_core::predictor_law`]) whose rows are filled
 //! differently, and its margins are judged as the predictor's are. States: two of `Q / P_n` over the error, its output with the
-//! proportional gain, two of `Q` over the input and its output of the tick before, and the offset of a take-over, which decays.
+//! proportional gain, two of `Q` over the input and its output of the tick before. The law's own unknown input keeps what it is given at a
+//! take-over: to the disturbance observer that is one more constant disturbance, and the analysis here leaves it out.
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, Judgement, PredictorDesign, best_of, feedforward};
-use hysteron_core::predictor_law::STATES;
+use super::predictor::{Demands, Judgement, PredictorDesign, STATES, best_of, feedforward};
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
-
-/// Time in which the offset of a take-over decays, s.
-const TAKE_OVER_S: f64 = 5e-3;
 
 /// Gains of the disturbance observer.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,10 +59,8 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
     b.view_mut((3, 0), (2, 1)).copy_from(&gamma);
     // What was applied up to the reading, not what acts from now on.
     a[(5, 4)] = 1.0;
-    a[(STATES - 1, STATES - 1)] = (-SAMPLING_PERIOD_S / TAKE_OVER_S).exp();
     k[2] = 1.0;
     k[5] = -1.0;
-    k[STATES - 1] = 1.0;
     PredictorDesign { a, b, c: DVector::zeros(STATES), l, k, feedforward: feedforward(&linear.sampled(SAMPLING_PERIOD_S)) }
 }
 

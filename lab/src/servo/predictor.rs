@@ -17,7 +17,7 @@ use nalgebra::{Complex, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// States of the linear dynamics, the slope of the unknown input, and the unknown input.
-const STATES: usize = predictor_law::STATES + 2;
+pub(super) const STATES: usize = predictor_law::STATES + 2;
 
 /// What the predictor is tuned by.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -2,9 +2,8 @@
 //! under the margins that every design keeps. What runs in the tick is [`super::thesis_schemes::regulator`].
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, Judgement, PredictorDesign, best_of};
+use super::predictor::{Demands, Judgement, PredictorDesign, STATES, best_of};
 use super::thesis_schemes::{Notch, PidGains};
-use hysteron_core::predictor_law::STATES;
 use nalgebra::{DMatrix, DVector};
 
 /// The regulator in f64. States: output, last error, two of the notch, integral.
