@@ -13,8 +13,8 @@ use hysteron_sim::bench::{Bench, Start, Variant};
 use hysteron_sim::waveform;
 
 /// Errors over frequency: one curve for each group of rows `prefix.<hz>hz.suffix`.
-fn over_frequency(rows: &[Row], curves: &[(&str, &str, &str, Role)]) -> Plot {
-    let mut plot = Plot::new("Tracking error over frequency")
+fn over_frequency(title: &str, rows: &[Row], curves: &[(&str, &str, &str, Role)]) -> Plot {
+    let mut plot = Plot::new(title)
         .x_axis("frequency", "Hz")
         .y_axis("RMS error", "um")
         .log(true, true)
@@ -267,6 +267,7 @@ pub fn trade_off(assessments: &[Assessment]) -> Plot {
 pub fn chapter_6(bench: &Bench, rows: &[Row], schemes: &[NamedScheme]) -> Vec<Section> {
     let mut blocks = vec![
         Block::Plot(over_frequency(
+            "Tracking error over frequency",
             rows,
             &[
                 ("PIDSM + alpha-beta", "ch6.pidsm_ab.", "hz.rms", Role::Measured),
@@ -296,6 +297,7 @@ pub fn chapter_6(bench: &Bench, rows: &[Row], schemes: &[NamedScheme]) -> Vec<Se
 #[must_use]
 pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robust: Option<&ServoDesign>) -> Vec<Section> {
     let mut blocks = vec![Block::Plot(over_frequency(
+        "Tracking error over frequency",
         rows,
         &[
             ("best design, full bench", "ch7.best.", "hz.none.full.rms", Role::Measured),
@@ -334,6 +336,7 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
             .into(),
         blocks: vec![
             Block::Plot(over_frequency(
+                "The thesis' two schemes under one optimiser, plain bench",
                 rows,
                 &[
                     ("PIDSMOC, no delay", "ch7.fair.pidsmoc.no_delay.", "hz.none.rms", Role::Other1),
@@ -343,6 +346,7 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
                 ],
             )),
             Block::Plot(over_frequency(
+                "Schemes on the full bench, one period of delay",
                 rows,
                 &[
                     ("best design", "ch7.best.", "hz.none.full.rms", Role::Measured),
