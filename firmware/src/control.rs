@@ -15,12 +15,15 @@ use hysteron_core::amplifier::{Amplifier, Command, Refusal};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::front_end::FrontEnd;
-use crate::front_end::spi::SpiConverters;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
 
 /// The front end of this image.
-pub type ChosenFrontEnd = SpiConverters;
+#[cfg(not(feature = "on-chip-converters"))]
+pub type ChosenFrontEnd = crate::front_end::spi::SpiConverters;
+/// The front end of this image.
+#[cfg(feature = "on-chip-converters")]
+pub type ChosenFrontEnd = crate::front_end::on_chip::OnChipConverters;
 
 /// Samples on their way to the trace task: 12 ms at 20 kHz.
 pub const SAMPLE_QUEUE: usize = 256;
@@ -157,7 +160,7 @@ const COMPARE_4: u32 = 1 << 4;
 /// The mean of the tick's cycles forgets a 2^-n part at every tick.
 const RECENT_SHIFT: u32 = 8;
 
-/// Runs once a period, 1 us after the edge of the sample clock.
+/// Runs once a period, a microsecond or two after the edge of the sample clock.
 #[unsafe(no_mangle)]
 #[unsafe(link_section = ".itcm.control")]
 extern "C" fn TIM2() {

@@ -58,7 +58,7 @@ async fn main(spawner: Spawner) {
 
     let (parameters, refused) = match settings::load(SAMPLE_RATE_HZ) {
         Ok(parameters) => (parameters, None),
-        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ), Some(Fault::ParameterBlock)),
+        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, ChosenFrontEnd::SAFE_CODE), Some(Fault::ParameterBlock)),
     };
     let c = &parameters.servo.converters;
     // What a decoder needs to turn codes into um and V, in the formats of the parameter block.
@@ -76,7 +76,7 @@ async fn main(spawner: Spawner) {
     if let Some(fault) = refused.or(fault::cause_of_last_restart()) {
         amplifier.refuse(fault);
     }
-    let mut front_end = control::ChosenFrontEnd::new();
+    let mut front_end = ChosenFrontEnd::new();
     front_end.start(parameters.guard.rest_code);
     fault::remember_rest(parameters.guard.rest_code);
 
@@ -104,6 +104,6 @@ async fn main(spawner: Spawner) {
         }
         _ => defmt::error!("a task has no room"),
     }
-    sample_clock::start(clocks.timer_hz);
+    sample_clock::start(clocks.timer_hz, ChosenFrontEnd::INTERRUPT_AFTER_NS);
     fault::watch().await;
 }

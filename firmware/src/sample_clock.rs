@@ -4,35 +4,36 @@
 //! |---|---|
 //! | CH1 (PA0) | high from the edge for 0.5 us: starts the sensor's conversion |
 //! | CH3 (PB10) | low from the edge for 0.2 us: latches the drive code that the interrupt wrote during the last period |
-//! | CH4 | compare 1 us after the edge: raises the control interrupt, when the conversion is done |
+//! | TRGO | the edge itself: triggers the chip's own converters, where they are the front end |
+//! | CH4 | compare a microsecond or two after the edge: raises the control interrupt, when the conversion is done |
 //!
 //! So a code computed from the sample of edge k acts at edge k+1, whatever the interrupt's latency.
 
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::pac::timer::vals::OcmGp;
+use embassy_stm32::pac::timer::vals::{Mms, OcmGp};
 use embassy_stm32::pac::{RCC, TIM2};
 
 /// Control ticks per second.
 pub const SAMPLE_RATE_HZ: u32 = 20_000;
 const CONVERSION_PULSE_NS: u32 = 500;
 const LATCH_PULSE_NS: u32 = 200;
-const INTERRUPT_AFTER_NS: u32 = 1_000;
 
-/// Starts the beat.
-pub fn start(timer_clock_hz: u32) {
+/// Starts the beat, with the control interrupt so long after the edge.
+pub fn start(timer_clock_hz: u32, interrupt_after_ns: u32) {
     RCC.apb1lenr().modify(|w| w.set_tim2en(true));
     let counts = |nanoseconds: u32| timer_clock_hz / 1_000_000 * nanoseconds / 1_000;
     TIM2.arr().write_value(timer_clock_hz / SAMPLE_RATE_HZ - 1);
     TIM2.ccr(0).write_value(counts(CONVERSION_PULSE_NS));
     TIM2.ccr(2).write_value(counts(LATCH_PULSE_NS));
-    TIM2.ccr(3).write_value(counts(INTERRUPT_AFTER_NS));
+    TIM2.ccr(3).write_value(counts(interrupt_after_ns));
     TIM2.ccmr_output(0).modify(|w| w.set_ocm(0, OcmGp::PWM_MODE1));
     TIM2.ccmr_output(1).modify(|w| w.set_ocm(0, OcmGp::PWM_MODE2));
     TIM2.ccer().modify(|w| {
         w.set_cce(0, true);
         w.set_cce(2, true);
     });
+    TIM2.cr2().modify(|w| w.set_mms(Mms::UPDATE));
     TIM2.egr().write(|w| w.set_ug(true));
     TIM2.sr().write(|w| w.0 = 0);
     TIM2.dier().modify(|w| w.set_ccie(3, true));

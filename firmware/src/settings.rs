@@ -10,7 +10,9 @@ use core::sync::atomic::{AtomicU8, Ordering};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, generation, read, set_generation};
 
+use crate::control::ChosenFrontEnd;
 use crate::flash::write_sector;
+use crate::front_end::FrontEnd;
 
 /// Addresses of the blocks A and B (`memory.x`, SETTINGS).
 const BLOCKS: [(&str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
@@ -27,13 +29,20 @@ fn kept(address: u32) -> &'static [u8] {
     unsafe { core::slice::from_raw_parts(address as *const u8, KEPT_BYTES) }
 }
 
+/// Reads a block and asks whether this image's converters have its codes.
+fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
+    let parameters = read(bytes, sample_rate_hz)?;
+    let fits = parameters.servo.converters.dac_code_max <= ChosenFrontEnd::MOST_CODE;
+    if fits { Ok(parameters) } else { Err(BlockError::Mismatch) }
+}
+
 /// The valid block of the highest generation.
 pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let mut first_error = None;
     let mut newest: Option<(u8, u16, AmplifierParameters)> = None;
     for (nth, (name, address)) in (0..).zip(BLOCKS) {
         let bytes = kept(address);
-        match read(bytes, sample_rate_hz) {
+        match fitting(bytes, sample_rate_hz) {
             Ok(parameters) => {
                 let this = generation(bytes);
                 if newest.as_ref().is_none_or(|(_, before, _)| this > *before) {
@@ -84,7 +93,7 @@ impl Upload {
         if self.bytes.len() != self.length {
             return Err("pieces are missing");
         }
-        let parameters = read(&self.bytes, sample_rate_hz).map_err(BlockError::reason)?;
+        let parameters = fitting(&self.bytes, sample_rate_hz).map_err(BlockError::reason)?;
         let in_use = usize::from(IN_USE.load(Ordering::Relaxed));
         let newest = BLOCKS.get(in_use).map_or(0, |(_, address)| generation(kept(*address)));
         let (name, address) = if in_use == 0 { BLOCKS[1] } else { BLOCKS[0] };
@@ -95,13 +104,11 @@ impl Upload {
     }
 }
 
-/// What runs without a valid block: nothing but rest at the drive code that is zero volts of the reference front end.
-pub fn safe_parameters(sample_rate_hz: u32) -> AmplifierParameters {
+/// What runs without a valid block: nothing but rest, at this drive code.
+pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
     use hysteron_core::guard::GuardParameters;
     use hysteron_core::parameter_block::PhysicalDescription;
     use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
-    /// 0 V of a -20..120 V drive.
-    const REST: u16 = 9362;
     AmplifierParameters {
         physical: PhysicalDescription {
             name: [0; 16],
@@ -118,8 +125,8 @@ pub fn safe_parameters(sample_rate_hz: u32) -> AmplifierParameters {
                 dac_zero: 0,
                 dac_step: 0,
                 dac_codes_per_volt: 0,
-                dac_code_min: REST,
-                dac_code_max: REST,
+                dac_code_min: rest,
+                dac_code_max: rest,
                 noise_shaping: false,
             },
             actuator: ActuatorParameters::Direct,
@@ -135,7 +142,7 @@ pub fn safe_parameters(sample_rate_hz: u32) -> AmplifierParameters {
             tracking_ticks: u16::MAX,
             slew_codes: u16::MAX,
             ramp_codes: 1,
-            rest_code: REST,
+            rest_code: rest,
             healthy_ticks: u16::MAX,
         },
     }

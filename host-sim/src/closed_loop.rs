@@ -102,21 +102,54 @@ impl Trace {
     }
 }
 
+/// How codes of converters are related to the physical world, and which drives are allowed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConverterScale {
+    /// Position at the sensor's code 0, um.
+    pub adc_zero_um: f64,
+    /// Position per code of the sensor, um.
+    pub adc_lsb_um: f64,
+    /// Drive at code 0, V.
+    pub dac_zero_v: f64,
+    /// Drive per code, V.
+    pub dac_lsb_v: f64,
+    /// Lowest drive of the actuator, V.
+    pub drive_min_v: f64,
+    /// Highest drive of the actuator, V.
+    pub drive_max_v: f64,
+}
+
+impl ConverterScale {
+    /// In the integers of the tick.
+    #[must_use]
+    pub fn parameters(&self) -> ConverterParameters {
+        let code = |drive_v: f64| ((drive_v - self.dac_zero_v) / self.dac_lsb_v).round().clamp(0.0, 65_535.0) as u16;
+        ConverterParameters {
+            adc_zero: (self.adc_zero_um * 2.0_f64.powi(24)).round() as i32,
+            adc_step: (self.adc_lsb_um * 2.0_f64.powi(40)).round() as i64,
+            dac_zero: (self.dac_zero_v * 2.0_f64.powi(22)).round() as i32,
+            dac_step: (self.dac_lsb_v * 2.0_f64.powi(38)).round() as i64,
+            dac_codes_per_volt: (2.0_f64.powi(20) / self.dac_lsb_v).round() as i32,
+            dac_code_min: code(self.drive_min_v),
+            dac_code_max: code(self.drive_max_v),
+            noise_shaping: false,
+        }
+    }
+}
+
 /// Converter parameters of a bench whose sensor reads zero at `zero_um`.
 #[must_use]
 pub fn converter_parameters(bench: &Bench, zero_um: f64) -> ConverterParameters {
     let c = &bench.converters;
-    let dac_step_v = (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32);
-    ConverterParameters {
-        adc_zero: ((-ADC_MARGIN_UM - zero_um) * 2.0_f64.powi(24)).round() as i32,
-        adc_step: (bench.adc_lsb_um() * 2.0_f64.powi(40)).round() as i64,
-        dac_zero: (c.dac_min_v * 2.0_f64.powi(22)).round() as i32,
-        dac_step: (dac_step_v * 2.0_f64.powi(38)).round() as i64,
-        dac_codes_per_volt: (2.0_f64.powi(20) / dac_step_v).round() as i32,
-        dac_code_min: bench.dac_code(bench.drive_min_v),
-        dac_code_max: bench.dac_code(bench.drive_max_v),
-        noise_shaping: false,
+    ConverterScale {
+        adc_zero_um: -ADC_MARGIN_UM - zero_um,
+        adc_lsb_um: bench.adc_lsb_um(),
+        dac_zero_v: c.dac_min_v,
+        dac_lsb_v: (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32),
+        drive_min_v: bench.drive_min_v,
+        drive_max_v: bench.drive_max_v,
     }
+    .parameters()
 }
 
 impl<'a> Experiment<'a> {

@@ -3,12 +3,11 @@
 //!
 //! `cargo run --release --package hysteron --example reference_block -- emulator/tests/p753.block`
 
-use hysteron::amplifier_block::{amplifier_parameters, block};
+use hysteron::amplifier_block::{FrontEnd, amplifier_parameters, block};
 use hysteron::problem::write_whole;
-use hysteron::servo::design::{Scheme, ServoDesign};
-use hysteron::servo::predictor::{Demands, PredictorDesign};
+use hysteron::servo::design::ServoDesign;
+use hysteron::servo::predictor::Demands;
 use hysteron_sim::bench::{Bench, Variant};
-use hysteron_sim::closed_loop::converter_parameters;
 use std::error::Error;
 use std::path::Path;
 
@@ -20,12 +19,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     for line in &design.explanation {
         println!("{line}");
     }
-    let Scheme::Predictor { tuning, .. } = &design.scheme else { return Err("not a predictor".into()) };
-    let predictor = PredictorDesign::new(&identified.model.linear, tuning);
-    let radius = predictor.spectral_radius(&identified.model.linear.sampled(1.0 / 20_000.0), 1.0, 0);
-    let parameters = amplifier_parameters(&design, converter_parameters(&bench, 0.0), "p753", radius, 2.0e4)?;
+    let parameters = amplifier_parameters(&design, &FrontEnd { name: "p753".into(), ..FrontEnd::default() })?;
     let bytes = block(&parameters)?;
     write_whole(Path::new(&out), &bytes)?;
-    println!("{out}: {} bytes, model residual {:.4} um, spectral radius {radius:.6}", bytes.len(), identified.rms_um);
+    println!("{out}: {} bytes, model residual {:.4} um", bytes.len(), identified.rms_um);
     Ok(())
 }

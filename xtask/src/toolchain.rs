@@ -25,6 +25,11 @@ pub fn image() -> PathBuf {
     root().join("firmware/target").join(TARGET).join("release/hysteron-firmware")
 }
 
+/// The same with the chip's own converters.
+pub fn on_chip_image() -> PathBuf {
+    image().with_file_name("hysteron-firmware-on-chip")
+}
+
 fn output(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())

@@ -85,6 +85,10 @@ fn send_to_dac(word: u32) -> bool {
 
 impl FrontEnd for SpiConverters {
     const NAME: &'static str = "SPI, AD4000 and AD5791 families";
+    /// 0 V of -20..120 V.
+    const SAFE_CODE: u16 = 9362;
+    const MOST_CODE: u16 = u16::MAX;
+    const INTERRUPT_AFTER_NS: u32 = 1_000;
 
     fn start(&mut self, rest_code: u16) {
         RCC.apb2enr().modify(|w| w.set_spi1en(true));

@@ -159,6 +159,12 @@ enum Command {
         /// Largest sensitivity that is accepted
         #[arg(long, default_value_t = 2.5)]
         sensitivity_peak: f64,
+        /// Parameter block for the amplifier to write; beside it the commands that bring it to a running target
+        #[arg(long, value_name = "FILE")]
+        block: Option<PathBuf>,
+        /// Wiring of the amplifier's converters (firmware/README.md), for --block
+        #[arg(long, value_name = "FILE", requires = "block")]
+        front_end: Option<PathBuf>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -238,9 +244,9 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Simulate { model, drive, out, rate_hz } => study::simulate(&model, &drive, &out, rate_hz),
         Command::Plant { effects, out, seed, base } => plant::plant(&effects, &base, &out, seed),
         Command::Capture { elf, raw, out } => capture::capture(&elf, &raw, &out),
-        Command::Design { model, out, reference_hz, sensor_noise_um, sensitivity_peak, outputs } => {
+        Command::Design { model, out, reference_hz, sensor_noise_um, sensitivity_peak, block, front_end, outputs } => {
             let demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
-            servo::design(&model, &out, &demands, &outputs)
+            servo::design(&model, &out, &demands, block.as_deref(), front_end.as_deref(), &outputs)
         }
         Command::Check { servo: path, model, scheme, outputs } => servo::check(&path, &model, scheme.as_deref(), &outputs),
         Command::Track { model, servo: path, reference, scheme, outputs } => {

@@ -2,6 +2,7 @@
 
 use super::Outputs;
 use super::output::{check_writable, write_json};
+use crate::amplifier_block::{FrontEnd, write_block};
 use crate::model_file;
 use crate::problem::{Problem, Result, write_whole};
 use crate::report::{Block, Page, Plot, Role, Section, Series};
@@ -42,9 +43,18 @@ fn write_page(path: Option<&Path>, page: &Page) -> Result<()> {
     page.write_html(path).map_err(|e| Problem::file(path, format!("cannot be written: {e}")))
 }
 
-/// `hysteron design MODEL --out servo.toml`.
-pub fn design(model: &Path, out: &Path, demands: &Demands, outputs: &Outputs) -> Result<bool> {
+/// `hysteron design MODEL --out servo.toml [--block servo.block [--front-end front_end.toml]]`.
+pub fn design(
+    model: &Path,
+    out: &Path,
+    demands: &Demands,
+    block: Option<&Path>,
+    front_end: Option<&Path>,
+    outputs: &Outputs,
+) -> Result<bool> {
     check_writable(Some(out))?;
+    check_writable(block)?;
+    let front_end = front_end.map_or_else(|| Ok(FrontEnd::default()), FrontEnd::read)?;
     check_writable(outputs.json.as_deref())?;
     check_writable(outputs.report.as_deref())?;
     let chain = model_file::read(model)?;
@@ -64,6 +74,9 @@ pub fn design(model: &Path, out: &Path, demands: &Demands, outputs: &Outputs) ->
         ..Page::default()
     };
     write_page(outputs.report.as_deref(), &page)?;
+    if let Some(block) = block {
+        write_block(&design, &front_end, block)?;
+    }
     write_whole(out, text.as_bytes())?;
     for line in &design.explanation {
         println!("  {line}");
@@ -74,6 +87,9 @@ pub fn design(model: &Path, out: &Path, demands: &Demands, outputs: &Outputs) ->
         let point = |a: &Assessment| format!("{:.2} and {:.2}", 1e3 * a.noise_um, 1e3 * a.disturbance_um);
         let middle = curve.get(curve.len() / 2).map(point).unwrap_or_default();
         println!("  Trade-off, noise passed on and error let through in nm: {}; {middle}; {}.", point(first), point(last));
+    }
+    if let Some(block) = block {
+        println!("wrote {0}; its lines for a running target are in {0}.commands", block.display());
     }
     println!("wrote {}; next: hysteron track {} {} --reference sine:50:5", out.display(), model.display(), out.display());
     Ok(true)
