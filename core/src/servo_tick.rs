@@ -118,7 +118,8 @@ impl ServoTick {
 
     /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
     /// Returns the code to apply.
-    #[inline]
+    // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it widens them and reloads every address.
+    #[inline(never)]
     pub fn tick(&mut self, adc_code: u16, reference_ahead: Micrometres) -> u16 {
         let reading = position(&self.parameters.converters, adc_code);
         self.reading = reading;

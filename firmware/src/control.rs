@@ -6,6 +6,7 @@
 //! producer and one consumer, and through atomics. Code is in ITCM, data in DTCM.
 
 use core::cell::UnsafeCell;
+use core::hint::black_box; // so that fields are reached from one address, not each from its own
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -168,7 +169,7 @@ extern "C" fn TIM2() {
     let cycles_now = DWT::cycle_count();
     TIMER.sr().write(|w| w.0 = !COMPARE_4);
     // SAFETY: `hand_over` ran before the interrupt was enabled, and the interrupt does not nest.
-    let control = unsafe { (*CONTROL.0.get()).assume_init_mut() };
+    let control = unsafe { (*black_box(CONTROL.0.get())).assume_init_mut() };
 
     // Held up for so long that edges went by without a tick.
     let skipped = control.last_cycles.is_some_and(|last| cycles_now.wrapping_sub(last) > control.late_cycles);
