@@ -36,17 +36,18 @@ pub struct PidRegulator {
 }
 
 impl PidRegulator {
-    /// At rest at a reference: creep has come to its end there.
+    /// Takes over from `output`: the integral is what is missing in front of the notch, which has come to rest there, as creep has.
     #[must_use]
-    pub fn at_rest(parameters: &PidParameters, reference: &ReferenceWindow, saturated: &mut u32) -> Self {
-        let feedforward = parameters.feedforward.apply(reference.positions(), saturated);
-        Self { creep: CreepInverse::at_rest(&parameters.creep, feedforward, saturated), ..Self::default() }
-    }
-
-    /// Begins with the integral that makes the first output `output` when `without` is what comes out without it.
-    pub fn take_over(&mut self, output: i32, without: i32) {
-        self.integral = Integrating::at(output.saturating_sub(without));
-        self.notch = [output; 4];
+    pub fn take_over(parameters: &PidParameters, reading: i32, reference: &ReferenceWindow, output: i32, saturated: &mut u32) -> Self {
+        let last_error = reference.now().saturating_sub(reading);
+        let wanted = parameters.feedforward.apply(reference.positions(), saturated);
+        let mut creep = CreepInverse::at_rest(&parameters.creep, wanted, saturated);
+        let without = parameters.proportional_derivative.apply(&[last_error, 0], saturated).saturating_add(creep.step(
+            &parameters.creep,
+            wanted,
+            saturated,
+        ));
+        Self { integral: Integrating::at(output.saturating_sub(without)), last_error, notch: [output; 4], creep }
     }
 
     /// The output for a reading. `hold` stops the integral while the drive saturates in the direction of its sign.

@@ -319,13 +319,7 @@ fn begin(parameters: &LawParameters, reading: i32, applied: i32, drive: i32, win
     match parameters {
         LawParameters::Hold => LawState::Off,
         LawParameters::Regulator(parameters) => {
-            let mut regulator = PidRegulator::at_rest(parameters, window, saturated);
-            // Without integral and without a change of the error.
-            let _ = regulator.output(parameters, reading, window, 0, saturated);
-            regulator.take_over(0, 0);
-            let without = regulator.output(parameters, reading, window, 0, saturated);
-            regulator.take_over(applied, without);
-            LawState::Regulator(regulator)
+            LawState::Regulator(PidRegulator::take_over(parameters, reading, window, applied, saturated))
         }
         LawParameters::SlidingMode { controller, .. } => {
             let estimator = StateEstimator::at_rest(reading);

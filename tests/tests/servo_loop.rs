@@ -2,10 +2,12 @@
 
 use hysteron::servo::commands::{SCHEMES, with_scheme};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
+use hysteron::servo::disturbance_observer::DisturbanceObserverGains;
 use hysteron::servo::float_twin::integer_difference_um;
-use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, SAMPLING_PERIOD_S};
+use hysteron::servo::model::{ActuatorModel, CreepTerm, LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use hysteron::servo::predictor::{Demands, PredictorDesign, PredictorTuning};
 use hysteron::servo::reproduce::{commission, run, sine_reference_um};
+use hysteron::servo::thesis_schemes::{Notch, PidGains};
 use hysteron_core::servo_parameters::ServoParameters;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
@@ -48,6 +50,22 @@ fn predictor() -> ServoDesign {
     )
 }
 
+/// Feedforward through the inverse of creep, PI and a notch.
+fn feedforward() -> ServoDesign {
+    let creep = vec![CreepTerm { share: 0.02, time_constant_s: 0.1 }, CreepTerm { share: 0.05, time_constant_s: 2.0 }];
+    let notch = Notch { frequency_hz: 5000.0, zero_damping_ratio: 0.05, pole_damping_ratio: 1.0 };
+    ServoDesign::new(
+        Scheme::Feedforward { gains: PidGains { p: 0.3, i: 800.0, d: 0.0 }, notch: Some(notch), creep_inverse: true },
+        &ActuatorModel { creep, ..model() },
+        true,
+    )
+}
+
+fn disturbance_observer() -> ServoDesign {
+    let gains = DisturbanceObserverGains { cutoff_rad_s: 2000.0, proportional: 0.3 };
+    ServoDesign::new(Scheme::DisturbanceObserver { gains, hysteresis_inverse: true }, &model(), true)
+}
+
 fn parameters(bench: &Bench, design: &ServoDesign) -> ServoParameters {
     design.parameters(converter_parameters(bench, 0.0)).unwrap()
 }
@@ -78,6 +96,8 @@ fn taking_over_does_not_bump() {
     let bench = Bench::reference().unwrap();
     for design in [
         Some(predictor()),
+        Some(feedforward()),
+        Some(disturbance_observer()),
         thesis_scheme("pidsmoc").map(|s| ServoDesign::new(s, &model(), false)),
         thesis_scheme("pid").map(|s| ServoDesign::new(s, &model(), false)),
     ] {
@@ -208,10 +228,12 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     /// Whatever the converters and the host send: no panic, codes within the limits.
     #[test]
-    fn nothing_that_comes_in_breaks_the_tick(codes in proptest::collection::vec(any::<u16>(), 400), references in proptest::collection::vec(any::<i32>(), 400), which in 0usize..5) {
+    fn nothing_that_comes_in_breaks_the_tick(codes in proptest::collection::vec(any::<u16>(), 400), references in proptest::collection::vec(any::<i32>(), 400), which in 0usize..7) {
         let bench = Bench::reference().unwrap();
         let design = match which {
             0 => predictor(),
+            5 => feedforward(),
+            6 => disturbance_observer(),
             1 => ServoDesign::new(thesis_scheme("pidsmoc").unwrap(), &model(), true),
             2 => ServoDesign::new(thesis_scheme("boundary-layer").unwrap(), &model(), true),
             3 => ServoDesign::new(thesis_scheme("sliding-mode").unwrap(), &model(), true),

@@ -106,7 +106,11 @@ pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs
     let chain = model_file::read(model)?;
     let found = commands::check(&design, &chain).map_err(|m| Problem::file(model, m))?;
     let largest = found.sampled_poles.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
-    println!("{}: {}, largest sampled eigenvalue {largest:.4}", found.scheme, if found.stable { "stable" } else { "UNSTABLE" });
+    match (found.sampled_poles.is_empty(), found.stable) {
+        (true, _) => println!("{}: not judged", found.scheme),
+        (false, true) => println!("{}: stable, largest sampled eigenvalue {largest:.4}", found.scheme),
+        (false, false) => println!("{}: UNSTABLE, largest sampled eigenvalue {largest:.4}", found.scheme),
+    }
     if let Some(m) = &found.margins {
         println!(
             "  gain -50 % {:.3}, +50 % {:.3}; a period more of delay {:.3}; twice the mass {:.3}; second mode {:.3}; peak sensitivity {:.2}",

@@ -154,6 +154,7 @@ impl ServoDesign {
             Scheme::Predictor { .. } => "predictor-linear",
             Scheme::SlidingMode { estimator, reaching, .. } => match (estimator, reaching) {
                 (Estimator::Pidsmo(_), ReachingGains::Pid) => "pidsmoc",
+                (Estimator::AlphaBeta(f), ReachingGains::Pid) if f.discrete => "pidsmc-alpha-beta-discrete",
                 (Estimator::AlphaBeta(_), ReachingGains::Pid) => "pidsmc-alpha-beta",
                 (_, ReachingGains::Switching { .. }) => "sliding-mode",
                 (_, ReachingGains::BoundaryLayer { .. }) => "boundary-layer",
