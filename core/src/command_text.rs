@@ -92,7 +92,7 @@ impl BlockPiece {
         const EXPECTED: &str = "expected up to 32 bytes in hexadecimal";
         let offset = u32::try_from(offset).map_err(|_| "an offset is negative")?;
         let mut piece = Self { offset, bytes: [0; PIECE_BYTES], count: text.len() / 2 };
-        if piece.count == 0 || piece.count > PIECE_BYTES || text.len() % 2 != 0 {
+        if piece.count == 0 || piece.count > PIECE_BYTES || !text.len().is_multiple_of(2) {
             return Err(EXPECTED);
         }
         for (byte, digits) in piece.bytes.iter_mut().zip(text.as_bytes().chunks_exact(2)) {
