@@ -49,6 +49,8 @@ pub struct World {
     last_read_ns: Option<u64>,
     edges: u64,
     last_code: u16,
+    /// The sensor reads the code that acted in the last period: a wire instead of an actuator.
+    pub wire: bool,
     /// Troubles of the sensor.
     pub troubles: Vec<SensorTrouble>,
     /// At each edge: the code that the sensor gave and the code that acts from it on.
@@ -73,6 +75,7 @@ impl World {
             last_read_ns: None,
             edges: 0,
             last_code: 0,
+            wire: false,
             troubles: Vec::new(),
             codes: Vec::new(),
         }
@@ -89,8 +92,8 @@ impl World {
         if self.edges > 0 {
             self.plant.tick(self.bench.drive_for_code_v(self.acting_code));
         }
-        self.acting_code = self.written_code;
-        let honest = self.sensor.read_code(&self.plant);
+        let acted = std::mem::replace(&mut self.acting_code, self.written_code);
+        let honest = if self.wire { acted } else { self.sensor.read_code(&self.plant) };
         let now = self.edges;
         let trouble = self.troubles.iter().find(|trouble| (trouble.from..trouble.to).contains(&now));
         let code = match trouble.map(|trouble| trouble.kind) {

@@ -265,7 +265,9 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         sent_of_command: 0,
         taken: Arc::clone(&taken),
     };
-    let mut finished = emulate(session, &Start::new(&images), probe)?;
+    let mut start = Start::new(&images);
+    start.semihosting = true;
+    let mut finished = emulate(session, &start, probe)?;
     if let Some(error) = finished.session.take_error() {
         return Err(error.into());
     }

@@ -1,0 +1,243 @@
+//! The checks of a board that need no instrument: `cargo run --release --bin board_check` with the drive's converter wired to the sensor's.
+//!
+//! # How it works
+//! The sample clock, the control interrupt's place and the front end are those of the firmware; the interrupt here writes a pattern to the
+//! drive (constant, step, ramp) and stores what the sensor reads. Each check says its figure and whether it passes, and the program ends with
+//! the number of checks that failed as its exit status, which `probe-rs run` hands on. The same image runs on the emulated part, where a wire
+//! stands between the converters; what it says there is function, not the timing or the noise of hardware.
+//!
+//! | check | figure | passes |
+//! |---|---|---|
+//! | period | mean of the interrupt's period, core cycles | 20000 within 1 |
+//! | jitter | largest less smallest period, core cycles | at most 400 (1 us): software's, the converters' edges are hardware's |
+//! | silent | readings and writes that the converters did not answer | none |
+//! | delay | ticks from a written step to the first reading that shows it | 2: it acts at the next edge and is sampled at the one after |
+//! | linearity | largest deviation of the readings over a ramp from a line, in thousandths of their span | at most 2 |
+//! | noise | RMS of the readings at a constant drive, codes | at most 16 |
+//! | flash | a sector that holds nothing is written and reads back | it does |
+#![no_std]
+#![no_main]
+
+#[path = "../board.rs"]
+mod board;
+#[path = "../critical_section_below_control.rs"]
+mod critical_section_below_control;
+#[path = "../flash.rs"]
+mod flash;
+#[path = "../front_end/mod.rs"]
+mod front_end;
+#[path = "../itcm.rs"]
+mod itcm;
+#[path = "../sample_clock.rs"]
+mod sample_clock;
+
+use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
+
+use cortex_m::peripheral::DWT;
+use embassy_executor::Spawner;
+use embassy_stm32::pac::TIM2 as TIMER;
+use embassy_time::Timer;
+use rtt_target::{ChannelMode, rtt_init};
+
+use front_end::FrontEnd;
+#[cfg(feature = "on-chip-converters")]
+use front_end::on_chip::OnChipConverters as Converters;
+#[cfg(not(feature = "on-chip-converters"))]
+use front_end::spi::SpiConverters as Converters;
+
+/// Ticks of one experiment.
+const TICKS: u32 = 4096;
+/// The tick at which a step is written.
+const STEP_AT: u32 = 64;
+/// The pattern stays within these parts of the drive's range.
+const LOW: u16 = Converters::MOST_CODE / 5;
+const HIGH: u16 = Converters::MOST_CODE / 5 * 4;
+const PERIOD_CYCLES: f32 = 20_000.0;
+const COMPARE_4: u32 = 1 << 4;
+/// The last sector of bank 2 before the parameter blocks.
+const SPARE_SECTOR: u32 = 0x081A_0000;
+
+#[derive(Clone, Copy, PartialEq)]
+#[repr(u32)]
+enum Pattern {
+    Constant = 0,
+    Step = 1,
+    Ramp = 2,
+    Rest = 3,
+}
+
+static PATTERN: AtomicU32 = AtomicU32::new(Pattern::Rest as u32);
+/// The tick of the experiment; at [`TICKS`] it is over.
+static TICK: AtomicU32 = AtomicU32::new(TICKS);
+static READINGS: [AtomicU16; TICKS as usize] = [const { AtomicU16::new(0) }; TICKS as usize];
+static LAST_CYCLES: AtomicU32 = AtomicU32::new(0);
+static LEAST_PERIOD: AtomicU32 = AtomicU32::new(u32::MAX);
+static MOST_PERIOD: AtomicU32 = AtomicU32::new(0);
+static FIRST_CYCLES: AtomicU32 = AtomicU32::new(0);
+static SILENT: AtomicU32 = AtomicU32::new(0);
+
+fn written(pattern: u32, tick: u32) -> u16 {
+    let ramp = LOW + ((u32::from(HIGH - LOW) * tick.min(TICKS)) / TICKS) as u16;
+    match pattern {
+        1 => {
+            if tick < STEP_AT {
+                LOW
+            } else {
+                HIGH
+            }
+        }
+        2 => ramp,
+        3 => Converters::SAFE_CODE,
+        _ => LOW,
+    }
+}
+
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".itcm.control")]
+extern "C" fn TIM2() {
+    let now = DWT::cycle_count();
+    TIMER.sr().write(|w| w.0 = !COMPARE_4);
+    let mut converters = Converters::new();
+    let reading = converters.read();
+    let tick = TICK.load(Ordering::Relaxed);
+    let mut silent = reading.is_none();
+    silent |= !converters.write(written(PATTERN.load(Ordering::Relaxed), tick));
+    if tick >= TICKS {
+        return;
+    }
+    if silent {
+        SILENT.store(SILENT.load(Ordering::Relaxed).saturating_add(1), Ordering::Relaxed);
+    }
+    if tick == 0 {
+        FIRST_CYCLES.store(now, Ordering::Relaxed);
+    } else {
+        let period = now.wrapping_sub(LAST_CYCLES.load(Ordering::Relaxed));
+        LEAST_PERIOD.store(LEAST_PERIOD.load(Ordering::Relaxed).min(period), Ordering::Relaxed);
+        MOST_PERIOD.store(MOST_PERIOD.load(Ordering::Relaxed).max(period), Ordering::Relaxed);
+    }
+    LAST_CYCLES.store(now, Ordering::Relaxed);
+    if let Some(slot) = READINGS.get(tick as usize) {
+        slot.store(reading.unwrap_or(0), Ordering::Relaxed);
+    }
+    TICK.store(tick + 1, Ordering::Relaxed);
+}
+
+/// Runs a pattern and waits for its end, for a while.
+async fn experiment(pattern: Pattern) {
+    PATTERN.store(pattern as u32, Ordering::Relaxed);
+    // The first code of the pattern settles before it begins.
+    Timer::after_millis(20).await;
+    TICK.store(0, Ordering::Relaxed);
+    for _ in 0..1_000 {
+        if TICK.load(Ordering::Relaxed) >= TICKS {
+            return;
+        }
+        Timer::after_millis(1).await;
+    }
+}
+
+fn reading(tick: u32) -> f32 {
+    READINGS.get(tick as usize).map_or(0.0, |slot| f32::from(slot.load(Ordering::Relaxed)))
+}
+
+/// Says a figure and counts what fails.
+struct Verdict {
+    failed: u32,
+}
+
+impl Verdict {
+    fn say(&mut self, name: &str, figure: f32, unit: &str, passes: bool) {
+        self.failed += u32::from(!passes);
+        let verdict = if passes { "pass" } else { "FAIL" };
+        defmt::info!("check {=str}: {=f32} {=str}: {=str}", name, figure, unit, verdict);
+    }
+}
+
+fn delay_ticks() -> f32 {
+    let (before, after) = (reading(STEP_AT - 1), reading(STEP_AT + 40));
+    let middle = (before + after) / 2.0;
+    let shown = (STEP_AT..TICKS).find(|tick| (reading(*tick) > middle) == (after > before) && after != before);
+    shown.map_or(f32::INFINITY, |tick| (tick - STEP_AT) as f32)
+}
+
+/// Largest deviation of a ramp's readings from their line of least squares, in thousandths of their span.
+fn deviation_thousandths() -> f32 {
+    // The reading two ticks later shows the code; the beginning settles.
+    let points = || (STEP_AT..TICKS).map(|tick| (tick as f32 / TICKS as f32 - 0.5, reading(tick)));
+    let count = (TICKS - STEP_AT) as f32;
+    let (mut x, mut y, mut xx, mut xy) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
+    for (a, b) in points() {
+        (x, y, xx, xy) = (x + a / count, y + b / count, xx + a * a / count, xy + a * b / count);
+    }
+    let slope = (xy - x * y) / (xx - x * x);
+    let largest = points().map(|(a, b)| (b - y - slope * (a - x)).abs()).fold(0.0, f32::max);
+    if slope == 0.0 { f32::INFINITY } else { 1e3 * largest / slope.abs() }
+}
+
+fn noise_codes() -> f32 {
+    let mean = (0..TICKS).map(|tick| reading(tick) / TICKS as f32).sum::<f32>();
+    let square = (0..TICKS).map(|tick| (reading(tick) - mean) * (reading(tick) - mean) / TICKS as f32).sum::<f32>();
+    // A square root without a library: Newton's, from above.
+    (0..24).fold(square.max(1.0), |root, _| (root + square / root) / 2.0)
+}
+
+async fn flash_keeps() -> bool {
+    let bytes: [u8; 96] = core::array::from_fn(|k| (k as u8).wrapping_mul(37) ^ 0x5A);
+    if flash::write_sector(SPARE_SECTOR, &bytes).await.is_err() {
+        return false;
+    }
+    // SAFETY: flash that nothing occupies, always readable.
+    let kept = unsafe { core::slice::from_raw_parts(SPARE_SECTOR as *const u8, bytes.len()) };
+    kept == bytes
+}
+
+/// Ends the program with a status, by semihosting (SYS_EXIT_EXTENDED).
+fn end(status: u32) -> ! {
+    let arguments = [0x2_0026u32, status];
+    loop {
+        // SAFETY: the debugger reads two words; without one this is a hard fault, and the program has ended all the same.
+        unsafe { core::arch::asm!("bkpt 0xAB", in("r0") 0x20, in("r1") arguments.as_ptr()) };
+    }
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    end(101)
+}
+
+#[embassy_executor::main]
+async fn main(_spawner: Spawner) {
+    let channels = rtt_init! { up: { 0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" } } };
+    rtt_target::set_defmt_channel(channels.up.0);
+    let peripherals = board::init();
+    let clocks = board::clocks(&peripherals);
+    defmt::info!("board check: core {=u32} Hz, front end {=str}", clocks.core_hz, Converters::NAME);
+    Converters::new().start(Converters::SAFE_CODE);
+    sample_clock::start(clocks.timer_hz, Converters::INTERRUPT_AFTER_NS);
+
+    let mut verdict = Verdict { failed: 0 };
+    experiment(Pattern::Constant).await;
+    let ticks = TICK.load(Ordering::Relaxed);
+    let span = LAST_CYCLES.load(Ordering::Relaxed).wrapping_sub(FIRST_CYCLES.load(Ordering::Relaxed));
+    let period = span as f32 / ticks.saturating_sub(1).max(1) as f32;
+    verdict.say("period", period, "cycles", (period - PERIOD_CYCLES).abs() <= 1.0);
+    let jitter = MOST_PERIOD.load(Ordering::Relaxed).wrapping_sub(LEAST_PERIOD.load(Ordering::Relaxed)) as f32;
+    verdict.say("jitter", jitter, "cycles", jitter <= 400.0);
+    let noise = noise_codes();
+    verdict.say("noise", noise, "codes RMS", noise <= 16.0);
+    experiment(Pattern::Step).await;
+    let delay = delay_ticks();
+    verdict.say("delay", delay, "ticks", delay == 2.0);
+    experiment(Pattern::Ramp).await;
+    let deviation = deviation_thousandths();
+    verdict.say("linearity", deviation, "thousandths of the span", deviation <= 2.0);
+    PATTERN.store(Pattern::Rest as u32, Ordering::Relaxed);
+    let silent = SILENT.load(Ordering::Relaxed);
+    verdict.say("silent", silent as f32, "ticks", silent == 0);
+    let keeps = flash_keeps().await;
+    verdict.say("flash", f32::from(u8::from(keeps)), "of 1 sector", keeps);
+    defmt::info!("board check: {=u32} failed", verdict.failed);
+    // The probe reads the log before the end.
+    Timer::after_millis(50).await;
+    end(verdict.failed);
+}
