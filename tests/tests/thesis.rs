@@ -1,4 +1,4 @@
-//! Chapters 6 and 7 against the goals, and the order of schemes that the thesis found. Slow: run in release mode.
+//! The thesis' chapters against the goals, and what else they found: shapes of curves, orders of schemes. Slow: run in release mode.
 
 use hysteron::reproduce::{Row, chapter, goals};
 
@@ -14,6 +14,45 @@ fn meets_goals(number: u32, rows: &[Row]) {
             assert!(ours <= limit, "{}: {ours} is above {limit}", goal.id);
         }
     }
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn chapter_3() {
+    let rows = chapter(3, &|_| ()).unwrap().rows;
+    meets_goals(3, &rows);
+    assert_eq!(figure(&rows, "ch3.speed.monotone"), 1.0);
+    // The masses are on a grid of 10 g.
+    let (measured, ours) = (figure(&rows, "ch3.optimum_mass.measured"), figure(&rows, "ch3.optimum_mass.model"));
+    assert!((measured - ours).abs() < 0.0101, "{measured} {ours}");
+    // An optimum, not an end of the range.
+    assert!((0.075..0.405).contains(&measured), "{measured}");
+    assert!(figure(&rows, "ch3.integrator.runge_kutta.max") < 1e-5);
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn chapter_4() {
+    let rows = chapter(4, &|_| ()).unwrap().rows;
+    meets_goals(4, &rows);
+    // The classical model misses the first rise; the one-sided one is better on either way of estimating.
+    assert!(figure(&rows, "ch4.cp.rms") > 10.0 * figure(&rows, "ch4.ri.rms"));
+    assert!(figure(&rows, "ch4.cp.rms") > 10.0 * figure(&rows, "ch4.ri.other.rms"));
+    assert!(figure(&rows, "ch4.bipolar.without.rms") > 2.0 * figure(&rows, "ch4.bipolar.with.rms"));
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn chapter_5() {
+    let rows = chapter(5, &|_| ()).unwrap().rows;
+    meets_goals(5, &rows);
+    for hz in [50, 100, 200, 300, 400, 500] {
+        let joint = figure(&rows, &format!("ch5.model.{hz}hz.rms"));
+        // Twice the sensor's noise, and far below the chain of single identifications.
+        assert!(joint < 0.002, "{hz} Hz: {joint}");
+        assert!(figure(&rows, &format!("ch5.joint.{hz}hz.better")) > 5.0, "{hz} Hz");
+    }
+    assert!(figure(&rows, "ch5.coverage.pct") >= 95.0);
 }
 
 #[test]
