@@ -18,7 +18,7 @@ use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{ReferenceGenerator, Waveform};
 use crate::servo_tick::ServoTick;
-use crate::signal::Micrometres;
+use crate::signal::{Micrometres, VOLT_FRACTION_BITS};
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
@@ -54,9 +54,9 @@ pub enum Command {
     },
     /// Plays an open-loop drive, then goes to rest.
     Play {
-        /// Its form, amplitudes in V with 24 fraction bits.
+        /// Its form, amplitudes in V with 22 fraction bits.
         waveform: Waveform,
-        /// Its offset, V with 24 fraction bits.
+        /// Its offset, V with 22 fraction bits.
         offset: i32,
         /// How long, ticks.
         ticks: u32,
@@ -195,8 +195,8 @@ impl Amplifier {
     /// limit.
     fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator {
         let physical = &self.parameters.physical;
-        // mV to V with 24 fraction bits.
-        let volts = |millivolts: i32| ((i64::from(millivolts) << 24) / 1000) as i32;
+        // mV to V with 22 fraction bits.
+        let volts = |millivolts: i32| ((i64::from(millivolts) << VOLT_FRACTION_BITS) / 1000) as i32;
         let middle = volts(physical.drive_min_mv / 2 + physical.drive_max_mv / 2);
         let half = middle.saturating_sub(volts(physical.drive_min_mv));
         let tones = tones.map(|(increment, share)| (increment, ((i64::from(half) * i64::from(share)) >> 10) as i32, 0xc000_0000));
@@ -266,8 +266,8 @@ impl Amplifier {
         if self.remaining_ticks > 0 {
             self.remaining_ticks -= 1;
             let c = &self.parameters.servo.converters;
-            // V with 24 fraction bits -> 22; * codes/V (20) -> codes with 42.
-            let drive = i64::from(self.generator.next_position().to_bits() >> 2);
+            // V with 22 fraction bits, whatever the generator calls it; * codes/V (20) -> codes with 42.
+            let drive = i64::from(self.generator.next_position().to_bits());
             let code = ((drive - i64::from(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
             let code = code.max(i64::from(c.dac_code_min)).min(i64::from(c.dac_code_max)) as u16;
             return self.servo.open_loop(code);
@@ -326,6 +326,26 @@ mod tests {
     fn reading(code: u16, tick: u32) -> u16 {
         let volts = f64::from(code) * 140.0 / 65_536.0 - 20.0;
         ((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u16 + (tick.wrapping_mul(2_654_435_761) >> 30) as u16
+    }
+
+    #[test]
+    fn an_identification_of_a_150_v_actuator_sweeps_its_range() {
+        let mut parameters = example();
+        parameters.physical.drive_max_mv = 150_000;
+        let c = &mut parameters.servo.converters;
+        (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (200i64 << 38) >> 16, ((65_536i64 << 20) / 200) as i32);
+        (c.dac_code_min, c.dac_code_max) = (0, 49_152);
+        parameters.guard.rest_code = 0;
+        let mut amplifier = Amplifier::new(parameters);
+        assert_eq!(amplifier.command(Command::Identify { ticks: 20_000 }), Ok(()));
+        let (mut highest, mut before) = (0, 0u16);
+        for k in 0..20_000 {
+            let sample = amplifier.tick(Some(reading(9_362, k)), false);
+            assert!(sample.dac_code.abs_diff(before) < 1_000, "no jump");
+            before = sample.dac_code;
+            highest = highest.max(before);
+        }
+        assert!(highest > 47_000, "{highest}");
     }
 
     #[test]

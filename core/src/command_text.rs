@@ -24,6 +24,7 @@ use core::fmt::{self, Write};
 
 use crate::amplifier::Command;
 use crate::reference_generator::Waveform;
+use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 use crate::trace_frame::Channels;
 
 /// A line, understood.
@@ -154,10 +155,11 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         let millihertz = u64::try_from(millihertz).map_err(|_| "a frequency is negative")?;
         u32::try_from((millihertz << 32) / (1000 * u64::from(sample_rate_hz.max(1)))).map_err(|_| "a frequency is above the sampling rate")
     };
-    // Thousandths to a format with 24 fraction bits.
-    let thousandths = |value: i32| -> Result<i32, &'static str> {
-        i32::try_from((i64::from(value) << 24) / 1000).map_err(|_| "an amplitude or offset is too large")
+    let scaled = |value: i32, fraction_bits: u32| -> Result<i32, &'static str> {
+        i32::try_from((i64::from(value) << fraction_bits) / 1000).map_err(|_| "an amplitude or offset is too large")
     };
+    let micrometres = |nanometres: i32| scaled(nanometres, MICROMETRE_FRACTION_BITS);
+    let volts = |millivolts: i32| scaled(millivolts, VOLT_FRACTION_BITS);
     let ticks = |value: i32| u32::try_from(value).map_err(|_| "a duration is negative");
     let sine = |increment: u32, amplitude: i32| Waveform::Multisine { tones: [(increment, amplitude, 0), (0, 0, 0), (0, 0, 0), (0, 0, 0)] };
 
@@ -168,22 +170,22 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("clear"), None) => Command::Clear,
         (Some("status"), None) => return Ok(Line::Status),
         (Some("condition"), None) => Command::Condition { cycle_ticks: sample_rate_hz / CONDITIONING_HZ, rest_ticks: sample_rate_hz },
-        (Some("reference"), Some("constant")) => Command::Reference { waveform: Waveform::Constant, offset: thousandths(number()?)? },
+        (Some("reference"), Some("constant")) => Command::Reference { waveform: Waveform::Constant, offset: micrometres(number()?)? },
         (Some("reference"), Some("sine")) => {
-            let waveform = sine(increment(number()?)?, thousandths(number()?)?);
-            Command::Reference { waveform, offset: thousandths(number()?)? }
+            let waveform = sine(increment(number()?)?, micrometres(number()?)?);
+            Command::Reference { waveform, offset: micrometres(number()?)? }
         }
         (Some("reference"), Some("step")) => {
-            let (height, delay_ticks, duration_ticks) = (thousandths(number()?)?, ticks(number()?)?, ticks(number()?)?);
+            let (height, delay_ticks, duration_ticks) = (micrometres(number()?)?, ticks(number()?)?, ticks(number()?)?);
             Command::Reference { waveform: Waveform::QuasiStep { height, delay_ticks, duration_ticks }, offset: 0 }
         }
         (Some("play"), Some("sine")) => {
-            let waveform = sine(increment(number()?)?, thousandths(number()?)?);
-            Command::Play { waveform, offset: thousandths(number()?)?, ticks: ticks(number()?)? }
+            let waveform = sine(increment(number()?)?, volts(number()?)?);
+            Command::Play { waveform, offset: volts(number()?)?, ticks: ticks(number()?)? }
         }
         (Some("play"), Some("chirp")) => {
             let (first, last) = (increment(number()?)?, increment(number()?)?);
-            let (amplitude, offset, duration_ticks) = (thousandths(number()?)?, thousandths(number()?)?, ticks(number()?)?);
+            let (amplitude, offset, duration_ticks) = (volts(number()?)?, volts(number()?)?, ticks(number()?)?);
             let change = ((i64::from(last) - i64::from(first)) << 8) / i64::from(duration_ticks.max(1));
             let change = i32::try_from(change).map_err(|_| "the frequency changes too fast")?;
             Command::Play {
