@@ -3,7 +3,7 @@
 //!
 //! # How it works
 //! A compass search over the logarithms of the gains from those of the thesis, the same number of evaluations for both. It first goes,
-//! by eigenvalues alone, to where the margins hold: the sampled loop on the nominal model is stable with the gain 50 % lower and
+//! by eigenvalues alone, to where the margins hold: the sampled loop on the nominal model decays within 5 ms with the gain 50 % lower and
 //! higher, with and without twice the moving mass. Then an evaluation is what a commissioning engineer would try: the integer servo
 //! follows 10 Hz and 100 Hz on the bare bench, and the geometric mean of both RMS errors counts; what does not keep the margins is not
 //! tried.
@@ -22,8 +22,11 @@ pub const EVALUATIONS: usize = 220;
 /// Steps of the search in the logarithm of a gain, from the first to the last.
 const STEPS: [f64; 4] = [0.7, 0.35, 0.18, 0.09];
 
+/// Largest sampled eigenvalue that is accepted in any case of the margins: what disturbs the loop decays within 5 ms. With less damping the
+/// lag of small hysteresis loops, which the linear plant does not have, makes it ring under load.
+const LARGEST_EIGENVALUE: f64 = 0.99;
 /// Largest eigenvalues at which the search by eigenvalues alone hands over: at the edge of the margins, further in, as far in as it gets.
-const ENTRIES: [f64; 3] = [0.999, 0.985, 0.0];
+const ENTRIES: [f64; 3] = [0.989, 0.98, 0.0];
 
 /// Which of the two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,7 +125,7 @@ impl<'a> Trial<'a> {
 
     /// Logarithm of the product of both RMS errors, or nothing where the margins do not hold or the gains do not fit the tick.
     fn score(&self, scheme: &Scheme) -> Option<f64> {
-        if worst_eigenvalue(scheme, self.delayed)? >= 1.0 {
+        if worst_eigenvalue(scheme, self.delayed)? > LARGEST_EIGENVALUE {
             return None;
         }
         let design = ServoDesign { delayed: self.delayed, ..without_model(self.bench, scheme.clone()) };
@@ -176,7 +179,8 @@ pub fn tune(bench: &Bench, family: Family, delayed: bool) -> Option<ServoDesign>
     let found = ENTRIES.into_iter().filter_map(|enough| {
         let mut gains = family.start();
         // Into the region where the margins hold, by eigenvalues alone; then by what the bench shows.
-        search(&mut gains, 4 * EVALUATIONS, enough, |g| worst_eigenvalue(&family.scheme(g)?, delayed)).filter(|radius| *radius < 1.0)?;
+        search(&mut gains, 4 * EVALUATIONS, enough, |g| worst_eigenvalue(&family.scheme(g)?, delayed))
+            .filter(|radius| *radius < LARGEST_EIGENVALUE)?;
         let score = search(&mut gains, EVALUATIONS, f64::NEG_INFINITY, |g| trial.score(&family.scheme(g)?))?;
         Some((score, gains))
     });

@@ -330,7 +330,7 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
     let compared = Section {
         heading: "Chapter 7: other schemes under equal conditions".into(),
         text: "With the thesis' gains the order of PIDSMOC and PIDSMC + alpha-beta at low frequency is that of their integral gains, 1 and 2. \
-               Here both are tuned by one optimiser under one set of margins (gain +-50 %, twice the mass), without delay and with one \
+               Here both are tuned by one optimiser under one set of margins (gain +-50 %, twice the mass, decay in 5 ms), without delay and with one \
                period of it. Below, on the full bench with one period of delay, each scheme from the same identified model and under the \
                margins of the best design."
             .into(),
