@@ -15,6 +15,9 @@ use crate::problem::{Problem, Result, write_whole};
 /// Least samples of a record; shorter runs between gaps are dropped.
 const LEAST_SAMPLES: usize = 200;
 
+/// Least samples at a constant drive that make a record of the noise.
+const LEAST_REST_SAMPLES: usize = 2000;
+
 /// What a capture came to.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CaptureSummary {
@@ -98,6 +101,17 @@ pub fn capture(elf: &Path, raw: &Path, out: &Path) -> Result<CaptureSummary> {
         let first_drives = run.samples.iter().take(50);
         let settled = first_drives.clone().all(|sample| Some(sample.dac_code) == run.samples.first().map(|s| s.dac_code));
         let state = if settled { "settled" } else { "unknown" };
+        // What the run begins with at a constant drive shows the sensor's noise.
+        let at_rest = run.samples.iter().take_while(|sample| Some(sample.dac_code) == run.samples.first().map(|s| s.dac_code)).count();
+        if at_rest >= LEAST_REST_SAMPLES {
+            let name = format!("run_{}_noise.csv", nth + 1);
+            let rest = Run { decimation: run.decimation, samples: run.samples.iter().take(at_rest).copied().collect() };
+            write_whole(&out.join(&name), csv(&rest, &converters, rate_hz).as_bytes())?;
+            manifest.push_str(&format!(
+                "\n[[record]]\nfile = \"{name}\"\nsample_rate_hz = {rate_hz:?}\nrole = \"noise\"\ninitial_state = \"settled\"\noffset = \"fit\"\n"
+            ));
+            summary.records.push((name, at_rest - 1));
+        }
         // The last part validates; what lies before it still drives the model, so both records hold the whole run.
         for (role, window) in [("identify", format!("to_s = {middle_s:?}")), ("validate", format!("from_s = {middle_s:?}"))] {
             let name = format!("run_{}_{role}.csv", nth + 1);

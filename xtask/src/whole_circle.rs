@@ -1,8 +1,8 @@
 //! From the target's own log to the effect that a model misses: nothing in it was recorded on the host.
 //!
-//! The tests on the emulated target leave the log of a drive that the image played on an actuator with hysteresis, a first rise, one mode and
-//! creep. Here it becomes a data set, a model without creep is identified from it, and the diagnosis must name creep first. A servo is designed
-//! from the same model, down to the parameter block.
+//! The tests on the emulated target leave the log of the drive that the image played on an actuator with hysteresis, a first rise, one mode and
+//! creep. Here it becomes a data set; `explain` begins without creep and must name creep and nothing else. A servo is designed from the model
+//! that it comes to, down to the parameter block.
 
 use crate::steps::{cargo, root};
 use crate::toolchain;
@@ -11,7 +11,7 @@ use crate::toolchain;
 const HIDDEN: &str = "creep";
 const GIVEN: &str = "hysteresis,initial_curve,vibration";
 
-/// Captures, identifies, diagnoses, designs.
+/// Captures, explains, designs.
 pub fn run() -> Result<(), String> {
     let log = root().join("emulator/target/tmp/record.rtt");
     if !log.is_file() {
@@ -24,13 +24,13 @@ pub fn run() -> Result<(), String> {
     let hysteron =
         |arguments: &[&str]| cargo(&[&["run", "--quiet", "--release", "--package", "hysteron", "--"], arguments].concat(), &root(), &[]);
     hysteron(&["capture", &image.to_string_lossy(), &log.to_string_lossy(), "--out", &path("record")])?;
-    hysteron(&["identify", &path("record"), "--effects", GIVEN, "--out", &path("model.toml")])?;
-    hysteron(&["diagnose", &path("model.toml"), &path("record"), "--json", &path("diagnosis.json")])?;
-    let text = std::fs::read_to_string(path("diagnosis.json")).map_err(|error| error.to_string())?;
-    let diagnosis: serde_json::Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
-    match diagnosis["candidates"][0]["effect"].as_str() {
-        Some(HIDDEN) => {}
-        other => return Err(format!("the diagnosis names {} first, not {HIDDEN}", other.unwrap_or("nothing"))),
+    let explain = ["explain", &path("record"), "--from", GIVEN, "--out", &path("model.toml"), "--json", &path("explain.json")];
+    hysteron(&explain)?;
+    let text = std::fs::read_to_string(path("explain.json")).map_err(|error| error.to_string())?;
+    let found: serde_json::Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    let named: Vec<&str> = found["diagnosis"]["named"].as_array().into_iter().flatten().filter_map(|name| name.as_str()).collect();
+    if named != [HIDDEN] {
+        return Err(format!("the diagnosis names {named:?}, not {HIDDEN}"));
     }
     // And from the same record the next controller, as the block that the target keeps.
     hysteron(&["design", &path("model.toml"), "--out", &path("servo.toml"), "--block", &path("servo.block")])
