@@ -125,6 +125,12 @@ pub struct Drive<'a> {
     pub initial_state: InitialState,
 }
 
+impl EffectInstance {
+    fn stage<'a>(&self, model: &Model, setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        self.effect.stage(model, &self.values(), setting)
+    }
+}
+
 impl Model {
     /// A model without effects.
     #[must_use]
@@ -171,43 +177,117 @@ impl Model {
     /// Builds the stages in the order of the chain, each with the index of its effect.
     #[must_use]
     pub fn stages<'a>(&self, setting: &Setting<'a>) -> Vec<(usize, Box<dyn Stage + 'a>)> {
+        let order = self.order();
+        order.into_iter().filter_map(|i| self.effects[i].stage(self, setting).map(|stage| (i, stage))).collect()
+    }
+
+    fn order(&self) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.effects.len()).collect();
         order.sort_by_key(|&i| self.effects[i].effect.declaration().place);
         order
-            .into_iter()
-            .filter_map(|i| {
-                let instance = &self.effects[i];
-                instance.effect.stage(self, &instance.values(), setting).map(|stage| (i, stage))
-            })
-            .collect()
+    }
+
+    /// The stages for a drive of this period. What holds its value over a period is carried once a period, as far as the first stage that
+    /// moves inside it; from there on all go in sub-intervals.
+    fn walk<'a>(&self, dt_s: f64, resolution: &'a Resolution) -> Vec<WalkStage<'a>> {
+        let mut fine = resolution.all_fine;
+        let mut out = Vec::new();
+        for effect in self.order() {
+            let instance = &self.effects[effect];
+            fine |= instance.effect.substeps(dt_s) > 1;
+            let (substeps, force_n) = if fine { (resolution.substeps, &resolution.fine_n) } else { (1, &resolution.held_n) };
+            let setting = Setting {
+                dt_s: dt_s / substeps as f64,
+                substeps,
+                force_n: force_n.as_deref(),
+                drive_min_v: self.drive_min_v,
+                drive_max_v: self.drive_max_v,
+            };
+            out.extend(instance.stage(self, &setting).map(|stage| WalkStage { effect, fine, stage }));
+        }
+        out
     }
 
     /// What the sensor would read at every sample of a record, in um.
     #[must_use]
     pub fn simulate(&self, drive: &Drive) -> Vec<f64> {
-        let substeps = self.substeps(drive.dt_s);
-        let force = drive.force_n.map(|f| spread_force(f, substeps));
-        let setting = self.setting(drive.dt_s, substeps, force.as_deref());
-        let mut signal = spread_drive(drive.drive_v, substeps);
-        let mut at_rest = initial_drive(self, drive);
-        for (_, mut stage) in self.stages(&setting) {
-            at_rest = stage.settle(at_rest);
-            stage.run(&mut signal);
-        }
-        sample(&signal, at_rest, substeps, drive.drive_v.len())
+        self.simulate_in(drive, &Resolution::of(self, drive))
     }
+
+    /// The same with every stage stepped in so many intervals per period: a plant that does not share the discretisation of a model.
+    #[must_use]
+    pub fn simulate_finely(&self, drive: &Drive, substeps: usize) -> Vec<f64> {
+        self.simulate_in(drive, &Resolution::in_substeps(drive, substeps.max(1), true))
+    }
+
+    fn simulate_in(&self, drive: &Drive, resolution: &Resolution) -> Vec<f64> {
+        let at_start = Carried { signal: drive.drive_v.to_vec(), fine: false, at_rest: initial_drive(self, drive) };
+        carry(self.walk(drive.dt_s, resolution), at_start, resolution.substeps, drive.drive_v.len(), &mut |_, _| {})
+    }
+}
+
+/// The resolutions of a walk, with the external force at both.
+#[derive(Clone, Debug)]
+struct Resolution {
+    substeps: usize,
+    all_fine: bool,
+    held_n: Option<Vec<f64>>,
+    fine_n: Option<Vec<f64>>,
+}
+
+impl Resolution {
+    fn of(model: &Model, drive: &Drive) -> Self {
+        Self::in_substeps(drive, model.substeps(drive.dt_s), false)
+    }
+
+    fn in_substeps(drive: &Drive, substeps: usize, all_fine: bool) -> Self {
+        Self { substeps, all_fine, held_n: drive.force_n.map(<[f64]>::to_vec), fine_n: drive.force_n.map(|f| spread(f, substeps)) }
+    }
+}
+
+struct WalkStage<'a> {
+    effect: usize,
+    fine: bool,
+    stage: Box<dyn Stage + 'a>,
+}
+
+/// A signal somewhere in the chain.
+#[derive(Clone, Debug)]
+struct Carried {
+    signal: Vec<f64>,
+    /// In sub-intervals.
+    fine: bool,
+    at_rest: f64,
+}
+
+/// Carries a signal through stages; `see` is shown what stands in front of each.
+fn carry<'a>(
+    stages: impl IntoIterator<Item = WalkStage<'a>>,
+    mut carried: Carried,
+    substeps: usize,
+    samples: usize,
+    see: &mut dyn FnMut(usize, &Carried),
+) -> Vec<f64> {
+    for WalkStage { effect, fine, mut stage } in stages {
+        if fine && !carried.fine {
+            carried.signal = spread(&carried.signal, substeps);
+            carried.fine = true;
+        }
+        see(effect, &carried);
+        carried.at_rest = stage.settle(carried.at_rest);
+        stage.run(&mut carried.signal);
+    }
+    sample(&carried.signal, carried.at_rest, if carried.fine { substeps } else { 1 }, samples)
 }
 
 /// One run of a chain with the signal in front of every stage, so that a change of one stage need not run those before it again.
 #[derive(Clone, Debug)]
 pub struct ChainRun {
-    substeps: usize,
     samples: usize,
-    force_n: Option<Vec<f64>>,
+    resolution: Resolution,
     /// Index of the effect of each stage.
     pub stage_effects: Vec<usize>,
-    inputs: Vec<Vec<f64>>,
-    rests: Vec<f64>,
+    inputs: Vec<Carried>,
     /// What the sensor would read, um.
     pub reading_um: Vec<f64>,
 }
@@ -216,88 +296,58 @@ impl Model {
     /// Runs over a record and keeps what stands in front of every stage.
     #[must_use]
     pub fn run(&self, drive: &Drive) -> ChainRun {
-        let substeps = self.substeps(drive.dt_s);
-        let mut run = ChainRun {
-            substeps,
-            samples: drive.drive_v.len(),
-            force_n: drive.force_n.map(|f| spread_force(f, substeps)),
-            stage_effects: Vec::new(),
-            inputs: Vec::new(),
-            rests: Vec::new(),
-            reading_um: Vec::new(),
-        };
-        let force = run.force_n.take();
-        let setting = self.setting(drive.dt_s, substeps, force.as_deref());
-        let mut signal = spread_drive(drive.drive_v, substeps);
-        let mut at_rest = initial_drive(self, drive);
-        for (effect, mut stage) in self.stages(&setting) {
-            run.stage_effects.push(effect);
-            run.inputs.push(signal.clone());
-            run.rests.push(at_rest);
-            at_rest = stage.settle(at_rest);
-            stage.run(&mut signal);
-        }
-        run.reading_um = sample(&signal, at_rest, substeps, drive.drive_v.len());
-        run.force_n = force;
-        run
+        let resolution = Resolution::of(self, drive);
+        let samples = drive.drive_v.len();
+        let (mut stage_effects, mut inputs) = (Vec::new(), Vec::new());
+        let at_start = Carried { signal: drive.drive_v.to_vec(), fine: false, at_rest: initial_drive(self, drive) };
+        let reading_um = carry(self.walk(drive.dt_s, &resolution), at_start, resolution.substeps, samples, &mut |effect, carried| {
+            stage_effects.push(effect);
+            inputs.push(carried.clone());
+        });
+        ChainRun { samples, resolution, stage_effects, inputs, reading_um }
     }
 
     /// The reading with this model, which differs from the one that made `run` only from stage `from` on.
     #[must_use]
     pub fn resume(&self, run: &ChainRun, from: usize, dt_s: f64) -> Vec<f64> {
-        let setting = self.setting(dt_s, run.substeps, run.force_n.as_deref());
         let Some(input) = run.inputs.get(from) else { return run.reading_um.clone() };
-        let mut signal = input.clone();
-        let mut at_rest = run.rests[from];
-        for (_, mut stage) in self.stages(&setting).into_iter().skip(from) {
-            at_rest = stage.settle(at_rest);
-            stage.run(&mut signal);
-        }
-        sample(&signal, at_rest, run.substeps, run.samples)
-    }
-
-    fn setting<'a>(&self, dt_s: f64, substeps: usize, force_n: Option<&'a [f64]>) -> Setting<'a> {
-        Setting { dt_s: dt_s / substeps as f64, force_n, drive_min_v: self.drive_min_v, drive_max_v: self.drive_max_v }
+        let stages = self.walk(dt_s, &run.resolution).into_iter().skip(from);
+        carry(stages, input.clone(), run.resolution.substeps, run.samples, &mut |_, _| {})
     }
 
     /// The stage that a parameter of effect `effect` acts in.
     #[must_use]
     pub fn stage_of(&self, run: &ChainRun, effect: usize) -> usize {
-        if let Some(stage) = run.stage_effects.iter().position(|e| *e == effect) {
-            return stage;
-        }
-        let place = self.effects[effect].effect.declaration().place;
-        run.stage_effects.iter().position(|e| self.effects[*e].effect.declaration().place >= place).unwrap_or(0)
+        let stage_of = |wanted: &dyn Fn(usize) -> bool| run.stage_effects.iter().position(|e| wanted(*e));
+        let declaration = self.effects[effect].effect.declaration();
+        let taken_in = |e: usize| declaration.modifies.is_some_and(|id| self.effects[e].id == id);
+        stage_of(&|e| e == effect)
+            .or_else(|| stage_of(&taken_in))
+            .or_else(|| stage_of(&|e| self.effects[e].effect.declaration().place >= declaration.place))
+            .unwrap_or(0)
     }
 }
 
 /// The drive at which the actuator rests before the first sample.
 #[must_use]
-pub fn initial_drive(model: &Model, drive: &Drive) -> f64 {
+fn initial_drive(model: &Model, drive: &Drive) -> f64 {
     match drive.initial_state {
         InitialState::Virgin => model.drive_min_v,
         InitialState::Settled | InitialState::Unknown => drive.drive_v.first().copied().unwrap_or(model.drive_min_v),
     }
 }
 
-/// The drive held over the sub-intervals of each sample.
-#[must_use]
-pub fn spread_drive(drive_v: &[f64], substeps: usize) -> Vec<f64> {
+/// A signal held over the sub-intervals of each sample.
+fn spread(signal: &[f64], substeps: usize) -> Vec<f64> {
     if substeps == 1 {
-        return drive_v.to_vec();
+        return signal.to_vec();
     }
-    drive_v.iter().flat_map(|u| std::iter::repeat_n(*u, substeps)).collect()
-}
-
-/// A force held over the sub-intervals of each sample, like the drive.
-#[must_use]
-pub fn spread_force(force_n: &[f64], substeps: usize) -> Vec<f64> {
-    spread_drive(force_n, substeps)
+    signal.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect()
 }
 
 /// What is measured at every sample: the value at the end of the interval before it.
 #[must_use]
-pub fn sample(signal: &[f64], at_rest: f64, substeps: usize, samples: usize) -> Vec<f64> {
+fn sample(signal: &[f64], at_rest: f64, substeps: usize, samples: usize) -> Vec<f64> {
     let mut out = Vec::with_capacity(samples);
     out.push(at_rest);
     out.extend(signal.iter().skip(substeps - 1).step_by(substeps).take(samples.saturating_sub(1)));

@@ -146,6 +146,8 @@ pub struct OneSidedHysteresis {
     lower_limit_v: f64,
     range_v: f64,
     stack: ExtremaStack<f64, STACK_CAPACITY>,
+    /// Output at each remembered maximum, um: kept as far as the stack stays, so that a reversal costs the same however deep it is.
+    at_maxima_um: Vec<f64>,
     section: Vec<f64>,
     rising: bool,
 }
@@ -154,8 +156,16 @@ impl OneSidedHysteresis {
     /// Virgin, at the lower limit of the drive.
     #[must_use]
     pub fn virgin(surfaces: Surfaces, lower_limit_v: f64, range_v: f64) -> Self {
-        let mut this = Self { surfaces, lower_limit_v, range_v, stack: ExtremaStack::virgin(0.0), section: Vec::new(), rising: true };
-        this.collapse();
+        let mut this = Self {
+            surfaces,
+            lower_limit_v,
+            range_v,
+            stack: ExtremaStack::virgin(0.0),
+            at_maxima_um: Vec::new(),
+            section: Vec::new(),
+            rising: true,
+        };
+        this.collapse(0);
         this
     }
 
@@ -166,7 +176,7 @@ impl OneSidedHysteresis {
         let unchanged = self.stack.update(x);
         let after = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
         if before != after || unchanged != after.0 {
-            self.collapse();
+            self.collapse(unchanged);
         }
         horner(&self.section, self.stack.input())
     }
@@ -189,10 +199,13 @@ impl OneSidedHysteresis {
         self.surfaces.initial_ascending_curve(self.stack.global_maximum())
     }
 
-    fn collapse(&mut self) {
+    /// Collapses the section that runs now; `unchanged` leading pairs of the stack are those of the section before.
+    fn collapse(&mut self, unchanged: usize) {
         let surfaces = &self.surfaces;
         let pairs = self.stack.pairs();
-        self.rising = self.stack.open_maximum().is_none();
+        let open_maximum = self.stack.open_maximum();
+        self.rising = open_maximum.is_none();
+        self.at_maxima_um.truncate(unchanged);
         if self.stack.on_initial_ascending_curve() {
             self.section = surfaces.g.iter().map(|row| row[0]).collect();
             self.section.resize(self.section.len().max(surfaces.r.len()), 0.0);
@@ -201,21 +214,34 @@ impl OneSidedHysteresis {
             }
             return;
         }
-        let mut level = surfaces.initial_ascending_curve(self.stack.global_maximum());
-        for (k, pair) in pairs.iter().enumerate() {
-            level -= surfaces.loop_loss(pair.maximum, pair.minimum);
-            let next = pairs.get(k + 1).map(|p| p.maximum).or(self.stack.open_maximum());
-            if let Some(next_maximum) = next {
-                level += surfaces.loop_loss(next_maximum, pair.minimum);
-            }
+        let maxima = pairs.iter().map(|p| p.maximum).chain(open_maximum);
+        for (k, maximum) in maxima.enumerate().skip(self.at_maxima_um.len()) {
+            let output_um = match k.checked_sub(1).map(|before| (self.at_maxima_um[before], pairs[before])) {
+                None => surfaces.initial_ascending_curve(self.stack.global_maximum()),
+                Some((before_um, pair)) => {
+                    before_um - surfaces.loop_loss(pair.maximum, pair.minimum) + surfaces.loop_loss(maximum, pair.minimum)
+                }
+            };
+            self.at_maxima_um.push(output_um);
         }
-        self.section = match (self.stack.open_maximum(), pairs.last()) {
-            (Some(maximum), _) => surfaces.at_maximum(maximum).iter().map(|c| -c).collect(),
-            (None, Some(last)) => surfaces.at_minimum(last.minimum),
-            (None, None) => Vec::new(),
+        let last_um = self.at_maxima_um.last().copied().unwrap_or(0.0);
+        let level_um = match (open_maximum, pairs.last()) {
+            (Some(maximum), _) => {
+                self.section = surfaces.at_maximum(maximum);
+                self.section.iter_mut().for_each(|c| *c = -*c);
+                last_um
+            }
+            (None, Some(last)) => {
+                self.section = surfaces.at_minimum(last.minimum);
+                last_um - surfaces.loop_loss(last.maximum, last.minimum)
+            }
+            (None, None) => {
+                self.section.clear();
+                last_um
+            }
         };
         if let Some(constant) = self.section.first_mut() {
-            *constant += level;
+            *constant += level_um;
         }
     }
 }

@@ -1,12 +1,14 @@
 //! The main job: identify, compare, diagnose, add, until the floor; and everything that files and pages show of it.
 
 use crate::dataset::Dataset;
+use crate::dataset::drive_variety::DriveVariety;
 use crate::diagnosis::growth::{Growth, Workbench};
 use crate::diagnosis::refit::{Judged, Split};
 use crate::diagnosis::verdict::{self, Diagnosis};
 use crate::experiment::{Limits, Proposal, propose};
 use crate::fit::{estimate_uncertainty, residual, rms};
 use crate::floor::{NoiseFloor, noise_floor};
+use crate::latent_force::latent_force_nm;
 use crate::problem::{Problem, Result};
 use crate::report::{
     CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
@@ -153,11 +155,10 @@ pub fn explain(dataset: &Dataset, start: Start, own: &[Arc<dyn Effect>], progres
         floor_um: floor.rms_um,
         progress,
     };
-    let base = match start {
-        Start::Effects(effects) => workbench.build(effects),
-        Start::Model(model) => crate::diagnosis::refit::judge(model, dataset, &workbench.split),
+    let growth = match start {
+        Start::Effects(effects) => workbench.grow(workbench.build(effects)),
+        Start::Model(model) => workbench.grow_transferred(model),
     };
-    let growth = workbench.grow(base);
     let diagnosis = verdict::diagnose(&growth, &floor, dataset);
     let mut model = growth.last().model.clone();
     progress("estimating standard deviations");
@@ -187,40 +188,15 @@ pub fn unidentified(model: &mut Model, dataset: &Dataset, split: &Split) -> Vec<
 
 /// What the drives of the fitted records leave open, whatever the model.
 fn what_the_drive_cannot_show(dataset: &Dataset, split: &Split) -> Vec<String> {
+    let seen = DriveVariety::of(dataset, &split.identify);
     let mut out = Vec::new();
-    let mut turns: Vec<f64> = Vec::new();
-    let mut slopes: Vec<f64> = Vec::new();
-    let range = dataset.drive_max_v - dataset.drive_min_v;
-    for &i in &split.identify {
-        let record = &dataset.records[i];
-        let u = &record.drive_v[record.window.clone()];
-        let mut last_turn = u[0];
-        for w in u.windows(3) {
-            if (w[1] - w[0]) * (w[2] - w[1]) < 0.0 && (w[1] - last_turn).abs() > 0.02 * range {
-                turns.push(w[1]);
-                last_turn = w[1];
-            }
-        }
-        let mut fast: Vec<f64> = u.windows(2).map(|w| (w[1] - w[0]).abs() * record.sample_rate_hz).collect();
-        fast.sort_by(f64::total_cmp);
-        slopes.push(fast[fast.len() * 9 / 10]);
-    }
-    let spread = |values: &[f64]| {
-        let mut levels: Vec<f64> = Vec::new();
-        for v in values {
-            if levels.iter().all(|l| (l - v).abs() > 0.05 * range) {
-                levels.push(*v);
-            }
-        }
-        levels.len()
-    };
-    if !turns.is_empty() && spread(&turns) <= 2 {
+    if seen.one_loop() {
         out.push(
             "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into(),
         );
     }
-    let (slow, fast) = slopes.iter().filter(|s| **s > 0.0).fold((f64::INFINITY, 0.0_f64), |(l, h), s| (l.min(*s), h.max(*s)));
-    if fast < 3.0 * slow {
+    if seen.one_speed() {
+        let fast = seen.speed_max_v_s;
         out.push(format!("rate dependence: the drive moves at one speed only (about {fast:.0} V/s), so loops at other speeds are a guess"));
     }
     out
@@ -337,7 +313,7 @@ impl Explanation {
             verdict: self.diagnosis.verdict.word().into(),
             sentence: self.diagnosis.sentence.clone(),
             named: self.diagnosis.named.clone(),
-            records: record_reports(&models, dataset),
+            records: self.with_latent_force(record_reports(&models, dataset)),
             noise_floor: floor_report(&self.floor),
             steps,
             candidates,
@@ -353,6 +329,18 @@ impl Explanation {
             program_version: env!("CARGO_PKG_VERSION").into(),
             command,
         }
+    }
+
+    /// Where something stays without a name, the pages draw the force that would explain it.
+    fn with_latent_force(&self, mut records: Vec<RecordReport>) -> Vec<RecordReport> {
+        if self.diagnosis.verdict == verdict::Verdict::Unexplained {
+            for record in &mut records {
+                let Some(last) = record.residual_um.last() else { continue };
+                record.latent_force = latent_force_nm(&self.model, last, record.sample_rate_hz, self.floor.rms_um);
+                record.latent_unit = "nm".into();
+            }
+        }
+        records
     }
 
     /// What the named effects predicted in the rounds that decided on them, against what the model before them had left.

@@ -211,7 +211,7 @@ fn linearise_reusing(
 
 /// A coefficient of the hysteresis surfaces: most of a model's parameters, and they enter linearly.
 fn is_surface_coefficient(model: &Model, index: ParameterIndex) -> bool {
-    matches!(model.effects[index.effect].id.as_str(), "hysteresis" | "initial_curve")
+    matches!(model.effects[index.effect].id.as_str(), "hysteresis" | "initial_curve" | "play_operators")
 }
 
 /// How far the parameters that are no surface coefficients moved between two models, in coordinates that matter.

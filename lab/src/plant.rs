@@ -1,11 +1,12 @@
-//! Simulated data sets with known effects: the examples that the project ships, and the cases that the diagnosis is scored on.
+//! A simulated data set with known effects: the example that the project ships, and each of the cases that the diagnosis is scored on.
 //!
-//! The plant is the chain of the reference actuator with random frequency, damping, gain and noise. It is stepped four times as finely
-//! as it is recorded, so that a model identified from the records does not share the discretisation of its truth.
+//! The plant is the chain of the reference actuator with random frequency, damping, gain and noise. It is stepped in 12.5 us, four times
+//! as finely as the fastest record, so that a model identified from the records does not share the discretisation of its truth. Its hysteresis may have
+//! another structure than the surfaces that are fitted, and it may have effects that no library knows ([`outside_library`]).
 
 use crate::problem::{Problem, Result, nearest, write_whole};
 use hysteron_sim::bench::Bench;
-use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model, spread_drive, spread_force};
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::hysteresis::Hysteresis;
 use hysteron_sim::effect::{Effect, Overview, by_id};
 use hysteron_sim::hysteresis_surface::{Surfaces, loop_terms, shifted_legendre};
@@ -41,8 +42,52 @@ pub struct Truth {
     pub effect_rms_um: Vec<(String, f64)>,
 }
 
-/// Sub-steps of a sampling period.
-const FINER: usize = 4;
+/// Step of the plant, s.
+const PLANT_STEP_S: f64 = 12.5e-6;
+
+/// What is planted.
+#[derive(Clone, Debug)]
+pub struct Order {
+    /// Hidden effects with their strengths.
+    pub hidden: Vec<(String, f64)>,
+    /// Effects that the user already models.
+    pub base: Vec<String>,
+    /// Structure of the hysteresis: `hysteresis` for the thesis' surfaces, or another effect of that place.
+    pub hysteresis: String,
+    /// Seed of noise and parameters.
+    pub seed: u64,
+}
+
+/// Kinds that no library knows: a spring that presses back beyond a displacement, and a gain that flutters with time.
+pub const OUTSIDE_LIBRARY: [&str; 2] = ["outside_library_contact", "outside_library_gain_flutter"];
+
+/// An effect that no library knows, by its expressions, and its values at a strength.
+fn outside_library(id: &str, strength: f64, random: &mut Pcg64Mcg) -> Option<(Arc<dyn Effect>, Vec<f64>)> {
+    let number = |name: &str| format!("[[parameter]]\nname = \"{name}\"\nlower = 0.0\nupper = 1000.0\nstarts = [1.0]\n");
+    let (place, output, names, values) = match id {
+        "outside_library_contact" => {
+            let gap_um = 5.0 + 2.0 * random.random::<f64>();
+            ("load_force", "x - stiffness * max(x - gap_um, 0)", ["stiffness", "gap_um"], vec![0.1 * strength, gap_um])
+        }
+        "outside_library_gain_flutter" => {
+            let frequency_hz = 30.0 + 30.0 * random.random::<f64>();
+            ("sensor_nonlinearity", "x * (1 + depth * sin(2 * PI * hertz * t))", ["depth", "hertz"], vec![0.006 * strength, frequency_hz])
+        }
+        _ => return None,
+    };
+    let text =
+        format!("id = \"{id}\"\nplace = \"{place}\"\noutput = \"{output}\"\n{}", names.iter().map(|n| number(n)).collect::<String>());
+    let effect = hysteron_sim::effect::expression::ExpressionEffect::from_toml(&text).ok()?;
+    Some((Arc::new(effect), values))
+}
+
+/// A hysteresis of another structure than the fitted surfaces, with random values.
+fn other_hysteresis(id: &str, overview: &Overview, random: &mut Pcg64Mcg) -> Option<(Arc<dyn Effect>, Vec<f64>)> {
+    let effect =
+        by_id(id).filter(|e| e.declaration().place == hysteron_sim::effect::Place::Hysteresis && e.declaration().modifies.is_none())?;
+    let values = effect.starts(overview).first()?.iter().map(|v| v * (0.7 + 0.6 * random.random::<f64>())).collect();
+    Some((effect, values))
+}
 
 struct Planned {
     name: &'static str,
@@ -203,7 +248,9 @@ fn reference_surfaces(drive_max_v: f64, factor: f64) -> Result<(Vec<f64>, Vec<f6
 ///
 /// # Errors
 /// An effect that is not known; a folder that cannot be written.
-pub fn plant(hidden: &[(String, f64)], base: &[String], folder: &Path, seed: u64) -> Result<Truth> {
+pub fn plant(order: &Order, folder: &Path) -> Result<Truth> {
+    let Order { hidden, base, hysteresis, seed } = order;
+    let seed = *seed;
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let drive_max_v = 70.0;
     let overview = Overview {
@@ -224,15 +271,32 @@ pub fn plant(hidden: &[(String, f64)], base: &[String], folder: &Path, seed: u64
     let noise_um = uniform(0.003, 0.006);
     let (g, r) = reference_surfaces(drive_max_v, uniform(0.8, 1.2))?;
     let mut plant = Plant { model: Model::new(0.0, drive_max_v), noise_um };
-    plant.model.add(EffectInstance::new(Arc::new(Hysteresis { degree: 4 }), &overview, &g));
+    if hysteresis == "hysteresis" {
+        plant.model.add(EffectInstance::new(Arc::new(Hysteresis { degree: 4 }), &overview, &g));
+    } else {
+        let (effect, values) = other_hysteresis(hysteresis, &overview, &mut random)
+            .ok_or_else(|| Problem::new("hysteresis", format!("`{hysteresis}` is no structure of hysteresis")))?;
+        // Thresholds of elements must not lie where a model would look for them.
+        plant.model.drive_max_v *= 1.15 + 0.1 * random.random::<f64>();
+        plant.model.add(EffectInstance::new(effect, &overview, &values));
+    }
     let mut wanted: Vec<(String, f64)> = base.iter().map(|id| (id.clone(), 1.5)).collect();
     wanted.extend(hidden.iter().cloned());
+    if hidden.iter().any(|(id, _)| id == "hysteresis") {
+        wanted.push(("initial_curve".into(), 1.0));
+    }
     for (id, strength) in &wanted {
         let id = id.replace('-', "_");
+        if let Some((effect, values)) = outside_library(&id, *strength, &mut random) {
+            plant.model.add(EffectInstance::new(effect, &overview, &values));
+            continue;
+        }
         let effect: Arc<dyn Effect> = by_id(&id)
             .ok_or_else(|| Problem::new("effects", format!("unknown effect `{id}`{}", nearest(&id, &crate::model_file::known_ids()))))?;
         let values = match id.as_str() {
             "hysteresis" | "gain" => continue,
+            // The remnant belongs to the thesis' surfaces; other structures have a first rise of their own.
+            "initial_curve" if hysteresis != "hysteresis" => continue,
             "initial_curve" => r.clone(),
             "vibration" => vec![natural_frequency_rad_s, damping_ratio],
             _ => values_at(&id, *strength, &overview, natural_frequency_rad_s, &mut random),
@@ -241,11 +305,11 @@ pub fn plant(hidden: &[(String, f64)], base: &[String], folder: &Path, seed: u64
     }
     let with_force = plant.model.effect("load_force").is_some();
     let mut without = plant.model.clone();
-    without.effects.retain(|e| !hidden.iter().any(|(id, _)| id.replace('-', "_") == e.id));
+    without.effects.retain(|e| e.id == "hysteresis" || !hidden.iter().any(|(id, _)| id.replace('-', "_") == e.id));
     let mut truth = Truth {
         name: ".".into(),
         hidden: hidden.first().map(|(id, _)| id.replace('-', "_")),
-        also: Vec::new(),
+        also: if hidden.iter().any(|(id, _)| id == "hysteresis") { vec!["initial_curve".into()] } else { Vec::new() },
         second: hidden.get(1).map(|(id, _)| id.replace('-', "_")),
         base: base.to_vec(),
         noise_um,
@@ -284,13 +348,9 @@ fn square_force(samples: usize, rate_hz: f64) -> Vec<f64> {
 }
 
 fn finely(model: &Model, planned: &Planned, force_n: Option<&[f64]>) -> Vec<f64> {
-    // The rate that widens the loops is that of recorded samples: a drive held over finer ones would have none in between.
-    let finer = if model.effect("rate_dependence").is_some() { 1 } else { FINER };
-    let drive_v = spread_drive(&planned.drive_v, finer);
-    let force = force_n.map(|f| spread_force(f, finer));
-    let dt_s = 1.0 / (planned.rate_hz * finer as f64);
-    let y = model.simulate(&Drive { drive_v: &drive_v, force_n: force.as_deref(), dt_s, initial_state: InitialState::Virgin });
-    y.into_iter().step_by(finer).collect()
+    let dt_s = 1.0 / planned.rate_hz;
+    let drive = Drive { drive_v: &planned.drive_v, force_n, dt_s, initial_state: InitialState::Virgin };
+    model.simulate_finely(&drive, (dt_s / PLANT_STEP_S).round() as usize)
 }
 
 fn write_record(

@@ -4,6 +4,7 @@ use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::Overview;
 use hysteron_sim::effect::hysteresis::{Hysteresis, degree_of};
 use hysteron_sim::effect::initial_curve::InitialCurve;
+use hysteron_sim::effect::play_operators::PlayOperatorsBeside;
 use std::sync::Arc;
 
 /// Highest degree that surfaces are refined to.
@@ -28,6 +29,24 @@ pub fn refined(model: &Model, overview: &Overview, by: usize) -> Option<Model> {
         out.add(EffectInstance::new(Arc::new(InitialCurve { terms: remnant.len() }), overview, &remnant));
     }
     Some(out)
+}
+
+/// The model with play operators beside its surfaces, or `None` where it has no surfaces or has them already.
+#[must_use]
+pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> {
+    if model.effect("hysteresis").is_none() || model.effect("play_operators").is_some() {
+        return None;
+    }
+    let mut out = model.clone();
+    out.add(EffectInstance::new(Arc::new(PlayOperatorsBeside), overview, &[]));
+    Some(out)
+}
+
+/// How the loops of a model are described, in words.
+#[must_use]
+pub fn description(model: &Model) -> String {
+    let plays = if model.effect("play_operators").is_some() { " with play operators beside" } else { "" };
+    format!("surfaces of degree {}{plays}", degree(model).unwrap_or(0))
 }
 
 /// Degree of the loop surface of a model.

@@ -49,6 +49,6 @@ impl Effect for AmplifierBandwidth {
         Some(Box::new(LagStage { decay, mean_weight, voltage_v: model.drive_min_v }))
     }
     fn substeps(&self, dt_s: f64) -> usize {
-        super::substeps_for_lag(dt_s)
+        super::substeps_inside_period(dt_s)
     }
 }

@@ -54,7 +54,7 @@ impl Effect for Delay {
         Some(Box::new(DelayStage { line, late_share: intervals - whole }))
     }
     fn substeps(&self, dt_s: f64) -> usize {
-        // A delay shorter than a slow period is over at its end; without sub-intervals its mean would not be.
-        if dt_s > 60e-6 { 2 } else { 1 }
+        // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before the period is.
+        if dt_s > 60e-6 { super::substeps_inside_period(dt_s).max(2) } else { 1 }
     }
 }

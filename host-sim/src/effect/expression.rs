@@ -274,7 +274,7 @@ mod tests {
             "id = \"lag\"\nplace = \"sensor_bandwidth\"\noutput = \"z\"\n[[parameter]]\nname = \"tau_s\"\nlower = 1e-6\nupper = 1.0\nstarts = [1e-3]\n[[state]]\nname = \"z\"\nderivative = \"(x - z) / tau_s\"\n",
         )
         .unwrap();
-        let setting = Setting { dt_s: 1e-4, force_n: None, drive_min_v: 0.0, drive_max_v: 1.0 };
+        let setting = Setting { dt_s: 1e-4, substeps: 1, force_n: None, drive_min_v: 0.0, drive_max_v: 1.0 };
         let mut stage = effect.stage(&Model::new(0.0, 1.0), &[1e-3], &setting).unwrap();
         for k in 0..50 {
             let t = f64::from(k + 1) * 1e-4;

@@ -3,6 +3,7 @@
 //! The stage holds the surfaces of [`crate::hysteresis_surface`]. `initial_curve`, `rate_dependence` and `bipolar` are properties of
 //! this stage: it reads their values from the model.
 
+use super::play_operators::PlayOperators;
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage, bipolar, rate_dependence};
 use crate::chain::Model;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
@@ -34,22 +35,58 @@ pub fn degree_of(coefficients: usize) -> usize {
 
 struct HysteresisStage {
     operator: OneSidedHysteresis,
+    plays: Option<PlayOperators>,
+    lower_limit_v: f64,
+    range_v: f64,
     rate: Option<rate_dependence::RateLaw>,
     last_drive_v: f64,
+    output_um: f64,
     dt_s: f64,
+    /// Intervals in a sampling period, and how many have passed since the drive changed.
+    substeps: usize,
+    unchanged: usize,
 }
 
 impl Stage for HysteresisStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        let rate_independent = self.operator.step(input);
-        let Some(law) = &self.rate else { return rate_independent };
-        let rate_v_s = (input - self.last_drive_v).abs() / self.dt_s;
+        if input == self.last_drive_v {
+            self.unchanged += 1;
+            // A held drive has the rate of its sample until the next one.
+            if self.rate.is_none() || self.unchanged < self.substeps {
+                return self.output_um;
+            }
+        }
+        // Over a held sample the rate is that of successive samples; a drive that moves inside a period has its own.
+        let intervals = if self.unchanged + 1 >= self.substeps { self.substeps } else { 1 };
+        if input != self.last_drive_v {
+            self.unchanged = 0;
+        }
+        self.output_um = self.rate_independent(input);
+        if let Some(law) = &self.rate {
+            let rate_v_s = (input - self.last_drive_v).abs() / (self.dt_s * intervals as f64);
+            self.output_um = law.apply(self.output_um, self.curve_at_maximum_um(), rate_v_s);
+        }
         self.last_drive_v = input;
-        law.apply(rate_independent, self.operator.initial_curve_at_maximum(), rate_v_s)
+        self.output_um
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.last_drive_v = input;
-        self.operator.step(input)
+        self.unchanged = self.substeps;
+        self.output_um = self.rate_independent(input);
+        self.output_um
+    }
+}
+
+impl HysteresisStage {
+    fn rate_independent(&mut self, drive_v: f64) -> f64 {
+        let x = (drive_v - self.lower_limit_v) / self.range_v;
+        self.operator.step(drive_v) + self.plays.as_mut().map_or(0.0, |plays| plays.step(x))
+    }
+
+    /// Where the initial ascending curve was left, or is.
+    fn curve_at_maximum_um(&self) -> f64 {
+        let maximum = self.operator.stack().global_maximum();
+        self.operator.initial_curve_at_maximum() + self.plays.as_ref().map_or(0.0, |plays| plays.initial_ascending_curve(maximum))
     }
 }
 
@@ -88,9 +125,15 @@ impl Effect for Hysteresis {
         let range_v = model.drive_max_v - lower_limit_v;
         Some(Box::new(HysteresisStage {
             operator: OneSidedHysteresis::virgin(surfaces, lower_limit_v, range_v),
+            plays: PlayOperators::of(model),
+            lower_limit_v,
+            range_v,
             rate: rate_dependence::RateLaw::of(model),
             last_drive_v: lower_limit_v,
+            output_um: 0.0,
             dt_s: setting.dt_s,
+            substeps: setting.substeps,
+            unchanged: setting.substeps,
         }))
     }
 }

@@ -23,6 +23,7 @@ pub mod load_force;
 pub mod mains_hum;
 pub mod mass_change;
 pub mod maxwell_slip;
+pub mod play_operators;
 pub mod prandtl_ishlinskii;
 pub mod quantisation;
 pub mod rate_dependence;
@@ -199,6 +200,8 @@ impl Overview {
 pub struct Setting<'a> {
     /// Length of one interval of the chain, s.
     pub dt_s: f64,
+    /// Intervals in one sampling period.
+    pub substeps: usize,
     /// External force on each interval, N, if it was measured.
     pub force_n: Option<&'a [f64]>,
     /// Limits of the drive, V.
@@ -219,16 +222,19 @@ fn lag_starts(overview: &Overview) -> Vec<Vec<f64>> {
     [0.25, 0.06, 0.015].iter().map(|share| vec![share * overview.sample_rate_max_hz]).collect()
 }
 
-/// The bandwidth of a first-order lag, within what the fastest record can show.
+/// The bandwidth of a first-order lag, within what the fastest record can show: a lag of much less than its sampling period cannot be
+/// told from how precisely the instants of sampling and of writing the drive are known.
 fn lag_parameters(overview: &Overview) -> Vec<Parameter> {
-    vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 10.0 * overview.sample_rate_max_hz)]
+    vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 0.5 * overview.sample_rate_max_hz)]
 }
 
-/// Sub-intervals of a sampling period for a lag in front of the hysteresis: 12.5 us or finer where the sampling is fast enough to show
-/// what happens inside a period, and no more than four, because slow records only see that it is over.
+/// Sub-intervals of a sampling period for an effect that moves inside it: 12.5 us where the sampling is fast enough to show what happens
+/// there, up to 125 us in slow records, which see little more than the end of it.
 #[must_use]
-pub fn substeps_for_lag(dt_s: f64) -> usize {
-    ((dt_s / 12.5e-6).ceil() as usize).clamp(1, 4)
+pub fn substeps_inside_period(dt_s: f64) -> usize {
+    let fast = ((dt_s / 12.5e-6).ceil() as usize).clamp(1, 4);
+    let slow = ((dt_s / 125e-6).ceil() as usize).min(40);
+    fast.max(slow)
 }
 
 /// One physical effect walking along a signal.
@@ -301,6 +307,7 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(gain::Gain),
         Arc::new(hysteresis::Hysteresis::default()),
         Arc::new(initial_curve::InitialCurve::default()),
+        Arc::new(play_operators::PlayOperatorsBeside),
         Arc::new(rate_dependence::RateDependence),
         Arc::new(bipolar::Bipolar),
         Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: false }),

@@ -1,5 +1,6 @@
 //! Prandtl-Ishlinskii hysteresis: a weighted sum of play operators, and its modified form with dead zones behind.
 
+use super::play_operators::PlayOperators;
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
 
@@ -15,8 +16,7 @@ pub struct PrandtlIshlinskii {
 }
 
 struct PlayStage {
-    weights: Vec<f64>,
-    plays: Vec<f64>,
+    operators: PlayOperators,
     dead_zones: Vec<f64>,
     span_um: f64,
     lower_limit_v: f64,
@@ -26,12 +26,7 @@ struct PlayStage {
 impl Stage for PlayStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let x = (input - self.lower_limit_v) / self.range_v;
-        let mut sum = 0.0;
-        for (i, (weight, play)) in self.weights.iter().zip(&mut self.plays).enumerate() {
-            let threshold = 0.5 * i as f64 / PLAYS as f64;
-            *play = play.clamp(x - threshold, x + threshold);
-            sum += weight * *play;
-        }
+        let sum = self.operators.step(x);
         let mut output = sum;
         for (i, weight) in self.dead_zones.iter().enumerate() {
             let threshold = self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
@@ -84,8 +79,7 @@ impl Effect for PrandtlIshlinskii {
         let (weights, rest) = values.split_at(PLAYS.min(values.len()));
         let (dead_zones, span_um) = rest.split_last().map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
         Some(Box::new(PlayStage {
-            weights: weights.to_vec(),
-            plays: vec![0.0; weights.len()],
+            operators: PlayOperators::new(weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect()),
             dead_zones: dead_zones.to_vec(),
             span_um,
             lower_limit_v: model.drive_min_v,

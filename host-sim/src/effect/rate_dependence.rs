@@ -65,3 +65,38 @@ impl Effect for RateDependence {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::chain::{Drive, EffectInstance, InitialState, Model};
+    use crate::effect::{Overview, by_id};
+
+    /// A held drive has the speed of its samples, however finely the chain is stepped between them.
+    #[test]
+    fn the_rate_is_that_of_samples_at_any_step() {
+        let overview = Overview {
+            drive_min_v: 0.0,
+            drive_max_v: 80.0,
+            drive_peak_v: 80.0,
+            sample_rate_max_hz: 20_000.0,
+            sample_rate_min_hz: 20_000.0,
+            duration_s: 1.0,
+            range_um: 10.0,
+            slope_max_v_s: 1e4,
+            has_force: false,
+            gain_um_v: 0.12,
+        };
+        let mut model = Model::new(0.0, 80.0);
+        for (id, values) in [("hysteresis", &[10.0, 1.2, -1.2][..]), ("rate_dependence", &[0.3, 0.0, 0.1][..])] {
+            model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+        }
+        let drive_v: Vec<f64> = (0..200).map(|k| 40.0 - 40.0 * (0.07 * f64::from(k)).cos()).map(|u| (u / 3.0).round() * 3.0).collect();
+        let drive = Drive { drive_v: &drive_v, force_n: None, dt_s: 5e-5, initial_state: InitialState::Virgin };
+        let coarse = model.simulate(&drive);
+        for substeps in [2, 4, 7] {
+            let fine = model.simulate_finely(&drive, substeps);
+            // A sample that repeats the one before is at rest; between its sub-intervals and a whole period there is no difference at the end.
+            assert!(coarse.iter().zip(&fine).all(|(a, b)| (a - b).abs() < 1e-12), "{substeps}");
+        }
+    }
+}

@@ -55,6 +55,6 @@ impl Effect for SlewLimit {
         Some(Box::new(SlewStage { step_max_v: values[0] * setting.dt_s, voltage_v: model.drive_min_v }))
     }
     fn substeps(&self, dt_s: f64) -> usize {
-        super::substeps_for_lag(dt_s)
+        super::substeps_inside_period(dt_s)
     }
 }

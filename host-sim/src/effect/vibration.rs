@@ -16,18 +16,34 @@ pub struct Mode {
     gamma: [f64; 2],
     state: [f64; 2],
     angle_rad: f64,
+    sensor: Option<Sensor>,
+}
+
+/// A sensor that follows the displacement of a mode as a first-order lag: the third state of one linear system, so that it is exact
+/// however long the interval is.
+#[derive(Clone, Copy, Debug)]
+struct Sensor {
+    phi: [f64; 3],
+    gamma: f64,
+    reading: f64,
 }
 
 impl Mode {
     /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. (5).
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
+        Self::read_by(natural_frequency_rad_s, damping_ratio, None, dt_s)
+    }
+
+    /// A mode whose displacement is read by a sensor of this bandwidth.
+    fn read_by(natural_frequency_rad_s: f64, damping_ratio: f64, sensor_bandwidth_hz: Option<f64>, dt_s: f64) -> Self {
         let w = natural_frequency_rad_s;
-        // States: displacement in um and velocity divided by omega, so that both are of one size.
+        let lag_rad_s = std::f64::consts::TAU * sensor_bandwidth_hz.unwrap_or(0.0);
+        // States: displacement in um, velocity divided by omega, so that both are of one size, and the reading.
         let system = ContinuousSystem {
-            a: DMatrix::from_row_slice(2, 2, &[0.0, w, -w, -2.0 * damping_ratio * w]),
-            b: DVector::from_row_slice(&[0.0, w]),
-            c: DVector::from_row_slice(&[1.0, 0.0]),
+            a: DMatrix::from_row_slice(3, 3, &[0.0, w, 0.0, -w, -2.0 * damping_ratio * w, 0.0, lag_rad_s, 0.0, -lag_rad_s]),
+            b: DVector::from_row_slice(&[0.0, w, 0.0]),
+            c: DVector::from_row_slice(&[1.0, 0.0, 0.0]),
             d: 0.0,
         };
         let (phi, gamma) = system.held_matrices(dt_s);
@@ -36,14 +52,32 @@ impl Mode {
             gamma: [gamma[0], gamma[1]],
             state: [0.0, 0.0],
             angle_rad: w * dt_s,
+            sensor: sensor_bandwidth_hz.map(|_| Sensor { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: gamma[2], reading: 0.0 }),
         }
     }
 
     /// One interval with the input held; the displacement at its end.
     pub fn step(&mut self, input: f64) -> f64 {
         let [x, v] = self.state;
+        if let Some(Sensor { phi, gamma, reading }) = &mut self.sensor {
+            *reading = phi[0] * x + phi[1] * v + phi[2] * *reading + *gamma * input;
+        }
         self.state = [self.phi[0] * x + self.phi[1] * v + self.gamma[0] * input, self.phi[2] * x + self.phi[3] * v + self.gamma[1] * input];
         self.state[0]
+    }
+
+    /// What is read: the displacement where no sensor lags behind it.
+    #[must_use]
+    pub fn reading(&self) -> f64 {
+        self.sensor.map_or(self.state[0], |sensor| sensor.reading)
+    }
+
+    /// The mode stays where it is for some intervals; only the reading goes on.
+    fn stay(&mut self, intervals: usize) {
+        let displacement = self.state[0];
+        if let Some(Sensor { phi, reading, .. }) = &mut self.sensor {
+            *reading = displacement + (*reading - displacement) * phi[2].powi(intervals as i32);
+        }
     }
 
     /// Present displacement.
@@ -61,6 +95,9 @@ impl Mode {
     /// At rest under a constant input.
     pub fn settle(&mut self, input: f64) -> f64 {
         self.state = [input, 0.0];
+        if let Some(sensor) = &mut self.sensor {
+            sensor.reading = input;
+        }
         input
     }
 }
@@ -90,8 +127,13 @@ impl VibrationStage {
             (bristle, if pieces > PIECES_MAX { 0 } else { pieces.max(1) })
         });
         let pieces = bristle.map_or(1, |(_, pieces)| pieces.max(1)) as f64;
-        let first = model.values("vibration").map(|v| Mode::new(v[0] * mass_factor, v[1] * mass_factor, dt_s / pieces));
-        let second = model.values("second_mode").map(|v| (v[0], Mode::new(v[1] * mass_factor, v[2] * mass_factor, dt_s)));
+        // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
+        let sensor_hz = model.effect("vibration").and_then(|_| model.values("sensor_bandwidth")).map(|v| v[0]);
+        let mode = |natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64| {
+            Mode::read_by(natural_frequency_rad_s * mass_factor, damping_ratio * mass_factor, sensor_hz, dt_s)
+        };
+        let first = model.values("vibration").map(|v| mode(v[0], v[1], dt_s / pieces));
+        let second = model.values("second_mode").map(|v| (v[0], mode(v[1], v[2], dt_s)));
         Self { first, second, bristle }
     }
 }
@@ -99,27 +141,37 @@ impl VibrationStage {
 impl Stage for VibrationStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let first = match (&mut self.first, &mut self.bristle) {
-            (Some(mode), None) => mode.step(input),
-            (Some(mode), Some((bristle, 0))) => mode.step(bristle.balance(input)),
+            (Some(mode), None) => {
+                mode.step(input);
+                mode.reading()
+            }
+            (Some(mode), Some((bristle, 0))) => {
+                mode.step(bristle.balance(input));
+                mode.reading()
+            }
             (Some(mode), Some((bristle, pieces))) => {
                 let mut displacement = mode.displacement();
-                for _ in 0..*pieces {
+                for piece in 0..*pieces {
                     // The bristle in the middle of the piece, from the motion that goes on.
                     let ahead = mode.motion_ahead();
                     let held = bristle.after(0.5 * ahead);
                     if ahead.abs() < AT_REST_UM && (input - held - displacement).abs() < AT_REST_UM {
+                        mode.stay(*pieces - piece);
                         break;
                     }
                     displacement = mode.step(input - held);
                     bristle.follow(displacement);
                 }
-                displacement
+                mode.reading()
             }
             (None, _) => input,
         };
         match &mut self.second {
             None => first,
-            Some((share, mode)) => first + *share * (mode.step(input) - first),
+            Some((share, mode)) => {
+                mode.step(input);
+                first + *share * (mode.reading() - first)
+            }
         }
     }
     fn settle(&mut self, input: f64) -> f64 {
@@ -152,7 +204,8 @@ impl Effect for Vibration {
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
         vec![
-            Parameter::logarithmic("natural_frequency_rad_s", "rad/s", 1.0, 2.0 * highest),
+            // A faster mode would look like one below the Nyquist frequency.
+            Parameter::logarithmic("natural_frequency_rad_s", "rad/s", 1.0, highest),
             Parameter::logarithmic("damping_ratio", "1", 1e-4, 20.0),
         ]
     }

@@ -36,6 +36,31 @@ struct Outputs {
     report: Option<PathBuf>,
 }
 
+/// What `plant` is told.
+#[derive(clap::Args)]
+pub struct PlantArguments {
+    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every kind; `pairs`: of every pair
+    effects: String,
+    /// Folder to write
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Seed of noise and parameters
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Effects that the user of a single case already models, comma-separated
+    #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
+    base: String,
+    /// Structure of the hysteresis: hysteresis (the thesis' surfaces), prandtl_ishlinskii, bouc_wen, ...
+    #[arg(long, default_value = "hysteresis")]
+    hysteresis: String,
+    /// Cases of each kind and strength; more than one makes a folder of cases
+    #[arg(long, default_value_t = 1)]
+    cases: usize,
+    /// Strengths of a set, comma-separated
+    #[arg(long, value_delimiter = ',', default_value = "1")]
+    strengths: Vec<String>,
+}
+
 #[derive(Subcommand)]
 enum Command {
     /// Identify, compare, diagnose, add effects until the noise floor: the main job
@@ -119,20 +144,8 @@ enum Command {
         #[arg(long, default_value_t = 20000.0)]
         rate_hz: f64,
     },
-    /// Simulate a data set that has these effects, with its truth
-    Plant {
-        /// Effects, comma-separated, each with an optional strength: creep=2.0,delay
-        effects: String,
-        /// Folder to write
-        #[arg(long, value_name = "DIR")]
-        out: PathBuf,
-        /// Seed of noise and parameters
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// Effects that the user already models, comma-separated
-        #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
-        base: String,
-    },
+    /// Simulate a data set that has these effects, with its truth; or a set of many
+    Plant(PlantArguments),
     /// Decode the log of a target (its image, the raw bytes of its RTT channel) into a data set
     Capture {
         /// The image that was flashed
@@ -242,7 +255,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Diagnose { model, dataset, own, outputs } => study::diagnose(&model, &dataset, &own, &outputs),
         Command::Add { effect, model, dataset, out, outputs } => study::add(&effect, &model, &dataset, &out, &outputs),
         Command::Simulate { model, drive, out, rate_hz } => study::simulate(&model, &drive, &out, rate_hz),
-        Command::Plant { effects, out, seed, base } => plant::plant(&effects, &base, &out, seed),
+        Command::Plant(wanted) => plant::plant(&wanted),
         Command::Capture { elf, raw, out } => capture::capture(&elf, &raw, &out),
         Command::Design { model, out, reference_hz, sensor_noise_um, sensitivity_peak, block, front_end, outputs } => {
             let demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };

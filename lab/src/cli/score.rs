@@ -30,6 +30,15 @@ pub fn score(dir: &Path, outputs: &Outputs) -> Result<bool> {
         println!("unexplained seen     {:>6.1} %", 100.0 * share);
     }
     println!("within 1.15 x noise  {:>6.1} %", 100.0 * score.within_noise);
+    if let Some(share) = score.null_share_below_5_pct {
+        println!("p < 0.05 with nothing missing {:>5.1} %", 100.0 * share);
+    }
+    if !score.detected_from_nm.is_empty() {
+        println!("found in nine of ten from (nm RMS in the record that it changes most):");
+        for (kind, nm) in &score.detected_from_nm {
+            println!("  {kind:30} {nm:>8.2}");
+        }
+    }
     println!("longest case         {:>6.1} s", score.seconds_max);
     if let Some(path) = &outputs.json {
         write_json(path, &score)?;

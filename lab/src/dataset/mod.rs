@@ -7,6 +7,7 @@
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
 //! `t[k+1]`.
 
+pub mod drive_variety;
 pub mod manifest;
 pub mod table;
 
@@ -249,8 +250,8 @@ impl Dataset {
                 ),
             ));
         }
-        if !self.records.iter().any(|r| r.role == Role::Identify) {
-            return Err(Problem::new(place, "no record has role = \"identify\"; expected at least one"));
+        if !self.records.iter().any(|r| r.role != Role::Noise) {
+            return Err(Problem::new(place, "no record has role = \"identify\" or \"validate\"; expected at least one"));
         }
         let tolerance = 1e-6 + 0.05 * (self.drive_max_v - self.drive_min_v);
         for record in &self.records {

@@ -12,6 +12,7 @@
 use super::refit::{Finalist, Judged, Split, Trial, improvement, judge, refit};
 use super::screening::{Screening, screen};
 use crate::dataset::Dataset;
+use crate::dataset::drive_variety::DriveVariety;
 use crate::fit::{Effort, fit};
 use crate::refine;
 use hysteron_sim::chain::{EffectInstance, Model};
@@ -62,6 +63,8 @@ pub struct Growth {
     pub steps: Vec<Step>,
     /// Rounds, one per decision; the last found nothing to add, unless the growth ended at its limit.
     pub rounds: Vec<Round>,
+    /// The first round tried effects alone, on a model that was identified elsewhere.
+    pub transferred: bool,
 }
 
 impl Growth {
@@ -104,12 +107,15 @@ impl Workbench<'_> {
     #[must_use]
     pub fn candidates_for(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
         let has_hysteresis = model.effect("hysteresis").is_some();
+        // Held-out records may move at other speeds; without any, one speed says nothing about the others.
+        let several_speeds = !self.split.validate.is_empty() || !DriveVariety::of(self.dataset, &self.split.identify).one_speed();
         self.candidates
             .iter()
             .filter(|effect| {
                 let declaration = effect.declaration();
                 let needs = match declaration.id.as_str() {
-                    "initial_curve" | "rate_dependence" => has_hysteresis,
+                    "initial_curve" => has_hysteresis,
+                    "rate_dependence" => has_hysteresis && several_speeds,
                     "second_mode" => model.effect("vibration").is_some(),
                     "hysteresis" => model.effect("gain").is_some(),
                     _ => true,
@@ -154,10 +160,12 @@ impl Workbench<'_> {
     /// Grows a model.
     #[must_use]
     pub fn grow(&self, base: Judged) -> Growth {
-        let mut growth = Growth {
-            steps: vec![Step { added: None, removed: Vec::new(), why: "the model that was started from".into(), judged: base }],
-            rounds: Vec::new(),
-        };
+        self.grow_on(Growth { steps: vec![first_step(base)], rounds: Vec::new(), transferred: false })
+    }
+
+    /// Goes on with a growth.
+    #[must_use]
+    pub fn grow_on(&self, mut growth: Growth) -> Growth {
         while growth.rounds.len() < ROUNDS_MAX {
             let before = growth.last().clone();
             if !growth.rounds.is_empty() && self.nothing_left(&before) {
@@ -170,10 +178,7 @@ impl Workbench<'_> {
                 (Some(judged), _) => Some(Step {
                     added: None,
                     removed: Vec::new(),
-                    why: format!(
-                        "hysteresis surfaces of degree {}: the same effect, described more finely",
-                        refine::degree(&judged.model).unwrap_or(0)
-                    ),
+                    why: format!("hysteresis {}: the same effect, described more finely", refine::description(&judged.model)),
                     judged,
                 }),
                 (None, Some(id)) => self.add(&growth, &before, &round, id),
@@ -262,12 +267,18 @@ impl Workbench<'_> {
         Some(finest)
     }
 
-    /// Surfaces of one degree more, if they are worth it.
+    /// Surfaces of one degree more, or play operators beside them, whichever does better, if it is worth it.
     fn finer(&self, before: &Judged) -> Option<Judged> {
-        let finer = refine::refined(&before.model, &self.overview, 1)?;
+        let ways = [refine::refined(&before.model, &self.overview, 1), refine::with_play_operators(&before.model, &self.overview)];
+        let judged = ways.into_iter().flatten().filter_map(|finer| self.worth(before, &finer));
+        judged.min_by(|a, b| merit(a).total_cmp(&merit(b)))
+    }
+
+    /// A finer description after its fit, if it is worth it.
+    fn worth(&self, before: &Judged, finer: &Model) -> Option<Judged> {
         (self.progress)("fitting finer hysteresis surfaces");
         let effort = Effort { iterations: 8, tolerance: 0.3, relative: 0.001 };
-        let judged = judge(fit(&finer, self.dataset, &self.split.identify, effort).model, self.dataset, &self.split);
+        let judged = judge(fit(finer, self.dataset, &self.split.identify, effort).model, self.dataset, &self.split);
         let gain = improvement(before, &judged, &self.split);
         let least = if self.floor_um.is_some() { 0.005 } else { 0.02 };
         let worth =
@@ -316,6 +327,12 @@ impl Workbench<'_> {
             &self.split,
         ))
     }
+}
+
+/// The step that a growth begins with.
+#[must_use]
+pub fn first_step(judged: Judged) -> Step {
+    Step { added: None, removed: Vec::new(), why: "the model that was started from".into(), judged }
 }
 
 /// Candidates that were fitted in the last round and did not help the held-out records, where only the surfaces have changed since.

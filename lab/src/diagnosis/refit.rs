@@ -30,11 +30,12 @@ pub struct Split {
 }
 
 impl Split {
-    /// The split that the roles of a data set make.
+    /// The split that the roles of a data set make; where nothing may be fitted, what would judge is fitted, and nothing judges.
     #[must_use]
     pub fn of(dataset: &Dataset) -> Self {
         use crate::dataset::Role;
-        Self { identify: dataset.with_role(Role::Identify), validate: dataset.with_role(Role::Validate) }
+        let (identify, validate) = (dataset.with_role(Role::Identify), dataset.with_role(Role::Validate));
+        if identify.is_empty() { Self { identify: validate, validate: Vec::new() } } else { Self { identify, validate } }
     }
 }
 

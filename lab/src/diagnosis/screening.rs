@@ -8,8 +8,11 @@
 //!
 //! The null distribution comes from the data: under no effect the sign of each block of the residual is a toss-up, so the products of
 //! residual and signature, summed by blocks, are given random signs and the best start of each candidate is taken again. That accounts for
-//! coloured residuals and for having looked at many starts. Over all candidates the false discovery rate is controlled after Benjamini
-//! and Yekutieli (Annals of Statistics 29 (2001) 1165-1188), which holds under any dependence between them.
+//! coloured residuals and for having looked at many starts; what the fit took out of the residual in each block is given back first
+//! (its leverage), or noise would look smaller than it is. Over all candidates the same sign patterns give the distribution of the least
+//! p-value of any candidate under no effect; p-values are adjusted by it, stepping down (Westfall and Young, Resampling-Based Multiple
+//! Testing, 1993, Algorithm 2.8). Where nothing is missing, anything is called significant in one of twenty data sets, however alike the
+//! candidates are: the false discovery rate is controlled with it, and no power is lost to a bound that ignores their likeness.
 
 use crate::dataset::Dataset;
 use crate::fit::{Linearised, blocks, dot, free_parameters, linearise, normal_equations, project_out};
@@ -20,10 +23,13 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Sign patterns of the null distribution.
 const TOSSES: usize = 1999;
+/// Highest leverage that is made up for: beyond it a block has nothing to say.
+const LEVERAGE_MAX: f64 = 0.9;
 /// Resamples for the interval of the explained share.
 const RESAMPLES: usize = 200;
 
@@ -42,10 +48,15 @@ pub struct Score {
     pub share: f64,
     /// 90 % interval of the share over resampled blocks.
     pub share_interval: (f64, f64),
+    /// Share of the resamples of blocks in which this candidate explains most of all.
+    pub stability: f64,
+    resampled_um2: Vec<f64>,
     /// p-value of the candidate alone.
     pub p_value: f64,
     /// p-value after control of false discoveries over all candidates.
     pub p_adjusted: f64,
+    /// p-value that each sign pattern would have had: its null distribution, joint with that of the other candidates.
+    null_p_values: Vec<f64>,
     /// Projected signature of the best direction by record, scaled to the residual.
     pub signature: Vec<Vec<f64>>,
     unit: Vec<Vec<f64>>,
@@ -108,6 +119,22 @@ impl Absorbed {
     }
 }
 
+impl Absorbed {
+    /// Share of the power of a column's block that the fit of the model has taken out of any residual there: a fitted residual is smaller
+    /// than the noise it came from where the model has its freedom.
+    fn leverage(&self, record: usize, block: &Range<usize>, column: &[f64]) -> f64 {
+        let values = &column[block.clone()];
+        let power = dot(values, values);
+        let Some(part) = self.parts.get(record).filter(|_| power > 0.0) else { return 0.0 };
+        let nuisance: f64 = part.nuisance.iter().map(|n| dot(&n[block.clone()], values)).map(|along| along * along).sum();
+        let fitted = self.factor.as_ref().map_or(0.0, |factor| {
+            let along = DVector::from_fn(self.scale.len(), |i, _| self.scale[i] * dot(&part.jacobian[i][block.clone()], values));
+            along.dot(&factor.solve(&along))
+        });
+        ((nuisance + fitted) / power).clamp(0.0, LEVERAGE_MAX)
+    }
+}
+
 /// A direction: one or several signature columns that are looked for together.
 struct Direction {
     starts: Vec<Vec<f64>>,
@@ -144,6 +171,7 @@ pub fn screen(
         })
         .collect();
     control_false_discoveries(&mut scores);
+    find_stability(&mut scores);
     scores.sort_by(|a, b| b.explained_um2.total_cmp(&a.explained_um2));
     Screening { scores, residual }
 }
@@ -220,6 +248,8 @@ fn line_directions(starts: &[Vec<f64>], lines: &[f64], dataset: &Dataset, record
 struct Projected {
     starts: Vec<Vec<f64>>,
     by_block: Vec<DVector<f64>>,
+    /// The same with the power that the fit took out given back: what noise would do.
+    noise_by_block: Vec<DVector<f64>>,
     inverse: DMatrix<f64>,
     columns: Vec<Vec<Vec<f64>>>,
     one_sided: bool,
@@ -248,19 +278,26 @@ fn score(
     projected.sort_by(|a, b| b.observed().total_cmp(&a.observed()));
     let best = projected.first()?;
     let observed = best.observed();
-    let at_least = tosses
+    let null: Vec<f64> = tosses
         .iter()
-        .filter(|signs| {
-            projected.iter().any(|p| {
+        .map(|signs| {
+            let tossed = |p: &Projected| {
                 let mut sums = DVector::zeros(p.inverse.nrows());
-                for (products, sign) in p.by_block.iter().zip(signs.iter()) {
+                for (products, sign) in p.noise_by_block.iter().zip(signs.iter()) {
                     sums.axpy(*sign, products, 1.0);
                 }
-                p.statistic(&sums) >= observed
-            })
+                p.statistic(&sums)
+            };
+            projected.iter().map(tossed).fold(0.0, f64::max)
         })
-        .count();
-    let p_value = (1 + at_least) as f64 / (tosses.len() + 1) as f64;
+        .collect();
+    let mut ordered = null.clone();
+    ordered.sort_by(f64::total_cmp);
+    let p_of = |statistic: f64| (1 + ordered.len() - ordered.partition_point(|v| *v < statistic)) as f64 / (ordered.len() + 1) as f64;
+    let p_value = p_of(observed);
+    let resampled_um2 = resampled(best);
+    // A pattern counts among the patterns as the observation does.
+    let null_p_values = null.iter().map(|v| p_of(*v)).collect();
     let sums: DVector<f64> = best.by_block.iter().sum();
     let weights = &best.inverse * &sums;
     let mut signature: Vec<Vec<f64>> = residual.iter().map(|r| vec![0.0; r.len()]).collect();
@@ -277,9 +314,12 @@ fn score(
         starts: projected.iter().flat_map(|p| p.starts.iter().take(if p.starts.len() > 1 { 1 } else { usize::MAX }).cloned()).collect(),
         explained_um2: observed,
         share: (observed / above_floor).clamp(0.0, 1.0),
-        share_interval: share_interval(best, above_floor),
+        share_interval: share_interval(&resampled_um2, above_floor),
+        stability: 0.0,
+        resampled_um2,
         p_value,
         p_adjusted: p_value,
+        null_p_values,
         signature,
         unit,
     })
@@ -309,40 +349,112 @@ fn project(direction: Direction, absorbed: &Absorbed, residual: &[Vec<f64>]) -> 
         columns[i].iter().zip(&columns[j]).map(|(a, b)| dot(a, b)).sum::<f64>() + if i == j { 1e-6 } else { 0.0 }
     });
     let inverse = gram.cholesky()?.inverse();
-    let mut by_block = Vec::new();
+    let (mut by_block, mut noise_by_block) = (Vec::new(), Vec::new());
     for (r, values) in residual.iter().enumerate() {
         for block in blocks(values.len()) {
-            by_block.push(DVector::from_fn(m, |i, _| dot(&columns[i][r][block.clone()], &values[block.clone()])));
+            let products = DVector::from_fn(m, |i, _| dot(&columns[i][r][block.clone()], &values[block.clone()]));
+            let given_back = |i: usize| 1.0 / (1.0 - absorbed.leverage(r, &block, &columns[i][r])).sqrt();
+            noise_by_block.push(DVector::from_fn(m, |i, _| products[i] * given_back(i)));
+            by_block.push(products);
         }
     }
-    Some(Projected { starts: direction.starts, by_block, inverse, columns, one_sided: direction.one_sided })
+    Some(Projected { starts: direction.starts, by_block, noise_by_block, inverse, columns, one_sided: direction.one_sided })
 }
 
-fn share_interval(best: &Projected, above_floor: f64) -> (f64, f64) {
+/// What the direction explains when blocks are drawn again with replacement; the same draws for every candidate.
+fn resampled(best: &Projected) -> Vec<f64> {
     let mut random = Pcg64Mcg::seed_from_u64(17);
     let count = best.by_block.len();
-    let mut shares: Vec<f64> = (0..RESAMPLES)
+    (0..RESAMPLES)
         .map(|_| {
             let mut sums = DVector::zeros(best.inverse.nrows());
             for _ in 0..count {
                 sums += &best.by_block[random.random_range(0..count)];
             }
-            (best.statistic(&sums) / above_floor).clamp(0.0, 1.0)
+            best.statistic(&sums)
         })
-        .collect();
+        .collect()
+}
+
+/// 90 % interval of the explained share over resamples.
+fn share_interval(resampled_um2: &[f64], above_floor: f64) -> (f64, f64) {
+    let mut shares: Vec<f64> = resampled_um2.iter().map(|um2| (um2 / above_floor).clamp(0.0, 1.0)).collect();
     shares.sort_by(f64::total_cmp);
     (shares[RESAMPLES / 20], shares[RESAMPLES - 1 - RESAMPLES / 20])
 }
 
-/// Step-up correction after Benjamini and Yekutieli.
+/// In how many of the resamples each candidate explains most.
+fn find_stability(scores: &mut [Score]) {
+    let mut wins = vec![0_usize; scores.len()];
+    for draw in 0..RESAMPLES {
+        let best = (0..scores.len()).max_by(|&a, &b| scores[a].resampled_um2[draw].total_cmp(&scores[b].resampled_um2[draw]));
+        if let Some(best) = best {
+            wins[best] += 1;
+        }
+    }
+    for (score, wins) in scores.iter_mut().zip(wins) {
+        score.stability = wins as f64 / RESAMPLES as f64;
+    }
+}
+
+/// Step-down correction by the least p-value of the candidates that are left, after Westfall and Young.
 fn control_false_discoveries(scores: &mut [Score]) {
-    let m = scores.len();
-    let harmonic: f64 = (1..=m).map(|i| 1.0 / i as f64).sum();
-    let mut order: Vec<usize> = (0..m).collect();
+    let mut order: Vec<usize> = (0..scores.len()).collect();
     order.sort_by(|&a, &b| scores[a].p_value.total_cmp(&scores[b].p_value));
-    let mut running = 1.0_f64;
-    for (rank, &i) in order.iter().enumerate().rev() {
-        running = running.min(scores[i].p_value * m as f64 * harmonic / (rank + 1) as f64);
-        scores[i].p_adjusted = running.min(1.0);
+    let mut least = vec![1.0_f64; scores.first().map_or(0, |s| s.null_p_values.len())];
+    let mut adjusted = vec![1.0; scores.len()];
+    for &i in order.iter().rev() {
+        least.iter_mut().zip(&scores[i].null_p_values).for_each(|(l, p)| *l = l.min(*p));
+        let as_small = least.iter().filter(|l| **l <= scores[i].p_value).count();
+        adjusted[i] = (1 + as_small) as f64 / (least.len() + 1) as f64;
+    }
+    let mut running = 0.0_f64;
+    for &i in &order {
+        running = running.max(adjusted[i]);
+        scores[i].p_adjusted = running;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever the dependence: under no effect the least adjusted p-value is uniform.
+    #[test]
+    fn the_least_adjusted_p_value_is_small_as_often_as_it_should_be() {
+        let mut random = Pcg64Mcg::seed_from_u64(5);
+        let (candidates, patterns, repeats) = (6, 400, 300);
+        let mut below = 0;
+        for _ in 0..repeats {
+            // Columns of one common and one own part: strongly dependent statistics.
+            let mut draw = || {
+                let common: f64 = random.random();
+                (0..candidates).map(|i| if i % 2 == 0 { common } else { random.random() }).collect::<Vec<f64>>()
+            };
+            let observed = draw();
+            let null: Vec<Vec<f64>> = (0..patterns).map(|_| draw()).collect();
+            let p_of = |i: usize, statistic: f64| (1 + null.iter().filter(|n| n[i] >= statistic).count()) as f64 / (patterns + 1) as f64;
+            let mut scores: Vec<Score> = (0..candidates)
+                .map(|i| Score {
+                    effect: hysteron_sim::effect::registry()[i].clone(),
+                    id: i.to_string(),
+                    starts: Vec::new(),
+                    explained_um2: 0.0,
+                    share: 0.0,
+                    share_interval: (0.0, 0.0),
+                    stability: 0.0,
+                    resampled_um2: Vec::new(),
+                    p_value: p_of(i, observed[i]),
+                    p_adjusted: 1.0,
+                    null_p_values: null.iter().map(|n| p_of(i, n[i])).collect(),
+                    signature: Vec::new(),
+                    unit: Vec::new(),
+                })
+                .collect();
+            control_false_discoveries(&mut scores);
+            below += usize::from(scores.iter().any(|s| s.p_adjusted <= 0.1));
+        }
+        // 30 of 300 expected, standard deviation 5.2.
+        assert!((14..=46).contains(&below), "{below} of {repeats}");
     }
 }

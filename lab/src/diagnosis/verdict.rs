@@ -44,8 +44,12 @@ pub struct CandidateFigures {
     pub explained_share: f64,
     /// 90 % interval of it.
     pub explained_share_interval: (f64, f64),
+    /// Share of the resampled blocks in which it explains most of all candidates.
+    pub stability: f64,
     /// p-value after control of false discoveries.
     pub p_value: f64,
+    /// p-value of the candidate alone.
+    pub p_value_alone: f64,
     /// Held-out error before.
     pub validate_rms_before_um: Option<f64>,
     /// Held-out error after adding it and fitting again; for finalists.
@@ -130,7 +134,10 @@ pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset) -> Diagn
     let added = growth.added();
     let error = |j: &super::refit::Judged| j.validate_rms_um.unwrap_or(j.identify_rms_um);
     let (verdict, named) = match floor.rms_um {
-        None => (Verdict::Undecidable, added.clone()),
+        None => {
+            let alternatives = alternatives(growth);
+            (Verdict::Undecidable, if growth.transferred && alternatives.len() > 1 { alternatives } else { added.clone() })
+        }
         Some(floor_um) => {
             let end = error(last);
             let alternatives = alternatives(growth);
@@ -190,7 +197,9 @@ fn candidate_figures(growth: &Growth) -> Vec<CandidateFigures> {
                 effect: score.id.clone(),
                 explained_share: score.share,
                 explained_share_interval: score.share_interval,
+                stability: score.stability,
                 p_value: score.p_adjusted,
+                p_value_alone: score.p_value,
                 validate_rms_before_um: before,
                 validate_rms_after_um: finalist.and_then(|f| f.judged.validate_rms_um),
                 identify_rms_after_um: finalist.map(|f| f.judged.identify_rms_um),
@@ -248,16 +257,37 @@ fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFl
         }
         Verdict::Undecidable => {
             let best = growth.added();
+            if growth.transferred && !best.is_empty() {
+                let others = if named.len() > 1 {
+                    format!("this data cannot tell {} apart", list(named, "and"))
+                } else {
+                    format!("no other effect does as well: this data can tell {} from the others", words(&best[0]))
+                };
+                let alone = growth.steps[1].judged.identify_rms_um;
+                return format!(
+                    "{} is missing in this recording: with all values held as they were identified elsewhere, it alone brings the error from {} \
+                     to {} nm; {others}. The noise is unknown, so nobody can say whether more is missing.",
+                    capital(&list(named, "or")),
+                    nm(before),
+                    nm(alone)
+                );
+            }
             let gained = if best.is_empty() {
                 "no effect lowers the held-out error".to_string()
             } else {
-                format!("{} lower the held-out error from {} to {} nm", list(&best, "and"), nm(before), nm(after))
+                let (verb, which) =
+                    (if best.len() == 1 { "lowers" } else { "lower" }, if first_is_held_out(growth) { "held-out error" } else { "error" });
+                format!("{} {verb} the {which} from {} to {} nm", list(&best, "and"), nm(before), nm(after))
             };
             format!(
                 "Without repeats, periods or a record at rest the noise is unknown, so nobody can say whether more is missing; {gained}."
             )
         }
     }
+}
+
+fn first_is_held_out(growth: &Growth) -> bool {
+    growth.steps[0].judged.validate_rms_um.is_some()
 }
 
 fn capital(text: &str) -> String {

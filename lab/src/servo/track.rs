@@ -219,6 +219,7 @@ pub fn track(
     };
     let setting = Setting {
         dt_s: SAMPLING_PERIOD_S / SUBSTEPS as f64,
+        substeps: SUBSTEPS,
         force_n: None,
         drive_min_v: chain.drive_min_v,
         drive_max_v: chain.drive_max_v,

@@ -1,0 +1,78 @@
+//! Play operators beside the polynomial surfaces of the hysteresis: loops with kinks, which polynomials only approach slowly.
+//!
+//! Their part of `G(x, z)` depends on `x - z` alone and is straight between kinks; the surfaces have the smooth rest. The hysteresis
+//! stage adds them. They are no candidate: a structure of loops that was described too coarsely is not a missing effect.
+
+use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Thresholds in the range of the drive.
+const THRESHOLDS: usize = 20;
+
+/// A weighted sum of play operators (backlash elements), each with its threshold in units of the drive range.
+#[derive(Clone, Debug)]
+pub(super) struct PlayOperators {
+    thresholds_and_weights: Vec<(f64, f64)>,
+    plays: Vec<f64>,
+}
+
+impl PlayOperators {
+    /// Virgin operators.
+    pub(super) fn new(thresholds_and_weights: Vec<(f64, f64)>) -> Self {
+        Self { plays: vec![0.0; thresholds_and_weights.len()], thresholds_and_weights }
+    }
+
+    /// The operators that `model` has beside its surfaces.
+    pub(super) fn of(model: &Model) -> Option<Self> {
+        let weights = model.values("play_operators")?;
+        Some(Self::new(weights.iter().enumerate().map(|(i, w)| (threshold(i), *w)).collect()))
+    }
+
+    /// Follows an input and returns the weighted sum.
+    pub(super) fn step(&mut self, x: f64) -> f64 {
+        let mut sum = 0.0;
+        for ((threshold, weight), play) in self.thresholds_and_weights.iter().zip(&mut self.plays) {
+            *play = play.clamp(x - threshold, x + threshold);
+            sum += weight * *play;
+        }
+        sum
+    }
+
+    /// What the first rise to `x` gives.
+    pub(super) fn initial_ascending_curve(&self, x: f64) -> f64 {
+        self.thresholds_and_weights.iter().map(|(threshold, weight)| weight * (x - threshold).max(0.0)).sum()
+    }
+}
+
+/// Half of the width of the loop at which element `i` begins to move: a threshold of zero would be a plain gain, and one of half the range never closes a loop.
+fn threshold(i: usize) -> f64 {
+    0.5 * (i + 1) as f64 / THRESHOLDS as f64
+}
+
+/// Play operators in parallel with the surfaces.
+pub struct PlayOperatorsBeside;
+
+impl Effect for PlayOperatorsBeside {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "play_operators".into(),
+            physics: "Backlash elements beside the smooth loops: kinks that depend only on how far the drive came back.".into(),
+            reference: "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)".into(),
+            place: Place::Hysteresis,
+            modifies: Some("hysteresis"),
+            experiment: "slow triangles of several heights".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let step = 0.01 * overview.range_um.max(1e-6);
+        (1..THRESHOLDS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, step)).collect()
+    }
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.0; THRESHOLDS - 1]]
+    }
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None
+    }
+}

@@ -1,0 +1,59 @@
+//! What the drives of some records can show at all, whatever the model: several loops, several speeds.
+
+use super::Dataset;
+
+/// Turning points closer than this share of the range count as one.
+const ONE_TURNING_POINT: f64 = 0.05;
+/// Speeds within this factor count as one.
+const ONE_SPEED: f64 = 3.0;
+
+/// Turning points and speeds of the drives of some records.
+#[derive(Clone, Debug)]
+pub struct DriveVariety {
+    turning_points: usize,
+    /// Speed that a tenth of the samples exceed, in the slowest record that moves, V/s.
+    pub speed_min_v_s: f64,
+    /// The same in the fastest record, V/s.
+    pub speed_max_v_s: f64,
+}
+
+impl DriveVariety {
+    /// Of the records with these indices.
+    #[must_use]
+    pub fn of(dataset: &Dataset, records: &[usize]) -> Self {
+        let range_v = dataset.drive_max_v - dataset.drive_min_v;
+        let mut turns_v: Vec<f64> = Vec::new();
+        let (mut speed_min_v_s, mut speed_max_v_s) = (f64::INFINITY, 0.0_f64);
+        for record in records.iter().filter_map(|&i| dataset.records.get(i)) {
+            let drive_v = &record.drive_v[record.window.clone()];
+            let mut last_turn = drive_v.first().copied().unwrap_or(0.0);
+            for w in drive_v.windows(3) {
+                if (w[1] - w[0]) * (w[2] - w[1]) < 0.0 && (w[1] - last_turn).abs() > 0.02 * range_v {
+                    last_turn = w[1];
+                    if turns_v.iter().all(|turn| (turn - last_turn).abs() > ONE_TURNING_POINT * range_v) {
+                        turns_v.push(last_turn);
+                    }
+                }
+            }
+            let mut speeds: Vec<f64> = drive_v.windows(2).map(|w| (w[1] - w[0]).abs() * record.sample_rate_hz).collect();
+            speeds.sort_by(f64::total_cmp);
+            let fast = speeds.get(speeds.len() * 9 / 10).copied().unwrap_or(0.0);
+            if fast > 0.0 {
+                (speed_min_v_s, speed_max_v_s) = (speed_min_v_s.min(fast), speed_max_v_s.max(fast));
+            }
+        }
+        Self { turning_points: turns_v.len(), speed_min_v_s, speed_max_v_s }
+    }
+
+    /// The drive turns, and always at the same two voltages.
+    #[must_use]
+    pub fn one_loop(&self) -> bool {
+        (1..=2).contains(&self.turning_points)
+    }
+
+    /// All records move at the same speed.
+    #[must_use]
+    pub fn one_speed(&self) -> bool {
+        self.speed_max_v_s < ONE_SPEED * self.speed_min_v_s
+    }
+}

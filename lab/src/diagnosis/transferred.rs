@@ -1,0 +1,137 @@
+//! A model that was identified on other data: what has changed, or what did this actuator always have that the new recording shows?
+//!
+//! The values of such a model are knowledge. Fitting them again to the new recording would let them take up a missing effect, so every
+//! candidate is first fitted *alone*, with all other values held. One effect that explains most of what a new fit of everything could
+//! remove is the simpler story, and it is told first; then everything is fitted together. A model that was identified on the very data
+//! it is diagnosed on gains nothing by a new fit, and none of this applies.
+
+use super::growth::{Growth, Round, Step, Workbench, first_step};
+use super::refit::{Finalist, Judged, improvement, judge};
+use super::screening::{Score, screen};
+use crate::fit::{Effort, fit};
+use hysteron_sim::chain::{EffectInstance, Model};
+
+/// A new fit that lowers the error by less than this share finds the model at home.
+const AT_HOME: f64 = 0.05;
+/// Least share of what a new fit removes that one effect must explain by itself.
+const EXPLAINS_ALONE: f64 = 0.5;
+/// Two effects whose errors differ by less than this share are not told apart.
+const ALIKE: f64 = 0.1;
+/// An effect with one value more must lower the error to this share of a simpler one's: it also takes up what the held values miss.
+const WORTH_ONE_VALUE: f64 = 0.5;
+/// Steps of a fit of one effect alone.
+const ALONE: Effort = Effort { iterations: 15, tolerance: 0.5, relative: 0.002 };
+/// Starts of an effect that are tried.
+const STARTS_TRIED: usize = 3;
+
+impl Workbench<'_> {
+    /// Grows a model that came from elsewhere.
+    #[must_use]
+    pub fn grow_transferred(&self, model: Model) -> Growth {
+        let base = judge(model, self.dataset, &self.split);
+        let mut growth = Growth { steps: vec![first_step(base.clone())], rounds: Vec::new(), transferred: false };
+        (self.progress)("fitting the model to this recording");
+        let refitted = self.fitted(&base.model);
+        if refitted.identify_rms_um > (1.0 - AT_HOME) * base.identify_rms_um {
+            return self.grow_on(growth);
+        }
+        let Some((round, best)) = self.round_alone(&base, &refitted) else {
+            growth.steps.push(again(refitted));
+            return self.grow_on(growth);
+        };
+        let declaration = round.screening.scores[best.score].effect.declaration();
+        growth.steps.push(Step {
+            added: Some(best.id.clone()),
+            removed: Vec::new(),
+            why: format!(
+                "{} With all other values held as they were identified elsewhere, it explains most of the error",
+                declaration.physics
+            ),
+            judged: best.judged.clone(),
+        });
+        growth.rounds.push(round);
+        growth.transferred = true;
+        growth.steps.push(again(self.fitted(&best.judged.model)));
+        // Without a floor nothing says where to stop, and the question was what the new recording has.
+        if self.floor_um.is_some() { self.grow_on(growth) } else { growth }
+    }
+
+    fn fitted(&self, model: &Model) -> Judged {
+        judge(fit(model, self.dataset, &self.split.identify, Effort::default()).model, self.dataset, &self.split)
+    }
+
+    /// All candidates, each fitted alone; the best, if it explains enough by itself.
+    fn round_alone(&self, base: &Judged, refitted: &Judged) -> Option<(Round, Finalist)> {
+        let candidates = self.candidates_for(&base.model);
+        (self.progress)(&format!("trying {} candidate effects alone", candidates.len()));
+        let screening = screen(&base.model, &self.overview, self.dataset, &self.split.identify, &candidates, self.floor_um, 900);
+        let mut finalists: Vec<Finalist> = screening.scores.iter().enumerate().map(|(i, score)| self.alone(base, score, i)).collect();
+        let cost = |f: &Finalist| f.judged.identify_rms_um / WORTH_ONE_VALUE.powi(values_of(&f.judged.model, &f.id) as i32 - 1);
+        finalists.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+        let best = finalists.first()?.clone();
+        let square = |judged: &Judged| judged.identify_rms_um * judged.identify_rms_um;
+        let removable = square(base) - square(refitted);
+        if square(base) - square(&best.judged) < EXPLAINS_ALONE * removable {
+            return None;
+        }
+        // What even the best leaves to a new fit is owed to the values held; a difference below that decides nothing.
+        let left_by_best = (square(&best.judged) - square(refitted)).max(0.0);
+        let tied = finalists
+            .iter()
+            .filter(|f| cost(f) <= (1.0 + ALIKE) * cost(&best) || cost(f) * cost(f) - cost(&best) * cost(&best) <= left_by_best)
+            .map(|f| f.id.clone())
+            .collect();
+        Some((Round { screening, finalists, tied }, best))
+    }
+
+    fn alone(&self, base: &Judged, score: &Score, at: usize) -> Finalist {
+        (self.progress)(&format!("fitting {} alone", score.id));
+        let mut best: Option<(f64, Model)> = None;
+        for start in score.starts.iter().take(STARTS_TRIED) {
+            let mut model = base.model.clone();
+            let held = hold(&mut model);
+            model.add(EffectInstance::new(score.effect.clone(), &self.overview, start));
+            let result = fit(&model, self.dataset, &self.split.identify, ALONE);
+            if best.as_ref().is_none_or(|(rms_um, _)| result.rms_um < *rms_um) {
+                let mut model = result.model;
+                release(&mut model, &held);
+                best = Some((result.rms_um, model));
+            }
+        }
+        let model = best.map_or_else(|| base.model.clone(), |(_, model)| model);
+        let judged = judge(model, self.dataset, &self.split);
+        let improvement = improvement(base, &judged, &self.split);
+        Finalist { id: score.id.clone(), score: at, judged, improvement }
+    }
+}
+
+/// Values of an effect that are estimated.
+fn values_of(model: &Model, id: &str) -> usize {
+    model.effect(id).map_or(0, |e| e.parameters.iter().filter(|p| !p.parameter.fixed).count())
+}
+
+fn again(judged: Judged) -> Step {
+    Step { added: None, removed: Vec::new(), why: "all values fitted again, to this recording".into(), judged }
+}
+
+/// Holds all values; returns those that were free.
+fn hold(model: &mut Model) -> Vec<(String, String)> {
+    let mut out = Vec::new();
+    for effect in &mut model.effects {
+        for value in effect.parameters.iter_mut().filter(|v| !v.parameter.fixed) {
+            value.parameter.fixed = true;
+            out.push((effect.id.clone(), value.parameter.name.clone()));
+        }
+    }
+    out
+}
+
+fn release(model: &mut Model, held: &[(String, String)]) {
+    for effect in &mut model.effects {
+        for value in &mut effect.parameters {
+            if held.iter().any(|(id, name)| *id == effect.id && *name == value.parameter.name) {
+                value.parameter.fixed = false;
+            }
+        }
+    }
+}

@@ -1,0 +1,43 @@
+//! Planted sets: made, diagnosed and scored as a user would.
+
+use hysteron::plant_set::{SetOrder, plant_set};
+use hysteron::score::score;
+
+#[test]
+fn planted_effects_are_named_and_nothing_is_named_where_nothing_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let order = SetOrder {
+        hidden: [&["delay"][..], &["mains_hum"], &["creep", "saturation"], &[], &["outside_library_gain_flutter"]]
+            .iter()
+            .map(|ids| ids.iter().map(|id| (*id).to_string()).collect())
+            .collect(),
+        strengths: vec![2.0],
+        cases: 1,
+        hysteresis: "hysteresis".into(),
+        seed: 41,
+    };
+    plant_set(&order, folder.path(), &|_| {}).unwrap();
+    let score = score(folder.path(), &|_, _, _| {}).unwrap();
+    assert_eq!(score.cases.len(), 5);
+    for case in &score.cases {
+        assert!(case.right_first && !case.false_discovery, "{case:?}");
+        assert!(case.hidden.starts_with("outside") || case.validate_over_noise <= 1.15, "{case:?}");
+    }
+}
+
+/// Loops of another structure than the fitted surfaces, with kinks that polynomials follow slowly, are no missing effect.
+#[test]
+fn another_structure_of_loops_is_no_missing_effect() {
+    let folder = tempfile::tempdir().unwrap();
+    let order = SetOrder {
+        hidden: vec![vec!["creep".to_string()]],
+        strengths: vec![3.0],
+        cases: 1,
+        hysteresis: "prandtl_ishlinskii".into(),
+        seed: 503,
+    };
+    plant_set(&order, folder.path(), &|_| {}).unwrap();
+    let score = score(folder.path(), &|_, _, _| {}).unwrap();
+    assert_eq!(score.cases[0].named, ["creep"], "{:?}", score.cases);
+    assert!(score.cases[0].validate_over_noise <= 1.15, "{:?}", score.cases);
+}
