@@ -59,11 +59,10 @@ fn base_of(hidden: &[String], number: usize) -> Vec<String> {
     if number % 2 == 1 {
         base.push("creep");
     }
-    let nothing_to_drive = hidden.iter().any(|id| id == "hysteresis");
-    base.into_iter()
-        .filter(|id| !hidden.iter().any(|h| h == id) && !(nothing_to_drive && *id == "initial_curve"))
-        .map(String::from)
-        .collect()
+    // Without surfaces there is nothing that an initial curve could belong to.
+    let without_surfaces = hidden.iter().any(|id| id == "hysteresis");
+    let excluded = |id: &str| hidden.iter().any(|h| h == id) || (without_surfaces && id == "initial_curve");
+    base.into_iter().filter(|id| !excluded(id)).map(String::from).collect()
 }
 
 /// A set of cases.
