@@ -168,9 +168,11 @@ pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset) -> Diagn
     }
 }
 
-/// Effects of the first decision that cannot be told apart, if that is where the growth ended.
+/// Effects of the first decision that cannot be told apart. One that was added later beside the first is missing as well, no alternative.
 fn alternatives(growth: &Growth) -> Vec<String> {
-    growth.rounds.iter().find(|r| !r.tied.is_empty()).map_or_else(Vec::new, |r| r.tied.clone())
+    let added = growth.added();
+    let tied = growth.rounds.iter().find(|r| !r.tied.is_empty()).map_or(&[][..], |r| &r.tied);
+    tied.iter().enumerate().filter(|(i, id)| *i == 0 || !added.contains(id)).map(|(_, id)| id.clone()).collect()
 }
 
 fn candidate_figures(growth: &Growth) -> Vec<CandidateFigures> {
