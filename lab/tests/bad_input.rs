@@ -94,3 +94,21 @@ fn effects_that_are_not_known_or_not_in_the_data() {
     let output = hysteron(&["compare", "missing.toml", "."], folder.path());
     assert_eq!(output.status.code(), Some(2));
 }
+
+#[test]
+fn a_reader_that_has_seen_enough_ends_the_program_without_a_word() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(2000)).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_hysteron"))
+        .args(["identify", ".", "--effects", "gain", "--out", "m.toml"])
+        .current_dir(folder.path())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!said.contains("panicked"), "{said}");
+}

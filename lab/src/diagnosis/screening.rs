@@ -6,6 +6,9 @@
 //! flexible hysteresis surfaces, and what each record has of its own. What is left of the residual along what is left of the signature is
 //! the share that the candidate explains; a wrong parameter cannot pose as a missing effect.
 //!
+//! Instants of sampling and of writing the drive are never known exactly: a skew between drive and reading of a small share of the sampling
+//! period is taken out of the residual as well, no more than that share, so that a delay or a lag stays visible.
+//!
 //! The null distribution comes from the data: under no effect the sign of each block of the residual is a toss-up, so the products of
 //! residual and signature, summed by blocks, are given random signs and the best start of each candidate is taken again. That accounts for
 //! coloured residuals and for having looked at many starts; what the fit took out of the residual in each block is given back first
@@ -117,9 +120,7 @@ impl Absorbed {
             }
         }
     }
-}
 
-impl Absorbed {
     /// Share of the power of a column's block that the fit of the model has taken out of any residual there: a fitted residual is smaller
     /// than the noise it came from where the model has its freedom.
     fn leverage(&self, record: usize, block: &Range<usize>, column: &[f64]) -> f64 {
@@ -156,6 +157,7 @@ pub fn screen(
     let absorbed = Absorbed::new(model, overview, dataset, records);
     let mut residual: Vec<Vec<f64>> = absorbed.parts.iter().map(|p| p.residual.clone()).collect();
     absorbed.remove(&mut residual);
+    remove_skew(model, dataset, records, &absorbed, &mut residual);
     let samples: usize = residual.iter().map(Vec::len).sum();
     let total: f64 = residual.iter().map(|r| dot(r, r)).sum();
     let above_floor = floor_um.map_or(total, |f| (total - samples as f64 * f * f).max(0.02 * total));
@@ -174,6 +176,34 @@ pub fn screen(
     find_stability(&mut scores);
     scores.sort_by(|a, b| b.explained_um2.total_cmp(&a.explained_um2));
     Screening { scores, residual }
+}
+
+/// Instants of sampling and of writing the drive are known to within this share of the fastest period, and so is a model of a sampled
+/// record: what a skew of that size leaves is not evidence.
+const SKEW_MAX: f64 = 0.15;
+
+/// Takes the best skew between drive and reading out of a residual, as far as instants are uncertain.
+fn remove_skew(model: &Model, dataset: &Dataset, records: &[usize], absorbed: &Absorbed, residual: &mut [Vec<f64>]) {
+    let mut column: Vec<Vec<f64>> = records
+        .par_iter()
+        .map(|&i| {
+            let record = &dataset.records[i];
+            let reading = model.simulate(&record.drive());
+            let at = |k: usize| reading[k.min(reading.len() - 1)];
+            record.window.clone().map(|k| 0.5 * (at(k + 1) - at(k.saturating_sub(1))) / record.dt_s()).collect()
+        })
+        .collect();
+    absorbed.remove(&mut column);
+    absorbed.remove(&mut column);
+    let along = |a: &[Vec<f64>], b: &[Vec<f64>]| -> f64 { a.iter().zip(b).map(|(x, y)| dot(x, y)).sum() };
+    let power = along(&column, &column);
+    let fastest = records.iter().map(|&i| dataset.records[i].dt_s()).fold(f64::INFINITY, f64::min);
+    if power > 0.0 {
+        let skew_s = (along(&column, residual) / power).clamp(-SKEW_MAX * fastest, SKEW_MAX * fastest);
+        for (out, values) in residual.iter_mut().zip(&column) {
+            out.iter_mut().zip(values).for_each(|(o, v)| *o -= skew_s * v);
+        }
+    }
 }
 
 fn toss(count: usize, seed: u64) -> Vec<Vec<f64>> {
