@@ -280,37 +280,37 @@ pub fn plant(order: &Order, folder: &Path) -> Result<Truth> {
         plant.model.drive_max_v *= 1.15 + 0.1 * random.random::<f64>();
         plant.model.add(EffectInstance::new(effect, &overview, &values));
     }
+    let hides_hysteresis = hidden.iter().any(|(id, _)| id == "hysteresis");
     let mut wanted: Vec<(String, f64)> = base.iter().map(|id| (id.clone(), 1.5)).collect();
     wanted.extend(hidden.iter().cloned());
-    if hidden.iter().any(|(id, _)| id == "hysteresis") {
+    if hides_hysteresis {
         wanted.push(("initial_curve".into(), 1.0));
     }
     for (id, strength) in &wanted {
-        let id = id.replace('-', "_");
-        if let Some((effect, values)) = outside_library(&id, *strength, &mut random) {
+        if let Some((effect, values)) = outside_library(id, *strength, &mut random) {
             plant.model.add(EffectInstance::new(effect, &overview, &values));
             continue;
         }
-        let effect: Arc<dyn Effect> = by_id(&id)
-            .ok_or_else(|| Problem::new("effects", format!("unknown effect `{id}`{}", nearest(&id, &crate::model_file::known_ids()))))?;
+        let effect: Arc<dyn Effect> = by_id(id)
+            .ok_or_else(|| Problem::new("effects", format!("unknown effect `{id}`{}", nearest(id, &crate::model_file::known_ids()))))?;
         let values = match id.as_str() {
             "hysteresis" | "gain" => continue,
             // The remnant belongs to the thesis' surfaces; other structures have a first rise of their own.
             "initial_curve" if hysteresis != "hysteresis" => continue,
             "initial_curve" => r.clone(),
             "vibration" => vec![natural_frequency_rad_s, damping_ratio],
-            _ => values_at(&id, *strength, &overview, natural_frequency_rad_s, &mut random),
+            _ => values_at(id, *strength, &overview, natural_frequency_rad_s, &mut random),
         };
         plant.model.add(EffectInstance::new(effect, &overview, &values));
     }
     let with_force = plant.model.effect("load_force").is_some();
     let mut without = plant.model.clone();
-    without.effects.retain(|e| e.id == "hysteresis" || !hidden.iter().any(|(id, _)| id.replace('-', "_") == e.id));
+    without.effects.retain(|e| e.id == "hysteresis" || !hidden.iter().any(|(id, _)| *id == e.id));
     let mut truth = Truth {
         name: ".".into(),
-        hidden: hidden.first().map(|(id, _)| id.replace('-', "_")),
-        also: if hidden.iter().any(|(id, _)| id == "hysteresis") { vec!["initial_curve".into()] } else { Vec::new() },
-        second: hidden.get(1).map(|(id, _)| id.replace('-', "_")),
+        hidden: hidden.first().map(|(id, _)| id.clone()),
+        also: if hides_hysteresis { vec!["initial_curve".into()] } else { Vec::new() },
+        second: hidden.get(1).map(|(id, _)| id.clone()),
         base: base.to_vec(),
         noise_um,
         strength: hidden.first().map_or(0.0, |(_, s)| *s),

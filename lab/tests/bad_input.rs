@@ -112,3 +112,13 @@ fn a_reader_that_has_seen_enough_ends_the_program_without_a_word() {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!said.contains("panicked"), "{said}");
 }
+
+#[test]
+fn a_set_of_cases_takes_its_strengths_from_one_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = hysteron(&["plant", "creep=2", "--cases", "3", "--out", "cases"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("--strengths"), "{said}");
+    assert!(!folder.path().join("cases").exists());
+}

@@ -56,8 +56,8 @@ pub struct PlantArguments {
     /// Cases of each kind and strength; more than one makes a folder of cases
     #[arg(long, default_value_t = 1)]
     cases: usize,
-    /// Strengths of a set, comma-separated
-    #[arg(long, value_delimiter = ',', default_value = "1")]
+    /// Strengths of a set, comma-separated [default: 1]; makes a folder of cases
+    #[arg(long, value_delimiter = ',')]
     strengths: Vec<String>,
 }
 

@@ -7,23 +7,30 @@ use crate::problem::{Problem, Result};
 
 /// Simulates a data set with known effects, or a set of them.
 pub fn plant(wanted: &PlantArguments) -> Result<bool> {
-    let strengths = wanted.strengths.iter().map(|s| strength(s, "--strengths")).collect::<Result<Vec<_>>>()?;
     let hysteresis = wanted.hysteresis.replace('-', "_");
-    if let Some(hidden) = kinds(&wanted.effects) {
-        let order = SetOrder { hidden, strengths, cases: wanted.cases, hysteresis, seed: wanted.seed };
-        return plant_many(&order, wanted);
-    }
-    let hidden = parse_hidden(&wanted.effects)?;
-    if wanted.cases > 1 || strengths.len() > 1 {
-        let hidden = vec![hidden.into_iter().map(|(id, _)| id).collect()];
+    let many = kinds(&wanted.effects);
+    if many.is_some() || wanted.cases > 1 || !wanted.strengths.is_empty() {
+        let hidden = many.map_or_else(|| parse_kind(&wanted.effects).map(|ids| vec![ids]), Ok)?;
+        let strengths = match wanted.strengths.as_slice() {
+            [] => vec![1.0],
+            given => given.iter().map(|s| strength(s, "--strengths")).collect::<Result<_>>()?,
+        };
         return plant_many(&SetOrder { hidden, strengths, cases: wanted.cases, hysteresis, seed: wanted.seed }, wanted);
     }
     let base: Vec<String> = crate::model_file::parse_effects(&wanted.base)?.iter().map(|e| e.declaration().id).collect();
-    let order = Order { hidden, base, hysteresis, seed: wanted.seed };
+    let order = Order { hidden: parse_hidden(&wanted.effects)?, base, hysteresis, seed: wanted.seed };
     let truth = crate::plant::plant(&order, &wanted.out)?;
     println!("{}: hidden {}, noise {:.2} nm", wanted.out.display(), truth.hidden.as_deref().unwrap_or("nothing"), 1e3 * truth.noise_um);
     println!("Next: hysteron explain {} --from {}", wanted.out.display(), order.base.join(","));
     Ok(true)
+}
+
+/// What every case of a set hides; its strengths are those of the set.
+fn parse_kind(effects: &str) -> Result<Vec<String>> {
+    if effects.contains('=') {
+        return Err(Problem::new("effects", format!("`{effects}` has a strength of its own; a set takes it from --strengths")));
+    }
+    Ok(parse_hidden(effects)?.into_iter().map(|(id, _)| id).collect())
 }
 
 fn plant_many(order: &SetOrder, wanted: &PlantArguments) -> Result<bool> {
