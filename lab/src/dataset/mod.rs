@@ -239,7 +239,10 @@ impl Dataset {
         .check()
     }
 
-    fn check(self) -> Result<Self> {
+    fn check(mut self) -> Result<Self> {
+        if !self.records.iter().any(|r| r.role == Role::Identify) {
+            self.notes.push("no record has role = \"identify\": those to validate are fitted, and nothing judges".into());
+        }
         let place = self.path.display();
         if self.drive_min_v.partial_cmp(&self.drive_max_v) != Some(std::cmp::Ordering::Less) {
             return Err(Problem::new(
