@@ -88,6 +88,10 @@ impl EffectInstance {
     pub fn values(&self) -> Vec<f64> {
         self.parameters.iter().map(|p| p.value).collect()
     }
+
+    fn stage<'a>(&self, model: &Model, setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        self.effect.stage(model, &self.values(), setting)
+    }
 }
 
 /// A chain of effects with values: drive voltage in, sensor reading out.
@@ -123,12 +127,6 @@ pub struct Drive<'a> {
     pub dt_s: f64,
     /// State at the first sample.
     pub initial_state: InitialState,
-}
-
-impl EffectInstance {
-    fn stage<'a>(&self, model: &Model, setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        self.effect.stage(model, &self.values(), setting)
-    }
 }
 
 impl Model {
@@ -221,8 +219,7 @@ impl Model {
     }
 
     fn simulate_in(&self, drive: &Drive, resolution: &Resolution) -> Vec<f64> {
-        let at_start = Carried { signal: drive.drive_v.to_vec(), fine: false, at_rest: initial_drive(self, drive) };
-        carry(self.walk(drive.dt_s, resolution), at_start, resolution.substeps, drive.drive_v.len(), &mut |_, _| {})
+        carry(self.walk(drive.dt_s, resolution), Carried::at_start(self, drive), resolution.substeps, drive.drive_v.len(), &mut |_, _| {})
     }
 }
 
@@ -258,6 +255,13 @@ struct Carried {
     /// In sub-intervals.
     fine: bool,
     at_rest: f64,
+}
+
+impl Carried {
+    /// The drive, in front of everything.
+    fn at_start(model: &Model, drive: &Drive) -> Self {
+        Self { signal: drive.drive_v.to_vec(), fine: false, at_rest: initial_drive(model, drive) }
+    }
 }
 
 /// Carries a signal through stages; `see` is shown what stands in front of each.
@@ -299,7 +303,7 @@ impl Model {
         let resolution = Resolution::of(self, drive);
         let samples = drive.drive_v.len();
         let (mut stage_effects, mut inputs) = (Vec::new(), Vec::new());
-        let at_start = Carried { signal: drive.drive_v.to_vec(), fine: false, at_rest: initial_drive(self, drive) };
+        let at_start = Carried::at_start(self, drive);
         let reading_um = carry(self.walk(drive.dt_s, &resolution), at_start, resolution.substeps, samples, &mut |effect, carried| {
             stage_effects.push(effect);
             inputs.push(carried.clone());

@@ -190,18 +190,7 @@ mod tests {
         Limits { drive_min_v: 0.0, drive_max_v: 70.0, slope_max_v_s: 40_000.0, duration_max_s: 30.0, sample_rate_hz: 20_000.0 };
 
     fn model(effects: &[(&str, &[f64])]) -> Model {
-        let overview = Overview {
-            drive_min_v: 0.0,
-            drive_max_v: 70.0,
-            drive_peak_v: 70.0,
-            sample_rate_max_hz: 20_000.0,
-            sample_rate_min_hz: 200.0,
-            duration_s: 30.0,
-            range_um: 10.0,
-            slope_max_v_s: 40_000.0,
-            has_force: false,
-            gain_um_v: 0.14,
-        };
+        let overview = Overview { range_um: 10.0, gain_um_v: 0.14, ..Overview::without_data(0.0, 70.0) };
         let mut model = Model::new(0.0, 70.0);
         for (id, values) in effects {
             let mut instance = EffectInstance::new(by_id(id).unwrap(), &overview, values);

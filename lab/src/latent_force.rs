@@ -6,6 +6,7 @@
 //! (force divided by stiffness), in nm.
 
 use crate::floor::periodogram;
+use crate::statistics::mean;
 use hysteron_sim::chain::Model;
 use nalgebra::Complex;
 use realfft::RealFftPlanner;
@@ -62,10 +63,6 @@ fn way_back(model: &Model, frequency_hz: f64) -> Complex<f64> {
     if inverse.norm() > AMPLIFIED_MAX { Complex::new(0.0, 0.0) } else { inverse }
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
-}
-
 /// A spectrum averaged over neighbours, the wider the higher the frequency.
 fn averaged(power: &[f64]) -> Vec<f64> {
     let sums: Vec<f64> = std::iter::once(0.0)
@@ -91,18 +88,7 @@ mod tests {
 
     #[test]
     fn a_force_in_front_of_the_mode_is_found_again() {
-        let overview = Overview {
-            drive_min_v: 0.0,
-            drive_max_v: 80.0,
-            drive_peak_v: 80.0,
-            sample_rate_max_hz: 20_000.0,
-            sample_rate_min_hz: 20_000.0,
-            duration_s: 1.0,
-            range_um: 10.0,
-            slope_max_v_s: 1e4,
-            has_force: false,
-            gain_um_v: 1.0,
-        };
+        let overview = Overview::without_data(0.0, 80.0);
         let mut model = Model::new(0.0, 80.0);
         model.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[4000.0, 0.1]));
         let force: Vec<f64> = (0..8000).map(|k| 0.05 * (std::f64::consts::TAU * 300.0 * f64::from(k) / 20_000.0).sin()).collect();

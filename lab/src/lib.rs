@@ -25,3 +25,4 @@ pub mod report;
 pub mod reproduce;
 pub mod score;
 pub mod servo;
+pub mod statistics;

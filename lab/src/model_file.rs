@@ -5,7 +5,7 @@ use hysteron_sim::chain::{EffectInstance, Model, ParameterValue};
 use hysteron_sim::effect::expression::ExpressionEffect;
 use hysteron_sim::effect::hysteresis::{Hysteresis, degree_of};
 use hysteron_sim::effect::initial_curve::InitialCurve;
-use hysteron_sim::effect::{Effect, Parameter, Scale, by_id, registry};
+use hysteron_sim::effect::{Effect, Overview, Parameter, Scale, by_id, registry};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
@@ -137,7 +137,7 @@ pub fn read(path: &Path) -> Result<Model> {
             "hysteresis" => degree_of(parameters.len()) * (degree_of(parameters.len()) + 1) / 2,
             "initial_curve" => parameters.len().max(1),
             "creep" => parameters.len().max(2) / 2 * 2,
-            _ => effect.parameters(&blank_overview(&model)).len(),
+            _ => effect.parameters(&Overview::without_data(model.drive_min_v, model.drive_max_v)).len(),
         };
         if parameters.len() != expected {
             return Err(Problem::new(&place, format!("has {} parameters; expected {expected}", parameters.len())));
@@ -145,21 +145,6 @@ pub fn read(path: &Path) -> Result<Model> {
         model.add(EffectInstance { id: entry.id, effect, parameters });
     }
     Ok(model)
-}
-
-fn blank_overview(model: &Model) -> hysteron_sim::effect::Overview {
-    hysteron_sim::effect::Overview {
-        drive_min_v: model.drive_min_v,
-        drive_max_v: model.drive_max_v,
-        drive_peak_v: model.drive_max_v,
-        sample_rate_max_hz: 1e4,
-        sample_rate_min_hz: 1e4,
-        duration_s: 1.0,
-        range_um: 1.0,
-        slope_max_v_s: 1.0,
-        has_force: true,
-        gain_um_v: 1.0,
-    }
 }
 
 /// Identifiers of all built-in effects.

@@ -1,13 +1,6 @@
 //! Small statistics of signals.
 
-/// Root mean square.
-#[must_use]
-pub fn rms(signal: &[f64]) -> f64 {
-    if signal.is_empty() {
-        return 0.0;
-    }
-    (signal.iter().map(|v| v * v).sum::<f64>() / signal.len() as f64).sqrt()
-}
+pub use crate::fit::rms;
 
 /// Largest absolute value.
 #[must_use]

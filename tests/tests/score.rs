@@ -1,23 +1,26 @@
 //! Planted sets: made, diagnosed and scored as a user would.
 
 use hysteron::plant_set::{SetOrder, plant_set};
-use hysteron::score::score;
+use hysteron::score::{Score, score};
+
+/// Plants one case for each list of hidden effects and scores them.
+fn planted(hidden: &[&[&str]], strength: f64, hysteresis: &str, seed: u64) -> Score {
+    let folder = tempfile::tempdir().unwrap();
+    let order = SetOrder {
+        hidden: hidden.iter().map(|ids| ids.iter().map(|id| (*id).to_string()).collect()).collect(),
+        strengths: vec![strength],
+        cases: 1,
+        hysteresis: hysteresis.into(),
+        seed,
+    };
+    plant_set(&order, folder.path(), &|_| {}).unwrap();
+    score(folder.path(), &|_, _, _| {}).unwrap()
+}
 
 #[test]
 fn planted_effects_are_named_and_nothing_is_named_where_nothing_is_missing() {
-    let folder = tempfile::tempdir().unwrap();
-    let order = SetOrder {
-        hidden: [&["delay"][..], &["mains_hum"], &["creep", "saturation"], &[], &["outside_library_gain_flutter"]]
-            .iter()
-            .map(|ids| ids.iter().map(|id| (*id).to_string()).collect())
-            .collect(),
-        strengths: vec![2.0],
-        cases: 1,
-        hysteresis: "hysteresis".into(),
-        seed: 41,
-    };
-    plant_set(&order, folder.path(), &|_| {}).unwrap();
-    let score = score(folder.path(), &|_, _, _| {}).unwrap();
+    let hidden = [&["delay"][..], &["mains_hum"], &["creep", "saturation"], &[], &["outside_library_gain_flutter"]];
+    let score = planted(&hidden, 2.0, "hysteresis", 41);
     assert_eq!(score.cases.len(), 5);
     for case in &score.cases {
         assert!(case.right_first && !case.false_discovery, "{case:?}");
@@ -28,16 +31,7 @@ fn planted_effects_are_named_and_nothing_is_named_where_nothing_is_missing() {
 /// Loops of another structure than the fitted surfaces, with kinks that polynomials follow slowly, are no missing effect.
 #[test]
 fn another_structure_of_loops_is_no_missing_effect() {
-    let folder = tempfile::tempdir().unwrap();
-    let order = SetOrder {
-        hidden: vec![vec!["creep".to_string()]],
-        strengths: vec![3.0],
-        cases: 1,
-        hysteresis: "prandtl_ishlinskii".into(),
-        seed: 503,
-    };
-    plant_set(&order, folder.path(), &|_| {}).unwrap();
-    let score = score(folder.path(), &|_, _, _| {}).unwrap();
+    let score = planted(&[&["creep"]], 3.0, "prandtl_ishlinskii", 503);
     assert_eq!(score.cases[0].named, ["creep"], "{:?}", score.cases);
     assert!(score.cases[0].validate_over_noise <= 1.15, "{:?}", score.cases);
 }

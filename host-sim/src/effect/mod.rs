@@ -188,6 +188,24 @@ pub struct Overview {
 }
 
 impl Overview {
+    /// What may be assumed of a drive between these limits where no data are at hand: one second at 20 kHz, with a force, one micrometre for
+    /// the whole range.
+    #[must_use]
+    pub fn without_data(drive_min_v: f64, drive_max_v: f64) -> Self {
+        Self {
+            drive_min_v,
+            drive_max_v,
+            drive_peak_v: drive_max_v,
+            sample_rate_max_hz: 20_000.0,
+            sample_rate_min_hz: 20_000.0,
+            duration_s: 1.0,
+            range_um: 1.0,
+            slope_max_v_s: 1e4,
+            has_force: true,
+            gain_um_v: 1.0,
+        }
+    }
+
     /// Span of the drive, V.
     #[must_use]
     pub fn drive_range_v(&self) -> f64 {

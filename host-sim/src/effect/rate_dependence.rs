@@ -74,18 +74,7 @@ mod tests {
     /// A held drive has the speed of its samples, however finely the chain is stepped between them.
     #[test]
     fn the_rate_is_that_of_samples_at_any_step() {
-        let overview = Overview {
-            drive_min_v: 0.0,
-            drive_max_v: 80.0,
-            drive_peak_v: 80.0,
-            sample_rate_max_hz: 20_000.0,
-            sample_rate_min_hz: 20_000.0,
-            duration_s: 1.0,
-            range_um: 10.0,
-            slope_max_v_s: 1e4,
-            has_force: false,
-            gain_um_v: 0.12,
-        };
+        let overview = Overview::without_data(0.0, 80.0);
         let mut model = Model::new(0.0, 80.0);
         for (id, values) in [("hysteresis", &[10.0, 1.2, -1.2][..]), ("rate_dependence", &[0.3, 0.0, 0.1][..])] {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));

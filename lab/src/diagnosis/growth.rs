@@ -68,6 +68,13 @@ pub struct Growth {
 }
 
 impl Growth {
+    /// The beginning of a growth.
+    #[must_use]
+    pub fn from_base(base: Judged) -> Self {
+        let first = Step { added: None, removed: Vec::new(), why: "the model that was started from".into(), judged: base };
+        Self { steps: vec![first], rounds: Vec::new(), transferred: false }
+    }
+
     /// The model at the end.
     #[must_use]
     pub fn last(&self) -> &Judged {
@@ -160,7 +167,7 @@ impl Workbench<'_> {
     /// Grows a model.
     #[must_use]
     pub fn grow(&self, base: Judged) -> Growth {
-        self.grow_on(Growth { steps: vec![first_step(base)], rounds: Vec::new(), transferred: false })
+        self.grow_on(Growth::from_base(base))
     }
 
     /// Goes on with a growth.
@@ -208,10 +215,8 @@ impl Workbench<'_> {
             .into_iter()
             .map(|i| {
                 (self.progress)(&format!("fitting with {}", screening.scores[i].id));
-                {
-                    let trial = Trial::for_promise(screening.scores[i].explained_um2, strongest);
-                    refit(before, &screening.scores[i], i, &self.overview, self.dataset, &self.split, self.floor_um, trial)
-                }
+                let trial = Trial::for_promise(screening.scores[i].explained_um2, strongest);
+                refit(before, &screening.scores[i], i, &self.overview, self.dataset, &self.split, self.floor_um, trial)
             })
             .collect();
         finalists.sort_by(|a, b| merit(&a.judged).total_cmp(&merit(&b.judged)));
@@ -327,12 +332,6 @@ impl Workbench<'_> {
             &self.split,
         ))
     }
-}
-
-/// The step that a growth begins with.
-#[must_use]
-pub fn first_step(judged: Judged) -> Step {
-    Step { added: None, removed: Vec::new(), why: "the model that was started from".into(), judged }
 }
 
 /// Candidates that were fitted in the last round and did not help the held-out records, where only the surfaces have changed since.

@@ -127,21 +127,26 @@ const BRIEF_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.5, relative: 0
 /// Starts of a promising candidate that are tried, best first.
 const STARTS_TRIED: usize = 2;
 
-/// How hard a candidate is tried.
+/// How a candidate is tried.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
     effort: Effort,
     starts: usize,
+    /// Only the candidate's own values are fitted; all others are held.
+    alone: bool,
 }
 
 impl Trial {
+    /// The candidate alone, on a model whose values are knowledge.
+    pub const ALONE: Self = Self { effort: Effort { iterations: 15, tolerance: 0.5, relative: 0.002 }, starts: 3, alone: true };
+
     /// By how much of the strongest candidate's share this one explains.
     #[must_use]
     pub fn for_promise(explained: f64, strongest: f64) -> Self {
         if explained > 0.3 * strongest {
-            Self { effort: RANKING_EFFORT, starts: STARTS_TRIED }
+            Self { effort: RANKING_EFFORT, starts: STARTS_TRIED, alone: false }
         } else {
-            Self { effort: BRIEF_EFFORT, starts: 1 }
+            Self { effort: BRIEF_EFFORT, starts: 1, alone: false }
         }
     }
 }
@@ -158,9 +163,13 @@ pub fn refit(
     floor_um: Option<f64>,
     trial: Trial,
 ) -> Finalist {
+    let mut base = before.model.clone();
+    if trial.alone {
+        base.effects.iter_mut().flat_map(|e| &mut e.parameters).for_each(|p| p.parameter.fixed = true);
+    }
     let mut best: Option<(f64, Model)> = None;
     for start in score.starts.iter().take(trial.starts) {
-        let begin = with_effect(&before.model, EffectInstance::new(score.effect.clone(), overview, start));
+        let begin = with_effect(&base, EffectInstance::new(score.effect.clone(), overview, start));
         let result = fit(&begin, dataset, &split.identify, trial.effort);
         if best.as_ref().is_none_or(|(rms, _)| result.rms_um < *rms) {
             best = Some((result.rms_um, result.model));
@@ -170,7 +179,13 @@ pub fn refit(
             break;
         }
     }
-    let model = best.map_or_else(|| before.model.clone(), |(_, model)| model);
+    let mut model = best.map_or_else(|| before.model.clone(), |(_, model)| model);
+    if trial.alone
+        && let Some(found) = model.effect(&score.id).cloned()
+    {
+        // What was held stays as free as it was.
+        model = with_effect(&before.model, found);
+    }
     let judged = judge(model, dataset, split);
     let improvement = improvement(before, &judged, split);
     Finalist { id: score.id.clone(), score: at, judged, improvement }

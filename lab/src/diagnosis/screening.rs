@@ -157,11 +157,11 @@ pub fn screen(
     let absorbed = Absorbed::new(model, overview, dataset, records);
     let mut residual: Vec<Vec<f64>> = absorbed.parts.iter().map(|p| p.residual.clone()).collect();
     absorbed.remove(&mut residual);
-    remove_skew(model, dataset, records, &absorbed, &mut residual);
+    let base: Vec<Vec<f64>> = records.par_iter().map(|&i| model.simulate(&dataset.records[i].drive())).collect();
+    remove_skew(&base, dataset, records, &absorbed, &mut residual);
     let samples: usize = residual.iter().map(Vec::len).sum();
     let total: f64 = residual.iter().map(|r| dot(r, r)).sum();
     let above_floor = floor_um.map_or(total, |f| (total - samples as f64 * f * f).max(0.02 * total));
-    let base: Vec<Vec<f64>> = records.par_iter().map(|&i| model.simulate(&dataset.records[i].drive())).collect();
     let tosses = toss(residual.iter().map(|r| blocks(r.len()).len()).sum(), seed);
 
     let mut scores: Vec<Score> = candidates
@@ -183,16 +183,13 @@ pub fn screen(
 const SKEW_MAX: f64 = 0.15;
 
 /// Takes the best skew between drive and reading out of a residual, as far as instants are uncertain.
-fn remove_skew(model: &Model, dataset: &Dataset, records: &[usize], absorbed: &Absorbed, residual: &mut [Vec<f64>]) {
-    let mut column: Vec<Vec<f64>> = records
-        .par_iter()
-        .map(|&i| {
-            let record = &dataset.records[i];
-            let reading = model.simulate(&record.drive());
-            let at = |k: usize| reading[k.min(reading.len() - 1)];
-            record.window.clone().map(|k| 0.5 * (at(k + 1) - at(k.saturating_sub(1))) / record.dt_s()).collect()
-        })
-        .collect();
+fn remove_skew(base: &[Vec<f64>], dataset: &Dataset, records: &[usize], absorbed: &Absorbed, residual: &mut [Vec<f64>]) {
+    let rate_of_reading = |(&i, reading): (&usize, &Vec<f64>)| {
+        let record = &dataset.records[i];
+        let at = |k: usize| reading[k.min(reading.len() - 1)];
+        record.window.clone().map(|k| 0.5 * (at(k + 1) - at(k.saturating_sub(1))) / record.dt_s()).collect()
+    };
+    let mut column: Vec<Vec<f64>> = records.iter().zip(base).map(rate_of_reading).collect();
     absorbed.remove(&mut column);
     absorbed.remove(&mut column);
     let along = |a: &[Vec<f64>], b: &[Vec<f64>]| -> f64 { a.iter().zip(b).map(|(x, y)| dot(x, y)).sum() };

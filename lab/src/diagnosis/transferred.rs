@@ -5,11 +5,11 @@
 //! remove is the simpler story, and it is told first; then everything is fitted together. A model that was identified on the very data
 //! it is diagnosed on gains nothing by a new fit, and none of this applies.
 
-use super::growth::{Growth, Round, Step, Workbench, first_step};
-use super::refit::{Finalist, Judged, improvement, judge};
+use super::growth::{Growth, Round, Step, Workbench};
+use super::refit::{Finalist, Judged, Trial, judge, refit};
 use super::screening::{Score, screen};
 use crate::fit::{Effort, fit};
-use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::chain::Model;
 
 /// A new fit that lowers the error by less than this share finds the model at home.
 const AT_HOME: f64 = 0.05;
@@ -19,17 +19,13 @@ const EXPLAINS_ALONE: f64 = 0.5;
 const ALIKE: f64 = 0.1;
 /// An effect with one value more must lower the error to this share of a simpler one's: it also takes up what the held values miss.
 const WORTH_ONE_VALUE: f64 = 0.5;
-/// Steps of a fit of one effect alone.
-const ALONE: Effort = Effort { iterations: 15, tolerance: 0.5, relative: 0.002 };
-/// Starts of an effect that are tried.
-const STARTS_TRIED: usize = 3;
 
 impl Workbench<'_> {
     /// Grows a model that came from elsewhere.
     #[must_use]
     pub fn grow_transferred(&self, model: Model) -> Growth {
         let base = judge(model, self.dataset, &self.split);
-        let mut growth = Growth { steps: vec![first_step(base.clone())], rounds: Vec::new(), transferred: false };
+        let mut growth = Growth::from_base(base.clone());
         (self.progress)("fitting the model to this recording");
         let refitted = self.fitted(&base.model);
         if refitted.identify_rms_um > (1.0 - AT_HOME) * base.identify_rms_um {
@@ -65,7 +61,11 @@ impl Workbench<'_> {
         let candidates = self.candidates_for(&base.model);
         (self.progress)(&format!("trying {} candidate effects alone", candidates.len()));
         let screening = screen(&base.model, &self.overview, self.dataset, &self.split.identify, &candidates, self.floor_um, 900);
-        let mut finalists: Vec<Finalist> = screening.scores.iter().enumerate().map(|(i, score)| self.alone(base, score, i)).collect();
+        let alone = |(i, score): (usize, &Score)| {
+            (self.progress)(&format!("fitting {} alone", score.id));
+            refit(base, score, i, &self.overview, self.dataset, &self.split, self.floor_um, Trial::ALONE)
+        };
+        let mut finalists: Vec<Finalist> = screening.scores.iter().enumerate().map(alone).collect();
         let cost = |f: &Finalist| f.judged.identify_rms_um / WORTH_ONE_VALUE.powi(values_of(&f.judged.model, &f.id) as i32 - 1);
         finalists.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
         let best = finalists.first()?.clone();
@@ -83,26 +83,6 @@ impl Workbench<'_> {
             .collect();
         Some((Round { screening, finalists, tied }, best))
     }
-
-    fn alone(&self, base: &Judged, score: &Score, at: usize) -> Finalist {
-        (self.progress)(&format!("fitting {} alone", score.id));
-        let mut best: Option<(f64, Model)> = None;
-        for start in score.starts.iter().take(STARTS_TRIED) {
-            let mut model = base.model.clone();
-            let held = hold(&mut model);
-            model.add(EffectInstance::new(score.effect.clone(), &self.overview, start));
-            let result = fit(&model, self.dataset, &self.split.identify, ALONE);
-            if best.as_ref().is_none_or(|(rms_um, _)| result.rms_um < *rms_um) {
-                let mut model = result.model;
-                release(&mut model, &held);
-                best = Some((result.rms_um, model));
-            }
-        }
-        let model = best.map_or_else(|| base.model.clone(), |(_, model)| model);
-        let judged = judge(model, self.dataset, &self.split);
-        let improvement = improvement(base, &judged, &self.split);
-        Finalist { id: score.id.clone(), score: at, judged, improvement }
-    }
 }
 
 /// Values of an effect that are estimated.
@@ -112,26 +92,4 @@ fn values_of(model: &Model, id: &str) -> usize {
 
 fn again(judged: Judged) -> Step {
     Step { added: None, removed: Vec::new(), why: "all values fitted again, to this recording".into(), judged }
-}
-
-/// Holds all values; returns those that were free.
-fn hold(model: &mut Model) -> Vec<(String, String)> {
-    let mut out = Vec::new();
-    for effect in &mut model.effects {
-        for value in effect.parameters.iter_mut().filter(|v| !v.parameter.fixed) {
-            value.parameter.fixed = true;
-            out.push((effect.id.clone(), value.parameter.name.clone()));
-        }
-    }
-    out
-}
-
-fn release(model: &mut Model, held: &[(String, String)]) {
-    for effect in &mut model.effects {
-        for value in &mut effect.parameters {
-            if held.iter().any(|(id, name)| *id == effect.id && *name == value.parameter.name) {
-                value.parameter.fixed = false;
-            }
-        }
-    }
 }

@@ -4,9 +4,9 @@
 //! identification sees the platform alone (slow triangles, steps) and the end-effector (one saw-tooth record), as in Ch. 3, IV.B.
 
 use super::least_squares::{self, Estimate};
-use super::statistics::{difference, largest, mean, rms};
 use super::{Chapter, Progress, Row, errata};
 use crate::report::{Block, Plot, Role, Section, Series, Style, Table, Width};
+use crate::statistics::{difference, largest, mean, rms};
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;

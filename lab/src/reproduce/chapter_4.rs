@@ -5,10 +5,10 @@
 //! judged at rates where that matters more and more.
 
 use super::least_squares;
-use super::statistics::{difference, largest, mean, rms};
 use super::surface_fit::{self, LossPoint, SurfaceFit, add_loss_term, exponents};
 use super::{Chapter, Progress, Row, errata};
 use crate::report::{Block, Plot, Role, Section, Series, Style, Table};
+use crate::statistics::{difference, largest, mean, rms};
 use hysteron_sim::bench::{Bench, Sensor, Start, Variant};
 use hysteron_sim::hysteresis_inverse::HysteresisInverse;
 use hysteron_sim::hysteresis_surface::{OneSidedHysteresis, Surfaces};

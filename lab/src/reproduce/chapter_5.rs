@@ -5,12 +5,12 @@
 //! sensor that the nominal model leaves out; it sees the same kinds of records and a multisine.
 
 use super::least_squares;
-use super::statistics::{difference, largest, mean, rms};
 use super::surface_fit::{self, LossPoint};
 use super::{Chapter, Progress, Row, errata};
 use crate::dataset::{Dataset, Record, Role as RecordRole};
 use crate::fit::{Effort, fit, rms_over};
 use crate::report::{Block, Plot, Role, Section, Series, Style, Table};
+use crate::statistics::{difference, largest, mean, rms};
 use hysteron_sim::bench::{Bench, Start, Variant};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::creep::with_signed_shares;

@@ -14,7 +14,6 @@ mod chapter_5;
 pub mod coverage;
 pub mod least_squares;
 pub mod overview;
-pub mod statistics;
 pub mod surface_fit;
 
 use crate::report::{Notes, Section, Tone};

@@ -5,7 +5,7 @@
 //! turn is left out and predicted from the others, and the smallest order within 10 % of the best prediction is taken.
 
 use super::least_squares::{self, Estimate};
-use super::statistics::rms;
+use crate::statistics::rms;
 use hysteron_sim::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use nalgebra::DMatrix;
 
