@@ -169,7 +169,7 @@ impl Model {
     /// Sub-intervals per sample.
     #[must_use]
     pub fn substeps(&self, dt_s: f64) -> usize {
-        self.effects.iter().map(|e| e.effect.substeps(dt_s)).max().unwrap_or(1).max(1)
+        self.effects.iter().map(|e| e.effect.substeps(self, dt_s)).max().unwrap_or(1).max(1)
     }
 
     /// Builds the stages in the order of the chain, each with the index of its effect.
@@ -192,18 +192,16 @@ impl Model {
         let mut out = Vec::new();
         for effect in self.order() {
             let instance = &self.effects[effect];
-            fine |= instance.effect.substeps(dt_s) > 1;
+            fine |= instance.effect.substeps(self, dt_s) > 1;
             let (substeps, force_n) = if fine { (resolution.substeps, &resolution.fine_n) } else { (1, &resolution.held_n) };
-            let setting = Setting {
-                dt_s: dt_s / substeps as f64,
-                substeps,
-                force_n: force_n.as_deref(),
-                drive_min_v: self.drive_min_v,
-                drive_max_v: self.drive_max_v,
-            };
+            let setting = self.setting(dt_s, substeps, force_n.as_deref());
             out.extend(instance.stage(self, &setting).map(|stage| WalkStage { effect, fine, stage }));
         }
         out
+    }
+
+    fn setting<'a>(&self, dt_s: f64, substeps: usize, force_n: Option<&'a [f64]>) -> Setting<'a> {
+        Setting { dt_s: dt_s / substeps as f64, substeps, force_n, drive_min_v: self.drive_min_v, drive_max_v: self.drive_max_v }
     }
 
     /// What the sensor would read at every sample of a record, in um.
@@ -262,9 +260,17 @@ impl Carried {
     fn at_start(model: &Model, drive: &Drive) -> Self {
         Self { signal: drive.drive_v.to_vec(), fine: false, at_rest: initial_drive(model, drive) }
     }
+
+    /// Goes over to sub-intervals.
+    fn refine(&mut self, substeps: usize) {
+        if !self.fine {
+            self.signal = spread(&self.signal, substeps);
+            self.fine = true;
+        }
+    }
 }
 
-/// Carries a signal through stages; `see` is shown what stands in front of each.
+/// Carries a signal through stages; `see` is shown what comes out of each, at its own resolution.
 fn carry<'a>(
     stages: impl IntoIterator<Item = WalkStage<'a>>,
     mut carried: Carried,
@@ -273,50 +279,119 @@ fn carry<'a>(
     see: &mut dyn FnMut(usize, &Carried),
 ) -> Vec<f64> {
     for WalkStage { effect, fine, mut stage } in stages {
-        if fine && !carried.fine {
-            carried.signal = spread(&carried.signal, substeps);
-            carried.fine = true;
+        if fine {
+            carried.refine(substeps);
         }
-        see(effect, &carried);
         carried.at_rest = stage.settle(carried.at_rest);
         stage.run(&mut carried.signal);
+        see(effect, &carried);
     }
     sample(&carried.signal, carried.at_rest, if carried.fine { substeps } else { 1 }, samples)
 }
 
-/// One run of a chain with the signal in front of every stage, so that a change of one stage need not run those before it again.
+/// One run of a chain with the signal behind every stage, so that a change of one stage need not run those before it again.
 #[derive(Clone, Debug)]
 pub struct ChainRun {
     samples: usize,
     resolution: Resolution,
     /// Index of the effect of each stage.
     pub stage_effects: Vec<usize>,
-    inputs: Vec<Carried>,
+    stage_ids: Vec<String>,
+    /// The drive, then what comes out of each stage.
+    signals: Vec<Carried>,
     /// What the sensor would read, um.
     pub reading_um: Vec<f64>,
 }
 
+/// What one unit of a coefficient adds to what comes out of the stage that it is linear in.
+#[derive(Clone, Debug)]
+pub struct Contribution {
+    /// Index of the effect that has the coefficient.
+    pub effect: usize,
+    /// The coefficient among its parameters.
+    pub parameter: usize,
+    stage: usize,
+    carried: Carried,
+}
+
 impl Model {
-    /// Runs over a record and keeps what stands in front of every stage.
+    /// Runs over a record and keeps what comes out of every stage.
     #[must_use]
     pub fn run(&self, drive: &Drive) -> ChainRun {
         let resolution = Resolution::of(self, drive);
         let samples = drive.drive_v.len();
-        let (mut stage_effects, mut inputs) = (Vec::new(), Vec::new());
         let at_start = Carried::at_start(self, drive);
+        let (mut stage_effects, mut signals) = (Vec::new(), vec![at_start.clone()]);
         let reading_um = carry(self.walk(drive.dt_s, &resolution), at_start, resolution.substeps, samples, &mut |effect, carried| {
             stage_effects.push(effect);
-            inputs.push(carried.clone());
+            signals.push(carried.clone());
         });
-        ChainRun { samples, resolution, stage_effects, inputs, reading_um }
+        let stage_ids = stage_effects.iter().map(|effect| self.effects[*effect].id.clone()).collect();
+        ChainRun { samples, resolution, stage_effects, stage_ids, signals, reading_um }
     }
 
     /// The reading with this model, which differs from the one that made `run` only from stage `from` on.
     #[must_use]
     pub fn resume(&self, run: &ChainRun, from: usize, dt_s: f64) -> Vec<f64> {
-        let Some(input) = run.inputs.get(from) else { return run.reading_um.clone() };
+        let Some(input) = run.signals.get(from) else { return run.reading_um.clone() };
+        self.resume_with(run, from, input.clone(), dt_s)
+    }
+
+    fn resume_with(&self, run: &ChainRun, from: usize, input: Carried, dt_s: f64) -> Vec<f64> {
         let stages = self.walk(dt_s, &run.resolution).into_iter().skip(from);
-        carry(stages, input.clone(), run.resolution.substeps, run.samples, &mut |_, _| {})
+        carry(stages, input, run.resolution.substeps, run.samples, &mut |_, _| {})
+    }
+
+    /// The reading of this model with one more effect than the model that made `run`: what stands before the effect is not run again,
+    /// unless the effect needs another resolution.
+    #[must_use]
+    pub fn resume_with_added(&self, run: &ChainRun, added: &str, drive: &Drive) -> Vec<f64> {
+        let Some(EffectInstance { effect, .. }) = self.effect(added) else { return run.reading_um.clone() };
+        let taken_in_by = effect.declaration().modifies;
+        let acts_in = |id: &str| id == added || taken_in_by == Some(id);
+        let stages = self.walk(drive.dt_s, &run.resolution);
+        let id = |stage: &WalkStage| self.effects[stage.effect].id.as_str();
+        let from = stages.iter().position(|stage| acts_in(id(stage))).unwrap_or(stages.len());
+        let as_before = |(stage, (earlier, signal)): (&WalkStage, (&String, &Carried))| id(stage) == earlier && stage.fine == signal.fine;
+        let same_resolution = self.substeps(drive.dt_s) == run.resolution.substeps;
+        let same_until_there = stages[..from].iter().zip(run.stage_ids.iter().zip(&run.signals[1..])).all(as_before);
+        if from > run.stage_ids.len() || !same_resolution || !same_until_there {
+            return self.simulate(drive);
+        }
+        let input = run.signals[from].clone();
+        carry(stages.into_iter().skip(from), input, run.resolution.substeps, run.samples, &mut |_, _| {})
+    }
+
+    /// What a unit of every plain coefficient adds behind the stage that is linear in it.
+    #[must_use]
+    pub fn contributions(&self, run: &ChainRun, dt_s: f64) -> Vec<Contribution> {
+        let mut out = Vec::new();
+        let mut fine = run.resolution.all_fine;
+        for (stage, &effect) in run.stage_effects.iter().enumerate() {
+            fine |= run.signals[stage + 1].fine;
+            let mut input = run.signals[stage].clone();
+            let substeps = if fine { run.resolution.substeps } else { 1 };
+            if fine {
+                input.refine(substeps);
+            }
+            let setting = self.setting(dt_s, substeps, None);
+            for signal in self.effects[effect].effect.coefficient_signals(self, &setting, input.at_rest, &input.signal) {
+                let Some(effect) = self.effects.iter().position(|e| e.id == signal.effect) else { continue };
+                let carried = Carried { signal: signal.signal, fine, at_rest: signal.at_rest };
+                out.push(Contribution { effect, parameter: signal.parameter, stage, carried });
+            }
+        }
+        out
+    }
+
+    /// The reading with so much more of a coefficient.
+    #[must_use]
+    pub fn resume_with_more(&self, run: &ChainRun, contribution: &Contribution, more: f64, dt_s: f64) -> Vec<f64> {
+        let mut moved = run.signals[contribution.stage + 1].clone();
+        let added = &contribution.carried;
+        moved.at_rest += more * added.at_rest;
+        moved.signal.iter_mut().zip(&added.signal).for_each(|(value, by_one)| *value += more * by_one);
+        self.resume_with(run, contribution.stage + 1, moved, dt_s)
     }
 
     /// The stage that a parameter of effect `effect` acts in.

@@ -15,6 +15,7 @@ pub mod chain;
 pub mod closed_loop;
 pub mod effect;
 pub mod elastoplastic_friction;
+pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
 pub mod linear_system;

@@ -120,10 +120,15 @@ pub struct NextExperiment {
 
 /// Where two explanations tie, the drive on which they differ most.
 fn next_experiment(growth: &Growth, diagnosis: &Diagnosis, dataset: &Dataset, floor_um: Option<f64>) -> Option<NextExperiment> {
-    let round = growth.rounds.iter().find(|r| r.tied.len() > 1).filter(|_| diagnosis.verdict == verdict::Verdict::Ambiguous)?;
+    if diagnosis.verdict != verdict::Verdict::Ambiguous {
+        return None;
+    }
+    let findings = growth.findings();
+    let [first, second, ..] = findings.iter().find(|f| f.len() > 1)?.as_slice() else { return None };
+    let round = growth.round_of(first)?;
     let model = |id: &String| round.finalists.iter().find(|f| f.id == *id).map(|f| &f.judged.model);
-    let proposal = propose(model(&round.tied[0])?, model(&round.tied[1])?, &Limits::of(&dataset.overview()))?;
-    let sentence = proposal.sentence(&round.tied[0].replace('_', " "), &round.tied[1].replace('_', " "), floor_um);
+    let proposal = propose(model(first)?, model(second)?, &Limits::of(&dataset.overview()))?;
+    let sentence = proposal.sentence(&first.replace('_', " "), &second.replace('_', " "), floor_um);
     Some(NextExperiment { proposal, sentence })
 }
 
@@ -345,13 +350,8 @@ impl Explanation {
 
     /// What the named effects predicted in the rounds that decided on them, against what the model before them had left.
     fn evidence(&self) -> Vec<EvidenceReport> {
-        let growth = &self.growth;
-        let decided_on = |id: &String| {
-            let added = growth.steps.iter().position(|s| s.added.as_ref() == Some(id)).and_then(|step| step.checked_sub(1));
-            added.or_else(|| growth.rounds.iter().position(|round| round.tied.contains(id))).unwrap_or(0)
-        };
         let of = |id: &String| {
-            let screening = &growth.rounds.get(decided_on(id))?.screening;
+            let screening = &self.growth.round_of(id)?.screening;
             let score = screening.scores.iter().find(|score| score.id == *id)?;
             let records = self.split.identify.iter().zip(&screening.residual).zip(&score.signature);
             let traces = records.map(|((&record, residual_um), predicted_um)| EvidenceTrace {

@@ -3,7 +3,7 @@
 //! # How it works
 //! * Parameters live in coordinates in which a unit matters (`ParameterValue::coordinate`); positive ones in their logarithm.
 //! * A derivative is a run of the chain with one coordinate moved, resumed at the stage that the parameter acts in. For the surfaces of
-//!   the hysteresis, most of the parameters, it is exact because they enter linearly.
+//!   the hysteresis, most of the parameters, it is exact because they enter linearly, and one walk gives what all of them contribute.
 //! * What each record has of its own (a constant, initial states of slow effects, sine and cosine of a line) is projected out of the
 //!   residual and of every derivative of that record: it is estimated along without being a parameter.
 //! * Steps are Levenberg and Marquardt's on the normal equations, which are accumulated record by record. A weak prior of one full range
@@ -12,7 +12,7 @@
 //!   make them too small.
 
 use crate::dataset::{Dataset, Record};
-use hysteron_sim::chain::{EffectInstance, InitialState, Model};
+use hysteron_sim::chain::{Contribution, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::Scale;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -172,6 +172,10 @@ fn linearise_reusing(
     let runs: Vec<_> = records.par_iter().map(|&i| model.run(&dataset.records[i].drive())).collect();
     let nuisances: Vec<_> = records.par_iter().map(|&i| nuisance_columns(model, &dataset.records[i])).collect();
     let tasks: Vec<(usize, usize)> = (0..records.len()).flat_map(|r| (0..free.len()).map(move |p| (r, p))).collect();
+    let contributions: Vec<Vec<Contribution>> = match earlier {
+        Some(_) => records.iter().map(|_| Vec::new()).collect(),
+        None => records.par_iter().zip(&runs).map(|(&i, run)| model.contributions(run, dataset.records[i].dt_s())).collect(),
+    };
     let mut columns: Vec<Vec<f64>> = tasks
         .par_iter()
         .map(|&(r, p)| {
@@ -182,14 +186,19 @@ fn linearise_reusing(
             }
             let mut moved = model.clone();
             let value = &mut moved.effects[index.effect].parameters[index.parameter];
-            let before = value.coordinate();
+            let (at, before) = (value.value, value.coordinate());
             value.set_coordinate(before + DERIVATIVE_STEP);
             let mut step = value.coordinate() - before;
             if step.abs() < 0.5 * DERIVATIVE_STEP {
                 value.set_coordinate(before - DERIVATIVE_STEP);
                 step = value.coordinate() - before;
             }
-            let reading = moved.resume(&runs[r], model.stage_of(&runs[r], index.effect), record.dt_s());
+            let more = value.value - at;
+            let linear = contributions[r].iter().find(|c| c.effect == index.effect && c.parameter == index.parameter);
+            let reading = match linear {
+                Some(contribution) => model.resume_with_more(&runs[r], contribution, more, record.dt_s()),
+                None => moved.resume(&runs[r], model.stage_of(&runs[r], index.effect), record.dt_s()),
+            };
             let base = &runs[r].reading_um;
             let scale = if step == 0.0 { 0.0 } else { 1.0 / step };
             let mut column: Vec<f64> = record.window.clone().map(|k| (reading[k] - base[k]) * scale).collect();

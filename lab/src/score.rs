@@ -130,7 +130,7 @@ fn score_case(folder: &Path, truth: &Truth) -> Result<CaseScore> {
         left_by_refit_um,
         effect_um: truth.effect_rms_um.iter().map(|(_, um)| *um).fold(0.0, f64::max),
         validate_over_noise: after.validate_rms_um.unwrap_or(after.identify_rms_um) / truth.noise_um,
-        least_p_value: found.growth.rounds.first().map_or(1.0, |r| r.screening.scores.iter().map(|s| s.p_adjusted).fold(1.0, f64::min)),
+        least_p_value: found.growth.rounds().next().map_or(1.0, |r| r.screening.scores.iter().map(|s| s.p_adjusted).fold(1.0, f64::min)),
         strongest_share: found.diagnosis.candidates.first().map_or(0.0, |c| c.explained_share),
         seconds: started.elapsed().as_secs_f64(),
     })

@@ -48,7 +48,7 @@ impl Effect for AmplifierBandwidth {
         let (decay, mean_weight) = super::lag_weights(values[0], setting.dt_s);
         Some(Box::new(LagStage { decay, mean_weight, voltage_v: model.drive_min_v }))
     }
-    fn substeps(&self, dt_s: f64) -> usize {
+    fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
         super::substeps_inside_period(dt_s)
     }
 }

@@ -1,7 +1,11 @@
 //! Transport delay of the drive.
+//!
+//! A held drive that acts late moves a step to an instant inside the sampling period. Rate-independent hysteresis passes steps on as
+//! steps, so in front of inertia the vibration stage takes the delay in: it is exact there without sub-intervals. Where something between
+//! the two moves inside the period or has a clock of its own, the delay stands where it acts and the period is divided.
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
-use crate::chain::Model;
+use crate::chain::{EffectInstance, Model};
 use std::collections::VecDeque;
 
 /// The drive acts later than it was commanded.
@@ -26,6 +30,20 @@ impl Stage for DelayStage {
     }
 }
 
+/// The delay that the vibration stage takes in, s.
+pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
+    let delay = model.effect("delay")?;
+    model.effect("vibration")?;
+    let passes_steps_on = |e: &EffectInstance| {
+        let place = e.effect.declaration().place;
+        let behind_or_itself = place > Place::Vibration || matches!(place, Place::Vibration | Place::Delay);
+        let without_clock =
+            matches!(place, Place::AmplifierSaturation | Place::Charge | Place::Hysteresis) && e.effect.definition().is_none();
+        behind_or_itself || without_clock
+    };
+    model.effects.iter().all(passes_steps_on).then(|| delay.parameters[0].value)
+}
+
 impl Effect for Delay {
     fn declaration(&self) -> Declaration {
         Declaration {
@@ -33,7 +51,7 @@ impl Effect for Delay {
             physics: "Converters and computation take time: the drive acts a fixed time after it was written.".into(),
             reference: "Franklin, Powell, Workman, Digital Control of Dynamic Systems (1998)".into(),
             place: Place::Delay,
-            modifies: None,
+            modifies: Some("vibration"),
             experiment: "a multisine: phase that falls in proportion to frequency at flat gain".into(),
             candidate: true,
             one_sided: true,
@@ -48,13 +66,69 @@ impl Effect for Delay {
         vec![vec![0.5 * dt_s], vec![2.0 * dt_s], vec![5.0 * dt_s]]
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        if taken_in_s(model).is_some() {
+            return None;
+        }
         let intervals = (values[0] / setting.dt_s).max(0.0);
         let whole = intervals.floor();
         let line = std::iter::repeat_n(model.drive_min_v, whole as usize + 1).collect();
         Some(Box::new(DelayStage { line, late_share: intervals - whole }))
     }
-    fn substeps(&self, dt_s: f64) -> usize {
+    fn substeps(&self, model: &Model, dt_s: f64) -> usize {
+        if taken_in_s(model).is_some() {
+            return 1;
+        }
         // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before the period is.
         if dt_s > 60e-6 { super::substeps_inside_period(dt_s).max(2) } else { 1 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::chain::{Drive, EffectInstance, InitialState, Model};
+    use crate::effect::{Overview, by_id};
+
+    fn model(delay_s: f64, mode: bool) -> Model {
+        let overview = Overview::without_data(0.0, 70.0);
+        let mut model = Model::new(0.0, 70.0);
+        let mut add = |id: &str, values: &[f64]| model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+        add("hysteresis", &[10.0, 1.0, -1.0]);
+        add("delay", &[delay_s]);
+        if mode {
+            add("vibration", &[6000.0, 0.1]);
+            add("second_mode", &[0.1, 14_000.0, 0.02]);
+            add("sensor_bandwidth", &[3000.0]);
+        }
+        model
+    }
+
+    fn drive_v(samples: usize) -> Vec<f64> {
+        (0..samples).map(|k| 35.0 + 30.0 * (0.3 * k as f64).sin() * (0.017 * k as f64).cos()).collect()
+    }
+
+    fn simulate(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
+        model.simulate(&Drive { drive_v, force_n: None, dt_s, initial_state: InitialState::Settled })
+    }
+
+    /// 3.4 periods late is 17 fifths of a period late: a drive held over fifths and shifted by seventeen of them, through the punctual chain.
+    #[test]
+    fn a_delay_between_samples_is_a_shift_of_a_finer_held_drive() {
+        let (dt_s, drive_v) = (50e-6, drive_v(300));
+        let late = simulate(&model(3.4 * dt_s, true), &drive_v, dt_s);
+        let shifted: Vec<f64> = (0..5 * drive_v.len()).map(|k| drive_v[k.saturating_sub(17) / 5]).collect();
+        let fine = simulate(&model(0.0, true), &shifted, dt_s / 5.0);
+        for (k, late) in late.iter().enumerate() {
+            assert!((late - fine[5 * k]).abs() < 1e-9, "{k}: {late} {}", fine[5 * k]);
+        }
+    }
+
+    /// Derivatives by the delay are taken by moving it: nothing may jump where it becomes a whole number of periods.
+    #[test]
+    fn the_reading_is_continuous_in_the_delay() {
+        let (dt_s, drive_v) = (50e-6, drive_v(200));
+        let [below, at, above] = [1.999_999, 2.0, 2.000_001].map(|periods| simulate(&model(periods * dt_s, true), &drive_v, dt_s));
+        for k in 0..drive_v.len() {
+            assert!((below[k] - at[k]).abs() < 1e-4 && (above[k] - at[k]).abs() < 1e-4, "{k}");
+        }
     }
 }

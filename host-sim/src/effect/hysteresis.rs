@@ -4,8 +4,9 @@
 //! this stage: it reads their values from the model.
 
 use super::play_operators::PlayOperators;
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage, bipolar, rate_dependence};
+use super::{CoefficientSignal, Declaration, Effect, Overview, Parameter, Place, Setting, Stage, bipolar, rate_dependence};
 use crate::chain::Model;
+use crate::hysteresis_coefficients::CoefficientWalk;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
 
 /// Classical Preisach hysteresis in polynomial surfaces.
@@ -36,42 +37,78 @@ pub fn degree_of(coefficients: usize) -> usize {
 struct HysteresisStage {
     operator: OneSidedHysteresis,
     plays: Option<PlayOperators>,
+    drive: HeldDrive,
+    output_um: f64,
+}
+
+/// The drive as the hysteresis sees it: where it stands, and how fast it got there.
+struct HeldDrive {
     lower_limit_v: f64,
     range_v: f64,
     rate: Option<rate_dependence::RateLaw>,
     last_drive_v: f64,
-    output_um: f64,
     dt_s: f64,
     /// Intervals in a sampling period, and how many have passed since the drive changed.
     substeps: usize,
     unchanged: usize,
 }
 
-impl Stage for HysteresisStage {
-    fn step(&mut self, _k: usize, input: f64) -> f64 {
-        if input == self.last_drive_v {
+impl HeldDrive {
+    fn of(model: &Model, setting: &Setting) -> Self {
+        let lower_limit_v = bipolar::lower_limit_v(model);
+        Self {
+            lower_limit_v,
+            range_v: model.drive_max_v - lower_limit_v,
+            rate: rate_dependence::RateLaw::of(model),
+            last_drive_v: lower_limit_v,
+            dt_s: setting.dt_s,
+            substeps: setting.substeps,
+            unchanged: setting.substeps,
+        }
+    }
+
+    /// In units of the drive range above its lower limit.
+    fn normalised(&self, drive_v: f64) -> f64 {
+        (drive_v - self.lower_limit_v) / self.range_v
+    }
+
+    /// Takes the drive of the next interval and returns its rate in V/s, or `None` if the output stays what it was.
+    fn next(&mut self, drive_v: f64) -> Option<f64> {
+        if drive_v == self.last_drive_v {
             self.unchanged += 1;
             // A held drive has the rate of its sample until the next one.
             if self.rate.is_none() || self.unchanged < self.substeps {
-                return self.output_um;
+                return None;
             }
         }
         // Over a held sample the rate is that of successive samples; a drive that moves inside a period has its own.
         let intervals = if self.unchanged + 1 >= self.substeps { self.substeps } else { 1 };
-        if input != self.last_drive_v {
+        if drive_v != self.last_drive_v {
             self.unchanged = 0;
         }
-        self.output_um = self.rate_independent(input);
-        if let Some(law) = &self.rate {
-            let rate_v_s = (input - self.last_drive_v).abs() / (self.dt_s * intervals as f64);
-            self.output_um = law.apply(self.output_um, self.curve_at_maximum_um(), rate_v_s);
+        let rate_v_s = (drive_v - self.last_drive_v).abs() / (self.dt_s * intervals as f64);
+        self.last_drive_v = drive_v;
+        Some(rate_v_s)
+    }
+
+    fn settle(&mut self, drive_v: f64) {
+        self.last_drive_v = drive_v;
+        self.unchanged = self.substeps;
+    }
+}
+
+impl Stage for HysteresisStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        if let Some(rate_v_s) = self.drive.next(input) {
+            self.output_um = self.rate_independent(input);
+            if let Some(law) = self.drive.rate {
+                self.output_um = law.apply(self.output_um, self.curve_at_maximum_um(), rate_v_s);
+            }
         }
-        self.last_drive_v = input;
         self.output_um
     }
     fn settle(&mut self, input: f64) -> f64 {
-        self.last_drive_v = input;
-        self.unchanged = self.substeps;
+        self.drive.settle(input);
         self.output_um = self.rate_independent(input);
         self.output_um
     }
@@ -79,7 +116,7 @@ impl Stage for HysteresisStage {
 
 impl HysteresisStage {
     fn rate_independent(&mut self, drive_v: f64) -> f64 {
-        let x = (drive_v - self.lower_limit_v) / self.range_v;
+        let x = self.drive.normalised(drive_v);
         self.operator.step(drive_v) + self.plays.as_mut().map_or(0.0, |plays| plays.step(x))
     }
 
@@ -87,6 +124,33 @@ impl HysteresisStage {
     fn curve_at_maximum_um(&self) -> f64 {
         let maximum = self.operator.stack().global_maximum();
         self.operator.initial_curve_at_maximum() + self.plays.as_ref().map_or(0.0, |plays| plays.initial_ascending_curve(maximum))
+    }
+}
+
+/// Surfaces and play operators, with the contribution of every coefficient apart.
+struct Contributions {
+    walk: CoefficientWalk,
+    plays: Option<PlayOperators>,
+}
+
+impl Contributions {
+    /// At the next input: of the loop surface, the initial curve and the play operators, in this order.
+    fn step(&mut self, x: f64) -> Vec<f64> {
+        let mut out = self.walk.step(x).to_vec();
+        if let Some(plays) = &mut self.plays {
+            plays.step(x);
+            out.extend(plays.positions());
+        }
+        out
+    }
+
+    /// The same of the initial ascending curve where it was left, or is.
+    fn curve_at_maximum(&self) -> Vec<f64> {
+        let mut out = self.walk.initial_curve_at_maximum();
+        if let Some(plays) = &self.plays {
+            out.extend(plays.initial_ascending_curves(self.walk.global_maximum()));
+        }
+        out
     }
 }
 
@@ -121,19 +185,42 @@ impl Effect for Hysteresis {
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let remnant = model.values("initial_curve").unwrap_or_default();
         let surfaces = Surfaces::from_legendre(degree_of(values.len()), values, &remnant);
-        let lower_limit_v = bipolar::lower_limit_v(model);
-        let range_v = model.drive_max_v - lower_limit_v;
+        let drive = HeldDrive::of(model, setting);
         Some(Box::new(HysteresisStage {
-            operator: OneSidedHysteresis::virgin(surfaces, lower_limit_v, range_v),
+            operator: OneSidedHysteresis::virgin(surfaces, drive.lower_limit_v, drive.range_v),
             plays: PlayOperators::of(model),
-            lower_limit_v,
-            range_v,
-            rate: rate_dependence::RateLaw::of(model),
-            last_drive_v: lower_limit_v,
+            drive,
             output_um: 0.0,
-            dt_s: setting.dt_s,
-            substeps: setting.substeps,
-            unchanged: setting.substeps,
         }))
+    }
+    fn coefficient_signals(&self, model: &Model, setting: &Setting, at_rest: f64, input: &[f64]) -> Vec<CoefficientSignal> {
+        let counts = ["hysteresis", "initial_curve", "play_operators"].map(|id| (id, model.effect(id).map_or(0, |e| e.parameters.len())));
+        let walk = CoefficientWalk::virgin(degree_of(counts[0].1), counts[1].1);
+        let mut contributions = Contributions { walk, plays: PlayOperators::of(model) };
+        let mut drive = HeldDrive::of(model, setting);
+        drive.settle(at_rest);
+        let mut present = contributions.step(drive.normalised(at_rest));
+        let parameters = counts.iter().flat_map(|(id, count)| (0..*count).map(|parameter| (*id, parameter)));
+        let mut out: Vec<CoefficientSignal> = parameters
+            .zip(&present)
+            .map(|((effect, parameter), at_rest)| CoefficientSignal {
+                effect,
+                parameter,
+                at_rest: *at_rest,
+                signal: Vec::with_capacity(input.len()),
+            })
+            .collect();
+        for &drive_v in input {
+            if let Some(rate_v_s) = drive.next(drive_v) {
+                present = contributions.step(drive.normalised(drive_v));
+                if let Some(law) = drive.rate {
+                    // The law is linear in what it is applied to.
+                    let curve = contributions.curve_at_maximum();
+                    present.iter_mut().zip(curve).for_each(|(value, curve)| *value = law.apply(*value, curve, rate_v_s));
+                }
+            }
+            out.iter_mut().zip(&present).for_each(|(column, value)| column.signal.push(*value));
+        }
+        out
     }
 }

@@ -271,6 +271,19 @@ pub trait Stage: Send {
     }
 }
 
+/// What one unit of a coefficient adds to the output of a stage.
+#[derive(Clone, Debug)]
+pub struct CoefficientSignal {
+    /// The effect that has the coefficient.
+    pub effect: &'static str,
+    /// The coefficient among the parameters of that effect.
+    pub parameter: usize,
+    /// At rest, before the first interval.
+    pub at_rest: f64,
+    /// At the end of every interval.
+    pub signal: Vec<f64>,
+}
+
 /// A physical effect.
 pub trait Effect: Send + Sync {
     /// What the effect says about itself.
@@ -292,8 +305,13 @@ pub trait Effect: Send + Sync {
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
-    /// Into how many sub-intervals a sampling period must be divided for this effect.
-    fn substeps(&self, _dt_s: f64) -> usize {
+    /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them, over `input` from rest at `at_rest`.
+    fn coefficient_signals(&self, _model: &Model, _setting: &Setting, _at_rest: f64, _input: &[f64]) -> Vec<CoefficientSignal> {
+        Vec::new()
+    }
+
+    /// Into how many sub-intervals a sampling period must be divided for this effect in `model`.
+    fn substeps(&self, _model: &Model, _dt_s: f64) -> usize {
         1
     }
 

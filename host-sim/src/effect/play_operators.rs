@@ -38,9 +38,19 @@ impl PlayOperators {
         sum
     }
 
+    /// Where each element stands: what a unit of its weight gives.
+    pub(super) fn positions(&self) -> &[f64] {
+        &self.plays
+    }
+
     /// What the first rise to `x` gives.
     pub(super) fn initial_ascending_curve(&self, x: f64) -> f64 {
-        self.thresholds_and_weights.iter().map(|(threshold, weight)| weight * (x - threshold).max(0.0)).sum()
+        self.initial_ascending_curves(x).zip(&self.thresholds_and_weights).map(|(rise, (_, weight))| weight * rise).sum()
+    }
+
+    /// The same for a unit weight of each element.
+    pub(super) fn initial_ascending_curves(&self, x: f64) -> impl Iterator<Item = f64> {
+        self.thresholds_and_weights.iter().map(move |(threshold, _)| (x - threshold).max(0.0))
     }
 }
 

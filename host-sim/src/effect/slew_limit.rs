@@ -54,7 +54,7 @@ impl Effect for SlewLimit {
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(SlewStage { step_max_v: values[0] * setting.dt_s, voltage_v: model.drive_min_v }))
     }
-    fn substeps(&self, dt_s: f64) -> usize {
+    fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
         super::substeps_inside_period(dt_s)
     }
 }

@@ -5,6 +5,7 @@ use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
+use std::collections::VecDeque;
 
 /// First mode of the actuator with its load.
 pub struct Vibration;
@@ -17,6 +18,15 @@ pub struct Mode {
     state: [f64; 2],
     angle_rad: f64,
     sensor: Option<Sensor>,
+    late: Late,
+}
+
+/// An input that arrives inside an interval: until then the one before it acts.
+#[derive(Clone, Copy, Debug, Default)]
+struct Late {
+    gamma: [f64; 2],
+    sensor_gamma: f64,
+    before: f64,
 }
 
 /// A sensor that follows the displacement of a mode as a first-order lag: the third state of one linear system, so that it is exact
@@ -53,17 +63,47 @@ impl Mode {
             state: [0.0, 0.0],
             angle_rad: w * dt_s,
             sensor: sensor_bandwidth_hz.map(|_| Sensor { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: gamma[2], reading: 0.0 }),
+            late: Late::default(),
         }
     }
 
+    /// The same mode with its input late by a share of the interval: it acts over the rest, the one before it until then.
+    fn late_by(mut self, punctual_over_the_rest: &Self) -> Self {
+        let rest = punctual_over_the_rest;
+        self.late.gamma = [self.gamma[0] - rest.gamma[0], self.gamma[1] - rest.gamma[1]];
+        self.gamma = rest.gamma;
+        if let (Some(sensor), Some(rest)) = (&mut self.sensor, &rest.sensor) {
+            self.late.sensor_gamma = sensor.gamma - rest.gamma;
+            sensor.gamma = rest.gamma;
+        }
+        self
+    }
+
     /// One interval with the input held; the displacement at its end.
+    #[inline]
     pub fn step(&mut self, input: f64) -> f64 {
         let [x, v] = self.state;
+        let Late { gamma: late, sensor_gamma, before } = self.late;
         if let Some(Sensor { phi, gamma, reading }) = &mut self.sensor {
-            *reading = phi[0] * x + phi[1] * v + phi[2] * *reading + *gamma * input;
+            *reading = phi[0] * x + phi[1] * v + phi[2] * *reading + (*gamma * input + sensor_gamma * before);
         }
-        self.state = [self.phi[0] * x + self.phi[1] * v + self.gamma[0] * input, self.phi[2] * x + self.phi[3] * v + self.gamma[1] * input];
+        self.state = [
+            self.phi[0] * x + self.phi[1] * v + (self.gamma[0] * input + late[0] * before),
+            self.phi[2] * x + self.phi[3] * v + (self.gamma[1] * input + late[1] * before),
+        ];
+        self.late.before = input;
         self.state[0]
+    }
+
+    /// Runs over a signal, held over each interval, and leaves what is read in its place.
+    fn run(&mut self, signal: &mut [f64]) {
+        // A copy stays in registers: nothing but the recursion itself then stands between two intervals.
+        let mut mode = *self;
+        for value in signal {
+            mode.step(*value);
+            *value = mode.reading();
+        }
+        *self = mode;
     }
 
     /// What is read: the displacement where no sensor lags behind it.
@@ -95,6 +135,7 @@ impl Mode {
     /// At rest under a constant input.
     pub fn settle(&mut self, input: f64) -> f64 {
         self.state = [input, 0.0];
+        self.late.before = input;
         if let Some(sensor) = &mut self.sensor {
             sensor.reading = input;
         }
@@ -107,6 +148,8 @@ pub(super) struct VibrationStage {
     first: Option<Mode>,
     second: Option<(f64, Mode)>,
     bristle: Option<(Bristle, usize)>,
+    /// Inputs of the whole intervals by which the input is late.
+    late: VecDeque<f64>,
 }
 
 /// Largest angle of the mode in one piece of an interval, where a bristle acts on the moving mass.
@@ -129,17 +172,31 @@ impl VibrationStage {
         let pieces = bristle.map_or(1, |(_, pieces)| pieces.max(1)) as f64;
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
         let sensor_hz = model.effect("vibration").and_then(|_| model.values("sensor_bandwidth")).map(|v| v[0]);
+        let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
+        let late_share = late_intervals.fract();
         let mode = |natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64| {
-            Mode::read_by(natural_frequency_rad_s * mass_factor, damping_ratio * mass_factor, sensor_hz, dt_s)
+            let (frequency_rad_s, damping_ratio) = (natural_frequency_rad_s * mass_factor, damping_ratio * mass_factor);
+            let punctual = |dt_s: f64| Mode::read_by(frequency_rad_s, damping_ratio, sensor_hz, dt_s);
+            if late_share > 0.0 { punctual(dt_s).late_by(&punctual(dt_s * (1.0 - late_share))) } else { punctual(dt_s) }
         };
         let first = model.values("vibration").map(|v| mode(v[0], v[1], dt_s / pieces));
         let second = model.values("second_mode").map(|v| (v[0], mode(v[1], v[2], dt_s)));
-        Self { first, second, bristle }
+        Self { first, second, bristle, late: std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect() }
+    }
+
+    /// The input of as many whole intervals ago as it is late.
+    fn arrived(&mut self, input: f64) -> f64 {
+        if self.late.is_empty() {
+            return input;
+        }
+        self.late.push_back(input);
+        self.late.pop_front().unwrap_or(input)
     }
 }
 
 impl Stage for VibrationStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let input = self.arrived(input);
         let first = match (&mut self.first, &mut self.bristle) {
             (Some(mode), None) => {
                 mode.step(input);
@@ -174,6 +231,22 @@ impl Stage for VibrationStage {
             }
         }
     }
+    fn run(&mut self, signal: &mut [f64]) {
+        if self.bristle.is_some() {
+            return signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(k, *value));
+        }
+        if !self.late.is_empty() {
+            signal.iter_mut().for_each(|value| *value = self.arrived(*value));
+        }
+        let forces = self.second.map(|_| signal.to_vec());
+        if let Some(first) = &mut self.first {
+            first.run(signal);
+        }
+        if let (Some((share, second)), Some(mut by_second)) = (&mut self.second, forces) {
+            second.run(&mut by_second);
+            signal.iter_mut().zip(by_second).for_each(|(value, by_second)| *value += *share * (by_second - *value));
+        }
+    }
     fn settle(&mut self, input: f64) -> f64 {
         if let Some(mode) = &mut self.first {
             mode.settle(input);
@@ -181,6 +254,7 @@ impl Stage for VibrationStage {
         if let Some((bristle, _)) = &mut self.bristle {
             bristle.relax(input);
         }
+        self.late.iter_mut().for_each(|value| *value = input);
         if let Some((_, mode)) = &mut self.second {
             mode.settle(input);
         }

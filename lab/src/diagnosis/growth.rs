@@ -27,8 +27,16 @@ const FALSE_DISCOVERY_RATE: f64 = 0.05;
 const ROUNDS_MAX: usize = 6;
 /// Finalists of a round.
 const FINALISTS_MAX: usize = 6;
+/// An effect that takes this share of the squared error above the floor explains most of it.
+const TAKES_MOST: f64 = 0.5;
+/// Finalists that are followed one step further.
+const RIVALS_MAX: usize = 4;
+/// Least share of what the best finalist takes of the logarithm of the error, for one to be followed.
+const RIVAL: f64 = 0.5;
 /// A model whose error is below this times the floor in every record has nothing left to explain.
 const NOTHING_LEFT: f64 = 1.03;
+/// A model leaves something in a record where its error is above this times the floor; a verdict that leaves so much explains nothing.
+pub const EXPLAINED: f64 = 1.15;
 /// Two models closer than this, in standard errors of their difference, are not told apart.
 const TIE_Z: f64 = 3.0;
 
@@ -43,6 +51,24 @@ pub struct Step {
     pub why: String,
     /// The model after the step.
     pub judged: Judged,
+    /// What was looked at before the step was taken; none for the start and for a mere new fit.
+    pub round: Option<Round>,
+}
+
+impl Step {
+    /// A step that adds nothing.
+    #[must_use]
+    pub fn without_effect(why: String, judged: Judged) -> Self {
+        Self { added: None, removed: Vec::new(), why, judged, round: None }
+    }
+}
+
+/// An accepted finalist, and the best that may come of it.
+struct Ahead {
+    id: String,
+    end: Judged,
+    /// The round that ended there, if it leaves nothing.
+    successor: Option<Box<Round>>,
 }
 
 /// What one round looked at.
@@ -54,6 +80,21 @@ pub struct Round {
     pub finalists: Vec<Finalist>,
     /// Accepted finalists that this data cannot tell from the best, the best first.
     pub tied: Vec<String>,
+    /// What was found by looking ahead from the best.
+    successor: Option<Box<Round>>,
+}
+
+impl Round {
+    /// A round with its outcome.
+    #[must_use]
+    pub fn decided(screening: Screening, finalists: Vec<Finalist>, tied: Vec<String>) -> Self {
+        Self { screening, finalists, tied, successor: None }
+    }
+
+    /// The best of the round, if any was accepted.
+    fn best(&self) -> Option<&Finalist> {
+        self.tied.first().and_then(|id| self.finalists.iter().find(|f| f.id == *id))
+    }
 }
 
 /// The whole growth.
@@ -61,8 +102,8 @@ pub struct Round {
 pub struct Growth {
     /// Steps, the first being the start.
     pub steps: Vec<Step>,
-    /// Rounds, one per decision; the last found nothing to add, unless the growth ended at its limit.
-    pub rounds: Vec<Round>,
+    /// The round that found nothing to add, unless the growth ended at the floor or at its limit.
+    pub last_round: Option<Round>,
     /// The first round tried effects alone, on a model that was identified elsewhere.
     pub transferred: bool,
 }
@@ -71,14 +112,36 @@ impl Growth {
     /// The beginning of a growth.
     #[must_use]
     pub fn from_base(base: Judged) -> Self {
-        let first = Step { added: None, removed: Vec::new(), why: "the model that was started from".into(), judged: base };
-        Self { steps: vec![first], rounds: Vec::new(), transferred: false }
+        Self { steps: vec![Step::without_effect("the model that was started from".into(), base)], last_round: None, transferred: false }
+    }
+
+    /// All rounds, first to last.
+    pub fn rounds(&self) -> impl Iterator<Item = &Round> {
+        self.steps.iter().filter_map(|step| step.round.as_ref()).chain(&self.last_round)
     }
 
     /// The model at the end.
     #[must_use]
     pub fn last(&self) -> &Judged {
         &self.steps[self.steps.len() - 1].judged
+    }
+
+    /// Effects that were added and stayed, each with those that do as well in its place.
+    #[must_use]
+    pub fn findings(&self) -> Vec<Vec<String>> {
+        let added = self.added();
+        let others = |step: &Step| -> Vec<String> {
+            step.round.iter().flat_map(|round| &round.tied).filter(|id| !added.contains(id)).cloned().collect()
+        };
+        let step_of = |id: &String| self.steps.iter().rev().find(|s| s.added.as_ref() == Some(id));
+        added.iter().map(|id| std::iter::once(id.clone()).chain(step_of(id).map(others).unwrap_or_default()).collect()).collect()
+    }
+
+    /// The round in which an effect was chosen, or did as well as the one that was.
+    #[must_use]
+    pub fn round_of(&self, id: &String) -> Option<&Round> {
+        let chosen = self.steps.iter().rev().filter(|s| s.added.as_ref() == Some(id)).find_map(|s| s.round.as_ref());
+        chosen.or_else(|| self.rounds().find(|round| round.tied.contains(id)))
     }
 
     /// Effects that were added and stayed, in the order of their addition.
@@ -173,27 +236,27 @@ impl Workbench<'_> {
     /// Goes on with a growth.
     #[must_use]
     pub fn grow_on(&self, mut growth: Growth) -> Growth {
-        while growth.rounds.len() < ROUNDS_MAX {
+        for number in growth.rounds().count()..ROUNDS_MAX {
             let before = growth.last().clone();
-            if !growth.rounds.is_empty() && self.nothing_left(&before) {
+            if number > 0 && self.nothing_left(&before) {
                 break;
             }
-            let hopeless = hopeless(&growth);
-            let round = self.round(&before, growth.rounds.len(), &hopeless);
-            let refined = self.refine(&before, &round);
-            let step = match (refined, round.tied.first()) {
-                (Some(judged), _) => Some(Step {
-                    added: None,
-                    removed: Vec::new(),
-                    why: format!("hysteresis {}: the same effect, described more finely", refine::description(&judged.model)),
-                    judged,
-                }),
-                (None, Some(id)) => self.add(&growth, &before, &round, id),
-                (None, None) => None,
-            };
-            growth.rounds.push(round);
-            let Some(step) = step else { break };
-            growth.steps.push(step);
+            let mut round = self.round(&before, number, &hopeless(&growth));
+            if let Some(judged) = self.refine(&before, &round) {
+                let why = format!("hysteresis {}: the same effect, described more finely", refine::description(&judged.model));
+                growth.steps.push(Step { round: Some(round), ..Step::without_effect(why, judged) });
+            } else if let Some(best) = round.best().cloned() {
+                match round.successor.take() {
+                    Some(successor) => {
+                        growth.steps.push(self.step(&before, round, best.judged, Vec::new()));
+                        self.add(&mut growth, *successor);
+                    }
+                    None => self.add(&mut growth, round),
+                }
+            } else {
+                growth.last_round = Some(round);
+                break;
+            }
         }
         growth
     }
@@ -220,15 +283,55 @@ impl Workbench<'_> {
             })
             .collect();
         finalists.sort_by(|a, b| merit(&a.judged).total_cmp(&merit(&b.judged)));
-        let accepted: Vec<&Finalist> = finalists.iter().filter(|f| self.accepts(f, &screening)).collect();
-        let tied = accepted.first().map_or_else(Vec::new, |best| {
-            accepted
-                .iter()
-                .filter(|f| f.id == best.id || improvement(&f.judged, &best.judged, &self.split).total_z < TIE_Z)
-                .map(|f| f.id.clone())
-                .collect()
-        });
-        Round { screening, finalists, tied }
+        let accepted: Vec<&Finalist> = finalists.iter().filter(|f| self.accepts(before, f, &screening)).collect();
+        let mut ahead = self.look_ahead(before, &accepted);
+        let tied = ahead
+            .iter()
+            .filter(|rival| rival.id == ahead[0].id || !self.told_apart(&rival.end, &ahead[0].end))
+            .map(|rival| rival.id.clone())
+            .collect();
+        let successor = if ahead.is_empty() { None } else { ahead.swap_remove(0).successor };
+        Round { screening, finalists, tied, successor }
+    }
+
+    /// The accepted finalists, best first; where several take much and none all of it, the best is the one after whose best successor least
+    /// is left. Of two missing effects the one that imitates their sum best need not be either of them.
+    fn look_ahead(&self, before: &Judged, accepted: &[&Finalist]) -> Vec<Ahead> {
+        let mut out: Vec<Ahead> = accepted.iter().map(|f| Ahead { id: f.id.clone(), end: f.judged.clone(), successor: None }).collect();
+        let Some(best) = accepted.first() else { return out };
+        let taken = |f: &Finalist| merit(before) - merit(&f.judged);
+        let rivals = accepted.iter().take(RIVALS_MAX).take_while(|f| taken(f) > RIVAL * taken(best)).count();
+        // Without a floor nobody knows whether the best takes all of it.
+        if rivals < 2 || self.floor_um.is_none() || self.nothing_left(&best.judged) {
+            return out;
+        }
+        for ahead in &mut out[..rivals] {
+            (self.progress)(&format!("looking ahead from {}", ahead.id));
+            self.follow(ahead);
+        }
+        out[..rivals].sort_by(|a, b| merit(&a.end).total_cmp(&merit(&b.end)));
+        out
+    }
+
+    /// Adds the candidate that explains most of what is left; one that leaves nothing at all is the successor.
+    fn follow(&self, ahead: &mut Ahead) {
+        let candidates = self.candidates_for(&ahead.end.model);
+        let screening = screen(&ahead.end.model, &self.overview, self.dataset, &self.split.identify, &candidates, self.floor_um, 1500);
+        let Some(score) = screening.scores.first().filter(|s| s.p_adjusted <= FALSE_DISCOVERY_RATE) else { return };
+        let trial = Trial::for_promise(1.0, 1.0);
+        let finalist = refit(&ahead.end, score, 0, &self.overview, self.dataset, &self.split, self.floor_um, trial);
+        if merit(&finalist.judged) < merit(&ahead.end) {
+            ahead.end = finalist.judged.clone();
+            if self.nothing_left(&ahead.end) {
+                ahead.successor = Some(Box::new(Round::decided(screening, vec![finalist.clone()], vec![finalist.id])));
+            }
+        }
+    }
+
+    /// The data prefer one model to its rival: beyond chance, or because it leaves nothing in records where the rival leaves something.
+    fn told_apart(&self, rival: &Judged, best: &Judged) -> bool {
+        let leaves_something = |floor: f64| rival.residuals.iter().any(|r| crate::fit::rms(r) > EXPLAINED * floor);
+        improvement(rival, best, &self.split).total_z >= TIE_Z || (self.nothing_left(best) && self.floor_um.is_some_and(leaves_something))
     }
 
     /// Every judged record is at the floor.
@@ -236,7 +339,7 @@ impl Workbench<'_> {
         self.floor_um.is_some_and(|floor| judged.residuals.iter().all(|r| crate::fit::rms(r) < NOTHING_LEFT * floor))
     }
 
-    fn accepts(&self, finalist: &Finalist, screening: &Screening) -> bool {
+    fn accepts(&self, before: &Judged, finalist: &Finalist, screening: &Screening) -> bool {
         let score = &screening.scores[finalist.score];
         let i = &finalist.improvement;
         if score.p_adjusted > FALSE_DISCOVERY_RATE {
@@ -245,12 +348,20 @@ impl Workbench<'_> {
         if self.split.validate.is_empty() {
             return i.total_z > 4.0 && i.record_relative > 0.02;
         }
-        if self.floor_um.is_none() {
-            return i.validate_z > 2.0 && i.validate_relative > 0.02;
-        }
+        let Some(floor_um) = self.floor_um else { return i.validate_z > 2.0 && i.validate_relative > 0.02 };
         let held_out = i.validate_z > 2.0;
-        let only_seen_in_fitted = i.total_z > 5.0 && i.validate_z > -1.0 && i.record_relative > 2.0 * MATTERS;
+        let beyond_doubt = i.total_z > 5.0 || self.share_of_excess(before, &finalist.judged, floor_um) > TAKES_MOST;
+        let only_seen_in_fitted = beyond_doubt && i.validate_z > -1.0 && i.record_relative > 2.0 * MATTERS;
         (held_out || only_seen_in_fitted) && i.record_relative > MATTERS
+    }
+
+    /// Share of the sum of squares above the floor, over all judged records, that is gone. Where few events hold most of an error, it says
+    /// more than the scatter between blocks.
+    fn share_of_excess(&self, before: &Judged, after: &Judged, floor_um: f64) -> f64 {
+        let square = |judged: &Judged| judged.residuals.iter().map(|r| crate::fit::dot(r, r)).sum::<f64>();
+        let samples: usize = before.residuals.iter().map(Vec::len).sum();
+        let excess = square(before) - samples as f64 * floor_um * floor_um;
+        if excess > 0.0 { (square(before) - square(after)) / excess } else { 0.0 }
     }
 
     /// More flexible surfaces, where they do at least as well as the best candidate; as fine as keeps paying.
@@ -260,9 +371,9 @@ impl Workbench<'_> {
             return None;
         }
         let mut finest = self.finer(before)?;
-        let best = round.tied.first().and_then(|id| round.finalists.iter().find(|f| f.id == *id));
-        let no_worse =
-            best.is_none_or(|f| improvement(&finest, &f.judged, &self.split).total_z < TIE_Z && merit(&finest) < 1.02 * merit(&f.judged));
+        let accepted = round.finalists.iter().find(|f| round.tied.contains(&f.id));
+        let no_worse = accepted
+            .is_none_or(|f| improvement(&finest, &f.judged, &self.split).total_z < TIE_Z && merit(&finest) < 1.02 * merit(&f.judged));
         if !no_worse {
             return None;
         }
@@ -291,9 +402,10 @@ impl Workbench<'_> {
         worth.then_some(judged)
     }
 
-    fn add(&self, growth: &Growth, before: &Judged, round: &Round, id: &str) -> Option<Step> {
-        let finalist = round.finalists.iter().find(|f| f.id == id)?;
-        (self.progress)(&format!("adding {id}"));
+    /// Fits the best of a round thoroughly, takes back what it makes needless, and makes the step.
+    fn add(&self, growth: &mut Growth, round: Round) {
+        let Some(finalist) = round.best() else { return };
+        (self.progress)(&format!("adding {}", finalist.id));
         let full = fit(&finalist.judged.model, self.dataset, &self.split.identify, Effort::default());
         let mut judged = judge(full.model, self.dataset, &self.split);
         let mut removed = Vec::new();
@@ -305,18 +417,22 @@ impl Workbench<'_> {
                 removed.push(earlier);
             }
         }
-        let score = &round.screening.scores[finalist.score];
-        let declaration = score.effect.declaration();
-        let drop = match (before.validate_rms_um, judged.validate_rms_um) {
-            (Some(a), Some(b)) => format!("; held-out error {} to {} nm", nm(a), nm(b)),
-            _ => String::new(),
-        };
-        Some(Step {
-            added: Some(id.to_string()),
-            why: format!("{} It explains {:.0} % of what is left{drop}", declaration.physics, 100.0 * score.share),
-            removed,
-            judged,
-        })
+        let step = self.step(growth.last(), round, judged, removed);
+        growth.steps.push(step);
+    }
+
+    /// The step that adds the best of a round.
+    fn step(&self, before: &Judged, round: Round, judged: Judged, removed: Vec<String>) -> Step {
+        let (added, why) = round.best().map_or_else(Default::default, |best| {
+            let score = &round.screening.scores[best.score];
+            let drop = match (before.validate_rms_um, judged.validate_rms_um) {
+                (Some(a), Some(b)) => format!("; held-out error {} to {} nm", nm(a), nm(b)),
+                _ => String::new(),
+            };
+            let why = format!("{} It explains {:.0} % of what is left{drop}", score.effect.declaration().physics, 100.0 * score.share);
+            (Some(best.id.clone()), why)
+        });
+        Step { added, removed, why, judged, round: Some(round) }
     }
 
     fn without(&self, judged: &Judged, id: &str) -> Option<Judged> {
@@ -336,12 +452,8 @@ impl Workbench<'_> {
 
 /// Candidates that were fitted in the last round and did not help the held-out records, where only the surfaces have changed since.
 fn hopeless(growth: &Growth) -> Vec<String> {
-    match (growth.steps.last(), growth.rounds.last()) {
-        (Some(step), Some(round)) if step.added.is_none() => {
-            round.finalists.iter().filter(|f| f.improvement.validate_relative <= 0.0).map(|f| f.id.clone()).collect()
-        }
-        _ => Vec::new(),
-    }
+    let Some(Step { added: None, round: Some(round), .. }) = growth.steps.last() else { return Vec::new() };
+    round.finalists.iter().filter(|f| f.improvement.validate_relative <= 0.0).map(|f| f.id.clone()).collect()
 }
 
 /// What finalists are ranked by: fitted and held-out error count alike.

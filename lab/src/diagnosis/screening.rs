@@ -20,7 +20,7 @@
 use crate::dataset::Dataset;
 use crate::fit::{Linearised, blocks, dot, free_parameters, linearise, normal_equations, project_out};
 use crate::refine;
-use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::chain::{ChainRun, EffectInstance, Model};
 use hysteron_sim::effect::{Effect, Overview};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rand::{Rng, SeedableRng};
@@ -157,7 +157,7 @@ pub fn screen(
     let absorbed = Absorbed::new(model, overview, dataset, records);
     let mut residual: Vec<Vec<f64>> = absorbed.parts.iter().map(|p| p.residual.clone()).collect();
     absorbed.remove(&mut residual);
-    let base: Vec<Vec<f64>> = records.par_iter().map(|&i| model.simulate(&dataset.records[i].drive())).collect();
+    let base: Vec<ChainRun> = records.par_iter().map(|&i| model.run(&dataset.records[i].drive())).collect();
     remove_skew(&base, dataset, records, &absorbed, &mut residual);
     let samples: usize = residual.iter().map(Vec::len).sum();
     let total: f64 = residual.iter().map(|r| dot(r, r)).sum();
@@ -183,9 +183,9 @@ pub fn screen(
 const SKEW_MAX: f64 = 0.15;
 
 /// Takes the best skew between drive and reading out of a residual, as far as instants are uncertain.
-fn remove_skew(base: &[Vec<f64>], dataset: &Dataset, records: &[usize], absorbed: &Absorbed, residual: &mut [Vec<f64>]) {
-    let rate_of_reading = |(&i, reading): (&usize, &Vec<f64>)| {
-        let record = &dataset.records[i];
+fn remove_skew(base: &[ChainRun], dataset: &Dataset, records: &[usize], absorbed: &Absorbed, residual: &mut [Vec<f64>]) {
+    let rate_of_reading = |(&i, run): (&usize, &ChainRun)| {
+        let (record, reading) = (&dataset.records[i], &run.reading_um);
         let at = |k: usize| reading[k.min(reading.len() - 1)];
         record.window.clone().map(|k| 0.5 * (at(k + 1) - at(k.saturating_sub(1))) / record.dt_s()).collect()
     };
@@ -214,7 +214,7 @@ fn directions(
     overview: &Overview,
     dataset: &Dataset,
     records: &[usize],
-    base: &[Vec<f64>],
+    base: &[ChainRun],
     one_sided: bool,
 ) -> Vec<Direction> {
     let starts = effect.starts(overview);
@@ -230,8 +230,8 @@ fn directions(
             .enumerate()
             .map(|(r, &i)| {
                 let record = &dataset.records[i];
-                let reading = with.simulate(&record.drive());
-                record.window.clone().map(|k| reading[k] - base[r][k]).collect()
+                let reading = with.resume_with_added(&base[r], &effect.declaration().id, &record.drive());
+                record.window.clone().map(|k| reading[k] - base[r].reading_um[k]).collect()
             })
             .collect()
     };

@@ -36,16 +36,9 @@ impl Workbench<'_> {
             return self.grow_on(growth);
         };
         let declaration = round.screening.scores[best.score].effect.declaration();
-        growth.steps.push(Step {
-            added: Some(best.id.clone()),
-            removed: Vec::new(),
-            why: format!(
-                "{} With all other values held as they were identified elsewhere, it explains most of the error",
-                declaration.physics
-            ),
-            judged: best.judged.clone(),
-        });
-        growth.rounds.push(round);
+        let why =
+            format!("{} With all other values held as they were identified elsewhere, it explains most of the error", declaration.physics);
+        growth.steps.push(Step { added: Some(best.id.clone()), removed: Vec::new(), why, judged: best.judged.clone(), round: Some(round) });
         growth.transferred = true;
         growth.steps.push(again(self.fitted(&best.judged.model)));
         // Without a floor nothing says where to stop, and the question was what the new recording has.
@@ -81,7 +74,7 @@ impl Workbench<'_> {
             .filter(|f| cost(f) <= (1.0 + ALIKE) * cost(&best) || cost(f) * cost(f) - cost(&best) * cost(&best) <= left_by_best)
             .map(|f| f.id.clone())
             .collect();
-        Some((Round { screening, finalists, tied }, best))
+        Some((Round::decided(screening, finalists, tied), best))
     }
 }
 
@@ -91,5 +84,5 @@ fn values_of(model: &Model, id: &str) -> usize {
 }
 
 fn again(judged: Judged) -> Step {
-    Step { added: None, removed: Vec::new(), why: "all values fitted again, to this recording".into(), judged }
+    Step::without_effect("all values fitted again, to this recording".into(), judged)
 }

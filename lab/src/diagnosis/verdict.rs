@@ -1,6 +1,6 @@
 //! Five words for what came out, and the figures behind them (`hysteron.diagnosis/1`).
 
-use super::growth::{Growth, nm};
+use super::growth::{EXPLAINED, Growth, nm};
 use crate::dataset::Dataset;
 use crate::floor::NoiseFloor;
 use serde::Serialize;
@@ -121,8 +121,6 @@ pub struct Diagnosis {
 
 /// Held-out error within this of the floor counts as the floor.
 const AT_FLOOR: f64 = 1.03;
-/// Held-out error above this times the floor, with everything known added, is unexplained.
-pub const EXPLAINED: f64 = 1.15;
 /// Signatures more alike than this are confusable.
 const ALIKE: f64 = 0.9;
 
@@ -131,28 +129,18 @@ const ALIKE: f64 = 0.9;
 pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset) -> Diagnosis {
     let first = &growth.steps[0].judged;
     let last = growth.last();
-    let added = growth.added();
+    let findings = growth.findings();
+    let named: Vec<String> = findings.concat();
+    let ambiguous = findings.iter().any(|f| f.len() > 1);
     let error = |j: &super::refit::Judged| j.validate_rms_um.unwrap_or(j.identify_rms_um);
+    let within = |times: f64, floor_um: f64| error(last).max(last.identify_rms_um) <= times * floor_um;
     let (verdict, named) = match floor.rms_um {
-        None => {
-            let alternatives = alternatives(growth);
-            (Verdict::Undecidable, if growth.transferred && alternatives.len() > 1 { alternatives } else { added.clone() })
-        }
-        Some(floor_um) => {
-            let end = error(last);
-            let alternatives = alternatives(growth);
-            if added.is_empty() && end <= AT_FLOOR * floor_um {
-                (Verdict::AtFloor, Vec::new())
-            } else if added.is_empty() || end > EXPLAINED * floor_um {
-                (Verdict::Unexplained, Vec::new())
-            } else if alternatives.len() > 1 {
-                (Verdict::Ambiguous, alternatives)
-            } else {
-                (Verdict::Named, added.clone())
-            }
-        }
+        None => (Verdict::Undecidable, if growth.transferred && ambiguous { named } else { growth.added() }),
+        Some(floor_um) if named.is_empty() && within(AT_FLOOR, floor_um) => (Verdict::AtFloor, Vec::new()),
+        Some(floor_um) if named.is_empty() || !within(EXPLAINED, floor_um) => (Verdict::Unexplained, Vec::new()),
+        Some(_) => (if ambiguous { Verdict::Ambiguous } else { Verdict::Named }, named),
     };
-    let sentence = sentence(verdict, &named, growth, floor, error(first), error(last));
+    let sentence = sentence(verdict, &named, growth, floor);
     Diagnosis {
         schema: "hysteron.diagnosis/1",
         verdict,
@@ -168,15 +156,8 @@ pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset) -> Diagn
     }
 }
 
-/// Effects of the first decision that cannot be told apart. One that was added later beside the first is missing as well, no alternative.
-fn alternatives(growth: &Growth) -> Vec<String> {
-    let added = growth.added();
-    let tied = growth.rounds.iter().find(|r| !r.tied.is_empty()).map_or(&[][..], |r| &r.tied);
-    tied.iter().enumerate().filter(|(i, id)| *i == 0 || !added.contains(id)).map(|(_, id)| id.clone()).collect()
-}
-
 fn candidate_figures(growth: &Growth) -> Vec<CandidateFigures> {
-    let Some(round) = growth.rounds.iter().find(|r| !r.tied.is_empty()).or(growth.rounds.first()) else { return Vec::new() };
+    let Some(round) = growth.rounds().find(|r| !r.tied.is_empty()).or(growth.rounds().next()) else { return Vec::new() };
     let scores = &round.screening.scores;
     let mut order: Vec<usize> = round.finalists.iter().map(|f| f.score).collect();
     // The accepted ones first, then the other finalists, then the rest by what they explain.
@@ -224,27 +205,48 @@ fn list(ids: &[String], joint: &str) -> String {
     }
 }
 
-fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFloor, before: f64, after: f64) -> String {
+fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFloor) -> String {
     let floor_nm = floor.rms_um.map(nm).unwrap_or_default();
+    let (first, last) = (&growth.steps[0].judged, growth.last());
+    // Where the fitted records are met worse than the held-out ones, they are what is spoken of.
+    let fitted_is_worse = verdict == Verdict::Unexplained && last.validate_rms_um.is_some_and(|v| v < last.identify_rms_um);
+    let error = |j: &super::refit::Judged| if fitted_is_worse { j.identify_rms_um } else { j.validate_rms_um.unwrap_or(j.identify_rms_um) };
+    let (before, after) = (error(first), error(last));
+    let which = if fitted_is_worse {
+        "error on the fitted records"
+    } else if first.validate_rms_um.is_none() {
+        "error"
+    } else {
+        "held-out error"
+    };
     match verdict {
         Verdict::AtFloor => {
-            format!("Nothing is missing that this data could show: the held-out error is {} nm, the noise {floor_nm} nm.", nm(after))
+            format!("Nothing is missing that this data could show: the {which} is {} nm, the noise {floor_nm} nm.", nm(after))
         }
         Verdict::Named => {
             let (verb, adding) = if named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };
             format!(
-                "{} {verb} missing: {adding} brings the held-out error from {} to {} nm; the noise is {floor_nm} nm.",
+                "{} {verb} missing: {adding} brings the {which} from {} to {} nm; the noise is {floor_nm} nm.",
                 capital(&list(named, "and")),
                 nm(before),
                 nm(after)
             )
         }
-        Verdict::Ambiguous => format!(
-            "{}: this data cannot tell which is missing. Either brings the held-out error from {} to about {} nm; the noise is {floor_nm} nm.",
-            capital(&list(named, "or")),
-            nm(before),
-            nm(after)
-        ),
+        Verdict::Ambiguous => {
+            let findings = growth.findings();
+            let (said, adding) = match findings.as_slice() {
+                [_] => ("this data cannot tell which is missing. Either brings", "about "),
+                _ => ("are missing; where it says `or`, this data cannot tell which. Together they bring", ""),
+            };
+            let joint = if findings.len() == 1 { ": " } else { " " };
+            let parts: Vec<String> = findings.iter().map(|f| list(f, "or")).collect();
+            format!(
+                "{}{joint}{said} the {which} from {} to {adding}{} nm; the noise is {floor_nm} nm.",
+                capital(&parts.join("; and ")),
+                nm(before),
+                nm(after)
+            )
+        }
         Verdict::Unexplained => {
             let best = growth.added();
             let known = if best.is_empty() {
@@ -253,7 +255,7 @@ fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFl
                 format!("the best that is known ({}) leaves {} nm", list(&best, "and"), nm(after))
             };
             format!(
-                "Something is missing that the library does not know: the held-out error is {} nm, the noise {floor_nm} nm, and {known}.",
+                "Something is missing that the library does not know: the {which} is {} nm, the noise {floor_nm} nm, and {known}.",
                 nm(before)
             )
         }
