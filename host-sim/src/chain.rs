@@ -7,6 +7,7 @@
 //! drive is then held over all the sub-intervals of a sample.
 
 use crate::effect::{Effect, Overview, Parameter, Place, Scale, Setting, Stage};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// One parameter with its value.
@@ -146,6 +147,17 @@ impl Model {
     #[must_use]
     pub fn values(&self, id: &str) -> Option<Vec<f64>> {
         self.effect(id).map(EffectInstance::values)
+    }
+
+    /// The chain in front of the converter's rounding: what can be compared with readings, of which rounding is part of the noise.
+    #[must_use]
+    pub fn before_rounding(&self) -> Cow<'_, Self> {
+        let rounds = |e: &EffectInstance| e.effect.declaration().place == Place::Quantisation;
+        if !self.effects.iter().any(rounds) {
+            return Cow::Borrowed(self);
+        }
+        let effects = self.effects.iter().filter(|e| !rounds(e)).cloned().collect();
+        Cow::Owned(Self { effects, ..*self })
     }
 
     /// Adds an effect, in place of one with the same identifier; a hysteresis replaces the gain or the hysteresis that was there.

@@ -2,7 +2,8 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::drive_variety::DriveVariety;
-use crate::diagnosis::growth::{Growth, Workbench};
+use crate::dataset::reading_grid::rounding_noise_um;
+use crate::diagnosis::growth::{Growth, Step, Workbench, nm};
 use crate::diagnosis::refit::{Judged, Split};
 use crate::diagnosis::verdict::{self, Diagnosis};
 use crate::experiment::{Limits, Proposal, propose};
@@ -14,8 +15,8 @@ use crate::report::{
     CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
     StepReport,
 };
-use hysteron_sim::chain::Model;
-use hysteron_sim::effect::{Effect, registry};
+use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::{Effect, Overview, by_id, registry};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -160,16 +161,35 @@ pub fn explain(dataset: &Dataset, start: Start, own: &[Arc<dyn Effect>], progres
         floor_um: floor.rms_um,
         progress,
     };
-    let growth = match start {
+    let mut growth = match start {
         Start::Effects(effects) => workbench.grow(workbench.build(effects)),
         Start::Model(model) => workbench.grow_transferred(model),
     };
+    quantise(&mut growth, &floor, &workbench.overview);
     let diagnosis = verdict::diagnose(&growth, &floor, dataset);
     let mut model = growth.last().model.clone();
     progress("estimating standard deviations");
     let cannot_identify = unidentified(&mut model, dataset, &workbench.split);
     let next_experiment = next_experiment(&growth, &diagnosis, dataset, floor.rms_um);
     Explanation { model, growth, floor, diagnosis, cannot_identify, split: workbench.split, next_experiment }
+}
+
+/// Adds the converter that the readings themselves show. It explains part of the noise, not of the error: the growth is the same without it.
+fn quantise(growth: &mut Growth, floor: &NoiseFloor, overview: &Overview) {
+    let (Some(step_um), Some(effect)) = (floor.reading_step_um, by_id("quantisation")) else { return };
+    let last = growth.last();
+    if last.model.effect("quantisation").is_some() {
+        return;
+    }
+    let mut judged = last.clone();
+    judged.model.add(EffectInstance::new(effect.clone(), overview, &[step_um]));
+    let why = format!(
+        "{} All readings are whole steps of {} nm, whatever the model: {} nm RMS of the noise",
+        effect.declaration().physics,
+        nm(step_um),
+        nm(rounding_noise_um(step_um))
+    );
+    growth.steps.push(Step { added: Some("quantisation".into()), ..Step::without_effect(why, judged) });
 }
 
 /// Fills in standard deviations and says in words what the data cannot tell.
@@ -322,7 +342,7 @@ impl Explanation {
             noise_floor: floor_report(&self.floor),
             steps,
             candidates,
-            evidence: self.evidence(),
+            evidence: self.evidence(dataset),
             parameters: parameter_reports(&self.model),
             next_experiment: self.next_experiment.as_ref().map(|next| ExperimentReport {
                 why: next.sentence.clone(),
@@ -348,9 +368,26 @@ impl Explanation {
         records
     }
 
+    /// What is left in the end, and what rounding the modelled reading would do.
+    fn evidence_of_rounding(&self, dataset: &Dataset) -> EvidenceReport {
+        let last = self.growth.last();
+        let unrounded = last.model.before_rounding();
+        let driven = last.residuals.iter().enumerate().filter(|(_, residual)| !residual.is_empty());
+        let traces = driven.map(|(record, residual_um)| {
+            let drive = dataset.records[record].drive();
+            let (rounded, plain) = (last.model.simulate(&drive), unrounded.simulate(&drive));
+            let predicted_um = dataset.records[record].window.clone().map(|k| rounded[k] - plain[k]).collect();
+            EvidenceTrace { record, samples: Vec::new(), residual_um: residual_um.clone(), predicted_um }
+        });
+        EvidenceReport { effect: "quantisation".into(), caption: String::new(), traces: traces.collect() }
+    }
+
     /// What the named effects predicted in the rounds that decided on them, against what the model before them had left.
-    fn evidence(&self) -> Vec<EvidenceReport> {
+    fn evidence(&self, dataset: &Dataset) -> Vec<EvidenceReport> {
         let of = |id: &String| {
+            if id == "quantisation" {
+                return Some(self.evidence_of_rounding(dataset));
+            }
             let screening = &self.growth.round_of(id)?.screening;
             let score = screening.scores.iter().find(|score| score.id == *id)?;
             let records = self.split.identify.iter().zip(&screening.residual).zip(&score.signature);

@@ -112,6 +112,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Measured less modelled inside the window of a record, with what the record has of its own removed.
 #[must_use]
 pub fn residual(model: &Model, record: &Record) -> Vec<f64> {
+    let model = &*model.before_rounding();
     let reading = model.simulate(&record.drive());
     let mut out: Vec<f64> = record.window.clone().map(|k| record.displacement_um[k] - reading[k]).collect();
     project_out(&nuisance_columns(model, record), &mut out);
@@ -169,6 +170,7 @@ fn linearise_reusing(
     free: &[ParameterIndex],
     earlier: Option<&[Linearised]>,
 ) -> Vec<Linearised> {
+    let model = &*model.before_rounding();
     let runs: Vec<_> = records.par_iter().map(|&i| model.run(&dataset.records[i].drive())).collect();
     let nuisances: Vec<_> = records.par_iter().map(|&i| nuisance_columns(model, &dataset.records[i])).collect();
     let tasks: Vec<(usize, usize)> = (0..records.len()).flat_map(|r| (0..free.len()).map(move |p| (r, p))).collect();
@@ -327,17 +329,37 @@ pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) 
             break;
         }
         let variance = (cost / n as f64).max(1e-30);
+        let worthwhile = (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost);
         let mut improved = None;
         for _ in 0..12 {
             let Some(step) = damped_step(&model, &free, &h, &g, variance, lambda) else {
                 lambda *= 10.0;
                 continue;
             };
-            let trial = moved(&model, &free, &step);
-            let trial_cost = cost_of(&trial, dataset, records);
+            let promise = promised(&h, &g, &step);
+            if promise < worthwhile {
+                break;
+            }
+            let mut trial = moved(&model, &free, &step);
+            let mut trial_cost = cost_of(&trial, dataset, records);
+            if trial_cost >= cost {
+                // The way there may be curved only because the surfaces did not follow.
+                trial = with_surfaces_following(&trial, dataset, records, &free, variance);
+                trial_cost = cost_of(&trial, dataset, records);
+            }
             if trial_cost < cost {
+                // Damping follows how well the promise was kept.
+                let kept = (cost - trial_cost) / promise;
+                lambda = (lambda
+                    * if kept > 0.75 {
+                        0.1
+                    } else if kept < 0.25 {
+                        3.0
+                    } else {
+                        1.0
+                    })
+                .max(1e-12);
                 improved = Some((trial, trial_cost));
-                lambda = (lambda * 0.1).max(1e-12);
                 break;
             }
             if cost - trial_cost > -1e-9 * cost {
@@ -350,7 +372,7 @@ pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) 
             model = better;
             cost = better_cost;
         }
-        if gain < (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost) {
+        if gain < worthwhile {
             if !reused {
                 break;
             }
@@ -359,6 +381,18 @@ pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) 
     }
     store_lines(&mut model, dataset, records);
     Fit { model, rms_um: (cost / samples.max(1) as f64).sqrt(), samples, iterations }
+}
+
+/// By how much a step would lower the sum of squares if the model were linear.
+fn promised(h: &DMatrix<f64>, g: &DVector<f64>, step: &DVector<f64>) -> f64 {
+    2.0 * step.dot(g) - step.dot(&(h * step))
+}
+
+/// The model with the coefficients of its hysteresis, which enter linearly, put where they serve its other values best.
+fn with_surfaces_following(model: &Model, dataset: &Dataset, records: &[usize], free: &[ParameterIndex], variance: f64) -> Model {
+    let surfaces: Vec<ParameterIndex> = free.iter().copied().filter(|index| is_surface_coefficient(model, *index)).collect();
+    let (h, g, _, _) = normal_equations(&linearise(model, dataset, records, &surfaces));
+    damped_step(model, &surfaces, &h, &g, variance, 0.0).map_or_else(|| model.clone(), |step| moved(model, &surfaces, &step))
 }
 
 fn cost_of(model: &Model, dataset: &Dataset, records: &[usize]) -> f64 {
@@ -390,61 +424,78 @@ fn damped_step(
     lambda: f64,
 ) -> Option<DVector<f64>> {
     let p = free.len();
-    let mut active = vec![true; p];
-    for _ in 0..3 {
-        let mut a = h.clone();
-        let mut b = g.clone();
-        for i in 0..p {
-            let weight = prior_weight(model, free[i], variance);
-            let value = &model.effects[free[i].effect].parameters[free[i].parameter];
-            if weight > 0.0 {
-                a[(i, i)] += weight;
-                b[i] -= weight * value.coordinate();
-            }
-            a[(i, i)] += lambda * h[(i, i)] + 1e-300;
-        }
-        for i in (0..p).filter(|i| !active[*i]) {
-            for j in 0..p {
-                a[(i, j)] = 0.0;
-                a[(j, i)] = 0.0;
-            }
-            a[(i, i)] = 1.0;
-            b[i] = 0.0;
-        }
-        // Scale to a unit diagonal: the columns differ by orders of magnitude.
-        let scale: Vec<f64> = (0..p).map(|i| if a[(i, i)] > 0.0 { 1.0 / a[(i, i)].sqrt() } else { 0.0 }).collect();
-        for i in 0..p {
-            for j in 0..p {
-                a[(i, j)] *= scale[i] * scale[j];
-            }
-            a[(i, i)] = if scale[i] == 0.0 { 1.0 } else { a[(i, i)] + 1e-13 };
-            b[i] *= scale[i];
-        }
-        let mut step = a.cholesky()?.solve(&b);
-        for i in 0..p {
-            step[i] *= scale[i];
-            if let Scale::Logarithmic = model.effects[free[i].effect].parameters[free[i].parameter].parameter.scale {
-                step[i] = step[i].clamp(-1.0, 1.0);
-            }
-        }
-        if step.iter().any(|s| !s.is_finite()) {
-            return None;
-        }
-        let mut blocked = false;
-        for i in 0..p {
-            let value = &model.effects[free[i].effect].parameters[free[i].parameter];
+    let value_of = |i: usize| &model.effects[free[i].effect].parameters[free[i].parameter];
+    let mut held: Vec<Option<f64>> = vec![None; p];
+    for _ in 0..4 {
+        let step = solve_damped(model, free, h, g, variance, lambda, &held)?;
+        let mut more_held = false;
+        for i in (0..p).filter(|i| held[*i].is_none()).collect::<Vec<_>>() {
+            let value = value_of(i);
             let at_lower = value.value <= value.parameter.lower && step[i] < 0.0;
             let at_upper = value.value >= value.parameter.upper && step[i] > 0.0;
-            if active[i] && (at_lower || at_upper) {
-                active[i] = false;
-                blocked = true;
+            let too_far = matches!(value.parameter.scale, Scale::Logarithmic) && step[i].abs() > LOGARITHMIC_STEP_MAX;
+            if at_lower || at_upper {
+                held[i] = Some(0.0);
+            } else if too_far {
+                held[i] = Some(LOGARITHMIC_STEP_MAX.copysign(step[i]));
             }
+            more_held |= held[i].is_some();
         }
-        if !blocked {
+        if !more_held {
             return Some(step);
         }
     }
     None
+}
+
+/// A positive value changes by no more than a factor of e in one step.
+const LOGARITHMIC_STEP_MAX: f64 = 1.0;
+
+/// The damped step in which some coordinates move by what is held for them.
+fn solve_damped(
+    model: &Model,
+    free: &[ParameterIndex],
+    h: &DMatrix<f64>,
+    g: &DVector<f64>,
+    variance: f64,
+    lambda: f64,
+    held: &[Option<f64>],
+) -> Option<DVector<f64>> {
+    let p = free.len();
+    let mut a = h.clone();
+    let mut b = g.clone();
+    for i in 0..p {
+        let weight = prior_weight(model, free[i], variance);
+        let value = &model.effects[free[i].effect].parameters[free[i].parameter];
+        if weight > 0.0 {
+            a[(i, i)] += weight;
+            b[i] -= weight * value.coordinate();
+        }
+        a[(i, i)] += lambda * h[(i, i)] + 1e-300;
+    }
+    for (i, step) in held.iter().enumerate().filter_map(|(i, step)| step.map(|step| (i, step))) {
+        for j in 0..p {
+            b[j] -= a[(j, i)] * step;
+            a[(i, j)] = 0.0;
+            a[(j, i)] = 0.0;
+        }
+        a[(i, i)] = 1.0;
+    }
+    for (i, step) in held.iter().enumerate() {
+        b[i] = step.unwrap_or(b[i]);
+    }
+    // Scale to a unit diagonal: the columns differ by orders of magnitude.
+    let scale: Vec<f64> = (0..p).map(|i| if a[(i, i)] > 0.0 { 1.0 / a[(i, i)].sqrt() } else { 0.0 }).collect();
+    for i in 0..p {
+        for j in 0..p {
+            a[(i, j)] *= scale[i] * scale[j];
+        }
+        a[(i, i)] = if scale[i] == 0.0 { 1.0 } else { a[(i, i)] + 1e-13 };
+        b[i] *= scale[i];
+    }
+    let mut step = a.cholesky()?.solve(&b);
+    step.iter_mut().zip(&scale).for_each(|(step, scale)| *step *= scale);
+    step.iter().all(|s| s.is_finite()).then_some(step)
 }
 
 fn moved(model: &Model, free: &[ParameterIndex], step: &DVector<f64>) -> Model {

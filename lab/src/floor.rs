@@ -2,7 +2,9 @@
 //!
 //! Three kinds of evidence, each for what a data set has: a record at rest, repeated periods, repeated records. Lines, slow drift and what
 //! follows a measured force are removed first: they are effects, not noise. Without any evidence there is no floor, and none is made up.
+//! A coarse converter makes noise that neither rest nor repeats show; its step is read from the readings ([`crate::dataset::reading_grid`]).
 
+use crate::dataset::reading_grid::{noise_at_rest_um, noise_between_repeats_um, reading_step_um, rounding_noise_um};
 use crate::dataset::{Dataset, Record, Role};
 use crate::fit::{dot, orthonormalise, project_out, rms};
 use realfft::RealFftPlanner;
@@ -26,9 +28,16 @@ pub struct NoiseFloor {
     pub basis: String,
     /// All estimates, the one used first.
     pub estimates: Vec<FloorEstimate>,
+    /// Step of a converter that is coarse enough to matter beside the rest of the noise, um.
+    pub reading_step_um: Option<f64>,
     /// Where estimates disagree.
     pub warnings: Vec<String>,
 }
+
+/// Rounding matters where it makes this share of the noise's power.
+const ROUNDING_MATTERS: f64 = 0.05;
+/// Noise below this share of a step leaves the reading where it is most of the time, and with it the error of rounding.
+const HIDDEN_BY_STEP: f64 = 0.5;
 
 /// Taps of the force response that are removed from a record at rest, at most this many seconds.
 const FORCE_MEMORY_S: f64 = 0.004;
@@ -37,12 +46,15 @@ const FORCE_MEMORY_S: f64 = 0.004;
 #[must_use]
 pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     let mut estimates = Vec::new();
+    let step_um = reading_step_um(dataset);
+    let between_repeats = |rms_um: f64| step_um.map_or(rms_um, |step_um| noise_between_repeats_um(rms_um, step_um));
     for record in dataset.records.iter().filter(|r| r.role == Role::Noise) {
-        estimates.push(FloorEstimate { basis: format!("rest record {}", record.name), rms_um: random_part(record) });
+        let rms_um = at_rest(record, step_um);
+        estimates.push(FloorEstimate { basis: format!("rest record {}", record.name), rms_um });
     }
     for record in dataset.records.iter().filter(|r| r.role != Role::Noise) {
         if let Some(rms_um) = between_periods(record) {
-            estimates.push(FloorEstimate { basis: format!("repeated periods of {}", record.name), rms_um });
+            estimates.push(FloorEstimate { basis: format!("repeated periods of {}", record.name), rms_um: between_repeats(rms_um) });
         }
     }
     for record in &dataset.records {
@@ -50,12 +62,12 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         if let Some(original) = original {
             estimates.push(FloorEstimate {
                 basis: format!("repeated records {} and {}", original.name, record.name),
-                rms_um: between_records(original, record),
+                rms_um: between_repeats(between_records(original, record)),
             });
         }
     }
     let Some(first) = estimates.first() else {
-        return NoiseFloor { rms_um: None, basis: "undecidable".into(), estimates, warnings: Vec::new() };
+        return NoiseFloor { rms_um: None, basis: "undecidable".into(), estimates, reading_step_um: None, warnings: Vec::new() };
     };
     let (rms_um, basis) = (first.rms_um, first.basis.clone());
     let warnings = estimates[1..]
@@ -63,7 +75,20 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         .filter(|e| e.rms_um > 1.15 * rms_um || e.rms_um < rms_um / 1.15)
         .map(|e| format!("the floor from {} is {:.2} nm, from {} {:.2} nm: they disagree", basis, 1e3 * rms_um, e.basis, 1e3 * e.rms_um))
         .collect();
-    NoiseFloor { rms_um: Some(rms_um), basis, estimates, warnings }
+    let matters = |step: &f64| rounding_noise_um(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um;
+    NoiseFloor { rms_um: Some(rms_um), basis, estimates, reading_step_um: step_um.filter(matters), warnings }
+}
+
+/// What rest shows. Noise that hardly ever leaves a step of the reading is judged by how often it does.
+fn at_rest(record: &Record, step_um: Option<f64>) -> f64 {
+    let random_um = random_part(record);
+    match step_um.filter(|step_um| random_um < HIDDEN_BY_STEP * step_um) {
+        Some(step_um) => {
+            let readings_um = &record.displacement_um[record.window.clone()];
+            noise_at_rest_um(readings_um, step_um).unwrap_or_else(|| random_um.hypot(rounding_noise_um(step_um)))
+        }
+        None => random_um,
+    }
 }
 
 fn drift_columns(samples: usize) -> Vec<Vec<f64>> {

@@ -4,6 +4,7 @@
 //! as finely as the fastest record, so that a model identified from the records does not share the discretisation of its truth. Its hysteresis may have
 //! another structure than the surfaces that are fitted, and it may have effects that no library knows ([`outside_library`]).
 
+use crate::dataset::reading_grid::rounding_noise_um;
 use crate::problem::{Problem, Result, nearest, write_whole};
 use hysteron_sim::bench::Bench;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -303,6 +304,10 @@ pub fn plant(order: &Order, folder: &Path) -> Result<Truth> {
         };
         plant.model.add(EffectInstance::new(effect, &overview, &values));
     }
+    // The converter reads what the noise has been added to.
+    let lsb_um = plant.model.values("quantisation").map_or(0.0, |values| values[0]);
+    plant.model = plant.model.before_rounding().into_owned();
+    let noise_um = plant.noise_um.hypot(rounding_noise_um(lsb_um));
     let with_force = plant.model.effect("load_force").is_some();
     let mut without = plant.model.clone();
     without.effects.retain(|e| e.id == "hysteresis" || !hidden.iter().any(|(id, _)| *id == e.id));
@@ -325,9 +330,11 @@ pub fn plant(order: &Order, folder: &Path) -> Result<Truth> {
         let force = with_force.then(|| square_force(planned.drive_v.len(), planned.rate_hz));
         let clean = finely(&plant.model, &planned, force.as_deref());
         let bare = finely(&without, &planned, force.as_deref());
-        let difference: Vec<f64> = clean.iter().zip(&bare).map(|(a, b)| a - b).collect();
+        let rounded = |y: &f64| Converter { noise_um: 0.0, lsb_um }.read(*y);
+        let difference: Vec<f64> = clean.iter().zip(&bare).map(|(a, b)| rounded(a) - b).collect();
         truth.effect_rms_um.push((planned.name.into(), crate::fit::rms(&difference)));
-        write_record(folder, &planned, &clean, force.as_deref(), plant.noise_um, &mut random)?;
+        let converter = Converter { noise_um: plant.noise_um, lsb_um };
+        write_record(folder, &planned, &clean, force.as_deref(), &converter, &mut random)?;
         manifest.push_str(&format!(
             "\n[[record]]\nfile = \"{}.csv\"\nsample_rate_hz = {:?}\nrole = \"{}\"\ninitial_state = \"virgin\"\n",
             planned.name, planned.rate_hz, planned.role
@@ -353,12 +360,24 @@ fn finely(model: &Model, planned: &Planned, force_n: Option<&[f64]>) -> Vec<f64>
     model.simulate_finely(&drive, (dt_s / PLANT_STEP_S).round() as usize)
 }
 
+/// What stands between the displacement and its record.
+struct Converter {
+    noise_um: f64,
+    lsb_um: f64,
+}
+
+impl Converter {
+    fn read(&self, noisy_um: f64) -> f64 {
+        if self.lsb_um > 0.0 { (noisy_um / self.lsb_um).round() * self.lsb_um } else { noisy_um }
+    }
+}
+
 fn write_record(
     folder: &Path,
     planned: &Planned,
     clean: &[f64],
     force_n: Option<&[f64]>,
-    noise_um: f64,
+    converter: &Converter,
     random: &mut Pcg64Mcg,
 ) -> Result<()> {
     use rand_distr::{Distribution, StandardNormal};
@@ -366,7 +385,7 @@ fn write_record(
     for (k, (u, y)) in planned.drive_v.iter().zip(clean).enumerate() {
         let noise: f64 = StandardNormal.sample(random);
         let t = k as f64 / planned.rate_hz;
-        text.push_str(&format!("{t:.5},{u:.5},{:.5}", y + noise_um * noise));
+        text.push_str(&format!("{t:.5},{u:.5},{:.5}", converter.read(y + converter.noise_um * noise)));
         if let Some(force) = force_n {
             text.push_str(&format!(",{}", force[k]));
         }

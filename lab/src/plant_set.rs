@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use std::path::Path;
 
 /// Kinds of which one is hidden in a case of `all`, the unknown ones and none beside.
-pub const KINDS: [&str; 16] = [
+pub const KINDS: [&str; 18] = [
     "hysteresis",
     "initial_curve",
     "vibration",
@@ -23,6 +23,8 @@ pub const KINDS: [&str; 16] = [
     "sensor_nonlinearity",
     "sensor_bandwidth",
     "mains_hum",
+    "charge_leakage",
+    "quantisation",
 ];
 
 /// Kinds of which two are hidden in a case of `pairs`.

@@ -19,12 +19,21 @@ fn planted(hidden: &[&[&str]], strength: f64, hysteresis: &str, seed: u64) -> Sc
 
 #[test]
 fn planted_effects_are_named_and_nothing_is_named_where_nothing_is_missing() {
-    let hidden = [&["delay"][..], &["mains_hum"], &["creep", "saturation"], &[], &["outside_library_gain_flutter"]];
+    let hidden = [&["delay"][..], &["mains_hum"], &["quantisation"], &["creep", "saturation"], &[], &["outside_library_gain_flutter"]];
     let score = planted(&hidden, 2.0, "hysteresis", 41);
-    assert_eq!(score.cases.len(), 5);
+    assert_eq!(score.cases.len(), 6);
     for case in &score.cases {
         assert!(case.right_first && !case.false_discovery, "{case:?}");
         assert!(case.hidden.starts_with("outside") || case.validate_over_noise <= 1.15, "{case:?}");
+    }
+}
+
+/// A sensor's lag imitates a delay and a second mode together better than either of them does alone.
+#[test]
+fn two_effects_that_imitate_a_third_are_told_from_it() {
+    let score = planted(&[&["delay", "second_mode"], &["delay", "friction"]], 2.0, "hysteresis", 1300);
+    for case in &score.cases {
+        assert!(case.right_first && case.validate_over_noise <= 1.15, "{case:?}");
     }
 }
 

@@ -28,6 +28,7 @@ impl Effect for Quantisation {
             place: Place::Quantisation,
             modifies: None,
             experiment: "rest at constant drive: count the distinct readings".into(),
+            // Its evidence is in the readings themselves, not in what a model leaves of them.
             candidate: false,
             one_sided: true,
         }

@@ -95,6 +95,19 @@ impl Mode {
         self.state[0]
     }
 
+    /// One interval as `late` takes it, with the input that acts until the other arrives.
+    fn step_through(&mut self, late: &Self, before: f64, input: f64) -> f64 {
+        let punctual = *self;
+        *self = Self { state: punctual.state, late: Late { before, ..late.late }, ..*late };
+        if let (Some(sensor), Some(punctual)) = (&mut self.sensor, &punctual.sensor) {
+            sensor.reading = punctual.reading;
+        }
+        self.step(input);
+        let sensor = punctual.sensor.map(|sensor| Sensor { reading: self.reading(), ..sensor });
+        *self = Self { state: self.state, sensor, ..punctual };
+        self.state[0]
+    }
+
     /// Runs over a signal, held over each interval, and leaves what is read in its place.
     fn run(&mut self, signal: &mut [f64]) {
         // A copy stays in registers: nothing but the recursion itself then stands between two intervals.
@@ -150,6 +163,15 @@ pub(super) struct VibrationStage {
     bristle: Option<(Bristle, usize)>,
     /// Inputs of the whole intervals by which the input is late.
     late: VecDeque<f64>,
+    switch: Option<Switch>,
+}
+
+/// Where in an interval of several pieces a late input arrives.
+struct Switch {
+    piece: usize,
+    /// The first mode over that piece.
+    mode: Mode,
+    before: f64,
 }
 
 /// Largest angle of the mode in one piece of an interval, where a bristle acts on the moving mass.
@@ -172,16 +194,23 @@ impl VibrationStage {
         let pieces = bristle.map_or(1, |(_, pieces)| pieces.max(1)) as f64;
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
         let sensor_hz = model.effect("vibration").and_then(|_| model.values("sensor_bandwidth")).map(|v| v[0]);
-        let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
-        let late_share = late_intervals.fract();
-        let mode = |natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64| {
+        let mode = |natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64, late_share: f64| {
             let (frequency_rad_s, damping_ratio) = (natural_frequency_rad_s * mass_factor, damping_ratio * mass_factor);
             let punctual = |dt_s: f64| Mode::read_by(frequency_rad_s, damping_ratio, sensor_hz, dt_s);
             if late_share > 0.0 { punctual(dt_s).late_by(&punctual(dt_s * (1.0 - late_share))) } else { punctual(dt_s) }
         };
-        let first = model.values("vibration").map(|v| mode(v[0], v[1], dt_s / pieces));
-        let second = model.values("second_mode").map(|v| (v[0], mode(v[1], v[2], dt_s)));
-        Self { first, second, bristle, late: std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect() }
+        let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
+        let late_share = late_intervals.fract();
+        let late_pieces = late_share * pieces;
+        let in_pieces = pieces > 1.0;
+        let first = model.values("vibration").map(|v| mode(v[0], v[1], dt_s / pieces, if in_pieces { 0.0 } else { late_share }));
+        let switch = model.values("vibration").filter(|_| in_pieces && late_share > 0.0).map(|v| Switch {
+            piece: late_pieces as usize,
+            mode: mode(v[0], v[1], dt_s / pieces, late_pieces.fract()),
+            before: model.drive_min_v,
+        });
+        let second = model.values("second_mode").map(|v| (v[0], mode(v[1], v[2], dt_s, late_share)));
+        Self { first, second, bristle, late: std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect(), switch }
     }
 
     /// The input of as many whole intervals ago as it is late.
@@ -208,16 +237,25 @@ impl Stage for VibrationStage {
             }
             (Some(mode), Some((bristle, pieces))) => {
                 let mut displacement = mode.displacement();
+                let (arrives_in, before) = self.switch.as_ref().map_or((0, input), |switch| (switch.piece, switch.before));
                 for piece in 0..*pieces {
                     // The bristle in the middle of the piece, from the motion that goes on.
                     let ahead = mode.motion_ahead();
                     let held = bristle.after(0.5 * ahead);
-                    if ahead.abs() < AT_REST_UM && (input - held - displacement).abs() < AT_REST_UM {
+                    let force = if piece < arrives_in { before } else { input };
+                    let nothing_to_come = piece > arrives_in || before == input;
+                    if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - displacement).abs() < AT_REST_UM {
                         mode.stay(*pieces - piece);
                         break;
                     }
-                    displacement = mode.step(input - held);
+                    displacement = match &self.switch {
+                        Some(switch) if piece == arrives_in => mode.step_through(&switch.mode, before - held, input - held),
+                        _ => mode.step(force - held),
+                    };
                     bristle.follow(displacement);
+                }
+                if let Some(switch) = &mut self.switch {
+                    switch.before = input;
                 }
                 mode.reading()
             }
@@ -255,6 +293,9 @@ impl Stage for VibrationStage {
             bristle.relax(input);
         }
         self.late.iter_mut().for_each(|value| *value = input);
+        if let Some(switch) = &mut self.switch {
+            switch.before = input;
+        }
         if let Some((_, mode)) = &mut self.second {
             mode.settle(input);
         }

@@ -9,6 +9,7 @@
 
 pub mod drive_variety;
 pub mod manifest;
+pub mod reading_grid;
 pub mod table;
 
 use crate::problem::{Problem, Result};

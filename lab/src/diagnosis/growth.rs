@@ -37,6 +37,8 @@ const RIVAL: f64 = 0.5;
 const NOTHING_LEFT: f64 = 1.03;
 /// A model leaves something in a record where its error is above this times the floor; a verdict that leaves so much explains nothing.
 pub const EXPLAINED: f64 = 1.15;
+/// A quickly fitted model whose error is below this times the floor will leave nothing.
+const MET: f64 = 1.05;
 /// Two models closer than this, in standard errors of their difference, are not told apart.
 const TIE_Z: f64 = 3.0;
 
@@ -69,6 +71,13 @@ struct Ahead {
     end: Judged,
     /// The round that ended there, if it leaves nothing.
     successor: Option<Box<Round>>,
+}
+
+impl Ahead {
+    /// It leaves nothing, with this effect added.
+    fn leads_to(&self, id: &str) -> bool {
+        self.successor.as_ref().is_some_and(|round| round.tied.first().is_some_and(|added| added == id))
+    }
 }
 
 /// What one round looked at.
@@ -212,19 +221,44 @@ impl Workbench<'_> {
                 model = fit(&model, self.dataset, &self.split.identify, Effort { iterations: 6, tolerance: 1.0, relative: 0.003 }).model;
                 continue;
             }
-            let screening = screen(&model, &self.overview, self.dataset, &self.split.identify, std::slice::from_ref(effect), None, 1);
-            let before = judge(model.clone(), self.dataset, &self.split);
-            model = match screening.scores.first() {
-                Some(score) => {
-                    refit(&before, score, 0, &self.overview, self.dataset, &self.split, self.floor_um, Trial::for_promise(1.0, 1.0))
-                        .judged
-                        .model
-                }
-                None => crate::fit::with_effect(&model, EffectInstance::new(effect.clone(), &self.overview, &[])),
-            };
+            model = self.seated(&model, effect);
         }
         (self.progress)("fitting all effects together");
         judge(fit(&model, self.dataset, &self.split.identify, Effort::default()).model, self.dataset, &self.split)
+    }
+
+    /// The model with an effect begun from the start that explains most of what the others leave.
+    fn seated(&self, model: &Model, effect: &Arc<dyn Effect>) -> Model {
+        let screening = screen(model, &self.overview, self.dataset, &self.split.identify, std::slice::from_ref(effect), None, 1);
+        let before = judge(model.clone(), self.dataset, &self.split);
+        match screening.scores.first() {
+            Some(score) => refit(&before, score, 0, &self.overview, self.dataset, &self.split, self.floor_um, Trial::RANKING).judged.model,
+            None => crate::fit::with_effect(model, EffectInstance::new(effect.clone(), &self.overview, &[])),
+        }
+    }
+
+    /// The model with each effect that had been begun without `newest` begun again beside it: while something was missing, it may have
+    /// settled far from where it belongs.
+    fn seated_anew(&self, judged: &Judged, newest: &str) -> Judged {
+        let mut best = judged.clone();
+        let begins_anew = |effect: &Arc<dyn Effect>| {
+            let id = effect.declaration().id;
+            let takes_in_others = judged.model.effects.iter().any(|e| e.id != newest && e.effect.declaration().modifies == Some(&id));
+            id != newest && !takes_in_others && !effect.starts_combine() && effect.starts(&self.overview).len() > 1
+        };
+        let again: Vec<Arc<dyn Effect>> = judged.model.effects.iter().map(|e| e.effect.clone()).filter(begins_anew).collect();
+        for effect in again {
+            let id = effect.declaration().id;
+            (self.progress)(&format!("beginning {id} again"));
+            let mut without = best.model.clone();
+            without.effects.retain(|e| e.id != id);
+            let full = fit(&self.seated(&without, &effect), self.dataset, &self.split.identify, Effort::default());
+            let again = judge(full.model, self.dataset, &self.split);
+            if merit(&again) < merit(&best) {
+                best = again;
+            }
+        }
+        best
     }
 
     /// Grows a model.
@@ -302,27 +336,35 @@ impl Workbench<'_> {
         let taken = |f: &Finalist| merit(before) - merit(&f.judged);
         let rivals = accepted.iter().take(RIVALS_MAX).take_while(|f| taken(f) > RIVAL * taken(best)).count();
         // Without a floor nobody knows whether the best takes all of it.
-        if rivals < 2 || self.floor_um.is_none() || self.nothing_left(&best.judged) {
+        if rivals < 2 || self.floor_um.is_none() || self.met(&best.judged) {
             return out;
         }
-        for ahead in &mut out[..rivals] {
-            (self.progress)(&format!("looking ahead from {}", ahead.id));
-            self.follow(ahead);
+        for i in 0..rivals {
+            // Two effects are the same two in either order.
+            let reached = out[..i].iter().find(|earlier| earlier.leads_to(&out[i].id)).map(|earlier| earlier.end.clone());
+            match reached {
+                Some(end) => out[i].end = end,
+                None => {
+                    (self.progress)(&format!("looking ahead from {}", out[i].id));
+                    // Once two effects explain everything, it only remains to see whether another two do so as well.
+                    let trial = if out[..i].iter().any(|earlier| earlier.successor.is_some()) { Trial::BRIEF } else { Trial::RANKING };
+                    self.follow(&mut out[i], trial);
+                }
+            }
         }
         out[..rivals].sort_by(|a, b| merit(&a.end).total_cmp(&merit(&b.end)));
         out
     }
 
     /// Adds the candidate that explains most of what is left; one that leaves nothing at all is the successor.
-    fn follow(&self, ahead: &mut Ahead) {
+    fn follow(&self, ahead: &mut Ahead, trial: Trial) {
         let candidates = self.candidates_for(&ahead.end.model);
         let screening = screen(&ahead.end.model, &self.overview, self.dataset, &self.split.identify, &candidates, self.floor_um, 1500);
         let Some(score) = screening.scores.first().filter(|s| s.p_adjusted <= FALSE_DISCOVERY_RATE) else { return };
-        let trial = Trial::for_promise(1.0, 1.0);
         let finalist = refit(&ahead.end, score, 0, &self.overview, self.dataset, &self.split, self.floor_um, trial);
         if merit(&finalist.judged) < merit(&ahead.end) {
             ahead.end = finalist.judged.clone();
-            if self.nothing_left(&ahead.end) {
+            if self.met(&ahead.end) {
                 ahead.successor = Some(Box::new(Round::decided(screening, vec![finalist.clone()], vec![finalist.id])));
             }
         }
@@ -332,6 +374,12 @@ impl Workbench<'_> {
     fn told_apart(&self, rival: &Judged, best: &Judged) -> bool {
         let leaves_something = |floor: f64| rival.residuals.iter().any(|r| crate::fit::rms(r) > EXPLAINED * floor);
         improvement(rival, best, &self.split).total_z >= TIE_Z || (self.nothing_left(best) && self.floor_um.is_some_and(leaves_something))
+    }
+
+    /// Fitted and held-out records together are about at the floor, as far as a quick fit gets.
+    fn met(&self, judged: &Judged) -> bool {
+        let error = judged.validate_rms_um.map_or(judged.identify_rms_um, |v| v.max(judged.identify_rms_um));
+        self.floor_um.is_some_and(|floor| error < MET * floor)
     }
 
     /// Every judged record is at the floor.
@@ -408,6 +456,9 @@ impl Workbench<'_> {
         (self.progress)(&format!("adding {}", finalist.id));
         let full = fit(&finalist.judged.model, self.dataset, &self.split.identify, Effort::default());
         let mut judged = judge(full.model, self.dataset, &self.split);
+        if self.floor_um.is_some() && !self.met(&judged) {
+            judged = self.seated_anew(&judged, &finalist.id);
+        }
         let mut removed = Vec::new();
         for earlier in growth.added() {
             let Some(without) = self.without(&judged, &earlier) else { continue };
@@ -437,8 +488,7 @@ impl Workbench<'_> {
 
     fn without(&self, judged: &Judged, id: &str) -> Option<Judged> {
         let mut model = judged.model.clone();
-        let replaced_gain = id == "hysteresis";
-        if replaced_gain {
+        if id == "hysteresis" {
             return None; // nothing would be left to drive the chain
         }
         model.effects.retain(|e| e.id != id);

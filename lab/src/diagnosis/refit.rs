@@ -120,13 +120,6 @@ pub struct Finalist {
     pub improvement: Improvement,
 }
 
-/// Steps of a refit that only has to rank.
-const RANKING_EFFORT: Effort = Effort { iterations: 10, tolerance: 0.5, relative: 0.003 };
-/// The same for a candidate that promises less than a third of what the best does.
-const BRIEF_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.5, relative: 0.02 };
-/// Starts of a promising candidate that are tried, best first.
-const STARTS_TRIED: usize = 2;
-
 /// How a candidate is tried.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
@@ -140,14 +133,16 @@ impl Trial {
     /// The candidate alone, on a model whose values are knowledge.
     pub const ALONE: Self = Self { effort: Effort { iterations: 15, tolerance: 0.5, relative: 0.002 }, starts: 3, alone: true };
 
-    /// By how much of the strongest candidate's share this one explains.
+    /// Far enough to be ranked.
+    pub const RANKING: Self = Self { effort: Effort { iterations: 10, tolerance: 0.5, relative: 0.003 }, starts: 2, alone: false };
+
+    /// Far enough to see whether it can compete.
+    pub const BRIEF: Self = Self { effort: Effort { iterations: 4, tolerance: 0.5, relative: 0.02 }, starts: 1, alone: false };
+
+    /// As far as it promises: a candidate that explains less than a third of what the strongest does is only tried briefly.
     #[must_use]
     pub fn for_promise(explained: f64, strongest: f64) -> Self {
-        if explained > 0.3 * strongest {
-            Self { effort: RANKING_EFFORT, starts: STARTS_TRIED, alone: false }
-        } else {
-            Self { effort: BRIEF_EFFORT, starts: 1, alone: false }
-        }
+        if explained > 0.3 * strongest { Self::RANKING } else { Self::BRIEF }
     }
 }
 

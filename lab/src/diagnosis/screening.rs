@@ -154,6 +154,7 @@ pub fn screen(
     floor_um: Option<f64>,
     seed: u64,
 ) -> Screening {
+    let model = &*model.before_rounding();
     let absorbed = Absorbed::new(model, overview, dataset, records);
     let mut residual: Vec<Vec<f64>> = absorbed.parts.iter().map(|p| p.residual.clone()).collect();
     absorbed.remove(&mut residual);

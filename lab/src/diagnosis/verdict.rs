@@ -2,6 +2,7 @@
 
 use super::growth::{EXPLAINED, Growth, nm};
 use crate::dataset::Dataset;
+use crate::dataset::reading_grid::{grid_by_chance, rounding_noise_um};
 use crate::floor::NoiseFloor;
 use serde::Serialize;
 
@@ -151,7 +152,7 @@ pub fn diagnose(growth: &Growth, floor: &NoiseFloor, dataset: &Dataset) -> Diagn
         floor_estimates: floor.estimates.clone(),
         residual_rms_um: Residuals { identify: first.identify_rms_um, validate: first.validate_rms_um },
         residual_rms_after_um: Residuals { identify: last.identify_rms_um, validate: last.validate_rms_um },
-        candidates: candidate_figures(growth),
+        candidates: candidate_figures(growth).into_iter().chain(rounding_figures(growth, floor)).collect(),
         where_it_fails: cells(first, dataset),
     }
 }
@@ -193,6 +194,27 @@ fn candidate_figures(growth: &Growth) -> Vec<CandidateFigures> {
         .collect()
 }
 
+/// The converter, which the readings show and no residual does: the share is that of the noise.
+fn rounding_figures(growth: &Growth, floor: &NoiseFloor) -> Option<CandidateFigures> {
+    let (step_um, floor_um) = (floor.reading_step_um?, floor.rms_um?);
+    let quantisation = hysteron_sim::effect::by_id("quantisation").filter(|_| growth.added().iter().any(|id| id == "quantisation"))?;
+    let share = (rounding_noise_um(step_um) / floor_um).powi(2).min(1.0);
+    let (before, last) = (&growth.steps[0].judged, growth.last());
+    Some(CandidateFigures {
+        effect: "quantisation".into(),
+        explained_share: share,
+        explained_share_interval: (share, share),
+        stability: 1.0,
+        p_value: grid_by_chance(),
+        p_value_alone: grid_by_chance(),
+        validate_rms_before_um: before.validate_rms_um,
+        validate_rms_after_um: last.validate_rms_um,
+        identify_rms_after_um: Some(last.identify_rms_um),
+        confusable_with: Vec::new(),
+        next_experiment: quantisation.declaration().experiment,
+    })
+}
+
 fn words(id: &str) -> String {
     id.replace('_', " ")
 }
@@ -222,6 +244,16 @@ fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFl
     match verdict {
         Verdict::AtFloor => {
             format!("Nothing is missing that this data could show: the {which} is {} nm, the noise {floor_nm} nm.", nm(after))
+        }
+        Verdict::Named if named == ["quantisation"] => {
+            let step_um = floor.reading_step_um.unwrap_or(0.0);
+            format!(
+                "Quantisation is missing: the readings are whole steps of {} nm, which make {} of the {floor_nm} nm of noise. Nothing else is \
+                 missing that this data could show: the {which} is {} nm.",
+                nm(step_um),
+                nm(rounding_noise_um(step_um)),
+                nm(after)
+            )
         }
         Verdict::Named => {
             let (verb, adding) = if named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };

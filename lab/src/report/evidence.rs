@@ -29,6 +29,8 @@ enum View {
     Drive,
     /// Displacement, by branch.
     Displacement,
+    /// Where the modelled reading lies within a step of the converter.
+    WithinStep,
     /// Signed rate of the drive.
     Rate,
     /// Measured external force.
@@ -52,7 +54,11 @@ impl View {
                 "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
             ),
             "saturation" | "bipolar" => (Self::Drive, "Saturation is one-sided: nothing below a voltage, then ever more."),
-            "gain" | "sensor_nonlinearity" | "quantisation" => {
+            "quantisation" => (
+                Self::WithinStep,
+                "A converter takes the reading to the nearest whole step: an error that falls from one edge of a step to the other.",
+            ),
+            "gain" | "sensor_nonlinearity" => {
                 (Self::Displacement, "A function of the displacement alone: rising and falling branches fall on one curve.")
             }
             "delay" | "slew_limit" | "rate_dependence" => {
@@ -76,6 +82,7 @@ impl View {
             Self::TimeSinceTurn => ("time since the last turn", "s", true),
             Self::Drive => ("drive", "V", false),
             Self::Displacement => ("displacement", "um", false),
+            Self::WithinStep => ("modelled reading from the middle of a step", "nm", false),
             Self::Rate => ("rate of the drive", "V/s", false),
             Self::Force => ("external force", "N", false),
             Self::Time => ("time", "s", false),
@@ -163,6 +170,7 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
             View::TimeHeld | View::TimeSinceTurn => (age_s > 0.0).then(|| age_s.log10()),
             View::Drive => Some(u_v),
             View::Displacement => record.y_um.get(k).copied(),
+            View::WithinStep => trace.predicted_um.get(i).map(|rounding_um| -1e3 * rounding_um),
             View::Rate => Some((u_v - record.u_v[k.saturating_sub(1)]) * record.sample_rate_hz),
             View::Force => record.force_n.get(k).copied(),
             View::Time => record.t_s.get(k).copied(),
