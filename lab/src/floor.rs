@@ -36,6 +36,8 @@ pub struct NoiseFloor {
 
 /// Rounding matters where it makes this share of the noise's power.
 const ROUNDING_MATTERS: f64 = 0.05;
+/// A declared step may differ by this share from the one that the readings show.
+const DECLARED_STEP_TOLERANCE: f64 = 0.05;
 /// Noise below this share of a step leaves the reading where it is most of the time, and with it the error of rounding.
 const HIDDEN_BY_STEP: f64 = 0.5;
 
@@ -70,11 +72,20 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         return NoiseFloor { rms_um: None, basis: "undecidable".into(), estimates, reading_step_um: None, warnings: Vec::new() };
     };
     let (rms_um, basis) = (first.rms_um, first.basis.clone());
-    let warnings = estimates[1..]
+    let mut warnings: Vec<String> = estimates[1..]
         .iter()
         .filter(|e| e.rms_um > 1.15 * rms_um || e.rms_um < rms_um / 1.15)
         .map(|e| format!("the floor from {} is {:.2} nm, from {} {:.2} nm: they disagree", basis, 1e3 * rms_um, e.basis, 1e3 * e.rms_um))
         .collect();
+    if let (Some(step_um), Some(declared_um)) = (step_um, dataset.sensor_lsb_um)
+        && (step_um / declared_um - 1.0).abs() > DECLARED_STEP_TOLERANCE
+    {
+        warnings.push(format!(
+            "the readings are whole steps of {:.3} nm, but the data set declares sensor_lsb_um = {declared_um}, {:.3} nm",
+            1e3 * step_um,
+            1e3 * declared_um
+        ));
+    }
     let matters = |step: &f64| rounding_noise_um(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um;
     NoiseFloor { rms_um: Some(rms_um), basis, estimates, reading_step_um: step_um.filter(matters), warnings }
 }

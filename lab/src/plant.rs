@@ -265,6 +265,7 @@ pub fn plant(order: &Order, folder: &Path) -> Result<Truth> {
         slope_max_v_s: 3e4,
         has_force: true,
         gain_um_v: 0.15,
+        sensor_bandwidth_hz: None,
     };
     let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
     let natural_frequency_rad_s = uniform(3000.0, 7000.0);

@@ -185,6 +185,8 @@ pub struct Overview {
     pub has_force: bool,
     /// Static gain of a straight line through the data, um/V.
     pub gain_um_v: f64,
+    /// Bandwidth of the sensor after its data sheet, Hz, if that is known.
+    pub sensor_bandwidth_hz: Option<f64>,
 }
 
 impl Overview {
@@ -203,6 +205,7 @@ impl Overview {
             slope_max_v_s: 1e4,
             has_force: true,
             gain_um_v: 1.0,
+            sensor_bandwidth_hz: None,
         }
     }
 

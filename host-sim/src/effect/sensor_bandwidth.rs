@@ -42,7 +42,8 @@ impl Effect for SensorBandwidth {
         super::lag_parameters(overview)
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        super::lag_starts(overview)
+        let by_data_sheet = overview.sensor_bandwidth_hz.map(|bandwidth_hz| vec![bandwidth_hz]);
+        by_data_sheet.into_iter().chain(super::lag_starts(overview)).collect()
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         if model.effect("vibration").is_some() {

@@ -324,6 +324,7 @@ impl Dataset {
             slope_max_v_s: fold(&slope),
             has_force: driven().any(|r| r.force_n.is_some()),
             gain_um_v: self.straight_line_gain(),
+            sensor_bandwidth_hz: self.sensor_bandwidth_hz,
         }
     }
 
