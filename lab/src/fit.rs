@@ -414,7 +414,7 @@ fn prior_weight(model: &Model, index: ParameterIndex, variance: f64) -> f64 {
     }
 }
 
-/// One damped step; coordinates that stand at a bound and want to go beyond are left out.
+/// One damped step; coordinates that stand at a bound and want to go beyond are left out, and positive values stay in reach.
 fn damped_step(
     model: &Model,
     free: &[ParameterIndex],
@@ -426,26 +426,39 @@ fn damped_step(
     let p = free.len();
     let value_of = |i: usize| &model.effects[free[i].effect].parameters[free[i].parameter];
     let mut held: Vec<Option<f64>> = vec![None; p];
-    for _ in 0..4 {
-        let step = solve_damped(model, free, h, g, variance, lambda, &held)?;
-        let mut more_held = false;
-        for i in (0..p).filter(|i| held[*i].is_none()).collect::<Vec<_>>() {
-            let value = value_of(i);
-            let at_lower = value.value <= value.parameter.lower && step[i] < 0.0;
-            let at_upper = value.value >= value.parameter.upper && step[i] > 0.0;
-            let too_far = matches!(value.parameter.scale, Scale::Logarithmic) && step[i].abs() > LOGARITHMIC_STEP_MAX;
-            if at_lower || at_upper {
-                held[i] = Some(0.0);
-            } else if too_far {
-                held[i] = Some(LOGARITHMIC_STEP_MAX.copysign(step[i]));
-            }
-            more_held |= held[i].is_some();
+    let mut step = solve_damped(model, free, h, g, variance, lambda, &held)?;
+    // Every pass holds one coordinate more at the bound where it stands.
+    for _ in 0..p {
+        let leaves_bounds = |i: &usize| {
+            let value = value_of(*i);
+            (value.value <= value.parameter.lower && step[*i] < 0.0) || (value.value >= value.parameter.upper && step[*i] > 0.0)
+        };
+        let leaving: Vec<usize> = (0..p).filter(|i| held[*i].is_none()).filter(leaves_bounds).collect();
+        if leaving.is_empty() {
+            break;
         }
-        if !more_held {
-            return Some(step);
-        }
+        leaving.iter().for_each(|i| held[*i] = Some(0.0));
+        step = solve_damped(model, free, h, g, variance, lambda, &held)?;
     }
-    None
+    let too_far = |step: &DVector<f64>, i: usize| -> bool {
+        matches!(value_of(i).parameter.scale, Scale::Logarithmic) && step[i].abs() > LOGARITHMIC_STEP_MAX * (1.0 + 1e-9)
+    };
+    let farthest = (0..p).filter(|i| too_far(&step, *i)).map(|i| step[i].abs()).fold(0.0, f64::max);
+    if farthest == 0.0 {
+        return Some(step);
+    }
+    // Two ways to stay in reach: a part of the step, or all of it for the coordinates that may.
+    let part = &step * (LOGARITHMIC_STEP_MAX / farthest);
+    let mut rest = step.clone();
+    for _ in 0..p {
+        let far: Vec<usize> = (0..p).filter(|i| held[*i].is_none() && too_far(&rest, *i)).collect();
+        if far.is_empty() {
+            break;
+        }
+        far.iter().for_each(|i| held[*i] = Some(LOGARITHMIC_STEP_MAX.copysign(rest[*i])));
+        rest = solve_damped(model, free, h, g, variance, lambda, &held)?;
+    }
+    Some(if promised(h, g, &rest) > promised(h, g, &part) { rest } else { part })
 }
 
 /// A positive value changes by no more than a factor of e in one step.

@@ -390,7 +390,9 @@ impl Workbench<'_> {
     fn accepts(&self, before: &Judged, finalist: &Finalist, screening: &Screening) -> bool {
         let score = &screening.scores[finalist.score];
         let i = &finalist.improvement;
-        if score.p_adjusted > FALSE_DISCOVERY_RATE {
+        // What takes a model from clearly above the floor down to it, held-out records included, needs no other proof.
+        let reaches_floor = !self.met(before) && self.met(&finalist.judged);
+        if score.p_adjusted > FALSE_DISCOVERY_RATE && !reaches_floor {
             return false;
         }
         if self.split.validate.is_empty() {

@@ -134,7 +134,7 @@ impl Trial {
     pub const ALONE: Self = Self { effort: Effort { iterations: 15, tolerance: 0.5, relative: 0.002 }, starts: 3, alone: true };
 
     /// Far enough to be ranked.
-    pub const RANKING: Self = Self { effort: Effort { iterations: 10, tolerance: 0.5, relative: 0.003 }, starts: 2, alone: false };
+    pub const RANKING: Self = Self { effort: Effort { iterations: 10, tolerance: 0.3, relative: 0.0005 }, starts: 2, alone: false };
 
     /// Far enough to see whether it can compete.
     pub const BRIEF: Self = Self { effort: Effort { iterations: 4, tolerance: 0.5, relative: 0.02 }, starts: 1, alone: false };
