@@ -2,7 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::drive_variety::DriveVariety;
-use crate::dataset::reading_grid::rounding_noise_um;
+use crate::dataset::reading_grid::{mean_rounding_um, rounding_noise_um};
 use crate::diagnosis::growth::{Growth, Step, Workbench, nm};
 use crate::diagnosis::refit::{Judged, Split};
 use crate::diagnosis::verdict::{self, Diagnosis};
@@ -371,15 +371,17 @@ impl Explanation {
     /// What is left in the end, and what rounding the modelled reading would do.
     fn evidence_of_rounding(&self, dataset: &Dataset) -> EvidenceReport {
         let last = self.growth.last();
-        let unrounded = last.model.before_rounding();
+        let (step_um, floor_um) = (self.floor.reading_step_um.unwrap_or(f64::MIN_POSITIVE), self.floor.rms_um.unwrap_or(0.0));
+        let sigma_um = (floor_um.powi(2) - rounding_noise_um(step_um).powi(2)).max(0.0).sqrt();
         let driven = last.residuals.iter().enumerate().filter(|(_, residual)| !residual.is_empty());
         let traces = driven.map(|(record, residual_um)| {
-            let drive = dataset.records[record].drive();
-            let (rounded, plain) = (last.model.simulate(&drive), unrounded.simulate(&drive));
-            let predicted_um = dataset.records[record].window.clone().map(|k| rounded[k] - plain[k]).collect();
+            let record_of = &dataset.records[record];
+            // The residual knows the constant of its record, the reading of the model does not.
+            let rounding = |k: usize, residual: f64| mean_rounding_um(record_of.displacement_um[k] - residual, step_um, sigma_um);
+            let predicted_um = record_of.window.clone().zip(residual_um).map(|(k, residual)| rounding(k, *residual)).collect();
             EvidenceTrace { record, samples: Vec::new(), residual_um: residual_um.clone(), predicted_um }
         });
-        EvidenceReport { effect: "quantisation".into(), caption: String::new(), traces: traces.collect() }
+        EvidenceReport { effect: "quantisation".into(), caption: String::new(), traces: traces.collect(), reading_step_um: step_um }
     }
 
     /// What the named effects predicted in the rounds that decided on them, against what the model before them had left.
@@ -397,7 +399,7 @@ impl Explanation {
                 residual_um: residual_um.clone(),
                 predicted_um: predicted_um.clone(),
             });
-            Some(EvidenceReport { effect: id.clone(), caption: String::new(), traces: traces.collect() })
+            Some(EvidenceReport { effect: id.clone(), traces: traces.collect(), ..EvidenceReport::default() })
         };
         self.diagnosis.named.iter().filter_map(of).collect()
     }
@@ -505,7 +507,15 @@ pub fn require_identifiable(model: &Model, requested: &[Arc<dyn Effect>], cannot
             return Err(Problem::new(dataset.path.display(), "cannot identify load_force: no record has a force column"));
         }
         if model.effect(&id).is_none() {
-            return Err(Problem::new("effects", format!("{id} needs the effect it modifies in the model")));
+            let place = effect.declaration();
+            let taken_by = model.effects.iter().find(|e| e.effect.declaration().place == place.place && place.modifies.is_none());
+            return Err(Problem::new(
+                "effects",
+                taken_by.map_or_else(
+                    || format!("{id} needs the effect it modifies in the list"),
+                    |other| format!("{id} and {} stand in the same place of the chain; expected one of them", other.id),
+                ),
+            ));
         }
     }
     Ok(())

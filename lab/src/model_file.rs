@@ -112,6 +112,9 @@ pub fn read(path: &Path) -> Result<Model> {
     if file.drive_min_v.partial_cmp(&file.drive_max_v) != Some(std::cmp::Ordering::Less) {
         return Err(Problem::file(path, "drive_min_v is not below drive_max_v"));
     }
+    if file.effect.is_empty() {
+        return Err(Problem::file(path, "has no [[effect]]; expected at least gain or a hysteresis"));
+    }
     let mut model = Model::new(file.drive_min_v, file.drive_max_v);
     for entry in file.effect {
         let place = format!("{}: effect {}", path.display(), entry.id);
@@ -141,6 +144,15 @@ pub fn read(path: &Path) -> Result<Model> {
         };
         if parameters.len() != expected {
             return Err(Problem::new(&place, format!("has {} parameters; expected {expected}", parameters.len())));
+        }
+        let overview = Overview::without_data(model.drive_min_v, model.drive_max_v);
+        for (found, declared) in parameters.iter().zip(effect.parameters(&overview)) {
+            if found.parameter.name != declared.name {
+                return Err(Problem::new(&place, format!("parameter {}; expected {} there", found.parameter.name, declared.name)));
+            }
+            if matches!(found.parameter.scale, Scale::Linear(step) if !(step > 0.0 && step.is_finite())) {
+                return Err(Problem::new(&place, format!("parameter {}: step is not positive", found.parameter.name)));
+            }
         }
         model.add(EffectInstance { id: entry.id, effect, parameters });
     }

@@ -148,3 +148,15 @@ fn a_lag_that_a_recording_has_and_the_model_has_not_is_recognised() {
         assert!(after.identify_rms_um < 0.2 * before.identify_rms_um);
     }
 }
+
+/// Another gain is another value, not another effect: a tenth less displacement than the model was identified on.
+#[test]
+fn other_values_are_no_missing_effect() {
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/hidden_effect");
+    let mut dataset = Dataset::load(&example).unwrap();
+    let model = run(&dataset, "hysteresis,initial_curve,vibration,creep").model;
+    dataset.records.iter_mut().flat_map(|r| &mut r.displacement_um).for_each(|y| *y *= 0.9);
+    let found = explain(&dataset, Start::Model(model), &[], &|_| {});
+    assert_eq!(found.diagnosis.verdict, Verdict::AtFloor, "{}", found.diagnosis.sentence);
+    assert!(found.diagnosis.sentence.contains("the values are others"), "{}", found.diagnosis.sentence);
+}

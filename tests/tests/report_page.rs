@@ -168,8 +168,8 @@ fn demonstration() -> ExplainReport {
         ],
         evidence: vec![EvidenceReport {
             effect: "creep".into(),
-            caption: String::new(),
             traces: traces.to_vec(),
+            ..EvidenceReport::default()
         }],
         parameters: vec![
             ParameterReport {

@@ -84,7 +84,12 @@ struct Compiled {
 
 impl Compiled {
     fn new(text: &str, names: &[String], field: &str) -> Result<Self, String> {
-        let expression = FlatEx::<f64>::parse(text).map_err(|e| format!("{field}: cannot read the expression \"{text}\": {e}"))?;
+        let expression = FlatEx::<f64>::parse(text).map_err(|e| {
+            // The parser shows its own data after the sentence.
+            let said = e.to_string();
+            let sentence = said.split(['{', '\n']).next().unwrap_or_default().trim_end_matches(|c: char| !c.is_alphanumeric());
+            format!("{field}: cannot read the expression \"{text}\": {sentence}")
+        })?;
         let places = expression
             .var_names()
             .iter()
@@ -132,6 +137,9 @@ impl ExpressionEffect {
             .find(|(name, _)| *name == file.place)
             .map(|(_, place)| *place)
             .ok_or_else(|| format!("place: \"{}\" is none of {}", file.place, Place::NAMES.map(|(name, _)| name).join(", ")))?;
+        if super::by_id(&file.id).is_some() {
+            return Err(format!("id: \"{}\" is a built-in effect; choose another name", file.id));
+        }
         let mut names: Vec<String> = GIVEN.iter().map(ToString::to_string).collect();
         for name in file.parameter.iter().map(|p| &p.name).chain(file.state.iter().map(|s| &s.name)) {
             if names.contains(name) {

@@ -7,6 +7,13 @@ use crate::problem::{Problem, Result};
 
 /// Simulates a data set with known effects, or a set of them.
 pub fn plant(wanted: &PlantArguments) -> Result<bool> {
+    let (manifest, truth) = (wanted.out.join("dataset.toml"), wanted.out.join("truth.json"));
+    if manifest.exists() && !truth.exists() {
+        return Err(Problem::file(&manifest, "is a data set that was not planted; expected a new folder, or one that `plant` has written"));
+    }
+    if wanted.cases == 0 {
+        return Err(Problem::new("--cases", "0 cases; expected at least one"));
+    }
     let hysteresis = wanted.hysteresis.replace('-', "_");
     let many = kinds(&wanted.effects);
     if many.is_some() || wanted.cases > 1 || !wanted.strengths.is_empty() {
@@ -19,8 +26,11 @@ pub fn plant(wanted: &PlantArguments) -> Result<bool> {
     }
     let base: Vec<String> = crate::model_file::parse_effects(&wanted.base)?.iter().map(|e| e.declaration().id).collect();
     let order = Order { hidden: parse_hidden(&wanted.effects)?, base, hysteresis, seed: wanted.seed };
+    if let Some((id, _)) = order.hidden.iter().find(|(id, _)| order.base.contains(id)) {
+        return Err(Problem::new("effects", format!("{id} is to be hidden, but --base models it")));
+    }
     let truth = crate::plant::plant(&order, &wanted.out)?;
-    println!("{}: hidden {}, noise {:.2} nm", wanted.out.display(), truth.hidden.as_deref().unwrap_or("nothing"), 1e3 * truth.noise_um);
+    println!("{}: hidden {}, noise {:.2} nm", wanted.out.display(), list_or_nothing(&order.hidden), 1e3 * truth.noise_um);
     println!("Next: hysteron explain {} --from {}", wanted.out.display(), order.base.join(","));
     Ok(true)
 }
@@ -43,6 +53,10 @@ fn plant_many(order: &SetOrder, wanted: &PlantArguments) -> Result<bool> {
     Ok(true)
 }
 
+fn list_or_nothing(hidden: &[(String, f64)]) -> String {
+    if hidden.is_empty() { "nothing".into() } else { hidden.iter().map(|(id, _)| id.as_str()).collect::<Vec<_>>().join(" and ") }
+}
+
 fn strength(text: &str, of: &str) -> Result<f64> {
     let value: f64 = text.trim().parse().map_err(|_| Problem::new("effects", format!("strength `{text}` of {of} is not a number")))?;
     if value > 0.0 && value <= 100.0 {
@@ -53,13 +67,18 @@ fn strength(text: &str, of: &str) -> Result<f64> {
 }
 
 fn parse_hidden(effects: &str) -> Result<Vec<(String, f64)>> {
-    effects
-        .split(',')
-        .map(str::trim)
-        .filter(|e| !e.is_empty() && *e != "none")
-        .map(|item| {
-            let (id, text) = item.split_once('=').unwrap_or((item, "1"));
-            Ok((id.replace('-', "_"), strength(text, id)?))
-        })
-        .collect()
+    if effects.trim().is_empty() {
+        return Err(Problem::new("effects", "none are given; expected a list like creep=2,delay, or `none`"));
+    }
+    let mut hidden: Vec<(String, f64)> = Vec::new();
+    for item in effects.split(',').map(str::trim).filter(|e| !e.is_empty() && *e != "none") {
+        let (id, text) = item.split_once('=').unwrap_or((item, "1"));
+        let id = id.replace('-', "_");
+        if hidden.iter().any(|(earlier, _)| *earlier == id) {
+            return Err(Problem::new("effects", format!("{id} is given twice")));
+        }
+        let strength = strength(text, &id)?;
+        hidden.push((id, strength));
+    }
+    Ok(hidden)
 }

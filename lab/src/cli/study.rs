@@ -315,6 +315,9 @@ pub fn add(effect: &str, model: &Path, path: &Path, out: &Path, outputs: &Output
     progress.say("fitting");
     let split = Split::of(&dataset);
     let overview = dataset.overview();
+    if model.effect(&effect.declaration().id).is_some() {
+        return Err(Problem::new("effect", format!("{} is in the model already", effect.declaration().id)));
+    }
     let before = judge(model, &dataset, &split);
     let screening = screen(&before.model, &overview, &dataset, &split.identify, std::slice::from_ref(effect), None, 1);
     let Some(score) = screening.scores.first() else {
@@ -356,6 +359,13 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64) -> Result<b
         let u_v = waveform(drive, rate_hz, model.drive_min_v)?;
         ((0..u_v.len()).map(|k| k as f64 / rate_hz).collect(), u_v, 1.0 / rate_hz)
     };
+    let outside = drive_v.iter().copied().find(|u| *u < model.drive_min_v - 1e-9 || *u > model.drive_max_v + 1e-9);
+    if let Some(u) = outside {
+        return Err(Problem::new(
+            "--drive",
+            format!("reaches {u} V; the model holds from {} to {} V", model.drive_min_v, model.drive_max_v),
+        ));
+    }
     let y = model.simulate(&Drive { drive_v: &drive_v, force_n: None, dt_s, initial_state: InitialState::Virgin });
     let mut text = String::from("t_s,u_v,y_um\n");
     for ((t, u), y) in t_s.iter().zip(&drive_v).zip(&y) {
@@ -366,13 +376,20 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64) -> Result<b
     Ok(true)
 }
 
+/// Longest waveform.
+const SAMPLES_MAX: f64 = 2e7;
+
 fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
     let mut parts = text.split(':');
     let kind = parts.next().unwrap_or_default();
     let numbers: Vec<f64> = parts
         .map(|p| p.parse::<f64>().map_err(|_| Problem::new("--drive", format!("`{p}` in `{text}` is not a number"))))
         .collect::<Result<_>>()?;
-    let samples = |seconds: f64| (seconds * rate_hz).clamp(0.0, 1e8) as usize;
+    let seconds = numbers.last().copied().unwrap_or(0.0);
+    if !(1.0..=SAMPLES_MAX).contains(&(seconds * rate_hz)) {
+        return Err(Problem::new("--drive", format!("`{text}` is {} samples long; expected 1 to {SAMPLES_MAX}", seconds * rate_hz)));
+    }
+    let samples = |seconds: f64| (seconds * rate_hz) as usize;
     let time = |k: usize| k as f64 / rate_hz;
     match (kind, &numbers[..]) {
         ("sine", [hz, amplitude, offset, seconds]) => {

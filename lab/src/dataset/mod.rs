@@ -330,7 +330,8 @@ impl Dataset {
 
     fn straight_line_gain(&self) -> f64 {
         let (mut uu, mut uy) = (0.0, 0.0);
-        for record in self.records.iter().filter(|r| r.role == Role::Identify) {
+        let to_fit = if self.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
+        for record in self.records.iter().filter(|r| r.role == to_fit) {
             // y[k] answers to u[k - 1].
             let rows: Vec<usize> = record.window.clone().filter(|k| *k > 0).collect();
             let n = rows.len().max(1) as f64;
@@ -374,7 +375,12 @@ fn record_from_entry(path: &Path, entry: &RecordEntry, place: &str) -> Result<Re
     if from >= to {
         return Err(Problem::new(
             place,
-            format!("from_s = {:?} and to_s = {:?} leave no sample of {:.3} s", entry.from_s, entry.to_s, samples as f64 / fs),
+            format!(
+                "from_s = {} and to_s = {} leave no sample of {:.3} s",
+                entry.from_s.map_or("(start)".into(), |s| s.to_string()),
+                entry.to_s.map_or("(end)".into(), |s| s.to_string()),
+                samples as f64 / fs
+            ),
         ));
     }
     let periods = match (entry.period_s, entry.periodic_from_s) {
@@ -385,6 +391,13 @@ fn record_from_entry(path: &Path, entry: &RecordEntry, place: &str) -> Result<Re
             }
             let start = from_s.map_or(from, index);
             let length = length as usize;
+            if samples.saturating_sub(start) < length {
+                let rest_s = samples.saturating_sub(start) as f64 / fs;
+                return Err(Problem::new(
+                    place,
+                    format!("period_s = {period_s}, but only {rest_s:.3} s are left from where periods begin"),
+                ));
+            }
             Some(Periods { from: start, length, count: samples.saturating_sub(start) / length })
         }
         (None, Some(_)) => return Err(Problem::new(place, "periodic_from_s without period_s; expected both")),

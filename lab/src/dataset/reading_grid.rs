@@ -64,6 +64,16 @@ pub fn noise_between_repeats_um(deviation_um: f64, step_um: f64) -> f64 {
     low.hypot(rounding_noise_um(step_um))
 }
 
+/// What rounding to whole steps adds to a reading on average, where noise of `sigma_um` smooths the staircase (Widrow and Kollar, Ch. 6).
+#[must_use]
+pub fn mean_rounding_um(reading_um: f64, step_um: f64, sigma_um: f64) -> f64 {
+    let harmonic = |k: i32| {
+        let (sign, k) = (if k % 2 == 0 { 1.0 } else { -1.0 }, f64::from(k) * std::f64::consts::PI);
+        sign * step_um / k * (-2.0 * (k * sigma_um / step_um).powi(2)).exp() * (2.0 * k * reading_um / step_um).sin()
+    };
+    (1..=30).map(harmonic).sum()
+}
+
 /// The value that a standard normal variable exceeds with this probability.
 fn normal_quantile_above(probability: f64) -> f64 {
     let (mut low, mut high) = (-8.0, 8.0);
@@ -186,6 +196,17 @@ mod tests {
             assert!((between_um / truth_um - 1.0).abs() < 0.05, "repeats, {sigma_um}: {between_um} {truth_um}");
         }
         assert_eq!(noise_at_rest_um(&[0.0; 100], 0.02), None);
+    }
+
+    #[test]
+    fn noise_smooths_the_staircase() {
+        let (step_um, sigma_um) = (0.02, 0.005);
+        for reading_um in [0.003, 0.009, 0.012, 0.027] {
+            let read = |e: &f64| ((reading_um + sigma_um * e) / step_um).round() * step_um - reading_um;
+            let mean_um = noise(200_000).iter().map(read).sum::<f64>() / 200_000.0;
+            let expected_um = mean_rounding_um(reading_um, step_um, sigma_um);
+            assert!((mean_um - expected_um).abs() < 1e-4, "{reading_um}: {mean_um} {expected_um}");
+        }
     }
 
     #[test]

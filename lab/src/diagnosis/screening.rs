@@ -3,7 +3,7 @@
 //! # How it works
 //! A candidate's *signature* is what the model's reading changes by when the effect enters at one of its start values. From signature
 //! and residual everything is projected out that the present model could do by itself: its own parameter sensitivities, those of more
-//! flexible hysteresis surfaces, and what each record has of its own. What is left of the residual along what is left of the signature is
+//! flexible hysteresis surfaces, those by the time constants of the creep, and what each record has of its own. What is left of the residual along what is left of the signature is
 //! the share that the candidate explains; a wrong parameter cannot pose as a missing effect.
 //!
 //! Instants of sampling and of writing the drive are never known exactly: a skew between drive and reading of a small share of the sampling
@@ -18,7 +18,7 @@
 //! candidates are: the false discovery rate is controlled with it, and no power is lost to a bound that ignores their likeness.
 
 use crate::dataset::Dataset;
-use crate::fit::{Linearised, blocks, dot, free_parameters, linearise, normal_equations, project_out};
+use crate::fit::{Linearised, blocks, dot, free_parameters, linearise, normal_equations, project_out, rms};
 use crate::refine;
 use hysteron_sim::chain::{ChainRun, EffectInstance, Model};
 use hysteron_sim::effect::{Effect, Overview};
@@ -31,8 +31,9 @@ use std::sync::Arc;
 
 /// Sign patterns of the null distribution.
 const TOSSES: usize = 1999;
-/// Highest leverage that is made up for: beyond it a block has nothing to say.
-const LEVERAGE_MAX: f64 = 0.9;
+/// Highest leverage that is made up for. Beyond it the fit has left so little of a block that it says nothing about its own noise: the
+/// scatter of the whole record stands in.
+const LEVERAGE_MAX: f64 = 0.5;
 /// Resamples for the interval of the explained share.
 const RESAMPLES: usize = 200;
 
@@ -91,7 +92,10 @@ struct Absorbed {
 
 impl Absorbed {
     fn new(model: &Model, overview: &Overview, dataset: &Dataset, records: &[usize]) -> Self {
-        let flexible = refine::refined(model, overview, 2).unwrap_or_else(|| model.clone());
+        let mut flexible = refine::refined(model, overview, 2).unwrap_or_else(|| model.clone());
+        // Where on their grid the time constants of the creep stand was chosen before any data.
+        let creep = flexible.effects.iter_mut().filter(|e| e.id == "creep");
+        creep.flat_map(|e| &mut e.parameters).for_each(|p| p.parameter.fixed = false);
         let free = free_parameters(&flexible);
         let parts = linearise(&flexible, dataset, records, &free);
         let (h, _, _, _) = normal_equations(&parts);
@@ -132,7 +136,7 @@ impl Absorbed {
             let along = DVector::from_fn(self.scale.len(), |i, _| self.scale[i] * dot(&part.jacobian[i][block.clone()], values));
             along.dot(&factor.solve(&along))
         });
-        ((nuisance + fitted) / power).clamp(0.0, LEVERAGE_MAX)
+        ((nuisance + fitted) / power).clamp(0.0, 1.0)
     }
 }
 
@@ -379,10 +383,18 @@ fn project(direction: Direction, absorbed: &Absorbed, residual: &[Vec<f64>]) -> 
     let inverse = gram.cholesky()?.inverse();
     let (mut by_block, mut noise_by_block) = (Vec::new(), Vec::new());
     for (r, values) in residual.iter().enumerate() {
+        let scatter_um = rms(values);
         for block in blocks(values.len()) {
             let products = DVector::from_fn(m, |i, _| dot(&columns[i][r][block.clone()], &values[block.clone()]));
-            let given_back = |i: usize| 1.0 / (1.0 - absorbed.leverage(r, &block, &columns[i][r])).sqrt();
-            noise_by_block.push(DVector::from_fn(m, |i, _| products[i] * given_back(i)));
+            let signature = |i: usize| &columns[i][r][block.clone()];
+            noise_by_block.push(DVector::from_fn(m, |i, _| {
+                let leverage = absorbed.leverage(r, &block, &columns[i][r]);
+                if leverage <= LEVERAGE_MAX {
+                    products[i] / (1.0 - leverage).sqrt()
+                } else {
+                    (scatter_um * dot(signature(i), signature(i)).sqrt()).copysign(products[i])
+                }
+            }));
             by_block.push(products);
         }
     }

@@ -1,7 +1,8 @@
 //! A model that was identified on other data: what has changed, or what did this actuator always have that the new recording shows?
 //!
 //! The values of such a model are knowledge. Fitting them again to the new recording would let them take up a missing effect, so every
-//! candidate is first fitted *alone*, with all other values held. One effect that explains most of what a new fit of everything could
+//! candidate whose signature is in the residual beside what the model's own values could do is first fitted *alone*, with all other values
+//! held. One effect that explains most of what a new fit of everything could
 //! remove is the simpler story, and it is told first; then everything is fitted together. A model that was identified on the very data
 //! it is diagnosed on gains nothing by a new fit, and none of this applies.
 
@@ -15,6 +16,10 @@ use hysteron_sim::chain::Model;
 const AT_HOME: f64 = 0.05;
 /// Least share of what a new fit removes that one effect must explain by itself.
 const EXPLAINS_ALONE: f64 = 0.5;
+/// Largest p-value of a candidate that is tried alone, after control of false discoveries.
+const SIGNIFICANT: f64 = 0.05;
+/// One effect must come this near to a new fit of everything: where it does not, the values have changed, not what is missing.
+const NEAR_REFIT: f64 = 4.0;
 /// Two effects whose errors differ by less than this share are not told apart.
 const ALIKE: f64 = 0.1;
 /// An effect with one value more must lower the error to this share of a simpler one's: it also takes up what the held values miss.
@@ -58,13 +63,16 @@ impl Workbench<'_> {
             (self.progress)(&format!("fitting {} alone", score.id));
             refit(base, score, i, &self.overview, self.dataset, &self.split, self.floor_um, Trial::ALONE)
         };
-        let mut finalists: Vec<Finalist> = screening.scores.iter().enumerate().map(alone).collect();
+        // What the model's own values could do is no evidence of an effect: its signature must be in the residual beside that.
+        let in_residual = screening.scores.iter().enumerate().filter(|(_, score)| score.p_adjusted <= SIGNIFICANT);
+        let mut finalists: Vec<Finalist> = in_residual.map(alone).collect();
         let cost = |f: &Finalist| f.judged.identify_rms_um / WORTH_ONE_VALUE.powi(values_of(&f.judged.model, &f.id) as i32 - 1);
         finalists.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
         let best = finalists.first()?.clone();
         let square = |judged: &Judged| judged.identify_rms_um * judged.identify_rms_um;
         let removable = square(base) - square(refitted);
-        if square(base) - square(&best.judged) < EXPLAINS_ALONE * removable {
+        let stands_back = best.judged.identify_rms_um > NEAR_REFIT * refitted.identify_rms_um;
+        if stands_back || square(base) - square(&best.judged) < EXPLAINS_ALONE * removable {
             return None;
         }
         // What even the best leaves to a new fit is owed to the values held; a difference below that decides nothing.

@@ -242,6 +242,14 @@ fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFl
         "held-out error"
     };
     match verdict {
+        Verdict::AtFloor if before > EXPLAINED * after => {
+            format!(
+                "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the {which} \
+                 from {} to {} nm; the noise is {floor_nm} nm.",
+                nm(before),
+                nm(after)
+            )
+        }
         Verdict::AtFloor => {
             format!("Nothing is missing that this data could show: the {which} is {} nm, the noise {floor_nm} nm.", nm(after))
         }
@@ -308,7 +316,13 @@ fn sentence(verdict: Verdict, named: &[String], growth: &Growth, floor: &NoiseFl
                     nm(alone)
                 );
             }
-            let gained = if best.is_empty() {
+            let gained = if best.is_empty() && before > EXPLAINED * after {
+                format!(
+                    "fitted again to this data, the same effects bring the {which} from {} to {} nm, and no other lowers it",
+                    nm(before),
+                    nm(after)
+                )
+            } else if best.is_empty() {
                 "no effect lowers the held-out error".to_string()
             } else {
                 let (verb, which) =

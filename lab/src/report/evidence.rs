@@ -19,7 +19,7 @@ const MOST_HOLDS: usize = 6;
 const TIME_BINS: usize = 280;
 
 /// The abscissa that shows an effect best.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum View {
     /// Logarithm of the time since the last turn, while the drive stands still.
     TimeHeld,
@@ -30,7 +30,10 @@ enum View {
     /// Displacement, by branch.
     Displacement,
     /// Where the modelled reading lies within a step of the converter.
-    WithinStep,
+    WithinStep {
+        /// The step, um.
+        step_um: f64,
+    },
     /// Signed rate of the drive.
     Rate,
     /// Measured external force.
@@ -42,8 +45,8 @@ enum View {
 }
 
 impl View {
-    fn of(effect: &str) -> (Self, &'static str) {
-        match effect {
+    fn of(evidence: &EvidenceReport) -> (Self, &'static str) {
+        match evidence.effect.as_str() {
             "creep" => (
                 Self::TimeHeld,
                 "Creep goes on with the logarithm of time after the drive has stopped, in the direction of the last step; one curve for each hold.",
@@ -55,7 +58,7 @@ impl View {
             ),
             "saturation" | "bipolar" => (Self::Drive, "Saturation is one-sided: nothing below a voltage, then ever more."),
             "quantisation" => (
-                Self::WithinStep,
+                Self::WithinStep { step_um: evidence.reading_step_um },
                 "A converter takes the reading to the nearest whole step: an error that falls from one edge of a step to the other.",
             ),
             "gain" | "sensor_nonlinearity" => {
@@ -82,7 +85,7 @@ impl View {
             Self::TimeSinceTurn => ("time since the last turn", "s", true),
             Self::Drive => ("drive", "V", false),
             Self::Displacement => ("displacement", "um", false),
-            Self::WithinStep => ("modelled reading from the middle of a step", "nm", false),
+            Self::WithinStep { .. } => ("modelled reading from the middle of a step", "nm", false),
             Self::Rate => ("rate of the drive", "V/s", false),
             Self::Force => ("external force", "N", false),
             Self::Time => ("time", "s", false),
@@ -93,7 +96,7 @@ impl View {
 
 /// The plots for one effect, records in which its signature moves most first.
 pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]) -> Vec<Block> {
-    let (view, sentence) = View::of(&evidence.effect);
+    let (view, sentence) = View::of(evidence);
     let power = |trace: &EvidenceTrace| trace.predicted_um.iter().map(|p| p * p).sum::<f64>();
     let mut traces: Vec<&EvidenceTrace> = evidence.traces.iter().filter(|t| t.record < records.len() && power(t) > 0.0).collect();
     traces.sort_by(|a, b| {
@@ -170,7 +173,10 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
             View::TimeHeld | View::TimeSinceTurn => (age_s > 0.0).then(|| age_s.log10()),
             View::Drive => Some(u_v),
             View::Displacement => record.y_um.get(k).copied(),
-            View::WithinStep => trace.predicted_um.get(i).map(|rounding_um| -1e3 * rounding_um),
+            View::WithinStep { step_um } => {
+                let modelled_um = record.y_um.get(k)? - trace.residual_um.get(i)?;
+                Some(1e3 * (modelled_um - (modelled_um / step_um).round() * step_um))
+            }
             View::Rate => Some((u_v - record.u_v[k.saturating_sub(1)]) * record.sample_rate_hz),
             View::Force => record.force_n.get(k).copied(),
             View::Time => record.t_s.get(k).copied(),

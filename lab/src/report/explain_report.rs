@@ -131,6 +131,8 @@ pub struct EvidenceReport {
     pub caption: String,
     /// By record.
     pub traces: Vec<EvidenceTrace>,
+    /// Step of the readings, um, where the effect is the converter's rounding.
+    pub reading_step_um: f64,
 }
 
 /// Evidence in one record.

@@ -65,6 +65,10 @@ pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
             1.0 / SAMPLING_PERIOD_S
         ));
     }
+    let fastest_hz = 0.5 / SAMPLING_PERIOD_S;
+    if !(demands.reference_hz > 0.0 && demands.reference_hz < fastest_hz) {
+        return Err(format!("--reference-hz {}; expected above 0 and below {fastest_hz}", demands.reference_hz));
+    }
     let (model, projection_um) = model.for_the_tick();
     let mut design = ServoDesign::best(&model, demands).ok_or_else(|| {
         "no tuning keeps the margins (gain +-50 %, a period more of delay, twice the mass, an unknown mode, peak sensitivity): identify the second mode, or accept a larger peak sensitivity".to_string()
@@ -168,6 +172,11 @@ pub fn follow(chain: &Model, design: &ServoDesign, reference: &str, scheme: Opti
     let mut chosen = design.clone();
     if let Some(name) = scheme {
         chosen = with_scheme(design, name)?;
+    }
+    let reach_um = design.model.surfaces().loop_loss(1.0, 0.0);
+    let (low_um, high_um) = sine.samples_um().0.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), r| (a.min(*r), b.max(*r)));
+    if low_um < 0.0 || high_um > reach_um {
+        return Err(format!("the reference goes from {low_um:.2} to {high_um:.2} um; the drive reaches 0 to {reach_um:.2} um"));
     }
     track(chain, &chosen, &sine, reference, 0.001, 1).map_err(|e| e.to_string())
 }
