@@ -122,3 +122,83 @@ fn a_set_of_cases_takes_its_strengths_from_one_place() {
     assert!(said.contains("--strengths"), "{said}");
     assert!(!folder.path().join("cases").exists());
 }
+
+/// A folder with good rows, a model of them and whatever else a test writes.
+fn folder_with_model() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(400)).unwrap();
+    let output = hysteron(&["identify", ".", "--effects", "gain", "--out", "m.toml"], folder.path());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    folder
+}
+
+/// Runs a command that must be refused in one line.
+fn says(arguments: &[&str], folder: &Path, expected: &str) {
+    let output = hysteron(arguments, folder);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+    assert!(said.contains(expected), "{arguments:?}: expected `{expected}` in: {said}");
+}
+
+#[test]
+fn drives_out_of_reach_and_waveforms_without_end() {
+    let folder = folder_with_model();
+    says(&["simulate", "m.toml", "--drive", "triangle:200:60:1", "--out", "y.csv"], folder.path(), "the model holds from 0 to 10 V");
+    for waveform in ["step:1:1e9", "triangle:200:5:0", "step:1:-3"] {
+        says(&["simulate", "m.toml", "--drive", waveform, "--out", "y.csv"], folder.path(), "samples long");
+    }
+    assert!(!folder.path().join("y.csv").exists());
+}
+
+#[test]
+fn models_that_were_edited_wrongly() {
+    let folder = folder_with_model();
+    let model = std::fs::read_to_string(folder.path().join("m.toml")).unwrap();
+    let name = model.lines().find(|line| line.starts_with("name")).unwrap();
+    for (edited, expected) in [
+        (model.replace(name, "name = \"g_9_9_um\""), "parameter g_9_9_um; expected"),
+        (model.split("[[effect]]").next().unwrap().to_string(), "has no [[effect]]"),
+    ] {
+        std::fs::write(folder.path().join("edited.toml"), edited).unwrap();
+        says(&["compare", "edited.toml", "."], folder.path(), expected);
+    }
+    says(&["add", "gain", "m.toml", ".", "--out", "m2.toml"], folder.path(), "is in the model already");
+    says(&["identify", ".", "--effects", "gain,hysteresis"], folder.path(), "stand in the same place");
+}
+
+#[test]
+fn own_effects_that_cannot_be() {
+    let folder = folder_with_model();
+    let own = |id: &str, output: &str| format!("id = \"{id}\"\nplace = \"load_force\"\noutput = \"{output}\"\n");
+    std::fs::write(folder.path().join("own.toml"), own("creep", "x")).unwrap();
+    says(&["explain", ".", "--own", "own.toml"], folder.path(), "is a built-in effect");
+    std::fs::write(folder.path().join("own.toml"), own("mine", "x - * 2")).unwrap();
+    let output = hysteron(&["explain", ".", "--own", "own.toml"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("x - * 2") && !said.contains("0x"), "{said}");
+}
+
+#[test]
+fn planting_does_not_overwrite_data() {
+    let folder = folder_with_model();
+    let before = std::fs::read(folder.path().join("dataset.toml")).unwrap();
+    says(&["plant", "creep=2", "--out", "."], folder.path(), "was not planted");
+    assert_eq!(std::fs::read(folder.path().join("dataset.toml")).unwrap(), before);
+    says(&["plant", "creep", "--base", "hysteresis,creep", "--out", "p"], folder.path(), "--base models it");
+    says(&["plant", "creep,creep", "--out", "p"], folder.path(), "given twice");
+    says(&["plant", "", "--out", "p"], folder.path(), "none are given");
+}
+
+#[test]
+fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(400)).unwrap();
+    std::fs::write(folder.path().join("dataset.toml"), format!("{MANIFEST}period_s = 100.0\n")).unwrap();
+    says(&["explain", "."], folder.path(), "only 0.400 s are left");
+    // These rows have y at the instant of u.
+    std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
+    let output = hysteron(&["identify", ".", "--effects", "gain"], folder.path());
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(said.contains("follows u[k] much better than u[k-1]"), "{said}");
+}

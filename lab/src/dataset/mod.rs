@@ -241,6 +241,8 @@ impl Dataset {
     }
 
     fn check(mut self) -> Result<Self> {
+        let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
+        self.notes.extend(doubts);
         if !self.records.iter().any(|r| r.role == Role::Identify) {
             self.notes.push("no record has role = \"identify\": those to validate are fitted, and nothing judges".into());
         }
@@ -345,6 +347,43 @@ impl Dataset {
         }
         if uu > 0.0 { uy / uu } else { 0.0 }
     }
+}
+
+/// Span of a displacement in um beyond which a unit is likely to be missing.
+const LIKELY_SPAN_MAX_UM: f64 = 2000.0;
+/// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
+const LEADING_SHARE: f64 = 0.3;
+
+/// What looks as if a record were not what its file says.
+fn doubt(record: &Record) -> Option<String> {
+    if record.range_um() > LIKELY_SPAN_MAX_UM {
+        return Some(format!("{}: the displacement spans {:.0} um; is its column in another unit?", record.name, record.range_um()));
+    }
+    let from = record.window.start.max(1);
+    let left_by = |delay: usize| {
+        let pairs = (from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k]));
+        left_by_straight_line(&pairs.collect::<Vec<_>>())
+    };
+    (left_by(0) < LEADING_SHARE * left_by(1)).then(|| {
+        format!(
+            "{}: y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant; was y read after u was \
+             written? Then move u down by one sample",
+            record.name
+        )
+    })
+}
+
+/// Sum of squares about the regression line.
+fn left_by_straight_line(pairs: &[(f64, f64)]) -> f64 {
+    let n = pairs.len().max(1) as f64;
+    let (mean_x, mean_y) = pairs.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for (x, y) in pairs.iter().map(|p| (p.0 - mean_x, p.1 - mean_y)) {
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
+    }
+    if xx > 0.0 { yy - xy * xy / xx } else { yy }
 }
 
 fn stem(path: &Path) -> String {
