@@ -227,7 +227,8 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             Block::HeatMap(HeatMap {
                 title: "Residual over records and drive features".to_owned(),
                 caption: format!(
-                    "The frequency columns split the residual's own spectrum{}; empty cells have no samples.",
+                    "The frequency columns split the residual's own spectrum{}. Empty cells have no samples, and those of few samples scatter by \
+                     chance: what stands out by more than that is named above.",
                     if floor_um.is_some() { ", so white noise spreads over them and stays below 1 there" } else { "" }
                 ),
                 rows: report.records.iter().map(|r| r.name.clone()).collect(),
