@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! enable | disable | clear | status
+//! stop                                         as disable; so does the byte 0x18 (Ctrl-X) anywhere. None of these three waits for anything
 //! condition                                    one 10 Hz cycle over the range, 1 s of rest, zero the sensor
 //! reference constant NM
 //! reference sine MILLIHERTZ NM OFFSET_NM
@@ -18,7 +19,8 @@
 //! restart                                      with the newest valid block
 //! ```
 //!
-//! `@TICK` in front of a command lets it act at that tick exactly; a tick that has passed means now.
+//! `@TICK` in front of a command lets it act at that tick exactly; a tick that has passed means now. A command that waits holds up no
+//! other one ([`crate::command_schedule`]); a stop or a fault forgets it.
 
 use core::fmt::{self, Write};
 
@@ -166,7 +168,7 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
     let mut verbs = words.clone();
     let command = match (verbs.next(), verbs.next()) {
         (Some("enable"), None) => Command::Enable,
-        (Some("disable"), None) => Command::Disable,
+        (Some("disable" | "stop"), None) => Command::Disable,
         (Some("clear"), None) => Command::Clear,
         (Some("status"), None) => return Ok(Line::Status),
         (Some("condition"), None) => Command::Condition { cycle_ticks: sample_rate_hz / CONDITIONING_HZ, rest_ticks: sample_rate_hz },

@@ -7,6 +7,8 @@
 
 pub mod amplifier;
 pub mod checksum;
+pub mod command_lines;
+pub mod command_schedule;
 pub mod command_text;
 pub mod creep_inverse;
 pub mod extrema_stack;

@@ -64,7 +64,7 @@ impl World {
     /// A virgin actuator of the bench, its drive at rest, with this seed of noise.
     #[must_use]
     pub fn new(bench: &Bench, variant: Variant, seed: u64) -> Self {
-        let rest = bench.dac_code(bench.drive_min_v);
+        let rest = bench.converter_scale().dac_code(bench.drive_min_v);
         Self {
             plant: bench.plant(variant),
             sensor: Sensor::new(bench, 0.0, seed),
@@ -90,7 +90,7 @@ impl World {
     /// One edge of the sample clock: the period before it ends, the code written in it begins to act, the sensor is sampled.
     pub fn edge(&mut self) -> u16 {
         if self.edges > 0 {
-            self.plant.tick(self.bench.drive_for_code_v(self.acting_code));
+            self.plant.tick(self.bench.converter_scale().drive_v(self.acting_code));
         }
         let acted = std::mem::replace(&mut self.acting_code, self.written_code);
         let honest = if self.wire { acted } else { self.sensor.read_code(&self.plant) };

@@ -41,7 +41,7 @@ fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
         assert!(deviation.abs() <= 20, "{counts:?}");
     }
     let world = world.lock().expect("the world");
-    let rest = bench.dac_code(bench.drive_min_v);
+    let rest = bench.converter_scale().dac_code(bench.drive_min_v);
     // The converters saw every edge: the beat began at most 4 ms after the start and is exact.
     let expected = until_ns / 50_000;
     assert!((expected - 80..=expected).contains(&(world.codes.len() as u64)), "{} edges", world.codes.len());

@@ -116,3 +116,51 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
     let largest_step = played.windows(2).map(|pair| pair[1].dac_code.abs_diff(pair[0].dac_code)).max();
     assert!(largest_step < Some(parameters.guard.slew_codes / 4), "no jump: {largest_step:?}");
 }
+
+/// The tick at which a sample first has a mode, from a tick on.
+fn first_with(samples: &[TraceSample], mode: Mode, from: u32) -> Option<u32> {
+    samples.iter().find(|sample| sample.tick >= from && sample.flags == mode as u16).map(|sample| sample.tick)
+}
+
+#[test]
+fn a_command_that_waits_for_its_tick_does_not_hold_up_a_stop() {
+    let world = world();
+    let script = Script {
+        block: Some(block(&parameters())),
+        commands: vec![
+            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n@60000 enable\n".to_vec()),
+            (100 * MILLISECOND, b"disable\n".to_vec()),
+        ],
+        ..Script::listening(200 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let (samples, _) = samples(&outcome);
+    assert!(first_with(&samples, Mode::Closed, 0).is_some(), "{:?}", texts(&outcome));
+    let opened = first_with(&samples, Mode::Rest, 1_900).expect("opens");
+    // The probe writes at 100 ms; the task that reads looks every millisecond.
+    assert!(opened <= 2_060, "{opened}");
+    assert_eq!(samples.last().map(|sample| sample.dac_code), Some(parameters().guard.rest_code));
+}
+
+#[test]
+fn keeping_a_block_does_not_hold_up_a_stop() {
+    let world = world();
+    let script = Script {
+        block: Some(block(&parameters())),
+        commands: vec![
+            (
+                4 * MILLISECOND,
+                [b"trace 31 1\nreference constant 3000\n@8000 enable\n".to_vec(), upload(&block(&best_parameters()))].concat(),
+            ),
+            (500 * MILLISECOND, b"disable\n".to_vec()),
+        ],
+        ..Script::listening(700 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let (samples, _) = samples(&outcome);
+    assert_eq!(outcome.texts_with("block kept as").count(), 0, "the erase goes on: {:?}", texts(&outcome));
+    let closed = first_with(&samples, Mode::Closed, 0).expect("closes meanwhile");
+    assert_eq!(closed, 8_000);
+    let opened = first_with(&samples, Mode::Rest, closed).expect("opens");
+    assert!(opened <= 10_060, "{opened}");
+}

@@ -11,7 +11,6 @@ use hysteron_core::guard::Fault;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::Bench;
-use hysteron_sim::closed_loop::converter_parameters;
 use rigless::mcu::Mcu;
 use rigless::soc::Layout;
 use rigless::soc::stm32h743::generated::{adc3, adc3_common, dac, tim2};
@@ -25,7 +24,7 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
     let mut bench = Bench::reference().expect("the bench");
     bench.converters.dac_bits = 12;
     let mut parameters = parameters();
-    parameters.servo.converters = converter_parameters(&bench, 0.0);
+    parameters.servo.converters = bench.converter_scale().parameters();
     parameters.guard.rest_code = parameters.servo.converters.dac_code_min;
     let script = Script {
         block: Some(block(&parameters)),

@@ -8,11 +8,12 @@
 use core::cell::UnsafeCell;
 use core::hint::black_box; // so that fields are reached from one address, not each from its own
 use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
-use hysteron_core::amplifier::{Amplifier, Command, Refusal};
+use hysteron_core::amplifier::{Amplifier, Command, Mode, Refusal};
+use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::front_end::FrontEnd;
@@ -31,9 +32,18 @@ pub const SAMPLE_QUEUE: usize = 256;
 /// Commands on their way to the interrupt.
 pub const COMMAND_QUEUE: usize = 16;
 
+/// Who gave a command.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// The probe's text.
+    Probe,
+}
+
 /// A command and the tick at which it acts.
 #[derive(Clone, Copy)]
 pub struct Scheduled {
+    /// Who gave it.
+    pub from: Source,
     /// `None`: at the next tick.
     pub at: Option<u32>,
     /// The command.
@@ -42,11 +52,26 @@ pub struct Scheduled {
 
 /// What became of a command.
 #[derive(Clone, Copy)]
+pub enum Outcome {
+    /// It acted.
+    Done,
+    /// The amplifier refused it.
+    Refused(Refusal),
+    /// It cannot wait for its tick.
+    CannotWait(CannotWait),
+    /// The amplifier was stopped, and so many commands that waited are forgotten.
+    Stopped(u32),
+}
+
+/// An answer to a command, or what a stop did.
+#[derive(Clone, Copy)]
 pub struct Reply {
-    /// The tick at which it acted.
+    /// Who gave the command.
+    pub from: Source,
+    /// The tick at which it was so.
     pub tick: u32,
-    /// Refused, and why.
-    pub refusal: Option<Refusal>,
+    /// What became of it.
+    pub outcome: Outcome,
 }
 
 /// Everything that the interrupt owns.
@@ -63,8 +88,8 @@ pub struct Control {
     pub replies: Producer<Reply, COMMAND_QUEUE>,
     /// Triggered captures.
     pub recorder: Recorder,
-    /// The command that waits for its tick.
-    pub pending: Option<Scheduled>,
+    /// Commands that wait for their ticks.
+    pub schedule: CommandSchedule<Source>,
     /// The next tick.
     pub tick: u32,
     /// The last tick ended after the next one was due.
@@ -75,10 +100,53 @@ pub struct Control {
     pub last_cycles: Option<u32>,
 }
 
+impl Control {
+    fn answer(&mut self, from: Source, outcome: Outcome) {
+        let _ = self.replies.enqueue(Reply { from, tick: self.tick, outcome });
+    }
+
+    #[inline(never)]
+    #[unsafe(link_section = ".itcm.control")]
+    fn stop(&mut self) {
+        let queued = self.commands.skip_to(STOP_UP_TO.load(Ordering::Relaxed)) as u32;
+        let forgotten = queued.saturating_add(self.schedule.forget_all());
+        let _ = self.amplifier.command(Command::Disable);
+        self.answer(Source::Probe, Outcome::Stopped(forgotten));
+    }
+
+    /// Lets at most one command act: one whose tick has come, else the next one that has been given.
+    #[inline(always)]
+    fn take_command(&mut self) {
+        if let Some((command, from)) = self.schedule.due(self.tick) {
+            self.act(from, command);
+        } else if let Some(Scheduled { from, at, command }) = self.commands.dequeue() {
+            match at {
+                None => self.act(from, command),
+                Some(at) => {
+                    if let Err(reason) = self.schedule.add(self.tick, at, command, from) {
+                        self.answer(from, Outcome::CannotWait(reason));
+                    }
+                }
+            }
+        }
+    }
+
+    #[inline(never)]
+    #[unsafe(link_section = ".itcm.control")]
+    fn act(&mut self, from: Source, command: Command) {
+        let outcome = self.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done);
+        self.answer(from, outcome);
+    }
+}
+
 struct Owned(UnsafeCell<MaybeUninit<Control>>);
 // SAFETY: written once before the interrupt is enabled, and from then on touched by the interrupt only.
 unsafe impl Sync for Owned {}
 static CONTROL: Owned = Owned(UnsafeCell::new(MaybeUninit::uninit()));
+
+/// A stop is wanted; it forgets the commands that were queued before this position.
+static STOP: AtomicBool = AtomicBool::new(false);
+static STOP_UP_TO: AtomicUsize = AtomicUsize::new(0);
 
 static TICKS: AtomicU32 = AtomicU32::new(0);
 static LOST_SAMPLES: AtomicU32 = AtomicU32::new(0);
@@ -139,6 +207,12 @@ pub fn lost_samples() -> u32 {
     LOST_SAMPLES.load(Ordering::Relaxed)
 }
 
+/// Stops the amplifier at the next tick, whatever waits; commands that stand in the queue before `position` are forgotten.
+pub fn stop(position: usize) {
+    STOP_UP_TO.store(position, Ordering::Relaxed);
+    STOP.store(true, Ordering::Release);
+}
+
 /// Hands everything to the interrupt, which is not enabled yet.
 pub fn hand_over(control: Control) {
     // SAFETY: the interrupt is not enabled, so nobody else looks at it.
@@ -180,21 +254,21 @@ extern "C" fn TIM2() {
     let overrun = control.overrun || skipped;
 
     let reading = control.front_end.read();
-    if control.pending.is_none() {
-        control.pending = control.commands.dequeue();
+    // A stop has a path of its own, past everything that waits. The tasks that ask for it cannot interrupt this.
+    if STOP.load(Ordering::Acquire) {
+        STOP.store(false, Ordering::Relaxed);
+        control.stop();
     }
-    if let Some(scheduled) = control.pending
-        && scheduled.at.is_none_or(|at| at <= control.tick)
-    {
-        let refusal = control.amplifier.command(scheduled.command).err();
-        let _ = control.replies.enqueue(Reply { tick: control.tick, refusal });
-        control.pending = None;
-    }
+    control.take_command();
     let begin = DWT::cycle_count();
     let sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);
     control.front_end.write(sample.dac_code);
 
+    if sample.flags as u8 == Mode::Fault as u8 {
+        // What was planned before a fault must not act after it.
+        control.schedule.forget_all();
+    }
     control.recorder.take(&sample);
     if !control.samples.enqueue(sample) {
         count(&LOST_SAMPLES);

@@ -7,6 +7,8 @@
 #![no_main]
 
 mod board;
+mod command_port;
+mod command_tasks;
 mod control;
 mod critical_section_below_control;
 mod fault;
@@ -19,10 +21,11 @@ mod ring;
 mod sample_clock;
 mod settings;
 mod stack;
-mod tasks;
+mod trace_tasks;
 
-use embassy_executor::Spawner;
+use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use hysteron_core::amplifier::Amplifier;
+use hysteron_core::command_schedule::CommandSchedule;
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
 use rtt_target::{ChannelMode, rtt_init};
@@ -90,20 +93,25 @@ async fn main(spawner: Spawner) {
         commands: command_consumer,
         replies: reply_producer,
         recorder: recorder::Recorder::new(),
-        pending: None,
+        schedule: CommandSchedule::default(),
         tick: 0,
         overrun: false,
         late_cycles: clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
         last_cycles: None,
     });
-    match (tasks::trace(sample_consumer), tasks::read_out(), tasks::commands(channels.down.0, command_producer, reply_consumer)) {
-        (Ok(trace), Ok(read_out), Ok(commands)) => {
-            spawner.spawn(trace);
-            spawner.spawn(read_out);
-            spawner.spawn(commands);
-        }
-        _ => defmt::error!("a task has no room"),
-    }
+    command_port::open(command_producer);
+    spawn(spawner, trace_tasks::trace(sample_consumer));
+    spawn(spawner, trace_tasks::read_out());
+    spawn(spawner, command_tasks::commands(channels.down.0));
+    spawn(spawner, command_tasks::reports(reply_consumer));
+    spawn(spawner, settings::keeper(SAMPLE_RATE_HZ));
     sample_clock::start(clocks.timer_hz, ChosenFrontEnd::INTERRUPT_AFTER_NS);
     fault::watch().await;
+}
+
+fn spawn<S>(spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
+    match task {
+        Ok(task) => spawner.spawn(task),
+        Err(_) => defmt::error!("a task has no room"),
+    }
 }

@@ -54,6 +54,16 @@ impl<T: Copy, const N: usize> Producer<T, N> {
         self.0.written.store(written.wrapping_add(1), Ordering::Release);
         true
     }
+
+    /// Elements ever put in, wrapping: what [`Consumer::skip_to`] takes.
+    pub fn position(&self) -> usize {
+        self.0.written.load(Ordering::Relaxed)
+    }
+
+    /// Whether there is room for another element.
+    pub fn has_room(&self) -> bool {
+        self.position().wrapping_sub(self.0.read.load(Ordering::Relaxed)) < N
+    }
 }
 
 impl<T: Copy, const N: usize> Consumer<T, N> {
@@ -69,5 +79,17 @@ impl<T: Copy, const N: usize> Consumer<T, N> {
         let element = unsafe { (*slot.get()).assume_init() };
         self.0.read.store(read.wrapping_add(1), Ordering::Release);
         Some(element)
+    }
+
+    /// Forgets the elements that were put in before the producer stood at `position`, and says how many they were.
+    #[inline(always)]
+    pub fn skip_to(&mut self, position: usize) -> usize {
+        let skipped = position.wrapping_sub(self.0.read.load(Ordering::Relaxed));
+        // What was read meanwhile is behind it.
+        if skipped > N {
+            return 0;
+        }
+        self.0.read.store(position, Ordering::Release);
+        skipped
     }
 }

@@ -7,6 +7,9 @@
 
 use core::sync::atomic::{AtomicU8, Ordering};
 
+use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
+use embassy_sync::mutex::Mutex;
+use embassy_sync::signal::Signal;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, generation, read, set_generation};
 
@@ -61,35 +64,54 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     Ok(parameters)
 }
 
-/// A block on its way.
-pub struct Upload {
+/// A block on its way. [`keeper`] has it while it is being kept.
+static UPLOAD: Mutex<ThreadModeRawMutex, Upload> = Mutex::new(Upload { bytes: heapless::Vec::new(), length: 0 });
+static KEEP: Signal<ThreadModeRawMutex, ()> = Signal::new();
+const BUSY: &str = "a block is being kept";
+
+struct Upload {
     bytes: heapless::Vec<u8, KEPT_BYTES>,
     length: usize,
 }
 
-impl Upload {
-    /// Nothing has come yet.
-    pub const fn new() -> Self {
-        Self { bytes: heapless::Vec::new(), length: 0 }
-    }
+/// A block of so many bytes follows.
+pub fn begin(length: u32) -> Result<(), &'static str> {
+    let mut upload = UPLOAD.try_lock().map_err(|_| BUSY)?;
+    upload.bytes.clear();
+    upload.length = length as usize;
+    if upload.length > KEPT_BYTES { Err("larger than any block") } else { Ok(()) }
+}
 
-    /// A block of so many bytes follows.
-    pub fn begin(&mut self, length: u32) -> Result<(), &'static str> {
-        self.bytes.clear();
-        self.length = length as usize;
-        if self.length > KEPT_BYTES { Err("larger than any block") } else { Ok(()) }
+/// Takes the next piece.
+pub fn take(piece: &BlockPiece) -> Result<(), &'static str> {
+    let mut upload = UPLOAD.try_lock().map_err(|_| BUSY)?;
+    if piece.offset() != upload.bytes.len() || upload.bytes.len() + piece.bytes().len() > upload.length {
+        return Err("a piece is missing or too much");
     }
+    upload.bytes.extend_from_slice(piece.bytes()).map_err(|_| "larger than any block")
+}
 
-    /// Takes the next piece.
-    pub fn take(&mut self, piece: &BlockPiece) -> Result<(), &'static str> {
-        if piece.offset() != self.bytes.len() || self.bytes.len() + piece.bytes().len() > self.length {
-            return Err("a piece is missing or too much");
+/// Lets [`keeper`] verify what came and keep it.
+pub fn keep() {
+    KEEP.signal(());
+}
+
+/// Keeps blocks: an erase takes a second or two, and no command waits for it.
+#[embassy_executor::task]
+pub async fn keeper(sample_rate_hz: u32) {
+    loop {
+        KEEP.wait().await;
+        let mut upload = UPLOAD.lock().await;
+        match upload.commit(sample_rate_hz).await {
+            Ok(name) => defmt::info!("block kept as {=str}: `restart` takes it", name),
+            Err(reason) => defmt::warn!("refused: block: {=str}", reason),
         }
-        self.bytes.extend_from_slice(piece.bytes()).map_err(|_| "larger than any block")
     }
+}
 
+impl Upload {
     /// Verifies what came and keeps it; returns the name of its place.
-    pub async fn commit(&mut self, sample_rate_hz: u32) -> Result<&'static str, &'static str> {
+    async fn commit(&mut self, sample_rate_hz: u32) -> Result<&'static str, &'static str> {
         if self.bytes.len() != self.length {
             return Err("pieces are missing");
         }

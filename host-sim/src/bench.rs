@@ -12,13 +12,12 @@
 //!
 //! Identification and design work from records. They never read the constants of the bench.
 
+use crate::converter_scale::ConverterScale;
 use crate::effect::vibration::Mode;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use crate::linear_system::{ContinuousSystem, FixedSystem};
+use crate::noise::WhiteNoise;
 use crate::waveform;
-use rand::SeedableRng;
-use rand_distr::{Distribution, Normal};
-use rand_pcg::Pcg64Mcg;
 use serde::Deserialize;
 use std::f64::consts::TAU;
 
@@ -215,10 +214,8 @@ impl Bench {
     /// The drive after the converter: within the limits of the actuator, on a code of the converter.
     #[must_use]
     pub fn drive_after_converter_v(&self, drive_v: f64) -> f64 {
-        let c = &self.converters;
-        let limited = drive_v.clamp(self.drive_min_v, self.drive_max_v);
-        let lsb_v = (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32);
-        ((limited - c.dac_min_v) / lsb_v).round() * lsb_v + c.dac_min_v
+        let scale = self.converter_scale();
+        scale.drive_v(scale.dac_code(drive_v))
     }
 
     /// Resolution of the sensor's converter, um.
@@ -227,32 +224,20 @@ impl Bench {
         self.converters.adc_span_um / 2.0_f64.powi(self.converters.adc_bits as i32)
     }
 
-    /// The code of the sensor's converter for a position.
+    /// The converters, the sensor's zero where the actuator is virgin.
     #[must_use]
-    pub fn adc_code(&self, position_um: f64) -> u16 {
-        let code = ((position_um + ADC_MARGIN_UM) / self.adc_lsb_um()).round();
-        code.clamp(0.0, (2.0_f64.powi(self.converters.adc_bits as i32) - 1.0).min(65_535.0)) as u16
-    }
-
-    /// A position after the sensor's converter, um.
-    #[must_use]
-    pub fn position_after_converter_um(&self, position_um: f64) -> f64 {
-        f64::from(self.adc_code(position_um)) * self.adc_lsb_um() - ADC_MARGIN_UM
-    }
-
-    /// Drive for a code of its converter, V.
-    #[must_use]
-    pub fn drive_for_code_v(&self, code: u16) -> f64 {
+    pub fn converter_scale(&self) -> ConverterScale {
         let c = &self.converters;
-        c.dac_min_v + f64::from(code) * (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32)
-    }
-
-    /// The converter's code for a drive, within the limits of the actuator.
-    #[must_use]
-    pub fn dac_code(&self, drive_v: f64) -> u16 {
-        let c = &self.converters;
-        let lsb_v = (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32);
-        ((drive_v.clamp(self.drive_min_v, self.drive_max_v) - c.dac_min_v) / lsb_v).round().clamp(0.0, 65_535.0) as u16
+        ConverterScale {
+            adc_zero_um: -ADC_MARGIN_UM,
+            adc_lsb_um: self.adc_lsb_um(),
+            adc_code_max: ConverterScale::code_max(c.adc_bits),
+            dac_zero_v: c.dac_min_v,
+            dac_lsb_v: (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32),
+            dac_code_max: u16::MAX,
+            drive_min_v: self.drive_min_v,
+            drive_max_v: self.drive_max_v,
+        }
     }
 
     /// The actuator, virgin and at rest at the lower limit of the drive.
@@ -348,38 +333,27 @@ impl Bench {
 /// The sensor's noise and converter, with its zero.
 #[derive(Clone, Debug)]
 pub struct Sensor {
-    bench: Bench,
+    scale: ConverterScale,
     zero_um: f64,
-    noise: Option<Normal<f64>>,
-    generator: Pcg64Mcg,
+    noise: WhiteNoise,
 }
 
 impl Sensor {
     /// A sensor that reads zero at the position `zero_um`.
     #[must_use]
     pub fn new(bench: &Bench, zero_um: f64, seed: u64) -> Self {
-        Self {
-            bench: bench.clone(),
-            zero_um,
-            noise: Normal::new(0.0, bench.converters.sensor_noise_um).ok(),
-            generator: Pcg64Mcg::seed_from_u64(seed),
-        }
+        Self { scale: bench.converter_scale(), zero_um, noise: WhiteNoise::new(bench.converters.sensor_noise_um, seed) }
     }
 
     /// Reads the plant now, um.
     pub fn read(&mut self, plant: &Plant) -> f64 {
-        let noise_um = self.noise_um();
-        self.bench.position_after_converter_um(plant.sensor_um() + noise_um) - self.zero_um
+        let code = self.read_code(plant);
+        self.scale.position_um(code) - self.zero_um
     }
 
     /// Reads the plant now, as the converter's code (which knows no zero).
     pub fn read_code(&mut self, plant: &Plant) -> u16 {
-        let noise_um = self.noise_um();
-        self.bench.adc_code(plant.sensor_um() + noise_um)
-    }
-
-    fn noise_um(&mut self) -> f64 {
-        self.noise.map_or(0.0, |n| n.sample(&mut self.generator))
+        self.scale.adc_code(plant.sensor_um() + self.noise.next_um())
     }
 }
 

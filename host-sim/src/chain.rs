@@ -191,7 +191,8 @@ impl Model {
         order.into_iter().filter_map(|i| self.effects[i].stage(self, setting).map(|stage| (i, stage))).collect()
     }
 
-    fn order(&self) -> Vec<usize> {
+    /// The effects in the order of the chain, by position in the list.
+    pub(crate) fn order(&self) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.effects.len()).collect();
         order.sort_by_key(|&i| self.effects[i].effect.declaration().place);
         order
@@ -204,15 +205,25 @@ impl Model {
         let mut out = Vec::new();
         for effect in self.order() {
             let instance = &self.effects[effect];
-            fine |= instance.effect.substeps(self, dt_s) > 1;
+            fine |= self.goes_in_sub_intervals(effect, dt_s);
             let (substeps, force_n) = if fine { (resolution.substeps, &resolution.fine_n) } else { (1, &resolution.held_n) };
             let setting = self.setting(dt_s, substeps, force_n.as_deref());
-            out.extend(instance.stage(self, &setting).map(|stage| WalkStage { effect, fine, stage }));
+            out.extend(instance.stage(self, &setting).map(|stage| WalkStage { fine, stage }));
         }
         out
     }
 
-    fn setting<'a>(&self, dt_s: f64, substeps: usize, force_n: Option<&'a [f64]>) -> Setting<'a> {
+    /// Whether an effect, by position in the list, has to go in sub-intervals: it moves inside a period, or it is a mode whose motion inside a
+    /// period is followed by what stands behind it.
+    pub(crate) fn goes_in_sub_intervals(&self, effect: usize, dt_s: f64) -> bool {
+        let instance = &self.effects[effect];
+        let follows = |e: &EffectInstance| e.effect.follows_motion() && e.effect.declaration().place > Place::Vibration;
+        instance.effect.substeps(self, dt_s) > 1
+            || (instance.effect.declaration().place == Place::Vibration && self.effects.iter().any(follows))
+    }
+
+    /// What stages of this model are told.
+    pub(crate) fn setting<'a>(&self, dt_s: f64, substeps: usize, force_n: Option<&'a [f64]>) -> Setting<'a> {
         Setting { dt_s: dt_s / substeps as f64, substeps, force_n, drive_min_v: self.drive_min_v, drive_max_v: self.drive_max_v }
     }
 
@@ -229,7 +240,7 @@ impl Model {
     }
 
     fn simulate_in(&self, drive: &Drive, resolution: &Resolution) -> Vec<f64> {
-        carry(self.walk(drive.dt_s, resolution), Carried::at_start(self, drive), resolution.substeps, drive.drive_v.len(), &mut |_, _| {})
+        carry(self.walk(drive.dt_s, resolution), Carried::at_start(self, drive), resolution.substeps, drive.drive_v.len())
     }
 }
 
@@ -253,7 +264,6 @@ impl Resolution {
 }
 
 struct WalkStage<'a> {
-    effect: usize,
     fine: bool,
     stage: Box<dyn Stage + 'a>,
 }
@@ -270,7 +280,7 @@ struct Carried {
 impl Carried {
     /// The drive, in front of everything.
     fn at_start(model: &Model, drive: &Drive) -> Self {
-        Self { signal: drive.drive_v.to_vec(), fine: false, at_rest: initial_drive(model, drive) }
+        Self { signal: drive.drive_v.to_vec(), fine: false, at_rest: model.resting_drive_v(drive) }
     }
 
     /// Goes over to sub-intervals.
@@ -282,149 +292,26 @@ impl Carried {
     }
 }
 
-/// Carries a signal through stages; `see` is shown what comes out of each, at its own resolution.
-fn carry<'a>(
-    stages: impl IntoIterator<Item = WalkStage<'a>>,
-    mut carried: Carried,
-    substeps: usize,
-    samples: usize,
-    see: &mut dyn FnMut(usize, &Carried),
-) -> Vec<f64> {
-    for WalkStage { effect, fine, mut stage } in stages {
+/// Carries a signal through stages.
+fn carry<'a>(stages: impl IntoIterator<Item = WalkStage<'a>>, mut carried: Carried, substeps: usize, samples: usize) -> Vec<f64> {
+    for WalkStage { fine, mut stage } in stages {
         if fine {
             carried.refine(substeps);
         }
         carried.at_rest = stage.settle(carried.at_rest);
-        stage.run(&mut carried.signal);
-        see(effect, &carried);
+        stage.run(0, &mut carried.signal);
     }
     sample(&carried.signal, carried.at_rest, if carried.fine { substeps } else { 1 }, samples)
 }
 
-/// One run of a chain with the signal behind every stage, so that a change of one stage need not run those before it again.
-#[derive(Clone, Debug)]
-pub struct ChainRun {
-    samples: usize,
-    resolution: Resolution,
-    /// Index of the effect of each stage.
-    pub stage_effects: Vec<usize>,
-    stage_ids: Vec<String>,
-    /// The drive, then what comes out of each stage.
-    signals: Vec<Carried>,
-    /// What the sensor would read, um.
-    pub reading_um: Vec<f64>,
-}
-
-/// What one unit of a coefficient adds to what comes out of the stage that it is linear in.
-#[derive(Clone, Debug)]
-pub struct Contribution {
-    /// Index of the effect that has the coefficient.
-    pub effect: usize,
-    /// The coefficient among its parameters.
-    pub parameter: usize,
-    stage: usize,
-    carried: Carried,
-}
-
 impl Model {
-    /// Runs over a record and keeps what comes out of every stage.
+    /// The drive at which the actuator rests before the first sample, V.
     #[must_use]
-    pub fn run(&self, drive: &Drive) -> ChainRun {
-        let resolution = Resolution::of(self, drive);
-        let samples = drive.drive_v.len();
-        let at_start = Carried::at_start(self, drive);
-        let (mut stage_effects, mut signals) = (Vec::new(), vec![at_start.clone()]);
-        let reading_um = carry(self.walk(drive.dt_s, &resolution), at_start, resolution.substeps, samples, &mut |effect, carried| {
-            stage_effects.push(effect);
-            signals.push(carried.clone());
-        });
-        let stage_ids = stage_effects.iter().map(|effect| self.effects[*effect].id.clone()).collect();
-        ChainRun { samples, resolution, stage_effects, stage_ids, signals, reading_um }
-    }
-
-    /// The reading with this model, which differs from the one that made `run` only from stage `from` on.
-    #[must_use]
-    pub fn resume(&self, run: &ChainRun, from: usize, dt_s: f64) -> Vec<f64> {
-        let Some(input) = run.signals.get(from) else { return run.reading_um.clone() };
-        self.resume_with(run, from, input.clone(), dt_s)
-    }
-
-    fn resume_with(&self, run: &ChainRun, from: usize, input: Carried, dt_s: f64) -> Vec<f64> {
-        let stages = self.walk(dt_s, &run.resolution).into_iter().skip(from);
-        carry(stages, input, run.resolution.substeps, run.samples, &mut |_, _| {})
-    }
-
-    /// The reading of this model with one more effect than the model that made `run`: what stands before the effect is not run again,
-    /// unless the effect needs another resolution.
-    #[must_use]
-    pub fn resume_with_added(&self, run: &ChainRun, added: &str, drive: &Drive) -> Vec<f64> {
-        let Some(EffectInstance { effect, .. }) = self.effect(added) else { return run.reading_um.clone() };
-        let taken_in_by = effect.declaration().modifies;
-        let acts_in = |id: &str| id == added || taken_in_by == Some(id);
-        let stages = self.walk(drive.dt_s, &run.resolution);
-        let id = |stage: &WalkStage| self.effects[stage.effect].id.as_str();
-        let from = stages.iter().position(|stage| acts_in(id(stage))).unwrap_or(stages.len());
-        let as_before = |(stage, (earlier, signal)): (&WalkStage, (&String, &Carried))| id(stage) == earlier && stage.fine == signal.fine;
-        let same_resolution = self.substeps(drive.dt_s) == run.resolution.substeps;
-        let same_until_there = stages[..from].iter().zip(run.stage_ids.iter().zip(&run.signals[1..])).all(as_before);
-        if from > run.stage_ids.len() || !same_resolution || !same_until_there {
-            return self.simulate(drive);
+    pub fn resting_drive_v(&self, drive: &Drive) -> f64 {
+        match drive.initial_state {
+            InitialState::Virgin => self.drive_min_v,
+            InitialState::Settled | InitialState::Unknown => drive.drive_v.first().copied().unwrap_or(self.drive_min_v),
         }
-        let input = run.signals[from].clone();
-        carry(stages.into_iter().skip(from), input, run.resolution.substeps, run.samples, &mut |_, _| {})
-    }
-
-    /// What a unit of every plain coefficient adds behind the stage that is linear in it.
-    #[must_use]
-    pub fn contributions(&self, run: &ChainRun, dt_s: f64) -> Vec<Contribution> {
-        let mut out = Vec::new();
-        let mut fine = run.resolution.all_fine;
-        for (stage, &effect) in run.stage_effects.iter().enumerate() {
-            fine |= run.signals[stage + 1].fine;
-            let mut input = run.signals[stage].clone();
-            let substeps = if fine { run.resolution.substeps } else { 1 };
-            if fine {
-                input.refine(substeps);
-            }
-            let setting = self.setting(dt_s, substeps, None);
-            for signal in self.effects[effect].effect.coefficient_signals(self, &setting, input.at_rest, &input.signal) {
-                let Some(effect) = self.effects.iter().position(|e| e.id == signal.effect) else { continue };
-                let carried = Carried { signal: signal.signal, fine, at_rest: signal.at_rest };
-                out.push(Contribution { effect, parameter: signal.parameter, stage, carried });
-            }
-        }
-        out
-    }
-
-    /// The reading with so much more of a coefficient.
-    #[must_use]
-    pub fn resume_with_more(&self, run: &ChainRun, contribution: &Contribution, more: f64, dt_s: f64) -> Vec<f64> {
-        let mut moved = run.signals[contribution.stage + 1].clone();
-        let added = &contribution.carried;
-        moved.at_rest += more * added.at_rest;
-        moved.signal.iter_mut().zip(&added.signal).for_each(|(value, by_one)| *value += more * by_one);
-        self.resume_with(run, contribution.stage + 1, moved, dt_s)
-    }
-
-    /// The stage that a parameter of effect `effect` acts in.
-    #[must_use]
-    pub fn stage_of(&self, run: &ChainRun, effect: usize) -> usize {
-        let stage_of = |wanted: &dyn Fn(usize) -> bool| run.stage_effects.iter().position(|e| wanted(*e));
-        let declaration = self.effects[effect].effect.declaration();
-        let taken_in = |e: usize| declaration.modifies.is_some_and(|id| self.effects[e].id == id);
-        stage_of(&|e| e == effect)
-            .or_else(|| stage_of(&taken_in))
-            .or_else(|| stage_of(&|e| self.effects[e].effect.declaration().place >= declaration.place))
-            .unwrap_or(0)
-    }
-}
-
-/// The drive at which the actuator rests before the first sample.
-#[must_use]
-fn initial_drive(model: &Model, drive: &Drive) -> f64 {
-    match drive.initial_state {
-        InitialState::Virgin => model.drive_min_v,
-        InitialState::Settled | InitialState::Unknown => drive.drive_v.first().copied().unwrap_or(model.drive_min_v),
     }
 }
 

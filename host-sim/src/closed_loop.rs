@@ -1,30 +1,108 @@
-//! The actuator of the bench and the integer servo, closed through the converters.
+//! A plant and a controller, closed through the converters: one loop for every plant and every law.
 //!
 //! # How it works
-//! Each experiment begins as on a real bench: the conditioning cycle is played through [`ServoTick::open_loop`], so that the servo's
+//! Each experiment begins as on a real bench: the conditioning cycle is played through [`Controller::open_loop`], so that the servo's
 //! memory of the hysteresis sees it, the sensor is zeroed, then the servo is enabled. At every tick the ADC samples the plant, the
 //! servo computes a code, and the plant goes on for one period under the code of the *last* tick; without computational delay under
 //! the new one. The same seed gives the same noise, and with it the same codes.
 
-use crate::bench::{ADC_MARGIN_UM, Bench, Plant, Sensor, Variant};
+use crate::bench::{self, Bench, Variant};
+use crate::converter_scale::ConverterScale;
+use crate::noise::WhiteNoise;
 use hysteron_core::reference_window::PREVIEW_TICKS;
-use hysteron_core::servo_parameters::{ConverterParameters, ServoParameters};
+use hysteron_core::servo_parameters::ServoParameters;
 use hysteron_core::servo_tick::{Counters, ServoTick};
 use hysteron_core::signal::Micrometres;
 
-/// An experiment: which actuator, which noise, which disturbance.
-#[derive(Clone, Debug)]
-pub struct Experiment<'a> {
-    /// The bench; its converters count (a 12-bit DAC is another bench).
-    pub bench: &'a Bench,
-    /// Which actuator stands on it.
-    pub variant: Variant,
-    /// Seed of the sensor noise.
-    pub seed: u64,
-    /// Steps of the plant in one period.
-    pub substeps: usize,
-    /// External force at each tick, as the displacement that it makes at rest, um; empty for none.
-    pub external_um: &'a [f64],
+/// A controlled system: drive in, displacement out.
+pub trait Plant {
+    /// One sampling period with the drive held, V, and an external force, given as the displacement that it makes at rest, um.
+    fn advance(&mut self, drive_v: f64, external_um: f64);
+
+    /// True displacement now, um.
+    fn displacement_um(&self) -> f64;
+
+    /// What the sensor would read now without noise and converter, um.
+    fn sensor_um(&self) -> f64;
+}
+
+impl Plant for bench::Plant {
+    fn advance(&mut self, drive_v: f64, external_um: f64) {
+        self.tick_with_force(drive_v, external_um);
+    }
+
+    fn displacement_um(&self) -> f64 {
+        bench::Plant::displacement_um(self)
+    }
+
+    fn sensor_um(&self) -> f64 {
+        bench::Plant::sensor_um(self)
+    }
+}
+
+/// A law between two converters.
+pub trait Controller {
+    /// Passes a drive's code on while the loop is open, and follows what it does to the hysteresis.
+    fn open_loop(&mut self, dac_code: u16) -> u16;
+
+    /// The sensor has been zeroed: its codes have this scale from now on.
+    fn take_scale(&mut self, scale: &ConverterScale);
+
+    /// Closes the loop.
+    fn enable(&mut self);
+
+    /// The drive that it gave last, V.
+    fn drive_v(&self) -> f64;
+
+    /// One tick: the sensor's code and the reference [`PREVIEW_TICKS`] ahead, um, give the drive's code.
+    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16;
+
+    /// True where a code acts one period after the reading it was computed from.
+    fn delayed(&self) -> bool;
+
+    /// Adds what the law itself knows after a tick.
+    fn observe(&self, _trace: &mut Trace) {}
+}
+
+impl Controller for ServoTick {
+    fn open_loop(&mut self, dac_code: u16) -> u16 {
+        ServoTick::open_loop(self, dac_code)
+    }
+
+    fn take_scale(&mut self, scale: &ConverterScale) {
+        let mut zeroed = *self.parameters();
+        zeroed.converters.adc_zero = scale.parameters().adc_zero;
+        self.swap(zeroed);
+        self.reset_counters();
+    }
+
+    fn enable(&mut self) {
+        ServoTick::enable(self);
+    }
+
+    fn drive_v(&self) -> f64 {
+        self.drive().to_num()
+    }
+
+    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16 {
+        ServoTick::tick(self, adc_code, Micrometres::saturating_from_num(ahead_um))
+    }
+
+    fn delayed(&self) -> bool {
+        self.parameters().delayed
+    }
+
+    fn observe(&self, trace: &mut Trace) {
+        if let Some(estimate) = self.estimate() {
+            trace.estimate_um.push(estimate.map(|v| v.to_num()));
+        }
+        if let Some(sliding) = self.sliding() {
+            trace.sliding_um.push(sliding.map(|v| v.to_num()));
+        }
+        trace.unknown_input.push(self.unknown_input());
+        trace.counters = self.counters();
+        trace.limited_ticks.push(trace.counters.limited_ticks);
+    }
 }
 
 /// What happened, one element for each tick.
@@ -102,128 +180,121 @@ impl Trace {
     }
 }
 
-/// How codes of converters are related to the physical world, and which drives are allowed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ConverterScale {
-    /// Position at the sensor's code 0, um.
-    pub adc_zero_um: f64,
-    /// Position per code of the sensor, um.
-    pub adc_lsb_um: f64,
-    /// Drive at code 0, V.
-    pub dac_zero_v: f64,
-    /// Drive per code, V.
-    pub dac_lsb_v: f64,
-    /// Lowest drive of the actuator, V.
-    pub drive_min_v: f64,
-    /// Highest drive of the actuator, V.
-    pub drive_max_v: f64,
+/// What surrounds plant and law: converters, noise, disturbance, zeros.
+#[derive(Clone, Debug)]
+pub struct Surroundings<'a> {
+    /// The converters, the sensor's zero where it was left after conditioning.
+    pub scale: ConverterScale,
+    /// Standard deviation of the sensor's noise, um.
+    pub noise_um: f64,
+    /// Seed of the sensor's noise.
+    pub seed: u64,
+    /// External force at each tick, as the displacement that it makes at rest, um; empty for none.
+    pub external_um: &'a [f64],
+    /// Reading at which the sensor was zeroed, um.
+    pub sensor_zero_um: f64,
+    /// True displacement there, um.
+    pub displacement_zero_um: f64,
 }
 
-impl ConverterScale {
-    /// In the integers of the tick.
-    #[must_use]
-    pub fn parameters(&self) -> ConverterParameters {
-        let code = |drive_v: f64| ((drive_v - self.dac_zero_v) / self.dac_lsb_v).round().clamp(0.0, 65_535.0) as u16;
-        ConverterParameters {
-            adc_zero: (self.adc_zero_um * 2.0_f64.powi(24)).round() as i32,
-            adc_step: (self.adc_lsb_um * 2.0_f64.powi(40)).round() as i64,
-            dac_zero: (self.dac_zero_v * 2.0_f64.powi(22)).round() as i32,
-            dac_step: (self.dac_lsb_v * 2.0_f64.powi(38)).round() as i64,
-            dac_codes_per_volt: (2.0_f64.powi(20) / self.dac_lsb_v).round() as i32,
-            dac_code_min: code(self.drive_min_v),
-            dac_code_max: code(self.drive_max_v),
-            noise_shaping: false,
+/// Conditions a plant: plays a drive through the open loop.
+pub fn condition(plant: &mut impl Plant, controller: &mut impl Controller, scale: &ConverterScale, drive_v: &[f64]) {
+    for wanted_v in drive_v {
+        let code = controller.open_loop(scale.dac_code(*wanted_v));
+        plant.advance(scale.drive_v(code), 0.0);
+    }
+}
+
+/// Closes the loop and follows a reference, um. The trace ends where the reference can no longer be looked ahead at.
+pub fn follow(plant: &mut impl Plant, controller: &mut impl Controller, around: &Surroundings<'_>, reference_um: &[f64]) -> Trace {
+    // The last samples of the reference are only looked ahead at.
+    let n = reference_um.len().saturating_sub(PREVIEW_TICKS);
+    let mut noise = WhiteNoise::new(around.noise_um, around.seed);
+    let mut trace = Trace { reference_um: reference_um[..n].to_vec(), ..Trace::default() };
+    for column in [&mut trace.reading_um, &mut trace.sensor_um, &mut trace.displacement_um, &mut trace.drive_v] {
+        column.reserve(n);
+    }
+    controller.enable();
+    let mut acting_v = controller.drive_v();
+    for k in 0..n {
+        trace.sensor_um.push(plant.sensor_um() - around.sensor_zero_um);
+        trace.displacement_um.push(plant.displacement_um() - around.displacement_zero_um);
+        let ahead_um = reference_um.get(k + PREVIEW_TICKS).or(reference_um.last()).copied().unwrap_or(0.0);
+        let adc_code = around.scale.adc_code(plant.sensor_um() - around.sensor_zero_um + noise.next_um());
+        let code = controller.tick(adc_code, ahead_um);
+        let computed_v = around.scale.drive_v(code);
+        trace.adc_codes.push(adc_code);
+        trace.codes.push(code);
+        trace.reading_um.push(around.scale.position_um(adc_code));
+        trace.drive_v.push(computed_v);
+        controller.observe(&mut trace);
+        if !controller.delayed() {
+            acting_v = computed_v;
         }
+        plant.advance(acting_v, around.external_um.get(k).copied().unwrap_or(0.0));
+        acting_v = computed_v;
     }
+    trace
 }
 
-/// Converter parameters of a bench whose sensor reads zero at `zero_um`.
-#[must_use]
-pub fn converter_parameters(bench: &Bench, zero_um: f64) -> ConverterParameters {
-    let c = &bench.converters;
-    ConverterScale {
-        adc_zero_um: -ADC_MARGIN_UM - zero_um,
-        adc_lsb_um: bench.adc_lsb_um(),
-        dac_zero_v: c.dac_min_v,
-        dac_lsb_v: (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32),
-        drive_min_v: bench.drive_min_v,
-        drive_max_v: bench.drive_max_v,
-    }
-    .parameters()
+/// An experiment on the bench: which actuator, which noise, which disturbance.
+#[derive(Clone, Debug)]
+pub struct Experiment<'a> {
+    /// The bench; its converters count (a 12-bit DAC is another bench).
+    pub bench: &'a Bench,
+    /// Which actuator stands on it.
+    pub variant: Variant,
+    /// Seed of the sensor noise.
+    pub seed: u64,
+    /// Steps of the plant in one period.
+    pub substeps: usize,
+    /// External force at each tick, as the displacement that it makes at rest, um; empty for none.
+    pub external_um: &'a [f64],
 }
 
 impl<'a> Experiment<'a> {
     /// On a variant of a bench, without disturbance.
     #[must_use]
     pub fn new(bench: &'a Bench, variant: Variant, seed: u64) -> Self {
-        Self { bench, variant, seed, substeps: crate::bench::SUBSTEPS, external_um: &[] }
+        Self { bench, variant, seed, substeps: bench::SUBSTEPS, external_um: &[] }
     }
 
     /// Conditions the actuator and follows a reference. Of `parameters` the ADC's zero is replaced: the sensor is zeroed after
     /// conditioning.
     #[must_use]
     pub fn follow(&self, parameters: &ServoParameters, reference_um: &[f64]) -> Trace {
-        let (plant, servo, zero_um) = self.conditioned(parameters);
-        self.follow_from(plant, servo, zero_um, reference_um)
+        self.follow_with(ServoTick::new(*parameters), reference_um)
     }
 
-    /// The actuator after conditioning, the servo that watched it, and the position at which the sensor was zeroed, um.
+    /// The same with any law.
     #[must_use]
-    pub fn conditioned(&self, parameters: &ServoParameters) -> (Plant, ServoTick, f64) {
+    pub fn follow_with(&self, controller: impl Controller, reference_um: &[f64]) -> Trace {
+        let (plant, controller, zero_um) = self.conditioned(controller);
+        self.follow_from(plant, controller, zero_um, reference_um)
+    }
+
+    /// The actuator after conditioning, the law that watched it, and the position at which the sensor was zeroed, um.
+    #[must_use]
+    pub fn conditioned<C: Controller>(&self, mut controller: C) -> (bench::Plant, C, f64) {
         let mut plant = self.bench.plant_with_substeps(self.variant, self.substeps);
-        let mut servo = ServoTick::new(*parameters);
-        for drive_v in self.bench.conditioning_drive_v() {
-            let code = servo.open_loop(self.bench.dac_code(drive_v));
-            plant.tick(self.bench.drive_for_code_v(code));
-        }
+        let scale = self.bench.converter_scale();
+        condition(&mut plant, &mut controller, &scale, &self.bench.conditioning_drive_v());
         let zero_um = plant.sensor_um();
-        let mut zeroed = *parameters;
-        let margin = converter_parameters(self.bench, zero_um);
-        zeroed.converters.adc_zero = margin.adc_zero;
-        servo.swap(zeroed);
-        servo.reset_counters();
-        (plant, servo, zero_um)
+        controller.take_scale(&scale.zeroed_at(zero_um));
+        (plant, controller, zero_um)
     }
 
-    /// Goes on from a given state with the servo enabled. The trace ends where the reference can no longer be looked ahead at.
+    /// Goes on from a given state with the loop closed. The trace ends where the reference can no longer be looked ahead at.
     #[must_use]
-    pub fn follow_from(&self, mut plant: Plant, mut servo: ServoTick, zero_um: f64, reference_um: &[f64]) -> Trace {
-        // The last samples of the reference are only looked ahead at.
-        let n = reference_um.len().saturating_sub(PREVIEW_TICKS);
-        let delayed = servo.parameters().delayed;
-        let mut sensor = Sensor::new(self.bench, zero_um, self.seed);
-        let mut trace = Trace { reference_um: reference_um[..n].to_vec(), ..Trace::default() };
-        for column in [&mut trace.reading_um, &mut trace.sensor_um, &mut trace.displacement_um, &mut trace.drive_v] {
-            column.reserve(n);
-        }
-        servo.enable();
-        let mut acting_v = servo.drive().to_num::<f64>();
-        for k in 0..n {
-            trace.sensor_um.push(plant.sensor_um() - zero_um);
-            trace.displacement_um.push(plant.displacement_um() - zero_um);
-            let ahead = reference_um.get(k + PREVIEW_TICKS).or(reference_um.last()).copied().unwrap_or(0.0);
-            let adc_code = sensor.read_code(&plant);
-            let code = servo.tick(adc_code, Micrometres::saturating_from_num(ahead));
-            let computed_v = self.bench.drive_for_code_v(code);
-            trace.adc_codes.push(adc_code);
-            trace.codes.push(code);
-            trace.reading_um.push(servo.reading().to_num());
-            trace.drive_v.push(computed_v);
-            if let Some(estimate) = servo.estimate() {
-                trace.estimate_um.push(estimate.map(|v| v.to_num()));
-            }
-            if let Some(sliding) = servo.sliding() {
-                trace.sliding_um.push(sliding.map(|v| v.to_num()));
-            }
-            trace.unknown_input.push(servo.unknown_input());
-            trace.limited_ticks.push(servo.counters().limited_ticks);
-            if !delayed {
-                acting_v = computed_v;
-            }
-            plant.tick_with_force(acting_v, self.external_um.get(k).copied().unwrap_or(0.0));
-            acting_v = computed_v;
-        }
-        trace.counters = servo.counters();
-        trace
+    pub fn follow_from(&self, mut plant: bench::Plant, mut controller: impl Controller, zero_um: f64, reference_um: &[f64]) -> Trace {
+        let around = Surroundings {
+            scale: self.bench.converter_scale().zeroed_at(zero_um),
+            noise_um: self.bench.converters.sensor_noise_um,
+            seed: self.seed,
+            external_um: self.external_um,
+            sensor_zero_um: zero_um,
+            displacement_zero_um: zero_um,
+        };
+        follow(&mut plant, &mut controller, &around, reference_um)
     }
 }

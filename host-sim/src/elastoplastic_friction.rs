@@ -23,6 +23,19 @@ pub struct ElastoplasticFriction {
     pub breakaway_ratio: Option<f64>,
 }
 
+/// `exp(-x)` for a positive `x`: a series where it is as good as the function itself, nothing where nothing is left.
+#[inline]
+fn dying(x: f64) -> f64 {
+    if x < 0.125 {
+        1.0 - x
+            * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0 * (1.0 - x / 7.0 * (1.0 - x / 8.0)))))))
+    } else if x > 40.0 {
+        0.0
+    } else {
+        (-x).exp()
+    }
+}
+
 impl ElastoplasticFriction {
     /// Bend in steady sliding `z_s = F_c / sigma_0`, um.
     #[must_use]
@@ -97,7 +110,7 @@ impl ElastoplasticFriction {
         let direction = travel_um.signum();
         let (mut bend, mut left) = (bend_um * direction, travel_um.abs());
         let Some(breakaway_ratio) = self.breakaway_ratio else {
-            return direction * (sliding_um + (bend - sliding_um) * (-left / sliding_um).exp());
+            return direction * (sliding_um + (bend - sliding_um) * dying(left / sliding_um));
         };
         let breakaway_um = breakaway_ratio.clamp(0.0, 1.0) * sliding_um;
         if bend < breakaway_um {

@@ -13,12 +13,15 @@
 pub mod bench;
 pub mod chain;
 pub mod closed_loop;
+pub mod converter_scale;
 pub mod effect;
 pub mod elastoplastic_friction;
 pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
 pub mod linear_system;
+pub mod noise;
 pub mod rate_dependent_hysteresis;
 pub mod stick_slip;
+pub mod variations;
 pub mod waveform;

@@ -2,8 +2,8 @@
 //! `cargo run --release -p hysteron-tests --example closed_loop_speed`.
 
 use hysteron::servo::design::{ServoDesign, thesis_scheme};
-use hysteron::servo::reproduce::{commission, run, sine_reference_um};
 use hysteron_sim::bench::{Bench, Variant};
+use hysteron_thesis::{commission, run, sine_reference_um};
 use std::time::Instant;
 
 fn main() {

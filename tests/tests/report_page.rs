@@ -2,7 +2,7 @@
 //!
 //! The arrays are made here, with structure that a reader can recognise (a hysteresis loop, creep after a step, hum); no figure in them is a result.
 
-use hysteron::report::{
+use hysteron_report::{
     CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
     StepReport, explain_page,
 };
@@ -168,8 +168,10 @@ fn demonstration() -> ExplainReport {
         ],
         evidence: vec![EvidenceReport {
             effect: "creep".into(),
+            against: hysteron_sim::effect::Against::TimeHeld,
+            caption: "Creep goes on after the drive has stopped.".into(),
+            reading_step_um: 0.0,
             traces: traces.to_vec(),
-            ..EvidenceReport::default()
         }],
         parameters: vec![
             ParameterReport {
@@ -257,12 +259,12 @@ fn document(browser: &Path, page: &Path, fragment: &str) -> String {
 fn every_figure_of_an_explanation_is_drawn() {
     let page = explain_page(&demonstration());
     let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("demonstration.html");
-    page.write_html(&file).expect("the folder for test files can be written");
+    std::fs::write(&file, page.to_html()).expect("the folder for test files can be written");
     let size = std::fs::metadata(&file).expect("the page is there").len();
     assert!(size < 3_000_000, "the page has {size} bytes");
     let Some(browser) = browser() else {
         assert!(std::env::var_os("CI").is_none(), "CI needs chromium to look at pages");
-        eprintln!("skipped: no chromium to look at the page with");
+        hysteron_tests::skipped("no chromium to look at the page with");
         return;
     };
     let document = document(&browser, &file, "#record=3&step=1");
@@ -316,7 +318,7 @@ told.hidden = !residual.querySelector("[data-series]");
 fn a_reader_can_zoom_read_and_step_through_the_models() {
     let Some(browser) = browser() else {
         assert!(std::env::var_os("CI").is_none(), "CI needs chromium to look at pages");
-        eprintln!("skipped: no chromium to look at the page with");
+        hysteron_tests::skipped("no chromium to look at the page with");
         return;
     };
     let html = explain_page(&demonstration()).to_html();

@@ -1,11 +1,12 @@
 //! Planted sets: made, diagnosed and scored as a user would.
 
-use hysteron::plant_set::{SetOrder, plant_set};
-use hysteron::score::{Score, score};
+use hysteron::dataset::reading::from_manifest;
+use hysteron::synthetic::case::simulate_case;
+use hysteron::synthetic::case_set::SetOrder;
+use hysteron::synthetic::score::{Score, score_case, summarise};
 
-/// Plants one case for each list of hidden effects and scores them.
+/// Simulates one case for each list of hidden effects and scores them.
 fn planted(hidden: &[&[&str]], strength: f64, hysteresis: &str, seed: u64) -> Score {
-    let folder = tempfile::tempdir().unwrap();
     let order = SetOrder {
         hidden: hidden.iter().map(|ids| ids.iter().map(|id| (*id).to_string()).collect()).collect(),
         strengths: vec![strength],
@@ -13,8 +14,12 @@ fn planted(hidden: &[&[&str]], strength: f64, hysteresis: &str, seed: u64) -> Sc
         hysteresis: hysteresis.into(),
         seed,
     };
-    plant_set(&order, folder.path(), &|_| {}).unwrap();
-    score(folder.path(), &|_, _, _| {}).unwrap()
+    let scored = order.cases().into_iter().map(|(name, one)| {
+        let case = simulate_case(&one, &name).unwrap();
+        let manifest = String::from_utf8(case.files["dataset.toml"].clone()).unwrap();
+        score_case(&from_manifest(&manifest, &name, &case.files).unwrap(), &case.truth).unwrap()
+    });
+    summarise(scored.collect())
 }
 
 #[test]

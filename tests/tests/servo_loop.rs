@@ -3,16 +3,16 @@
 use hysteron::servo::commands::{SCHEMES, with_scheme};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::disturbance_observer::DisturbanceObserverGains;
-use hysteron::servo::float_twin::integer_difference_um;
 use hysteron::servo::model::{ActuatorModel, CreepTerm, LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use hysteron::servo::predictor::{Demands, PredictorDesign, PredictorTuning};
-use hysteron::servo::reproduce::{commission, run, sine_reference_um};
 use hysteron::servo::thesis_schemes::{Notch, PidGains};
 use hysteron_core::servo_parameters::ServoParameters;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
 use hysteron_sim::bench::{Bench, Variant};
-use hysteron_sim::closed_loop::{Experiment, converter_parameters};
+use hysteron_sim::closed_loop::Experiment;
+use hysteron_thesis::float_twin::integer_difference_um;
+use hysteron_thesis::{commission, run, sine_reference_um};
 use proptest::prelude::*;
 
 /// A model that is a little wrong everywhere, as identified ones are. Made by hand: these tests are of the loop, not of identification.
@@ -67,7 +67,7 @@ fn disturbance_observer() -> ServoDesign {
 }
 
 fn parameters(bench: &Bench, design: &ServoDesign) -> ServoParameters {
-    design.parameters(converter_parameters(bench, 0.0)).unwrap()
+    design.parameters(bench.converter_scale().parameters()).unwrap()
 }
 
 #[test]
@@ -103,11 +103,11 @@ fn taking_over_does_not_bump() {
     ] {
         let design = design.unwrap();
         let experiment = Experiment { substeps: 10, ..Experiment::new(&bench, Variant::PLAIN, 2) };
-        let (mut plant, mut servo, zero_um) = experiment.conditioned(&parameters(&bench, &design));
+        let (mut plant, mut servo, zero_um) = experiment.conditioned(ServoTick::new(parameters(&bench, &design)));
         // Open loop to 35 V, and the servo enabled there with a reference that is elsewhere.
         for k in 0..4000 {
-            let code = servo.open_loop(bench.dac_code(35.0 * (f64::from(k) / 2000.0).min(1.0)));
-            plant.tick(bench.drive_for_code_v(code));
+            let code = servo.open_loop(bench.converter_scale().dac_code(35.0 * (f64::from(k) / 2000.0).min(1.0)));
+            plant.tick(bench.converter_scale().drive_v(code));
         }
         let before = plant.sensor_um() - zero_um;
         let trace = experiment.follow_from(plant, servo, zero_um, &vec![before + 1.0; 6000]);
@@ -131,9 +131,9 @@ fn a_change_of_law_while_running_does_not_bump() {
         d
     });
     let experiment = Experiment { substeps: 10, ..Experiment::new(&bench, Variant::PLAIN, 2) };
-    let (mut plant, mut servo, zero_um) = experiment.conditioned(&parameters(&bench, &first.unwrap()));
+    let (mut plant, mut servo, zero_um) = experiment.conditioned(ServoTick::new(parameters(&bench, &first.unwrap())));
     let mut second = parameters(&bench, &predictor());
-    second.converters.adc_zero = converter_parameters(&bench, zero_um).adc_zero;
+    second.converters.adc_zero = bench.converter_scale().zeroed_at(zero_um).parameters().adc_zero;
     servo.enable();
     let mut acting = servo.drive().to_num::<f64>();
     let mut largest: f64 = 0.0;
@@ -145,9 +145,9 @@ fn a_change_of_law_while_running_does_not_bump() {
         if k > 4000 {
             largest = largest.max((y - 4.0).abs());
         }
-        let code = servo.tick(bench.adc_code(plant.sensor_um()), Micrometres::from_num(4.0));
+        let code = servo.tick(bench.converter_scale().adc_code(plant.sensor_um()), Micrometres::from_num(4.0));
         plant.tick(acting);
-        acting = bench.drive_for_code_v(code);
+        acting = bench.converter_scale().drive_v(code);
     }
     assert!(largest < 0.02, "{largest} um");
 }

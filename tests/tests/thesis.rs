@@ -1,6 +1,6 @@
 //! The thesis' chapters against the goals, and what else they found: shapes of curves, orders of schemes. Slow: run in release mode.
 
-use hysteron::reproduce::{Row, chapter, goals};
+use hysteron_thesis::{Row, chapter, goals};
 
 fn figure(rows: &[Row], id: &str) -> f64 {
     rows.iter().find(|r| r.id == id).unwrap_or_else(|| panic!("{id} is missing")).ours

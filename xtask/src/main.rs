@@ -6,6 +6,7 @@
 
 mod browser;
 mod control_code;
+mod library_alone;
 mod steps;
 mod toolchain;
 mod whole_circle;
@@ -14,15 +15,21 @@ use std::process::ExitCode;
 
 const USAGE: &str = "\
 cargo xtask check      everything: format, lints, docs, tests, the firmware's cross-build, the emulated target
-cargo xtask host       the first four steps only
+cargo xtask host       the steps that need only the host's toolchain
+cargo xtask library    the library alone: what it depends on, and its build for WebAssembly
 cargo xtask firmware   builds the firmware's images and checks the binaries
-cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)";
+cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)
+cargo xtask readme     writes the table of effects in README.md from the registry";
 
 fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
+    if wanted == ["readme"] {
+        return ended(steps::write_readme());
+    }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         ["check"] => steps::all(),
         ["host"] => steps::host(),
+        ["library"] => steps::library(),
         ["firmware"] => steps::firmware(),
         ["emulate"] => steps::emulator(),
         _ => {
@@ -30,7 +37,11 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    match steps::run(&steps) {
+    ended(steps::run(&steps))
+}
+
+fn ended(result: Result<(), String>) -> ExitCode {
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             eprintln!("\n{message}");

@@ -1,15 +1,34 @@
-//! Finds or installs a compiler for thumbv7em-none-eabihf.
+//! Finds or installs a compiler for another target: that of the firmware, or WebAssembly.
 //!
 //! First rustup's target, the usual way. Where rustup cannot download (a closed build machine) the distribution's compiler is
-//! taken, which brings the library's source beside it; the standard library's `core` is then built on the way.
+//! taken, which brings the library's source beside it; the standard library is then built on the way.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::steps::{command, root};
 
+/// A target, and how the distribution's compiler is told to build for it.
+pub struct Target {
+    name: &'static str,
+    /// Parts of the standard library that are built.
+    standard_library: &'static str,
+    linker: (&'static str, &'static str),
+}
+
 /// The target of the firmware.
-pub const TARGET: &str = "thumbv7em-none-eabihf";
+pub const FIRMWARE: Target = Target {
+    name: "thumbv7em-none-eabihf",
+    standard_library: "build-std=core",
+    linker: ("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "/usr/bin/ld.lld-22"),
+};
+/// That of a browser.
+pub const WEB_ASSEMBLY: Target = Target {
+    name: "wasm32-unknown-unknown",
+    standard_library: "build-std=std,panic_abort",
+    linker: ("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER", "/usr/bin/wasm-ld-22"),
+};
+
 const PACKAGES: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "lld-22"];
 
 /// How the firmware is built on this machine.
@@ -22,7 +41,7 @@ pub enum Toolchain {
 
 /// The image that `cargo xtask firmware` builds.
 pub fn image() -> PathBuf {
-    root().join("firmware/target").join(TARGET).join("release/hysteron-firmware")
+    root().join("firmware/target").join(FIRMWARE.name).join("release/hysteron-firmware")
 }
 
 /// The same with the chip's own converters.
@@ -35,8 +54,8 @@ fn output(program: &str, arguments: &[&str]) -> Option<String> {
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-fn rustup_has_target() -> bool {
-    output("rustup", &["target", "list", "--installed"]).is_some_and(|targets| targets.lines().any(|line| line.trim() == TARGET))
+fn rustup_has(target: &Target) -> bool {
+    output("rustup", &["target", "list", "--installed"]).is_some_and(|targets| targets.lines().any(|line| line.trim() == target.name))
 }
 
 fn distribution_has_all() -> bool {
@@ -47,25 +66,26 @@ fn distribution_has_all() -> bool {
 }
 
 /// Finds a compiler for the target, installing one if there is none.
-pub fn for_target() -> Result<Toolchain, String> {
-    if rustup_has_target() {
-        println!("   compiler: rustup's, target {TARGET} is installed");
+pub fn for_target(target: &Target) -> Result<Toolchain, String> {
+    let name = target.name;
+    if rustup_has(target) {
+        println!("   compiler: rustup's, target {name} is installed");
         return Ok(Toolchain::Rustup);
     }
     if distribution_has_all() {
         println!("   compiler: the distribution's in /usr/bin, with its library source");
         return Ok(Toolchain::Distribution);
     }
-    println!("   no compiler for {TARGET} yet; trying `rustup target add {TARGET}`");
-    let added = Command::new("rustup").args(["target", "add", TARGET]).status();
-    if added.is_ok_and(|status| status.success()) && rustup_has_target() {
+    println!("   no compiler for {name} yet; trying `rustup target add {name}`");
+    let added = Command::new("rustup").args(["target", "add", name]).status();
+    if added.is_ok_and(|status| status.success()) && rustup_has(target) {
         return Ok(Toolchain::Rustup);
     }
     println!("   rustup cannot download it here; trying the distribution's packages {}", PACKAGES.join(" "));
     let superuser = output("id", &["-u"]).is_some_and(|number| number.trim() == "0");
     if !superuser || output("apt-get", &["--version"]).is_none() {
         return Err(format!(
-            "no compiler for {TARGET}. Either `rustup target add {TARGET}` (needs the network), or as root on Debian `apt-get install {}`",
+            "no compiler for {name}. Either `rustup target add {name}` (needs the network), or as root on Debian `apt-get install {}`",
             PACKAGES.join(" ")
         ));
     }
@@ -86,21 +106,16 @@ pub fn for_target() -> Result<Toolchain, String> {
 }
 
 impl Toolchain {
-    /// Builds the image in `firmware/`, release profile.
-    pub fn build(&self, folder: &Path, features: &[&str]) -> Result<(), String> {
-        let mut arguments = vec!["build", "--release", "--target", TARGET];
-        arguments.extend(features);
+    /// Builds what a folder has for a target, release profile.
+    pub fn build(&self, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
+        let mut arguments = vec!["build", "--release", "--target", target.name];
+        arguments.extend(selection);
         match self {
             Self::Rustup => command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, &[]),
             Self::Distribution => {
-                arguments.extend(["-Z", "build-std=core"]);
+                arguments.extend(["-Z", target.standard_library]);
                 // Set by the cargo that runs this program; the other compiler must not see it.
-                let variables = [
-                    ("RUSTC", "/usr/bin/rustc"),
-                    ("RUSTC_BOOTSTRAP", "1"),
-                    ("RUSTUP_TOOLCHAIN", ""),
-                    ("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "/usr/bin/ld.lld-22"),
-                ];
+                let variables = [("RUSTC", "/usr/bin/rustc"), ("RUSTC_BOOTSTRAP", "1"), ("RUSTUP_TOOLCHAIN", ""), target.linker];
                 command("/usr/bin/cargo", &arguments, folder, &variables)
             }
         }

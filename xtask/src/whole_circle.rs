@@ -21,10 +21,11 @@ pub fn run() -> Result<(), String> {
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let image = toolchain::image();
-    let hysteron =
-        |arguments: &[&str]| cargo(&[&["run", "--quiet", "--release", "--package", "hysteron", "--"], arguments].concat(), &root(), &[]);
-    hysteron(&["capture", &image.to_string_lossy(), &log.to_string_lossy(), "--out", &path("record")])?;
-    let explain = ["explain", &path("record"), "--from", GIVEN, "--out", &path("model.toml"), "--json", &path("explain.json")];
+    let hysteron = |arguments: &[&str]| {
+        cargo(&[&["run", "--quiet", "--release", "--package", "hysteron-cli", "--"], arguments].concat(), &root(), &[])
+    };
+    hysteron(&["capture", &image.to_string_lossy(), &log.to_string_lossy(), "--out", &path("record"), "--force"])?;
+    let explain = ["explain", &path("record"), "--from", GIVEN, "--out", &path("model.toml"), "--json", &path("explain.json"), "--force"];
     hysteron(&explain)?;
     let text = std::fs::read_to_string(path("explain.json")).map_err(|error| error.to_string())?;
     let found: serde_json::Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
@@ -33,5 +34,5 @@ pub fn run() -> Result<(), String> {
         return Err(format!("the diagnosis names {named:?}, not {HIDDEN}"));
     }
     // And from the same record the next controller, as the block that the target keeps.
-    hysteron(&["design", &path("model.toml"), "--out", &path("servo.toml"), "--block", &path("servo.block")])
+    hysteron(&["design", &path("model.toml"), "--out", &path("servo.toml"), "--block", &path("servo.block"), "--force"])
 }

@@ -14,7 +14,6 @@ use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::converters::World;
 use hysteron_emulator::run::Outcome;
 use hysteron_sim::bench::Bench;
-use hysteron_sim::closed_loop::converter_parameters;
 
 /// The image under test.
 pub fn image() -> PathBuf {
@@ -31,7 +30,7 @@ pub fn parameters() -> AmplifierParameters {
     let bench = Bench::reference().expect("the bench");
     let mut name = [0; 16];
     name[..4].copy_from_slice(b"p753");
-    let converters = converter_parameters(&bench, 0.0);
+    let converters = bench.converter_scale().parameters();
     AmplifierParameters {
         physical: PhysicalDescription {
             name,

@@ -1,7 +1,10 @@
 //! Bandwidth of the amplifier: the voltage on the piezo follows the drive as a first-order lag.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "amplifier_bandwidth";
 
 /// First-order lag in front of the hysteresis.
 pub struct AmplifierBandwidth;
@@ -27,7 +30,7 @@ impl Stage for LagStage {
 impl Effect for AmplifierBandwidth {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "amplifier_bandwidth".into(),
+            id: ID.into(),
             physics: "The output resistance of the amplifier and the capacitance of the piezo make the voltage lag behind the drive."
                 .into(),
             reference: "Fleming and Leang, Design, Modeling and Control of Nanopositioning Systems (2014), Ch. 14".into(),
@@ -50,5 +53,11 @@ impl Effect for AmplifierBandwidth {
     }
     fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
         super::substeps_inside_period(dt_s)
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![3000.0 / strength.max(0.01)])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
     }
 }

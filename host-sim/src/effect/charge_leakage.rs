@@ -1,6 +1,6 @@
 //! Charge leakage: with a charge drive the piezo loses what it was given through its own resistance.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
 /// High-pass of the drive in front of the hysteresis.
@@ -49,5 +49,11 @@ impl Effect for ChargeLeakage {
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let decay = (-setting.dt_s / values[1]).exp();
         Some(Box::new(LeakStage { decay, share: values[0], leaked: 0.0, rest_v: model.drive_min_v }))
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.02 * strength, 30.0 * (0.8 + 0.4 * random())])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
     }
 }

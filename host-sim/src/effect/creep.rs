@@ -4,8 +4,14 @@
 //! estimated, which makes the logarithmic law without a start time as a parameter. The rational form of the thesis (Ch. 5, Eq. 17) is
 //! [`crate::linear_system::ContinuousSystem::from_transfer_function`].
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+};
 use crate::chain::{EffectInstance, Model};
+use std::sync::Arc;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "creep";
 
 /// Sum of first-order terms behind the vibration.
 pub struct Creep {
@@ -19,6 +25,7 @@ impl Default for Creep {
     }
 }
 
+#[derive(Clone, Copy)]
 struct Term {
     share: f64,
     decay: f64,
@@ -67,6 +74,42 @@ impl Stage for CreepStage {
         }
         output
     }
+    fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        let terms = self.terms.iter().map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
+        Some(Box::new(CreepLanes { terms, inputs: vec![0.0; lanes] }))
+    }
+}
+
+/// The terms with a state for each lane.
+struct CreepLanes {
+    terms: Vec<(Term, Vec<f64>)>,
+    inputs: Vec<f64>,
+}
+
+impl LinearLanes for CreepLanes {
+    fn settle(&mut self, row: &mut [f64]) {
+        self.inputs.copy_from_slice(row);
+        for (_, states) in &mut self.terms {
+            states.copy_from_slice(&self.inputs);
+        }
+        let all: f64 = self.terms.iter().map(|(term, _)| term.share).sum();
+        row.iter_mut().for_each(|value| *value *= 1.0 + all);
+    }
+    fn run(&mut self, block: &mut [f64]) {
+        let lanes = self.inputs.len();
+        let mut row_in = vec![0.0; lanes];
+        for row in block.chunks_exact_mut(lanes) {
+            row_in.copy_from_slice(row);
+            for (term, states) in &mut self.terms {
+                let (before, now) = (&self.inputs[..lanes], &row_in[..lanes]);
+                for (((out, state), before), now) in row.iter_mut().zip(states.iter_mut()).zip(before).zip(now) {
+                    *state = term.decay * *state + term.from_start * before + term.from_end * now;
+                    *out += term.share * *state;
+                }
+            }
+            std::mem::swap(&mut self.inputs, &mut row_in);
+        }
+    }
 }
 
 impl Creep {
@@ -85,7 +128,7 @@ impl Creep {
 /// positive shares alone a few nanometres remain. It serves where creep has to be taken off the other parameters, whatever its form.
 #[must_use]
 pub fn with_signed_shares(overview: &Overview, time_constants_s: &[f64]) -> EffectInstance {
-    let mut creep = EffectInstance::new(std::sync::Arc::new(Creep { terms: time_constants_s.len() }), overview, &[]);
+    let mut creep = EffectInstance::new(Arc::new(Creep { terms: time_constants_s.len() }), overview, &[]);
     for (pair, tau_s) in creep.parameters.chunks_exact_mut(2).zip(time_constants_s) {
         if let [share, tau] = pair {
             (share.parameter.lower, share.parameter.upper, share.value) = (-2.0, 2.0, 0.01);
@@ -98,7 +141,7 @@ pub fn with_signed_shares(overview: &Overview, time_constants_s: &[f64]) -> Effe
 impl Effect for Creep {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "creep".into(),
+            id: ID.into(),
             physics:
                 "After a change of drive domains go on switching for seconds and minutes: the displacement creeps on after every step."
                     .into(),
@@ -117,7 +160,7 @@ impl Effect for Creep {
             .flat_map(|(i, tau)| {
                 [
                     Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01),
-                    Parameter::logarithmic(format!("time_constant_{}_s", i + 1), "s", tau / 10.0, tau * 10.0).fixed(),
+                    Parameter::logarithmic(format!("time_constant_{}_s", i + 1), "s", tau / 10.0, tau * 10.0).on_a_grid(),
                 ]
             })
             .collect()
@@ -129,10 +172,28 @@ impl Effect for Creep {
     fn starts_combine(&self) -> bool {
         true
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(CreepStage::new(values, setting.dt_s)))
     }
-    fn slow_time_constants_s(&self, values: &[f64]) -> Vec<f64> {
-        values.chunks_exact(2).map(|pair| pair[1]).collect()
+    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        values.chunks_exact(2).map(|pair| FreeMotion { decay_per_s: 1.0 / pair[1], frequency_rad_s: 0.0 }).collect()
+    }
+    fn fitting_rank(&self) -> usize {
+        4
+    }
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        (count > 0 && count.is_multiple_of(2)).then(|| Arc::new(Self { terms: count / 2 }) as Arc<dyn Effect>)
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some([0.02, 0.2, 2.0, 20.0].iter().flat_map(|tau| [0.006 * strength * (0.8 + 0.4 * random()), *tau]).collect())
+    }
+    fn picture(&self) -> Picture {
+        Picture {
+            against: Against::TimeHeld,
+            caption: "Creep goes on with the logarithm of time after the drive has stopped, in the direction of the last step; one curve for each hold.",
+        }
     }
 }

@@ -4,7 +4,7 @@
 //! steps, so in front of inertia the vibration stage takes the delay in: it is exact there without sub-intervals. Where something between
 //! the two moves inside the period or has a clock of its own, the delay stands where it acts and the period is divided.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
 use crate::chain::{EffectInstance, Model};
 use std::collections::VecDeque;
 
@@ -66,6 +66,9 @@ impl Effect for Delay {
         let dt_s = 1.0 / overview.sample_rate_max_hz;
         vec![vec![0.5 * dt_s], vec![2.0 * dt_s], vec![5.0 * dt_s]]
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         if taken_in_s(model).is_some() {
             return None;
@@ -81,6 +84,12 @@ impl Effect for Delay {
         }
         // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before the period is.
         if dt_s > 60e-6 { super::substeps_inside_period(dt_s).max(2) } else { 1 }
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![50e-6 * strength])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
     }
 }
 

@@ -7,7 +7,9 @@
 //! the model has inertia, the vibration stage takes the bristle in: it then holds the moving mass, and a small motion inside the
 //! presliding range sees it as an additional spring.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+};
 use crate::chain::Model;
 use crate::elastoplastic_friction::ElastoplasticFriction;
 
@@ -63,15 +65,30 @@ impl Bristle {
     pub(super) fn balance(&mut self, force: f64) -> f64 {
         let stiffness = self.contact.stiffness_n_um;
         let unbalanced = force - self.displacement - self.contact.force_n(self.bend, 0.0);
-        // x + z(x) = force: the bristle only stiffens, so Newton's steps from the stuck solution stay on one side and converge fast.
-        let mut motion = unbalanced / (1.0 + stiffness);
-        for _ in 0..6 {
-            let bend = self.bend_after(motion);
-            let slope =
-                1.0 + if self.contact.coulomb_force_n > 0.0 { stiffness * self.contact.elastic_share(bend, unbalanced).0 } else { 0.0 };
-            motion += (force - self.displacement - motion - stiffness * bend) / slope;
+        if unbalanced.abs() < BALANCED_UM {
+            return self.displacement;
         }
-        self.bend = self.bend_after(motion);
+        // x + z(x) = force. The bristle holds back no more than one that goes on bending as it does now, and no more than the Coulomb force:
+        // both solutions are short of the true one. Since the bristle only stiffens less and less, Newton's steps from the longer one stay
+        // on its side.
+        let slides = self.contact.coulomb_force_n > 0.0;
+        let elastic_share = |bend: f64| if slides { self.contact.elastic_share(bend, unbalanced).0 } else { 0.0 };
+        let bending = unbalanced / (1.0 + stiffness * elastic_share(self.bend));
+        let sliding = force - self.displacement - self.contact.coulomb_force_n.copysign(unbalanced);
+        let mut motion = if sliding * unbalanced > 0.0 && sliding.abs() > bending.abs() { sliding } else { bending };
+        let mut bend = self.bend;
+        for _ in 0..6 {
+            bend = self.bend_after(motion);
+            let share = elastic_share(bend);
+            let further = (force - self.displacement - motion - stiffness * bend) / (1.0 + stiffness * share);
+            motion += further;
+            // So short a way is straight.
+            bend += share * further;
+            if further.abs() < BALANCED_UM {
+                break;
+            }
+        }
+        self.bend = bend;
         self.displacement += motion;
         self.displacement
     }
@@ -82,6 +99,9 @@ impl Bristle {
         self.bend = 0.0;
     }
 }
+
+/// Imbalance, in um, below which nothing moves: a millionth of what any sensor sees.
+const BALANCED_UM: f64 = 1e-9;
 
 struct FrictionStage {
     bristle: Bristle,
@@ -94,6 +114,9 @@ impl Stage for FrictionStage {
     fn settle(&mut self, input: f64) -> f64 {
         self.bristle.relax(input);
         input
+    }
+    fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(PassedOn))
     }
 }
 
@@ -126,12 +149,24 @@ impl Effect for Friction {
         }
         out
     }
+    fn costly(&self) -> bool {
+        true
+    }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
         if model.effect("vibration").is_some() {
             return None;
         }
         Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.03 * strength, 1.0 * (0.8 + 0.4 * random())])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::TimeSinceTurn, caption: "Friction holds the motion back just after the drive turns, then lets go." }
     }
 }
 

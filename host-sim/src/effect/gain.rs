@@ -3,6 +3,9 @@
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "gain";
+
 /// Displacement proportional to the drive above its lower limit.
 pub struct Gain;
 
@@ -23,7 +26,7 @@ impl Stage for GainStage {
 impl Effect for Gain {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "gain".into(),
+            id: ID.into(),
             physics: "The displacement is proportional to the drive voltage.".into(),
             reference: "thesis Ch. 5, K".into(),
             place: Place::Hysteresis,
@@ -41,5 +44,11 @@ impl Effect for Gain {
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
+    }
+    fn fitting_rank(&self) -> usize {
+        0
+    }
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
     }
 }

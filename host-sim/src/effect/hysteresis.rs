@@ -4,10 +4,16 @@
 //! this stage: it reads their values from the model.
 
 use super::play_operators::PlayOperators;
-use super::{CoefficientSignal, Declaration, Effect, Overview, Parameter, Place, Setting, Stage, bipolar, rate_dependence};
+use super::{
+    Against, CoefficientWalker, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, Stage, bipolar, rate_dependence,
+};
 use crate::chain::Model;
 use crate::hysteresis_coefficients::CoefficientWalk;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
+use std::sync::Arc;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "hysteresis";
 
 /// Classical Preisach hysteresis in polynomial surfaces.
 pub struct Hysteresis {
@@ -157,7 +163,7 @@ impl Contributions {
 impl Effect for Hysteresis {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "hysteresis".into(),
+            id: ID.into(),
             physics: "Domain switching makes the displacement depend on the extrema of the drive so far: loops that close and nest.".into(),
             reference: "thesis Ch. 4, Eqs. 12-15 with F(M) = G(M, 0); Mayergoyz, Mathematical Models of Hysteresis (1991)".into(),
             place: Place::Hysteresis,
@@ -180,7 +186,15 @@ impl Effect for Hysteresis {
             values[1] = 0.12 * scale;
             values[2] = -0.12 * scale;
         }
-        vec![values]
+        // Around that loop every coefficient is a direction.
+        let moved = |k: usize| values.iter().enumerate().map(|(i, v)| if i == k { v + 0.05 * scale } else { *v }).collect();
+        std::iter::once(values.clone()).chain((0..values.len()).map(moved)).collect()
+    }
+    fn starts_combine(&self) -> bool {
+        true
+    }
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[super::initial_curve::ID]
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let remnant = model.values("initial_curve").unwrap_or_default();
@@ -193,34 +207,67 @@ impl Effect for Hysteresis {
             output_um: 0.0,
         }))
     }
-    fn coefficient_signals(&self, model: &Model, setting: &Setting, at_rest: f64, input: &[f64]) -> Vec<CoefficientSignal> {
+    fn coefficient_walker(&self, model: &Model, setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
         let counts = ["hysteresis", "initial_curve", "play_operators"].map(|id| (id, model.effect(id).map_or(0, |e| e.parameters.len())));
         let walk = CoefficientWalk::virgin(degree_of(counts[0].1), counts[1].1);
-        let mut contributions = Contributions { walk, plays: PlayOperators::of(model) };
-        let mut drive = HeldDrive::of(model, setting);
-        drive.settle(at_rest);
-        let mut present = contributions.step(drive.normalised(at_rest));
-        let parameters = counts.iter().flat_map(|(id, count)| (0..*count).map(|parameter| (*id, parameter)));
-        let mut out: Vec<CoefficientSignal> = parameters
-            .zip(&present)
-            .map(|((effect, parameter), at_rest)| CoefficientSignal {
-                effect,
-                parameter,
-                at_rest: *at_rest,
-                signal: Vec::with_capacity(input.len()),
-            })
-            .collect();
-        for &drive_v in input {
-            if let Some(rate_v_s) = drive.next(drive_v) {
-                present = contributions.step(drive.normalised(drive_v));
-                if let Some(law) = drive.rate {
-                    // The law is linear in what it is applied to.
-                    let curve = contributions.curve_at_maximum();
-                    present.iter_mut().zip(curve).for_each(|(value, curve)| *value = law.apply(*value, curve, rate_v_s));
-                }
-            }
-            out.iter_mut().zip(&present).for_each(|(column, value)| column.signal.push(*value));
+        let contributions = Contributions { walk, plays: PlayOperators::of(model) };
+        Some(Box::new(SurfaceWalker { counts, contributions, drive: HeldDrive::of(model, setting), present: Vec::new() }))
+    }
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect("gain").is_some()
+    }
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        let degree = degree_of(count);
+        (coefficient_count(degree) == count).then(|| Arc::new(Self { degree }) as Arc<dyn Effect>)
+    }
+    fn picture(&self) -> Picture {
+        Picture {
+            against: Against::Drive,
+            caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
         }
-        out
+    }
+}
+
+/// Surfaces and play operators walking along the drive, every coefficient apart.
+struct SurfaceWalker {
+    counts: [(&'static str, usize); 3],
+    contributions: Contributions,
+    drive: HeldDrive,
+    present: Vec<f64>,
+}
+
+impl SurfaceWalker {
+    fn next(&mut self, drive_v: f64) {
+        let Some(rate_v_s) = self.drive.next(drive_v) else { return };
+        self.present = self.contributions.step(self.drive.normalised(drive_v));
+        if let Some(law) = self.drive.rate {
+            // The law is linear in what it is applied to.
+            let curve = self.contributions.curve_at_maximum();
+            self.present.iter_mut().zip(curve).for_each(|(value, curve)| *value = law.apply(*value, curve, rate_v_s));
+        }
+    }
+}
+
+impl CoefficientWalker for SurfaceWalker {
+    fn coefficients(&self) -> Vec<(&'static str, usize)> {
+        self.counts.iter().flat_map(|(id, count)| (0..*count).map(|parameter| (*id, parameter))).collect()
+    }
+    fn settle(&mut self, input: f64, row: &mut [f64]) {
+        self.drive.settle(input);
+        self.present = self.contributions.step(self.drive.normalised(input));
+        row.copy_from_slice(&self.present);
+    }
+    fn run(&mut self, inputs: &[f64], block: &mut [f64]) {
+        let lanes = self.present.len().max(1);
+        for (drive_v, row) in inputs.iter().zip(block.chunks_exact_mut(lanes)) {
+            self.next(*drive_v);
+            row.copy_from_slice(&self.present);
+        }
     }
 }

@@ -1,7 +1,11 @@
 //! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop takes back.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
+use std::sync::Arc;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "initial_curve";
 
 /// Remnant `R(M)` of the one-sided model; the hysteresis stage adds it.
 pub struct InitialCurve {
@@ -19,7 +23,7 @@ impl Default for InitialCurve {
 impl Effect for InitialCurve {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "initial_curve".into(),
+            id: ID.into(),
             physics: "The first rise to a voltage never reached before switches domains that do not switch back: displacement remains."
                 .into(),
             reference: "thesis Ch. 4, Eqs. 1, 10, 12-14".into(),
@@ -40,7 +44,25 @@ impl Effect for InitialCurve {
     fn starts_combine(&self) -> bool {
         true
     }
+    fn values_at(&self, _strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(stage.remnant_um.clone())
+    }
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
+    }
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect("hysteresis").is_some()
+    }
+    fn fitting_rank(&self) -> usize {
+        2
+    }
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        (count > 0).then(|| Arc::new(Self { terms: count }) as Arc<dyn Effect>)
+    }
+    fn picture(&self) -> Picture {
+        Picture {
+            against: Against::Drive,
+            caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
+        }
     }
 }

@@ -1,6 +1,8 @@
 //! External force on the actuator, taken from the measured force channel.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+};
 use crate::chain::Model;
 
 /// Displacement by a measured force through the compliance of the actuator.
@@ -18,6 +20,9 @@ impl Stage for LoadStage<'_> {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+    fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(PassedOn))
     }
 }
 
@@ -40,7 +45,19 @@ impl Effect for LoadForce {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         if overview.has_force { vec![vec![0.001 * overview.range_um.max(1e-6)]] } else { Vec::new() }
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
+    fn needs_force(&self) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(LoadStage { compliance_um_n: values[0], force_n: setting.force_n }))
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.02 * strength])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Force, caption: "An error that follows the measured force, whatever the drive does." }
     }
 }

@@ -1,6 +1,8 @@
 //! Mains hum: a line at the mains frequency in the sensor signal, whatever the drive does.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+};
 use crate::chain::Model;
 
 /// A sine in the reading. Its phase at the start of a record is arbitrary, so sine and cosine are estimated for every record.
@@ -22,6 +24,9 @@ impl Stage for HumStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         input + self.cosine_um
+    }
+    fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(PassedOn))
     }
 }
 
@@ -55,11 +60,23 @@ impl Effect for MainsHum {
         }
         out
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let (rs, rc) = (std::f64::consts::TAU * values[0] * setting.dt_s).sin_cos();
         Some(Box::new(HumStage { sine_um: values[1], cosine_um: values[2], rotation: (rc, rs), phasor: (1.0, 0.0) }))
     }
     fn line_frequencies_hz(&self, values: &[f64]) -> Vec<f64> {
         vec![values[0]]
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![50.0, 0.007 * strength, 0.007 * strength])
+    }
+    fn picture(&self) -> Picture {
+        Picture {
+            against: Against::Frequency,
+            caption: "Hum is a line at the mains frequency and its multiples, whatever the drive does, and present at rest.",
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! An added mass lowers the frequency and the damping ratio of the modes.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
 /// Mass added to the moving part, as a ratio to it; the vibration stage takes it in.
@@ -33,5 +33,11 @@ impl Effect for MassChange {
     }
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.1 * strength])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
     }
 }

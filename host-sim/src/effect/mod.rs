@@ -30,6 +30,7 @@ pub mod rate_dependence;
 pub mod saturation;
 pub mod second_mode;
 pub mod sensor_bandwidth;
+pub mod sensor_filter;
 pub mod sensor_nonlinearity;
 pub mod slew_limit;
 pub mod thermal_drift;
@@ -118,25 +119,34 @@ pub struct Parameter {
     pub scale: Scale,
     /// Not estimated unless asked for.
     pub fixed: bool,
+    /// Its value was chosen before any data, as one of a grid: what another choice could do is no evidence of a missing effect.
+    pub of_a_grid: bool,
 }
 
 impl Parameter {
     /// A parameter for which steps of `step` matter.
     #[must_use]
     pub fn linear(name: impl Into<String>, unit: &str, lower: f64, upper: f64, step: f64) -> Self {
-        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Linear(step), fixed: false }
+        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Linear(step), fixed: false, of_a_grid: false }
     }
 
     /// A positive parameter that is varied by ratios.
     #[must_use]
     pub fn logarithmic(name: impl Into<String>, unit: &str, lower: f64, upper: f64) -> Self {
-        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Logarithmic, fixed: false }
+        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Logarithmic, fixed: false, of_a_grid: false }
     }
 
     /// The same parameter, kept at its value.
     #[must_use]
     pub fn fixed(mut self) -> Self {
         self.fixed = true;
+        self
+    }
+
+    /// The same parameter, kept at its value on a grid that was chosen before any data.
+    #[must_use]
+    pub fn on_a_grid(mut self) -> Self {
+        (self.fixed, self.of_a_grid) = (true, true);
         self
     }
 }
@@ -187,6 +197,8 @@ pub struct Overview {
     pub gain_um_v: f64,
     /// Bandwidth of the sensor after its data sheet, Hz, if that is known.
     pub sensor_bandwidth_hz: Option<f64>,
+    /// The drives move at more than one speed.
+    pub several_speeds: bool,
 }
 
 impl Overview {
@@ -206,6 +218,7 @@ impl Overview {
             has_force: true,
             gain_um_v: 1.0,
             sensor_bandwidth_hz: None,
+            several_speeds: true,
         }
     }
 
@@ -214,6 +227,71 @@ impl Overview {
     pub fn drive_range_v(&self) -> f64 {
         self.drive_max_v - self.drive_min_v
     }
+}
+
+/// A resonance that a residual shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Resonance {
+    /// Natural frequency, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio, from its width.
+    pub damping_ratio: f64,
+}
+
+/// The stage that a simulated data set is of, as far as effects are planted in proportion to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimulatedStage {
+    /// What is known of its data beforehand.
+    pub overview: Overview,
+    /// Natural frequency of its first mode, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio of its first mode.
+    pub damping_ratio: f64,
+    /// Coefficients of the remnant of its first rise, um.
+    pub remnant_um: Vec<f64>,
+}
+
+/// In which sets of synthetic cases an effect is hidden.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Planted {
+    /// In none.
+    Never,
+    /// Alone.
+    Alone,
+    /// Alone, and beside every other of these.
+    InPairs,
+}
+
+/// The picture in which an effect is seen at a glance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// What a residual is drawn against.
+    pub against: Against,
+    /// What to see there, in a sentence.
+    pub caption: &'static str,
+}
+
+/// What a residual is drawn against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Against {
+    /// Logarithm of the time since the last turn, while the drive stands still.
+    TimeHeld,
+    /// Logarithm of the time since the last turn.
+    TimeSinceTurn,
+    /// Drive, by branch.
+    Drive,
+    /// Displacement, by branch.
+    Displacement,
+    /// Where the modelled reading lies within a step of the converter.
+    WithinStep,
+    /// Signed rate of the drive.
+    Rate,
+    /// Measured external force.
+    Force,
+    /// Plain time.
+    Time,
+    /// Frequency.
+    Frequency,
 }
 
 /// What a stage is told about the record on which it runs.
@@ -266,25 +344,56 @@ pub trait Stage: Send {
     /// Puts the stage at rest for a constant input and returns the output.
     fn settle(&mut self, input: f64) -> f64;
 
-    /// Runs over a whole signal in place.
-    fn run(&mut self, signal: &mut [f64]) {
+    /// Runs over a part of a signal in place; its first element belongs to interval `from`.
+    fn run(&mut self, from: usize, signal: &mut [f64]) {
         for (k, value) in signal.iter_mut().enumerate() {
-            *value = self.step(k, *value);
+            *value = self.step(from + k, *value);
         }
+    }
+
+    /// How the stage passes many small changes of its input on, where it does so linearly (a small bend may be left out); `None` where
+    /// that is not known and must be tried. For derivatives only.
+    fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        None
     }
 }
 
-/// What one unit of a coefficient adds to the output of a stage.
-#[derive(Clone, Debug)]
-pub struct CoefficientSignal {
-    /// The effect that has the coefficient.
-    pub effect: &'static str,
-    /// The coefficient among the parameters of that effect.
-    pub parameter: usize,
-    /// At rest, before the first interval.
-    pub at_rest: f64,
-    /// At the end of every interval.
-    pub signal: Vec<f64>,
+/// Many signals that pass a linear stage side by side. A block holds a row for every interval, with one value for each lane.
+pub trait LinearLanes: Send {
+    /// Puts all lanes at rest for constant inputs, one for each, and leaves the outputs in their place.
+    fn settle(&mut self, row: &mut [f64]);
+
+    /// Runs over a block in place.
+    fn run(&mut self, block: &mut [f64]);
+}
+
+/// Lanes of a stage that passes changes of its input on as they are.
+pub struct PassedOn;
+
+impl LinearLanes for PassedOn {
+    fn settle(&mut self, _row: &mut [f64]) {}
+    fn run(&mut self, _block: &mut [f64]) {}
+}
+
+/// What one unit of each coefficient of a stage adds to its output, along an input; a row for every interval.
+pub trait CoefficientWalker: Send {
+    /// The coefficients: effect and place among its parameters.
+    fn coefficients(&self) -> Vec<(&'static str, usize)>;
+
+    /// Puts the stage at rest for a constant input and fills the row.
+    fn settle(&mut self, input: f64, row: &mut [f64]);
+
+    /// Runs over inputs and fills a row for each.
+    fn run(&mut self, inputs: &[f64], block: &mut [f64]);
+}
+
+/// How a free motion dies out: `exp(-decay t)`, with an oscillation where the frequency is above zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeMotion {
+    /// Rate of decay, 1/s.
+    pub decay_per_s: f64,
+    /// Angular frequency, rad/s.
+    pub frequency_rad_s: f64,
 }
 
 /// A physical effect.
@@ -303,14 +412,80 @@ pub trait Effect: Send + Sync {
         false
     }
 
+    /// Further starts at resonances that a residual shows.
+    fn resonant_starts(&self, _resonances: &[Resonance]) -> Vec<Vec<f64>> {
+        Vec::new()
+    }
+
+    /// Whether the effect makes sense beside what a model has, on data that look like this.
+    fn may_join(&self, _model: &Model, _overview: &Overview) -> bool {
+        true
+    }
+
+    /// Whether a walk of it takes much longer than of any other effect: a search leaves it out where the signatures of others hardly change.
+    fn costly(&self) -> bool {
+        false
+    }
+
+    /// Place in the order in which a list of effects is fitted one after the other: those on which others build come first.
+    fn fitting_rank(&self) -> usize {
+        9
+    }
+
+    /// Whether a model can do without it once it has it.
+    fn may_leave(&self) -> bool {
+        true
+    }
+
+    /// The same effect with another number of parameters, for one whose number of terms is free.
+    fn with_parameters(&self, _count: usize) -> Option<Arc<dyn Effect>> {
+        None
+    }
+
+    /// Values that make the effect a few times as large as the noise at strength 1, for a simulated data set; `None` where it has no strength.
+    fn values_at(&self, _strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        None
+    }
+
+    /// In which sets of synthetic cases it is hidden.
+    fn planted(&self) -> Planted {
+        if self.declaration().candidate { Planted::Alone } else { Planted::Never }
+    }
+
+    /// Effects that an actuator which has this one has with it.
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Whether nothing of it can be seen without a measured force.
+    fn needs_force(&self) -> bool {
+        false
+    }
+
+    /// Its values where the readings are whole steps of this size, um, for an effect that is seen in them whatever the model.
+    fn values_in_readings(&self, _step_um: f64) -> Option<Vec<f64>> {
+        None
+    }
+
+    /// What a user of the literature might object to in values that were found: a reading of the same data by another effect is then
+    /// likelier.
+    fn unlikely_because(&self, _values: &[f64], _overview: &Overview) -> Option<String> {
+        None
+    }
+
+    /// The picture that shows the effect in a residual.
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Drive, caption: "Averaged over the drive, by branch." }
+    }
+
     /// Builds the stage from the values in `model`, or `None` where another effect's stage takes it in.
     ///
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
-    /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them, over `input` from rest at `at_rest`.
-    fn coefficient_signals(&self, _model: &Model, _setting: &Setting, _at_rest: f64, _input: &[f64]) -> Vec<CoefficientSignal> {
-        Vec::new()
+    /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them.
+    fn coefficient_walker(&self, _model: &Model, _setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
+        None
     }
 
     /// Into how many sub-intervals a sampling period must be divided for this effect in `model`.
@@ -318,19 +493,33 @@ pub trait Effect: Send + Sync {
         1
     }
 
+    /// Whether it reads what moves inside a sampling period, and must see that motion: the modes in front of it then go in sub-intervals too.
+    fn follows_motion(&self) -> bool {
+        false
+    }
+
     /// The text that defines an effect which is not built in.
     fn definition(&self) -> Option<&str> {
         None
     }
 
-    /// Slow states of the stage whose initial values are unknown in a record that starts after an unknown history: time constants in s.
-    fn slow_time_constants_s(&self, _values: &[f64]) -> Vec<f64> {
+    /// Free motions of the states of this effect in `model`, whose initial values are unknown in a record that starts after an unknown
+    /// history.
+    fn free_motions(&self, _model: &Model, _values: &[f64]) -> Vec<FreeMotion> {
         Vec::new()
     }
 
     /// Frequencies in Hz of lines whose phase is arbitrary in every record.
     fn line_frequencies_hz(&self, _values: &[f64]) -> Vec<f64> {
         Vec::new()
+    }
+}
+
+impl Declaration {
+    /// It stands for the hysteresis of the chain, or in place of it: a chain has one of these.
+    #[must_use]
+    pub fn is_main(&self) -> bool {
+        self.place == Place::Hysteresis && self.modifies.is_none()
     }
 }
 
@@ -363,6 +552,7 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(thermal_drift::ThermalDrift),
         Arc::new(sensor_nonlinearity::SensorNonlinearity),
         Arc::new(sensor_bandwidth::SensorBandwidth),
+        Arc::new(sensor_filter::SensorFilter),
         Arc::new(mains_hum::MainsHum),
         Arc::new(quantisation::Quantisation),
     ]

@@ -6,6 +6,9 @@
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "play_operators";
+
 /// Thresholds in the range of the drive.
 const THRESHOLDS: usize = 20;
 
@@ -65,7 +68,7 @@ pub struct PlayOperatorsBeside;
 impl Effect for PlayOperatorsBeside {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "play_operators".into(),
+            id: ID.into(),
             physics: "Backlash elements beside the smooth loops: kinks that depend only on how far the drive came back.".into(),
             reference: "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)".into(),
             place: Place::Hysteresis,
@@ -84,5 +87,8 @@ impl Effect for PlayOperatorsBeside {
     }
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
+    }
+    fn fitting_rank(&self) -> usize {
+        2
     }
 }

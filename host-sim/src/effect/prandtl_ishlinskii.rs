@@ -86,4 +86,10 @@ impl Effect for PrandtlIshlinskii {
             range_v: model.drive_max_v - model.drive_min_v,
         }))
     }
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
 }

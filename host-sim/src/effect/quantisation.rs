@@ -1,6 +1,8 @@
 //! Quantisation of the reading by the converter.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+};
 use crate::chain::Model;
 
 /// Rounds the reading to the nearest code.
@@ -16,6 +18,9 @@ impl Stage for RoundStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+    fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(PassedOn))
     }
 }
 
@@ -39,7 +44,22 @@ impl Effect for Quantisation {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         vec![vec![overview.range_um / 65536.0]]
     }
+    fn planted(&self) -> Planted {
+        Planted::Alone
+    }
+    fn values_in_readings(&self, step_um: f64) -> Option<Vec<f64>> {
+        Some(vec![step_um])
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(RoundStage { lsb_um: values[0] }))
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.005 * strength])
+    }
+    fn picture(&self) -> Picture {
+        Picture {
+            against: Against::WithinStep,
+            caption: "A converter takes the reading to the nearest whole step: an error that falls from one edge of a step to the other.",
+        }
     }
 }

@@ -4,7 +4,7 @@
 //! one factor for all of `G` and one for all of `F`: `f = (1 + c v) F(M) - (1 + g v + h v^2) sum G`, with the rate `v` in units of
 //! 10^4 V/s. The rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
 /// Scaling of the hysteresis with the rate of the drive; the hysteresis stage applies it.
@@ -61,8 +61,23 @@ impl Effect for RateDependence {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         vec![vec![0.02 * UNIT_RATE_V_S / overview.slope_max_v_s.max(1.0), 0.0, 0.0]]
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
+    }
+    fn fitting_rank(&self) -> usize {
+        5
+    }
+    fn may_join(&self, model: &Model, overview: &Overview) -> bool {
+        model.effect("hysteresis").is_some() && overview.several_speeds
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.03 * strength, 0.0, 0.0])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Saturation of the amplifier: the voltage on the piezo stops at a limit that the drive exceeds.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
 /// Upper and lower limit of the piezo voltage.
@@ -47,7 +47,16 @@ impl Effect for Saturation {
             .map(|share| vec![overview.drive_min_v + share * span, overview.drive_min_v - overview.drive_range_v()])
             .collect()
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(SaturationStage { upper_v: values[0], lower_v: values[1] }))
+    }
+    fn values_at(&self, strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![stage.overview.drive_max_v - 6.5 * strength, -stage.overview.drive_max_v])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Drive, caption: "Saturation is one-sided: nothing below a voltage, then ever more." }
     }
 }

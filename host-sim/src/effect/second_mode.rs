@@ -1,7 +1,13 @@
 //! A second structural mode that takes a share of the motion.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage, vibration};
+use super::{
+    Against, Declaration, Effect, FreeMotion, Overview, Parameter, Picture, Place, Planted, Resonance, Setting, SimulatedStage, Stage,
+    vibration,
+};
 use crate::chain::Model;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "second_mode";
 
 /// A mode beside the first one; the vibration stage takes it in.
 pub struct SecondMode;
@@ -9,7 +15,7 @@ pub struct SecondMode;
 impl Effect for SecondMode {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "second_mode".into(),
+            id: ID.into(),
             physics: "Part of the motion goes through another resonance of the structure, usually higher and lightly damped.".into(),
             reference: "Preumont, Vibration Control of Active Structures (2011), modal sum".into(),
             place: Place::Vibration,
@@ -38,10 +44,32 @@ impl Effect for SecondMode {
         }
         out
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         match model.effect("vibration") {
             Some(_) => None,
             None => Some(Box::new(vibration::VibrationStage::of(model, setting.dt_s))),
         }
+    }
+    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        let factor = super::mass_change::frequency_factor(model);
+        vibration::free_motions_of(values[1] * factor, values[2] * factor)
+    }
+    fn fitting_rank(&self) -> usize {
+        6
+    }
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect("vibration").is_some()
+    }
+    fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
+        resonances.iter().map(|r| vec![0.02, r.natural_frequency_rad_s, r.damping_ratio]).collect()
+    }
+    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.05 * strength, stage.natural_frequency_rad_s * 2.2 * (0.8 + 0.4 * random()), 0.02])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
     }
 }

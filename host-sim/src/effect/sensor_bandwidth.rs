@@ -3,8 +3,11 @@
 //! Where the model has inertia, the vibration stage takes the lag in: together they are one linear system, exact for a held force.
 //! Without inertia the displacement itself is held over an interval.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "sensor_bandwidth";
 
 /// First-order lag behind everything mechanical.
 pub struct SensorBandwidth;
@@ -23,12 +26,34 @@ impl Stage for SensorLag {
         self.reading = input;
         input
     }
+    fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(LagLanes { decay: self.decay, readings: vec![0.0; lanes] }))
+    }
+}
+
+struct LagLanes {
+    decay: f64,
+    readings: Vec<f64>,
+}
+
+impl LinearLanes for LagLanes {
+    fn settle(&mut self, row: &mut [f64]) {
+        self.readings.copy_from_slice(row);
+    }
+    fn run(&mut self, block: &mut [f64]) {
+        for row in block.chunks_exact_mut(self.readings.len()) {
+            for (value, reading) in row.iter_mut().zip(&mut self.readings) {
+                *reading = *value + self.decay * (*reading - *value);
+                *value = *reading;
+            }
+        }
+    }
 }
 
 impl Effect for SensorBandwidth {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "sensor_bandwidth".into(),
+            id: ID.into(),
             physics: "The sensor's electronics filter what they read: fast motion appears smaller and later.".into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126".into(),
             place: Place::SensorBandwidth,
@@ -51,6 +76,15 @@ impl Effect for SensorBandwidth {
         }
         let (decay, _) = super::lag_weights(values[0], setting.dt_s);
         Some(Box::new(SensorLag { decay, reading: 0.0 }))
+    }
+    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        vec![FreeMotion { decay_per_s: std::f64::consts::TAU * values[0], frequency_rad_s: 0.0 }]
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![2500.0 / strength.max(0.01)])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
     }
 }
 

@@ -1,6 +1,8 @@
 //! Nonlinear sensor: its reading is a bent function of the displacement, the same on every branch.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+};
 use crate::chain::Model;
 
 /// Quadratic and cubic error of the sensor.
@@ -17,6 +19,9 @@ impl Stage for PolynomialStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+    fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(PassedOn))
     }
 }
 
@@ -47,7 +52,19 @@ impl Effect for SensorNonlinearity {
     fn starts_combine(&self) -> bool {
         true
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PolynomialStage { quadratic: values[0], cubic: values[1] }))
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.0016 * strength, 0.000_24 * strength])
+    }
+    fn picture(&self) -> Picture {
+        Picture {
+            against: Against::Displacement,
+            caption: "A function of the displacement alone: rising and falling branches fall on one curve.",
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Slew limit of the amplifier: its current charges the piezo no faster than so many volts per second.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
 /// Limit of the slope of the piezo voltage.
@@ -56,5 +56,11 @@ impl Effect for SlewLimit {
     }
     fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
         super::substeps_inside_period(dt_s)
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![8500.0 / strength.max(0.01)])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
     }
 }

@@ -1,6 +1,8 @@
 //! Thermal drift: the mechanics warm up after switching on and move without any cause in the drive.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+};
 use crate::chain::Model;
 
 /// Exponential approach to a new position, from the start of every record.
@@ -17,6 +19,9 @@ impl Stage for DriftStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         input
+    }
+    fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(PassedOn))
     }
 }
 
@@ -48,7 +53,16 @@ impl Effect for ThermalDrift {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         [0.1, 0.4, 1.5].iter().map(|share| vec![0.002 * overview.range_um, share * overview.duration_s]).collect()
     }
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DriftStage { amplitude_um: values[0], per_interval: setting.dt_s / values[1] }))
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![-0.03 * strength, 20.0 * (0.8 + 0.4 * random())])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
     }
 }

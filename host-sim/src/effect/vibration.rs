@@ -1,11 +1,16 @@
 //! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
 
 use super::friction::Bristle;
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Resonance, Setting, SimulatedStage, Stage,
+};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
 use std::collections::VecDeque;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "vibration";
 
 /// First mode of the actuator with its load.
 pub struct Vibration;
@@ -109,7 +114,7 @@ impl Mode {
     }
 
     /// Runs over a signal, held over each interval, and leaves what is read in its place.
-    fn run(&mut self, signal: &mut [f64]) {
+    fn run_over(&mut self, signal: &mut [f64]) {
         // A copy stays in registers: nothing but the recursion itself then stands between two intervals.
         let mut mode = *self;
         for value in signal {
@@ -164,6 +169,8 @@ pub(super) struct VibrationStage {
     /// Inputs of the whole intervals by which the input is late.
     late: VecDeque<f64>,
     switch: Option<Switch>,
+    /// The first mode over a whole interval, without a bristle: what passes small changes on.
+    whole_interval: Option<Mode>,
 }
 
 /// Where in an interval of several pieces a late input arrives.
@@ -210,7 +217,9 @@ impl VibrationStage {
             before: model.drive_min_v,
         });
         let second = model.values("second_mode").map(|v| (v[0], mode(v[1], v[2], dt_s, late_share)));
-        Self { first, second, bristle, late: std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect(), switch }
+        let whole_interval = model.values("vibration").map(|v| mode(v[0], v[1], dt_s, late_share));
+        let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
+        Self { first, second, bristle, late, switch, whole_interval }
     }
 
     /// The input of as many whole intervals ago as it is late.
@@ -269,19 +278,19 @@ impl Stage for VibrationStage {
             }
         }
     }
-    fn run(&mut self, signal: &mut [f64]) {
+    fn run(&mut self, from: usize, signal: &mut [f64]) {
         if self.bristle.is_some() {
-            return signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(k, *value));
+            return signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(from + k, *value));
         }
         if !self.late.is_empty() {
             signal.iter_mut().for_each(|value| *value = self.arrived(*value));
         }
         let forces = self.second.map(|_| signal.to_vec());
         if let Some(first) = &mut self.first {
-            first.run(signal);
+            first.run_over(signal);
         }
         if let (Some((share, second)), Some(mut by_second)) = (&mut self.second, forces) {
-            second.run(&mut by_second);
+            second.run_over(&mut by_second);
             signal.iter_mut().zip(by_second).for_each(|(value, by_second)| *value += *share * (by_second - *value));
         }
     }
@@ -301,12 +310,111 @@ impl Stage for VibrationStage {
         }
         input
     }
+    fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(VibrationLanes {
+            first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
+            second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
+            late: self.late.iter().map(|_| vec![0.0; lanes]).collect(),
+        }))
+    }
+}
+
+/// A mode with a state for each lane.
+struct ModeLanes {
+    mode: Mode,
+    displacement: Vec<f64>,
+    velocity: Vec<f64>,
+    reading: Vec<f64>,
+    before: Vec<f64>,
+}
+
+impl ModeLanes {
+    fn new(mode: Mode, lanes: usize) -> Self {
+        let zeros = || vec![0.0; lanes];
+        Self { mode, displacement: zeros(), velocity: zeros(), reading: zeros(), before: zeros() }
+    }
+
+    fn settle(&mut self, row: &[f64]) {
+        self.displacement.copy_from_slice(row);
+        self.velocity.fill(0.0);
+        self.reading.copy_from_slice(row);
+        self.before.copy_from_slice(row);
+    }
+
+    /// One interval; what is read is left in the place of the input.
+    fn step(&mut self, row: &mut [f64]) {
+        let Mode { phi, gamma, sensor, late, .. } = self.mode;
+        let lanes = row.len();
+        let (x, v) = (&mut self.displacement[..lanes], &mut self.velocity[..lanes]);
+        let (reading, before) = (&mut self.reading[..lanes], &mut self.before[..lanes]);
+        if let Some(sensor) = sensor {
+            for i in 0..lanes {
+                reading[i] = sensor.phi[0] * x[i]
+                    + sensor.phi[1] * v[i]
+                    + sensor.phi[2] * reading[i]
+                    + (sensor.gamma * row[i] + late.sensor_gamma * before[i]);
+            }
+        }
+        for i in 0..lanes {
+            let (x0, v0, u, b) = (x[i], v[i], row[i], before[i]);
+            x[i] = phi[0] * x0 + phi[1] * v0 + (gamma[0] * u + late.gamma[0] * b);
+            v[i] = phi[2] * x0 + phi[3] * v0 + (gamma[1] * u + late.gamma[1] * b);
+            before[i] = u;
+        }
+        row.copy_from_slice(if sensor.is_some() { reading } else { x });
+    }
+}
+
+/// The modes that share the motion, with a state for each lane.
+struct VibrationLanes {
+    first: Option<ModeLanes>,
+    second: Option<(f64, ModeLanes)>,
+    late: VecDeque<Vec<f64>>,
+}
+
+impl LinearLanes for VibrationLanes {
+    fn settle(&mut self, row: &mut [f64]) {
+        self.late.iter_mut().for_each(|values| values.copy_from_slice(row));
+        for mode in self.first.iter_mut().chain(self.second.iter_mut().map(|(_, mode)| mode)) {
+            mode.settle(row);
+        }
+    }
+    fn run(&mut self, block: &mut [f64]) {
+        let Some(lanes) = self.first.iter().chain(self.second.iter().map(|(_, mode)| mode)).map(|m| m.before.len()).next() else { return };
+        let mut forces = vec![0.0; lanes];
+        for row in block.chunks_exact_mut(lanes) {
+            if let Some(mut oldest) = self.late.pop_front() {
+                oldest.swap_with_slice(row);
+                self.late.push_back(oldest);
+            }
+            if self.second.is_some() {
+                forces.copy_from_slice(row);
+            }
+            if let Some(first) = &mut self.first {
+                first.step(row);
+            }
+            if let Some((share, second)) = &mut self.second {
+                second.step(&mut forces);
+                row.iter_mut().zip(&forces).for_each(|(value, by_second)| *value += *share * (by_second - *value));
+            }
+        }
+    }
+}
+
+/// Free motions of a mode.
+pub(super) fn free_motions_of(natural_frequency_rad_s: f64, damping_ratio: f64) -> Vec<FreeMotion> {
+    let (w, xi) = (natural_frequency_rad_s, damping_ratio);
+    if xi < 1.0 {
+        return vec![FreeMotion { decay_per_s: xi * w, frequency_rad_s: w * (1.0 - xi * xi).sqrt() }];
+    }
+    let root = (xi * xi - 1.0).sqrt();
+    [xi - root, xi + root].map(|factor| FreeMotion { decay_per_s: factor * w, frequency_rad_s: 0.0 }).to_vec()
 }
 
 impl Effect for Vibration {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "vibration".into(),
+            id: ID.into(),
             physics: "Mass, stiffness and damping make the displacement follow the piezo force as a second-order mode.".into(),
             reference: "thesis Ch. 5, Eq. 5".into(),
             place: Place::Vibration,
@@ -334,7 +442,33 @@ impl Effect for Vibration {
         }
         out
     }
+    fn values_at(&self, _strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![stage.natural_frequency_rad_s, stage.damping_ratio])
+    }
     fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(VibrationStage::of(model, setting.dt_s)))
+    }
+    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        let factor = super::mass_change::frequency_factor(model);
+        free_motions_of(values[0] * factor, values[1] * factor)
+    }
+    fn fitting_rank(&self) -> usize {
+        3
+    }
+    fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
+        resonances.iter().map(|r| vec![r.natural_frequency_rad_s, r.damping_ratio]).collect()
+    }
+    fn unlikely_because(&self, values: &[f64], _overview: &Overview) -> Option<String> {
+        (values[1] > 0.5).then(|| {
+            let hz = values[0] / std::f64::consts::TAU;
+            format!(
+                "a mechanical resonance with a damping ratio of {:.2} is rare; by its damping it is a second-order low-pass of {hz:.0} Hz in \
+                 the electronics",
+                values[1]
+            )
+        })
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
     }
 }

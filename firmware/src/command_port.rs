@@ -1,0 +1,41 @@
+//! The tasks' way to the amplifier: every task that takes commands from somebody gives them here.
+//!
+//! Commands are queued and act in their order, at most one in a tick. [`stop`] is not queued: it acts at the next tick, past everything
+//! that waits, and forgets it.
+
+use core::cell::RefCell;
+
+use embassy_sync::blocking_mutex::ThreadModeMutex;
+use hysteron_core::amplifier::Command;
+
+use crate::control::{self, COMMAND_QUEUE, Scheduled, Source};
+use crate::ring::Producer;
+
+static QUEUE: ThreadModeMutex<RefCell<Option<Producer<Scheduled, COMMAND_QUEUE>>>> = ThreadModeMutex::new(RefCell::new(None));
+
+fn with_queue<T>(otherwise: T, action: impl FnOnce(&mut Producer<Scheduled, COMMAND_QUEUE>) -> T) -> T {
+    QUEUE.lock(|queue| match queue.borrow_mut().as_mut() {
+        Some(queue) => action(queue),
+        None => otherwise,
+    })
+}
+
+/// Opens the port with the tasks' end of the queue.
+pub fn open(queue: Producer<Scheduled, COMMAND_QUEUE>) {
+    QUEUE.lock(|place| *place.borrow_mut() = Some(queue));
+}
+
+/// Gives a command to the amplifier; `false` if too many wait. What becomes of it comes as a [`control::Reply`] to `from`.
+pub fn submit(from: Source, at: Option<u32>, command: Command) -> bool {
+    with_queue(false, |queue| queue.enqueue(Scheduled { from, at, command }))
+}
+
+/// Whether another command finds room.
+pub fn has_room() -> bool {
+    with_queue(false, |queue| queue.has_room())
+}
+
+/// Stops the amplifier at the next tick.
+pub fn stop() {
+    control::stop(with_queue(0, |queue| queue.position()));
+}

@@ -1,0 +1,173 @@
+//! The tasks that take lines of text from the probe, obey them, and say what changes.
+
+use embassy_time::{Duration, Ticker};
+use hysteron_core::amplifier::{Command, Mode, Refusal};
+use hysteron_core::command_lines::{CommandLines, LINE_BYTES, WaitingLine};
+use hysteron_core::command_schedule::CannotWait;
+use hysteron_core::command_text::{Line, parse};
+use hysteron_core::guard::Fault;
+use hysteron_core::trace_frame::Channels;
+use rtt_target::DownChannel;
+
+use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
+use crate::ring::Consumer;
+use crate::sample_clock::SAMPLE_RATE_HZ;
+use crate::{command_port, recorder, settings, stack, trace_tasks};
+
+/// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
+#[embassy_executor::task]
+pub async fn commands(mut channel: DownChannel) {
+    let mut ticker = Ticker::every(Duration::from_millis(1));
+    let mut lines = CommandLines::new();
+    loop {
+        ticker.next().await;
+        let mut bytes = [0; 64];
+        loop {
+            let read = channel.read(&mut bytes);
+            if read == 0 {
+                break;
+            }
+            let received = lines.receive(bytes.get(..read).unwrap_or(&[]));
+            if received.stop {
+                command_port::stop();
+            }
+            if received.too_long > 0 {
+                defmt::warn!("refused: a line is longer than {=usize} bytes", LINE_BYTES);
+            }
+            if received.no_room > 0 {
+                defmt::warn!("refused: {=u32} lines, too many wait", received.no_room);
+            }
+        }
+        while command_port::has_room()
+            && let Some(line) = lines.next()
+        {
+            obey(&line);
+        }
+    }
+}
+
+/// Says what became of commands, and what the amplifier does, whenever it changes.
+#[embassy_executor::task]
+pub async fn reports(mut replies: Consumer<Reply, COMMAND_QUEUE>) {
+    let mut ticker = Ticker::every(Duration::from_millis(1));
+    let mut flags = u32::MAX;
+    let mut captured = false;
+    loop {
+        ticker.next().await;
+        while let Some(reply) = replies.dequeue() {
+            match reply.from {
+                Source::Probe => say_outcome(&reply),
+            }
+        }
+        let full = recorder::state() == recorder::State::Full;
+        if full && !captured {
+            defmt::info!("capture is complete: `capture send` reads it out");
+        }
+        captured = full;
+        let now = control::flags();
+        if now != flags {
+            flags = now;
+            say_mode(flags);
+        }
+    }
+}
+
+fn say_outcome(reply: &Reply) {
+    match reply.outcome {
+        Outcome::Done => defmt::info!("done at tick {=u32}", reply.tick),
+        Outcome::Refused(refusal) => defmt::warn!("refused at tick {=u32}: {=str}", reply.tick, refusal_text(refusal)),
+        Outcome::CannotWait(reason) => defmt::warn!("refused at tick {=u32}: {=str}", reply.tick, cannot_wait_text(reason)),
+        Outcome::Stopped(0) => defmt::info!("stopped at tick {=u32}", reply.tick),
+        Outcome::Stopped(forgotten) => defmt::info!("stopped at tick {=u32}, {=u32} waiting commands forgotten", reply.tick, forgotten),
+    }
+}
+
+fn refusal_text(refusal: Refusal) -> &'static str {
+    match refusal {
+        Refusal::Faulted => "a fault is latched",
+        Refusal::NotYetHealthy => "the sensor has not been healthy long enough",
+        Refusal::NotAtRest => "only at rest",
+    }
+}
+
+fn cannot_wait_text(reason: CannotWait) -> &'static str {
+    match reason {
+        CannotWait::NoRoom => "too many commands wait for their ticks",
+        CannotWait::TooFarAhead => "the tick is hours away",
+    }
+}
+
+fn say_mode(flags: u32) {
+    let mode = match flags as u8 {
+        0 => "rest",
+        1 => "playing",
+        2 => "closed",
+        _ => "fault",
+    };
+    match Fault::from_number((flags >> 8) as u8) {
+        None => defmt::info!("mode {=str}", mode),
+        Some(fault) => defmt::error!("mode {=str}: {=str}", mode, fault.name()),
+    }
+}
+
+/// Says whether something was done.
+fn answer(what: &'static str, result: Result<(), &'static str>) {
+    match result {
+        Ok(()) => defmt::info!("{=str}", what),
+        Err(reason) => defmt::warn!("refused: {=str}", reason),
+    }
+}
+
+/// At rest or stopped by a fault: the drive does not move.
+fn drive_rests() -> Result<(), &'static str> {
+    let mode = control::flags() as u8;
+    if mode == Mode::Rest as u8 || mode == Mode::Fault as u8 { Ok(()) } else { Err("only at rest") }
+}
+
+fn submit(at: Option<u32>, command: Command) {
+    if !command_port::submit(Source::Probe, at, command) {
+        defmt::warn!("refused: too many commands wait");
+    }
+}
+
+fn obey(line: &WaitingLine) {
+    let Ok(text) = core::str::from_utf8(&line.bytes) else {
+        defmt::warn!("refused: not text");
+        return;
+    };
+    match parse(text, SAMPLE_RATE_HZ) {
+        Ok(Line::Control(..) | Line::Identify(_)) if line.before_stop => defmt::info!("forgotten: {=str}", text),
+        Ok(Line::Control(at, command)) => submit(at, command),
+        Ok(Line::Trace(channels, decimation)) => trace_tasks::choose(channels, decimation),
+        Ok(Line::Identify(ticks)) => {
+            trace_tasks::choose(Channels(Channels::CODES.0 | Channels::FLAGS.0), 1);
+            submit(None, Command::Identify { ticks });
+        }
+        Ok(Line::Status) => {
+            let (used, size) = stack::high_water_bytes();
+            defmt::info!("status {}", control::report());
+            defmt::info!("stack {=u32} of {=u32} bytes", used, size);
+        }
+        Ok(Line::Capture(trigger, before, after)) => answer("capture is armed", recorder::arm(trigger, before, after)),
+        Ok(Line::CaptureSend) => answer("capture follows", trace_tasks::begin_read_out()),
+        Ok(Line::CaptureOff) => {
+            trace_tasks::forget_capture();
+            defmt::info!("capture is off");
+        }
+        Ok(Line::BlockBegin(length)) => answer("block begins", settings::begin(length)),
+        Ok(Line::BlockData(piece)) => {
+            if let Err(reason) = settings::take(&piece) {
+                defmt::warn!("refused: block at byte {=usize}: {=str}", piece.offset(), reason);
+            }
+        }
+        Ok(Line::BlockCommit) => match drive_rests() {
+            Ok(()) => settings::keep(),
+            Err(reason) => defmt::warn!("refused: block: {=str}", reason),
+        },
+        Ok(Line::Restart) => match drive_rests() {
+            Ok(()) => cortex_m::peripheral::SCB::sys_reset(),
+            Err(reason) => defmt::warn!("refused: {=str}", reason),
+        },
+        Err(expected) => defmt::warn!("refused: {=str}", expected),
+    }
+}

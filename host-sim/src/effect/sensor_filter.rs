@@ -1,0 +1,219 @@
+//! Filter of the sensor's electronics: its reading follows the displacement through a second-order low-pass.
+//!
+//! Most capacitive and strain-gauge electronics end in one, as a rule of Butterworth's form (damping ratio 0.71). It is as a mode by its equation,
+//! and told from one by its damping alone: filters are designed flat, mechanical resonances are not.
+
+use super::vibration::free_motions_of;
+use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::chain::Model;
+use crate::linear_system::ContinuousSystem;
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+
+/// Second-order low-pass behind everything mechanical.
+pub struct SensorFilter;
+
+/// A filter with that damping ratio or less would ring for several periods: nobody builds it.
+const DESIGNED_DAMPING_MIN: f64 = 0.3;
+
+/// The filter over one interval in which its input runs straight; states: reading, and its rate over the natural frequency.
+#[derive(Clone, Copy)]
+struct Interval {
+    phi: [f64; 4],
+    at_start: [f64; 2],
+    at_end: [f64; 2],
+}
+
+impl Interval {
+    /// `held`: the input jumps at the start of the interval instead.
+    fn new(natural_frequency_hz: f64, damping_ratio: f64, dt_s: f64, held: bool) -> Self {
+        let w = TAU * natural_frequency_hz;
+        let system = ContinuousSystem {
+            a: DMatrix::from_row_slice(2, 2, &[0.0, w, -w, -2.0 * damping_ratio * w]),
+            b: DVector::from_row_slice(&[0.0, w]),
+            c: DVector::from_row_slice(&[1.0, 0.0]),
+            d: 0.0,
+        };
+        let (phi, gamma) = system.held_matrices(dt_s);
+        // A straight input is a held rate that is integrated: a third state in front of the two.
+        let mut ramp = DMatrix::zeros(3, 3);
+        ramp.view_mut((0, 0), (2, 2)).copy_from(&system.a);
+        ramp.view_mut((0, 2), (2, 1)).copy_from(&system.b);
+        let ramp = ContinuousSystem {
+            a: ramp,
+            b: DVector::from_row_slice(&[0.0, 0.0, 1.0 / dt_s]),
+            c: DVector::from_row_slice(&[1.0, 0.0, 0.0]),
+            d: 0.0,
+        };
+        let (_, by_slope) = ramp.held_matrices(dt_s);
+        let at_end = if held { [gamma[0], gamma[1]] } else { [by_slope[0], by_slope[1]] };
+        Self { phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]], at_start: [gamma[0] - at_end[0], gamma[1] - at_end[1]], at_end }
+    }
+
+    #[inline]
+    fn step(&self, [reading, rate]: [f64; 2], before: f64, input: f64) -> [f64; 2] {
+        let Self { phi, at_start, at_end } = self;
+        [
+            phi[0] * reading + phi[1] * rate + (at_start[0] * before + at_end[0] * input),
+            phi[2] * reading + phi[3] * rate + (at_start[1] * before + at_end[1] * input),
+        ]
+    }
+}
+
+struct FilterStage {
+    interval: Interval,
+    state: [f64; 2],
+    before: f64,
+}
+
+impl Stage for FilterStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        self.state = self.interval.step(self.state, self.before, input);
+        self.before = input;
+        self.state[0]
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        (self.state, self.before) = ([input, 0.0], input);
+        input
+    }
+    fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        Some(Box::new(FilterLanes { interval: self.interval, states: vec![[0.0; 2]; lanes], before: vec![0.0; lanes] }))
+    }
+}
+
+struct FilterLanes {
+    interval: Interval,
+    states: Vec<[f64; 2]>,
+    before: Vec<f64>,
+}
+
+impl LinearLanes for FilterLanes {
+    fn settle(&mut self, row: &mut [f64]) {
+        self.states.iter_mut().zip(&*row).for_each(|(state, input)| *state = [*input, 0.0]);
+        self.before.copy_from_slice(row);
+    }
+    fn run(&mut self, block: &mut [f64]) {
+        for row in block.chunks_exact_mut(self.before.len()) {
+            for ((value, state), before) in row.iter_mut().zip(&mut self.states).zip(&mut self.before) {
+                *state = self.interval.step(*state, *before, *value);
+                *before = *value;
+                *value = state[0];
+            }
+        }
+    }
+}
+
+impl Effect for SensorFilter {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: "sensor_filter".into(),
+            physics: "A second-order low-pass in the sensor's electronics: fast motion appears later and, beyond its frequency, smaller."
+                .into(),
+            reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126; Butterworth, Wireless Engineer 7 (1930) 536-541".into(),
+            place: Place::SensorBandwidth,
+            modifies: None,
+            experiment: "multisines up to a third of the sampling rate".into(),
+            // Not looked for by itself: beside other lags it ties with them on most data. A mode with such a damping is said to be one.
+            candidate: false,
+            one_sided: true,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let highest_hz = 0.5 * overview.sample_rate_max_hz;
+        vec![
+            Parameter::logarithmic("natural_frequency_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, highest_hz),
+            // With less it would be a mode, which nobody builds into a sensor; with more its two poles part, and the slower one alone is
+            // a bandwidth of the sensor.
+            Parameter::logarithmic("damping_ratio", "1", DESIGNED_DAMPING_MIN, 1.0),
+        ]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let by_data_sheet = overview.sensor_bandwidth_hz;
+        let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
+        by_data_sheet.into_iter().chain(elsewhere).map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2]).collect()
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        // Without inertia the displacement is held over an interval; with it, it moves.
+        let held = !model.effects.iter().any(|e| e.effect.declaration().place == Place::Vibration);
+        let interval = Interval::new(values[0], values[1], setting.dt_s, held);
+        Some(Box::new(FilterStage { interval, state: [0.0; 2], before: 0.0 }))
+    }
+    fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
+        // What is read between two instants is taken as straight: finer than others need where records are neither fast nor at rest at every sample.
+        let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
+        super::substeps_inside_period(dt_s).max(straight)
+    }
+    fn follows_motion(&self) -> bool {
+        true
+    }
+    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        free_motions_of(TAU * values[0], values[1])
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![3000.0 / strength.max(0.01), 0.5 + 0.5 * random()])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::SensorFilter;
+    use crate::chain::{Drive, EffectInstance, InitialState, Model};
+    use crate::effect::{Overview, by_id};
+    use std::f64::consts::TAU;
+    use std::sync::Arc;
+
+    fn model(chain: &[(&str, &[f64])], frequency_hz: f64, damping_ratio: f64) -> Model {
+        let (mut model, overview) = (Model::new(0.0, 1.0), Overview::without_data(0.0, 1.0));
+        for (id, values) in chain {
+            model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+        }
+        model.add(EffectInstance::new(Arc::new(SensorFilter), &overview, &[frequency_hz, damping_ratio]));
+        model
+    }
+
+    /// Without inertia a step of the drive is a step of the displacement: the reading is the textbook's step response, exactly.
+    #[test]
+    fn a_step_is_answered_as_by_the_closed_form() {
+        let (frequency_hz, xi, dt_s) = (900.0, 0.6, 1e-4);
+        let drive = Drive { drive_v: &[1.0; 40], force_n: None, dt_s, initial_state: InitialState::Virgin };
+        let reading = model(&[("gain", &[1.0])], frequency_hz, xi).simulate(&drive);
+        let w = TAU * frequency_hz;
+        let damped = (1.0 - xi * xi).sqrt();
+        for (k, y) in reading.iter().enumerate() {
+            let t = k as f64 * dt_s;
+            let expected = 1.0 - (-xi * w * t).exp() * ((w * damped * t).cos() + xi / damped * (w * damped * t).sin());
+            assert!((y - expected).abs() < 1e-9, "{k}: {y} {expected}");
+        }
+    }
+
+    /// Behind a mode, in fast and slow records: as Euler's method in a hundred-thousandth of the time.
+    #[test]
+    fn behind_a_mode_it_follows_the_motion_inside_a_period() {
+        let (frequency_hz, xi, w) = (1500.0, 0.7, 3000.0);
+        let filtered = model(&[("gain", &[1.0]), ("vibration", &[w, 0.25])], frequency_hz, xi);
+        let by_euler = |until_s: f64| {
+            let (wf, steps) = (TAU * frequency_hz, 400_000);
+            let h = until_s / f64::from(steps);
+            let (mut x, mut v, mut y, mut rate) = (0.0, 0.0, 0.0, 0.0);
+            for _ in 0..steps {
+                let (force, drag) = (w * w * (1.0 - x) - 0.5 * w * v, wf * wf * (x - y) - 2.0 * xi * wf * rate);
+                x += h * v;
+                v += h * force;
+                y += h * rate;
+                rate += h * drag;
+            }
+            y
+        };
+        for dt_s in [5e-5, 5e-4, 5e-3] {
+            let drive = Drive { drive_v: &[1.0; 4], force_n: None, dt_s, initial_state: InitialState::Virgin };
+            let reading = filtered.simulate(&drive);
+            for k in 1..4 {
+                let expected = by_euler(k as f64 * dt_s);
+                assert!((reading[k] - expected).abs() < 1e-3, "{dt_s} {k}: {} {expected}", reading[k]);
+            }
+        }
+    }
+}

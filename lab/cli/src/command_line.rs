@@ -1,0 +1,332 @@
+//! The command line: arguments in, short text and files out.
+//!
+//! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message. Output files are written whole
+//! at the end, so that a failed run leaves what was there.
+
+use crate::desk::Desk;
+use crate::read_arguments::ReadArguments;
+use crate::{add, capture, check, compare, design, diagnose, explain, identify, plant, reproduce, score, simulate, track};
+use clap::{Parser, Subcommand};
+use hysteron::{Error, Result};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// From the measurement of a piezoelectric actuator to what its model misses, and to its controller.
+#[derive(Parser)]
+#[command(name = "hysteron", version, max_term_width = 100, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Files that a command may write.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct Outputs {
+    /// Write every figure as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write a page to look at, one HTML file that opens offline
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Replace files that exist
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl Outputs {
+    /// Takes the files as targets.
+    pub fn check(&self, desk: &Desk) -> Result<()> {
+        desk.target(self.json.as_deref())?;
+        desk.target(self.report.as_deref())
+    }
+
+    /// Where the drive that would decide between two explanations is written: beside the other outputs, if there are any.
+    pub fn next_drive(&self) -> Option<PathBuf> {
+        self.report.as_ref().or(self.json.as_ref()).map(|beside| beside.with_extension("next_drive.csv"))
+    }
+}
+
+/// Files that a command which makes a model may write.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct StudyOutputs {
+    /// Write the model
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// The others
+    #[command(flatten)]
+    pub files: Outputs,
+}
+
+impl StudyOutputs {
+    /// Takes the files as targets.
+    pub fn check(&self, desk: &Desk) -> Result<()> {
+        desk.target(self.out.as_deref())?;
+        self.files.check(desk)
+    }
+}
+
+/// The command line as it was typed, for pages.
+pub fn as_typed() -> String {
+    let words = std::env::args().skip(1);
+    std::iter::once("hysteron".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+}
+
+/// What `plant` is told.
+#[derive(clap::Args)]
+pub struct PlantArguments {
+    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every kind; `pairs`: of every pair
+    pub effects: String,
+    /// Folder to write
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Replace files that exist
+    #[arg(long)]
+    pub force: bool,
+    /// Seed of noise and parameters
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Effects that the user of a single case already models, comma-separated
+    #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
+    pub base: String,
+    /// Structure of the hysteresis: hysteresis (the thesis' surfaces), prandtl_ishlinskii, bouc_wen, ...
+    #[arg(long, default_value = "hysteresis")]
+    pub hysteresis: String,
+    /// Cases of each kind and strength; more than one makes a folder of cases
+    #[arg(long, default_value_t = 1)]
+    pub cases: usize,
+    /// Strengths of a set, comma-separated [default: 1]; makes a folder of cases
+    #[arg(long, value_delimiter = ',')]
+    pub strengths: Vec<String>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Identify, compare, diagnose, add effects until the noise floor: the main job
+    Explain {
+        /// Folder with dataset.toml, a manifest, or one file of numbers (docs/formats.md)
+        dataset: PathBuf,
+        /// Effects to start from, comma-separated (default: gain), or a file that lists them
+        #[arg(long, default_value = "gain")]
+        from: String,
+        /// Effects of your own that take part, as .toml files
+        #[arg(long, value_name = "FILES", default_value = "")]
+        own: String,
+        /// Tell every step of the search, with its error
+        #[arg(long, short)]
+        verbose: bool,
+        #[command(flatten)]
+        reading: ReadArguments,
+        #[command(flatten)]
+        outputs: StudyOutputs,
+    },
+    /// Fit a list of effects to a data set
+    Identify {
+        /// Data set
+        dataset: PathBuf,
+        /// Effects, comma-separated: built-in names or .toml files
+        #[arg(long)]
+        effects: String,
+        /// Hysteresis model in place of `hysteresis`
+        #[arg(long, value_name = "KIND")]
+        hysteresis: Option<String>,
+        #[command(flatten)]
+        reading: ReadArguments,
+        #[command(flatten)]
+        outputs: StudyOutputs,
+    },
+    /// Compare a model with a data set as it is
+    Compare {
+        /// Model file
+        model: PathBuf,
+        /// Data set
+        dataset: PathBuf,
+        #[command(flatten)]
+        reading: ReadArguments,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Say which physical effect a model misses on a data set
+    Diagnose {
+        /// Model file
+        model: PathBuf,
+        /// Data set
+        dataset: PathBuf,
+        /// Effects of your own that take part, as .toml files
+        #[arg(long, value_name = "FILES", default_value = "")]
+        own: String,
+        #[command(flatten)]
+        reading: ReadArguments,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Add an effect to a model and fit it again
+    Add {
+        /// Effect: a built-in name or a .toml file
+        effect: String,
+        /// Model file
+        model: PathBuf,
+        /// Data set
+        dataset: PathBuf,
+        /// Write the model
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        #[command(flatten)]
+        reading: ReadArguments,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// What a model's sensor would read under a drive
+    Simulate {
+        /// Model file
+        model: PathBuf,
+        /// CSV file with t and u, or a waveform: sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS, triangle:V_PER_S:PEAK_V:SECONDS, step:V:SECONDS
+        #[arg(long)]
+        drive: String,
+        /// CSV file to write
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        /// Sampling rate of a waveform
+        #[arg(long, default_value_t = 20000.0)]
+        rate_hz: f64,
+        /// Replace the file if it exists
+        #[arg(long)]
+        force: bool,
+    },
+    /// Simulate a data set that has these effects, with its truth; or a set of many
+    Plant(PlantArguments),
+    /// Decode the log of a target (its image, the raw bytes of its RTT channel) into a data set
+    Capture {
+        /// The image that was flashed
+        elf: PathBuf,
+        /// Raw bytes of the log channel
+        raw: PathBuf,
+        /// Folder to write
+        #[arg(long, value_name = "DATASET")]
+        out: PathBuf,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
+    /// Design a servo for an identified model, with margins, and write its parameters
+    Design {
+        /// Model file
+        model: PathBuf,
+        /// Servo file to write
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        /// Highest frequency of the references
+        #[arg(long, default_value_t = 150.0)]
+        reference_hz: f64,
+        /// RMS noise of the sensor [default: that of the recording, or 0.001]
+        #[arg(long, allow_negative_numbers = true)]
+        sensor_noise_um: Option<f64>,
+        /// Recording that the model was identified from: what it excludes need not be reckoned with
+        #[arg(long, value_name = "DATASET")]
+        data: Option<PathBuf>,
+        /// Largest sensitivity that is accepted
+        #[arg(long, default_value_t = 2.5)]
+        sensitivity_peak: f64,
+        /// Parameter block for the amplifier to write; beside it the commands that bring it to a running target
+        #[arg(long, value_name = "FILE")]
+        block: Option<PathBuf>,
+        /// Wiring of the amplifier's converters (firmware/README.md)
+        #[arg(long, value_name = "FILE")]
+        front_end: Option<PathBuf>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Sampled eigenvalues and margins of a servo; exit status 1 if it is unstable
+    Check {
+        /// Servo file
+        servo: PathBuf,
+        /// Model file
+        #[arg(long)]
+        model: PathBuf,
+        /// Check a scheme of the thesis with the thesis' gains instead, on the target with its period of delay
+        #[arg(long, value_name = "NAME")]
+        scheme: Option<String>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Follow a reference with a servo on an identified model
+    Track {
+        /// Model file
+        model: PathBuf,
+        /// Servo file
+        servo: PathBuf,
+        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`
+        #[arg(long)]
+        reference: String,
+        /// Another scheme for the same model
+        #[arg(long, value_name = "NAME")]
+        scheme: Option<String>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Play the thesis' experiments on the simulated bench and stand ours beside its figures
+    Reproduce {
+        /// Chapters: 3, 4, 5, 6, 7 (default: all)
+        chapters: Vec<u32>,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Diagnose a folder of planted cases and compare with their truth
+    Score {
+        /// Folder with truth.json and one folder per case
+        dir: PathBuf,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+}
+
+/// Runs the program.
+#[must_use]
+pub fn run() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+        }
+    };
+    match dispatch(arguments.command) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
+        Err(problem) => {
+            eprintln!("error: {problem}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn dispatch(command: Command) -> Result<bool> {
+    match command {
+        Command::Explain { dataset, from, own, verbose, reading, outputs } => {
+            explain::explain(&dataset, &from, &own, verbose, &reading, &outputs)
+        }
+        Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
+            identify::identify(&dataset, &effects, hysteresis.as_deref(), &reading, &outputs)
+        }
+        Command::Compare { model, dataset, reading, outputs } => compare::compare(&model, &dataset, &reading, &outputs),
+        Command::Diagnose { model, dataset, own, reading, outputs } => diagnose::diagnose(&model, &dataset, &own, &reading, &outputs),
+        Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
+        Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
+        Command::Plant(wanted) => plant::plant(&wanted),
+        Command::Capture { elf, raw, out, force } => capture::capture(&elf, &raw, &out, force),
+        Command::Design { model, out, reference_hz, sensor_noise_um, data, sensitivity_peak, block, front_end, outputs } => {
+            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak };
+            let files =
+                design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
+            design::design(&files, &wanted, &outputs)
+        }
+        Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
+        Command::Track { model, servo, reference, scheme, outputs } => {
+            track::track(&model, &servo, &reference, scheme.as_deref(), &outputs)
+        }
+        Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
+        Command::Score { dir, outputs } => score::score(&dir, &outputs),
+    }
+    .and_then(|ok| {
+        if std::io::Write::flush(&mut std::io::stdout()).is_ok() { Ok(ok) } else { Err(Error::new("output", "cannot be written")) }
+    })
+}

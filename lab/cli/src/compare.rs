@@ -1,0 +1,43 @@
+//! `compare`.
+
+use crate::command_line::{Outputs, as_typed};
+use crate::desk::Desk;
+use crate::read_arguments::ReadArguments;
+use crate::tables::{print_notes, print_records, say_next};
+use hysteron::diagnosis::judgement::require_finite;
+use hysteron::diagnosis::words::nm;
+use hysteron::explain::{FitFigures, fit_figures};
+use hysteron::identification::noise_floor::noise_floor;
+use hysteron::{Dataset, Result};
+use hysteron_report::{comparison_report, explain_page};
+use hysteron_sim::chain::Model;
+use std::path::Path;
+use std::time::Instant;
+
+/// Compares a model as it is.
+pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
+    let started = Instant::now();
+    let desk = Desk::new(outputs.force);
+    let model = desk.model(model)?;
+    let dataset = desk.dataset(path, reading)?;
+    outputs.check(&desk)?;
+    require_finite(&model, &dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
+    let floor = noise_floor(&dataset);
+    let figures = fit_figures(&model, &dataset, &floor, Vec::new(), &[], started.elapsed().as_secs_f64());
+    println!("{}: {}", dataset.name, figures.effects.join(", "));
+    print_records(&figures);
+    if let Some(floor) = figures.noise_floor_um {
+        println!("  noise: {} nm, from {}", nm(floor), figures.floor_basis);
+    }
+    print_notes(&figures);
+    write_fit(&desk, &model, &figures, &dataset, None, outputs)?;
+    say_next(outputs, path);
+    Ok(true)
+}
+
+/// Writes a model with its figures and its page, as far as they are wanted.
+pub fn write_fit(desk: &Desk, model: &Model, figures: &FitFigures, dataset: &Dataset, out: Option<&Path>, outputs: &Outputs) -> Result<()> {
+    desk.write_model(out, model, &dataset.name)?;
+    desk.write_json(outputs.json.as_deref(), figures)?;
+    desk.write_page(outputs.report.as_deref(), || explain_page(&comparison_report(model, dataset, figures, as_typed())))
+}

@@ -1,0 +1,109 @@
+//! `design`.
+
+use crate::command_line::Outputs;
+use crate::desk::{Desk, wrong};
+use crate::read_arguments::ReadArguments;
+use hysteron::Result;
+use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
+use hysteron::servo::design::ServoDesign;
+use hysteron::servo::order::{self, Order};
+use hysteron::servo::predictor::Assessment;
+use hysteron_report::{Block, Page, Section, trade_off};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What `design --json` carries.
+#[derive(Serialize)]
+struct DesignFigures<'a> {
+    schema: &'static str,
+    design: &'a ServoDesign,
+}
+
+/// The file of the lines that bring a block to a running target.
+fn beside(block: &Path) -> PathBuf {
+    let mut name = block.as_os_str().to_owned();
+    name.push(".commands");
+    name.into()
+}
+
+/// Files of a design.
+pub struct Files<'a> {
+    /// The model.
+    pub model: &'a Path,
+    /// The recording behind it.
+    pub data: Option<&'a Path>,
+    /// The servo to write.
+    pub out: &'a Path,
+    /// The block to write.
+    pub block: Option<&'a Path>,
+    /// Wiring of the converters.
+    pub front_end: Option<&'a Path>,
+}
+
+/// What is asked of the servo.
+pub struct Wanted {
+    /// Highest frequency of references, Hz.
+    pub reference_hz: f64,
+    /// Noise of the sensor, um.
+    pub sensor_noise_um: Option<f64>,
+    /// Largest sensitivity.
+    pub sensitivity_peak: f64,
+}
+
+/// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end front_end.toml]`.
+pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool> {
+    let Files { model, data, out, block, front_end } = *files;
+    let desk = Desk::new(outputs.force);
+    let front_end = match front_end {
+        Some(path) => Some(FrontEnd::from_toml(&desk.text(path, "the wiring of the converters")?, &path.display().to_string())?),
+        // A block is made for some wiring: what is not said is the default, and the servo must fit that.
+        None => block.map(|_| FrontEnd::default()),
+    };
+    let chain = desk.model(model)?;
+    let recording = data.map(|path| desk.dataset(path, &ReadArguments::default())).transpose()?;
+    let commands_file = block.map(beside);
+    desk.target(Some(out))?;
+    desk.target(block)?;
+    desk.target(commands_file.as_deref())?;
+    outputs.check(&desk)?;
+    let Wanted { reference_hz, sensor_noise_um, sensitivity_peak } = *wanted;
+    let order = Order { reference_hz, sensor_noise_um, sensitivity_peak, recording: recording.as_ref(), front_end: front_end.as_ref() };
+    let design = order::design(&chain, &order).map_err(|m| wrong(model, m))?;
+    // What a target cannot take is no design: it fails before anything is written.
+    let block_bytes = match (block, &front_end) {
+        (Some(_), Some(front_end)) => Some(amplifier_block::block(&amplifier_parameters(&design, front_end)?)?),
+        _ => None,
+    };
+    desk.write_json(outputs.json.as_deref(), &DesignFigures { schema: "hysteron.design/1", design: &design })?;
+    let page = Page {
+        title: "Servo design".into(),
+        lead_sentence: design.explanation.first().cloned().unwrap_or_default(),
+        sections: vec![Section {
+            heading: "Why this one".into(),
+            text: design.explanation.join("\n\n"),
+            blocks: vec![Block::Plot(trade_off(&design.trade_off))],
+        }],
+        ..Page::default()
+    };
+    desk.write_page(outputs.report.as_deref(), || page)?;
+    if let (Some(path), Some(bytes), Some(commands)) = (block, &block_bytes, &commands_file) {
+        desk.write(path, bytes)?;
+        desk.write(commands, upload_lines(bytes)?.as_bytes())?;
+    }
+    desk.write(out, toml::to_string_pretty(&design).map_err(|e| wrong(out, e))?.as_bytes())?;
+    for line in &design.explanation {
+        println!("  {line}");
+    }
+    // Ends and middle of the curve: the whole of it is in the page and in the figures.
+    let curve = &design.trade_off;
+    if let [first, .., last] = curve.as_slice() {
+        let point = |a: &Assessment| format!("{:.2} and {:.2}", 1e3 * a.noise_um, 1e3 * a.disturbance_um);
+        let middle = curve.get(curve.len() / 2).map(point).unwrap_or_default();
+        println!("  Trade-off, noise passed on and error let through in nm: {}; {middle}; {}.", point(first), point(last));
+    }
+    if let Some(block) = block {
+        println!("wrote {0}; its lines for a running target are in {0}.commands", block.display());
+    }
+    println!("wrote {}; next: hysteron track {} {} --reference sine:50:5", out.display(), model.display(), out.display());
+    Ok(true)
+}

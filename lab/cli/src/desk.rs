@@ -1,0 +1,165 @@
+//! The files of one command: what it read is never written over, and whether a target can be written is known before the work begins.
+
+use crate::read_arguments::ReadArguments;
+use crate::write_whole::write_whole;
+use hysteron::dataset::folder;
+use hysteron::{Dataset, Error, Result, model_file};
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::Effect;
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Inputs and targets of a command.
+#[derive(Debug, Default)]
+pub struct Desk {
+    read: RefCell<Vec<PathBuf>>,
+    targets: RefCell<Vec<PathBuf>>,
+    force: bool,
+}
+
+/// The same file has the same name here, however it was called.
+fn canonical(path: &Path) -> PathBuf {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+    path.canonicalize().ok().or_else(|| Some(folder.canonicalize().ok()?.join(path.file_name()?))).unwrap_or_else(|| path.to_path_buf())
+}
+
+/// A file as it is called in messages.
+pub fn wrong(path: &Path, message: impl std::fmt::Display) -> Error {
+    Error::new(path.display(), message)
+}
+
+impl Desk {
+    /// For a command that may replace files that exist, or not.
+    pub fn new(force: bool) -> Self {
+        Self { force, ..Self::default() }
+    }
+
+    /// The bytes of an input; `expected` says what should have been there.
+    pub fn bytes(&self, path: &Path, expected: &str) -> Result<Vec<u8>> {
+        let bytes = folder::bytes(path, expected)?;
+        self.read.borrow_mut().push(canonical(path));
+        Ok(bytes)
+    }
+
+    /// The text of an input.
+    pub fn text(&self, path: &Path, expected: &str) -> Result<String> {
+        String::from_utf8(self.bytes(path, expected)?).map_err(|_| wrong(path, format!("is not text; expected {expected}")))
+    }
+
+    /// A folder with `dataset.toml`, a manifest, or one file of numbers.
+    pub fn dataset(&self, path: &Path, reading: &ReadArguments) -> Result<Dataset> {
+        let dataset = folder::load_as(path, &reading.instructions()?)?;
+        let sources = std::iter::once(&dataset.source).chain(dataset.records.iter().map(|r| &r.source));
+        self.read.borrow_mut().extend(sources.map(|source| canonical(Path::new(source))));
+        Ok(dataset)
+    }
+
+    /// A model that the program has written.
+    pub fn model(&self, path: &Path) -> Result<Model> {
+        let text = self.text(path, "a model written by `hysteron`")?;
+        model_file::from_toml(&text, &path.display().to_string())
+    }
+
+    /// Effects by a list of names, or by a file that lists them; items that end in `.toml` define effects of the user's own.
+    pub fn effects(&self, list: &str) -> Result<Vec<Arc<dyn Effect>>> {
+        let path = Path::new(list);
+        let names = if !list.ends_with(".toml") && path.is_file() { self.text(path, "a list of effects")? } else { list.to_owned() };
+        let items = names.split([',', '\n', ' ']).map(str::trim).filter(|item| !item.is_empty());
+        items.map(|item| if item.ends_with(".toml") { self.own_effect(Path::new(item)) } else { model_file::effect_named(item) }).collect()
+    }
+
+    fn own_effect(&self, path: &Path) -> Result<Arc<dyn Effect>> {
+        model_file::own_effect(&self.text(path, "the definition of an effect")?, &path.display().to_string())
+    }
+
+    /// Takes a file as a target, once everything has been read and before the work begins.
+    ///
+    /// # Errors
+    /// It was read, it exists and may not be replaced, it is a target already, or it cannot be written.
+    pub fn target(&self, path: Option<&Path>) -> Result<()> {
+        let Some(path) = path else { return Ok(()) };
+        let this = canonical(path);
+        if self.read.borrow().contains(&this) {
+            return Err(wrong(path, "was read by this command and is not written over; expected another name"));
+        }
+        if self.targets.borrow().contains(&this) {
+            return Err(wrong(path, "is to be written twice by this command; expected different names"));
+        }
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+        if !folder.is_dir() {
+            return Err(wrong(path, format!("the folder {} does not exist", folder.display())));
+        }
+        if path.is_dir() {
+            return Err(wrong(path, "is a folder; expected a file name"));
+        }
+        if path.exists() && !self.force {
+            return Err(wrong(path, "exists; expected another name, or --force to replace it"));
+        }
+        let trial = folder.join(format!(".hysteron.{}.trial", std::process::id()));
+        let written = std::fs::File::create(&trial);
+        // The trial file may never have come to be.
+        let _ = std::fs::remove_file(&trial);
+        written.map_err(|e| wrong(path, format!("cannot be written: {e}")))?;
+        self.targets.borrow_mut().push(this);
+        Ok(())
+    }
+
+    /// Takes a folder as the place of new files: none of them may exist already, unless they may be replaced.
+    pub fn folder(&self, path: &Path, files: &[String]) -> Result<()> {
+        std::fs::create_dir_all(path).map_err(|e| wrong(path, format!("cannot be made: {e}")))?;
+        files.iter().try_for_each(|name| self.target(Some(&path.join(name))))
+    }
+
+    /// Writes a target whole or not at all.
+    pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        write_whole(path, bytes).map_err(|e| wrong(path, format!("cannot be written: {e}")))
+    }
+
+    /// Writes figures as JSON, if a file is wanted.
+    pub fn write_json(&self, path: Option<&Path>, value: &impl serde::Serialize) -> Result<()> {
+        let Some(path) = path else { return Ok(()) };
+        let text = serde_json::to_string_pretty(value).map_err(|e| wrong(path, e))?;
+        self.write(path, (text + "\n").as_bytes())
+    }
+
+    /// Writes a page, if a file is wanted.
+    pub fn write_page(&self, path: Option<&Path>, page: impl FnOnce() -> hysteron_report::Page) -> Result<()> {
+        path.map_or(Ok(()), |path| self.write(path, page().to_html().as_bytes()))
+    }
+
+    /// Writes a model, if a file is wanted.
+    pub fn write_model(&self, path: Option<&Path>, model: &Model, data_set: &str) -> Result<()> {
+        path.map_or(Ok(()), |path| self.write(path, model_file::to_toml(model, data_set)?.as_bytes()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_read_is_no_target_however_it_is_called() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("data.csv");
+        std::fs::write(&file, "1").unwrap();
+        let desk = Desk::new(true);
+        desk.bytes(&file, "data").unwrap();
+        let by_another_name = folder.path().join(".").join("data.csv");
+        let refused = desk.target(Some(&by_another_name)).unwrap_err().to_string();
+        assert!(refused.contains("was read"), "{refused}");
+    }
+
+    #[test]
+    fn what_exists_needs_force_and_two_targets_are_two_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let (old, new) = (folder.path().join("old"), folder.path().join("new"));
+        std::fs::write(&old, "1").unwrap();
+        assert!(Desk::new(false).target(Some(&old)).unwrap_err().to_string().contains("--force"));
+        let desk = Desk::new(true);
+        desk.target(Some(&old)).unwrap();
+        desk.target(Some(&new)).unwrap();
+        assert!(desk.target(Some(&new)).unwrap_err().to_string().contains("twice"));
+        assert!(!new.exists());
+    }
+}

@@ -1,0 +1,47 @@
+//! `diagnose`.
+
+use crate::command_line::{Outputs, as_typed};
+use crate::desk::Desk;
+use crate::explain::write_next_experiment;
+use crate::progress::Progress;
+use crate::read_arguments::ReadArguments;
+use crate::tables::{say_candidates, say_next, say_stopped};
+use hysteron::Result;
+use hysteron::diagnosis::words::nm;
+use hysteron::explain::{self, Options, Start};
+use hysteron_report::{explain_page, explain_report};
+use std::path::Path;
+
+/// Says what a model misses.
+pub fn diagnose(model: &Path, path: &Path, own: &str, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
+    let desk = Desk::new(outputs.force);
+    let options = Options { own: desk.effects(own)?, ..Options::default() };
+    let model = desk.model(model)?;
+    let dataset = desk.dataset(path, reading)?;
+    outputs.check(&desk)?;
+    desk.target(outputs.next_drive().as_deref())?;
+    let progress = Progress::of_search(false);
+    let found = explain::explain(&dataset, Start::Model(model), &options, &progress)?;
+    drop(progress);
+    let d = &found.diagnosis;
+    say_stopped(found.stopped);
+    println!("{}: {}", dataset.name, d.sentence);
+    println!("  {:24} share   p        held out nm before, after", "candidate");
+    for c in d.candidates.iter().take(6) {
+        println!(
+            "  {:24} {:>4.0} %  {:<7.4}  {} , {}{}",
+            c.effect,
+            100.0 * c.explained_share,
+            c.p_value,
+            c.validate_rms_before_um.map_or("-".into(), nm),
+            c.validate_rms_after_um.map_or("-".into(), nm),
+            if c.confusable_with.is_empty() { String::new() } else { format!("   looks like {}", c.confusable_with.join(", ")) }
+        );
+    }
+    say_candidates(d);
+    write_next_experiment(&desk, &found, outputs)?;
+    desk.write_json(outputs.json.as_deref(), d)?;
+    desk.write_page(outputs.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
+    say_next(outputs, path);
+    Ok(true)
+}

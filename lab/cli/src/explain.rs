@@ -1,0 +1,58 @@
+//! `explain`.
+
+use crate::command_line::{Outputs, StudyOutputs, as_typed};
+use crate::desk::Desk;
+use crate::progress::Progress;
+use crate::read_arguments::ReadArguments;
+use crate::tables::{print_notes, print_records, print_steps, say_candidates, say_next, say_stopped};
+use hysteron::Result;
+use hysteron::explain::{self, Explanation, Options, Start};
+use hysteron_report::{explain_page, explain_report};
+use std::path::Path;
+use std::time::Instant;
+
+/// The main job.
+pub fn explain(path: &Path, from: &str, own: &str, verbose: bool, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
+    let started = Instant::now();
+    let desk = Desk::new(outputs.files.force);
+    let effects = desk.effects(from)?;
+    let options = Options { own: desk.effects(own)?, ..Options::default() };
+    let dataset = desk.dataset(path, reading)?;
+    outputs.check(&desk)?;
+    desk.target(outputs.files.next_drive().as_deref())?;
+    let progress = Progress::of_search(verbose);
+    let found = explain::explain(&dataset, Start::Effects(&effects), &options, &progress)?;
+    drop(progress);
+    let figures = found.figures(&dataset, started.elapsed().as_secs_f64());
+    say_stopped(found.stopped);
+    println!("{}: {}", dataset.name, found.diagnosis.sentence);
+    print_steps(&figures.steps, figures.noise_floor_um);
+    println!();
+    print_records(&figures);
+    print_notes(&figures);
+    for step in figures.steps.iter().skip(1) {
+        if let Some(id) = &step.added {
+            println!("  why {id}: {}", step.why);
+        }
+    }
+    say_candidates(&found.diagnosis);
+    write_next_experiment(&desk, &found, &outputs.files)?;
+    desk.write_model(outputs.out.as_deref(), &found.model, &dataset.name)?;
+    desk.write_json(outputs.files.json.as_deref(), &figures)?;
+    desk.write_page(outputs.files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
+    let model = outputs.out.as_ref().map_or_else(|| "Keep the model with --out model.toml.".into(), |p| format!("Model: {}", p.display()));
+    println!("{:.1} s. {model}", figures.seconds);
+    say_next(&outputs.files, path);
+    Ok(true)
+}
+
+/// Writes the drive that would decide beside the other outputs.
+pub fn write_next_experiment(desk: &Desk, found: &Explanation, outputs: &Outputs) -> Result<()> {
+    let Some(next) = &found.next_experiment else { return Ok(()) };
+    println!("  {}", next.sentence);
+    if let Some(path) = outputs.next_drive() {
+        desk.write(&path, next.proposal.csv().as_bytes())?;
+        println!("  that drive, ready to run: {}", path.display());
+    }
+    Ok(())
+}

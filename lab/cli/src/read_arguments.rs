@@ -1,0 +1,78 @@
+//! What a person says about the files of a data set: columns, units, sampling rate.
+
+use hysteron::dataset::manifest::{ColumnName, PerColumn};
+use hysteron::dataset::reading::Instructions;
+use hysteron::dataset::recognise::Wanted;
+use hysteron::{Error, Result};
+
+/// Arguments of every command that reads recordings.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct ReadArguments {
+    /// Which column is what, by number from 1 or by name: t=1,u=3,y=2
+    #[arg(long, value_name = "LIST", help_heading = "Reading")]
+    columns: Option<String>,
+    /// Units of columns, or sensitivities: u=mV,y=nm or y=5um/V
+    #[arg(long, value_name = "LIST", help_heading = "Reading")]
+    units: Option<String>,
+    /// Sampling rate of files without time stamps
+    #[arg(long, value_name = "HZ", help_heading = "Reading")]
+    sample_rate_hz: Option<f64>,
+    /// Rows of text to leave out at the top of a file
+    #[arg(long, value_name = "N", help_heading = "Reading")]
+    skip_rows: Option<usize>,
+}
+
+impl ReadArguments {
+    /// The same in the words of the library.
+    ///
+    /// # Errors
+    /// What is not of the form `t=1,u=3`.
+    pub fn instructions(&self) -> Result<Instructions> {
+        let column = |text: &str| text.parse().map_or_else(|_| ColumnName::Name(text.to_owned()), ColumnName::Number);
+        if let Some(rate) = self.sample_rate_hz.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
+            return Err(Error::new("--sample-rate-hz", format!("{rate}; expected a positive number")));
+        }
+        Ok(Instructions {
+            wanted: Wanted {
+                columns: by_signal("--columns", self.columns.as_deref(), column)?,
+                unit: by_signal("--units", self.units.as_deref(), str::to_owned)?,
+                scale: PerColumn::default(),
+            },
+            sample_rate_hz: self.sample_rate_hz,
+            skip_rows: self.skip_rows,
+        })
+    }
+}
+
+/// `t=..,u=..` as one value by signal.
+fn by_signal<T>(option: &str, list: Option<&str>, value: impl Fn(&str) -> T) -> Result<PerColumn<T>> {
+    let mut found = PerColumn::default();
+    for item in list.unwrap_or_default().split(',').map(str::trim).filter(|item| !item.is_empty()) {
+        let (key, text) = item.split_once('=').map_or((item, ""), |(key, text)| (key.trim(), text.trim()));
+        let place = found.by_key(key).filter(|place| place.is_none() && !text.is_empty());
+        let Some(place) = place else {
+            return Err(Error::new(option, format!("`{item}`; expected t=.., u=.., y=.. or force=.., each once, with commas between")));
+        };
+        *place = Some(value(text));
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_by_signal() {
+        let said = |columns: &str, units: &str| {
+            ReadArguments { columns: Some(columns.into()), units: Some(units.into()), ..Default::default() }.instructions()
+        };
+        let found = said("t=1, u=drive", "y=5um/V").unwrap().wanted;
+        assert_eq!(found.columns.t, Some(ColumnName::Number(1)));
+        assert_eq!(found.columns.u, Some(ColumnName::Name("drive".into())));
+        assert_eq!(found.unit.y.as_deref(), Some("5um/V"));
+        for wrong in ["q=1", "t", "t=1,t=2", "t="] {
+            assert!(said(wrong, "").unwrap_err().to_string().contains("--columns"), "{wrong}");
+        }
+    }
+}

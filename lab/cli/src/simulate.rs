@@ -1,0 +1,81 @@
+//! `simulate`.
+
+use crate::desk::Desk;
+use hysteron::dataset::readers::{self, Hints};
+use hysteron::dataset::recognise::{Wanted, time_and_drive};
+use hysteron::dataset::time_axis::{Known, TimeAxis};
+use hysteron::diagnosis::judgement::first_not_finite;
+use hysteron::{Error, Result};
+use hysteron_sim::chain::{Drive, InitialState};
+use std::path::Path;
+
+/// Simulates a model.
+pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool) -> Result<bool> {
+    let desk = Desk::new(force);
+    let model = desk.model(model)?;
+    let path = Path::new(drive);
+    let (t_s, drive_v, dt_s) = if path.is_file() {
+        let table = readers::read(drive, &desk.bytes(path, "a drive")?, Hints::default())?;
+        let (t_s, u_v) = time_and_drive(&table, &Wanted::default())?;
+        // A drive is played as it is: uneven stamps are an error.
+        let known = Known { place: drive, line_of: &|row| table.line_of(row), sample_rate_hz: None, resample: Some(false) };
+        let axis = TimeAxis::from_stamps(&t_s, &known)?;
+        (t_s, u_v, 1.0 / axis.sample_rate_hz)
+    } else {
+        if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+            return Err(Error::new("--rate-hz", "expected a positive number"));
+        }
+        let u_v = waveform(drive, rate_hz, model.drive_min_v)?;
+        ((0..u_v.len()).map(|k| k as f64 / rate_hz).collect(), u_v, 1.0 / rate_hz)
+    };
+    desk.target(Some(out))?;
+    let outside = drive_v.iter().copied().find(|u| *u < model.drive_min_v - 1e-9 || *u > model.drive_max_v + 1e-9);
+    if let Some(u) = outside {
+        return Err(Error::new("--drive", format!("reaches {u} V; the model holds from {} to {} V", model.drive_min_v, model.drive_max_v)));
+    }
+    let driven = Drive { drive_v: &drive_v, force_n: None, dt_s, initial_state: InitialState::Virgin };
+    if let Some((effect, sample)) = first_not_finite(&model, &driven) {
+        return Err(Error::NotFinite { effect, record: drive.to_owned(), sample: sample + 1 });
+    }
+    let y = model.simulate(&driven);
+    let mut text = String::from("t_s,u_v,y_um\n");
+    for ((t, u), y) in t_s.iter().zip(&drive_v).zip(&y) {
+        text.push_str(&format!("{t:.9},{u:.6},{y:.6}\n"));
+    }
+    desk.write(out, text.as_bytes())?;
+    println!("{} samples in {}", y.len(), out.display());
+    Ok(true)
+}
+
+/// Longest waveform.
+const SAMPLES_MAX: f64 = 2e7;
+
+fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
+    let mut parts = text.split(':');
+    let kind = parts.next().unwrap_or_default();
+    let numbers: Vec<f64> = parts
+        .map(|p| p.parse::<f64>().map_err(|_| Error::new("--drive", format!("`{p}` in `{text}` is not a number"))))
+        .collect::<Result<_>>()?;
+    let seconds = numbers.last().copied().unwrap_or(0.0);
+    if !(1.0..=SAMPLES_MAX).contains(&(seconds * rate_hz)) {
+        return Err(Error::new("--drive", format!("`{text}` is {} samples long; expected 1 to {SAMPLES_MAX}", seconds * rate_hz)));
+    }
+    let samples = |seconds: f64| (seconds * rate_hz) as usize;
+    let time = |k: usize| k as f64 / rate_hz;
+    match (kind, &numbers[..]) {
+        ("sine", [hz, amplitude, offset, seconds]) => {
+            Ok((0..samples(*seconds)).map(|k| offset + amplitude * (std::f64::consts::TAU * hz * time(k)).sin()).collect())
+        }
+        ("triangle", [slope, peak, seconds]) if *slope > 0.0 && *peak > 0.0 => {
+            let half = peak / slope;
+            Ok((0..samples(*seconds)).map(|k| rest_v + slope * (half - (time(k).rem_euclid(2.0 * half) - half).abs())).collect())
+        }
+        ("step", [level, seconds]) => Ok(vec![*level; samples(*seconds)]),
+        _ => Err(Error::new(
+            "--drive",
+            format!(
+                "`{text}` is neither a file nor a waveform; expected sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS, triangle:V_PER_S:PEAK_V:SECONDS or step:V:SECONDS"
+            ),
+        )),
+    }
+}

@@ -1,0 +1,81 @@
+//! Tables on the screen.
+
+use crate::command_line::Outputs;
+use hysteron::diagnosis::verdict::{Diagnosis, Verdict};
+use hysteron::diagnosis::words::nm;
+use hysteron::explain::{FitFigures, StepFigures};
+use std::path::Path;
+
+/// The steps of a growth with their falling error.
+pub fn print_steps(steps: &[StepFigures], floor_um: Option<f64>) {
+    let width = steps.iter().filter_map(|s| s.added.as_ref().map(String::len)).max().unwrap_or(0).max(18);
+    println!("  {:width$}  fitted nm  held out nm", "");
+    for (i, step) in steps.iter().enumerate() {
+        let name = match (&step.added, i) {
+            (Some(id), _) => format!("+ {id}"),
+            (None, 0) => "start".into(),
+            (None, _) => step.why.split([';', ':']).next().unwrap_or_default().to_owned(),
+        };
+        let taken_back =
+            if step.removed.is_empty() { String::new() } else { format!("   (no longer needed: {})", step.removed.join(", ")) };
+        println!("  {name:width$}  {:>9}  {:>11}{taken_back}", nm(step.identify_rms_um), step.validate_rms_um.map_or("-".into(), nm));
+    }
+    if let Some(floor) = floor_um {
+        println!("  {:width$}  {:>9}  {:>11}", "noise", nm(floor), nm(floor));
+    }
+}
+
+/// Records with their errors.
+pub fn print_records(figures: &FitFigures) {
+    let width = figures.records.iter().map(|r| r.file.len()).max().unwrap_or(6).max(6);
+    println!("  {:width$}  {:8}  RMS nm    max nm    % of range", "record", "role");
+    for r in figures.records.iter().filter(|r| r.role != "noise") {
+        println!("  {:width$}  {:8}  {:>6}    {:>6}    {:.3}", r.file, r.role, nm(r.rms_um), nm(r.max_um), r.rms_pct_range);
+    }
+}
+
+/// Things to know, one line each.
+pub fn print_notes(figures: &FitFigures) {
+    for warning in &figures.warnings {
+        println!("  note: {warning}");
+    }
+    for line in &figures.cannot_identify {
+        println!("  cannot be identified from this data: {line}");
+    }
+}
+
+/// What to do where the verdict is no name.
+pub fn say_candidates(diagnosis: &Diagnosis) {
+    match diagnosis.verdict {
+        Verdict::Ambiguous => {
+            for c in diagnosis.candidates.iter().filter(|c| diagnosis.named.contains(&c.effect)) {
+                println!("  to tell {} from the others: {}", c.effect, c.next_experiment);
+            }
+        }
+        Verdict::Unexplained => {
+            if let Some(c) = diagnosis.candidates.first() {
+                println!(
+                    "  the best known effect, {}, explains {:.0} % of it; write your own as a .toml file and pass it with --own",
+                    c.effect,
+                    100.0 * c.explained_share
+                );
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Where to look, or how to get something to look at.
+pub fn say_next(outputs: &Outputs, dataset: &Path) {
+    match &outputs.report {
+        Some(path) => println!("Open {} to look at it.", path.display()),
+        None => println!("To look at it: add --report page.html  (data: {})", dataset.display()),
+    }
+}
+
+/// Says that a result is the best so far.
+pub fn say_stopped(stopped: bool) {
+    if stopped {
+        println!("Stopped: this is the best so far, not the end of the search.");
+    }
+}

@@ -1,0 +1,70 @@
+//! `track`.
+
+use crate::check::read_design;
+use crate::command_line::Outputs;
+use crate::desk::Desk;
+use hysteron::servo::commands;
+use hysteron::{Error, Result};
+use hysteron_report::{Block, Page, Plot, Role, Section, Series};
+use std::path::Path;
+
+fn nm(um: f64) -> String {
+    format!("{:.2} nm", 1e3 * um)
+}
+
+/// `hysteron track MODEL SERVO --reference R [--scheme NAME]`.
+pub fn track(model: &Path, servo: &Path, reference: &str, scheme: Option<&str>, outputs: &Outputs) -> Result<bool> {
+    let desk = Desk::new(outputs.force);
+    let design = read_design(&desk, servo)?;
+    let chain = desk.model(model)?;
+    outputs.check(&desk)?;
+    let result = commands::follow(&chain, &design, reference, scheme).map_err(|m| Error::new("", m))?;
+    println!("{} on {reference}", result.scheme);
+    println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
+    println!("  sensor  RMS {}, max {}", nm(result.sensor.rms_um), nm(result.sensor.max_um));
+    println!("  mean error {}, {} saturated ticks", nm(result.steady_state_um), result.saturated_ticks);
+    desk.write_json(outputs.json.as_deref(), &result)?;
+    let error_nm = result.sensor_um.iter().zip(&result.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
+    let page = Page {
+        title: format!("{} on {reference}", result.scheme),
+        lead_sentence: format!(
+            "The true position's error is {} RMS, {} at most; the sensor reads {} RMS.",
+            nm(result.truth.rms_um),
+            nm(result.truth.max_um),
+            nm(result.sensor.rms_um)
+        ),
+        sections: vec![Section {
+            heading: "Tracking".into(),
+            text: "Integer servo on the identified model, 1 nm of sensor noise.".into(),
+            blocks: vec![
+                Block::Plot(
+                    Plot::new("Displacement")
+                        .x_axis("time", "s")
+                        .y_axis("displacement", "um")
+                        .link("time")
+                        .with(Series::line("reference", Role::Drive, result.time_s.clone(), result.reference_um.clone()))
+                        .with(Series::line("sensor", Role::Measured, result.time_s.clone(), result.sensor_um.clone())),
+                ),
+                Block::Plot(Plot::new("Error").x_axis("time", "s").y_axis("error", "nm").link("time").with(Series::line(
+                    "sensor minus reference",
+                    Role::Residual,
+                    result.time_s.clone(),
+                    error_nm,
+                ))),
+                Block::Plot(Plot::new("Drive").x_axis("time", "s").y_axis("drive", "V").link("time").with(Series::line(
+                    "drive",
+                    Role::Drive,
+                    result.time_s.clone(),
+                    result.drive_v.clone(),
+                ))),
+            ],
+        }],
+        ..Page::default()
+    };
+    desk.write_page(outputs.report.as_deref(), || page)?;
+    let trouble = result.trouble();
+    if let Some(trouble) = &trouble {
+        eprintln!("WARNING: {trouble}");
+    }
+    Ok(trouble.is_none())
+}

@@ -1,0 +1,143 @@
+//! Bad input of any kind: one clear message, exit status 2, nothing written.
+
+mod common;
+
+use common::{MANIFEST, folder_with_model, good_rows, hysteron, says};
+use std::process::Command;
+
+/// Runs explain on a folder with this manifest and file, and returns what it says.
+fn refused(manifest: Option<&str>, rows: &str, expected: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    if let Some(manifest) = manifest {
+        std::fs::write(folder.path().join("dataset.toml"), manifest).unwrap();
+    }
+    std::fs::write(folder.path().join("a.csv"), rows).unwrap();
+    let output = hysteron(&["explain", ".", "--out", "m.toml", "--json", "m.json", "--report", "m.html"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(!said.contains("panicked"), "{said}");
+    for word in expected {
+        assert!(said.contains(word), "expected `{word}` in: {said}");
+    }
+    for file in ["m.toml", "m.json", "m.html"] {
+        assert!(!folder.path().join(file).exists());
+    }
+}
+
+#[test]
+fn cells_that_are_no_numbers() {
+    refused(Some(MANIFEST), &good_rows(100).replace("0.050,", "0.050,NaN,x,").replace("NaN,x,", "NaN"), &["a.csv"]);
+    let mut lines: Vec<String> = good_rows(100).lines().map(String::from).collect();
+    lines[40] = "0.039,abc,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["a.csv", "row 41", "column `u [v]`", "abc"]);
+    lines[40] = "0.039,NaN,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["row 41", "column `u [v]`", "finite"]);
+    lines[40] = "0.039,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["row 41", "2 cells", "3"]);
+}
+
+#[test]
+fn time_that_does_not_run() {
+    let mut lines: Vec<String> = good_rows(100).lines().map(String::from).collect();
+    lines[40] = "0.030,1.0,1.0".into();
+    refused(Some(MANIFEST), &lines.join("\n"), &["row 41", "does not increase"]);
+    // Single samples that are missing are bridged; half of the record is not.
+    let rows = good_rows(100);
+    let without: Vec<&str> = rows.lines().enumerate().filter(|(row, _)| !(40..60).contains(row)).map(|(_, line)| line).collect();
+    refused(Some(MANIFEST), &without.join("\n"), &["row 41", "jumps", "resample"]);
+}
+
+#[test]
+fn records_that_say_nothing() {
+    refused(Some(MANIFEST), "", &["a.csv", "empty"]);
+    refused(Some(MANIFEST), &good_rows(3), &["a.csv", "3 samples"]);
+    let constant: String = std::iter::once("t_s,u_v,y_um\n".to_string())
+        .chain((0..100).map(|k| format!("{:.3},1.0,{:.4}\n", f64::from(k) * 1e-3, f64::from(k % 7))))
+        .collect();
+    // From the virgin state at 0 V a constant 1 V is a step; from rest at 1 V nothing moves.
+    refused(Some(&MANIFEST.replace("virgin", "settled")), &constant, &["a.csv", "constant"]);
+    refused(Some(MANIFEST), &good_rows(100).replace(",10.00", ",99.00").replace(",9.9", ",99.9"), &["drive_max_v"]);
+}
+
+#[test]
+fn manifests_that_are_wrong() {
+    refused(None, &good_rows(100), &["dataset.toml"]);
+    refused(Some(&MANIFEST.replace("sample_rate_hz", "sample_rate_hx")), &good_rows(100), &["line", "sample_rate_hx", "sample_rate_hz"]);
+    refused(Some(&MANIFEST.replace("a.csv", "b.csv")), &good_rows(100), &["b.csv", "does not exist"]);
+    refused(Some(&MANIFEST.replace("drive_max_v = 10.0", "drive_max_v = -1.0")), &good_rows(100), &["drive_max_v"]);
+}
+
+#[test]
+fn effects_that_are_not_known_or_not_in_the_data() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(400)).unwrap();
+    let output = hysteron(&["explain", ".", "--from", "hysterisis"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said.contains("hysterisis") && said.contains("`hysteresis`"), "{said}");
+    let output = hysteron(&["identify", ".", "--effects", "gain,load_force", "--out", "m.toml"], folder.path());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("load_force"), "{said}");
+    assert!(!folder.path().join("m.toml").exists());
+    let output = hysteron(&["compare", "missing.toml", "."], folder.path());
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_ends_the_program_without_a_word() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(2000)).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_hysteron"))
+        .args(["identify", ".", "--effects", "gain", "--out", "m.toml"])
+        .current_dir(folder.path())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!said.contains("panicked"), "{said}");
+}
+
+#[test]
+fn drives_out_of_reach_and_waveforms_without_end() {
+    let folder = folder_with_model();
+    says(&["simulate", "m.toml", "--drive", "triangle:200:60:1", "--out", "y.csv"], folder.path(), "the model holds from 0 to 10 V");
+    for waveform in ["step:1:1e9", "triangle:200:5:0", "step:1:-3"] {
+        says(&["simulate", "m.toml", "--drive", waveform, "--out", "y.csv"], folder.path(), "samples long");
+    }
+    assert!(!folder.path().join("y.csv").exists());
+}
+
+#[test]
+fn models_that_were_edited_wrongly() {
+    let folder = folder_with_model();
+    let model = std::fs::read_to_string(folder.path().join("m.toml")).unwrap();
+    let name = model.lines().find(|line| line.starts_with("name")).unwrap();
+    for (edited, expected) in [
+        (model.replace(name, "name = \"g_9_9_um\""), "parameter g_9_9_um; expected"),
+        (model.split("[[effect]]").next().unwrap().to_string(), "has no [[effect]]"),
+    ] {
+        std::fs::write(folder.path().join("edited.toml"), edited).unwrap();
+        says(&["compare", "edited.toml", "."], folder.path(), expected);
+    }
+    says(&["add", "gain", "m.toml", ".", "--out", "m2.toml"], folder.path(), "is in the model already");
+    says(&["identify", ".", "--effects", "gain,hysteresis"], folder.path(), "stand in the same place");
+}
+
+#[test]
+fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(400)).unwrap();
+    std::fs::write(folder.path().join("dataset.toml"), format!("{MANIFEST}period_s = 100.0\n")).unwrap();
+    says(&["explain", "."], folder.path(), "only 0.400 s are left");
+    // These rows have y at the instant of u.
+    std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
+    let output = hysteron(&["identify", ".", "--effects", "gain"], folder.path());
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(said.contains("follows u[k] much better than u[k-1]"), "{said}");
+}

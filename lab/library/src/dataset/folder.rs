@@ -1,0 +1,71 @@
+//! Data sets from the file system: a folder with `dataset.toml`, a manifest, or one file of numbers.
+
+use super::Dataset;
+use super::reading::{Files, Instructions, from_file_as, from_manifest_as};
+use crate::error::{Error, Result};
+use std::path::Path;
+
+const EXPECTED: &str = "a folder with `dataset.toml`, or one file of numbers (docs/formats.md)";
+
+/// The files beside a manifest.
+struct Folder<'a>(&'a Path);
+
+impl Files for Folder<'_> {
+    fn read(&self, name: &str) -> Result<Vec<u8>> {
+        bytes(&self.0.join(name), "the file of a record")
+    }
+
+    fn place(&self, name: &str) -> String {
+        self.0.join(name).display().to_string()
+    }
+}
+
+/// The bytes of a file; `expected` says what should have been there.
+///
+/// # Errors
+/// When it does not exist or cannot be read.
+pub fn bytes(path: &Path, expected: &str) -> Result<Vec<u8>> {
+    if !path.exists() {
+        return Err(Error::new(path.display(), format!("does not exist; expected {expected}")));
+    }
+    std::fs::read(path).map_err(|e| Error::new(path.display(), format!("cannot be read: {e}; expected {expected}")))
+}
+
+/// The text of a file.
+///
+/// # Errors
+/// As [`bytes()`], and when it is no text.
+pub fn text(path: &Path, expected: &str) -> Result<String> {
+    String::from_utf8(bytes(path, expected)?).map_err(|_| Error::new(path.display(), format!("is not text; expected {expected}")))
+}
+
+/// Reads a folder with `dataset.toml`, a manifest, or one file of numbers. The sources of data set and records are the paths that were read.
+///
+/// # Errors
+/// One message with file, row or field, and what was expected.
+pub fn load(path: &Path) -> Result<Dataset> {
+    load_as(path, &Instructions::default())
+}
+
+/// Reads as [`load`] does, with what a person says about columns and units.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_as(path: &Path, instructions: &Instructions) -> Result<Dataset> {
+    if path.is_dir() {
+        let manifest = path.join("dataset.toml");
+        if !manifest.is_file() {
+            return Err(Error::new(
+                path.display(),
+                "is a folder without `dataset.toml`; expected a manifest there (README.md, \"Your own data\") or one file of numbers (docs/formats.md)",
+            ));
+        }
+        return load_as(&manifest, instructions);
+    }
+    let name = path.display().to_string();
+    if path.extension().is_some_and(|extension| extension == "toml") {
+        let folder = path.parent().unwrap_or_else(|| Path::new("."));
+        return from_manifest_as(&text(path, EXPECTED)?, &name, &Folder(folder), instructions);
+    }
+    from_file_as(&name, &bytes(path, EXPECTED)?, instructions)
+}

@@ -1,0 +1,237 @@
+//! `dataset.toml`: what a folder of records says about itself. Unknown keys are errors, with the nearest known one named.
+
+use super::Role;
+use super::recognise::Wanted;
+use super::units::Quantity;
+use crate::error::{Error, Result, line_of, nearest};
+use hysteron_sim::chain::InitialState;
+use serde::Deserialize;
+
+/// The file as it is written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Name of the data set.
+    pub name: String,
+    /// Limits of the drive, V.
+    pub drive_min_v: f64,
+    /// Limits of the drive, V.
+    pub drive_max_v: f64,
+    /// The one timing convention.
+    #[serde(default)]
+    pub timing: Timing,
+    /// From a data sheet.
+    pub sensor_bandwidth_hz: Option<f64>,
+    /// From a data sheet.
+    pub sensor_lsb_um: Option<f64>,
+    /// The records.
+    #[serde(default)]
+    pub record: Vec<RecordEntry>,
+}
+
+/// When samples are taken and drives act.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum Timing {
+    /// `y[k]` is sampled at `t[k]`; `u[k]` acts from `t[k]` to `t[k+1]`.
+    #[default]
+    HoldAfterSample,
+}
+
+/// State at the first sample.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum InitialStateEntry {
+    /// All states zero.
+    Virgin,
+    /// At rest at the first drive value.
+    Settled,
+    /// Initial states are estimated.
+    Unknown,
+}
+
+impl From<InitialStateEntry> for InitialState {
+    fn from(entry: InitialStateEntry) -> Self {
+        match entry {
+            InitialStateEntry::Virgin => InitialState::Virgin,
+            InitialStateEntry::Settled => InitialState::Settled,
+            InitialStateEntry::Unknown => InitialState::Unknown,
+        }
+    }
+}
+
+/// Whether a constant is estimated for a record.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "lowercase")]
+pub enum Offset {
+    /// It is.
+    Fit,
+    /// The sensor reads zero at rest.
+    Zero,
+}
+
+/// A column by its name or by its number, counted from 1.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(untagged)]
+pub enum ColumnName {
+    /// Counted from 1.
+    Number(usize),
+    /// As in the header; with a unit in brackets or as a suffix.
+    Name(String),
+}
+
+/// One value for each signal of a record, where it is said.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct PerColumn<T> {
+    /// Of time.
+    pub t: Option<T>,
+    /// Of the drive.
+    pub u: Option<T>,
+    /// Of the displacement.
+    pub y: Option<T>,
+    /// Of the external force.
+    pub force: Option<T>,
+}
+
+impl<T> Default for PerColumn<T> {
+    fn default() -> Self {
+        Self { t: None, u: None, y: None, force: None }
+    }
+}
+
+impl<T> PerColumn<T> {
+    /// What is said about a signal.
+    #[must_use]
+    pub fn get(&self, quantity: Quantity) -> Option<&T> {
+        match quantity {
+            Quantity::Time => self.t.as_ref(),
+            Quantity::Drive => self.u.as_ref(),
+            Quantity::Displacement => self.y.as_ref(),
+            Quantity::Force => self.force.as_ref(),
+        }
+    }
+
+    /// The place of what is said about a signal, by its key `t`, `u`, `y` or `force`.
+    pub fn by_key(&mut self, key: &str) -> Option<&mut Option<T>> {
+        match key {
+            "t" => Some(&mut self.t),
+            "u" => Some(&mut self.u),
+            "y" => Some(&mut self.y),
+            "force" => Some(&mut self.force),
+            _ => None,
+        }
+    }
+
+    /// The same, with what is said here before what is said there.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self { t: self.t.or(other.t), u: self.u.or(other.u), y: self.y.or(other.y), force: self.force.or(other.force) }
+    }
+}
+
+/// Which column is what.
+pub type Columns = PerColumn<ColumnName>;
+
+/// One `[[record]]`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordEntry {
+    /// File, relative to the manifest.
+    pub file: String,
+    /// What the record is called; the file's name without its extension where it is not said.
+    pub name: Option<String>,
+    /// Sampling rate; from the time stamps where it is not said.
+    pub sample_rate_hz: Option<f64>,
+    /// What it is for.
+    pub role: Role,
+    /// State at the first sample.
+    pub initial_state: InitialStateEntry,
+    /// Window that counts.
+    pub from_s: Option<f64>,
+    /// Window that counts.
+    pub to_s: Option<f64>,
+    /// Steady-state period.
+    pub period_s: Option<f64>,
+    /// Start of the steady state.
+    pub periodic_from_s: Option<f64>,
+    /// Same drive as that record.
+    pub repeat_of: Option<String>,
+    /// Constant of the record.
+    pub offset: Option<Offset>,
+    /// Which column is what.
+    #[serde(default)]
+    pub columns: Columns,
+    /// Units by signal, where the file does not give them: `mV`, or a sensitivity `5 um/V`.
+    #[serde(default)]
+    pub unit: PerColumn<String>,
+    /// Factors by signal, beside that of the unit.
+    #[serde(default)]
+    pub scale: PerColumn<f64>,
+    /// Rows of text to leave out at the top of the file.
+    #[serde(default)]
+    pub skip_rows: usize,
+    /// Uneven time stamps: `true` resamples whatever the gaps, `false` refuses; where it is not said, jitter and short gaps are resampled.
+    pub resample: Option<bool>,
+}
+
+impl RecordEntry {
+    /// What is said about the columns of the file.
+    #[must_use]
+    pub fn wanted(&self) -> Wanted {
+        Wanted { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone() }
+    }
+}
+
+/// Every key that a manifest may have.
+const KEYS: [&str; 26] = [
+    "name",
+    "drive_min_v",
+    "drive_max_v",
+    "timing",
+    "sensor_bandwidth_hz",
+    "sensor_lsb_um",
+    "record",
+    "file",
+    "sample_rate_hz",
+    "role",
+    "initial_state",
+    "from_s",
+    "to_s",
+    "period_s",
+    "periodic_from_s",
+    "repeat_of",
+    "offset",
+    "columns",
+    "unit",
+    "scale",
+    "skip_rows",
+    "resample",
+    "t",
+    "u",
+    "y",
+    "force",
+];
+
+impl Manifest {
+    /// Reads and checks the text; `place` is what the file is called in messages.
+    ///
+    /// # Errors
+    /// Names line, key and the nearest known key.
+    pub fn parse(text: &str, place: &str) -> Result<Self> {
+        let manifest: Self = toml::from_str(text).map_err(|e| {
+            let line = line_of(text, e.span());
+            let message = e.message().to_string();
+            let hint = message
+                .strip_prefix("unknown field `")
+                .and_then(|rest| rest.split('`').next())
+                .map_or_else(String::new, |key| nearest(key, &KEYS.map(String::from)));
+            let brief = if hint.is_empty() { message } else { message.split(", expected").next().unwrap_or_default().to_string() };
+            Error::new(format!("{place}: line {line}"), format!("{brief}{hint}"))
+        })?;
+        if manifest.record.is_empty() {
+            return Err(Error::new(place, "has no [[record]]; expected at least one"));
+        }
+        Ok(manifest)
+    }
+}

@@ -1,0 +1,300 @@
+//! Data sets: records of drive and displacement with what is known about them.
+//!
+//! * [`Record`] holds the signals of one recording, [`Dataset`] the records of one actuator; [`Dataset::new`] checks them, and whatever is wrong
+//!   is told with record and sample;
+//! * [`readers`]: the bytes of one file of numbers as a [`table`] of named columns; [`recognise`]: which column is what, by names, [`units`]
+//!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`manifest`]: the `dataset.toml` of a folder;
+//!   [`one_recording`]: which part of a single file is fitted and which judges; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
+//!   (feature `files`).
+//! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings.
+//!
+//! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
+//! `t[k+1]`.
+
+#[cfg(feature = "readers")]
+pub mod behaviour;
+pub mod drive_variety;
+#[cfg(feature = "files")]
+pub mod folder;
+#[cfg(feature = "readers")]
+pub mod manifest;
+#[cfg(feature = "readers")]
+pub mod one_recording;
+#[cfg(feature = "readers")]
+pub mod readers;
+#[cfg(feature = "readers")]
+pub mod reading;
+pub mod reading_grid;
+#[cfg(feature = "readers")]
+pub mod recognise;
+mod record;
+#[cfg(feature = "readers")]
+pub mod table;
+#[cfg(feature = "readers")]
+pub mod time_axis;
+#[cfg(feature = "readers")]
+pub mod units;
+
+pub use record::{Periods, Record, Role};
+
+use crate::error::{Error, Result, nearest};
+use hysteron_sim::chain::InitialState;
+use hysteron_sim::effect::Overview;
+
+/// Records with the limits of the actuator they were taken on.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// Name.
+    pub name: String,
+    /// Where it came from, for messages.
+    pub source: String,
+    /// Limits of the drive, V.
+    pub drive_min_v: f64,
+    /// Limits of the drive, V.
+    pub drive_max_v: f64,
+    /// Bandwidth of the sensor, if its data sheet gives one.
+    pub sensor_bandwidth_hz: Option<f64>,
+    /// Resolution of the sensor, if its data sheet gives one.
+    pub sensor_lsb_um: Option<f64>,
+    /// The records.
+    pub records: Vec<Record>,
+    /// What a reader should know about how the data were read.
+    pub notes: Vec<String>,
+}
+
+/// Fewest samples of a record that say anything.
+const SAMPLES_MIN: usize = 32;
+
+impl Dataset {
+    /// Records of one actuator that may be driven from `drive_min_v` to `drive_max_v`.
+    ///
+    /// # Errors
+    /// One message with record and sample, and what was expected: signals of different lengths, numbers that are not finite, windows outside
+    /// the record, drives beyond the limits, names given twice, nothing that moves.
+    pub fn new(name: impl Into<String>, drive_min_v: f64, drive_max_v: f64, records: Vec<Record>) -> Result<Self> {
+        let name = name.into();
+        Self {
+            source: name.clone(),
+            name,
+            drive_min_v,
+            drive_max_v,
+            sensor_bandwidth_hz: None,
+            sensor_lsb_um: None,
+            records,
+            notes: Vec::new(),
+        }
+        .checked()
+    }
+
+    fn check_names(&self) -> Result<()> {
+        for (i, record) in self.records.iter().enumerate() {
+            if self.records[..i].iter().any(|earlier| earlier.name == record.name) {
+                return Err(Error::new(&self.source, format!("two records are called `{}`; expected different names", record.name)));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_repeats(&self) -> Result<()> {
+        let names: Vec<String> = self.records.iter().map(|r| r.name.clone()).collect();
+        for record in &self.records {
+            let Some(original) = &record.repeat_of else { continue };
+            let Some(other) = self.records.iter().find(|r| r.name == *original) else {
+                return Err(Error::new(&record.source, format!("repeat_of = \"{original}\" names no record{}", nearest(original, &names))));
+            };
+            if other.drive_v.len() != record.drive_v.len() || other.sample_rate_hz != record.sample_rate_hz {
+                return Err(Error::new(&record.source, format!("repeat_of = \"{original}\" has another length or sampling rate")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks what only the whole can show, and notes what is doubtful.
+    fn checked(mut self) -> Result<Self> {
+        self.check_names()?;
+        for record in &self.records {
+            check_signals(record)?;
+        }
+        self.check_repeats()?;
+        let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
+        self.notes.extend(doubts);
+        if !self.records.iter().any(|r| r.role == Role::Identify) {
+            self.notes.push("no record has role = \"identify\": those to validate are fitted, and nothing judges".into());
+        }
+        let place = &self.source;
+        if self.drive_min_v.partial_cmp(&self.drive_max_v) != Some(std::cmp::Ordering::Less) {
+            return Err(Error::new(
+                place,
+                format!(
+                    "drive_max_v = {} is not above drive_min_v = {}: the drive never changes, or the limits are exchanged",
+                    self.drive_max_v, self.drive_min_v
+                ),
+            ));
+        }
+        if !self.records.iter().any(|r| r.role != Role::Noise) {
+            return Err(Error::new(place, "no record has role = \"identify\" or \"validate\"; expected at least one"));
+        }
+        let tolerance = 1e-6 + 0.05 * (self.drive_max_v - self.drive_min_v);
+        for record in &self.records {
+            let place = &record.source;
+            if record.window.len() < SAMPLES_MIN {
+                return Err(Error::new(
+                    place,
+                    format!("has {} samples inside its window; expected at least {SAMPLES_MIN}", record.window.len()),
+                ));
+            }
+            for (row, u) in record.drive_v.iter().enumerate() {
+                if *u < self.drive_min_v - tolerance || *u > self.drive_max_v + tolerance {
+                    return Err(Error::new(
+                        place,
+                        format!(
+                            "sample {}: drive {u} V is outside drive_min_v = {} .. drive_max_v = {}; wrong unit or limits?",
+                            row + 1,
+                            self.drive_min_v,
+                            self.drive_max_v
+                        ),
+                    ));
+                }
+            }
+            let first = match (record.window.start, record.initial_state) {
+                (0, InitialState::Virgin) => self.drive_min_v,
+                (start, _) => record.drive_v[start.saturating_sub(1)],
+            };
+            if record.role != Role::Noise && record.drive_v[record.window.clone()].iter().all(|u| *u == first) {
+                return Err(Error::new(
+                    place,
+                    format!(
+                        "the drive is constant ({first} V) inside the window; role = \"{}\" expects one that moves (role = \"noise\" is for rest)",
+                        record.role.name()
+                    ),
+                ));
+            }
+            let y0 = record.displacement_um[record.window.start];
+            if record.displacement_um[record.window.clone()].iter().all(|y| *y == y0) {
+                return Err(Error::new(
+                    place,
+                    format!("the displacement is constant ({y0} um); is the sensor connected, the column right?"),
+                ));
+            }
+        }
+        Ok(self)
+    }
+
+    /// Indices of the records with a role.
+    #[must_use]
+    pub fn with_role(&self, role: Role) -> Vec<usize> {
+        (0..self.records.len()).filter(|&i| self.records[i].role == role).collect()
+    }
+
+    /// What is known before anything is fitted.
+    #[must_use]
+    pub fn overview(&self) -> Overview {
+        let identify = self.with_role(Role::Identify);
+        let fitted = if identify.is_empty() { self.with_role(Role::Validate) } else { identify };
+        let driven = || self.records.iter().filter(|r| r.role != Role::Noise && r.role != Role::Test);
+        let fold = |f: &dyn Fn(&Record) -> f64| driven().map(f).fold(0.0_f64, f64::max);
+        let slope = |r: &Record| r.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) * r.sample_rate_hz;
+        let range_um = fold(&Record::range_um);
+        Overview {
+            drive_min_v: self.drive_min_v,
+            drive_max_v: self.drive_max_v,
+            drive_peak_v: driven().flat_map(|r| r.drive_v.iter().copied()).fold(self.drive_min_v, f64::max),
+            sample_rate_max_hz: fold(&|r| r.sample_rate_hz),
+            sample_rate_min_hz: driven().map(|r| r.sample_rate_hz).fold(f64::INFINITY, f64::min),
+            duration_s: fold(&|r| r.drive_v.len() as f64 / r.sample_rate_hz),
+            range_um,
+            slope_max_v_s: fold(&slope),
+            has_force: driven().any(|r| r.force_n.is_some()),
+            gain_um_v: self.straight_line_gain(),
+            sensor_bandwidth_hz: self.sensor_bandwidth_hz,
+            // Held-out records may move at other speeds; without any, one speed says nothing about the others.
+            several_speeds: !self.with_role(Role::Validate).is_empty() && !self.with_role(Role::Identify).is_empty()
+                || !drive_variety::DriveVariety::of(self, &fitted).one_speed(),
+        }
+    }
+
+    fn straight_line_gain(&self) -> f64 {
+        let (mut uu, mut uy) = (0.0, 0.0);
+        let to_fit = if self.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
+        for record in self.records.iter().filter(|r| r.role == to_fit) {
+            // y[k] answers to u[k - 1].
+            let rows: Vec<usize> = record.window.clone().filter(|k| *k > 0).collect();
+            let n = rows.len().max(1) as f64;
+            let mean_u = rows.iter().map(|&k| record.drive_v[k - 1]).sum::<f64>() / n;
+            let mean_y = rows.iter().map(|&k| record.displacement_um[k]).sum::<f64>() / n;
+            for &k in &rows {
+                let u = record.drive_v[k - 1] - mean_u;
+                uu += u * u;
+                uy += u * (record.displacement_um[k] - mean_y);
+            }
+        }
+        if uu > 0.0 { uy / uu } else { 0.0 }
+    }
+}
+
+/// What every record must be by itself.
+fn check_signals(record: &Record) -> Result<()> {
+    let wrong = |message: String| Err(Error::new(&record.source, message));
+    let samples = record.drive_v.len();
+    if !(record.sample_rate_hz.is_finite() && record.sample_rate_hz > 0.0) {
+        return wrong(format!("sample_rate_hz = {}; expected a positive number", record.sample_rate_hz));
+    }
+    let force = record.force_n.as_deref();
+    let signals = [("drive", Some(&record.drive_v[..])), ("displacement", Some(&record.displacement_um[..])), ("force", force)];
+    for (what, signal) in signals {
+        let Some(signal) = signal else { continue };
+        if signal.len() != samples {
+            return wrong(format!("the drive has {samples} samples, the {what} {}; expected as many", signal.len()));
+        }
+        if let Some(at) = signal.iter().position(|v| !v.is_finite()) {
+            return wrong(format!("sample {}: {what} {}; expected a finite number", at + 1, signal[at]));
+        }
+    }
+    if samples < SAMPLES_MIN {
+        return wrong(format!("has {samples} samples; expected at least {SAMPLES_MIN}"));
+    }
+    if record.window.start >= record.window.end || record.window.end > samples {
+        return wrong(format!("the window {:?} is not inside the {samples} samples", record.window));
+    }
+    if let Some(p) = record.periods.filter(|p| p.length < 2 || p.count == 0 || p.from + p.length * p.count > samples) {
+        return wrong(format!("{} periods of {} samples from sample {} do not fit into {samples}", p.count, p.length, p.from + 1));
+    }
+    Ok(())
+}
+
+/// Span of a displacement in um beyond which a unit is likely to be missing.
+const LIKELY_SPAN_MAX_UM: f64 = 2000.0;
+/// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
+const LEADING_SHARE: f64 = 0.3;
+
+/// What looks as if a record were not what its file says.
+fn doubt(record: &Record) -> Option<String> {
+    if record.range_um() > LIKELY_SPAN_MAX_UM {
+        return Some(format!("{}: the displacement spans {:.0} um; is its column in another unit?", record.name, record.range_um()));
+    }
+    let from = record.window.start.max(1);
+    let left_by = |delay: usize| {
+        let pairs = (from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k]));
+        left_by_straight_line(&pairs.collect::<Vec<_>>())
+    };
+    (left_by(0) < LEADING_SHARE * left_by(1)).then(|| {
+        format!(
+            "{}: y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant; was y read after u was \
+             written? Then move u down by one sample",
+            record.name
+        )
+    })
+}
+
+/// Sum of squares about the regression line.
+fn left_by_straight_line(pairs: &[(f64, f64)]) -> f64 {
+    let n = pairs.len().max(1) as f64;
+    let (mean_x, mean_y) = pairs.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for (x, y) in pairs.iter().map(|p| (p.0 - mean_x, p.1 - mean_y)) {
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
+    }
+    if xx > 0.0 { yy - xy * xy / xx } else { yy }
+}

@@ -1,0 +1,107 @@
+//! Readers: the bytes of a file in, a [`Table`] of columns out. Which format it is follows from its first bytes, then from its name.
+
+mod bytes;
+pub mod delimited;
+mod dialect;
+#[cfg(feature = "hdf5")]
+mod hdf5;
+mod header;
+mod matlab5;
+mod named_arrays;
+mod numpy;
+#[cfg(feature = "parquet")]
+mod parquet;
+#[cfg(feature = "spreadsheet")]
+mod spreadsheet;
+mod tdms;
+mod text_encoding;
+mod wav;
+
+use super::table::Table;
+use crate::error::{Error, Result};
+
+/// Formats that are read, for messages.
+pub const FORMATS: &str = "CSV or other text in columns, NPY, NPZ, MATLAB (MAT), HDF5, TDMS, Parquet, XLSX or WAV";
+
+/// What a file may say about itself that its name and bytes do not.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Hints {
+    /// Rows of text to leave out at the top.
+    pub skip_rows: usize,
+}
+
+/// First bytes of HDF5, also where another header stands before them (MATLAB 7.3).
+const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
+
+/// What a file is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Npy,
+    Npz,
+    Spreadsheet,
+    Matlab5,
+    Hdf5,
+    Tdms,
+    Parquet,
+    Wav,
+    Text,
+    /// Known, and not read.
+    Refused(&'static str),
+}
+
+fn format_of(place: &str, bytes: &[u8]) -> Format {
+    let extension = place.rsplit_once('.').map(|(_, extension)| extension.to_lowercase()).unwrap_or_default();
+    let hdf5_at = |at: usize| bytes.get(at..).is_some_and(|rest| rest.starts_with(HDF5));
+    match bytes {
+        [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => Format::Npy,
+        [b'P', b'K', 3 | 5, ..] if extension == "xlsx" || extension == "xlsm" => Format::Spreadsheet,
+        [b'P', b'K', 3 | 5, ..] => Format::Npz,
+        [b'T', b'D', b'S', b'm', ..] => Format::Tdms,
+        [b'P', b'A', b'R', b'1', ..] => Format::Parquet,
+        [b'R', b'I', b'F', b'F', ..] => Format::Wav,
+        [0xd0, 0xcf, 0x11, 0xe0, ..] => Format::Refused("an old Office file (XLS); save it as XLSX or CSV"),
+        [0x1f, 0x8b, ..] => Format::Refused("compressed by gzip; unpack it first"),
+        _ if hdf5_at(0) || hdf5_at(512) || hdf5_at(1024) || hdf5_at(2048) => Format::Hdf5,
+        _ if matlab5::is_matlab5(bytes) => Format::Matlab5,
+        // What is damaged at its first bytes is told by the reader of its name.
+        _ => match extension.as_str() {
+            "npy" => Format::Npy,
+            "npz" => Format::Npz,
+            "mat" => Format::Matlab5,
+            "h5" | "hdf5" | "hdf" => Format::Hdf5,
+            "tdms" => Format::Tdms,
+            "parquet" => Format::Parquet,
+            "wav" => Format::Wav,
+            "xlsx" => Format::Spreadsheet,
+            _ => Format::Text,
+        },
+    }
+}
+
+/// Reads the bytes of a file.
+///
+/// # Errors
+/// One message with the place in the file, and what was expected.
+pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
+    if bytes.is_empty() {
+        return Err(Error::new(place, format!("is empty; expected {FORMATS}")));
+    }
+    let table = match format_of(place, bytes) {
+        Format::Npy => numpy::read_npy(place, bytes),
+        Format::Npz => numpy::read_npz(place, bytes),
+        Format::Matlab5 => matlab5::read(place, bytes),
+        Format::Tdms => tdms::read(place, bytes),
+        Format::Wav => wav::read(place, bytes),
+        #[cfg(feature = "hdf5")]
+        Format::Hdf5 => hdf5::read(place, bytes),
+        #[cfg(feature = "parquet")]
+        Format::Parquet => parquet::read(place, bytes),
+        #[cfg(feature = "spreadsheet")]
+        Format::Spreadsheet => spreadsheet::read(place, bytes),
+        Format::Text => delimited::read(place, bytes, hints),
+        Format::Refused(what) => Err(Error::new(place, format!("is {what}; expected {FORMATS}"))),
+        #[allow(unreachable_patterns)]
+        other => Err(Error::new(place, format!("is {other:?}, which this build does not read"))),
+    };
+    table.and_then(Table::finite)
+}

@@ -1,0 +1,293 @@
+//! Data sets from the bytes of files: a manifest with the files that it names, or one file of numbers alone.
+
+use super::manifest::{Manifest, Offset, RecordEntry};
+use super::one_recording;
+use super::readers::{self, Hints};
+use super::recognise::{self, Wanted};
+use super::table::Table;
+use super::time_axis::{Known, TimeAxis};
+use super::{Dataset, Periods, Record, SAMPLES_MIN};
+use crate::error::{Error, Result};
+use hysteron_sim::chain::InitialState;
+use std::collections::BTreeMap;
+
+/// Where the files that a manifest names come from: a folder, an archive, what somebody dropped on a page.
+pub trait Files {
+    /// The bytes of a file.
+    ///
+    /// # Errors
+    /// When there is no such file, or it cannot be read.
+    fn read(&self, name: &str) -> Result<Vec<u8>>;
+
+    /// How the file is called in messages.
+    fn place(&self, name: &str) -> String {
+        name.to_owned()
+    }
+}
+
+/// Files in memory, by name.
+impl Files for BTreeMap<String, Vec<u8>> {
+    fn read(&self, name: &str) -> Result<Vec<u8>> {
+        self.get(name).cloned().ok_or_else(|| Error::new(name, "does not exist; expected the file of a record"))
+    }
+}
+
+/// What a person says about the files, before what a manifest or they themselves say.
+#[derive(Clone, Debug, Default)]
+pub struct Instructions {
+    /// Columns, units and factors.
+    pub wanted: Wanted,
+    /// Sampling rate.
+    pub sample_rate_hz: Option<f64>,
+    /// Rows of text to leave out at the top.
+    pub skip_rows: Option<usize>,
+}
+
+impl Instructions {
+    fn before(&self, wanted: Wanted) -> Wanted {
+        let own = self.wanted.clone();
+        Wanted { columns: own.columns.or(wanted.columns), unit: own.unit.or(wanted.unit), scale: own.scale.or(wanted.scale) }
+    }
+}
+
+/// Reads a data set from the text of its manifest; `place` is what the manifest is called in messages.
+///
+/// # Errors
+/// One message with file, row or field, and what was expected.
+pub fn from_manifest(text: &str, place: &str, files: &dyn Files) -> Result<Dataset> {
+    from_manifest_as(text, place, files, &Instructions::default())
+}
+
+/// Reads as [`from_manifest`] does, with what a person says about the files.
+///
+/// # Errors
+/// As [`from_manifest`].
+pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions: &Instructions) -> Result<Dataset> {
+    let manifest = Manifest::parse(text, place)?;
+    let mut records: Vec<Record> = Vec::new();
+    let mut notes: Vec<String> = Vec::new();
+    // One file may serve as several records: what it says is then said once.
+    let mut tables: BTreeMap<(&str, usize), Table> = BTreeMap::new();
+    for (index, entry) in manifest.record.iter().enumerate() {
+        let source = files.place(&entry.file);
+        let skip_rows = instructions.skip_rows.unwrap_or(entry.skip_rows);
+        let table = match tables.entry((&entry.file, skip_rows)) {
+            std::collections::btree_map::Entry::Occupied(found) => found.into_mut(),
+            std::collections::btree_map::Entry::Vacant(place) => {
+                place.insert(readers::read(&source, &files.read(&entry.file)?, Hints { skip_rows })?)
+            }
+        };
+        let (mut record, said) = record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
+        record.name = match &entry.name {
+            Some(name) => name.clone(),
+            None => name_beside(&stem(&entry.file), &records),
+        };
+        for note in said.iter().map(|note| format!("{}: {note}", entry.file)) {
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
+        records.push(record);
+    }
+    Dataset {
+        name: manifest.name.clone(),
+        source: place.to_owned(),
+        drive_min_v: manifest.drive_min_v,
+        drive_max_v: manifest.drive_max_v,
+        sensor_bandwidth_hz: manifest.sensor_bandwidth_hz,
+        sensor_lsb_um: manifest.sensor_lsb_um,
+        records,
+        notes,
+    }
+    .checked()
+}
+
+/// A name that no earlier record has: one file may serve as several records.
+fn name_beside(name: &str, earlier: &[Record]) -> String {
+    let taken = |name: &str| earlier.iter().any(|r| r.name == name);
+    if !taken(name) {
+        return name.to_owned();
+    }
+    (2..).map(|n| format!("{name}_{n}")).find(|name| !taken(name)).unwrap_or_default()
+}
+
+/// Signals at even times.
+pub(super) struct Even {
+    pub sample_rate_hz: f64,
+    pub start_s: f64,
+    pub u_v: Vec<f64>,
+    pub y_um: Vec<f64>,
+    pub force_n: Option<Vec<f64>>,
+    /// What was assumed and mended.
+    pub notes: Vec<String>,
+}
+
+/// The signals of a table at even times.
+fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
+    let mut signals = recognise::signals(table, wanted)?;
+    let known = Known { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
+    let mut notes = std::mem::take(&mut signals.notes);
+    if let (Some(t_s), Some(t_of_y_s)) = (&mut signals.t_s, &signals.t_of_y_s) {
+        interpolate_to(t_s, &mut signals.u_v, t_of_y_s, &mut signals.y_um, table)?;
+        if let Some(force_n) = &mut signals.force_n {
+            force_n.truncate(t_s.len());
+        }
+    }
+    let axis = match (&signals.t_s, sample_rate_hz.or(table.sample_rate_hz)) {
+        (Some(t_s), _) => TimeAxis::from_stamps(t_s, &known)?,
+        (None, Some(rate)) => {
+            if sample_rate_hz.is_none() {
+                notes.push(format!("{rate:.6} samples per second, as the file says"));
+            }
+            TimeAxis::without_stamps(rate)
+        }
+        (None, None) => {
+            return Err(Error::new(
+                &table.place,
+                "has no time column; expected t, or the sampling rate: --sample-rate-hz, or sample_rate_hz in dataset.toml",
+            ));
+        }
+    };
+    notes.extend(axis.note.clone());
+    Ok(Even {
+        sample_rate_hz: axis.sample_rate_hz,
+        start_s: axis.start_s,
+        u_v: axis.apply(signals.u_v),
+        y_um: axis.apply(signals.y_um),
+        force_n: signals.force_n.map(|force_n| axis.apply(force_n)),
+        notes,
+    })
+}
+
+/// Brings the displacement to the instants of the drive, as far as both were recorded.
+fn interpolate_to(t_s: &mut Vec<f64>, u_v: &mut Vec<f64>, t_of_y_s: &[f64], y_um: &mut Vec<f64>, table: &Table) -> Result<()> {
+    let rising = |t: &[f64]| t.windows(2).position(|w| w[1] <= w[0]);
+    if let Some(row) = rising(t_of_y_s) {
+        return Err(Error::new(&table.place, format!("row {}: the time of the displacement does not increase", table.line_of(row + 1))));
+    }
+    let (first, last) = (t_of_y_s[0], t_of_y_s[t_of_y_s.len() - 1]);
+    let (begin, end) = (t_s.partition_point(|t| *t < first), t_s.partition_point(|t| *t <= last));
+    if begin >= end {
+        return Err(Error::new(&table.place, "the two columns of time have no instant in common"));
+    }
+    let mut after = 1;
+    let interpolated = t_s[begin..end].iter().map(|t| {
+        while after + 1 < t_of_y_s.len() && t_of_y_s[after] < *t {
+            after += 1;
+        }
+        let (before, next) = (t_of_y_s[after - 1], t_of_y_s[after]);
+        y_um[after - 1] + (t - before) / (next - before) * (y_um[after] - y_um[after - 1])
+    });
+    *y_um = interpolated.collect();
+    *t_s = t_s[begin..end].to_vec();
+    *u_v = u_v[begin..end].to_vec();
+    Ok(())
+}
+
+/// One file without a manifest: its drive says which parts are fitted, held out, or show the noise ([`one_recording`]).
+///
+/// # Errors
+/// One message with row or column, and what was expected.
+pub fn from_file(place: &str, bytes: &[u8]) -> Result<Dataset> {
+    from_file_as(place, bytes, &Instructions::default())
+}
+
+/// Reads as [`from_file`] does, with what a person says about the file.
+///
+/// # Errors
+/// As [`from_file`].
+pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> Result<Dataset> {
+    let table = readers::read(place, bytes, Hints { skip_rows: instructions.skip_rows.unwrap_or(0) })?;
+    let even = even_signals(&table, &instructions.wanted, instructions.sample_rate_hz, None)?;
+    let name = stem(place);
+    let samples = even.u_v.len();
+    if samples < 2 * SAMPLES_MIN {
+        return Err(Error::new(place, format!("has {samples} samples; expected at least {}", 2 * SAMPLES_MIN)));
+    }
+    let (low, high) = even.u_v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), u| (l.min(*u), h.max(*u)));
+    let parts = one_recording::parts(&even.u_v, even.sample_rate_hz);
+    let mut notes = even.notes.clone();
+    notes.extend(parts.notes.iter().cloned());
+    notes.push(format!("limits of the drive taken from the file: {low} to {high} V; the state at its beginning is estimated"));
+    Dataset {
+        source: place.to_owned(),
+        drive_min_v: low,
+        drive_max_v: high,
+        sensor_bandwidth_hz: None,
+        sensor_lsb_um: None,
+        records: one_recording::records(&name, place, &even, &parts),
+        name,
+        notes,
+    }
+    .checked()
+}
+
+/// A file's name without folder and extension.
+fn stem(file: &str) -> String {
+    std::path::Path::new(file).file_stem().map_or_else(|| "record".into(), |s| s.to_string_lossy().into_owned())
+}
+
+fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, place: &str) -> Result<(Record, Vec<String>)> {
+    let rate = instructions.sample_rate_hz.or(entry.sample_rate_hz);
+    if let Some(rate) = rate.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
+        return Err(Error::new(place, format!("sample_rate_hz = {rate}; expected a positive number")));
+    }
+    let even = even_signals(table, &instructions.before(entry.wanted()), rate, entry.resample)?;
+    let (fs, t0) = (even.sample_rate_hz, even.start_s);
+    let samples = even.u_v.len();
+    if samples < SAMPLES_MIN {
+        return Err(Error::new(&table.place, format!("has {samples} samples; expected at least {SAMPLES_MIN}")));
+    }
+    let index = |t: f64| (((t - t0) * fs).round().max(0.0) as usize).min(samples);
+    let from = entry.from_s.map_or(0, index);
+    let to = entry.to_s.map_or(samples, index);
+    if from >= to {
+        return Err(Error::new(
+            place,
+            format!(
+                "from_s = {} and to_s = {} leave no sample of {:.3} s",
+                entry.from_s.map_or("(start)".into(), |s| s.to_string()),
+                entry.to_s.map_or("(end)".into(), |s| s.to_string()),
+                samples as f64 / fs
+            ),
+        ));
+    }
+    let periods = periods_of(entry, fs, samples, entry.periodic_from_s.map_or(from, index), place)?;
+    let initial_state = entry.initial_state.into();
+    let record = Record {
+        source: table.place.clone(),
+        role: entry.role,
+        initial_state,
+        window: from..to,
+        periods,
+        repeat_of: entry.repeat_of.as_deref().map(stem),
+        offset_is_fitted: match entry.offset {
+            Some(Offset::Fit) => true,
+            Some(Offset::Zero) => false,
+            None => initial_state != InitialState::Virgin,
+        },
+        force_n: even.force_n,
+        ..Record::new(stem(&entry.file), fs, even.u_v, even.y_um)
+    };
+    Ok((record, even.notes))
+}
+
+/// The steady-state periods that an entry declares.
+fn periods_of(entry: &RecordEntry, sample_rate_hz: f64, samples: usize, start: usize, place: &str) -> Result<Option<Periods>> {
+    let Some(period_s) = entry.period_s else {
+        return match entry.periodic_from_s {
+            Some(_) => Err(Error::new(place, "periodic_from_s without period_s; expected both")),
+            None => Ok(None),
+        };
+    };
+    let length = (period_s * sample_rate_hz).round();
+    if length < 2.0 || (period_s * sample_rate_hz - length).abs() > 1e-3 * length.max(1.0) {
+        return Err(Error::new(place, format!("period_s = {period_s} is not a whole number of samples at {sample_rate_hz} Hz")));
+    }
+    let (length, left) = (length as usize, samples.saturating_sub(start));
+    if left < length {
+        let left_s = left as f64 / sample_rate_hz;
+        return Err(Error::new(place, format!("period_s = {period_s}, but only {left_s:.3} s are left from where periods begin")));
+    }
+    Ok(Some(Periods { from: start, length, count: left / length }))
+}

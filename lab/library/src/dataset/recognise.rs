@@ -1,0 +1,444 @@
+//! Which column is what: as it was said, else by names and units, else by behaviour; whatever was assumed is said.
+
+use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
+use super::manifest::{ColumnName, Columns, PerColumn};
+use super::table::{Column, Table};
+use super::units::{Quantity, factor, is_of_something_else};
+use crate::error::{Error, Result, nearest};
+
+/// What is known about the columns of a file beside what it says itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Wanted {
+    /// Which column is what.
+    pub columns: Columns,
+    /// Units by signal: `mV`, or a sensitivity `5 um/V`.
+    pub unit: PerColumn<String>,
+    /// Factors by signal, beside that of the unit.
+    pub scale: PerColumn<f64>,
+}
+
+/// The signals of a record in the program's units.
+#[derive(Clone, Debug)]
+pub struct Signals {
+    /// Time, s.
+    pub t_s: Option<Vec<f64>>,
+    /// Drive, V.
+    pub u_v: Vec<f64>,
+    /// Displacement, um.
+    pub y_um: Vec<f64>,
+    /// Time of the displacement, s, where it has one of its own.
+    pub t_of_y_s: Option<Vec<f64>>,
+    /// Force, N.
+    pub force_n: Option<Vec<f64>>,
+    /// What was assumed.
+    pub notes: Vec<String>,
+}
+
+/// How a column came to be a signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum How {
+    Said,
+    Name,
+    Behaviour,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    at: usize,
+    how: How,
+}
+
+/// What is told how to say it otherwise, once in a file's notes.
+const OTHERWISE: &str = "to say it otherwise: --columns t=1,u=2,y=3 --units t=ms,u=mV,y=nm, or columns and unit in dataset.toml";
+
+/// The signals of a record.
+///
+/// # Errors
+/// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be told apart.
+pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
+    let mut choice = Choice { table, found: [None; 4], notes: table.notes.clone() };
+    for quantity in Quantity::ALL {
+        choice.found[quantity as usize] = choice.said(quantity, wanted.columns.get(quantity))?;
+    }
+    choice.time_by_name_or_behaviour();
+    choice.force_by_name();
+    choice.drive_and_response()?;
+    choice.finish(wanted)
+}
+
+/// Time and drive of a file that need not have a displacement, with what was assumed.
+///
+/// # Errors
+/// When either column is missing.
+pub fn time_and_drive(table: &Table, wanted: &Wanted) -> Result<(Vec<f64>, Vec<f64>)> {
+    let mut choice = Choice { table, found: [None; 4], notes: Vec::new() };
+    for quantity in Quantity::ALL {
+        choice.found[quantity as usize] = choice.said(quantity, wanted.columns.get(quantity))?;
+    }
+    choice.time_by_name_or_behaviour();
+    if choice.of(Quantity::Drive).is_none() {
+        let best = choice.by_name(Quantity::Drive).first().copied().or_else(|| choice.unused().first().copied());
+        choice.found[Quantity::Drive as usize] = best.map(|at| Found { at, how: How::Name });
+    }
+    let pick = |quantity: Quantity| -> Result<Vec<f64>> {
+        let found = choice.of(quantity);
+        let at = found.ok_or_else(|| Error::new(&table.place, format!("no column for {}; expected t and u", quantity.key())))?.at;
+        choice.scaled(quantity, at, wanted)
+    };
+    Ok((pick(Quantity::Time)?, pick(Quantity::Drive)?))
+}
+
+struct Choice<'a> {
+    table: &'a Table,
+    found: [Option<Found>; 4],
+    notes: Vec<String>,
+}
+
+impl Choice<'_> {
+    fn of(&self, quantity: Quantity) -> Option<Found> {
+        self.found[quantity as usize]
+    }
+
+    fn column(&self, at: usize) -> &Column {
+        &self.table.columns[at]
+    }
+
+    fn wrong(&self, message: String) -> Error {
+        Error::new(&self.table.place, message)
+    }
+
+    fn is_used(&self, at: usize) -> bool {
+        self.found.iter().flatten().any(|found| found.at == at)
+    }
+
+    /// What was said about a column.
+    fn said(&self, quantity: Quantity, wanted: Option<&ColumnName>) -> Result<Option<Found>> {
+        let key = quantity.key();
+        let at = match wanted {
+            None => return Ok(None),
+            Some(ColumnName::Number(n)) => self.table.columns.iter().position(|c| c.number == *n).ok_or_else(|| {
+                let numbers: Vec<String> = self.table.columns.iter().map(|c| c.number.to_string()).collect();
+                self.wrong(format!(
+                    "--columns or [record.columns] {key} = {n}: no such column of numbers; there are {}, counted from 1",
+                    numbers.join(", ")
+                ))
+            })?,
+            Some(ColumnName::Name(name)) => {
+                let (bare, _) = super::units::split_name(name);
+                let full = |c: &Column| c.unit.as_ref().map_or(c.name.clone(), |unit| format!("{} [{unit}]", c.name));
+                let exact = self.table.columns.iter().position(|c| c.name == *name || full(c) == *name);
+                let alike = || self.table.columns.iter().position(|c| c.name.eq_ignore_ascii_case(&bare));
+                exact.or_else(alike).ok_or_else(|| {
+                    let names = self.table.names();
+                    self.wrong(format!(
+                        "--columns or [record.columns] {key} = \"{name}\" is not in the header ({}){}",
+                        names.join(", "),
+                        nearest(name, &names)
+                    ))
+                })?
+            }
+        };
+        if let Some(other) = self.found.iter().position(|found| found.is_some_and(|f| f.at == at)) {
+            let other = Quantity::ALL[other].key();
+            return Err(self.wrong(format!("{} is said to be both {other} and {key}", self.column(at).called())));
+        }
+        Ok(Some(Found { at, how: How::Said }))
+    }
+
+    /// Columns that could be a quantity by name and unit, the likeliest first; those that are as likely follow in the order of the file.
+    fn by_name(&self, quantity: Quantity) -> Vec<usize> {
+        let likeness = |at: usize| quantity.likeness(&self.column(at).name, self.column(at).unit.as_deref());
+        let free = (0..self.table.columns.len()).filter(|at| !self.is_used(*at) && likeness(*at) > 0);
+        let mut candidates: Vec<usize> = free.collect();
+        candidates.sort_by_key(|at| std::cmp::Reverse(likeness(*at)));
+        candidates
+    }
+
+    fn unused(&self) -> Vec<usize> {
+        let is_signal = |at: &usize| {
+            let column = self.column(*at);
+            !self.is_used(*at) && !is_of_something_else(column.unit.as_deref()) && !is_constant(&column.values)
+        };
+        (0..self.table.columns.len()).filter(is_signal).collect()
+    }
+
+    fn time_by_name_or_behaviour(&mut self) {
+        if self.of(Quantity::Time).is_some() {
+            return;
+        }
+        let named = self.by_name(Quantity::Time);
+        let rising: Vec<usize> =
+            (0..self.table.columns.len()).filter(|at| !self.is_used(*at) && rises_evenly(&self.column(*at).values)).collect();
+        let may_be_time = |at: &usize| {
+            let column = self.column(*at);
+            let otherwise = [Quantity::Drive, Quantity::Force].iter().any(|q| q.likeness(&column.name, column.unit.as_deref()) > 0);
+            let y = Quantity::Displacement.likeness(&column.name, column.unit.as_deref());
+            // `X` and `x-axis` are what oscilloscopes call time.
+            !otherwise && (y == 0 || (column.unit.is_none() && column.name.to_lowercase().starts_with('x')))
+        };
+        let by_behaviour = || {
+            let candidates: Vec<usize> = rising.iter().copied().filter(may_be_time).collect();
+            candidates.iter().copied().find(|at| !counts_samples(&self.column(*at).values)).or(candidates.first().copied())
+        };
+        let found = match named.first() {
+            Some(&at) => Some(Found { at, how: How::Name }),
+            None => by_behaviour().map(|at| Found { at, how: How::Behaviour }),
+        };
+        if let Some(at) = found.filter(|f| f.how == How::Behaviour).map(|f| f.at)
+            && self.column(at).unit.is_none()
+            && counts_samples(&self.column(at).values)
+        {
+            self.notes.push(format!("{} counts samples and is no time", self.column(at).called()));
+            return;
+        }
+        self.found[Quantity::Time as usize] = found;
+    }
+
+    fn force_by_name(&mut self) {
+        if self.of(Quantity::Force).is_none() {
+            let best = self.by_name(Quantity::Force).first().copied();
+            // Something else by its name: `load` may also be the load of a processor.
+            self.found[Quantity::Force as usize] = best.map(|at| Found { at, how: How::Name });
+        }
+    }
+
+    /// Drive and displacement, together: what one is narrows down what the other may be.
+    fn drive_and_response(&mut self) -> Result<()> {
+        let alone = |choice: &Self, quantity: Quantity| -> Option<usize> {
+            let named = choice.by_name(quantity);
+            let likeness = |at: usize| quantity.likeness(&choice.column(at).name, choice.column(at).unit.as_deref());
+            match named[..] {
+                [] => None,
+                [only] => Some(only),
+                [best, next, ..] => (likeness(best) > likeness(next)).then_some(best),
+            }
+        };
+        // What is sure by its name goes first; a sensor in volts is no second drive.
+        for quantity in [Quantity::Displacement, Quantity::Drive, Quantity::Displacement] {
+            if self.of(quantity).is_none()
+                && let Some(at) = alone(self, quantity)
+            {
+                self.found[quantity as usize] = Some(Found { at, how: How::Name });
+            }
+        }
+        match (self.of(Quantity::Drive), self.of(Quantity::Displacement)) {
+            (Some(_), Some(_)) => {}
+            (Some(drive), None) => self.companion(Quantity::Displacement, drive.at)?,
+            (None, Some(response)) => self.companion(Quantity::Drive, response.at)?,
+            (None, None) => self.pair()?,
+        }
+        self.say_contradiction();
+        Ok(())
+    }
+
+    /// What could be a quantity: by name if any, else whatever is left that moves and is no time.
+    fn candidates(&self, quantity: Quantity) -> Vec<usize> {
+        let named = self.by_name(quantity);
+        if named.is_empty() { self.unused().into_iter().filter(|at| !rises_evenly(&self.column(*at).values)).collect() } else { named }
+    }
+
+    /// The column that moves with a known one: the closest, and of drives that are as close the smoothest.
+    fn companion(&mut self, quantity: Quantity, known: usize) -> Result<()> {
+        let candidates = self.candidates(quantity);
+        let named = !self.by_name(quantity).is_empty();
+        let with = |at: usize| correlation(&self.column(at).values, &self.column(known).values).abs();
+        let rank = |at: &usize| {
+            let close = (with(*at) * 20.0).round();
+            let smooth = if quantity == Quantity::Drive { -noise_share(&self.column(*at).values) } else { 0.0 };
+            (close, smooth)
+        };
+        let best = candidates.iter().copied().max_by(|a, b| {
+            let (a, b) = (rank(b), rank(a));
+            b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1))
+        });
+        let Some(best) = best else { return Err(self.missing(quantity)) };
+        if candidates.len() > 1 {
+            let others: Vec<String> = candidates.iter().filter(|at| **at != best).map(|at| self.column(*at).called()).collect();
+            self.notes.push(format!(
+                "{} columns may be the {}: {} is taken (correlation {:.3} with {}), not {}",
+                candidates.len(),
+                quantity.words(),
+                self.column(best).called(),
+                with(best),
+                self.column(known).called(),
+                others.join(", ")
+            ));
+        }
+        self.found[quantity as usize] = Some(Found { at: best, how: if named { How::Name } else { How::Behaviour } });
+        Ok(())
+    }
+
+    /// Two columns of which neither is known: those that move together most, and which of them leads.
+    fn pair(&mut self) -> Result<()> {
+        let (drives, responses) = (self.candidates(Quantity::Drive), self.candidates(Quantity::Displacement));
+        let pairs = drives.iter().flat_map(|&u| responses.iter().map(move |&y| (u, y))).filter(|(u, y)| u != y);
+        let close = |pair: &(usize, usize)| correlation(&self.column(pair.0).values, &self.column(pair.1).values).abs();
+        let pair = pairs.min_by(|a, b| (close(b) * 100.0).round().total_cmp(&(close(a) * 100.0).round()));
+        let Some((first, second)) = pair else {
+            return Err(self.missing(if drives.is_empty() { Quantity::Drive } else { Quantity::Displacement }));
+        };
+        let by_name = !self.by_name(Quantity::Drive).is_empty() && !self.by_name(Quantity::Displacement).is_empty();
+        let judged = drive_among(&self.column(first).values, &self.column(second).values);
+        let (u, y) = if judged.first_is_drive || by_name { (first, second) } else { (second, first) };
+        let how = if by_name { How::Name } else { How::Behaviour };
+        self.found[Quantity::Drive as usize] = Some(Found { at: u, how });
+        self.found[Quantity::Displacement as usize] = Some(Found { at: y, how });
+        if !by_name {
+            self.notes.push(format!(
+                "{}{} is taken for the drive, because {}; {} for the displacement",
+                if judged.is_sure { "" } else { "doubtful: " },
+                self.column(u).called(),
+                judged.why,
+                self.column(y).called()
+            ));
+        }
+        let left: Vec<String> = self.unused().iter().map(|at| self.column(*at).called()).collect();
+        if !left.is_empty() {
+            self.notes.push(format!("left aside: {}", left.join(", ")));
+        }
+        Ok(())
+    }
+
+    /// Names may be wrong: what moves first and is smooth is a drive, whatever it is called.
+    fn say_contradiction(&mut self) {
+        let (Some(u), Some(y)) = (self.of(Quantity::Drive), self.of(Quantity::Displacement)) else { return };
+        if u.how == How::Behaviour || y.how == How::Behaviour || (u.how == How::Said && y.how == How::Said) {
+            return;
+        }
+        let judged = drive_among(&self.column(u.at).values, &self.column(y.at).values);
+        if judged.is_sure && !judged.first_is_drive && judged.why.contains(" and ") {
+            self.notes.push(format!(
+                "{} is taken for the drive by its name, but {} behaves like one: {}; are they exchanged?",
+                self.column(u.at).called(),
+                self.column(y.at).called(),
+                judged.why
+            ));
+        }
+    }
+
+    fn missing(&self, quantity: Quantity) -> Error {
+        let names = self.table.names();
+        self.wrong(format!(
+            "no column for {} ({}) found among {} of numbers ({}); say which: --columns t=1,u=2,y=3, or [record.columns] in dataset.toml",
+            quantity.key(),
+            quantity.words(),
+            names.len(),
+            names.join(", ")
+        ))
+    }
+
+    /// A column in the program's unit.
+    fn scaled(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<Vec<f64>> {
+        let factor = self.factor(quantity, at, wanted)?;
+        Ok(self.column(at).values.iter().map(|v| v * factor).collect())
+    }
+
+    fn factor(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<f64> {
+        let column = self.column(at);
+        let scale = wanted.scale.get(quantity).copied();
+        let unit = wanted.unit.get(quantity);
+        let of_unit = match (unit, &column.unit, scale) {
+            (Some(unit), ..) => factor(quantity, unit, &self.table.place, &column.called())?,
+            // A factor alone brings any unit to the program's.
+            (None, Some(unit), Some(_)) => factor(quantity, unit, &self.table.place, &column.called()).unwrap_or(1.0),
+            (None, Some(unit), None) => factor(quantity, unit, &self.table.place, &column.called())?,
+            (None, None, _) => 1.0,
+        };
+        Ok(of_unit * scale.unwrap_or(1.0))
+    }
+
+    /// Says what was assumed, and hands the signals over.
+    fn finish(mut self, wanted: &Wanted) -> Result<Signals> {
+        let taken: Vec<(Quantity, Found)> = Quantity::ALL.into_iter().filter_map(|q| Some((q, self.of(q)?))).collect();
+        let unit_is_open = |(quantity, found): &(Quantity, Found)| {
+            let column = self.column(found.at);
+            column.unit.is_none() && wanted.unit.get(*quantity).is_none() && wanted.scale.get(*quantity).is_none()
+        };
+        let plain = |found: &Found| found.how != How::Behaviour;
+        let assumed = taken.iter().any(|(_, found)| !plain(found)) || taken.iter().any(unit_is_open) || !self.notes.is_empty();
+        let foreign = taken.iter().any(|(q, f)| self.factor(*q, f.at, wanted).is_ok_and(|factor| factor != 1.0));
+        if assumed || foreign {
+            let parts: Vec<String> = taken
+                .iter()
+                .map(|pair| {
+                    let (quantity, found) = pair;
+                    let column = self.column(found.at);
+                    let said = wanted.unit.get(*quantity).cloned();
+                    let unit = match (said, &column.unit) {
+                        (Some(said), _) => format!(" in {said}"),
+                        (None, _) if unit_is_open(pair) => format!(", unit not said: taken as {}", quantity.unit()),
+                        _ => String::new(),
+                    };
+                    let how = if found.how == How::Behaviour && *quantity == Quantity::Time { ", rising evenly" } else { "" };
+                    let from = if column.name.is_empty() { String::new() } else { format!(" (column {})", column.number) };
+                    format!("{} = {}{from}{how}{unit}", quantity.key(), column.called())
+                })
+                .collect();
+            self.notes.push(format!("columns: {}; {OTHERWISE}", parts.join("; ")));
+        }
+        let (Some(u), Some(y)) = (self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
+            return Err(self.missing(Quantity::Drive));
+        };
+        let t_of_y_s = self.second_time(y.at, wanted)?;
+        let t_s = self.of(Quantity::Time).map(|t| self.scaled(Quantity::Time, t.at, wanted)).transpose()?;
+        let force_n = self.of(Quantity::Force).map(|f| self.scaled(Quantity::Force, f.at, wanted)).transpose()?;
+        let signals = Signals {
+            u_v: self.scaled(Quantity::Drive, u.at, wanted)?,
+            y_um: self.scaled(Quantity::Displacement, y.at, wanted)?,
+            t_s,
+            t_of_y_s,
+            force_n,
+            notes: std::mem::take(&mut self.notes),
+        };
+        self.check_lengths(&signals)?;
+        Ok(signals)
+    }
+
+    /// The time column that stands before the displacement, where it is another than that of the drive (oscilloscopes with two channels).
+    fn second_time(&mut self, y: usize, wanted: &Wanted) -> Result<Option<Vec<f64>>> {
+        let (Some(t), Some(u)) = (self.of(Quantity::Time), self.of(Quantity::Drive)) else { return Ok(None) };
+        let others: Vec<usize> = (0..self.table.columns.len())
+            .filter(|at| !self.is_used(*at) && rises_evenly(&self.column(*at).values))
+            .filter(|at| self.column(*at).values.len() == self.column(y).values.len())
+            .filter(|at| !counts_samples(&self.column(*at).values) || counts_samples(&self.column(t.at).values))
+            .filter(|at| self.column(*at).unit.is_none() || Quantity::Time.likeness("", self.column(*at).unit.as_deref()) > 0)
+            .collect();
+        let before = others.iter().copied().rfind(|at| *at < y);
+        let Some(second) = before.or(others.first().copied()) else { return Ok(None) };
+        let (first, mut of_u) = (self.scaled(Quantity::Time, t.at, wanted)?, t.at);
+        // The time of a signal stands before it.
+        let (mut time_u, mut time_y) = (first, self.scaled(Quantity::Time, second, wanted)?);
+        if y < second && second < u.at {
+            std::mem::swap(&mut time_u, &mut time_y);
+            of_u = second;
+        }
+        let step = (time_u[time_u.len() - 1] - time_u[0]) / (time_u.len() - 1).max(1) as f64;
+        let same = time_u.len() == time_y.len() && time_u.iter().zip(&time_y).all(|(a, b)| (a - b).abs() < 0.01 * step);
+        let (a, b) = (self.column(of_u).called(), self.column(if of_u == second { t.at } else { second }).called());
+        if same {
+            self.notes.push(format!("two columns of time that agree: {a}, {b}"));
+            return Ok(None);
+        }
+        self.found[Quantity::Time as usize] = Some(Found { at: of_u, how: How::Behaviour });
+        self.notes.push(format!("two columns of time: {a} for the drive, {b} for the displacement, which is interpolated to the first"));
+        Ok(Some(time_y))
+    }
+
+    fn check_lengths(&self, signals: &Signals) -> Result<()> {
+        let samples = signals.u_v.len();
+        let lengths = [
+            (Quantity::Time, signals.t_s.as_ref().map(Vec::len)),
+            (Quantity::Displacement, signals.t_of_y_s.is_none().then_some(signals.y_um.len())),
+            (Quantity::Force, signals.force_n.as_ref().map(Vec::len)),
+        ];
+        for (quantity, length) in lengths {
+            if let Some(length) = length.filter(|length| *length != samples) {
+                return Err(self.wrong(format!(
+                    "the drive has {samples} numbers, the {} {length}; expected as many (is the file cut off?)",
+                    quantity.words()
+                )));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,125 @@
+//! One record: drive and displacement, sample by sample, with what is known about them.
+
+use hysteron_sim::chain::{Drive, InitialState};
+use std::ops::Range;
+
+/// What a record is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Parameters are estimated from it.
+    Identify,
+    /// Never fitted; judges what was fitted.
+    Validate,
+    /// Rest at constant drive: shows the noise.
+    Noise,
+    /// Takes part in nothing; judged once, at the end.
+    Test,
+}
+
+impl Role {
+    /// The name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Role::Identify => "identify",
+            Role::Validate => "validate",
+            Role::Noise => "noise",
+            Role::Test => "test",
+        }
+    }
+}
+
+/// Steady-state periods inside a record, in samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Periods {
+    /// First sample of the first period.
+    pub from: usize,
+    /// Samples in a period.
+    pub length: usize,
+    /// Whole periods.
+    pub count: usize,
+}
+
+/// One record.
+#[derive(Clone, Debug)]
+pub struct Record {
+    /// Its name, unlike that of any other record of the data set.
+    pub name: String,
+    /// Where it came from, for messages: a file, or the name.
+    pub source: String,
+    /// Sampling rate.
+    pub sample_rate_hz: f64,
+    /// What it is for.
+    pub role: Role,
+    /// State at the first sample.
+    pub initial_state: InitialState,
+    /// Samples that count.
+    pub window: Range<usize>,
+    /// Steady-state periods, if it has any.
+    pub periods: Option<Periods>,
+    /// Name of the record with the same drive.
+    pub repeat_of: Option<String>,
+    /// A constant is estimated for this record.
+    pub offset_is_fitted: bool,
+    /// Drive, V, held from each sample to the next.
+    pub drive_v: Vec<f64>,
+    /// Measured displacement, um.
+    pub displacement_um: Vec<f64>,
+    /// Measured external force, N.
+    pub force_n: Option<Vec<f64>>,
+}
+
+impl Record {
+    /// A record to be fitted, all of it, from an unknown state and with a constant of its own.
+    #[must_use]
+    pub fn new(name: impl Into<String>, sample_rate_hz: f64, drive_v: Vec<f64>, displacement_um: Vec<f64>) -> Self {
+        let name = name.into();
+        Self {
+            source: name.clone(),
+            name,
+            sample_rate_hz,
+            role: Role::Identify,
+            initial_state: InitialState::Unknown,
+            window: 0..drive_v.len(),
+            periods: None,
+            repeat_of: None,
+            offset_is_fitted: true,
+            drive_v,
+            displacement_um,
+            force_n: None,
+        }
+    }
+
+    /// The same record for another purpose.
+    #[must_use]
+    pub fn with_role(self, role: Role) -> Self {
+        Self { role, ..self }
+    }
+
+    /// The same record from an actuator that had never been driven, its sensor zeroed there.
+    #[must_use]
+    pub fn from_virgin_state(self) -> Self {
+        Self { initial_state: InitialState::Virgin, offset_is_fitted: false, ..self }
+    }
+
+    /// Sampling period, s.
+    #[must_use]
+    pub fn dt_s(&self) -> f64 {
+        1.0 / self.sample_rate_hz
+    }
+
+    /// Drive as the chain takes it.
+    #[must_use]
+    pub fn drive(&self) -> Drive<'_> {
+        Drive { drive_v: &self.drive_v, force_n: self.force_n.as_deref(), dt_s: self.dt_s(), initial_state: self.initial_state }
+    }
+
+    /// Peak-to-peak displacement inside the window, um.
+    #[must_use]
+    pub fn range_um(&self) -> f64 {
+        let inside = &self.displacement_um[self.window.clone()];
+        let (low, high) = inside.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
+        high - low
+    }
+}

@@ -1,0 +1,319 @@
+//! Time stamps as they come, and the even ones that the program works with.
+//!
+//! Stamps may be written with few digits, jitter, be missing or stand twice. What can be mended is mended and said; what runs backwards or
+//! leaves a long gap is an error with its row.
+
+use crate::error::{Error, Result};
+
+/// Share of a period by which a time stamp may be early or late and still count as even.
+const UNEVEN: f64 = 0.01;
+/// Longest gap that is bridged by a straight line, in missing samples.
+const GAP_MAX: f64 = 10.0;
+/// Largest share of missing samples that is bridged.
+const MISSING_MAX: f64 = 0.1;
+/// Largest share of stamps that may stand twice.
+const TWICE_MAX: f64 = 0.2;
+/// Largest jitter of most stamps, in periods.
+const JITTER_MAX: f64 = 0.4;
+/// Share of steps that are uneven where stamps are only written with few digits.
+const ROUNDED_MIN: f64 = 0.02;
+/// Share of stamps that may jitter more.
+const IRREGULAR_MAX: f64 = 0.02;
+
+/// How even samples are made of those that were recorded.
+#[derive(Clone, Debug)]
+enum Plan {
+    /// They are even.
+    AsTheyAre,
+    /// Some are left out.
+    Kept(Vec<usize>),
+    /// Between these two samples, at this share of the way.
+    Between(Vec<(usize, usize, f64)>),
+}
+
+/// Even time, and how signals come to it.
+#[derive(Clone, Debug)]
+pub struct TimeAxis {
+    /// Sampling rate.
+    pub sample_rate_hz: f64,
+    /// Time of the first sample, s.
+    pub start_s: f64,
+    /// What was mended.
+    pub note: Option<String>,
+    plan: Plan,
+}
+
+/// What is known beside the stamps.
+pub struct Known<'a> {
+    /// The file, for messages.
+    pub place: &'a str,
+    /// Line of a row.
+    pub line_of: &'a dyn Fn(usize) -> usize,
+    /// Sampling rate, if it was said.
+    pub sample_rate_hz: Option<f64>,
+    /// Whether uneven stamps may be mended: whatever the gaps, never, or as far as is safe.
+    pub resample: Option<bool>,
+}
+
+impl TimeAxis {
+    /// Samples without stamps.
+    #[must_use]
+    pub fn without_stamps(sample_rate_hz: f64) -> Self {
+        Self { sample_rate_hz, start_s: 0.0, note: None, plan: Plan::AsTheyAre }
+    }
+
+    /// From time stamps in seconds.
+    ///
+    /// # Errors
+    /// The row in which time runs backwards, stands still or jumps too far; a sampling rate that is not that of the stamps.
+    pub fn from_stamps(t_s: &[f64], known: &Known) -> Result<Self> {
+        let [start_s, .., end_s] = *t_s else { return Err(Error::new(known.place, "has one row; expected more")) };
+        for (k, pair) in t_s.windows(2).enumerate() {
+            if pair[1] < pair[0] {
+                return known.wrong(k + 1, format!("time {} s does not increase (row before: {} s)", pair[1], pair[0]));
+            }
+        }
+        if end_s <= start_s {
+            return known.wrong(1, format!("time {start_s} s does not increase"));
+        }
+        let even = |period_s: f64, note, plan| Self { sample_rate_hz: 1.0 / period_s, start_s, note, plan };
+        let mean_s = (end_s - start_s) / (t_s.len() - 1) as f64;
+        if let Some(period_s) = even_period(t_s, known)? {
+            return Ok(even(period_s, None, Plan::AsTheyAre));
+        }
+        if let Some(digit_s) = written_with_few_digits(t_s, known.sample_rate_hz.map_or(mean_s, f64::recip)) {
+            let period_s = known.sample_rate_hz.map_or(mean_s, f64::recip);
+            let note = format!("time stamps are written in steps of {digit_s:.0e} s: samples are taken as even, {:.6} Hz", 1.0 / period_s);
+            return Ok(even(period_s, Some(note), Plan::AsTheyAre));
+        }
+        if known.resample == Some(false) {
+            return Err(first_uneven(t_s, known));
+        }
+        let (kept, twice) = once(t_s, known)?;
+        let kept_s: Vec<f64> = kept.iter().map(|&k| t_s[k]).collect();
+        let said = |notes: Vec<String>| Some(notes.join("; ")).filter(|text| !text.is_empty());
+        let mut notes: Vec<String> = twice.into_iter().collect();
+        let by_kept = |row: usize| (known.line_of)(kept[row]);
+        let known = Known { line_of: &by_kept, ..*known };
+        if let Some(period_s) = even_period(&kept_s, &known)? {
+            return Ok(even(period_s, said(notes), Plan::Kept(kept)));
+        }
+        let (period_s, mended) = irregularities(&kept_s, &known)?;
+        notes.push(mended);
+        let samples = ((end_s - start_s) / period_s + 1e-6).floor() as usize + 1;
+        let mut after = 1;
+        let between = (0..samples).map(|k| {
+            let at_s = start_s + k as f64 * period_s;
+            while after + 1 < kept_s.len() && kept_s[after] < at_s {
+                after += 1;
+            }
+            let share = ((at_s - kept_s[after - 1]) / (kept_s[after] - kept_s[after - 1])).clamp(0.0, 1.0);
+            (kept[after - 1], kept[after], share)
+        });
+        let plan = Plan::Between(between.collect());
+        Ok(even(period_s, said(notes), plan))
+    }
+
+    /// A signal at the even times.
+    #[must_use]
+    pub fn apply(&self, signal: Vec<f64>) -> Vec<f64> {
+        match &self.plan {
+            Plan::AsTheyAre => signal,
+            Plan::Kept(rows) => rows.iter().map(|&k| signal[k]).collect(),
+            Plan::Between(pairs) => {
+                pairs.iter().map(|&(first, second, share)| signal[first] + share * (signal[second] - signal[first])).collect()
+            }
+        }
+    }
+}
+
+impl Known<'_> {
+    fn wrong<T>(&self, row: usize, what: String) -> Result<T> {
+        Err(Error::new(self.place, format!("row {}: {what}", (self.line_of)(row))))
+    }
+}
+
+/// The period of stamps that are even as they are.
+///
+/// # Errors
+/// Where they are even at another rate than was said.
+fn even_period(t_s: &[f64], known: &Known) -> Result<Option<f64>> {
+    let mean_s = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1).max(1) as f64;
+    let is_even = |period_s: f64| t_s.windows(2).all(|w| (w[1] - w[0] - period_s).abs() <= UNEVEN * period_s + 1e-9);
+    let said_s = known.sample_rate_hz.map(f64::recip);
+    match said_s {
+        Some(said_s) if is_even(said_s) => Ok(Some(said_s)),
+        None if is_even(mean_s) => Ok(Some(mean_s)),
+        Some(said_s) if is_even(mean_s) => {
+            let ratio = mean_s / said_s;
+            let hint =
+                if (ratio / 1e3 - 1.0).abs() < UNEVEN { "; are they in ms? Then say unit = { t = \"ms\" }, or --units t=ms" } else { "" };
+            known.wrong(1, format!("time stamps are {mean_s:.6e} s apart, but sample_rate_hz says {said_s:.6e} s{hint}"))
+        }
+        _ => Ok(None),
+    }
+}
+
+/// The step in which stamps are written, if that alone makes them uneven.
+fn written_with_few_digits(t_s: &[f64], period_s: f64) -> Option<f64> {
+    let on_grid = |digit_s: f64| t_s.iter().all(|t| (t / digit_s - (t / digit_s).round()).abs() < 1e-3);
+    let digit_s = (0..10).map(|digits| 10_f64.powi(-digits)).find(|digit_s| on_grid(*digit_s))?;
+    let as_late = |k: usize| t_s[k] - t_s[0] - k as f64 * period_s;
+    let deviations = || (0..t_s.len()).map(as_late);
+    let (least, most) = deviations().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), d| (l.min(d), m.max(d)));
+    let steps = || t_s.windows(2).map(|w| (w[1] - w[0] - period_s).abs());
+    // What was rounded is uneven again and again, and by less than a digit; a row too many or too few is so once.
+    let uneven = steps().filter(|d| *d > UNEVEN * period_s).count();
+    let again_and_again = uneven as f64 > ROUNDED_MIN * t_s.len() as f64 && steps().all(|d| d < 1.01 * digit_s);
+    // Rounding moves each stamp by at most half a digit; the mean period is off by what it did to the ends.
+    (again_and_again && most - least <= 2.01 * digit_s).then_some(digit_s)
+}
+
+/// The error for uneven stamps that are not to be mended.
+fn first_uneven(t_s: &[f64], known: &Known) -> Error {
+    let period_s = known.sample_rate_hz.map_or_else(|| median_step(t_s), f64::recip);
+    let uneven = |w: &[f64]| (w[1] - w[0] - period_s).abs() > UNEVEN * period_s + 1e-9;
+    let row = t_s.windows(2).position(uneven).unwrap_or(0);
+    let step_s = t_s[row + 1] - t_s[row];
+    let line = (known.line_of)(row + 1);
+    Error::new(known.place, format!("row {line}: time jumps by {step_s:.6e} s; expected {period_s:.6e} s within 1 % (resample = false)"))
+}
+
+fn median_step(t_s: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
+    if steps.is_empty() {
+        return 0.0;
+    }
+    let middle = steps.len() / 2;
+    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Rows without those whose stamp stands in the row before.
+fn once(t_s: &[f64], known: &Known) -> Result<(Vec<usize>, Option<String>)> {
+    let kept: Vec<usize> = (0..t_s.len()).filter(|&k| k == 0 || t_s[k] > t_s[k - 1]).collect();
+    let twice = t_s.len() - kept.len();
+    if twice == 0 {
+        return Ok((kept, None));
+    }
+    let first = (1..t_s.len()).find(|&k| t_s[k] == t_s[k - 1]).unwrap_or(0);
+    let line = (known.line_of)(first);
+    if twice as f64 > TWICE_MAX * t_s.len() as f64 {
+        let message = format!(
+            "time {} s stands twice, as {twice} of {} stamps do; expected finer time stamps, or sample_rate_hz alone",
+            t_s[first],
+            t_s.len()
+        );
+        return known.wrong(first, message);
+    }
+    let note = match twice {
+        1 => format!("row {line} has the time stamp of the row before and is left out"),
+        _ => format!("{twice} rows have the time stamp of the row before and are left out, the first in row {line}"),
+    };
+    Ok((kept, Some(note)))
+}
+
+/// The period of stamps that jitter or miss samples, and what is said of it.
+fn irregularities(t_s: &[f64], known: &Known) -> Result<(f64, String)> {
+    let force = known.resample == Some(true);
+    let usual_s = known.sample_rate_hz.map_or_else(|| median_step(t_s), f64::recip);
+    let elapsed = |w: &[f64]| ((w[1] - w[0]) / usual_s).round().max(1.0);
+    let periods: f64 = t_s.windows(2).map(elapsed).sum();
+    let period_s = known.sample_rate_hz.map_or((t_s[t_s.len() - 1] - t_s[0]) / periods, f64::recip);
+    let advice = "expected even samples; cut the record there, or say resample = true in dataset.toml";
+    let longest = t_s.windows(2).enumerate().max_by(|a, b| elapsed(a.1).total_cmp(&elapsed(b.1)));
+    if let Some((row, w)) = longest.filter(|(_, w)| !force && elapsed(w) > GAP_MAX + 1.0) {
+        return known
+            .wrong(row + 1, format!("time jumps by {:.6e} s, {:.0} periods of {usual_s:.6e} s; {advice}", w[1] - w[0], elapsed(w)));
+    }
+    let missing = periods - (t_s.len() - 1) as f64;
+    if !force && missing > MISSING_MAX * periods {
+        return known.wrong(1, format!("{missing:.0} of {:.0} samples are missing; {advice}", periods + 1.0));
+    }
+    let jitter = |w: &[f64]| ((w[1] - w[0]) / period_s - elapsed(w)).abs();
+    let irregular = t_s.windows(2).filter(|w| jitter(w) > JITTER_MAX).count();
+    if !force && irregular as f64 > IRREGULAR_MAX * t_s.len() as f64 {
+        let row = t_s.windows(2).position(|w| jitter(w) > JITTER_MAX).unwrap_or(0);
+        return known.wrong(row + 1, format!("time steps are irregular, here {:.6e} s; {advice}", t_s[row + 1] - t_s[row]));
+    }
+    let first_gap = t_s.windows(2).position(|w| elapsed(w) > 1.0);
+    let largest = t_s.windows(2).map(jitter).fold(0.0, f64::max);
+    let mut what = Vec::new();
+    if largest > UNEVEN {
+        what.push(format!("time stamps jitter by up to {:.0} % of a period", 100.0 * largest));
+    }
+    if let Some(row) = first_gap {
+        what.push(format!("{missing:.0} samples are missing, the first before row {}", (known.line_of)(row + 1)));
+    }
+    if what.is_empty() {
+        what.push("time stamps drift".into());
+    }
+    Ok((period_s, format!("{}: resampled evenly at {:.6} Hz by straight lines between neighbours", what.join(", "), 1.0 / period_s)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(t_s: &[f64], sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<TimeAxis> {
+        TimeAxis::from_stamps(t_s, &Known { place: "a.csv", line_of: &|row| row + 1, sample_rate_hz, resample })
+    }
+
+    fn even(n: usize) -> Vec<f64> {
+        (0..n).map(|k| 0.25 + k as f64 * 1e-3).collect()
+    }
+
+    #[test]
+    fn even_stamps_are_left_alone() {
+        let found = axis(&even(500), None, None).unwrap();
+        assert!((found.sample_rate_hz - 1000.0).abs() < 1e-6 && found.note.is_none() && found.start_s == 0.25);
+        assert_eq!(found.apply(vec![3.0; 500]).len(), 500);
+    }
+
+    #[test]
+    fn stamps_with_few_digits_are_even() {
+        // 20 kHz written with four digits: every second stamp stands twice.
+        let stamps: Vec<f64> = (0..5000).map(|k| (f64::from(k) * 0.5).round() * 1e-4).collect();
+        let found = axis(&stamps, None, None).unwrap();
+        assert!((found.sample_rate_hz / 20_000.0 - 1.0).abs() < 1e-3, "{}", found.sample_rate_hz);
+        assert!(found.note.as_ref().unwrap().contains("1e-4"));
+        assert_eq!(found.apply(stamps.clone()).len(), 5000);
+        assert_eq!(axis(&stamps, Some(20_000.0), None).unwrap().sample_rate_hz, 20_000.0);
+    }
+
+    #[test]
+    fn jitter_gaps_and_repeats_are_mended_and_said() {
+        // Stamps early and late by a fifth of a period, three samples missing, one row twice.
+        let late = |k: usize| 2e-4 * (((k * 7919) % 1000) as f64 / 500.0 - 1.0);
+        let mut rows: Vec<usize> = (0..2000).filter(|k| ![300, 301, 1200].contains(k)).collect();
+        rows.insert(700, rows[699]);
+        let stamps: Vec<f64> = rows.iter().map(|&k| k as f64 * 1e-3 + late(k)).collect();
+        let found = axis(&stamps, None, None).unwrap();
+        let note = found.note.clone().unwrap();
+        assert!(note.contains("row 701 has the time stamp of the row before") && note.contains("3 samples are missing"), "{note}");
+        assert!((found.sample_rate_hz / 1000.0 - 1.0).abs() < 1e-3);
+        let signal: Vec<f64> = stamps.iter().map(|t| (t * 6.0).sin()).collect();
+        let mended = found.apply(signal);
+        for (k, value) in mended.iter().enumerate() {
+            let at_s = found.start_s + k as f64 / found.sample_rate_hz;
+            assert!((value - (at_s * 6.0).sin()).abs() < 1e-4, "{k}");
+        }
+        assert!((mended.len() as i64 - 2000).abs() <= 1);
+        let refused = axis(&stamps, None, Some(false)).unwrap_err().to_string();
+        assert!(refused.contains("jumps") && refused.contains("resample"), "{refused}");
+    }
+
+    #[test]
+    fn what_cannot_be_mended_is_an_error_with_its_row() {
+        let mut back = even(100);
+        back[40] = 0.1;
+        assert!(axis(&back, None, None).unwrap_err().to_string().contains("row 41: time 0.1 s does not increase"));
+        let gap: Vec<f64> = even(100).iter().enumerate().map(|(k, t)| if k < 60 { *t } else { t + 5.0 }).collect();
+        let refused = axis(&gap, None, None).unwrap_err().to_string();
+        assert!(refused.contains("row 61: time jumps by"), "{refused}");
+        assert!(axis(&gap, None, Some(true)).is_ok());
+        assert!(axis(&[1.0; 50], None, None).unwrap_err().to_string().contains("does not increase"));
+        assert!(axis(&[1.0], None, None).is_err());
+        let refused = axis(&even(100), Some(1e6), None).unwrap_err().to_string();
+        assert!(refused.contains("ms"), "{refused}");
+    }
+}

@@ -1,0 +1,317 @@
+//! Units as files write them: in brackets behind a name, as a suffix, as a word; and what a column's name says it is.
+
+use crate::error::{Error, Result};
+
+/// What a signal of a record is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// Time, s.
+    Time,
+    /// Drive, V.
+    Drive,
+    /// Displacement, um.
+    Displacement,
+    /// External force, N.
+    Force,
+}
+
+impl Quantity {
+    /// All of them, in the order t, u, y, force.
+    pub const ALL: [Self; 4] = [Self::Time, Self::Drive, Self::Displacement, Self::Force];
+
+    /// The key in manifests and on the command line.
+    #[must_use]
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Time => "t",
+            Self::Drive => "u",
+            Self::Displacement => "y",
+            Self::Force => "force",
+        }
+    }
+
+    /// What it is in words.
+    #[must_use]
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Time => "time",
+            Self::Drive => "drive",
+            Self::Displacement => "displacement",
+            Self::Force => "force",
+        }
+    }
+
+    /// The unit inside the program.
+    #[must_use]
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Time => "s",
+            Self::Drive => "V",
+            Self::Displacement => "um",
+            Self::Force => "N",
+        }
+    }
+
+    fn dimension(self) -> Dimension {
+        match self {
+            Self::Time => Dimension::Time,
+            Self::Drive => Dimension::Voltage,
+            Self::Displacement => Dimension::Length,
+            Self::Force => Dimension::Force,
+        }
+    }
+
+    /// Words that a column of this quantity is called by; the first are the surest.
+    fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::Time => &["t", "time", "zeit", "timestamp", "times", "seconds", "temps", "tiempo"],
+            Self::Drive => &[
+                "u",
+                "v",
+                "voltage",
+                "drive",
+                "input",
+                "padrag",
+                "command",
+                "cmd",
+                "spannung",
+                "excitation",
+                "actuator",
+                "piezo",
+                "ao",
+                "ao0",
+                "ao1",
+                "dac",
+            ],
+            Self::Displacement => &[
+                "y",
+                "x",
+                "displacement",
+                "position",
+                "disp",
+                "pos",
+                "output",
+                "sensor",
+                "weg",
+                "deflection",
+                "measured",
+                "stage",
+                "ai",
+                "ai0",
+                "ai1",
+                "adc",
+            ],
+            Self::Force => &["force", "f", "load", "kraft"],
+        }
+    }
+
+    /// How well a column's name and unit fit, 0 not at all; a unit of another dimension speaks against it (a sensor may be read in volts).
+    #[must_use]
+    pub fn likeness(self, bare_name: &str, unit: Option<&str>) -> u32 {
+        let lower = bare_name.to_lowercase();
+        let mut tokens = lower.split(|c: char| !c.is_alphanumeric()).filter(|t| !t.is_empty());
+        let head = tokens.next().unwrap_or_default();
+        let known = |token: &str| self.names().contains(&token);
+        let by_name = if known(head) { 3 } else { u32::from(tokens.any(known)) * 2 };
+        match unit.and_then(dimension_of) {
+            Some(dimension) if dimension == self.dimension() => by_name + 2,
+            Some(Dimension::Voltage) if self == Self::Displacement => by_name,
+            Some(_) => 0,
+            None => by_name,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Dimension {
+    Time,
+    Voltage,
+    Length,
+    Force,
+    Other,
+}
+
+/// Units in lower case with `u` for micro, their dimension, and the factor to the program's unit.
+const UNITS: &[(&str, Dimension, f64)] = &[
+    ("s", Dimension::Time, 1.0),
+    ("sec", Dimension::Time, 1.0),
+    ("second", Dimension::Time, 1.0),
+    ("seconds", Dimension::Time, 1.0),
+    ("ms", Dimension::Time, 1e-3),
+    ("msec", Dimension::Time, 1e-3),
+    ("us", Dimension::Time, 1e-6),
+    ("ns", Dimension::Time, 1e-9),
+    ("min", Dimension::Time, 60.0),
+    ("v", Dimension::Voltage, 1.0),
+    ("volt", Dimension::Voltage, 1.0),
+    ("volts", Dimension::Voltage, 1.0),
+    ("mv", Dimension::Voltage, 1e-3),
+    ("uv", Dimension::Voltage, 1e-6),
+    ("kv", Dimension::Voltage, 1e3),
+    ("um", Dimension::Length, 1.0),
+    ("micron", Dimension::Length, 1.0),
+    ("microns", Dimension::Length, 1.0),
+    ("nm", Dimension::Length, 1e-3),
+    ("pm", Dimension::Length, 1e-6),
+    ("mm", Dimension::Length, 1e3),
+    ("m", Dimension::Length, 1e6),
+    ("n", Dimension::Force, 1.0),
+    ("mn", Dimension::Force, 1e-3),
+    ("un", Dimension::Force, 1e-6),
+    ("kn", Dimension::Force, 1e3),
+    ("a", Dimension::Other, 1.0),
+    ("ma", Dimension::Other, 1.0),
+    ("c", Dimension::Other, 1.0),
+    ("°c", Dimension::Other, 1.0),
+    ("degc", Dimension::Other, 1.0),
+    ("k", Dimension::Other, 1.0),
+    ("hz", Dimension::Other, 1.0),
+    ("%", Dimension::Other, 1.0),
+    ("w", Dimension::Other, 1.0),
+    ("rad", Dimension::Other, 1.0),
+    ("deg", Dimension::Other, 1.0),
+    ("bar", Dimension::Other, 1.0),
+    ("sequence", Dimension::Other, 1.0),
+];
+
+fn normal(unit: &str) -> String {
+    let inner = unit.trim().trim_start_matches(['[', '(', '{']).trim_end_matches([']', ')', '}']).trim();
+    inner.to_lowercase().replace(['µ', 'μ'], "u")
+}
+
+fn entry(unit: &str) -> Option<&'static (&'static str, Dimension, f64)> {
+    let unit = normal(unit);
+    UNITS.iter().find(|(name, ..)| *name == unit)
+}
+
+fn dimension_of(unit: &str) -> Option<Dimension> {
+    entry(unit).map(|(_, dimension, _)| *dimension)
+}
+
+/// Whether a text is a unit, with or without brackets.
+#[must_use]
+pub fn is_unit(text: &str) -> bool {
+    entry(text).is_some()
+}
+
+/// Whether a unit says that a column is none of the signals of a record: a temperature, a current.
+#[must_use]
+pub fn is_of_something_else(unit: Option<&str>) -> bool {
+    unit.and_then(dimension_of) == Some(Dimension::Other)
+}
+
+/// A column's name without its unit, and the unit: `t (ms)`, `u [mV]`, `pos_nm`, `y/um`, `C1 in V`, `Drive V`.
+#[must_use]
+pub fn split_name(name: &str) -> (String, Option<String>) {
+    let name = name.trim();
+    let parts = |bare: &str, unit: &str| (bare.trim().to_owned(), Some(unit.trim().to_owned()));
+    if let Some(rest) = name.strip_suffix([']', ')'])
+        && let Some((bare, unit)) = rest.rsplit_once(['[', '('])
+        // `data(2)` is the second column of an array.
+        && !unit.trim().bytes().all(|b| b.is_ascii_digit())
+    {
+        return parts(bare, unit);
+    }
+    if let Some((bare, unit)) = name.rsplit_once(" in ").or_else(|| name.strip_prefix("in ").map(|unit| ("", unit)))
+        && is_unit(unit)
+    {
+        return parts(bare, unit);
+    }
+    for separator in ['/', '_', ' ', ','] {
+        if let Some((bare, unit)) = name.rsplit_once(separator)
+            && is_unit(unit)
+            && dimension_of(unit).is_some_and(|dimension| dimension != Dimension::Other || separator != ' ')
+            && !bare.trim().is_empty()
+        {
+            return parts(bare, unit);
+        }
+    }
+    (name.to_owned(), None)
+}
+
+/// The factor that brings a column into the program's unit: of a unit (`mV`), or of a sensitivity (`5 um/V`: one unit of the column is 5 um).
+///
+/// # Errors
+/// Units that are not known, and units of something else.
+pub fn factor(quantity: Quantity, unit: &str, place: &str, column: &str) -> Result<f64> {
+    let text = unit.trim();
+    let digits = text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+'))).unwrap_or(text.len());
+    let (number, rest) = text.split_at(digits);
+    let (number, rest) = match rest
+        .strip_prefix(['e', 'E'])
+        .map(|rest| rest.split_at(rest.find(|c: char| !(c.is_ascii_digit() || c == '-' || c == '+')).unwrap_or(rest.len())))
+    {
+        Some((exponent, rest)) if !number.is_empty() && !exponent.is_empty() => (format!("{number}e{exponent}"), rest),
+        _ => (number.to_owned(), rest),
+    };
+    let scale = if number.is_empty() { Some(1.0) } else { number.parse::<f64>().ok().filter(|v| v.is_finite() && *v != 0.0) };
+    let is_sensitivity = rest.contains('/');
+    let numerator = rest.split('/').next().unwrap_or_default();
+    match (scale, entry(numerator)) {
+        (Some(scale), Some((_, dimension, factor))) if *dimension == quantity.dimension() => Ok(scale * factor),
+        (Some(_), Some((_, Dimension::Voltage, _))) if quantity == Quantity::Displacement && !is_sensitivity => Err(Error::new(
+            place,
+            format!(
+                "{column} is the displacement in volts; what a volt means is needed: --units y=5um/V for 5 um per volt, or unit = {{ y = \"5 \
+                 um/V\" }} in dataset.toml"
+            ),
+        )),
+        _ => {
+            let known: Vec<&str> = UNITS.iter().filter(|(_, d, _)| *d == quantity.dimension()).map(|(name, ..)| *name).collect();
+            Err(Error::new(
+                place,
+                format!("{column}: unit \"{text}\" is not one of {} for {} ({})", known.join(", "), quantity.key(), quantity.words()),
+            ))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_are_found_however_they_are_written() {
+        for (name, bare, unit) in [
+            ("t (ms)", "t", Some("ms")),
+            ("u [mV]", "u", Some("mV")),
+            ("pos_nm", "pos", Some("nm")),
+            ("y/um", "y", Some("um")),
+            ("C1 in V", "C1", Some("V")),
+            ("in s", "", Some("s")),
+            ("Drive V", "Drive", Some("V")),
+            ("Channel A", "Channel A", None),
+            ("x_value", "x_value", None),
+            ("data(2)", "data(2)", None),
+        ] {
+            assert_eq!(split_name(name), (bare.to_owned(), unit.map(str::to_owned)), "{name}");
+        }
+    }
+
+    #[test]
+    fn factors_lead_to_volts_and_micrometres() {
+        let of = |quantity, unit| factor(quantity, unit, "a.csv", "column 1");
+        for (quantity, unit, expected) in [
+            (Quantity::Time, "ms", 1e-3),
+            (Quantity::Drive, "mV", 1e-3),
+            (Quantity::Displacement, "µm", 1.0),
+            (Quantity::Displacement, "m", 1e6),
+            (Quantity::Displacement, "5 um/V", 5.0),
+            (Quantity::Displacement, "-2.5e2nm/V", -0.25),
+            (Quantity::Drive, "15V/V", 15.0),
+        ] {
+            assert!((of(quantity, unit).unwrap() / expected - 1.0).abs() < 1e-12, "{unit}");
+        }
+        assert!(of(Quantity::Displacement, "V").unwrap_err().to_string().contains("um/V"));
+        assert!(of(Quantity::Drive, "nm").unwrap_err().to_string().contains("mv"));
+        assert!(of(Quantity::Time, "0ms").is_err());
+    }
+
+    #[test]
+    fn a_unit_speaks_louder_than_a_word() {
+        assert!(Quantity::Drive.likeness("output", Some("V")) > 0);
+        assert!(Quantity::Displacement.likeness("sensor", Some("um")) > Quantity::Displacement.likeness("output", Some("V")));
+        assert_eq!(Quantity::Displacement.likeness("x", Some("s")), 0);
+        assert_eq!(Quantity::Drive.likeness("voltage", Some("°C")), 0);
+    }
+}

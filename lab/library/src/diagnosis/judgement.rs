@@ -1,0 +1,171 @@
+//! Models judged on records: errors, by how much one is better than another, and which records are fitted at all.
+
+use crate::dataset::{Dataset, Role};
+use crate::error::{Error, Result};
+use crate::identification::fit::{blocks, dot, rms};
+use crate::identification::linearisation::{Rows, residual_at};
+use crate::parallel;
+use hysteron_sim::chain::{Drive, Model};
+
+/// Which records are fitted and which judge.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Split {
+    /// Fitted records.
+    pub identify: Vec<usize>,
+    /// Held-out records.
+    pub validate: Vec<usize>,
+}
+
+impl Split {
+    /// The split that the roles of a data set make; where nothing may be fitted, what would judge is fitted, and nothing judges.
+    #[must_use]
+    pub fn of(dataset: &Dataset) -> Self {
+        let (identify, validate) = (dataset.with_role(Role::Identify), dataset.with_role(Role::Validate));
+        if identify.is_empty() { Self { identify: validate, validate: Vec::new() } } else { Self { identify, validate } }
+    }
+
+    /// All records that judge a model.
+    #[must_use]
+    pub fn both(&self) -> Vec<usize> {
+        self.identify.iter().chain(&self.validate).copied().collect()
+    }
+}
+
+/// A model and what it leaves of the records that judge it.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// The fitted model.
+    pub model: Model,
+    /// Residual of every record of the data set, um; empty for records that do not judge.
+    pub residuals: Vec<Vec<f64>>,
+    /// RMS over the fitted records, um.
+    pub identify_rms_um: f64,
+    /// RMS over the held-out records, um; `None` without any.
+    pub validate_rms_um: Option<f64>,
+}
+
+impl Judged {
+    /// The error that speaks for the model: held out where there is one.
+    #[must_use]
+    pub fn error_um(&self) -> f64 {
+        self.validate_rms_um.unwrap_or(self.identify_rms_um)
+    }
+
+    /// Fitted and held-out error are each below `times` the noise floor of their records; never where a record has no floor.
+    #[must_use]
+    pub fn within(&self, times: f64, floors_um: &[Option<f64>], split: &Split) -> bool {
+        [&split.identify, &split.validate].into_iter().all(|records| {
+            let floor: Option<f64> =
+                records.iter().map(|i| floors_um[*i].map(|floor_um| floor_um * floor_um * self.residuals[*i].len() as f64)).sum();
+            let left: f64 = records.iter().map(|i| dot(&self.residuals[*i], &self.residuals[*i])).sum();
+            records.is_empty() || floor.is_some_and(|floor| left < times * times * floor)
+        })
+    }
+}
+
+fn rms_of(residuals: &[Vec<f64>], records: &[usize]) -> Option<f64> {
+    let mut by_size: Vec<(f64, usize)> = records.iter().map(|&i| (dot(&residuals[i], &residuals[i]), residuals[i].len())).collect();
+    // The same sum whatever the order of the records.
+    by_size.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (sum, count) = by_size.iter().fold((0.0, 0), |(s, n), (ds, dn)| (s + ds, n + dn));
+    (count > 0).then(|| (sum / count as f64).sqrt())
+}
+
+/// Judges a fitted model on all samples.
+#[must_use]
+pub fn judge(model: Model, dataset: &Dataset, split: &Split) -> Judged {
+    judge_rows(model, dataset, split, &Rows::all(dataset, &split.both()))
+}
+
+/// Judges a fitted model on the samples that count.
+#[must_use]
+pub fn judge_rows(model: Model, dataset: &Dataset, split: &Split, rows: &Rows) -> Judged {
+    let each = parallel::map(&rows.records, |(i, samples)| residual_at(&model, &dataset.records[*i], samples).as_slice().to_vec());
+    let mut residuals = vec![Vec::new(); dataset.records.len()];
+    for ((i, _), residual) in rows.records.iter().zip(each) {
+        residuals[*i] = residual;
+    }
+    let identify_rms_um = rms_of(&residuals, &split.identify).unwrap_or(0.0);
+    let validate_rms_um = rms_of(&residuals, &split.validate);
+    Judged { model, residuals, identify_rms_um, validate_rms_um }
+}
+
+/// The effect behind which a model first gives something that is no number under a drive, and the sample, counted from 0.
+#[must_use]
+pub fn first_not_finite(model: &Model, drive: &Drive) -> Option<(String, usize)> {
+    let first_bad = |model: &Model| model.simulate(drive).iter().position(|y| !y.is_finite());
+    let sample = first_bad(model)?;
+    // Effects are taken away from the end of the chain: the last one whose absence makes it finite is behind it.
+    let mut shorter = model.clone();
+    let mut effect = String::new();
+    while let Some(last) = shorter.effects.pop() {
+        effect = last.id;
+        if shorter.effects.is_empty() || first_bad(&shorter).is_none() {
+            break;
+        }
+    }
+    Some((effect, sample))
+}
+
+/// Fails on the first thing that is no number in what a model reads, with the effect behind which it appears.
+///
+/// # Errors
+/// [`Error::NotFinite`].
+pub fn require_finite(model: &Model, dataset: &Dataset, records: &[usize]) -> Result<()> {
+    for record in records.iter().map(|i| &dataset.records[*i]) {
+        if let Some((effect, sample)) = first_not_finite(model, &record.drive()) {
+            return Err(Error::NotFinite { effect, record: record.name.clone(), sample: sample + 1 });
+        }
+    }
+    Ok(())
+}
+
+/// Improvement of one judged model over another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Improvement {
+    /// Drop of the mean square on held-out records in standard errors of it, by blocks; all records together.
+    pub validate_z: f64,
+    /// The same over all records.
+    pub total_z: f64,
+    /// Relative drop of the RMS, mean of the held-out records.
+    pub validate_relative: f64,
+    /// Relative drop of the RMS, mean of the fitted records.
+    pub identify_relative: f64,
+    /// Largest relative drop of the RMS in any record.
+    pub record_relative: f64,
+}
+
+/// How much better `after` is than `before`.
+#[must_use]
+pub fn improvement(before: &Judged, after: &Judged, split: &Split) -> Improvement {
+    // Of each record the fall of the mean square in standard errors, by blocks: one that no model meets does not hide the others.
+    let of_record = |i: usize| -> f64 {
+        let (a, b) = (&before.residuals[i], &after.residuals[i]);
+        let drops: Vec<f64> =
+            blocks(a.len().min(b.len())).into_iter().map(|r| dot(&a[r.clone()], &a[r.clone()]) - dot(&b[r.clone()], &b[r])).collect();
+        let n = drops.len().max(1) as f64;
+        let mean = drops.iter().sum::<f64>() / n;
+        let variance = drops.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() * n / (n - 1.0).max(1.0);
+        if variance > 0.0 { mean * n / variance.sqrt() } else { 0.0 }
+    };
+    let z = |records: &[usize]| -> f64 {
+        let mut each: Vec<f64> = records.iter().map(|i| of_record(*i)).collect();
+        each.sort_by(f64::total_cmp);
+        each.iter().sum::<f64>() / (each.len().max(1) as f64).sqrt()
+    };
+    let relative = |a: f64, b: f64| if a > 0.0 { 1.0 - b / a } else { 0.0 };
+    let fall = |i: &usize| relative(rms(&before.residuals[*i]), rms(&after.residuals[*i]));
+    let mean_fall = |records: &[usize]| {
+        let mut each: Vec<f64> = records.iter().map(fall).collect();
+        each.sort_by(f64::total_cmp);
+        each.iter().sum::<f64>() / each.len().max(1) as f64
+    };
+    let both = split.both();
+    Improvement {
+        validate_z: z(&split.validate),
+        total_z: z(&both),
+        validate_relative: mean_fall(&split.validate),
+        identify_relative: mean_fall(&split.identify),
+        record_relative: both.iter().map(fall).fold(0.0, f64::max),
+    }
+}

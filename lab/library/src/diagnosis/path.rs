@@ -1,0 +1,91 @@
+//! The way from the start to what was found, one effect at a time: for people, who want to see the error fall.
+
+use super::judgement::Judged;
+use super::study::Study;
+use crate::error::Result;
+use crate::identification::finer_hysteresis::{description, steps_finer};
+use crate::parallel;
+use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::{Effect, Overview};
+use std::sync::Arc;
+
+/// One step of the way.
+#[derive(Clone)]
+pub struct Step {
+    /// What changed.
+    pub change: Change,
+    /// The model after the step.
+    pub judged: Judged,
+}
+
+/// What changes in a step.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// The model that was started from.
+    Start,
+    /// An effect was added.
+    Added(String),
+    /// The same hysteresis was described more finely.
+    FinerHysteresis(String),
+    /// All values were fitted again, to this recording.
+    FittedAgain,
+    /// An effect that was there took other values; all others were held.
+    Changed(String),
+}
+
+impl Change {
+    /// The effect that was added, if one was.
+    #[must_use]
+    pub fn added(&self) -> Option<&str> {
+        match self {
+            Self::Added(id) => Some(id),
+            _ => None,
+        }
+    }
+}
+
+/// A model with one effect more, at the values that another model has for it; its hysteresis begins as coarse as it is declared.
+fn joined(model: &Model, effect: &Arc<dyn Effect>, of: &Model, overview: &Overview) -> Model {
+    let mut out = model.clone();
+    let id = effect.declaration().id;
+    let plain = EffectInstance::new(effect.clone(), overview, &[]);
+    let same_shape = of.effect(&id).filter(|e| e.parameters.len() == plain.parameters.len());
+    out.add(same_shape.cloned().unwrap_or(plain));
+    out
+}
+
+/// From a start to the end: at every step the effect that lowers the error most. The last step is the end itself.
+///
+/// # Errors
+/// A candidate that gives something that is no number.
+pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Result<Vec<Step>> {
+    let mut steps = vec![Step { change: Change::Start, judged: start.clone() }];
+    let mut left: Vec<Arc<dyn Effect>> = added.iter().filter_map(|id| end.model.effect(id)).map(|e| e.effect.clone()).collect();
+    let mut last = start.model.clone();
+    while !left.is_empty() {
+        let possible: Vec<usize> = (0..left.len()).filter(|i| left[*i].may_join(&last, &study.overview)).collect();
+        // Begun where the end has it: what is shown is the way there.
+        let tried: Vec<(usize, Judged)> =
+            parallel::map(&possible, |i| (*i, study.quickly(&joined(&last, &left[*i], &end.model, &study.overview))));
+        let Some((i, judged)) = tried.into_iter().min_by(|a, b| study.merit(&a.1).total_cmp(&study.merit(&b.1))) else { break };
+        let effect = left.remove(i);
+        last = judged.model;
+        steps.push(Step { change: Change::Added(effect.declaration().id), judged: study.judged(last.clone()) });
+    }
+    // What the end has beside all effects: a finer description, where that brings something, and the values of a fit that went as far as
+    // it goes.
+    let mut end = end.clone();
+    if description(&last) != description(&end.model) {
+        let coarse = study.thoroughly(&last);
+        let finer_by = steps_finer(&end.model).saturating_sub(steps_finer(&last)) as f64;
+        if study.merit(&coarse) <= study.merit(&end) + study.policy.gain_per_effect * finer_by {
+            end = coarse;
+        } else {
+            steps.push(Step { change: Change::FinerHysteresis(description(&end.model)), judged: end.clone() });
+        }
+    }
+    if let Some(step) = steps.last_mut().filter(|s| s.change != Change::Start) {
+        step.judged = end;
+    }
+    Ok(steps)
+}

@@ -1,0 +1,109 @@
+//! Every threshold of the decision, with the reason for its value.
+
+/// When a search goes on, when an effect is admitted, when two explanations are told apart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Policy {
+    /// Samples of the fitted records that are walked while searching, at most: every set of effects walks them some thirty times. Longer
+    /// records are searched on their beginnings and fitted whole at the end.
+    pub walked_samples: usize,
+    /// Samples on which sets of effects are compared while searching. Enough that the error of any set is known to about one part in a
+    /// hundred, few enough that a set is fitted in a tenth of a second.
+    pub search_samples: usize,
+    /// Samples on which candidates are scored while searching: the products of a few hundred signatures with the residual need fewer.
+    pub scoring_samples: usize,
+    /// Samples on which the evidence for a name is weighed.
+    pub evidence_samples: usize,
+    /// Most samples that the last fit of a model takes; beyond, one in so many. Standard deviations fall with the root of their number,
+    /// and at this many they are far below what the model itself leaves.
+    pub fit_samples: usize,
+    /// Models that are extended side by side.
+    pub width: usize,
+    /// Extensions of these that are fitted in one round.
+    pub trials: usize,
+    /// Most effects that are added.
+    pub effects_max: usize,
+    /// Rounds without a better model after which the search ends; two effects that only help together are proposed as a pair.
+    pub rounds_without_gain: usize,
+    /// Weight of the held-out error beside the fitted one where models are ranked: what is only met where it was fitted is worth half.
+    pub held_out_weight: f64,
+    /// Least fall of the rank (a mean of the logarithms of fitted and held-out error) in a round after which the search goes on: what brings
+    /// less is taken back in the end more often than not.
+    pub least_gain: f64,
+    /// An extension is not tried where the signatures promise that more than this share of the squares stays.
+    pub promises_nothing: f64,
+    /// The same for each effect more: of two models that differ by less, the simpler one is taken.
+    pub gain_per_effect: f64,
+    /// False discovery rate over all candidates that are looked at beside one model.
+    pub false_discovery_rate: f64,
+    /// Least relative improvement of some record for an effect to matter, where the noise is known: the error of a record is known to
+    /// about one part in a hundred.
+    pub matters: f64,
+    /// Least relative improvement of the held-out error where the noise is not known.
+    pub matters_without_floor: f64,
+    /// Standard errors, by blocks, by which a held-out error must fall.
+    pub held_out_z: f64,
+    /// Standard errors by which the error of all records must fall where the held-out ones do not show the effect.
+    pub beyond_doubt_z: f64,
+    /// Share of the squared error above the floor that an effect takes when it explains most of it.
+    pub takes_most: f64,
+    /// Standard errors by which two models must differ to be told apart.
+    pub tie_z: f64,
+    /// Two models whose errors differ by less than this share, in every part, are not told apart however small the standard error is: what
+    /// the library leaves out is larger.
+    pub tie_relative: f64,
+    /// A model leaves nothing where its error is below this times the floor in every record.
+    pub nothing_left: f64,
+    /// A quickly fitted model will leave nothing where its error is below this times the floor.
+    pub met: f64,
+    /// A verdict explains a data set where fitted and held-out error are below this times the floor.
+    pub explained: f64,
+    /// A model from elsewhere that leaves less than this times the floor after a simple story was at the floor at home: more is looked for.
+    pub near_the_noise: f64,
+    /// Errors within this of the floor, held out and fitted, count as the floor.
+    pub at_floor: f64,
+    /// An error below this share of the floor contradicts it.
+    pub contradiction: f64,
+    /// Signatures more alike than this are confusable.
+    pub alike: f64,
+    /// A rival is looked at where it explains this share of what the effect in its place does.
+    pub rival: f64,
+    /// A new fit that lowers the error of a model from elsewhere by less than this share finds it at home.
+    pub at_home: f64,
+}
+
+impl Default for Policy {
+    fn default() -> Self {
+        Self {
+            walked_samples: 120_000,
+            search_samples: 16_000,
+            scoring_samples: 8_000,
+            evidence_samples: 24_000,
+            fit_samples: 300_000,
+            width: 2,
+            trials: 5,
+            effects_max: 7,
+            rounds_without_gain: 1,
+            held_out_weight: 2.0 / 3.0,
+            least_gain: 0.04,
+            promises_nothing: 0.99,
+            gain_per_effect: 0.005,
+            false_discovery_rate: 0.05,
+            matters: 0.025,
+            matters_without_floor: 0.02,
+            held_out_z: 2.0,
+            beyond_doubt_z: 5.0,
+            takes_most: 0.5,
+            tie_z: 3.0,
+            tie_relative: 0.005,
+            nothing_left: 1.03,
+            met: 1.05,
+            explained: 1.15,
+            near_the_noise: 4.0,
+            at_floor: 1.03,
+            contradiction: 0.8,
+            alike: 0.9,
+            rival: 0.3,
+            at_home: 0.05,
+        }
+    }
+}

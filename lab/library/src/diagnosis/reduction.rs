@@ -1,0 +1,189 @@
+//! What a search has found is taken back as far as the data do not need it, and asked for rivals: what else would do in its place.
+//!
+//! Each added effect is looked at alone: the model without it is fitted again, the effect must be in what that model leaves, and the model
+//! with it must be better by a rule of [`super::decision`]. The one that is needed least goes first. Whatever else explains much of what
+//! the model without an effect leaves is fitted in its place; where the data do not tell the two apart, both are named.
+
+use super::decision::{Decision, decide};
+use super::judgement::Judged;
+use super::screening::Screening;
+use super::study::Study;
+
+use crate::parallel;
+use crate::watch::Event;
+
+/// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
+const CLEARLY_MISSED: f64 = 0.5;
+/// Rivals of an effect that are fitted at most.
+const RIVALS_MAX: usize = 4;
+/// A rival whose quick fit is worse by this much does not come to a tie, however long it is fitted.
+const CLEARLY_BEHIND: f64 = 0.25;
+
+/// Something else in the place of an effect.
+#[derive(Clone)]
+pub struct Rival {
+    /// The effect.
+    pub id: String,
+    /// The model with it in place of the other, and its errors.
+    pub judged: Judged,
+    /// Told apart or not.
+    pub decision: Decision,
+}
+
+/// An effect that stays, with what was looked at for it.
+#[derive(Clone)]
+pub struct Supported {
+    /// The effect.
+    pub id: String,
+    /// The rule that admitted it.
+    pub decision: Decision,
+    /// The model without it, fitted again.
+    pub without: Judged,
+    /// All candidates on what that model leaves.
+    pub screening: Screening,
+    /// What else was fitted in its place.
+    pub rivals: Vec<Rival>,
+}
+
+impl Supported {
+    /// The effect and those that the data do not tell from it.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        let tied = self.rivals.iter().filter(|r| r.decision == Decision::NotToldApart).map(|r| r.id.clone());
+        std::iter::once(self.id.clone()).chain(tied).collect()
+    }
+}
+
+/// What is left of a search.
+pub struct Reduced {
+    /// The model, judged on all samples.
+    pub judged: Judged,
+    /// What stays, each with its evidence.
+    pub supported: Vec<Supported>,
+    /// What was taken back, with the rule.
+    pub taken_back: Vec<(String, Decision)>,
+}
+
+/// How much an effect is missed: what deciding which goes first rests on.
+fn missed(study: &Study, without: &Judged, with: &Judged) -> f64 {
+    study.merit(without) - study.merit(with)
+}
+
+/// Takes back what the data do not need and looks for rivals of the rest.
+///
+/// # Errors
+/// A candidate that gives something that is no number.
+pub fn reduce(study: &Study, found: &Judged, added: &[String]) -> crate::error::Result<Reduced> {
+    let mut judged = study.judged(found.model.clone());
+    let mut added: Vec<String> = added.to_vec();
+    let mut taken_back = Vec::new();
+    loop {
+        study.watch.event(&Event::Doing("taking back what is not needed"));
+        let without: Vec<Judged> = parallel::map(&added, |id| {
+            let quick = study.quickly(&study.without(&judged.model, id));
+            // Where much is missed, how much exactly decides nothing.
+            let clear = missed(study, &quick, &judged) > CLEARLY_MISSED;
+            study.judged(if clear { quick.model } else { study.for_comparison(&quick.model).model })
+        });
+        let may_leave = |id: &String| judged.model.effect(id).is_none_or(|e| e.effect.may_leave());
+        let refused = |weighed: &[Option<f64>]| -> Option<(usize, Decision)> {
+            (0..added.len())
+                .filter(|i| may_leave(&added[*i]))
+                .map(|i| (i, decide(study, &without[i], &judged, weighed[i])))
+                .filter(|(_, decision)| !decision.admits())
+                .min_by(|a, b| missed(study, &without[a.0], &judged).total_cmp(&missed(study, &without[b.0], &judged)))
+        };
+        let unweighed = vec![None; added.len()];
+        let screenings = match refused(&unweighed) {
+            Some((i, decision)) => Err((i, decision)),
+            None => {
+                study.watch.event(&Event::Doing("weighing the evidence for each effect"));
+                weigh_each(study, &added, &without, &judged, &may_leave)?
+            }
+        };
+        match screenings {
+            Err((i, decision)) => {
+                let id = added.remove(i);
+                judged = without.into_iter().nth(i).unwrap_or(judged);
+                // What built on it went with it.
+                added.retain(|other| judged.model.effect(other).is_some());
+                taken_back.push((id, decision));
+            }
+            Ok((weighed, p)) => {
+                let mut supported = Vec::new();
+                for (i, screening) in weighed.into_iter().enumerate() {
+                    let decision = decide(study, &without[i], &judged, p[i]);
+                    let rivals = rivals_of(study, &added[i], &without[i], &screening, &judged);
+                    supported.push(Supported { id: added[i].clone(), decision, without: without[i].clone(), screening, rivals });
+                }
+                supported.sort_by(|a, b| {
+                    missed(study, &b.without, &judged).total_cmp(&missed(study, &a.without, &judged)).then_with(|| a.id.cmp(&b.id))
+                });
+                return Ok(Reduced { judged, supported, taken_back });
+            }
+        }
+    }
+}
+
+/// What was weighed of all effects, or the one that is not in what the model without it leaves.
+type Weighed = Result<(Vec<Screening>, Vec<Option<f64>>), (usize, Decision)>;
+
+/// Weighs the evidence for each effect, the one that is missed least first, and ends at the first that is refused.
+fn weigh_each(
+    study: &Study,
+    added: &[String],
+    without: &[Judged],
+    judged: &Judged,
+    may_leave: &dyn Fn(&String) -> bool,
+) -> crate::error::Result<Weighed> {
+    let mut order: Vec<usize> = (0..added.len()).collect();
+    order.sort_by(|a, b| missed(study, &without[*a], judged).total_cmp(&missed(study, &without[*b], judged)));
+    let mut screenings: Vec<Option<Screening>> = vec![None; added.len()];
+    for i in order {
+        let model = &without[i].model;
+        let screening = study.weigh(model, &study.candidates_for(model), 1000 + i as u64)?;
+        let decision = decide(study, &without[i], judged, p_of(&screening, &added[i]));
+        if may_leave(&added[i]) && !decision.admits() {
+            return Ok(Err((i, decision)));
+        }
+        screenings[i] = Some(screening);
+    }
+    let screenings: Vec<Screening> = screenings.into_iter().flatten().collect();
+    let p = screenings.iter().zip(added).map(|(s, id)| p_of(s, id)).collect();
+    Ok(Ok((screenings, p)))
+}
+
+fn p_of(screening: &Screening, id: &str) -> Option<f64> {
+    screening.scores.iter().find(|s| s.id == id).and_then(|s| s.evidence.as_ref()).map(|e| e.p_adjusted)
+}
+
+/// What else explains much of what the model without an effect leaves, fitted in its place.
+fn rivals_of(study: &Study, id: &str, without: &Judged, screening: &Screening, best: &Judged) -> Vec<Rival> {
+    let Some(own) = screening.scores.iter().find(|s| s.id == id) else { return Vec::new() };
+    let present = |other: &str| best.model.effect(other).is_some();
+    let worth: Vec<_> = screening
+        .scores
+        .iter()
+        .filter(|s| !present(&s.id) && s.explained_um2 > study.policy.rival * own.explained_um2)
+        .take(RIVALS_MAX)
+        .collect();
+    if !worth.is_empty() {
+        study.watch.event(&Event::Doing("trying what else could do"));
+    }
+    let mut rivals = parallel::map(&worth, |score| {
+        let begun = |start: &Vec<f64>| study.quickly(&study.with(&without.model, &[(score.effect.clone(), start.clone())]));
+        let mut fitted = begun(&score.starts[0]);
+        if missed(study, &fitted, best) < CLEARLY_MISSED {
+            let others = score.starts.iter().skip(1).take(if score.effect.starts_combine() { 0 } else { 1 }).map(begun);
+            fitted = others.fold(fitted, |a, b| if study.merit(&b) < study.merit(&a) { b } else { a });
+        }
+        if missed(study, &fitted, best) < CLEARLY_BEHIND {
+            fitted = study.for_comparison(&fitted.model);
+        }
+        let judged = study.judged(fitted.model);
+        let decision = if study.told_apart(&judged, best) { Decision::AnotherLeavesLess } else { Decision::NotToldApart };
+        Rival { id: score.id.clone(), judged, decision }
+    });
+    rivals.sort_by(|a, b| study.merit(&a.judged).total_cmp(&study.merit(&b.judged)).then_with(|| a.id.cmp(&b.id)));
+    rivals
+}

@@ -1,0 +1,271 @@
+//! The search over sets of effects: several models are kept and extended, a set is fitted once however it was reached.
+//!
+//! # How it works
+//! A round scores all candidates on what each of the best models leaves, and proposes the sets that promise most: one effect more, or two
+//! where together they explain what neither does alone (creep is not seen before the lag beside it is), or a finer description of the
+//! hysteresis. The most promising are fitted on a part of the samples and take their place among all that were fitted; the best that have
+//! not been extended yet are extended next. The search ends when nothing is left above the noise, or when rounds bring no better model.
+//! What comes out depends on the data alone, not on the order of effects or records, because all sets are compared with one another by
+//! fitted and held-out error.
+
+use super::judgement::Judged;
+use super::screening::{Score, Screening};
+use super::study::Study;
+use crate::error::Result;
+use crate::identification::finer_hysteresis;
+use crate::parallel;
+use crate::watch::Event;
+use hysteron_sim::chain::Model;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A set of effects that was fitted.
+#[derive(Clone)]
+pub struct Node {
+    /// What was added to the start, by name.
+    pub added: Vec<String>,
+    /// The model and its errors on the samples of the search.
+    pub judged: Judged,
+    extended: bool,
+    compared: bool,
+}
+
+/// Everything that a search has fitted.
+pub struct Search<'s, 'a> {
+    study: &'s Study<'a>,
+    start: Vec<String>,
+    nodes: BTreeMap<String, Node>,
+    /// Sets that were much worse than what they extend: they are not tried again beside another description of the hysteresis.
+    hopeless: BTreeSet<String>,
+    /// The caller wanted the best so far.
+    pub stopped: bool,
+}
+
+/// A model that is worth fitting.
+struct Proposal {
+    key: String,
+    added: Vec<String>,
+    begin: Model,
+    /// Merit of the model that it extends.
+    of: f64,
+    /// Error that it may leave, as far as the signatures tell.
+    promise: f64,
+}
+
+/// An extension whose merit is worse by this much than that of what it extends.
+const HOPELESS: f64 = 0.2;
+/// Singles of a model that are proposed at most.
+const SINGLES: usize = 6;
+/// Candidates of which pairs are formed.
+const PAIRED: usize = 9;
+/// Pairs of a model that are proposed at most.
+const PAIRS: usize = 3;
+/// A pair is worth a trial of its own where it leaves less than this share of what the better of the two leaves alone.
+const BETTER_TOGETHER: f64 = 0.8;
+
+impl<'s, 'a> Search<'s, 'a> {
+    /// A search that begins at a fitted model.
+    #[must_use]
+    pub fn from(study: &'s Study<'a>, start: &Model) -> Self {
+        let judged = study.judged_quickly(start.clone());
+        let mut search = Self { study, start: start.effect_ids(), nodes: BTreeMap::new(), hopeless: BTreeSet::new(), stopped: false };
+        let node = Node { added: Vec::new(), judged, extended: false, compared: true };
+        search.nodes.insert(key(&[], start), node);
+        search
+    }
+
+    /// Rank of a node: its merit, and a little for each effect and each step of a finer hysteresis more.
+    fn rank(&self, node: &Node) -> f64 {
+        let more = node.added.len() + finer_hysteresis::steps_finer(&node.judged.model);
+        self.study.merit(&node.judged) + self.study.policy.gain_per_effect * more as f64
+    }
+
+    /// All nodes, best first.
+    #[must_use]
+    pub fn ranked(&self) -> Vec<&Node> {
+        let mut out: Vec<&Node> = self.nodes.values().collect();
+        out.sort_by(|a, b| self.rank(a).total_cmp(&self.rank(b)));
+        out
+    }
+
+    /// The best node.
+    #[must_use]
+    pub fn best(&self) -> &Node {
+        self.ranked()[0]
+    }
+
+    /// Runs until nothing better comes.
+    ///
+    /// # Errors
+    /// A candidate that gives something that is no number.
+    pub fn run(&mut self) -> Result<()> {
+        let policy = &self.study.policy;
+        let mut without_gain = 0;
+        let rounds = policy.effects_max + policy.rounds_without_gain;
+        for _ in 0..rounds {
+            if self.study.watch.stopped() {
+                self.stopped = true;
+                return Ok(());
+            }
+            let before = self.rank(self.best());
+            if self.study.met(&self.best().judged) && self.study.nothing_left(&self.best().judged) {
+                return Ok(());
+            }
+            let mut proposals = self.propose()?;
+            if proposals.is_empty() {
+                return Ok(());
+            }
+            proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
+            proposals.truncate(policy.trials);
+            let fitted = parallel::map(&proposals, |p| self.study.quickly(&p.begin));
+            for (proposal, judged) in proposals.into_iter().zip(fitted) {
+                if self.study.merit(&judged) > proposal.of + HOPELESS {
+                    self.hopeless.insert(proposal.added.join("+"));
+                }
+                self.keep(proposal.key, Node { added: proposal.added, judged, extended: false, compared: false });
+            }
+            self.compare_best();
+            let after = self.rank(self.best());
+            without_gain = if before - after > policy.least_gain { 0 } else { without_gain + 1 };
+            if without_gain >= policy.rounds_without_gain {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes a node into account, unless the same set was fitted better.
+    fn keep(&mut self, key: String, node: Node) {
+        if !node.judged.identify_rms_um.is_finite() {
+            return;
+        }
+        let best = self.rank(&node) < self.rank(self.best());
+        let (study, judged) = (self.study, &node.judged);
+        study.watch.event(&Event::Tried {
+            added: &node.added,
+            identify_rms_um: judged.identify_rms_um,
+            validate_rms_um: judged.validate_rms_um,
+            best,
+        });
+        match self.nodes.get(&key) {
+            Some(known) if self.rank(known) <= self.rank(&node) => {}
+            _ => {
+                self.nodes.insert(key, node);
+            }
+        }
+    }
+
+    /// Brings the best few as far as they can be compared, until those that are best have been.
+    fn compare_best(&mut self) {
+        while self.compare_once() {}
+    }
+
+    fn compare_once(&mut self) -> bool {
+        let mut keys: Vec<(f64, String)> = self.nodes.iter().map(|(k, n)| (self.rank(n), k.clone())).collect();
+        keys.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(&b.1)));
+        let pending: Vec<String> =
+            keys.into_iter().take(self.study.policy.width).map(|(_, k)| k).filter(|k| !self.nodes[k].compared).collect();
+        let more = !pending.is_empty();
+        let fitted = parallel::map(&pending, |k| self.study.for_comparison(&self.nodes[k].judged.model));
+        for (key, judged) in pending.into_iter().zip(fitted) {
+            let Some(node) = self.nodes.get_mut(&key) else { continue };
+            node.compared = true;
+            // What a fit comes to is what counts, on held-out records too: a good error half way is chance.
+            node.judged = judged;
+        }
+        more
+    }
+
+    /// Extensions of the best models that have not been extended.
+    fn propose(&mut self) -> Result<Vec<Proposal>> {
+        let mut keys: Vec<(f64, String)> = self.nodes.iter().filter(|(_, n)| !n.extended).map(|(k, n)| (self.rank(n), k.clone())).collect();
+        keys.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(&b.1)));
+        keys.truncate(self.study.policy.width);
+        let nodes: Vec<Node> = keys.iter().map(|(_, k)| self.nodes[k].clone()).collect();
+        for (_, k) in &keys {
+            if let Some(node) = self.nodes.get_mut(k) {
+                node.extended = true;
+            }
+        }
+        let screenings = parallel::map(&nodes, |node| {
+            let candidates = self.study.candidates_for(&node.judged.model).len();
+            self.study.watch.event(&Event::Scoring { candidates, beside: &node.added });
+            self.study.score(&node.judged.model)
+        });
+        let mut out: Vec<Proposal> = Vec::new();
+        for (i, (node, screening)) in nodes.iter().zip(screenings).enumerate() {
+            let screening = screening?;
+            self.propose_effects(node, &screening, &mut out);
+            if i == 0 {
+                self.propose_finer(node, &screening, &mut out);
+            }
+        }
+        Ok(out)
+    }
+
+    fn propose_effects(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
+        if node.added.len() >= self.study.policy.effects_max {
+            return;
+        }
+        let total = screening.total_um2().max(f64::MIN_POSITIVE);
+        let relative = self.study.merit(&node.judged).exp();
+        let scores = &screening.scores;
+        for (place, score) in scores.iter().take(SINGLES).enumerate() {
+            let left = 1.0 - score.explained_um2 / total;
+            // The strongest are begun from two sides.
+            for (beginning, start) in score.starts.iter().take(if place < 2 && !score.effect.starts_combine() { 2 } else { 1 }).enumerate()
+            {
+                let begin = self.study.with(&node.judged.model, &[(score.effect.clone(), start.clone())]);
+                self.offer(node, &[score], begin, relative, left + 0.02 * beginning as f64, out);
+            }
+        }
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for a in 0..scores.len().min(PAIRED) {
+            for b in a + 1..scores.len().min(PAIRED) {
+                let left = 1.0 - screening.together(&scores[a], &scores[b]) / total;
+                let alone = 1.0 - scores[a].explained_um2.max(scores[b].explained_um2) / total;
+                if left < BETTER_TOGETHER * alone {
+                    pairs.push((left, a, b));
+                }
+            }
+        }
+        pairs.sort_by(|x, y| x.0.total_cmp(&y.0));
+        for (left, a, b) in pairs.into_iter().take(PAIRS) {
+            let both = [&scores[a], &scores[b]];
+            if node.added.len() + 2 > self.study.policy.effects_max {
+                continue;
+            }
+            let begins: Vec<_> = both.iter().map(|s| (s.effect.clone(), s.starts[0].clone())).collect();
+            let begin = self.study.with(&node.judged.model, &begins);
+            self.offer(node, &both, begin, relative, left, out);
+        }
+    }
+
+    fn propose_finer(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
+        let relative = self.study.merit(&node.judged).exp();
+        let left = screening.left_by_finer_um2() / screening.total_um2().max(f64::MIN_POSITIVE);
+        for begin in self.study.finer(&node.judged.model) {
+            self.offer(node, &[], begin, relative, left, out);
+        }
+    }
+
+    fn offer(&self, node: &Node, scores: &[&Score], begin: Model, relative: f64, left: f64, out: &mut Vec<Proposal>) {
+        if left > self.study.policy.promises_nothing {
+            return;
+        }
+        let mut added: Vec<String> = node.added.iter().cloned().chain(scores.iter().map(|s| s.id.clone())).collect();
+        added.retain(|id| !self.start.contains(id) && begin.effect(id).is_some());
+        added.sort();
+        added.dedup();
+        let key = key(&added, &begin);
+        // A set that is known from another side is only tried again from a second beginning in the same round.
+        let hopeless = !scores.is_empty() && self.hopeless.contains(&added.join("+"));
+        if !self.nodes.contains_key(&key) && !hopeless {
+            out.push(Proposal { key, added, begin, of: self.study.merit(&node.judged), promise: relative * left });
+        }
+    }
+}
+
+/// A set of effects and how finely its hysteresis is described.
+fn key(added: &[String], model: &Model) -> String {
+    format!("{}|{}", added.join("+"), finer_hysteresis::description(model))
+}

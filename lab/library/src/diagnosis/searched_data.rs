@@ -1,0 +1,83 @@
+//! The part of the data on which a search runs.
+//!
+//! Every set of effects walks the fitted records some thirty times, from their first sample on. A record that begins at rest in a state that
+//! nobody knows may as well begin just before its window: what the rest left in creep or in a ring is estimated in either case. Records that
+//! are very long are searched on their beginnings; the models at the end are fitted and judged on everything.
+
+use crate::dataset::{Dataset, Record, Role};
+use hysteron_sim::chain::InitialState;
+
+/// Samples at rest that are kept in front of a window.
+const KEPT_AT_REST: usize = 100;
+
+/// The data without samples that decide nothing while searching; fitted records walk about `walked_samples` at most.
+#[must_use]
+pub(super) fn for_search(dataset: &Dataset, walked_samples: usize) -> Dataset {
+    let mut out = dataset.clone();
+    let judging = |r: &&mut Record| matches!(r.role, Role::Identify | Role::Validate);
+    out.records.iter_mut().filter(judging).for_each(without_rest_before);
+    let fitted = if dataset.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
+    let walked: usize = out.records.iter().filter(|r| r.role == fitted).map(|r| r.window.end).sum();
+    if walked > walked_samples {
+        let share = walked_samples as f64 / walked as f64;
+        out.records.iter_mut().filter(judging).for_each(|record| shorten(record, share));
+    }
+    out
+}
+
+fn without_rest_before(record: &mut Record) {
+    if record.initial_state != InitialState::Unknown || record.force_n.is_some() {
+        return;
+    }
+    let first = record.drive_v[0];
+    let at_rest = record.drive_v.iter().take_while(|u| **u == first).count();
+    let cut = at_rest.min(record.window.start).saturating_sub(KEPT_AT_REST);
+    record.drive_v.drain(..cut);
+    record.displacement_um.drain(..cut);
+    record.window = record.window.start - cut..record.window.end - cut;
+    record.periods = None;
+}
+
+fn shorten(record: &mut Record, share: f64) {
+    let length = ((record.window.len() as f64 * share) as usize).max(1000).min(record.window.len());
+    let end = record.window.start + length;
+    record.drive_v.truncate(end);
+    record.displacement_um.truncate(end);
+    if let Some(force) = &mut record.force_n {
+        force.truncate(end);
+    }
+    record.window.end = end;
+    record.periods = None;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(initial_state: InitialState) -> Record {
+        let drive: Vec<f64> = (0..5000_usize).map(|k| k.saturating_sub(2000) as f64 * 1e-3).collect();
+        let mut record = Record::new("a", 1000.0, drive.clone(), drive);
+        record.initial_state = initial_state;
+        record.window = 1900..5000;
+        record
+    }
+
+    #[test]
+    fn only_rest_in_front_of_a_window_is_left_out_and_only_where_the_state_is_unknown() {
+        let mut data = Dataset::new("d", 0.0, 5.0, vec![record(InitialState::Unknown)]).unwrap();
+        let cut = for_search(&data, usize::MAX);
+        assert_eq!(cut.records[0].window, KEPT_AT_REST..KEPT_AT_REST + 3100);
+        assert_eq!(cut.records[0].displacement_um[cut.records[0].window.start], data.records[0].displacement_um[1900]);
+        data.records[0].initial_state = InitialState::Virgin;
+        assert_eq!(for_search(&data, usize::MAX).records[0].window, 1900..5000);
+    }
+
+    #[test]
+    fn long_records_are_searched_on_their_beginnings() {
+        let data = Dataset::new("d", 0.0, 5.0, vec![record(InitialState::Virgin)]).unwrap();
+        let cut = for_search(&data, 2500);
+        assert_eq!(cut.records[0].window.start, 1900);
+        assert_eq!(cut.records[0].drive_v.len(), cut.records[0].window.end);
+        assert!(cut.records[0].window.len() < 1700);
+    }
+}

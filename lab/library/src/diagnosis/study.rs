@@ -1,0 +1,335 @@
+//! What a diagnosis works on, and the moves by which models are made of it: effects added, taken away, begun again, fitted.
+
+use super::judgement::{Judged, Split, improvement, judge_rows};
+use super::policy::Policy;
+use super::screening::{Screening, Weighing, screen};
+use super::searched_data::for_search;
+use crate::dataset::Dataset;
+use crate::error::Result;
+use crate::identification::finer_hysteresis;
+use crate::identification::fit::{Effort, fit_rows, rms};
+use crate::identification::linearisation::Rows;
+use crate::identification::noise_floor::NoiseFloor;
+use crate::watch::{Event, Watch};
+use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::gain::Gain;
+use hysteron_sim::effect::{Effect, Overview};
+use std::sync::Arc;
+
+/// Data, candidates and thresholds of one diagnosis.
+pub struct Study<'a> {
+    /// The data.
+    pub dataset: &'a Dataset,
+    /// What is known of them beforehand.
+    pub overview: Overview,
+    /// Fitted and held-out records.
+    pub split: Split,
+    /// Effects that may be added.
+    pub candidates: Vec<Arc<dyn Effect>>,
+    /// Noise floor over all records that judge, um.
+    pub floor_um: Option<f64>,
+    /// Noise floor of each record, um.
+    pub floors_um: Vec<Option<f64>>,
+    /// Thresholds.
+    pub policy: Policy,
+    /// Told what is being done.
+    pub watch: &'a dyn Watch,
+    /// The data on which a search runs: without what cannot matter there.
+    searched: Dataset,
+    /// Fitted samples while searching.
+    quick: Rows,
+    /// Judged samples while searching: the same, and as many of the held-out records.
+    quick_judging: Rows,
+    /// Fitted samples on which candidates are scored.
+    scoring: Rows,
+    /// The same where evidence is weighed.
+    evidence: Rows,
+    /// Fitted samples of a last fit.
+    pub thorough: Rows,
+    /// Judged samples of a last fit: all.
+    pub all: Rows,
+}
+
+/// How far a fit goes to see whether a set of effects can compete.
+const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003 };
+/// How far the first value of a user's effect is fitted by itself.
+const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01 };
+/// How far it goes before two sets are compared.
+const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4 };
+
+/// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come past it.
+const CANNOT_CATCH_UP: f64 = 0.15;
+
+impl<'a> Study<'a> {
+    /// A study of a data set.
+    #[must_use]
+    pub fn new(dataset: &'a Dataset, candidates: Vec<Arc<dyn Effect>>, floor: &NoiseFloor, policy: Policy, watch: &'a dyn Watch) -> Self {
+        let split = Split::of(dataset);
+        let searched = for_search(dataset, policy.walked_samples);
+        let samples: usize = split.identify.iter().map(|i| searched.records[*i].window.len()).sum();
+        let stride = samples.div_ceil(policy.search_samples.max(1)).max(1);
+        Self {
+            overview: dataset.overview(),
+            quick: Rows::strided(&searched, &split.identify, stride),
+            quick_judging: Rows::strided(&searched, &split.both(), stride),
+            scoring: Rows::thinned(&searched, &split.identify, policy.scoring_samples),
+            evidence: Rows::thinned(&searched, &split.identify, policy.evidence_samples),
+            thorough: Rows::thinned(dataset, &split.identify, policy.fit_samples),
+            all: Rows::all(dataset, &split.both()),
+            searched,
+            dataset,
+            split,
+            candidates,
+            floor_um: floor.rms_um,
+            floors_um: floor.of_records_um.clone(),
+            policy,
+            watch,
+        }
+    }
+
+    /// Candidates that make sense beside a model.
+    #[must_use]
+    pub fn candidates_for(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
+        let joins = |effect: &&Arc<dyn Effect>| {
+            let declaration = effect.declaration();
+            declaration.candidate
+                && model.effect(&declaration.id).is_none()
+                && effect.may_join(model, &self.overview)
+                && !effect.starts(&self.overview).is_empty()
+        };
+        self.candidates.iter().filter(joins).cloned().collect()
+    }
+
+    /// Scores the candidates beside a model, for a search.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn score(&self, model: &Model) -> Result<Screening> {
+        let candidates = self.candidates_for(model);
+        screen(model, &self.overview, &self.searched, &self.scoring, &candidates, self.floor_um, Weighing::Quick)
+    }
+
+    /// Scores candidates beside a model against chance.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn weigh(&self, model: &Model, candidates: &[Arc<dyn Effect>], seed: u64) -> Result<Screening> {
+        screen(model, &self.overview, &self.searched, &self.evidence, candidates, self.floor_um, Weighing::AgainstChance(seed))
+    }
+
+    /// A model with effects begun at these values.
+    #[must_use]
+    pub fn with(&self, model: &Model, effects: &[(Arc<dyn Effect>, Vec<f64>)]) -> Model {
+        let mut out = model.clone();
+        for (effect, start) in effects {
+            out.add(EffectInstance::new(effect.clone(), &self.overview, start));
+            if effect.definition().is_some() {
+                out = self.first_value_first(&out, &effect.declaration().id);
+            }
+        }
+        out
+    }
+
+    /// The model with the first value of a user's effect fitted before its others: begun far too small, its strength makes a fit of all
+    /// values together send the others far away (a gap that a weak spring hardly shows).
+    fn first_value_first(&self, model: &Model, id: &str) -> Model {
+        let mut held = model.clone();
+        let effect_of = |m: &mut Model, fixed: &dyn Fn(usize) -> bool| {
+            let parameters = m.effects.iter_mut().filter(|e| e.id == *id).flat_map(|e| e.parameters.iter_mut().enumerate().skip(1));
+            parameters.for_each(|(i, p)| p.parameter.fixed = fixed(i));
+        };
+        let as_declared: Vec<bool> = model.effect(id).map_or_else(Vec::new, |e| e.parameters.iter().map(|p| p.parameter.fixed).collect());
+        effect_of(&mut held, &|_| true);
+        let mut begun = fit_rows(&held, &self.searched, &self.quick, FIRST).model;
+        effect_of(&mut begun, &|i| as_declared[i]);
+        begun
+    }
+
+    /// Fits far enough to see whether it can compete.
+    #[must_use]
+    pub fn quickly(&self, model: &Model) -> Judged {
+        self.fitted_quickly(model, QUICK)
+    }
+
+    /// Fits far enough to be compared with another.
+    #[must_use]
+    pub fn for_comparison(&self, model: &Model) -> Judged {
+        self.fitted_quickly(model, COMPARING)
+    }
+
+    fn fitted_quickly(&self, model: &Model, effort: Effort) -> Judged {
+        let fitted = fit_rows(model, &self.searched, &self.quick, effort).model;
+        judge_rows(fitted, &self.searched, &self.split, &self.quick_judging)
+    }
+
+    /// Fits as far as it goes, judged on all samples.
+    #[must_use]
+    pub fn thoroughly(&self, model: &Model) -> Judged {
+        let fitted = fit_rows(model, self.dataset, &self.thorough, Effort::default()).model;
+        self.judged(fitted)
+    }
+
+    /// Judges a model as it is on all samples.
+    #[must_use]
+    pub fn judged(&self, model: Model) -> Judged {
+        judge_rows(model, self.dataset, &self.split, &self.all)
+    }
+
+    /// Judges a model as it is on the samples of a search.
+    #[must_use]
+    pub fn judged_quickly(&self, model: Model) -> Judged {
+        judge_rows(model, &self.searched, &self.split, &self.quick_judging)
+    }
+
+    /// What models are ranked by, the less the better: a mean of the logarithms of held-out and fitted error, in which the held-out one
+    /// weighs more; every record counts alike, so that one which no model meets does not hide what the others say. What is below the noise
+    /// is not better.
+    #[must_use]
+    pub fn merit(&self, judged: &Judged) -> f64 {
+        let least = |i: usize| self.floors_um[i].unwrap_or(0.0).max(1e-300);
+        let mean = |records: &[usize]| {
+            let mut each: Vec<f64> = records.iter().map(|i| rms(&judged.residuals[*i]).max(least(*i)).ln()).collect();
+            each.sort_by(f64::total_cmp);
+            each.iter().sum::<f64>() / each.len().max(1) as f64
+        };
+        let fitted = mean(&self.split.identify);
+        let weight = if self.split.validate.is_empty() { 0.0 } else { self.policy.held_out_weight };
+        weight * mean(&self.split.validate) + (1.0 - weight) * fitted
+    }
+
+    /// Fitted and held-out records together are about at the floor, as far as a quick fit gets.
+    #[must_use]
+    pub fn met(&self, judged: &Judged) -> bool {
+        judged.within(self.policy.met, &self.floors_um, &self.split)
+    }
+
+    /// Every judged record is at the floor.
+    #[must_use]
+    pub fn nothing_left(&self, judged: &Judged) -> bool {
+        self.in_all_records(judged, |rms_um, floor_um| rms_um < self.policy.nothing_left * floor_um)
+    }
+
+    /// Every judged record has a floor and this relation to it.
+    fn in_all_records(&self, judged: &Judged, holds: impl Fn(f64, f64) -> bool) -> bool {
+        let mut both = judged.residuals.iter().zip(&self.floors_um).filter(|(r, _)| !r.is_empty());
+        both.all(|(r, floor)| floor.is_some_and(|floor_um| holds(rms(r), floor_um)))
+    }
+
+    /// The data prefer one model to its rival: beyond chance and by more than the library leaves out, or because it leaves nothing in
+    /// records where the rival leaves something.
+    #[must_use]
+    pub fn told_apart(&self, rival: &Judged, best: &Judged) -> bool {
+        let by = improvement(rival, best, &self.split);
+        let leaves_nothing = |rms_um: f64, floor_um: f64| rms_um <= self.policy.explained * floor_um;
+        let larger = by.identify_relative.max(by.validate_relative).max(by.record_relative) > self.policy.tie_relative;
+        (by.total_z >= self.policy.tie_z && larger) || (self.nothing_left(best) && !self.in_all_records(rival, leaves_nothing))
+    }
+
+    /// A model without an effect and without what builds on it, other values as they are; a gain takes the place of the hysteresis.
+    #[must_use]
+    pub fn without(&self, model: &Model, id: &str) -> Model {
+        let mut out = model.clone();
+        out.effects.retain(|e| e.id != id);
+        if !out.effects.iter().any(|e| e.effect.declaration().is_main()) {
+            out.add(EffectInstance::new(Arc::new(Gain), &self.overview, &[]));
+        }
+        let place = |e: &EffectInstance| e.effect.declaration().place;
+        let orphaned = |e: &EffectInstance| {
+            let d = e.effect.declaration();
+            // What modifies the effect that went stands in its place; a second mode without a first is none.
+            d.modifies == Some(id) && model.effect(id).is_some_and(|of| place(of) == d.place)
+        };
+        let gone: Vec<String> = out.effects.iter().filter(|e| orphaned(e)).map(|e| e.id.clone()).collect();
+        out.effects.retain(|e| !gone.contains(&e.id));
+        out
+    }
+
+    /// The model with an effect begun from the start that explains most of what the others leave.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn seated(&self, model: &Model, effect: &Arc<dyn Effect>, starts: usize) -> Result<Judged> {
+        let screening = screen(model, &self.overview, &self.searched, &self.scoring, std::slice::from_ref(effect), None, Weighing::Quick)?;
+        let begun = |start: &[f64]| self.with(model, &[(effect.clone(), start.to_vec())]);
+        let trials: Vec<Model> = match screening.scores.first() {
+            Some(score) => score.starts.iter().take(if effect.starts_combine() { 1 } else { starts }).map(|s| begun(s)).collect(),
+            None => vec![begun(&[])],
+        };
+        let fitted = crate::parallel::map(&trials, |trial| self.quickly(trial));
+        let best = fitted.into_iter().min_by(|a, b| a.identify_rms_um.total_cmp(&b.identify_rms_um));
+        Ok(best.unwrap_or_else(|| self.quickly(&begun(&[]))))
+    }
+
+    /// The model with each effect that has several beginnings begun again beside the others: while something was missing, it may have
+    /// settled far from where it belongs.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn begun_again(&self, judged: &Judged) -> Result<Judged> {
+        let mut best = judged.clone();
+        let several = |effect: &Arc<dyn Effect>| !effect.starts_combine() && effect.starts(&self.overview).len() > 1;
+        let again: Vec<Arc<dyn Effect>> = judged.model.effects.iter().map(|e| e.effect.clone()).filter(several).collect();
+        for effect in again.into_iter().take_while(|_| !self.watch.stopped()) {
+            let id = effect.declaration().id;
+            let builds_on = |e: &EffectInstance| {
+                let d = e.effect.declaration();
+                d.modifies == Some(&id) && d.place == effect.declaration().place
+            };
+            if best.model.effects.iter().any(builds_on) {
+                continue;
+            }
+            self.watch.event(&Event::Fitting { effect: &id });
+            let seated = self.seated(&self.without(&best.model, &id), &effect, 1)?;
+            if self.merit(&seated) > self.merit(&best) + CANNOT_CATCH_UP {
+                continue;
+            }
+            let seated = self.for_comparison(&seated.model);
+            if self.merit(&seated) < self.merit(&best) - 1e-6 {
+                best = seated;
+            }
+        }
+        Ok(best)
+    }
+
+    /// Fits a list of effects, each begun from the start that explains most of what the others leave; then all together. Where the caller
+    /// wants the best so far, the rest are begun as they come and fitted quickly.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn build(&self, effects: &[Arc<dyn Effect>]) -> Result<Judged> {
+        let mut order: Vec<&Arc<dyn Effect>> = effects.iter().collect();
+        order.sort_by_key(|e| (e.fitting_rank(), e.declaration().place, e.declaration().id));
+        let mut model = Model::new(self.dataset.drive_min_v, self.dataset.drive_max_v);
+        if !order.iter().any(|e| e.declaration().is_main()) {
+            model.add(EffectInstance::new(Arc::new(Gain), &self.overview, &[]));
+        }
+        let mut several = 0;
+        for effect in order {
+            self.watch.event(&Event::Fitting { effect: &effect.declaration().id });
+            let one_start = effect.starts_combine() || effect.starts(&self.overview).len() <= 1;
+            let plain = one_start || model.effects.is_empty() || self.watch.stopped();
+            model = if plain {
+                self.quickly(&self.with(&model, &[(effect.clone(), Vec::new())])).model
+            } else {
+                several += 1;
+                self.seated(&model, effect, 3)?.model
+            };
+        }
+        self.watch.event(&Event::Doing("fitting all effects together"));
+        let mut judged = self.for_comparison(&model);
+        if self.watch.stopped() {
+            return Ok(self.judged(judged.model));
+        }
+        if several > 0 && model.effects.len() > 2 && !self.met(&judged) {
+            judged = self.begun_again(&judged)?;
+        }
+        if self.watch.stopped() { Ok(self.judged(judged.model)) } else { Ok(self.thoroughly(&judged.model)) }
+    }
+
+    /// Finer descriptions of the hysteresis of a model: surfaces of one degree more, play operators beside them.
+    #[must_use]
+    pub fn finer(&self, model: &Model) -> Vec<Model> {
+        let ways = [finer_hysteresis::refined(model, &self.overview, 1), finer_hysteresis::with_play_operators(model, &self.overview)];
+        ways.into_iter().flatten().collect()
+    }
+}

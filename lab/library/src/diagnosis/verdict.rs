@@ -1,0 +1,441 @@
+//! Five words for what came out, and the figures behind them (`hysteron.diagnosis/1`).
+
+use super::decision::Decision;
+use super::elsewhere::{ChangedValue, Elsewhere, Hypothesis};
+use super::judgement::{Judged, Split};
+use super::policy::Policy;
+use super::reduction::Supported;
+use super::residual_map::{drive_features, residual_by_feature};
+use crate::dataset::Dataset;
+use crate::dataset::reading_grid::{grid_by_chance, rounding_noise_um};
+use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
+use hysteron_sim::effect::{Overview, by_id};
+use serde::Serialize;
+
+/// The verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Nothing is missing that the data could show.
+    AtFloor,
+    /// These effects are missing.
+    Named,
+    /// One of these is missing; the data cannot tell which.
+    Ambiguous,
+    /// Something is missing that no known effect explains.
+    Unexplained,
+    /// Without a noise floor nobody can say whether anything is missing.
+    Undecidable,
+}
+
+impl Verdict {
+    /// The word in files.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::AtFloor => "at_floor",
+            Verdict::Named => "named",
+            Verdict::Ambiguous => "ambiguous",
+            Verdict::Unexplained => "unexplained",
+            Verdict::Undecidable => "undecidable",
+        }
+    }
+}
+
+/// One candidate in the file.
+#[derive(Clone, Debug, Serialize)]
+pub struct CandidateFigures {
+    /// The effect.
+    pub effect: String,
+    /// The added effect in whose place it was looked at; its own name for that one itself.
+    pub in_place_of: Option<String>,
+    /// Share of the residual above the floor that its signature explains.
+    pub explained_share: f64,
+    /// 90 % interval of it.
+    pub explained_share_interval: (f64, f64),
+    /// Share of the resampled blocks in which it explains most of all candidates.
+    pub stability: f64,
+    /// p-value after control of false discoveries.
+    pub p_value: f64,
+    /// p-value of the candidate alone.
+    pub p_value_alone: f64,
+    /// Held-out error without it.
+    pub validate_rms_before_um: Option<f64>,
+    /// Held-out error with it, fitted again; for those that were fitted.
+    pub validate_rms_after_um: Option<f64>,
+    /// Fitted error with it.
+    pub identify_rms_after_um: Option<f64>,
+    /// Candidates whose signature looks the same on this data, or that do as well in its place.
+    pub confusable_with: Vec<String>,
+    /// The experiment that shows it best.
+    pub next_experiment: String,
+    /// The rule that admitted or refused it.
+    pub decision: Decision,
+    /// What speaks against this reading of the data, from its physics.
+    pub unlikely_because: Option<String>,
+}
+
+/// Errors on fitted and held-out records.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Residuals {
+    /// Fitted.
+    pub identify: f64,
+    /// Held out.
+    pub validate: Option<f64>,
+}
+
+impl Residuals {
+    /// Of a judged model.
+    #[must_use]
+    pub fn of(judged: &Judged) -> Self {
+        Self { identify: judged.identify_rms_um, validate: judged.validate_rms_um }
+    }
+}
+
+/// Residual in one cell of the map.
+#[derive(Clone, Debug, Serialize)]
+pub struct Cell {
+    /// What the samples have in common.
+    pub feature: String,
+    /// Residual there.
+    pub rms_um: f64,
+    /// How many samples.
+    pub samples: usize,
+}
+
+/// Where a record fails.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecordCells {
+    /// The record.
+    pub record: String,
+    /// Its cells.
+    pub cells: Vec<Cell>,
+}
+
+/// One finding: what was added, with what the data cannot tell from it, likeliest first.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// The effects; more than one where the data cannot tell them apart.
+    pub effects: Vec<String>,
+    /// The rule by which it was admitted.
+    pub decision: Decision,
+}
+
+/// The diagnosis as it is written.
+#[derive(Clone, Debug, Serialize)]
+pub struct Diagnosis {
+    /// `hysteron.diagnosis/1`.
+    pub schema: &'static str,
+    /// The word.
+    pub verdict: Verdict,
+    /// The same in a sentence.
+    pub sentence: String,
+    /// Effects that the verdict is about.
+    pub named: Vec<String>,
+    /// What was found, one entry for each missing effect.
+    pub findings: Vec<Finding>,
+    /// Effects that are there but have other values than in the model that was handed in.
+    pub changed: Vec<ChangedValue>,
+    /// What is wrong with the recording itself, in sentences.
+    pub recording: Vec<String>,
+    /// Floor used.
+    pub noise_floor_um: Option<f64>,
+    /// What it rests on.
+    pub floor_basis: String,
+    /// All estimates of the floor.
+    pub floor_estimates: Vec<FloorEstimate>,
+    /// The error is below the floor: one of them is wrong.
+    pub below_the_floor: bool,
+    /// Errors of the model that was diagnosed.
+    pub residual_rms_um: Residuals,
+    /// Errors after adding what is named, or the best that is known.
+    pub residual_rms_after_um: Residuals,
+    /// Candidates, best first.
+    pub candidates: Vec<CandidateFigures>,
+    /// What was added and taken back again, with the rule.
+    pub taken_back: Vec<(String, Decision)>,
+    /// Where the diagnosed model fails.
+    #[serde(rename = "where")]
+    pub where_it_fails: Vec<RecordCells>,
+}
+
+/// What a diagnosis is put together from.
+pub struct Found<'a> {
+    /// The model that was started from.
+    pub first: &'a Judged,
+    /// The model at the end.
+    pub last: &'a Judged,
+    /// What was added and stays.
+    pub supported: &'a [Supported],
+    /// What was taken back.
+    pub taken_back: &'a [(String, Decision)],
+    /// The comparison with a model from elsewhere.
+    pub elsewhere: Option<&'a Elsewhere>,
+    /// Candidates beside the model at the end, where nothing was added.
+    pub beside_start: Option<&'a super::screening::Screening>,
+    /// The effect that the readings themselves show: they are whole steps of a converter.
+    pub quantised: Option<&'a str>,
+}
+
+/// Puts what was found into one of the five words.
+#[must_use]
+pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, overview: &Overview, policy: &Policy) -> Diagnosis {
+    let findings = findings(found, overview);
+    let named: Vec<String> = findings.iter().flat_map(|f| f.effects.iter().cloned()).collect();
+    let ambiguous = findings.iter().any(|f| f.effects.len() > 1);
+    // Where only a lower bound of the noise is known, a model that leaves no more than that leaves nothing.
+    let bound = vec![floor.at_least_um; dataset.records.len()];
+    let leaves_the_bound = floor.rms_um.is_none() && found.last.within(policy.explained, &bound, split);
+    let floors_um = if leaves_the_bound { &bound } else { &floor.of_records_um };
+    let within = |times: f64| found.last.within(times, floors_um, split);
+    let contradiction = !leaves_the_bound && within(policy.contradiction);
+    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction;
+    let told = findings.iter().any(|f| matches!(f.decision, Decision::ExplainsAlone { .. }));
+    let one_or_all = if ambiguous { Verdict::Ambiguous } else { Verdict::Named };
+    let (verdict, named) = match decidable {
+        // What a recording has and a model from elsewhere has not is known however much that model leaves at home.
+        _ if told => (one_or_all, named),
+        false => (Verdict::Undecidable, named),
+        true if named.is_empty() && within(policy.at_floor) => (Verdict::AtFloor, Vec::new()),
+        true if named.is_empty() || !within(policy.explained) => (Verdict::Unexplained, Vec::new()),
+        true => (one_or_all, named),
+    };
+    let mut out = Diagnosis {
+        schema: "hysteron.diagnosis/1",
+        verdict,
+        sentence: String::new(),
+        named,
+        findings,
+        changed: found.elsewhere.map_or_else(Vec::new, Elsewhere::changed),
+        recording: Vec::new(),
+        noise_floor_um: floor.rms_um,
+        floor_basis: floor.basis.clone(),
+        floor_estimates: floor.estimates.clone(),
+        below_the_floor: contradiction,
+        residual_rms_um: Residuals::of(found.first),
+        residual_rms_after_um: Residuals::of(found.last),
+        candidates: candidate_figures(found, floor, overview, policy),
+        taken_back: found.taken_back.to_vec(),
+        where_it_fails: cells(found.first, dataset),
+    };
+    out.sentence = super::words::sentence(&out, found, floor, policy);
+    out
+}
+
+/// What was found, the likeliest reading of each first.
+fn findings(found: &Found, overview: &Overview) -> Vec<Finding> {
+    let mut out: Vec<Finding> = Vec::new();
+    let told: Vec<String> = out.iter().flat_map(|f: &Finding| f.effects.clone()).collect();
+    if let Some(elsewhere) = found.elsewhere {
+        for (tried, alternatives) in elsewhere.story.iter().zip(&elsewhere.alternatives) {
+            if !matches!(tried.hypothesis, Hypothesis::Missing(_)) {
+                continue;
+            }
+            let others = alternatives.iter().filter(|t| matches!(t.hypothesis, Hypothesis::Missing(_)));
+            let id = |t: &super::elsewhere::Tried| t.hypothesis.effect(&elsewhere.base.model);
+            let effects = std::iter::once(tried).chain(others).map(id).collect();
+            out.push(Finding { effects, decision: Decision::ExplainsAlone { share: elsewhere.explained_share } });
+        }
+    }
+    for s in found.supported.iter().filter(|s| !told.contains(&s.id)) {
+        if out.iter().any(|f| f.effects.contains(&s.id)) {
+            continue;
+        }
+        let mut effects = s.names();
+        // A reading that its physics makes unlikely stands behind one that nothing speaks against.
+        let model_of = |id: &String| s.rivals.iter().find(|r| r.id == *id).map_or(&found.last.model, |r| &r.judged.model);
+        effects.sort_by_key(|id| unlikely(model_of(id), id, overview).is_some());
+        out.push(Finding { effects, decision: s.decision });
+    }
+    if let Some(id) = found.quantised {
+        out.push(Finding { effects: vec![id.into()], decision: Decision::ReadingsShowIt });
+    }
+    out
+}
+
+fn unlikely(model: &hysteron_sim::chain::Model, id: &str, overview: &Overview) -> Option<String> {
+    let e = model.effect(id)?;
+    e.effect.unlikely_because(&e.values(), overview)
+}
+
+fn candidate_figures(found: &Found, floor: &NoiseFloor, overview: &Overview, policy: &Policy) -> Vec<CandidateFigures> {
+    let mut out: Vec<CandidateFigures> = Vec::new();
+    for s in found.supported {
+        out.extend(figures_of(s, found, overview, policy));
+    }
+    // Every added effect first, then what else was looked at, by what it explains.
+    let (mut added, mut others): (Vec<_>, Vec<_>) = out.into_iter().partition(|c| c.in_place_of.as_deref() == Some(&c.effect));
+    others.sort_by(|a, b| b.decision.admits().cmp(&a.decision.admits()).then(b.explained_share.total_cmp(&a.explained_share)));
+    let mut seen: Vec<String> = added.iter().map(|c| c.effect.clone()).collect();
+    others.retain(|c| {
+        let new = !seen.contains(&c.effect);
+        seen.push(c.effect.clone());
+        new
+    });
+    if let Some(elsewhere) = found.elsewhere.filter(|e| !e.at_home) {
+        added.splice(0..0, hypothesis_figures(elsewhere, overview));
+    }
+    added.extend(others);
+    added.extend(rounding_figures(found, floor));
+    if let Some(screening) = found.beside_start.filter(|_| found.supported.is_empty()) {
+        let before = found.first.validate_rms_um;
+        for score in &screening.scores {
+            if !added.iter().any(|c| c.effect == score.id) {
+                added.push(plain_figures(score, screening, before, None, overview, policy));
+            }
+        }
+    }
+    added
+}
+
+fn plain_figures(
+    score: &super::screening::Score,
+    screening: &super::screening::Screening,
+    before: Option<f64>,
+    in_place_of: Option<String>,
+    _overview: &Overview,
+    policy: &Policy,
+) -> CandidateFigures {
+    let evidence = score.evidence.as_ref();
+    let p = evidence.map_or(1.0, |e| e.p_adjusted);
+    let alike = screening.scores.iter().filter(|o| o.id != score.id && screening.similarity(o, score) > policy.alike);
+    CandidateFigures {
+        effect: score.id.clone(),
+        in_place_of,
+        explained_share: score.share,
+        explained_share_interval: evidence.map_or((0.0, 1.0), |e| e.share_interval),
+        stability: evidence.map_or(0.0, |e| e.stability),
+        p_value: p,
+        p_value_alone: evidence.map_or(1.0, |e| e.p_value),
+        validate_rms_before_um: before,
+        validate_rms_after_um: None,
+        identify_rms_after_um: None,
+        confusable_with: alike.map(|o| o.id.clone()).collect(),
+        next_experiment: score.effect.declaration().experiment,
+        decision: if p > policy.false_discovery_rate { Decision::NotInTheResidual { p } } else { Decision::NotTried },
+        unlikely_because: None,
+    }
+}
+
+/// An added effect, its rivals, and the rest of what was scored in its place.
+fn figures_of(s: &Supported, found: &Found, overview: &Overview, policy: &Policy) -> Vec<CandidateFigures> {
+    let names = s.names();
+    let before = s.without.validate_rms_um;
+    let mut out = Vec::new();
+    for score in &s.screening.scores {
+        let mut figures = plain_figures(score, &s.screening, before, Some(s.id.clone()), overview, policy);
+        let rival = s.rivals.iter().find(|r| r.id == score.id);
+        if score.id == s.id {
+            figures.decision = s.decision;
+            figures.validate_rms_after_um = found.last.validate_rms_um;
+            figures.identify_rms_after_um = Some(found.last.identify_rms_um);
+            figures.unlikely_because = unlikely(&found.last.model, &s.id, overview);
+        } else if let Some(rival) = rival {
+            figures.decision = rival.decision;
+            figures.validate_rms_after_um = rival.judged.validate_rms_um;
+            figures.identify_rms_after_um = Some(rival.judged.identify_rms_um);
+            figures.unlikely_because = unlikely(&rival.judged.model, &rival.id, overview);
+        }
+        if names.contains(&score.id) {
+            for id in &names {
+                if *id != score.id && !figures.confusable_with.contains(id) {
+                    figures.confusable_with.push(id.clone());
+                }
+            }
+        }
+        out.push(figures);
+    }
+    out
+}
+
+/// What was tried alone beside a model from elsewhere.
+fn hypothesis_figures(elsewhere: &Elsewhere, overview: &Overview) -> Vec<CandidateFigures> {
+    let id_of = |t: &super::elsewhere::Tried| t.hypothesis.effect(&elsewhere.base.model);
+    let told: Vec<String> = elsewhere.story.iter().map(id_of).collect();
+    let tied: Vec<String> = elsewhere.alternatives.iter().flatten().map(id_of).collect();
+    let square = |j: &Judged| j.identify_rms_um * j.identify_rms_um;
+    let removable = (square(&elsewhere.base) - square(&elsewhere.refitted)).max(f64::MIN_POSITIVE);
+    let missing = elsewhere.tried.iter().filter(|t| matches!(t.hypothesis, Hypothesis::Missing(_)));
+    missing
+        .map(|t| {
+            let id = t.hypothesis.effect(&elsewhere.base.model);
+            let share = ((square(&elsewhere.base) - square(&t.judged)) / removable).clamp(0.0, 1.0);
+            let story = told.contains(&id);
+            let beside = story || tied.contains(&id);
+            // Those of the same step of the story.
+            let steps = told.iter().zip(&elsewhere.alternatives).map(|(told, tied)| (told, tied.iter().map(id_of).collect::<Vec<_>>()));
+            let of_its_step = steps.filter(|(told, tied)| **told == id || tied.contains(&id));
+            let mut others: Vec<String> = of_its_step.flat_map(|(told, tied)| std::iter::once(told.clone()).chain(tied)).collect();
+            others.retain(|o| *o != id);
+            CandidateFigures {
+                effect: id.clone(),
+                in_place_of: Some(id.clone()),
+                explained_share: share,
+                explained_share_interval: (share, share),
+                stability: if story { 1.0 } else { 0.0 },
+                p_value: 1.0,
+                p_value_alone: 1.0,
+                validate_rms_before_um: elsewhere.base.validate_rms_um,
+                validate_rms_after_um: t.judged.validate_rms_um,
+                identify_rms_after_um: Some(t.judged.identify_rms_um),
+                confusable_with: others,
+                next_experiment: by_id(&id).map_or_else(String::new, |e| e.declaration().experiment),
+                decision: if story {
+                    Decision::ExplainsAlone { share }
+                } else if beside {
+                    Decision::NotToldApart
+                } else {
+                    Decision::AnotherLeavesLess
+                },
+                unlikely_because: unlikely(&t.judged.model, &id, overview),
+            }
+        })
+        .collect()
+}
+
+/// The converter, which the readings show and no residual does: the share is that of the noise.
+fn rounding_figures(found: &Found, floor: &NoiseFloor) -> Option<CandidateFigures> {
+    let (step_um, floor_um) = (floor.reading_step_um?, floor.rms_um?);
+    let quantisation = found.quantised.and_then(by_id)?;
+    let id = quantisation.declaration().id;
+    let share = (rounding_noise_um(step_um) / floor_um).powi(2).min(1.0);
+    Some(CandidateFigures {
+        effect: id.clone(),
+        in_place_of: Some(id),
+        explained_share: share,
+        explained_share_interval: (share, share),
+        stability: 1.0,
+        p_value: grid_by_chance(),
+        p_value_alone: grid_by_chance(),
+        validate_rms_before_um: found.first.validate_rms_um,
+        validate_rms_after_um: found.last.validate_rms_um,
+        identify_rms_after_um: Some(found.last.identify_rms_um),
+        confusable_with: Vec::new(),
+        next_experiment: quantisation.declaration().experiment,
+        decision: Decision::ReadingsShowIt,
+        unlikely_because: None,
+    })
+}
+
+fn cells(judged: &Judged, dataset: &Dataset) -> Vec<RecordCells> {
+    let range_v = (dataset.drive_min_v, dataset.drive_max_v);
+    dataset
+        .records
+        .iter()
+        .zip(&judged.residuals)
+        .filter(|(record, residual)| residual.len() == record.window.len())
+        .map(|(record, residual)| {
+            let mut full = vec![f64::NAN; record.drive_v.len()];
+            full[record.window.clone()].copy_from_slice(residual);
+            let found = residual_by_feature(&record.drive_v, &full, record.sample_rate_hz, record.window.clone(), range_v);
+            let cells = drive_features(range_v.0, range_v.1)
+                .into_iter()
+                .zip(found)
+                .filter_map(|(feature, cell)| {
+                    cell.map(|c| Cell { feature: format!("{} {}", feature.group, feature.label), rms_um: c.rms, samples: c.samples })
+                })
+                .collect();
+            RecordCells { record: record.name.clone(), cells }
+        })
+        .collect()
+}

@@ -1,0 +1,308 @@
+//! What was found, in words: the one place where typed results become sentences.
+
+use super::decision::Decision;
+use super::elsewhere::{ChangedValue, Hypothesis};
+use super::judgement::Judged;
+use super::path::Change;
+use super::policy::Policy;
+use super::verdict::{Diagnosis, Finding, Found, Verdict};
+use crate::dataset::reading_grid::rounding_noise_um;
+use crate::identification::identifiability::CannotIdentify;
+use crate::identification::noise_floor::NoiseFloor;
+
+/// Nanometres with three figures.
+#[must_use]
+pub fn nm(um: f64) -> String {
+    let value = 1e3 * um;
+    if value >= 100.0 {
+        format!("{value:.0}")
+    } else if value >= 10.0 {
+        format!("{value:.1}")
+    } else {
+        format!("{value:.2}")
+    }
+}
+
+/// An identifier as it is read.
+#[must_use]
+pub fn spoken(id: &str) -> String {
+    id.replace('_', " ")
+}
+
+/// A list of identifiers as it is read.
+#[must_use]
+pub fn list(ids: &[String], joint: &str) -> String {
+    match ids {
+        [] => String::new(),
+        [one] => spoken(one),
+        [head @ .., last] => format!("{} {joint} {}", head.iter().map(|i| spoken(i)).collect::<Vec<_>>().join(", "), spoken(last)),
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + letters.as_str())
+}
+
+/// A value with four figures.
+#[must_use]
+pub fn figure(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    if value.abs() >= 1e6 || value.abs() < 1e-4 { format!("{value:.3e}") } else { format!("{value:.digits$}") }
+}
+
+/// What a step changed, and why.
+#[must_use]
+pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> String {
+    let fall = before.map_or_else(String::new, |b| match (b.validate_rms_um, after.validate_rms_um) {
+        (Some(x), Some(y)) => format!("; held-out error {} to {} nm", nm(x), nm(y)),
+        _ => format!("; error {} to {} nm", nm(b.identify_rms_um), nm(after.identify_rms_um)),
+    });
+    match change {
+        Change::Start => "the model that was started from".into(),
+        Change::Added(id) => {
+            let physics = after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
+            format!("{physics}{fall}")
+        }
+        Change::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described more finely{fall}"),
+        Change::FittedAgain => format!("all values fitted again, to this recording{fall}"),
+        Change::Changed(id) => format!("{} has other values here, all others held{fall}", spoken(id)),
+    }
+}
+
+/// Why a candidate was admitted or refused.
+#[must_use]
+pub fn why(decision: &Decision) -> String {
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    match decision {
+        Decision::HeldOutErrorFalls { z, relative } => {
+            format!("with it the held-out error falls by {} ({z:.1} standard errors)", percent(*relative))
+        }
+        Decision::SeenBeyondDoubt { share, .. } => {
+            format!("takes {} of what is left; the held-out records, which hardly excite it, get no worse", percent(share.min(1.0)))
+        }
+        Decision::ReachesTheFloor => "with it fitted and held-out error come down to the noise".into(),
+        Decision::FittedErrorFalls { relative, .. } => format!("the error falls by {}; no record is held out", percent(*relative)),
+        Decision::ReadingsShowIt => "the readings show it, whatever the model".into(),
+        Decision::ExplainsAlone { share } => {
+            format!("with all other values held it explains {} of what a new fit could remove", percent(share.clamp(0.0, 1.0)))
+        }
+        Decision::NotInTheResidual { p } => format!("its signature is not in the residual (p = {p:.3})"),
+        Decision::HeldOutErrorDoesNotFall { relative, .. } if *relative < 0.0 => "makes the held-out records worse".into(),
+        Decision::HeldOutErrorDoesNotFall { .. } => "does not lower the error on held-out records by more than chance".into(),
+        Decision::TooSmall { relative } => format!("no record improves by more than {}", percent(relative.max(0.0))),
+        Decision::AnotherLeavesLess => "another effect in its place leaves less".into(),
+        Decision::NotToldApart => "does as well: this data cannot tell".into(),
+        Decision::NotTried => "explains too little to be tried".into(),
+    }
+}
+
+/// What has changed, for a reader.
+#[must_use]
+pub fn changed(values: &[ChangedValue]) -> String {
+    let one = |v: &ChangedValue| {
+        if v.parameter == "scale" {
+            format!("{} times {}", spoken(&v.effect), figure(v.to))
+        } else {
+            format!("{} {} from {} to {}", spoken(&v.effect), spoken(&v.parameter), figure(v.from), figure(v.to))
+        }
+    };
+    values.iter().map(one).collect::<Vec<_>>().join("; ")
+}
+
+/// The findings of an ambiguous verdict: `creep; and delay or sensor bandwidth`.
+fn either(findings: &[Finding]) -> String {
+    findings.iter().map(|f| list(&f.effects, "or")).collect::<Vec<_>>().join("; and ")
+}
+
+/// The verdict in a sentence.
+#[must_use]
+pub fn sentence(d: &Diagnosis, found: &Found, floor: &NoiseFloor, policy: &Policy) -> String {
+    let floor_nm = floor.rms_um.or(floor.at_least_um).map(nm).unwrap_or_default();
+    let (first, last) = (found.first, found.last);
+    // Where the fitted records are met worse than the held-out ones, they are what is spoken of.
+    let fitted_is_worse = d.verdict == Verdict::Unexplained && last.validate_rms_um.is_some_and(|v| v < last.identify_rms_um);
+    let error = |j: &Judged| if fitted_is_worse { j.identify_rms_um } else { j.error_um() };
+    let (before, after) = (error(first), error(last));
+    let which = match (fitted_is_worse, first.validate_rms_um) {
+        (true, _) => "error on the fitted records",
+        (false, None) => "error",
+        (false, Some(_)) => "held-out error",
+    };
+    let story = elsewhere_sentence(d, found);
+    match d.verdict {
+        Verdict::AtFloor if !d.changed.is_empty() => {
+            format!("{story} Nothing is missing that this data could show: the {which} is then {} nm, the noise {floor_nm} nm.", nm(after))
+        }
+        Verdict::AtFloor if before > policy.explained * after => format!(
+            "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the {which} \
+             from {} to {} nm; the noise is {floor_nm} nm.",
+            nm(before),
+            nm(after)
+        ),
+        Verdict::AtFloor => {
+            format!("Nothing is missing that this data could show: the {which} is {} nm, the noise {floor_nm} nm.", nm(after))
+        }
+        Verdict::Named if d.findings.iter().all(|f| f.decision == Decision::ReadingsShowIt) => {
+            let step_um = floor.reading_step_um.unwrap_or(0.0);
+            format!(
+                "{} is missing: the readings are whole steps of {} nm, which make {} of the {floor_nm} nm of noise. Nothing else is \
+                 missing that this data could show: the {which} is {} nm.",
+                capital(&list(&d.named, "and")),
+                nm(step_um),
+                nm(rounding_noise_um(step_um)),
+                nm(after)
+            )
+        }
+        Verdict::Named | Verdict::Ambiguous
+            if !story.is_empty() && d.findings.iter().all(|f| !matches!(f.decision, Decision::ReadingsShowIt)) =>
+        {
+            let rest = match floor.rms_um {
+                Some(floor_um) if after > policy.explained * floor_um => {
+                    format!(" Fitted again, {} nm are left; the noise is {floor_nm} nm.", nm(after))
+                }
+                Some(_) => format!(" Fitted again, nothing is left: {} nm, the noise is {floor_nm} nm.", nm(after)),
+                None => " The noise is unknown, so nobody can say whether more is missing.".to_owned(),
+            };
+            format!("{story}{rest}{}", likelier(d))
+        }
+        Verdict::Named => {
+            let (verb, adding) = if d.named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };
+            let others = if d.changed.is_empty() { String::new() } else { format!(" Besides, {} has changed.", changed(&d.changed)) };
+            format!(
+                "{} {verb} missing: {adding} brings the {which} from {} to {} nm; the noise is {floor_nm} nm.{others}",
+                capital(&list(&d.named, "and")),
+                nm(before),
+                nm(after)
+            )
+        }
+        Verdict::Ambiguous => {
+            let (said, adding) = match d.findings.as_slice() {
+                [_] => ("this data cannot tell which is missing. Either brings", "about "),
+                _ => ("are missing; where it says `or`, this data cannot tell which. Together they bring", ""),
+            };
+            let joint = if d.findings.len() == 1 { ": " } else { " " };
+            format!(
+                "{}{joint}{said} the {which} from {} to {adding}{} nm; the noise is {floor_nm} nm.{}",
+                capital(&either(&d.findings)),
+                nm(before),
+                nm(after),
+                likelier(d)
+            )
+        }
+        Verdict::Unexplained => {
+            let best: Vec<String> = found.supported.iter().map(|s| s.id.clone()).collect();
+            let known = if best.is_empty() && before > policy.explained * after {
+                format!("the best that is known (a finer description of the hysteresis) leaves {} nm", nm(after))
+            } else if best.is_empty() {
+                "no known effect explains any of it".to_string()
+            } else {
+                format!("the best that is known ({}) leaves {} nm", list(&best, "and"), nm(after))
+            };
+            let before_all = if story.is_empty() { String::new() } else { format!("{story} ") };
+            format!(
+                "{before_all}Something is missing that the library does not know: the {which} is {} nm, the noise {floor_nm} nm, and {known}.",
+                nm(before)
+            )
+        }
+        Verdict::Undecidable if d.below_the_floor => format!(
+            "The {which} is {} nm, below the {floor_nm} nm of noise that the {} shows: one of them is wrong, and nothing can be decided until \
+             it is known which.",
+            nm(after),
+            floor.basis
+        ),
+        Verdict::Undecidable if !story.is_empty() => {
+            format!("{story} The noise is unknown, so nobody can say whether more is missing.")
+        }
+        Verdict::Undecidable => {
+            let best = &d.named;
+            let gained = if best.is_empty() && before > policy.explained * after {
+                format!(
+                    "fitted again to this data, the same effects bring the {which} from {} to {} nm, and no other lowers it",
+                    nm(before),
+                    nm(after)
+                )
+            } else if best.is_empty() {
+                format!("no effect lowers the {which} by more than chance")
+            } else {
+                let verb = if d.findings.len() == 1 { "lowers" } else { "lower" };
+                format!("{} {verb} the {which} from {} to {} nm", either(&d.findings), nm(before), nm(after))
+            };
+            format!("Nothing in this data shows the noise, so nobody can say whether more is missing; {gained}.{}", likelier(d))
+        }
+    }
+}
+
+/// Which of two readings is likelier, by their physics.
+fn likelier(d: &Diagnosis) -> String {
+    let against = |id: &String| d.candidates.iter().find(|c| c.effect == *id).and_then(|c| c.unlikely_because.clone());
+    let of = |f: &Finding| -> Option<String> {
+        let (first, others) = f.effects.split_first()?;
+        if against(first).is_some() {
+            return None;
+        }
+        let (other, reason) = others.iter().find_map(|o| Some((o, against(o)?)))?;
+        Some(format!(" {} is likelier than {}: {reason}.", capital(&spoken(first)), spoken(other)))
+    };
+    d.findings.iter().filter_map(of).collect()
+}
+
+/// What a comparison with a model from elsewhere came to.
+fn elsewhere_sentence(d: &Diagnosis, found: &Found) -> String {
+    let Some(elsewhere) = found.elsewhere.filter(|e| !e.at_home) else { return String::new() };
+    let Some(last) = elsewhere.story.last() else { return String::new() };
+    let (before, after) = (elsewhere.base.identify_rms_um, last.judged.identify_rms_um);
+    let missing: Vec<&Finding> = d.findings.iter().filter(|f| matches!(f.decision, Decision::ExplainsAlone { .. })).collect();
+    let mut parts = Vec::new();
+    if !missing.is_empty() {
+        let names: Vec<String> = missing.iter().map(|f| list(&f.effects, "or")).collect();
+        let verb = if missing.len() == 1 { "is" } else { "are" };
+        parts.push(format!("{} {verb} missing in this recording", capital(&names.join("; and "))));
+    }
+    if !d.changed.is_empty() {
+        let said = changed(&d.changed);
+        parts.push(if parts.is_empty() {
+            format!("Other values in this recording: {said}")
+        } else {
+            format!("and there are other values: {said}")
+        });
+    }
+    let others: Vec<String> = elsewhere
+        .story
+        .iter()
+        .zip(&elsewhere.alternatives)
+        .flat_map(|(_, alternatives)| alternatives.iter().map(|t| (t, t.hypothesis.effect(&elsewhere.base.model))))
+        .map(
+            |(t, id)| if matches!(t.hypothesis, Hypothesis::Missing(_)) { spoken(&id) } else { format!("other values of {}", spoken(&id)) },
+        )
+        .collect();
+    let told = if others.is_empty() {
+        "nothing else does as well: this data can tell".to_owned()
+    } else {
+        format!("this data cannot tell it from {}", others.join(", "))
+    };
+    format!(
+        "{}: with all other values held as they were identified elsewhere, that alone brings the error from {} to {} nm; {told}.",
+        parts.join(", "),
+        nm(before),
+        nm(after)
+    )
+}
+
+/// What the data leave open.
+#[must_use]
+pub fn cannot_identify(what: &CannotIdentify) -> String {
+    match what {
+        CannotIdentify::AnyOf { effect } => format!("{effect}: this data fixes none of its parameters; they are as they were begun"),
+        CannotIdentify::SomeOf { effect, parameters } => format!("{effect}: this data does not fix {}", parameters.join(", ")),
+        CannotIdentify::MinorLoops => {
+            "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into()
+        }
+        CannotIdentify::RateDependence { speed_v_s } => {
+            format!("rate dependence: the drive moves at one speed only (about {speed_v_s:.0} V/s), so loops at other speeds are a guess")
+        }
+    }
+}

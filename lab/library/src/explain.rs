@@ -1,0 +1,431 @@
+//! The main job: identify, compare, diagnose, add, until the floor; and everything that files show of it.
+
+use crate::dataset::{Dataset, Role};
+use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
+use crate::diagnosis::judgement::{Judged, Split, require_finite};
+use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
+use crate::diagnosis::path::{self, Change, Step};
+use crate::diagnosis::policy::Policy;
+use crate::diagnosis::reduction::{Supported, reduce};
+use crate::diagnosis::screening::Screening;
+use crate::diagnosis::search::Search;
+use crate::diagnosis::study::Study;
+use crate::diagnosis::verdict::{self, Diagnosis, Found, Verdict};
+use crate::diagnosis::words;
+use crate::error::Result;
+use crate::identification::fit::{residual, rms};
+use crate::identification::identifiability::{CannotIdentify, identifiability};
+use crate::identification::noise_floor::{NoiseFloor, noise_floor};
+use crate::identify::require_chain;
+use crate::watch::{Event, Watch};
+use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::{Effect, Overview, registry};
+use serde::Serialize;
+use std::sync::Arc;
+
+/// How one record is met.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecordFigures {
+    /// The record.
+    pub file: String,
+    /// Its role.
+    pub role: &'static str,
+    /// Residual, um.
+    pub rms_um: f64,
+    /// Largest residual, um.
+    pub max_um: f64,
+    /// Residual in % of the measured range.
+    pub rms_pct_range: f64,
+}
+
+/// One value of a model.
+#[derive(Clone, Debug, Serialize)]
+pub struct ParameterFigures {
+    /// The effect.
+    pub effect: String,
+    /// The parameter.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: Option<f64>,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// One step of the way to a model.
+#[derive(Clone, Debug, Serialize)]
+pub struct StepFigures {
+    /// What was added.
+    pub added: Option<String>,
+    /// What was taken back.
+    pub removed: Vec<String>,
+    /// Why.
+    pub why: String,
+    /// Fitted error.
+    pub identify_rms_um: f64,
+    /// Held-out error.
+    pub validate_rms_um: Option<f64>,
+}
+
+/// What `identify`, `add`, `explain` and `compare` write (`hysteron.fit/1`).
+#[derive(Clone, Debug, Serialize)]
+pub struct FitFigures {
+    /// `hysteron.fit/1`.
+    pub schema: &'static str,
+    /// Effects in the order of the chain.
+    pub effects: Vec<String>,
+    /// Every record.
+    pub records: Vec<RecordFigures>,
+    /// Floor.
+    pub noise_floor_um: Option<f64>,
+    /// What it rests on.
+    pub floor_basis: String,
+    /// All values.
+    pub parameters: Vec<ParameterFigures>,
+    /// The way to it.
+    pub steps: Vec<StepFigures>,
+    /// What the data cannot tell, in words.
+    pub cannot_identify: Vec<String>,
+    /// Remarks on data and floor.
+    pub warnings: Vec<String>,
+    /// It was stopped: this is the best so far.
+    pub stopped: bool,
+    /// Wall-clock time.
+    pub seconds: f64,
+    /// The diagnosis, with `explain` and `diagnose`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diagnosis: Option<Diagnosis>,
+}
+
+/// Everything that one run of the main job found.
+pub struct Explanation {
+    /// The final model with standard deviations.
+    pub model: Model,
+    /// The way to it; the first step is the start, the last the final model.
+    pub steps: Vec<Step>,
+    /// What was added and stays, with its evidence.
+    pub supported: Vec<Supported>,
+    /// The comparison with a model from elsewhere.
+    pub elsewhere: Option<Elsewhere>,
+    /// Candidates on what the model at the end leaves, where nothing was added.
+    pub beside_start: Option<Screening>,
+    /// The floor.
+    pub floor: NoiseFloor,
+    /// The verdict on the starting model.
+    pub diagnosis: Diagnosis,
+    /// What the data cannot tell.
+    pub cannot_identify: Vec<CannotIdentify>,
+    /// Records that are fitted and judge.
+    pub split: Split,
+    /// The drive that would tell the first two of an ambiguous set apart.
+    pub next_experiment: Option<NextExperiment>,
+    /// The caller wanted the best so far.
+    pub stopped: bool,
+}
+
+/// A drive to run next.
+pub struct NextExperiment {
+    /// The drive.
+    pub proposal: Proposal,
+    /// What it decides and how well.
+    pub sentence: String,
+}
+
+/// All built-in candidates and the user's own.
+#[must_use]
+pub fn candidates(own: &[Arc<dyn Effect>]) -> Vec<Arc<dyn Effect>> {
+    let mut all: Vec<Arc<dyn Effect>> = registry().into_iter().filter(|e| e.declaration().candidate).collect();
+    all.extend(own.iter().cloned());
+    all
+}
+
+/// Where a run starts.
+pub enum Start<'a> {
+    /// From these effects, fitted first.
+    Effects(&'a [Arc<dyn Effect>]),
+    /// From a model as it is.
+    Model(Model),
+}
+
+/// What is asked of a run beside the data.
+#[derive(Clone, Default)]
+pub struct Options {
+    /// Effects of the user's own that take part.
+    pub own: Vec<Arc<dyn Effect>>,
+    /// Thresholds.
+    pub policy: Policy,
+}
+
+/// What a growth came to, however it began.
+struct Grown {
+    steps: Vec<Step>,
+    supported: Vec<Supported>,
+    taken_back: Vec<(String, crate::diagnosis::decision::Decision)>,
+    elsewhere: Option<Elsewhere>,
+    beside_start: Option<Screening>,
+    stopped: bool,
+}
+
+/// Runs the main job.
+///
+/// # Errors
+/// Where the effects to start from make no chain ([`require_chain`]); where a model or a candidate gives something that is no number: with effect,
+/// record and sample.
+pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Explanation> {
+    if let Start::Effects(effects) = &start {
+        require_chain(effects, dataset)?;
+    }
+    let floor = noise_floor(dataset);
+    let study = Study::new(dataset, candidates(&options.own), &floor, options.policy.clone(), watch);
+    let grown = match start {
+        Start::Effects(effects) => {
+            let base = study.build(effects)?;
+            require_finite(&base.model, dataset, &study.split.both())?;
+            grow(&study, &base)?
+        }
+        Start::Model(model) => {
+            require_finite(&model, dataset, &study.split.both())?;
+            grow_from_elsewhere(&study, model)?
+        }
+    };
+    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, stopped } = grown;
+    let quantised = quantise(&mut steps, &floor, &study.overview);
+    let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
+    let found = Found {
+        first,
+        last,
+        supported: &supported,
+        taken_back: &taken_back,
+        elsewhere: elsewhere.as_ref(),
+        beside_start: beside_start.as_ref(),
+        quantised: quantised.as_deref(),
+    };
+    let diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.overview, &study.policy);
+    let mut model = last.model.clone();
+    watch.event(&Event::Doing("estimating standard deviations"));
+    let cannot_identify = identifiability(&mut model, dataset, &study.split.identify);
+    require_finite(&model, dataset, &study.split.both())?;
+    let next_experiment = next_experiment(&supported, &diagnosis, last, dataset, floor.rms_um);
+    let split = study.split.clone();
+    drop(study);
+    Ok(Explanation { model, steps, supported, elsewhere, beside_start, floor, diagnosis, cannot_identify, split, next_experiment, stopped })
+}
+
+/// From a fitted model to the best that the data support.
+fn grow(study: &Study, base: &Judged) -> Result<Grown> {
+    let mut search = Search::from(study, &base.model);
+    let settled = study.nothing_left(base);
+    let mut beside_start = None;
+    let mut quiet = false;
+    if settled && !study.watch.stopped() {
+        // Nothing is left above the noise: only a signature that is there beyond chance is worth a search.
+        let screening = study.weigh(&base.model, &study.candidates_for(&base.model), 1000)?;
+        let significant = |e: &crate::diagnosis::screening::Evidence| e.p_adjusted <= study.policy.false_discovery_rate;
+        quiet = !screening.scores.iter().any(|s| s.evidence.as_ref().is_some_and(significant));
+        beside_start = Some(screening);
+    }
+    if !quiet {
+        search.run()?;
+    }
+    let best = search.best().clone();
+    let finer = crate::identification::finer_hysteresis::description(&best.judged.model)
+        != crate::identification::finer_hysteresis::description(&base.model);
+    if best.added.is_empty() && !finer {
+        let stopped = search.stopped;
+        if beside_start.is_none() && !stopped {
+            beside_start = Some(study.weigh(&base.model, &study.candidates_for(&base.model), 1000)?);
+        }
+        let steps = vec![Step { change: Change::Start, judged: base.clone() }];
+        return Ok(Grown { steps, supported: Vec::new(), taken_back: Vec::new(), elsewhere: None, beside_start, stopped });
+    }
+    let mut candidate = best.judged.clone();
+    if !study.met(&candidate) && !study.watch.stopped() {
+        study.watch.event(&Event::Doing("beginning values again"));
+        candidate = study.begun_again(&candidate)?;
+    }
+    if search.stopped || study.watch.stopped() {
+        let judged = study.judged(candidate.model);
+        let steps = vec![Step { change: Change::Start, judged: base.clone() }, Step { change: Change::FittedAgain, judged }];
+        return Ok(Grown { steps, supported: Vec::new(), taken_back: Vec::new(), elsewhere: None, beside_start, stopped: true });
+    }
+    let reduced = reduce(study, &candidate, &best.added)?;
+    study.watch.event(&Event::Doing("fitting to the end"));
+    let thorough = study.thoroughly(&reduced.judged.model);
+    let end = if thorough.identify_rms_um <= reduced.judged.identify_rms_um { thorough } else { reduced.judged };
+    let added: Vec<String> = reduced.supported.iter().map(|s| s.id.clone()).collect();
+    let steps = path::from(study, base, &added, &end)?;
+    Ok(Grown { steps, supported: reduced.supported, taken_back: reduced.taken_back, elsewhere: None, beside_start, stopped: false })
+}
+
+/// From a model that was handed in.
+fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
+    let compared = elsewhere::compare(study, model)?;
+    if compared.at_home || study.watch.stopped() {
+        let base = if compared.refitted.identify_rms_um < compared.base.identify_rms_um { &compared.base } else { &compared.refitted };
+        let mut grown = grow(study, base)?;
+        grown.elsewhere = Some(compared);
+        return Ok(grown);
+    }
+    let mut steps = vec![Step { change: Change::Start, judged: compared.base.clone() }];
+    let mut model = compared.refitted.model.clone();
+    for tried in &compared.story {
+        let id = tried.hypothesis.effect(&compared.base.model);
+        let change = match &tried.hypothesis {
+            Hypothesis::Missing(_) => Change::Added(id),
+            Hypothesis::Changed(_) | Hypothesis::Scaled => Change::Changed(id),
+        };
+        model = tried.judged.model.clone();
+        steps.push(Step { change, judged: study.judged(model.clone()) });
+    }
+    let refitted = study.thoroughly(&model);
+    steps.push(Step { change: Change::FittedAgain, judged: refitted.clone() });
+    let mut grown =
+        Grown { steps, supported: Vec::new(), taken_back: Vec::new(), elsewhere: None, beside_start: None, stopped: study.watch.stopped() };
+    // Far above the noise, or where nobody knows it, the model left as much at home, and the question was what the new recording has.
+    let near_the_noise = refitted.within(study.policy.near_the_noise, &study.floors_um, &study.split);
+    if (near_the_noise || compared.story.is_empty()) && study.floor_um.is_some() && !grown.stopped {
+        let more = grow(study, &refitted)?;
+        grown.steps.extend(more.steps.into_iter().skip(1));
+        (grown.supported, grown.taken_back, grown.beside_start) = (more.supported, more.taken_back, more.beside_start);
+        grown.stopped = more.stopped;
+    }
+    grown.elsewhere = Some(compared);
+    Ok(grown)
+}
+
+/// Adds the converter that the readings themselves show. It explains part of the noise, not of the error: everything else is the same
+/// without it. Its identifier, where it was added.
+fn quantise(steps: &mut Vec<Step>, floor: &NoiseFloor, overview: &Overview) -> Option<String> {
+    let (step_um, last) = (floor.reading_step_um?, steps.last()?);
+    let (effect, values) = registry().into_iter().find_map(|e| e.values_in_readings(step_um).map(|values| (e, values)))?;
+    let id = effect.declaration().id;
+    if last.judged.model.effect(&id).is_some() {
+        return None;
+    }
+    let mut judged = last.judged.clone();
+    judged.model.add(EffectInstance::new(effect, overview, &values));
+    steps.push(Step { change: Change::Added(id.clone()), judged });
+    Some(id)
+}
+
+/// Where two explanations tie, the drive on which they differ most.
+fn next_experiment(
+    supported: &[Supported],
+    diagnosis: &Diagnosis,
+    last: &Judged,
+    dataset: &Dataset,
+    floor_um: Option<f64>,
+) -> Option<NextExperiment> {
+    if diagnosis.verdict != Verdict::Ambiguous {
+        return None;
+    }
+    let undecided = supported.iter().find(|s| s.names().len() > 1)?;
+    let rival = undecided.rivals.iter().find(|r| r.decision == crate::diagnosis::decision::Decision::NotToldApart)?;
+    let proposal = propose(&last.model, &rival.judged.model, &Limits::of(&dataset.overview()))?;
+    let sentence = proposal.sentence(&words::spoken(&undecided.id), &words::spoken(&rival.id), floor_um);
+    Some(NextExperiment { proposal, sentence })
+}
+
+fn record_figures(model: &Model, dataset: &Dataset) -> Vec<RecordFigures> {
+    dataset
+        .records
+        .iter()
+        .map(|record| {
+            let r = residual(model, record);
+            let rms_um = rms(&r);
+            let range = record.range_um();
+            RecordFigures {
+                file: record.name.clone(),
+                role: record.role.name(),
+                rms_um,
+                max_um: r.iter().fold(0.0, |m, v| m.max(v.abs())),
+                rms_pct_range: if range > 0.0 { 100.0 * rms_um / range } else { 0.0 },
+            }
+        })
+        .collect()
+}
+
+/// All values of a model.
+#[must_use]
+pub fn parameter_figures(model: &Model) -> Vec<ParameterFigures> {
+    let of = |e: &EffectInstance| -> Vec<ParameterFigures> {
+        let figures = e.parameters.iter().map(|p| ParameterFigures {
+            effect: e.id.clone(),
+            name: p.parameter.name.clone(),
+            value: p.value,
+            std: p.std,
+            unit: p.parameter.unit.clone(),
+        });
+        figures.collect()
+    };
+    model.effects.iter().flat_map(of).collect()
+}
+
+/// Figures of a model on a data set.
+#[must_use]
+pub fn fit_figures(
+    model: &Model,
+    dataset: &Dataset,
+    floor: &NoiseFloor,
+    steps: Vec<StepFigures>,
+    cannot_identify: &[CannotIdentify],
+    seconds: f64,
+) -> FitFigures {
+    FitFigures {
+        schema: "hysteron.fit/1",
+        effects: model.effect_ids(),
+        records: record_figures(model, dataset),
+        noise_floor_um: floor.rms_um,
+        floor_basis: floor.basis.clone(),
+        parameters: parameter_figures(model),
+        steps,
+        cannot_identify: cannot_identify.iter().map(words::cannot_identify).collect(),
+        warnings: dataset.notes.iter().chain(&floor.warnings).cloned().collect(),
+        stopped: false,
+        seconds,
+        diagnosis: None,
+    }
+}
+
+/// Figures of the steps to a model.
+#[must_use]
+pub fn step_figures(steps: &[Step]) -> Vec<StepFigures> {
+    let before = std::iter::once(None).chain(steps.iter().map(|s| Some(&s.judged)));
+    steps
+        .iter()
+        .zip(before)
+        .map(|(step, before)| StepFigures {
+            added: step.change.added().map(String::from),
+            removed: Vec::new(),
+            why: words::why_step(&step.change, before, &step.judged),
+            identify_rms_um: step.judged.identify_rms_um,
+            validate_rms_um: step.judged.validate_rms_um,
+        })
+        .collect()
+}
+
+impl Explanation {
+    /// Figures for files.
+    #[must_use]
+    pub fn figures(&self, dataset: &Dataset, seconds: f64) -> FitFigures {
+        let mut out = fit_figures(&self.model, dataset, &self.floor, step_figures(&self.steps), &self.cannot_identify, seconds);
+        out.stopped = self.stopped;
+        out.diagnosis = Some(self.diagnosis.clone());
+        out
+    }
+
+    /// The model at the end, with its errors.
+    #[must_use]
+    pub fn last(&self) -> &Judged {
+        &self.steps[self.steps.len() - 1].judged
+    }
+
+    /// Error over the records that took part in nothing, um RMS; `None` without any.
+    #[must_use]
+    pub fn test_rms_um(&self, dataset: &Dataset) -> Option<f64> {
+        let tests = dataset.with_role(Role::Test);
+        let residuals: Vec<f64> = tests.iter().flat_map(|i| residual(&self.model, &dataset.records[*i])).collect();
+        (!residuals.is_empty()).then(|| rms(&residuals))
+    }
+}

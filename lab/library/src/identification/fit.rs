@@ -1,0 +1,409 @@
+//! Least squares over the whole chain: every free value of every effect, from all records at once.
+//!
+//! # How it works
+//! * Residual and derivatives come from [`super::linearisation`], free of what each record has of its own ([`super::own_part`]).
+//! * Steps are Levenberg and Marquardt's on the normal equations, which are accumulated record by record. A weak prior of one full range
+//!   on coefficients keeps directions that the data do not show small; it weighs one part in 10^4 of one sample.
+//! * The derivatives by the coefficients of the hysteresis change little while the other values move little; they are kept until those
+//!   have moved far enough. Every step is judged by the true sum of squares.
+//! * Where a trial step fails, the coefficients follow it before it is given up.
+
+use super::linearisation::{
+    LinearCoefficients, Linearised, ParameterIndex, Rows, free_parameters, linearise, linearise_reusing, normal_equations, residual_at,
+};
+use super::own_part::Samples;
+use crate::dataset::{Dataset, Record};
+use crate::parallel;
+use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::Scale;
+use nalgebra::{DMatrix, DVector};
+
+/// Inner product, in four lanes so that the compiler can keep them busy.
+#[must_use]
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let n = a.len().min(b.len());
+    let (a, b) = (&a[..n], &b[..n]);
+    let mut lanes = [0.0; 4];
+    let mut chunks_a = a.chunks_exact(4);
+    let mut chunks_b = b.chunks_exact(4);
+    for (x, y) in (&mut chunks_a).zip(&mut chunks_b) {
+        for i in 0..4 {
+            lanes[i] += x[i] * y[i];
+        }
+    }
+    let tail: f64 = chunks_a.remainder().iter().zip(chunks_b.remainder()).map(|(x, y)| x * y).sum();
+    lanes[0] + lanes[1] + lanes[2] + lanes[3] + tail
+}
+
+/// Measured less modelled inside the window of a record, with what the record has of its own removed.
+#[must_use]
+pub fn residual(model: &Model, record: &Record) -> Vec<f64> {
+    residual_at(model, record, &Samples::Every(record.window.clone())).as_slice().to_vec()
+}
+
+/// Root mean square of a slice.
+#[must_use]
+pub fn rms(values: &[f64]) -> f64 {
+    if values.is_empty() { 0.0 } else { (dot(values, values) / values.len() as f64).sqrt() }
+}
+
+/// Root mean square over the records with the given indices, all samples weighing the same.
+#[must_use]
+pub fn rms_over(model: &Model, dataset: &Dataset, records: &[usize]) -> f64 {
+    let parts: Vec<(f64, usize)> = parallel::map(records, |&i| {
+        let r = residual(model, &dataset.records[i]);
+        (dot(&r, &r), r.len())
+    });
+    let (sum, count) = parts.iter().fold((0.0, 0), |(s, n), (ds, dn)| (s + ds, n + dn));
+    if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
+}
+
+/// How far the parameters that are no linear coefficients moved between two models, in coordinates that matter.
+fn shape_change(a: &Model, b: &Model, free: &[ParameterIndex]) -> f64 {
+    let linear = LinearCoefficients::of(a);
+    free.iter()
+        .filter(|index| linear.lane(a, **index).is_none())
+        .map(|index| {
+            let before = &a.effects[index.effect].parameters[index.parameter];
+            let after = &b.effects[index.effect].parameters[index.parameter];
+            let change = (before.coordinate() - after.coordinate()).abs();
+            match before.parameter.scale {
+                Scale::Linear(_) => 0.02 * change,
+                Scale::Logarithmic => change,
+            }
+        })
+        .fold(0.0, f64::max)
+}
+
+/// Prior standard deviation of a coefficient, in coordinates (a coordinate of one is a hundredth of the range).
+pub(super) const PRIOR_COORDINATES: f64 = 100.0;
+
+/// How hard a fit tries.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Most steps.
+    pub iterations: usize,
+    /// A step that lowers the sum of squares by less than this share of one sample's variance per parameter ends the fit.
+    pub tolerance: f64,
+    /// A step that lowers the sum of squares by less than this share of it ends the fit.
+    pub relative: f64,
+}
+
+impl Default for Effort {
+    fn default() -> Self {
+        Self { iterations: 30, tolerance: 0.05, relative: 1e-6 }
+    }
+}
+
+/// What a fit came to.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The model with its values; standard deviations once [`estimate_uncertainty`](super::uncertainty::estimate_uncertainty) ran.
+    pub model: Model,
+    /// Residual over the fitted records.
+    pub rms_um: f64,
+    /// Samples fitted.
+    pub samples: usize,
+}
+
+/// Surface derivatives are taken again when some other parameter has moved this far.
+const SHAPE_TOLERANCE: f64 = 0.03;
+
+/// Fits the free parameters of a model to all samples of some records.
+#[must_use]
+pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) -> Fit {
+    fit_rows(model, dataset, &Rows::all(dataset, records), effort)
+}
+
+/// Fits the free parameters of a model to the samples that count.
+#[must_use]
+pub fn fit_rows(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort) -> Fit {
+    let free = free_parameters(model);
+    let mut model = model.clone();
+    let mut lambda = 1e-6;
+    let mut known: Option<(Model, Vec<Linearised>)> = None;
+    let mut age = Age::Exact;
+    let mut parts = linearise(&model, dataset, rows, &free);
+    let mut chord_steps = 0;
+    for _ in 0..effort.iterations {
+        let (h, g, cost, n) = normal_equations(&parts);
+        if free.is_empty() || n == 0 {
+            break;
+        }
+        if age == Age::Exact {
+            known = Some((model.clone(), parts.clone()));
+        }
+        let variance = (cost / n as f64).max(1e-30);
+        let worthwhile = (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost);
+        let step = best_step(&model, dataset, rows, &free, &Normal { h, g, cost, variance }, worthwhile, &mut lambda);
+        let gain = step.as_ref().map_or(0.0, |s| cost - s.cost);
+        let mut kept = 0.0;
+        if let Some(step) = step {
+            kept = step.kept;
+            model = step.model;
+            // Where the derivatives kept what they promised they are good for another step: only the residual is new.
+            parts.iter_mut().zip(step.residuals).for_each(|(part, residual)| part.residual = residual);
+        }
+        if gain < worthwhile {
+            if age == Age::Exact {
+                break;
+            }
+            // A last look with exact derivatives.
+            (parts, age, chord_steps) = (linearise(&model, dataset, rows, &free), Age::Exact, 0);
+        } else if kept > KEPT_WELL && chord_steps < CHORD_STEPS {
+            (age, chord_steps) = (Age::Older, chord_steps + 1);
+        } else {
+            let near = known.as_ref().filter(|(at, _)| shape_change(at, &model, &free) < SHAPE_TOLERANCE);
+            age = if near.is_some() { Age::Older } else { Age::Exact };
+            parts = linearise_reusing(&model, dataset, rows, &free, near.map(|(_, parts)| parts.as_slice()));
+            chord_steps = 0;
+        }
+    }
+    let (cost, samples) = parts.iter().fold((0.0, 0), |(c, n), p| (c + p.residual.norm_squared(), n + p.residual.len()));
+    store_lines(&mut model, dataset, rows);
+    Fit { model, rms_um: (cost / samples.max(1) as f64).sqrt(), samples }
+}
+
+/// Whether all derivatives belong to the present model.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Age {
+    Exact,
+    Older,
+}
+
+/// Share of the promised fall that a step must bring for the same derivatives to serve once more.
+const KEPT_WELL: f64 = 0.6;
+/// Steps that are taken with the same derivatives.
+const CHORD_STEPS: usize = 3;
+
+/// Normal equations where a step begins.
+struct Normal {
+    h: DMatrix<f64>,
+    g: DVector<f64>,
+    cost: f64,
+    variance: f64,
+}
+
+/// A step that lowers the sum of squares.
+struct Better {
+    model: Model,
+    cost: f64,
+    residuals: Vec<DVector<f64>>,
+    /// Share of the promised fall that came.
+    kept: f64,
+}
+
+/// The least damped step that lowers the sum of squares, if one is worth while; damping follows how well promises are kept.
+fn best_step(
+    model: &Model,
+    dataset: &Dataset,
+    rows: &Rows,
+    free: &[ParameterIndex],
+    at: &Normal,
+    worthwhile: f64,
+    lambda: &mut f64,
+) -> Option<Better> {
+    for _ in 0..12 {
+        let Some(step) = damped_step(model, free, &at.h, &at.g, at.variance, *lambda) else {
+            *lambda *= 10.0;
+            continue;
+        };
+        let promise = promised(&at.h, &at.g, &step);
+        if promise < worthwhile {
+            return None;
+        }
+        let mut trial = moved(model, free, &step);
+        let (mut cost, mut residuals) = residuals_of(&trial, dataset, rows);
+        if cost >= at.cost {
+            // The way there may be curved only because the surfaces did not follow.
+            trial = with_coefficients_following(&trial, dataset, rows, free, at.variance);
+            (cost, residuals) = residuals_of(&trial, dataset, rows);
+        }
+        if cost < at.cost {
+            let kept = (at.cost - cost) / promise;
+            let change = if kept > 0.75 { 0.1 } else { 1.0 } * if kept < 0.25 { 3.0 } else { 1.0 };
+            *lambda = (*lambda * change).max(1e-12);
+            return Some(Better { model: trial, cost, residuals, kept });
+        }
+        if at.cost - cost > -1e-9 * at.cost {
+            return None; // no longer a matter of the step
+        }
+        *lambda = (*lambda * 10.0).max(1e-7);
+    }
+    None
+}
+
+/// By how much a step would lower the sum of squares if the model were linear.
+fn promised(h: &DMatrix<f64>, g: &DVector<f64>, step: &DVector<f64>) -> f64 {
+    2.0 * step.dot(g) - step.dot(&(h * step))
+}
+
+/// The model with the coefficients of its hysteresis, which enter linearly, put where they serve its other values best.
+fn with_coefficients_following(model: &Model, dataset: &Dataset, rows: &Rows, free: &[ParameterIndex], variance: f64) -> Model {
+    let linear = LinearCoefficients::of(model);
+    let surfaces: Vec<ParameterIndex> = free.iter().copied().filter(|index| linear.lane(model, *index).is_some()).collect();
+    let (h, g, _, _) = normal_equations(&linearise(model, dataset, rows, &surfaces));
+    damped_step(model, &surfaces, &h, &g, variance, 0.0).map_or_else(|| model.clone(), |step| moved(model, &surfaces, &step))
+}
+
+/// Sum of squares of a model and its residuals; infinite where anything is no number.
+fn residuals_of(model: &Model, dataset: &Dataset, rows: &Rows) -> (f64, Vec<DVector<f64>>) {
+    let residuals = parallel::map(&rows.records, |(i, samples)| residual_at(model, &dataset.records[*i], samples));
+    let sum: f64 = residuals.iter().map(DVector::norm_squared).sum();
+    (if sum.is_finite() { sum } else { f64::INFINITY }, residuals)
+}
+
+/// Weight of the prior on a coordinate, in the units of the normal equations.
+pub(super) fn prior_weight(model: &Model, index: ParameterIndex, variance: f64) -> f64 {
+    match model.effects[index.effect].parameters[index.parameter].parameter.scale {
+        Scale::Linear(_) => variance / (PRIOR_COORDINATES * PRIOR_COORDINATES),
+        Scale::Logarithmic => 0.0,
+    }
+}
+
+/// One damped step; coordinates that stand at a bound and want to go beyond are left out, and positive values stay in reach.
+fn damped_step(
+    model: &Model,
+    free: &[ParameterIndex],
+    h: &DMatrix<f64>,
+    g: &DVector<f64>,
+    variance: f64,
+    lambda: f64,
+) -> Option<DVector<f64>> {
+    let p = free.len();
+    let value_of = |i: usize| &model.effects[free[i].effect].parameters[free[i].parameter];
+    let mut held: Vec<Option<f64>> = vec![None; p];
+    let mut step = solve_damped(model, free, h, g, variance, lambda, &held)?;
+    // Every pass holds one coordinate more at the bound where it stands.
+    for _ in 0..p {
+        let leaves_bounds = |i: &usize| {
+            let value = value_of(*i);
+            (value.value <= value.parameter.lower && step[*i] < 0.0) || (value.value >= value.parameter.upper && step[*i] > 0.0)
+        };
+        let leaving: Vec<usize> = (0..p).filter(|i| held[*i].is_none()).filter(leaves_bounds).collect();
+        if leaving.is_empty() {
+            break;
+        }
+        leaving.iter().for_each(|i| held[*i] = Some(0.0));
+        step = solve_damped(model, free, h, g, variance, lambda, &held)?;
+    }
+    let too_far = |step: &DVector<f64>, i: usize| -> bool {
+        matches!(value_of(i).parameter.scale, Scale::Logarithmic) && step[i].abs() > LOGARITHMIC_STEP_MAX * (1.0 + 1e-9)
+    };
+    let farthest = (0..p).filter(|i| too_far(&step, *i)).map(|i| step[i].abs()).fold(0.0, f64::max);
+    if farthest == 0.0 {
+        return Some(step);
+    }
+    // Two ways to stay in reach: a part of the step, or all of it for the coordinates that may.
+    let part = &step * (LOGARITHMIC_STEP_MAX / farthest);
+    let mut rest = step.clone();
+    for _ in 0..p {
+        let far: Vec<usize> = (0..p).filter(|i| held[*i].is_none() && too_far(&rest, *i)).collect();
+        if far.is_empty() {
+            break;
+        }
+        far.iter().for_each(|i| held[*i] = Some(LOGARITHMIC_STEP_MAX.copysign(rest[*i])));
+        rest = solve_damped(model, free, h, g, variance, lambda, &held)?;
+    }
+    Some(if promised(h, g, &rest) > promised(h, g, &part) { rest } else { part })
+}
+
+/// A positive value changes by no more than a factor of e in one step.
+const LOGARITHMIC_STEP_MAX: f64 = 1.0;
+
+/// The damped step in which some coordinates move by what is held for them.
+fn solve_damped(
+    model: &Model,
+    free: &[ParameterIndex],
+    h: &DMatrix<f64>,
+    g: &DVector<f64>,
+    variance: f64,
+    lambda: f64,
+    held: &[Option<f64>],
+) -> Option<DVector<f64>> {
+    let p = free.len();
+    let mut a = h.clone();
+    let mut b = g.clone();
+    for i in 0..p {
+        let weight = prior_weight(model, free[i], variance);
+        let value = &model.effects[free[i].effect].parameters[free[i].parameter];
+        if weight > 0.0 {
+            a[(i, i)] += weight;
+            b[i] -= weight * value.coordinate();
+        }
+        a[(i, i)] += lambda * h[(i, i)] + 1e-300;
+    }
+    for (i, step) in held.iter().enumerate().filter_map(|(i, step)| step.map(|step| (i, step))) {
+        for j in 0..p {
+            b[j] -= a[(j, i)] * step;
+            a[(i, j)] = 0.0;
+            a[(j, i)] = 0.0;
+        }
+        a[(i, i)] = 1.0;
+    }
+    for (i, step) in held.iter().enumerate() {
+        b[i] = step.unwrap_or(b[i]);
+    }
+    // Scale to a unit diagonal: the columns differ by orders of magnitude.
+    let scale: Vec<f64> = (0..p).map(|i| if a[(i, i)] > 0.0 { 1.0 / a[(i, i)].sqrt() } else { 0.0 }).collect();
+    for i in 0..p {
+        for j in 0..p {
+            a[(i, j)] *= scale[i] * scale[j];
+        }
+        a[(i, i)] = if scale[i] == 0.0 { 1.0 } else { a[(i, i)] + 1e-13 };
+        b[i] *= scale[i];
+    }
+    let mut step = a.cholesky()?.solve(&b);
+    step.iter_mut().zip(&scale).for_each(|(step, scale)| *step *= scale);
+    step.iter().all(|s| s.is_finite()).then_some(step)
+}
+
+fn moved(model: &Model, free: &[ParameterIndex], step: &DVector<f64>) -> Model {
+    let mut out = model.clone();
+    for (index, s) in free.iter().zip(step.iter()) {
+        let value = &mut out.effects[index.effect].parameters[index.parameter];
+        let coordinate = value.coordinate() + s;
+        value.set_coordinate(coordinate);
+    }
+    out
+}
+
+/// Sine and cosine of a line belong to each record; the model keeps those of its first record so that it can simulate.
+fn store_lines(model: &mut Model, dataset: &Dataset, rows: &Rows) {
+    let Some(at) = model.effects.iter().position(|e| !e.effect.line_frequencies_hz(&e.values()).is_empty()) else { return };
+    let Some((first, _)) = rows.records.first() else { return };
+    let record = &dataset.records[*first];
+    let frequency_hz = model.effects[at].parameters[0].value;
+    for i in 1..=2 {
+        model.effects[at].parameters[i].value = 0.0;
+    }
+    let reading = model.simulate(&record.drive());
+    let n = record.window.len().max(1) as f64;
+    let (mut sine, mut cosine) = (0.0, 0.0);
+    for k in record.window.clone() {
+        let phase = std::f64::consts::TAU * frequency_hz * k as f64 * record.dt_s();
+        let error = record.displacement_um[k] - reading[k];
+        sine += 2.0 / n * error * phase.sin();
+        cosine += 2.0 / n * error * phase.cos();
+    }
+    model.effects[at].parameters[1].value = sine;
+    model.effects[at].parameters[2].value = cosine;
+}
+
+/// Samples in one block of the sandwich estimator, at least.
+const BLOCKS_PER_RECORD: usize = 60;
+
+/// Block boundaries of a record's window for resampling.
+#[must_use]
+pub fn blocks(samples: usize) -> Vec<std::ops::Range<usize>> {
+    let count = BLOCKS_PER_RECORD.min(samples.max(1));
+    (0..count).map(|b| b * samples / count..(b + 1) * samples / count).collect()
+}
+
+/// Adds an effect at given start values to a copy of a model.
+#[must_use]
+pub fn with_effect(model: &Model, instance: EffectInstance) -> Model {
+    let mut out = model.clone();
+    out.add(instance);
+    out
+}

@@ -1,0 +1,311 @@
+//! Residual of a model on records and its derivatives by every free value.
+//!
+//! Parameters live in coordinates in which a unit matters (`ParameterValue::coordinate`); positive ones in their logarithm. A derivative is
+//! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
+//! most of the parameters, enter linearly: one walk gives what all of them add.
+
+use super::own_part::{self, Samples, amounts, orthonormalised, project_out, project_out_of};
+use crate::dataset::{Dataset, Record};
+use crate::parallel;
+use hysteron_sim::chain::Model;
+use hysteron_sim::variations::{Variation, coefficients, walk};
+use nalgebra::{DMatrix, DVector};
+
+/// A parameter of a model by position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ParameterIndex {
+    /// Effect in the model.
+    pub effect: usize,
+    /// Parameter in the effect.
+    pub parameter: usize,
+}
+
+/// Parameters of a model that are estimated.
+#[must_use]
+pub fn free_parameters(model: &Model) -> Vec<ParameterIndex> {
+    let mut out = Vec::new();
+    for (effect, instance) in model.effects.iter().enumerate() {
+        for (parameter, value) in instance.parameters.iter().enumerate() {
+            if !value.parameter.fixed {
+                out.push(ParameterIndex { effect, parameter });
+            }
+        }
+    }
+    out
+}
+
+/// The records that are looked at, each with the samples that count.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Rows {
+    /// Index of the record, and its samples; by the names of the records, so that their order in the data set does not matter.
+    pub records: Vec<(usize, Samples)>,
+}
+
+impl Rows {
+    /// All samples in the windows of these records.
+    #[must_use]
+    pub fn all(dataset: &Dataset, records: &[usize]) -> Self {
+        Self::thinned(dataset, records, usize::MAX)
+    }
+
+    /// About `most` samples of these records: one out of every so many, at an irregular distance, so that no line or drive keeps step
+    /// with them.
+    #[must_use]
+    pub fn thinned(dataset: &Dataset, records: &[usize], most: usize) -> Self {
+        let total: usize = records.iter().map(|i| dataset.records[*i].window.len()).sum();
+        Self::strided(dataset, records, total.div_ceil(most.max(1)).max(1))
+    }
+
+    /// One sample out of every `stride`, at an irregular distance.
+    #[must_use]
+    pub fn strided(dataset: &Dataset, records: &[usize], stride: usize) -> Self {
+        let mut by_name: Vec<usize> = records.to_vec();
+        by_name.sort_by(|a, b| dataset.records[*a].name.cmp(&dataset.records[*b].name));
+        let samples = |i: usize| {
+            let window = dataset.records[i].window.clone();
+            if stride == 1 {
+                return Samples::Every(window);
+            }
+            // A multiplicative sequence is as irregular as is needed here, and the same every time.
+            let irregular = |block: usize| (block as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 33;
+            let block = |(b, start): (usize, usize)| {
+                let length = stride.min(window.end - start);
+                start + irregular(b) as usize % length
+            };
+            Samples::Some(window.clone().step_by(stride).enumerate().map(block).collect())
+        };
+        Self { records: by_name.into_iter().map(|i| (i, samples(i))).collect() }
+    }
+
+    /// Samples in all.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.records.iter().map(|(_, samples)| samples.count()).sum()
+    }
+}
+
+/// Residual of a record and its derivatives, free of what the record has of its own.
+#[derive(Clone, Debug)]
+pub struct Linearised {
+    /// Measured less modelled.
+    pub residual: DVector<f64>,
+    /// Derivative of the modelled reading by each coordinate, a column each.
+    pub jacobian: DMatrix<f64>,
+    /// Orthonormal columns of what the record has of its own.
+    pub own: DMatrix<f64>,
+}
+
+/// Relative step of the numerical derivatives, in coordinates.
+const DERIVATIVE_STEP: f64 = 1e-3;
+/// Variations that are walked beside one walk of the chain.
+const BESIDE: usize = 6;
+
+/// The coefficients of the hysteresis: most of a model's parameters, and they enter linearly.
+#[derive(Clone, Debug)]
+pub struct LinearCoefficients(Vec<(String, usize)>);
+
+impl LinearCoefficients {
+    /// Those of a model.
+    #[must_use]
+    pub fn of(model: &Model) -> Self {
+        Self(coefficients(model))
+    }
+
+    /// The lane of a parameter, if it is one of them.
+    #[must_use]
+    pub fn lane(&self, model: &Model, index: ParameterIndex) -> Option<usize> {
+        let id = &model.effects[index.effect].id;
+        self.0.iter().position(|(effect, parameter)| effect == id && *parameter == index.parameter)
+    }
+}
+
+/// Measured less modelled at the samples that count, with what the record has of its own still in it.
+#[must_use]
+pub fn raw_residual(model: &Model, record: &Record, samples: &Samples) -> DVector<f64> {
+    let reading = model.simulate(&record.drive());
+    DVector::from_iterator(samples.count(), samples.iter().map(|k| record.displacement_um[k] - reading[k]))
+}
+
+/// Measured less modelled at the samples that count, free of what the record has of its own.
+#[must_use]
+pub fn residual_at(model: &Model, record: &Record, samples: &Samples) -> DVector<f64> {
+    let model = &*model.before_rounding();
+    let mut out = raw_residual(model, record, samples);
+    project_out_of(&orthonormalised(&own_part::columns(model, record, samples)), &mut out);
+    out
+}
+
+/// A model with one coordinate moved, and how far it went.
+fn moved(model: &Model, index: ParameterIndex) -> (Variation, f64) {
+    let mut out = model.clone();
+    let value = &mut out.effects[index.effect].parameters[index.parameter];
+    let before = value.coordinate();
+    value.set_coordinate(before + DERIVATIVE_STEP);
+    let mut step = value.coordinate() - before;
+    if step.abs() < 0.5 * DERIVATIVE_STEP {
+        value.set_coordinate(before - DERIVATIVE_STEP);
+        step = value.coordinate() - before;
+    }
+    let differs = out.effects[index.effect].id.clone();
+    (Variation { model: out, differs }, step)
+}
+
+/// Linearises the model over records in the coordinates of `free`.
+#[must_use]
+pub fn linearise(model: &Model, dataset: &Dataset, rows: &Rows, free: &[ParameterIndex]) -> Vec<Linearised> {
+    linearise_reusing(model, dataset, rows, free, None)
+}
+
+/// As [`linearise`], but takes the derivatives by plain coefficients from an earlier linearisation.
+///
+/// They depend on the other parameters alone and change little with them; the step stays right because every step is judged by the
+/// true sum of squares.
+#[must_use]
+pub fn linearise_reusing(
+    model: &Model,
+    dataset: &Dataset,
+    rows: &Rows,
+    free: &[ParameterIndex],
+    earlier: Option<&[Linearised]>,
+) -> Vec<Linearised> {
+    let model = &*model.before_rounding();
+    let linear = LinearCoefficients::of(model);
+    let lanes: Vec<Option<usize>> = free.iter().map(|index| linear.lane(model, *index)).collect();
+    let walked: Vec<usize> = (0..free.len()).filter(|p| lanes[*p].is_none()).collect();
+    // One task walks the coefficients of a record, others a few variations each.
+    let with_coefficients = earlier.is_none() && lanes.iter().any(Option::is_some);
+    let groups: Vec<&[usize]> = walked.chunks(BESIDE).collect();
+    let tasks: Vec<(usize, Option<&[usize]>)> =
+        (0..rows.records.len()).flat_map(|r| std::iter::once((r, None)).chain(groups.iter().map(move |group| (r, Some(*group))))).collect();
+    let parts: Vec<Part> = parallel::map(&tasks, |(r, group)| {
+        let (index, samples) = &rows.records[*r];
+        let record = &dataset.records[*index];
+        match group {
+            None => Part::Base(walk_base(model, record, samples, with_coefficients, &lanes)),
+            Some(group) => Part::Moved(walk_moved(model, record, samples, free, group)),
+        }
+    });
+    let mut parts = parts.into_iter();
+    let mut out = Vec::with_capacity(rows.records.len());
+    for (r, (index, samples)) in rows.records.iter().enumerate() {
+        let record = &dataset.records[*index];
+        let Some(Part::Base((mut residual, by_coefficient))) = parts.next() else { continue };
+        let plain = own_part::columns(model, record, samples);
+        let held = amounts(&plain, &residual);
+        let own = orthonormalised(&plain);
+        let mut jacobian = DMatrix::zeros(samples.count(), free.len());
+        for (p, lane) in lanes.iter().enumerate() {
+            let Some(lane) = lane else { continue };
+            let scale = model.effects[free[p].effect].parameters[free[p].parameter].value_per_coordinate();
+            match earlier {
+                Some(known) => jacobian.set_column(p, &known[r].jacobian.column(p)),
+                None => jacobian.set_column(p, &(by_coefficient.column(*lane) * scale)),
+            }
+        }
+        for group in &groups {
+            let Some(Part::Moved(columns)) = parts.next() else { continue };
+            for (p, (mut column, step, variation)) in group.iter().zip(columns) {
+                column -= &residual;
+                // The residual falls by what the reading rises.
+                column *= if step == 0.0 { 0.0 } else { -1.0 / step };
+                if step != 0.0 && !held.is_empty() {
+                    let others = own_part::columns(&variation.model, record, samples);
+                    if others.ncols() == plain.ncols() && others != plain {
+                        column += (others - &plain) * &held / step;
+                    }
+                }
+                jacobian.set_column(*p, &column);
+            }
+        }
+        project_out_of(&own, &mut residual);
+        project_out(&own, &mut jacobian);
+        out.push(Linearised { residual, jacobian, own });
+    }
+    out
+}
+
+/// What one task of a linearisation brings.
+enum Part {
+    Base((DVector<f64>, DMatrix<f64>)),
+    Moved(Vec<(DVector<f64>, f64, Variation)>),
+}
+
+/// Residual at the samples, and what each coefficient adds there.
+fn walk_base(
+    model: &Model,
+    record: &Record,
+    samples: &Samples,
+    with_coefficients: bool,
+    lanes: &[Option<usize>],
+) -> (DVector<f64>, DMatrix<f64>) {
+    let count = lanes.iter().flatten().max().map_or(0, |lane| lane + 1);
+    let mut residual = DVector::zeros(samples.count());
+    let mut by_coefficient = DMatrix::zeros(if with_coefficients { samples.count() } else { 0 }, count);
+    walk(model, &record.drive(), &[], with_coefficients, &mut |chunk| {
+        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+        let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
+        for (i, k) in within.into_iter().enumerate() {
+            let at = k - chunk.from;
+            residual[before + i] = record.displacement_um[k] - chunk.reading_um[at];
+            if width > 0 {
+                for lane in 0..count {
+                    by_coefficient[(before + i, lane)] = chunk.by_coefficient[at * width + lane];
+                }
+            }
+        }
+    });
+    (residual, by_coefficient)
+}
+
+/// Residuals at the samples with some coordinates moved.
+fn walk_moved(
+    model: &Model,
+    record: &Record,
+    samples: &Samples,
+    free: &[ParameterIndex],
+    group: &[usize],
+) -> Vec<(DVector<f64>, f64, Variation)> {
+    let (variations, steps): (Vec<Variation>, Vec<f64>) = group.iter().map(|p| moved(model, free[*p])).unzip();
+    let readings = walk_variations(model, record, samples, &variations);
+    let residuals = readings.into_iter().map(|reading| measured(record, samples) - reading);
+    residuals.zip(steps).zip(variations).map(|((residual, step), variation)| (residual, step, variation)).collect()
+}
+
+/// The measured displacement at the samples that count.
+#[must_use]
+pub fn measured(record: &Record, samples: &Samples) -> DVector<f64> {
+    DVector::from_iterator(samples.count(), samples.iter().map(|k| record.displacement_um[k]))
+}
+
+/// What each variation would read at the samples that count.
+#[must_use]
+pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variations: &[Variation]) -> Vec<DVector<f64>> {
+    let mut out: Vec<DVector<f64>> = variations.iter().map(|_| DVector::zeros(samples.count())).collect();
+    walk(model, &record.drive(), variations, false, &mut |chunk| {
+        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+        for (reading, of_variation) in out.iter_mut().zip(chunk.variations_um) {
+            for (i, k) in within.iter().enumerate() {
+                reading[before + i] = of_variation[k - chunk.from];
+            }
+        }
+    });
+    out
+}
+
+/// Normal equations of linearised records: `J'J`, `J'r`, `r'r`, samples.
+#[must_use]
+pub fn normal_equations(parts: &[Linearised]) -> (DMatrix<f64>, DVector<f64>, f64, usize) {
+    let p = parts.first().map_or(0, |l| l.jacobian.ncols());
+    let each =
+        parallel::map(parts, |part| (own_part::transposed_times(&part.jacobian, &part.jacobian), part.jacobian.tr_mul(&part.residual)));
+    let mut h = DMatrix::zeros(p, p);
+    let mut g = DVector::zeros(p);
+    let (mut cost, mut samples) = (0.0, 0);
+    for (part, (of_h, of_g)) in parts.iter().zip(each) {
+        h += of_h;
+        g += of_g;
+        cost += part.residual.norm_squared();
+        samples += part.residual.len();
+    }
+    (h, g, cost, samples)
+}

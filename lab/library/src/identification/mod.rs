@@ -1,0 +1,15 @@
+//! From records to a model: least squares over the whole chain, the noise that nothing explains, finer surfaces of hysteresis.
+//!
+//! * [`linearisation`]: residual and derivatives of a chain on records; [`own_part`]: what each record has of its own;
+//! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
+//!   [`identifiability`]: what they leave open;
+//! * [`noise_floor`]: what remains random, and on which evidence;
+//! * [`finer_hysteresis`]: more flexible surfaces, so that a coarse description cannot pose as a missing effect.
+
+pub mod finer_hysteresis;
+pub mod fit;
+pub mod identifiability;
+pub mod linearisation;
+pub mod noise_floor;
+pub mod own_part;
+pub mod uncertainty;

@@ -1,0 +1,208 @@
+//! The noise floor: what remains random, and on which evidence.
+//!
+//! * [`rest`]: records at rest, and where a drive holds still inside a record;
+//! * [`repetition`]: periods and repeated drives, which are found from the drive alone;
+//! * [`high_band`]: a lower bound from what readings have above everything that the drive excites;
+//! * [`random_part`]: lines, slow drift and what follows a measured force are effects, not noise, and are taken out of all of them.
+//!
+//! A record at rest that the data set brings is taken at its word. Without one, every record has the floor that its own repetitions show, or
+//! its own hold; a record that has neither has the least of the others, since the sensor is the same. Without any evidence there is no
+//! floor, and none is made up. A coarse converter makes noise that neither rest nor repeats show; its step is read from the readings
+//! ([`crate::dataset::reading_grid`]).
+
+mod high_band;
+mod random_part;
+mod repetition;
+mod rest;
+
+pub use random_part::periodogram;
+
+use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, rounding_noise_um};
+use crate::dataset::{Dataset, Record, Role};
+use serde::Serialize;
+
+/// What an estimate of the noise rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Evidence {
+    /// A record at rest.
+    RestRecord,
+    /// Equal periods inside a record.
+    Periods,
+    /// Records with the same drive.
+    Repeats,
+    /// A hold inside a record.
+    Hold,
+    /// Readings above everything that the drive excites: a lower bound.
+    HighBand,
+}
+
+impl Evidence {
+    /// It was taken while the actuator moved.
+    fn under_drive(self) -> bool {
+        matches!(self, Self::Periods | Self::Repeats)
+    }
+
+    fn words(self, records: &[String]) -> String {
+        let records = records.join(" and ");
+        match self {
+            Self::RestRecord => format!("rest record {records}"),
+            Self::Periods => format!("repeated periods of {records}"),
+            Self::Repeats => format!("repeated records {records}"),
+            Self::Hold => format!("a hold in {records}"),
+            Self::HighBand => format!("the readings of {records} above the drive's band"),
+        }
+    }
+}
+
+/// One estimate of the floor.
+#[derive(Clone, Debug, Serialize)]
+pub struct FloorEstimate {
+    /// What it rests on, in words.
+    pub basis: String,
+    /// The same as a kind.
+    pub evidence: Evidence,
+    /// The records that it comes from.
+    pub records: Vec<String>,
+    /// RMS, um.
+    pub rms_um: f64,
+    /// Its standard deviation where the noise is white, um.
+    pub std_um: f64,
+}
+
+impl FloorEstimate {
+    fn new(evidence: Evidence, records: Vec<String>, rms_um: f64, samples: usize) -> Self {
+        Self { basis: evidence.words(&records), evidence, records, rms_um, std_um: rms_um / (2.0 * samples.max(1) as f64).sqrt() }
+    }
+}
+
+/// The floor that verdicts use, with all the estimates there are.
+#[derive(Clone, Debug, Serialize)]
+pub struct NoiseFloor {
+    /// RMS over all records that are fitted or judge, um; `None` where the data cannot tell.
+    pub rms_um: Option<f64>,
+    /// What it rests on, or `undecidable`.
+    pub basis: String,
+    /// RMS of each record of the data set, um.
+    pub of_records_um: Vec<Option<f64>>,
+    /// The noise is at least this, um.
+    pub at_least_um: Option<f64>,
+    /// All estimates, the one used first.
+    pub estimates: Vec<FloorEstimate>,
+    /// Step of a converter that is coarse enough to matter beside the rest of the noise, um.
+    pub reading_step_um: Option<f64>,
+    /// Where estimates disagree.
+    pub warnings: Vec<String>,
+}
+
+/// Rounding matters where it makes this share of the noise's power.
+const ROUNDING_MATTERS: f64 = 0.05;
+/// A declared step may differ by this share from the one that the readings show.
+const DECLARED_STEP_TOLERANCE: f64 = 0.05;
+/// Two estimates whose ratio is larger are said to disagree.
+const AGREEMENT: f64 = 1.15;
+
+/// Estimates the floor of a data set.
+#[must_use]
+pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
+    let step_um = reading_step_um(dataset);
+    let span_v = dataset.drive_max_v - dataset.drive_min_v;
+    let taking_part = |r: &&Record| r.role != Role::Test;
+    let driven: Vec<&Record> = dataset.records.iter().filter(taking_part).filter(|r| r.role != Role::Noise).collect();
+    let mut estimates: Vec<FloorEstimate> =
+        dataset.records.iter().filter(|r| r.role == Role::Noise).map(|r| rest::of_record(r, step_um)).collect();
+    let mut repeated: Vec<FloorEstimate> = driven.iter().filter_map(|r| repetition::of_periods(r, span_v)).collect();
+    repeated.extend(repetition::of_pairs(dataset));
+    if let Some(step_um) = step_um {
+        repeated.iter_mut().for_each(|e| e.rms_um = noise_between_repeats_um(e.rms_um, step_um));
+    }
+    estimates.extend(repeated);
+    estimates.extend(driven.iter().filter_map(|r| rest::of_hold(r, step_um)));
+    let gain_um_v = dataset.overview().gain_um_v;
+    let bounds: Vec<FloorEstimate> = driven.iter().filter_map(|r| high_band::of_record(r, gain_um_v)).collect();
+    let at_least_um = bounds.iter().map(|e| e.rms_um).reduce(f64::min);
+    let of_records_um: Vec<Option<f64>> = dataset.records.iter().map(|r| of_record(r, &estimates)).collect();
+    let rms_um = over_judging(dataset, &of_records_um);
+    let mut warnings = disagreements(&estimates);
+    warnings.extend(declared_step(dataset, step_um));
+    let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise_um(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);
+    let basis = estimates.first().map_or_else(|| "undecidable".to_owned(), |e| e.basis.clone());
+    let reading_step_um = step_um.filter(matters);
+    estimates.extend(bounds);
+    NoiseFloor { rms_um, basis, of_records_um, at_least_um, estimates, reading_step_um, warnings }
+}
+
+/// The floor of one record: a rest record's, what its own repetitions show, its own hold's, or the least that any record shows.
+fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
+    let rest = estimates.iter().find(|e| e.evidence == Evidence::RestRecord);
+    let own = || estimates.iter().filter(|e| e.records.contains(&record.name));
+    let least = |all: &mut dyn Iterator<Item = &FloorEstimate>| all.map(|e| e.rms_um).reduce(f64::min);
+    rest.map(|e| e.rms_um)
+        .or_else(|| least(&mut own().filter(|e| e.evidence.under_drive())))
+        .or_else(|| least(&mut own()))
+        .or_else(|| least(&mut estimates.iter()))
+}
+
+/// The RMS over all records that are fitted or judge.
+fn over_judging(dataset: &Dataset, of_records_um: &[Option<f64>]) -> Option<f64> {
+    let judging = dataset.records.iter().zip(of_records_um).filter(|(r, _)| matches!(r.role, Role::Identify | Role::Validate));
+    let (sum, count) = judging.fold((Some(0.0), 0.0), |(sum, count), (record, floor)| {
+        let samples = record.window.len() as f64;
+        (sum.zip(*floor).map(|(sum, floor)| sum + samples * floor * floor), count + samples)
+    });
+    sum.filter(|_| count > 0.0).map(|sum| (sum / count).sqrt())
+}
+
+fn disagreements(estimates: &[FloorEstimate]) -> Vec<String> {
+    let Some((first, others)) = estimates.split_first() else { return Vec::new() };
+    let differs = |e: &&FloorEstimate| e.rms_um > AGREEMENT * first.rms_um || e.rms_um < first.rms_um / AGREEMENT;
+    let said = |e: &FloorEstimate| {
+        let why = match (first.evidence.under_drive(), e.evidence.under_drive()) {
+            (true, false) if e.rms_um < first.rms_um => ": the stage repeats itself less well than its sensor reads",
+            (false, true) if e.rms_um > first.rms_um => ": the stage repeats itself less well than its sensor reads",
+            _ => ": they disagree",
+        };
+        format!("the floor from {} is {:.2} nm, from {} {:.2} nm{why}", first.basis, 1e3 * first.rms_um, e.basis, 1e3 * e.rms_um)
+    };
+    others.iter().filter(differs).map(said).collect()
+}
+
+fn declared_step(dataset: &Dataset, step_um: Option<f64>) -> Option<String> {
+    let (step_um, declared_um) = step_um.zip(dataset.sensor_lsb_um)?;
+    ((step_um / declared_um - 1.0).abs() > DECLARED_STEP_TOLERANCE).then(|| {
+        format!(
+            "the readings are whole steps of {:.3} nm, but the data set declares sensor_lsb_um = {declared_um}, {:.3} nm",
+            1e3 * step_um,
+            1e3 * declared_um
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two drives that repeat, one of them badly: each record has the floor that its own repeats show.
+    #[test]
+    fn records_that_repeat_differently_have_different_floors() {
+        let drive =
+            |slow: f64| -> Vec<f64> { (0..4000).map(|k| 20.0 * (slow * k as f64).sin() + 3.0 * (2.7 * slow * k as f64).cos()).collect() };
+        let record = |name: &str, drive: Vec<f64>, rms_um: f64, seed| {
+            let mut noise = hysteron_sim::noise::WhiteNoise::new(rms_um, seed);
+            let reading = drive.iter().map(|u| 0.1 * u + noise.next_um()).collect();
+            Record::new(name, 10_000.0, drive, reading)
+        };
+        let records = vec![
+            record("a", drive(0.011), 0.002, 1),
+            record("a again", drive(0.011), 0.002, 2),
+            record("b", drive(0.0171), 0.03, 3),
+            record("b again", drive(0.0171), 0.03, 4),
+            record("c", drive(0.0231), 0.002, 5),
+        ];
+        let floor = noise_floor(&Dataset::new("d", -30.0, 30.0, records).unwrap());
+        for (found, true_um) in floor.of_records_um.iter().zip([0.002, 0.002, 0.03, 0.03, 0.002]) {
+            assert!((found.unwrap() / true_um - 1.0).abs() < 0.06, "{found:?} {true_um}");
+        }
+        assert!((floor.at_least_um.unwrap() / 0.002 - 1.0).abs() < 0.06);
+    }
+}

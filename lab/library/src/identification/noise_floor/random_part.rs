@@ -1,0 +1,125 @@
+//! What of a signal is random: without drift, lines, and what follows a measured force. All kinds of evidence for the noise use it, so that
+//! they mean the same.
+
+use crate::identification::fit::{dot, rms};
+use realfft::RealFftPlanner;
+
+/// Taps of the force response that are removed, at most this many seconds.
+const FORCE_MEMORY_S: f64 = 0.004;
+/// Lines that are removed at most.
+const LINES_MAX: usize = 6;
+
+/// Gram-Schmidt, twice for accuracy; columns that depend on earlier ones are left out.
+fn orthonormalise(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    let mut out: Vec<Vec<f64>> = Vec::new();
+    for mut column in columns {
+        let before = dot(&column, &column).sqrt();
+        project_out(&out, &mut column);
+        project_out(&out, &mut column);
+        let norm = dot(&column, &column).sqrt();
+        if norm > 1e-7 * before && norm > 0.0 {
+            column.iter_mut().for_each(|v| *v /= norm);
+            out.push(column);
+        }
+    }
+    out
+}
+
+/// Removes from `column` what lies in the span of orthonormal columns.
+fn project_out(orthonormal: &[Vec<f64>], column: &mut [f64]) {
+    for base in orthonormal {
+        let along = dot(base, column);
+        for (c, b) in column.iter_mut().zip(base) {
+            *c -= along * b;
+        }
+    }
+}
+
+/// Constant, slope, and two powers more over the length of a signal.
+fn drift_columns(samples: usize) -> Vec<Vec<f64>> {
+    let x = |k: usize| 2.0 * k as f64 / samples.max(2) as f64 - 1.0;
+    (0..4).map(|power| (0..samples).map(|k| x(k).powi(power)).collect()).collect()
+}
+
+/// RMS of what is random in `signal`, which begins at sample `from` of a record with this force.
+pub(super) fn random_part(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> f64 {
+    let n = signal.len();
+    let mut columns = drift_columns(n);
+    if let Some((force_n, from)) = force_n.filter(|(f, _)| f.iter().any(|v| *v != f[0])) {
+        let taps = ((FORCE_MEMORY_S * sample_rate_hz) as usize).clamp(2, 80).min(n / 20 + 1);
+        for lag in 0..taps {
+            columns.push((from..from + n).map(|k| force_n[k.saturating_sub(lag + 1)]).collect());
+        }
+    }
+    let basis = orthonormalise(columns);
+    let mut residual = signal.to_vec();
+    project_out(&basis, &mut residual);
+    let mut removed = basis.len();
+    // Lines one after the other: each where the periodogram stands out of what noise can do.
+    for _ in 0..LINES_MAX {
+        let Some(frequency_hz) = strongest_line(&residual, sample_rate_hz) else { break };
+        let phase = |k: usize| std::f64::consts::TAU * frequency_hz * k as f64 / sample_rate_hz;
+        let line = orthonormalise(vec![(0..n).map(|k| phase(k).sin()).collect(), (0..n).map(|k| phase(k).cos()).collect()]);
+        project_out(&line, &mut residual);
+        removed += 2;
+    }
+    rms(&residual) * (n as f64 / n.saturating_sub(removed).max(1) as f64).sqrt()
+}
+
+/// Frequency of a line that noise would show less than once in 10^4 records.
+fn strongest_line(values: &[f64], sample_rate_hz: f64) -> Option<f64> {
+    let n = values.len();
+    let power = periodogram(values);
+    let mut sorted: Vec<f64> = power[1..].to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().filter(|m| *m > 0.0)?;
+    // Exponentially distributed ordinates: the mean is the median over ln 2.
+    let limit = median / std::f64::consts::LN_2 * (power.len() as f64 * 1e4).ln();
+    let (bin, peak) = power.iter().enumerate().skip(1).max_by(|a, b| a.1.total_cmp(b.1))?;
+    if *peak < limit {
+        return None;
+    }
+    // Refine between bins by the strongest projection.
+    let resolution = sample_rate_hz / n as f64;
+    let strength = |f: f64| {
+        let (mut s, mut c) = (0.0, 0.0);
+        for (k, v) in values.iter().enumerate() {
+            let (sin, cos) = (std::f64::consts::TAU * f * k as f64 / sample_rate_hz).sin_cos();
+            s += v * sin;
+            c += v * cos;
+        }
+        s * s + c * c
+    };
+    let mut best = bin as f64 * resolution;
+    let mut width = 0.5 * resolution;
+    for _ in 0..12 {
+        best = [best - width, best, best + width].into_iter().max_by(|a, b| strength(*a).total_cmp(&strength(*b)))?;
+        width *= 0.6;
+    }
+    Some(best)
+}
+
+/// Power at the bins of a discrete Fourier transform.
+#[must_use]
+pub fn periodogram(values: &[f64]) -> Vec<f64> {
+    let mut planner = RealFftPlanner::<f64>::new();
+    let transform = planner.plan_fft_forward(values.len());
+    let mut input = values.to_vec();
+    let mut output = transform.make_output_vec();
+    if transform.process(&mut input, &mut output).is_err() {
+        return Vec::new();
+    }
+    output.iter().map(|c| c.norm_sqr() / values.len() as f64).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hum_and_drift_are_not_noise() {
+        let mut noise = hysteron_sim::noise::WhiteNoise::new(0.01, 7);
+        let y: Vec<f64> = (0..5000).map(|k| noise.next_um() + 0.05 * (k as f64 * 0.3143).sin() + 1e-5 * k as f64).collect();
+        assert!((random_part(&y, 1000.0, None) / 0.01 - 1.0).abs() < 0.03);
+    }
+}

@@ -1,0 +1,180 @@
+//! The noise between repetitions of one drive: periods inside a record, and records or parts of records with the same drive.
+//!
+//! Both are found from the drive alone; a manifest may say so as well. What differs between two repetitions is noise, twice; in front of
+//! where it has settled it is also what the actuator remembers from before, and that part is left out. Drift and lines are taken out of the
+//! difference as they are of a record at rest.
+
+use super::random_part::random_part;
+use super::{Evidence, FloorEstimate};
+use crate::dataset::{Dataset, Periods, Record, Role};
+use crate::identification::fit::rms;
+use crate::spectrum::autocorrelation;
+use std::ops::Range;
+
+/// Least samples of a repetition that say something of the noise.
+const SAMPLES_MIN: usize = 200;
+/// A drive repeats itself where it differs from before by less than this share of its span: less than any converter resolves.
+const SAME_DRIVE: f64 = 2e-5;
+/// A drive that spans less than this share of the actuator's does not move it.
+const MOVES: f64 = 0.01;
+/// Parts of a difference by which it is seen where it has settled.
+const PARTS: usize = 20;
+/// A part belongs to the settled rest where its RMS is below this times the median of the later half.
+const SETTLED: f64 = 1.5;
+/// Lags that are looked at as periods.
+const LAGS_MAX: usize = 12;
+
+/// What the periods of a record show: those that its manifest names, or those that its drive has.
+pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> {
+    let periods = record.periods.filter(|p| p.count >= 2).or_else(|| find_periods(record, span_v))?;
+    let from = periods.from.max(1);
+    let end = periods.from + (periods.count - 1) * periods.length;
+    let difference: Vec<f64> = (from..end).map(|k| record.displacement_um[k + periods.length] - record.displacement_um[k]).collect();
+    let settled = settled_part(&difference)?;
+    let rms_um = random_part(&difference[settled.clone()], record.sample_rate_hz, None) / std::f64::consts::SQRT_2;
+    Some(FloorEstimate::new(Evidence::Periods, vec![record.name.clone()], rms_um, settled.len()))
+}
+
+/// What pairs of records with the same drive show.
+pub(super) fn of_pairs(dataset: &Dataset) -> Vec<FloorEstimate> {
+    let span_v = dataset.drive_max_v - dataset.drive_min_v;
+    let driven: Vec<&Record> = dataset.records.iter().filter(|r| r.role != Role::Noise).collect();
+    let mut out: Vec<FloorEstimate> = Vec::new();
+    for (i, first) in driven.iter().enumerate() {
+        for second in &driven[i + 1..] {
+            out.extend(of_pair(first, second, span_v));
+        }
+    }
+    out
+}
+
+fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<FloorEstimate> {
+    if first.sample_rate_hz != second.sample_rate_hz || first.force_n.is_some() || second.force_n.is_some() {
+        return None;
+    }
+    // The same from the end on backwards as far as it goes: what came before may differ.
+    let declared = first.repeat_of.as_ref() == Some(&second.name) || second.repeat_of.as_ref() == Some(&first.name);
+    let end = first.window.end.min(second.window.end);
+    let start = if declared { first.window.start.max(second.window.start) } else { common_drive(first, second, end, span_v)? };
+    if end < start + SAMPLES_MIN {
+        return None;
+    }
+    let difference: Vec<f64> = (start..end).map(|k| first.displacement_um[k] - second.displacement_um[k]).collect();
+    let settled = settled_part(&difference)?;
+    let rms_um = random_part(&difference[settled.clone()], first.sample_rate_hz, None) / std::f64::consts::SQRT_2;
+    // The same samples under two names are no repetition.
+    (rms_um > 0.0).then(|| FloorEstimate::new(Evidence::Repeats, vec![first.name.clone(), second.name.clone()], rms_um, settled.len()))
+}
+
+/// First sample of both windows from which on two records have the same drive, up to `end`.
+fn common_drive(first: &Record, second: &Record, end: usize, span_v: f64) -> Option<usize> {
+    let begin = first.window.start.max(second.window.start);
+    let same = |k: &usize| (first.drive_v[*k] - second.drive_v[*k]).abs() <= SAME_DRIVE * span_v;
+    let count = (begin..end).rev().take_while(same).count();
+    let start = end - count;
+    (count >= SAMPLES_MIN && moves(&first.drive_v[start..end], span_v)).then_some(start)
+}
+
+fn moves(drive_v: &[f64], span_v: f64) -> bool {
+    let (low, high) = drive_v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), u| (l.min(*u), h.max(*u)));
+    high - low > MOVES * span_v
+}
+
+/// The later part of a difference over which it does not get smaller any more.
+fn settled_part(difference: &[f64]) -> Option<Range<usize>> {
+    let length = difference.len() / PARTS;
+    if length < 2 {
+        return None;
+    }
+    let of_parts: Vec<f64> = difference
+        .chunks_exact(length)
+        .map(|part| {
+            let mean = part.iter().sum::<f64>() / part.len() as f64;
+            rms(&part.iter().map(|v| v - mean).collect::<Vec<_>>())
+        })
+        .collect();
+    let mut later: Vec<f64> = of_parts[of_parts.len() / 2..].to_vec();
+    later.sort_by(f64::total_cmp);
+    let limit = SETTLED * later[later.len() / 2];
+    let unsettled = of_parts.iter().take_while(|r| **r > limit).count();
+    let settled = unsettled * length..difference.len();
+    (settled.len() >= SAMPLES_MIN / 2).then_some(settled)
+}
+
+/// The periods that a drive ends with, if it ends with two or more of the same.
+fn find_periods(record: &Record, span_v: f64) -> Option<Periods> {
+    let drive_v = &record.drive_v[record.window.clone()];
+    let n = drive_v.len();
+    let same = |a: f64, b: f64| (a - b).abs() <= SAME_DRIVE * span_v;
+    for length in likely_periods(&drive_v[n / 2..]).into_iter().flat_map(nearest_first).filter(|length| (2..n).contains(length)) {
+        // How far back the drive equals itself one period later.
+        let equal = (0..n - length).rev().take_while(|k| same(drive_v[*k], drive_v[k + length])).count();
+        let count = equal / length + 1;
+        let from = n - count * length;
+        if count >= 2 && equal >= SAMPLES_MIN && moves(&drive_v[from..from + length], span_v) {
+            return Some(Periods { from: record.window.start + from, length, count });
+        }
+    }
+    None
+}
+
+/// A lag and its neighbours: what a signal has beside whole periods moves the peaks of its autocorrelation a little.
+fn nearest_first(lag: usize) -> impl Iterator<Item = usize> {
+    let reach = 2 + lag / 50;
+    (0..=reach).flat_map(move |by| [lag + by, lag.saturating_sub(by)]).skip(1)
+}
+
+/// Lags at which a signal resembles itself most, the shortest first.
+fn likely_periods(signal: &[f64]) -> Vec<usize> {
+    let like = autocorrelation(signal);
+    let half = like.len() / 2;
+    let mut peaks: Vec<usize> =
+        (2..half.saturating_sub(1)).filter(|k| like[*k] > 0.5 && like[*k] >= like[k - 1] && like[*k] > like[k + 1]).collect();
+    peaks.sort_by(|a, b| like[*b].total_cmp(&like[*a]));
+    peaks.truncate(LAGS_MAX);
+    peaks.sort_unstable();
+    peaks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noisy(drive_v: &[f64], rms_um: f64, seed: u64) -> Vec<f64> {
+        let mut noise = hysteron_sim::noise::WhiteNoise::new(rms_um, seed);
+        drive_v.iter().map(|u| 0.1 * u + noise.next_um()).collect()
+    }
+
+    /// A sine that grows for a while and then stays: its equal periods are found without being named, and so is the noise.
+    #[test]
+    fn periods_are_found_from_the_drive() {
+        let drive: Vec<f64> =
+            (0..8000).map(|k| (k as f64 / 2000.0).min(1.0) * 30.0 * (std::f64::consts::TAU * k as f64 / 500.0).sin()).collect();
+        let reading = noisy(&drive, 0.02, 3);
+        let record = Record::new("r", 10_000.0, drive, reading);
+        let periods = find_periods(&record, 100.0).unwrap();
+        assert_eq!((periods.length, periods.count), (500, 12));
+        let found = of_periods(&record, 100.0).unwrap();
+        assert!((found.rms_um / 0.02 - 1.0).abs() < 0.05, "{}", found.rms_um);
+    }
+
+    /// Two records that begin from different states: what the first remembers dies away and is no noise.
+    #[test]
+    fn records_with_the_same_drive_are_repeats_once_they_have_settled() {
+        let drive: Vec<f64> = (0..6000).map(|k| 20.0 * (0.011 * k as f64).sin() + 10.0 * (0.0037 * k as f64).sin()).collect();
+        let mut first = noisy(&drive, 0.003, 1);
+        first.iter_mut().enumerate().for_each(|(k, y)| *y += 0.1 * (-(k as f64) / 200.0).exp());
+        let second = noisy(&drive, 0.003, 2);
+        let records = vec![Record::new("a", 10_000.0, drive.clone(), first), Record::new("b", 10_000.0, drive.clone(), second)];
+        let found = of_pairs(&Dataset::new("d", -40.0, 40.0, records).unwrap());
+        assert_eq!(found.len(), 1);
+        assert!((found[0].rms_um / 0.003 - 1.0).abs() < 0.06, "{}", found[0].rms_um);
+    }
+
+    #[test]
+    fn a_drive_that_never_comes_back_has_no_periods() {
+        let drive: Vec<f64> = (0..4000).map(|k| 20.0 * (1e-6 * (k * k) as f64).sin()).collect();
+        let reading = noisy(&drive, 0.003, 1);
+        assert!(find_periods(&Record::new("r", 1000.0, drive, reading), 40.0).is_none());
+    }
+}

@@ -1,0 +1,87 @@
+//! The noise that rest shows: in records of their own, and where a drive holds still inside a record.
+
+use super::random_part::random_part;
+use super::{Evidence, FloorEstimate};
+use crate::dataset::Record;
+use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise_um};
+use std::ops::Range;
+
+/// Noise below this share of a step leaves the reading where it is most of the time, and with it the error of rounding.
+const HIDDEN_BY_STEP: f64 = 0.5;
+/// Least samples of a hold that say something of the noise.
+const HOLD_SAMPLES_MIN: usize = 400;
+/// Share of a hold that a ring and the first of the creep are given to die.
+const SETTLING: f64 = 0.4;
+/// Parts of a hold that are looked at by themselves: creep is no polynomial over a decade of time, but it is over a short part.
+const PARTS: usize = 4;
+
+/// What a record at rest shows. Noise that hardly ever leaves a step of the reading is judged by how often it does.
+pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> FloorEstimate {
+    let readings_um = &record.displacement_um[record.window.clone()];
+    let force = record.force_n.as_deref().map(|f| (f, record.window.start));
+    let random_um = random_part(readings_um, record.sample_rate_hz, force);
+    let rms_um = with_hidden_steps(random_um, readings_um, step_um);
+    FloorEstimate::new(Evidence::RestRecord, vec![record.name.clone()], rms_um, readings_um.len())
+}
+
+fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) -> f64 {
+    match step_um.filter(|step_um| random_um < HIDDEN_BY_STEP * step_um) {
+        Some(step_um) => noise_at_rest_um(readings_um, step_um).unwrap_or_else(|| random_um.hypot(rounding_noise_um(step_um))),
+        None => random_um,
+    }
+}
+
+/// What the longest hold inside a driven record shows, in front of its window or behind its end too.
+pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEstimate> {
+    let hold = longest_hold(&record.drive_v)?;
+    if record.force_n.as_ref().is_some_and(|f| f[hold.clone()].iter().any(|v| *v != f[hold.start])) {
+        return None;
+    }
+    let settled = hold.start + (SETTLING * hold.len() as f64) as usize..hold.end;
+    if settled.len() < HOLD_SAMPLES_MIN / 2 {
+        return None;
+    }
+    let length = settled.len() / PARTS.min(settled.len() / (HOLD_SAMPLES_MIN / 2)).max(1);
+    let readings_um = &record.displacement_um[settled];
+    let mut of_parts: Vec<f64> = readings_um
+        .chunks_exact(length)
+        .map(|part| with_hidden_steps(random_part(part, record.sample_rate_hz, None), part, step_um))
+        .collect();
+    of_parts.sort_by(f64::total_cmp);
+    let rms_um = *of_parts.get(of_parts.len() / 2)?;
+    (rms_um > 0.0).then(|| FloorEstimate::new(Evidence::Hold, vec![record.name.clone()], rms_um, readings_um.len()))
+}
+
+/// The longest stretch over which the drive stands still.
+fn longest_hold(drive_v: &[f64]) -> Option<Range<usize>> {
+    let (mut best, mut start) = (0..0, 0);
+    for k in 1..=drive_v.len() {
+        if k == drive_v.len() || drive_v[k] != drive_v[start] {
+            if k - start > best.len() {
+                best = start..k;
+            }
+            start = k;
+        }
+    }
+    (best.len() >= HOLD_SAMPLES_MIN).then_some(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A step that rings and creeps, then a sine: the noise is what the hold has beside both.
+    #[test]
+    fn a_hold_inside_a_record_shows_the_noise() {
+        let (n, rate_hz) = (12_000, 10_000.0);
+        let mut noise = hysteron_sim::noise::WhiteNoise::new(0.002, 4);
+        let drive: Vec<f64> = (0..n).map(|k| if k < 8000 { 10.0 } else { 10.0 + 5.0 * (0.01 * k as f64).sin() }).collect();
+        let reading = drive.iter().enumerate().map(|(k, u)| {
+            let t_s = k as f64 / rate_hz;
+            u + (-60.0 * t_s).exp() * (4600.0 * t_s).cos() + 0.2 * (1.0 + 10.0 * t_s).ln() + noise.next_um()
+        });
+        let reading = reading.collect();
+        let found = of_hold(&Record::new("r", rate_hz, drive, reading), None).unwrap();
+        assert!((found.rms_um / 0.002 - 1.0).abs() < 0.06, "{}", found.rms_um);
+    }
+}

@@ -1,0 +1,150 @@
+//! `identify` and `add`: a list of effects, or one more, fitted to a data set.
+
+use crate::dataset::Dataset;
+use crate::diagnosis::judgement::{Judged, require_finite};
+use crate::diagnosis::path::{Change, Step};
+use crate::diagnosis::policy::Policy;
+use crate::diagnosis::study::Study;
+use crate::error::{Error, Result};
+use crate::explain::{FitFigures, fit_figures, step_figures};
+use crate::identification::identifiability::{CannotIdentify, identifiability};
+use crate::identification::noise_floor::{NoiseFloor, noise_floor};
+use crate::watch::{Event, Watch};
+use hysteron_sim::chain::{EffectInstance, Model};
+use hysteron_sim::effect::Effect;
+use std::sync::Arc;
+
+/// A model that was fitted, and how.
+pub struct Identification {
+    /// The model with standard deviations.
+    pub model: Model,
+    /// The noise floor of the data.
+    pub floor: NoiseFloor,
+    /// The steps to it.
+    pub steps: Vec<Step>,
+    /// What the data cannot tell.
+    pub cannot_identify: Vec<CannotIdentify>,
+    /// The caller wanted the best so far.
+    pub stopped: bool,
+}
+
+impl Identification {
+    /// Figures for files.
+    #[must_use]
+    pub fn figures(&self, dataset: &Dataset, seconds: f64) -> FitFigures {
+        let mut out = fit_figures(&self.model, dataset, &self.floor, step_figures(&self.steps), &self.cannot_identify, seconds);
+        out.stopped = self.stopped;
+        out
+    }
+}
+
+/// Fits a list of effects.
+///
+/// Values that this data do not fix stay where they were begun, and [`Identification::cannot_identify`] says which.
+///
+/// # Errors
+/// An effect that asks for what no record has, that has no place in the chain beside the others, or that gives something that is no number.
+pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watch) -> Result<Identification> {
+    require_chain(effects, dataset)?;
+    let floor = noise_floor(dataset);
+    let study = Study::new(dataset, Vec::new(), &floor, Policy::default(), watch);
+    let judged = study.build(effects)?;
+    finished(vec![Step { change: Change::Start, judged }], floor, &study)
+}
+
+/// Adds an effect to a model and fits everything again. Values that this data do not fix stay where the model had them.
+///
+/// # Errors
+/// The model has it already, it has no place in the chain, or it gives something that is no number.
+pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dyn Watch) -> Result<Identification> {
+    watch.event(&Event::Fitting { effect: &effect.declaration().id });
+    let id = effect.declaration().id;
+    if model.effect(&id).is_some() {
+        return Err(Error::new("effect", format!("{id} is in the model already")));
+    }
+    require_shown(std::slice::from_ref(effect), dataset)?;
+    let floor = noise_floor(dataset);
+    let study = Study::new(dataset, Vec::new(), &floor, Policy::default(), watch);
+    let before = study.judged(model);
+    // First alone, all else held: where the values of the model are knowledge, only the effect has to be found.
+    let mut held = before.model.clone();
+    held.effects.iter_mut().flat_map(|e| &mut e.parameters).for_each(|p| p.parameter.fixed = true);
+    let alone = study.seated(&held, effect, 3)?;
+    let mut begun = before.model.clone();
+    if let Some(found) = alone.model.effect(&id) {
+        begun.add(found.clone());
+    }
+    require_place(&begun, std::slice::from_ref(effect))?;
+    let judged = fitted_around(&id, &begun, &study);
+    let steps = vec![Step { change: Change::Start, judged: before }, Step { change: Change::Added(id), judged }];
+    finished(steps, floor, &study)
+}
+
+/// A new fit of all values lowers the error by at least this share of it before the values of the effect alone are given up for it.
+const WORTH_MOVING: f64 = 0.05;
+
+/// Everything fitted again around an effect that was found alone; its own values move along only where that is worth much: a recording
+/// that does not fix all values together would let it take up what the others miss.
+fn fitted_around(id: &str, begun: &Model, study: &Study) -> Judged {
+    let mut held = begun.clone();
+    let of_effect = |m: &mut Model, fixed: &dyn Fn(usize) -> bool| {
+        if let Some(e) = m.effects.iter_mut().find(|e| e.id == id) {
+            e.parameters.iter_mut().enumerate().for_each(|(i, p)| p.parameter.fixed = fixed(i));
+        }
+    };
+    let as_declared: Vec<bool> = begun.effect(id).map_or_else(Vec::new, |e| e.parameters.iter().map(|p| p.parameter.fixed).collect());
+    of_effect(&mut held, &|_| true);
+    let mut around = study.thoroughly(&study.for_comparison(&held).model);
+    of_effect(&mut around.model, &|i| as_declared[i]);
+    let all = study.thoroughly(&around.model);
+    if all.identify_rms_um < (1.0 - WORTH_MOVING) * around.identify_rms_um { all } else { around }
+}
+
+fn finished(steps: Vec<Step>, floor: NoiseFloor, study: &Study) -> Result<Identification> {
+    let mut model = steps[steps.len() - 1].judged.model.clone();
+    require_finite(&model, study.dataset, &study.split.both())?;
+    let cannot_identify = identifiability(&mut model, study.dataset, &study.split.identify);
+    Ok(Identification { model, floor, steps, cannot_identify, stopped: study.watch.stopped() })
+}
+
+/// Whether a list of effects makes one chain on this data, before anything is fitted.
+///
+/// # Errors
+/// None is given, one is given twice, asks for what no record has, or has no place in the chain beside the others.
+pub fn require_chain(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
+    if effects.is_empty() {
+        return Err(Error::new("effects", "none are given; expected at least `gain` or a hysteresis"));
+    }
+    let ids: Vec<String> = effects.iter().map(|e| e.declaration().id).collect();
+    if let Some(twice) = (1..ids.len()).find(|i| ids[..*i].contains(&ids[*i])) {
+        return Err(Error::new("effects", format!("{} is given twice", ids[twice])));
+    }
+    require_shown(effects, dataset)?;
+    let overview = dataset.overview();
+    let mut chain = Model::new(dataset.drive_min_v, dataset.drive_max_v);
+    effects.iter().for_each(|effect| chain.add(EffectInstance::new(effect.clone(), &overview, &[])));
+    require_place(&chain, effects)
+}
+
+/// An effect without any beginning on this data asks for what no record has.
+fn require_shown(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
+    let overview = dataset.overview();
+    match effects.iter().map(|e| e.declaration()).zip(effects).find(|(_, e)| e.starts(&overview).is_empty()) {
+        Some((d, _)) => Err(Error::NotIdentifiable { effect: d.id, why: format!("no record shows it. Best shown by: {}", d.experiment) }),
+        None => Ok(()),
+    }
+}
+
+/// Every effect of a list has found its place in the chain: none was replaced by another that stands there.
+fn require_place(model: &Model, effects: &[Arc<dyn Effect>]) -> Result<()> {
+    for declaration in effects.iter().map(|e| e.declaration()) {
+        if model.effect(&declaration.id).is_some() {
+            continue;
+        }
+        let stands_there = |d: &hysteron_sim::effect::Declaration| d.place == declaration.place && d.modifies.is_none();
+        let other = model.effects.iter().find(|e| stands_there(&e.effect.declaration())).map_or("another effect", |e| e.id.as_str());
+        let message = format!("{} and {other} stand in the same place of the chain; expected one of them", declaration.id);
+        return Err(Error::new("effects", message));
+    }
+    Ok(())
+}

@@ -1,0 +1,190 @@
+//! Models as files: a chain of effects that a person can read and edit, with units and standard deviations beside every value.
+
+use crate::error::{Error, Result, line_of, nearest};
+use hysteron_sim::chain::{EffectInstance, Model, ParameterValue};
+use hysteron_sim::effect::expression::ExpressionEffect;
+use hysteron_sim::effect::{Effect, Overview, Parameter, Scale, by_id, registry};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+const SCHEMA: &str = "hysteron.model/1";
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ModelFile {
+    schema: String,
+    #[serde(default)]
+    program_version: String,
+    #[serde(default)]
+    data_set: String,
+    drive_min_v: f64,
+    drive_max_v: f64,
+    #[serde(default)]
+    effect: Vec<EffectEntry>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EffectEntry {
+    id: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    definition: Option<String>,
+    #[serde(default)]
+    parameter: Vec<ParameterEntry>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ParameterEntry {
+    name: String,
+    value: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    std: Option<f64>,
+    #[serde(default)]
+    unit: String,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    fixed: bool,
+    lower: f64,
+    upper: f64,
+    /// Size of a change that matters; absent where ratios matter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    step: Option<f64>,
+}
+
+/// The text of a model with the data that it came from.
+///
+/// # Errors
+/// When a value is no number.
+pub fn to_toml(model: &Model, data_set: &str) -> Result<String> {
+    let file = ModelFile {
+        schema: SCHEMA.into(),
+        program_version: env!("CARGO_PKG_VERSION").into(),
+        data_set: data_set.into(),
+        drive_min_v: model.drive_min_v,
+        drive_max_v: model.drive_max_v,
+        effect: model
+            .effects
+            .iter()
+            .map(|instance| EffectEntry {
+                id: instance.id.clone(),
+                definition: instance.effect.definition().map(str::to_string),
+                parameter: instance
+                    .parameters
+                    .iter()
+                    .map(|p| ParameterEntry {
+                        name: p.parameter.name.clone(),
+                        value: p.value,
+                        std: p.std,
+                        unit: p.parameter.unit.clone(),
+                        fixed: p.parameter.fixed,
+                        lower: p.parameter.lower,
+                        upper: p.parameter.upper,
+                        step: match p.parameter.scale {
+                            Scale::Linear(step) => Some(step),
+                            Scale::Logarithmic => None,
+                        },
+                    })
+                    .collect(),
+            })
+            .collect(),
+    };
+    toml::to_string_pretty(&file).map_err(|e| Error::new("model", e))
+}
+
+/// Reads a model from its text; `file_name` is what the file is called in messages.
+///
+/// # Errors
+/// Names the line, the effect or the parameter that is wrong.
+pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
+    let file: ModelFile =
+        toml::from_str(text).map_err(|e| Error::new(format!("{file_name}: line {}", line_of(text, e.span())), e.message()))?;
+    if file.schema != SCHEMA {
+        return Err(Error::new(file_name, format!("schema = \"{}\"; expected \"{SCHEMA}\"", file.schema)));
+    }
+    if file.drive_min_v.partial_cmp(&file.drive_max_v) != Some(std::cmp::Ordering::Less) {
+        return Err(Error::new(file_name, "drive_min_v is not below drive_max_v"));
+    }
+    if file.effect.is_empty() {
+        return Err(Error::new(file_name, "has no [[effect]]; expected at least gain or a hysteresis"));
+    }
+    let mut model = Model::new(file.drive_min_v, file.drive_max_v);
+    for entry in file.effect {
+        let place = format!("{file_name}: effect {}", entry.id);
+        let effect: Arc<dyn Effect> = match (&entry.definition, entry.id.as_str()) {
+            (Some(definition), _) => Arc::new(ExpressionEffect::from_toml(definition).map_err(|m| Error::new(&place, m))?),
+            (None, id) => {
+                let known = by_id(id).ok_or_else(|| Error::new(&place, format!("is not a known effect{}", nearest(id, &known_ids()))))?;
+                known.with_parameters(entry.parameter.len()).unwrap_or(known)
+            }
+        };
+        let mut parameters = Vec::new();
+        for p in entry.parameter {
+            if !p.value.is_finite() || !(p.lower..=p.upper).contains(&p.value) {
+                return Err(Error::new(&place, format!("parameter {} = {} is outside {}..{}", p.name, p.value, p.lower, p.upper)));
+            }
+            let scale = p.step.map_or(Scale::Logarithmic, Scale::Linear);
+            parameters.push(ParameterValue {
+                parameter: Parameter {
+                    name: p.name,
+                    unit: p.unit,
+                    lower: p.lower,
+                    upper: p.upper,
+                    scale,
+                    fixed: p.fixed,
+                    of_a_grid: false,
+                },
+                value: p.value,
+                std: p.std,
+            });
+        }
+        let overview = Overview::without_data(model.drive_min_v, model.drive_max_v);
+        let declared_parameters = effect.parameters(&overview);
+        if parameters.len() != declared_parameters.len() {
+            return Err(Error::new(&place, format!("has {} parameters; expected {}", parameters.len(), declared_parameters.len())));
+        }
+        for (found, declared) in parameters.iter_mut().zip(declared_parameters) {
+            found.parameter.of_a_grid = declared.of_a_grid && found.parameter.fixed;
+            if found.parameter.name != declared.name {
+                return Err(Error::new(&place, format!("parameter {}; expected {} there", found.parameter.name, declared.name)));
+            }
+            if matches!(found.parameter.scale, Scale::Linear(step) if !(step > 0.0 && step.is_finite())) {
+                return Err(Error::new(&place, format!("parameter {}: step is not positive", found.parameter.name)));
+            }
+        }
+        model.add(EffectInstance { id: entry.id, effect, parameters });
+    }
+    Ok(model)
+}
+
+/// Identifiers of all built-in effects.
+#[must_use]
+pub fn known_ids() -> Vec<String> {
+    registry().iter().map(|e| e.declaration().id).collect()
+}
+
+/// The built-in effect with this identifier.
+///
+/// # Errors
+/// With the nearest known one.
+pub fn effect_named(id: &str) -> Result<Arc<dyn Effect>> {
+    by_id(id).ok_or_else(|| {
+        let known = known_ids();
+        Error::new("effects", format!("unknown effect `{id}`{}; known are {}", nearest(id, &known), known.join(", ")))
+    })
+}
+
+/// The built-in effects of a list of identifiers, separated by commas, blanks or lines.
+///
+/// # Errors
+/// An unknown identifier, with the nearest known one.
+pub fn effects_named(list: &str) -> Result<Vec<Arc<dyn Effect>>> {
+    list.split([',', '\n', ' ']).map(str::trim).filter(|item| !item.is_empty()).map(effect_named).collect()
+}
+
+/// An effect of the user's own from the text that defines it; `file_name` is what the file is called in messages.
+///
+/// # Errors
+/// What is wrong with the definition.
+pub fn own_effect(text: &str, file_name: &str) -> Result<Arc<dyn Effect>> {
+    ExpressionEffect::from_toml(text).map(|e| Arc::new(e) as Arc<dyn Effect>).map_err(|m| Error::new(file_name, m))
+}

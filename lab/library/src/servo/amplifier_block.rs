@@ -1,0 +1,222 @@
+//! From a servo design to the bytes that the amplifier keeps in flash: integers, guard limits, and the physical quantities beside them.
+//!
+//! # How it works
+//! The drive's limits are those of the identified model, which has them from its data set. The scale of the converters is the wiring's
+//! ([`FrontEnd`], a TOML file; the default is that of the firmware's wiring page). What the guard calls impossible follows from the model: no
+//! honest motion is faster than the first mode's answer to a step over the whole range, and a tracking error of a fifth of the range is no
+//! tracking.
+
+use hysteron_core::command_text::write_upload;
+use hysteron_core::guard::GuardParameters;
+use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, verify, write};
+use hysteron_sim::converter_scale::ConverterScale;
+use serde::Deserialize;
+
+use crate::error::{Error, Result};
+use crate::servo::design::{Scheme, ServoDesign};
+use crate::servo::model::{ModeModel, SAMPLING_PERIOD_S};
+use crate::servo::predictor::PredictorDesign;
+
+/// Sampling rate of the target, Hz.
+pub const SAMPLE_RATE_HZ: u32 = 20_000;
+/// Fraction of the sensor's codes at either end that count as out of range.
+const RAIL_CODES: u16 = 16;
+
+/// How the converters are wired: what their first code and one beyond their last code stand for.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FrontEnd {
+    /// Name of the actuator, up to 16 characters.
+    pub name: String,
+    /// Position at the sensor's code 0, um.
+    pub sensor_min_um: f64,
+    /// Position one step beyond its highest code, um.
+    pub sensor_max_um: f64,
+    /// Drive at code 0, V at the actuator.
+    pub drive_at_lowest_code_v: f64,
+    /// Drive one step beyond the highest code, V at the actuator.
+    pub drive_beyond_highest_code_v: f64,
+    /// Bits of the drive's codes: 16 for converters on SPI, 12 for the chip's own.
+    pub drive_bits: u8,
+    /// Time for which a code may stay the same, s; 0 for a sensor without noise.
+    pub stuck_s: f64,
+    /// Time for which the tracking error may be too large, s.
+    pub tracking_s: f64,
+    /// Time from the highest drive to rest, s.
+    pub ramp_s: f64,
+    /// Time for which the sensor must be healthy before a fault can be cleared, s.
+    pub healthy_s: f64,
+}
+
+impl Default for FrontEnd {
+    /// The wiring page of the firmware: -20..120 V, and a sensor of 15 um.
+    fn default() -> Self {
+        Self {
+            name: "actuator".into(),
+            sensor_min_um: -1.0,
+            sensor_max_um: 14.0,
+            drive_at_lowest_code_v: -20.0,
+            drive_beyond_highest_code_v: 120.0,
+            drive_bits: 16,
+            stuck_s: 0.01,
+            tracking_s: 0.005,
+            ramp_s: 0.05,
+            healthy_s: 0.1,
+        }
+    }
+}
+
+impl FrontEnd {
+    /// Reads the text of a file, which is called `place` in messages; what it does not say has its default.
+    ///
+    /// # Errors
+    /// When a field is wrong.
+    pub fn from_toml(text: &str, place: &str) -> Result<Self> {
+        let this: Self = toml::from_str(text).map_err(|error| Error::new(place, error.message()))?;
+        let ordered = this.sensor_min_um < this.sensor_max_um && this.drive_at_lowest_code_v < this.drive_beyond_highest_code_v;
+        if !ordered {
+            return Err(Error::new(place, "a lowest value is not below its highest"));
+        }
+        if !(8..=16).contains(&this.drive_bits) {
+            return Err(Error::new(place, format!("drive_bits = {}: expected 8 to 16", this.drive_bits)));
+        }
+        Ok(this)
+    }
+
+    /// The scale of the converters for an actuator with these limits of its drive.
+    #[must_use]
+    pub fn scale(&self, drive_min_v: f64, drive_max_v: f64) -> ConverterScale {
+        ConverterScale {
+            adc_zero_um: self.sensor_min_um,
+            adc_lsb_um: (self.sensor_max_um - self.sensor_min_um) / 65_536.0,
+            adc_code_max: u16::MAX,
+            dac_zero_v: self.drive_at_lowest_code_v,
+            dac_lsb_v: (self.drive_beyond_highest_code_v - self.drive_at_lowest_code_v) / 2f64.powi(i32::from(self.drive_bits)),
+            dac_code_max: ConverterScale::code_max(self.drive_bits.into()),
+            drive_min_v,
+            drive_max_v,
+        }
+    }
+}
+
+/// Highest speed of a mode's answer to a step, as a share of step times natural frequency.
+fn step_speed(mode: &ModeModel) -> f64 {
+    let damping = mode.damping_ratio.clamp(0.0, 0.999);
+    let rest = (1.0 - damping * damping).sqrt();
+    (-damping / rest * (rest / damping).atan()).exp()
+}
+
+/// Ticks of a time, in the field of 16 bits.
+fn ticks(seconds: f64) -> u16 {
+    (seconds * f64::from(SAMPLE_RATE_HZ)).round().clamp(0.0, 65_535.0) as u16
+}
+
+/// A block for a design.
+///
+/// # Errors
+/// When the design is none whose eigenvalues are known, does not fit its formats, or the target would refuse the block: the drive's limits
+/// beyond the converter, or a loop that is not stable when sampled.
+pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Result<AmplifierParameters> {
+    let Scheme::Predictor { tuning, .. } = &design.scheme else {
+        return Err(Error::new("parameter block", "is made for the predictor scheme, whose sampled eigenvalues are known"));
+    };
+    let model = &design.model;
+    let radius = PredictorDesign::new(&model.linear, tuning).spectral_radius(&model.linear.sampled(SAMPLING_PERIOD_S), 1.0, 0);
+    let lowest_v = front_end.drive_at_lowest_code_v;
+    // The last code is one step below.
+    let codes = 2f64.powi(i32::from(front_end.drive_bits));
+    let beyond_v = front_end.drive_beyond_highest_code_v - (front_end.drive_beyond_highest_code_v - lowest_v) / codes;
+    if model.drive_min_v < lowest_v || model.drive_max_v > beyond_v {
+        let limits = format!("{} to {} V", model.drive_min_v, model.drive_max_v);
+        return Err(Error::new("front end", format!("gives {lowest_v} to {beyond_v:.3} V; the actuator's drive is {limits}")));
+    }
+    let converters = front_end.scale(model.drive_min_v, model.drive_max_v).parameters();
+    let servo = design.parameters(converters).map_err(|error| Error::new("design", error.to_string()))?;
+    let mut name = [0u8; 16];
+    for (to, from) in name.iter_mut().zip(front_end.name.bytes()) {
+        *to = from;
+    }
+    let drive_mv = |code: u16| {
+        let drive_v = (f64::from(converters.dac_zero) + f64::from(code) * converters.dac_step as f64 / 65_536.0) / 2f64.powi(22);
+        (drive_v * 1e3).round() as i32
+    };
+    let step_um = converters.adc_step as f64 / 2f64.powi(40);
+    let range_um = model.mean_gain_um_v() * (model.drive_max_v - model.drive_min_v);
+    let mode = &model.linear.first_mode;
+    let fastest_um_s = step_speed(mode) * mode.natural_frequency_rad_s * range_um;
+    let drive_codes = converters.dac_code_max.saturating_sub(converters.dac_code_min);
+    let parameters = AmplifierParameters {
+        physical: PhysicalDescription {
+            name,
+            sample_rate_hz: SAMPLE_RATE_HZ,
+            drive_min_mv: drive_mv(converters.dac_code_min),
+            drive_max_mv: drive_mv(converters.dac_code_max),
+            sensor_span_nm: (step_um * 65_536.0 * 1e3).round() as i32,
+            spectral_radius_millionths: (radius * 1e6).ceil().clamp(0.0, f64::from(u32::MAX)) as u32,
+        },
+        servo,
+        guard: GuardParameters {
+            adc_code_min: RAIL_CODES,
+            adc_code_max: u16::MAX - RAIL_CODES,
+            stuck_ticks: ticks(front_end.stuck_s),
+            jump_codes: (fastest_um_s * SAMPLING_PERIOD_S / step_um).ceil().clamp(1.0, 65_535.0) as u16,
+            tracking_error: (range_um / 5.0 * 2f64.powi(24)).min(f64::from(i32::MAX)) as i32,
+            tracking_ticks: ticks(front_end.tracking_s),
+            slew_codes: (drive_codes / 3).max(1),
+            ramp_codes: (drive_codes / ticks(front_end.ramp_s).max(1)).max(1),
+            rest_code: converters.dac_code_min,
+            healthy_ticks: ticks(front_end.healthy_s),
+        },
+    };
+    verify(&parameters, SAMPLE_RATE_HZ).map_err(|error| Error::new("parameter block", error.reason()))?;
+    Ok(parameters)
+}
+
+/// The bytes of a block.
+///
+/// # Errors
+/// Never for parameters that [`amplifier_parameters`] made.
+pub fn block(parameters: &AmplifierParameters) -> Result<Vec<u8>> {
+    let mut bytes = vec![0xff; BLOCK_BYTES];
+    let length = write(parameters, &mut bytes).map_err(|error| Error::new("parameter block", error.reason()))?;
+    bytes.truncate(length);
+    Ok(bytes)
+}
+
+/// The lines that bring a block to a running target.
+///
+/// # Errors
+/// When the block is longer than the target takes.
+pub fn upload_lines(block: &[u8]) -> Result<String> {
+    let mut lines = String::new();
+    write_upload(block, &mut lines).map_err(|error| Error::new("parameter block", error))?;
+    Ok(lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_speed_of_a_step_is_that_of_the_closed_form() {
+        // Undamped: x = 1 - cos(t); critically damped: x' = t exp(-t), at most exp(-1).
+        let speed = |damping_ratio| step_speed(&ModeModel { natural_frequency_rad_s: 1.0, damping_ratio });
+        assert!((speed(1e-9) - 1.0).abs() < 1e-6);
+        assert!((speed(0.999) - (-1.0f64).exp()).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_wrong_front_end_is_said() {
+        for (text, part) in [
+            ("sensor_max_um = -2.0", "not below"),
+            ("sensor_mix_um = 1.0", "unknown field"),
+            ("drive_bits = 20", "8 to 16"),
+            ("name = 3", "invalid type"),
+        ] {
+            let problem = FrontEnd::from_toml(text, "front_end.toml").expect_err(text).to_string();
+            assert!(problem.contains(part), "{problem}");
+        }
+        let read = FrontEnd::from_toml("name = \"p753\"", "front_end.toml").expect("read");
+        assert_eq!(read, FrontEnd { name: "p753".into(), ..FrontEnd::default() });
+    }
+}

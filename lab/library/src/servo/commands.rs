@@ -1,0 +1,240 @@
+//! What `hysteron check` and `track` do (`design` is in [`super::order`]), without the command line: a chain of effects in, structs that serialise out.
+
+use super::check::{self, ContinuousConditions};
+use super::design::{SCHEMA, Scheme, ServoDesign, thesis_scheme};
+use super::disturbance_observer;
+use super::loop_margins::{Loop, LoopMargins};
+use super::model::{ActuatorModel, NominalModel, actuator_model};
+use super::order::{self, Order};
+use super::plant_set::Variation;
+use super::predictor::{Demands, PredictorDesign};
+use super::regulator_loop;
+use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
+use super::track::{SineReference, TrackResult, track};
+use hysteron_sim::chain::Model;
+use nalgebra::Complex;
+use serde::Serialize;
+
+/// Names of the schemes that `track --scheme` takes besides the one of the design.
+pub const SCHEMES: [&str; 15] = [
+    "predictor",
+    "predictor-linear",
+    "disturbance-observer",
+    "disturbance-observer-inverse",
+    "pidsmoc",
+    "pidsmc-alpha-beta",
+    "pidsmc-alpha-beta-discrete",
+    "pidsm-chapter-6",
+    "sliding-mode",
+    "boundary-layer",
+    "pid",
+    "feedforward",
+    "feedforward-without-creep",
+    "feedforward-pi",
+    "feedforward-pi-notch",
+];
+
+/// Designs a servo for an identified chain without a recording behind it, so that an unknown mode is reckoned with everywhere
+/// ([`order::design`] takes the recording).
+///
+/// # Errors
+/// A message that says what the model lacks, or which demand cannot be met.
+pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
+    let Demands { reference_hz, sensor_noise_um, sensitivity_peak, .. } = *demands;
+    order::design(chain, &Order { reference_hz, sensor_noise_um: Some(sensor_noise_um), sensitivity_peak, ..Order::default() })
+}
+
+/// What `hysteron check` found.
+#[derive(Clone, Debug, Serialize)]
+pub struct CheckResult {
+    /// `hysteron.check/1`.
+    pub schema: String,
+    /// Scheme.
+    pub scheme: String,
+    /// True if all sampled eigenvalues are inside the unit circle wherever the actuator may stand in its hysteresis, the period of delay
+    /// included where the design has it.
+    pub stable: bool,
+    /// Sampled eigenvalues `[re, im]` at the mean gain.
+    pub sampled_poles: Vec<[f64; 2]>,
+    /// The thesis' continuous conditions; empty where they do not apply.
+    pub continuous: ContinuousConditions,
+    /// Margins on the actuator that it was checked against.
+    pub margins: Option<LoopMargins>,
+    /// What it means, in sentences.
+    pub remarks: Vec<String>,
+}
+
+/// Checks a design against an actuator's chain.
+///
+/// # Errors
+/// A message that says what the model lacks.
+pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String> {
+    let model = actuator_model(chain).ok_or("the model needs the effects `hysteresis` and `vibration` to check a servo against")?;
+    let mut out = CheckResult {
+        schema: "hysteron.check/1".into(),
+        scheme: design.scheme_name().into(),
+        stable: false,
+        sampled_poles: Vec::new(),
+        continuous: ContinuousConditions::default(),
+        margins: None,
+        remarks: Vec::new(),
+    };
+    let delay_s = order::known_delay_s(chain);
+    match &design.scheme {
+        Scheme::Predictor { tuning, hysteresis_inverse } => {
+            let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
+            judge_law(&PredictorDesign::new(&design.model.linear, tuning), &model, delay_s, ratio, &mut out);
+            out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
+        }
+        Scheme::SlidingMode { nominal, estimator, controller, reaching: ReachingGains::Pid } => {
+            let found = check::sliding_mode(nominal, estimator, controller, design.delayed);
+            let plant = NominalModel {
+                natural_frequency_rad_s: model.linear.first_mode.natural_frequency_rad_s,
+                damping_ratio: model.linear.first_mode.damping_ratio,
+                gain_um_v: model.mean_gain_um_v(),
+            };
+            let law = SlidingModeLaw::new(nominal, estimator, controller, &ReachingGains::Pid);
+            let on_plant = |delay: usize| -> Vec<Complex<f64>> {
+                law.closed_loop(&plant, delay).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect()
+            };
+            let poles = on_plant(usize::from(design.delayed));
+            out.stable = all_inside(&poles);
+            out.sampled_poles = check::pairs(&poles);
+            if found.continuous.satisfied && !out.stable {
+                out.remarks.push(
+                    "The thesis' continuous conditions hold, yet the sampled loop is unstable: they know nothing of sampling and delay."
+                        .into(),
+                );
+            }
+            if design.delayed {
+                out.remarks
+                    .push(format!("Without the period of delay it is {}.", if all_inside(&on_plant(0)) { "stable" } else { "unstable" }));
+            }
+            out.remarks.push(format!(
+                "Sampled eigenvalues on the given model's first mode and mean gain: wn = {:.0} rad/s, xi = {:.3}, K = {:.4} um/V.",
+                plant.natural_frequency_rad_s, plant.damping_ratio, plant.gain_um_v
+            ));
+            out.continuous = found.continuous;
+        }
+        Scheme::DisturbanceObserver { gains, hysteresis_inverse } => {
+            let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
+            judge_law(&disturbance_observer::law(&design.model.linear, gains), &model, delay_s, ratio, &mut out);
+        }
+        Scheme::Feedforward { gains, notch, .. } => {
+            judge_law(&regulator_loop::law(gains, notch.as_ref()), &model, delay_s, gain_ratio(&design.model, &model, true), &mut out);
+            out.remarks.push("What is fed forward does not touch stability.".into());
+        }
+        Scheme::Pid { gains, notch } if design.delayed => {
+            let gain = model.mean_gain_um_v();
+            let gains = PidGains { p: gain * gains.p, i: gain * gains.i, d: gain * gains.d };
+            let (least, most) = model.slope_range();
+            judge_law(&regulator_loop::law(&gains, notch.as_ref()), &model, delay_s, [least, 1.0, most], &mut out);
+            out.remarks.push(format!("The drive counts with the mean gain of the largest loop, {gain:.4} um/V."));
+        }
+        _ => {
+            out.stable = false;
+            out.remarks.push(
+                "No eigenvalues are taken of this one (a law that switches, or a regulator without the period of delay), and nothing is claimed: follow a reference to judge it.".into(),
+            );
+        }
+    }
+    Ok(out)
+}
+
+fn all_inside(poles: &[Complex<f64>]) -> bool {
+    poles.iter().all(|z| z.norm() < 1.0)
+}
+
+/// Gain of an actuator over the one that a design inverts, wherever the hysteresis may stand: least, that of the whole range, largest.
+/// Slopes are compared over steps of a sixteenth of the range: what a loop of that size feels.
+#[must_use]
+pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bool) -> [f64; 3] {
+    const STEPS: usize = 16;
+    let (of_design, of_actuator) = (design.surfaces(), actuator.surfaces());
+    let range_v = design.drive_max_v - design.drive_min_v;
+    let share = |i: usize| i as f64 / STEPS as f64;
+    // The same voltages, as shares of the actuator's own range.
+    let there = |x: f64| (design.drive_min_v + x * range_v - actuator.drive_min_v) / (actuator.drive_max_v - actuator.drive_min_v);
+    let mean_step_um = of_design.loop_loss(1.0, 0.0) / STEPS as f64;
+    let mut ratio = [f64::INFINITY, of_actuator.loop_loss(there(1.0), there(0.0)) / of_design.loop_loss(1.0, 0.0), f64::NEG_INFINITY];
+    let mut see = |step: &dyn Fn(bool) -> f64| {
+        let value = step(true) / if inverted { step(false) } else { mean_step_um };
+        ratio[0] = ratio[0].min(value);
+        ratio[2] = ratio[2].max(value);
+    };
+    for i in 1..=STEPS {
+        for j in 0..i {
+            let loss =
+                |x: f64, z: f64, actual: bool| if actual { of_actuator.loop_loss(there(x), there(z)) } else { of_design.loop_loss(x, z) };
+            see(&|actual| loss(share(i), share(j), actual) - loss(share(i - 1), share(j), actual));
+            see(&|actual| loss(share(i), share(j), actual) - loss(share(i), share(j + 1), actual));
+        }
+    }
+    ratio
+}
+
+/// Eigenvalues and margins on an actuator.
+fn judge_law(law: &PredictorDesign, actuator: &ActuatorModel, delay_s: f64, ratio: [f64; 3], out: &mut CheckResult) {
+    let plant = Variation { delay_s, ..Variation::NONE }.sampled(&actuator.linear);
+    let poles: Vec<Complex<f64>> =
+        law.closed_loop(&plant, ratio[1], 0).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect();
+    let margins = Loop { law, linear: &actuator.linear, gain_ratio: ratio, delay_s }.judged();
+    out.stable = all_inside(&poles) && margins.spectral_radius.iter().all(|r| *r < 1.0);
+    out.sampled_poles = check::pairs(&poles);
+    out.margins = Some(margins);
+}
+
+/// Follows a reference on a chain; `scheme` replaces the design's own by name.
+///
+/// # Errors
+/// A message that names the field, or the number that does not fit the servo's formats.
+pub fn follow(chain: &Model, design: &ServoDesign, reference: &str, scheme: Option<&str>) -> Result<TrackResult, String> {
+    let sine = SineReference::parse(reference)?;
+    let mut chosen = design.clone();
+    if let Some(name) = scheme {
+        chosen = with_scheme(design, name)?;
+    }
+    // What the actuator reaches counts, not what the servo's own model believes.
+    let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
+    let (low_um, high_um) = sine.samples_um().0.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), r| (a.min(*r), b.max(*r)));
+    if low_um < 0.0 || high_um > reach_um {
+        return Err(format!("the reference goes from {low_um:.2} to {high_um:.2} um; the drive reaches 0 to {reach_um:.2} um"));
+    }
+    track(chain, &chosen, &sine, reference, 0.001, 1).map_err(|e| e.to_string())
+}
+
+/// The same model under another scheme.
+///
+/// # Errors
+/// If the name is not known.
+pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, String> {
+    let gains = PidGains { p: 0.0, i: 0.0, d: 0.0 };
+    let tuning = match &design.scheme {
+        Scheme::Predictor { tuning, .. } => *tuning,
+        _ => super::predictor::PredictorTuning::START,
+    };
+    let mut out = design.clone();
+    out.schema = SCHEMA.into();
+    (out.scheme, out.delayed) = match name {
+        "predictor" => (Scheme::Predictor { tuning, hysteresis_inverse: true }, true),
+        "predictor-linear" => (Scheme::Predictor { tuning, hysteresis_inverse: false }, true),
+        "feedforward" => (Scheme::Feedforward { gains, notch: None, creep_inverse: true }, true),
+        "feedforward-without-creep" => (Scheme::Feedforward { gains, notch: None, creep_inverse: false }, true),
+        "feedforward-pi" | "feedforward-pi-notch" => {
+            let notch = (name == "feedforward-pi-notch").then(|| regulator_loop::notch_for(&design.model.linear));
+            let (gains, _) = regulator_loop::tune(&design.model.linear, &Demands::default(), notch.as_ref())
+                .ok_or("no integral gain keeps the margins with this model")?;
+            (Scheme::Feedforward { gains, notch, creep_inverse: true }, true)
+        }
+        "disturbance-observer" | "disturbance-observer-inverse" => {
+            let (gains, _) = disturbance_observer::tune(&design.model.linear, &Demands::default())
+                .ok_or("no disturbance observer keeps the margins with this model")?;
+            (Scheme::DisturbanceObserver { gains, hysteresis_inverse: name == "disturbance-observer-inverse" }, true)
+        }
+        _ => match thesis_scheme(name) {
+            Some(scheme) => (scheme, false),
+            None => return Err(format!("scheme `{name}` is not known: choose from {}", SCHEMES.join(", "))),
+        },
+    };
+    Ok(out)
+}

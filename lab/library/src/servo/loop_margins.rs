@@ -1,0 +1,263 @@
+//! How far a loop is from the end of its stability on an actuator: gain and phase margin, bandwidth, and the first unstable value of gain,
+//! mass, delay and of a mode that nobody knows of. All by the eigenvalues and the frequency response of the sampled loop.
+
+use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::plant_set::Variation;
+use super::predictor::{PredictorDesign, frequency_response};
+use super::robust::{frequency_grid_hz, law_response};
+use nalgebra::Complex;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{PI, TAU};
+
+/// Damping ratio of the unknown mode whose share is sought.
+pub const UNKNOWN_DAMPING: f64 = 0.02;
+/// Largest factor of gain and mass that is tried.
+const LARGEST_FACTOR: f64 = 30.0;
+/// Longest delay that is tried, in periods.
+const LONGEST_DELAY: f64 = 40.0;
+/// Largest share of an unknown mode that is tried.
+const LARGEST_SHARE: f64 = 0.5;
+/// First unstable values are found to this share.
+const PRECISION: f64 = 1e-3;
+
+/// A mode at which a loop becomes unstable.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnstableMode {
+    /// Its frequency, Hz.
+    pub frequency_hz: f64,
+    /// Its damping ratio.
+    pub damping_ratio: f64,
+    /// Smallest share of the static displacement that makes the loop unstable.
+    pub share: f64,
+}
+
+/// Values at which the loop is no longer stable; none where it still is at the largest that was tried (or where it is never stable).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FirstUnstable {
+    /// Gain over that of the model, upwards.
+    pub gain_up: Option<f64>,
+    /// Gain over that of the model, downwards.
+    pub gain_down: Option<f64>,
+    /// Moving mass over that of the model, upwards.
+    pub mass_up: Option<f64>,
+    /// Moving mass over that of the model, downwards.
+    pub mass_down: Option<f64>,
+    /// Additional delay, s.
+    pub delay_s: Option<f64>,
+    /// An unknown mode between the first mode and half the sampling rate, at its worst frequency.
+    pub mode: Option<UnstableMode>,
+}
+
+/// One point of the frequency response.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoopPoint {
+    /// Frequency, Hz.
+    pub hz: f64,
+    /// Open loop, real and imaginary part.
+    pub open: [f64; 2],
+    /// Magnitude of the sensitivity: what is left of a disturbance of the reading.
+    pub sensitivity: f64,
+    /// Magnitude of the complementary sensitivity: what noise makes of the motion.
+    pub complementary: f64,
+}
+
+/// What a loop is worth on an actuator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoopMargins {
+    /// Ratio of the actuator's gain to the one that the law inverts: least, mean and largest over the range.
+    pub gain_ratio: [f64; 3],
+    /// Largest magnitude of the sampled eigenvalues at each of them.
+    pub spectral_radius: [f64; 3],
+    /// The worst of what was judged, in words.
+    pub worst_case: String,
+    /// Factor of the gain to the end of stability, upwards; from the crossing of the open loop at -180 degrees.
+    pub gain_margin: Option<f64>,
+    /// Phase to the end of stability at the least favourable crossing of gain 1, degrees.
+    pub phase_margin_deg: Option<f64>,
+    /// Frequency from which disturbances of the reading are no longer brought below 0.71, Hz.
+    pub bandwidth_hz: Option<f64>,
+    /// Largest sensitivity.
+    pub sensitivity_peak: f64,
+    /// Where it is, Hz.
+    pub sensitivity_peak_hz: f64,
+    /// Sensor noise that becomes motion, RMS over RMS.
+    pub noise_transmission: f64,
+    /// The first unstable values.
+    pub first_unstable: FirstUnstable,
+    /// The frequency response.
+    pub response: Vec<LoopPoint>,
+}
+
+/// The loop of a law and an actuator's linear dynamics.
+pub struct Loop<'a> {
+    /// The law.
+    pub law: &'a PredictorDesign,
+    /// The actuator.
+    pub linear: &'a LinearModel,
+    /// Its gain over the one that the law inverts: least, mean, largest.
+    pub gain_ratio: [f64; 3],
+    /// Delay of its drive, s.
+    pub delay_s: f64,
+}
+
+impl Loop<'_> {
+    /// The actuator, varied.
+    fn plant(&self, variation: &Variation) -> SampledModel {
+        Variation { delay_s: variation.delay_s + self.delay_s, ..*variation }.sampled(self.linear)
+    }
+
+    fn radius(&self, variation: &Variation) -> f64 {
+        self.law.spectral_radius(&self.plant(variation), self.gain_ratio[1], 0)
+    }
+
+    fn stable(&self, variation: &Variation) -> bool {
+        self.radius(variation) < 1.0
+    }
+
+    /// Between a stable and an unstable value the value where it turns, by halving the interval's ratio.
+    fn turn(&self, mut good: f64, mut bad: f64, at: &dyn Fn(f64) -> Variation) -> f64 {
+        while (bad / good - 1.0).abs() > PRECISION {
+            let middle = if good > 0.0 { (good * bad).sqrt() } else { 0.5 * bad };
+            if self.stable(&at(middle)) { good = middle } else { bad = middle }
+        }
+        bad
+    }
+
+    /// The first of a row of values that is unstable, made precise.
+    fn first(&self, begin: f64, values: impl Iterator<Item = f64>, at: &dyn Fn(f64) -> Variation) -> Option<f64> {
+        let mut good = begin;
+        for value in values {
+            if !self.stable(&at(value)) {
+                return Some(self.turn(good, value, at));
+            }
+            good = value;
+        }
+        None
+    }
+
+    fn first_unstable(&self) -> FirstUnstable {
+        if !self.stable(&Variation::NONE) {
+            return FirstUnstable::default();
+        }
+        let steps = |factor: f64| (1..200).map(move |i| factor.powi(i)).take_while(|f| *f < LARGEST_FACTOR && *f > 1.0 / LARGEST_FACTOR);
+        let gain = |gain: f64| Variation { gain, ..Variation::NONE };
+        let mass = |mass_ratio: f64| Variation { mass_ratio, ..Variation::NONE };
+        let delay = |delay_s: f64| Variation { delay_s, ..Variation::NONE };
+        let delays = (1..).map(|i| 0.1 * f64::from(i)).take_while(|d| *d <= LONGEST_DELAY).map(|d| d * SAMPLING_PERIOD_S);
+        FirstUnstable {
+            gain_up: self.first(1.0, steps(1.05), &gain),
+            gain_down: self.first(1.0, steps(1.0 / 1.05), &gain),
+            mass_up: self.first(1.0, steps(1.05), &mass),
+            mass_down: self.first(1.0, steps(1.0 / 1.05), &mass),
+            delay_s: self.first(1e-3 * SAMPLING_PERIOD_S, delays, &delay),
+            mode: self.worst_mode(),
+        }
+    }
+
+    /// The mode of the smallest share that makes the loop unstable: where `|K S|` is large, and a fine grid about it.
+    fn worst_mode(&self) -> Option<UnstableMode> {
+        let lowest_hz = self.linear.first_mode.natural_frequency_rad_s / TAU;
+        let highest_hz = 0.5 / SAMPLING_PERIOD_S;
+        let share_at = |hz: f64, limit: f64| -> Option<f64> {
+            let mode = ModeModel { natural_frequency_rad_s: TAU * hz, damping_ratio: UNKNOWN_DAMPING };
+            let at = |share: f64| Variation { mode: Some((share, mode)), ..Variation::NONE };
+            let shares = (0..80).map(|i| 1e-4 * 1.15_f64.powi(i)).take_while(|s| *s <= limit);
+            self.first(5e-5, shares, &at)
+        };
+        let mut worst: Option<UnstableMode> = None;
+        let mut look = |hz: f64| {
+            let limit = worst.map_or(LARGEST_SHARE, |w| w.share);
+            if let Some(share) = share_at(hz, limit).filter(|share| worst.is_none_or(|w| *share < w.share)) {
+                worst = Some(UnstableMode { frequency_hz: hz, damping_ratio: UNKNOWN_DAMPING, share });
+            }
+        };
+        // Steps of half the width of the mode.
+        let count = ((highest_hz * 0.995 / lowest_hz).ln() / 0.02).ceil().max(1.0) as usize;
+        (0..=count).for_each(|i| look(lowest_hz * 1.02_f64.powi(i as i32).min(0.995 * highest_hz / lowest_hz)));
+        worst
+    }
+
+    fn response(&self) -> Vec<LoopPoint> {
+        let plant = self.plant(&Variation::NONE);
+        let one = Complex::new(1.0, 0.0);
+        frequency_grid_hz(self.linear)
+            .into_iter()
+            .map(|hz| {
+                let open = frequency_response(&plant, TAU * hz) * law_response(self.law, hz) * self.gain_ratio[1];
+                let s = one / (one + open);
+                LoopPoint { hz, open: [open.re, open.im], sensitivity: s.norm(), complementary: (open * s).norm() }
+            })
+            .collect()
+    }
+
+    /// Judges the loop.
+    #[must_use]
+    pub fn judged(&self) -> LoopMargins {
+        let spectral_radius = self.gain_ratio.map(|ratio| self.law.spectral_radius(&self.plant(&Variation::NONE), ratio, 0));
+        let response = self.response();
+        let first_unstable = self.first_unstable();
+        let peak = response.iter().copied().max_by(|a, b| a.sensitivity.total_cmp(&b.sensitivity));
+        let mut noise_power = 0.0;
+        let mut last_hz = 0.0;
+        for point in &response {
+            noise_power += point.complementary.powi(2) * (point.hz - last_hz) * 2.0 * SAMPLING_PERIOD_S;
+            last_hz = point.hz;
+        }
+        LoopMargins {
+            gain_ratio: self.gain_ratio,
+            spectral_radius,
+            worst_case: worst_case(&self.gain_ratio, &spectral_radius, &first_unstable),
+            gain_margin: first_unstable.gain_up,
+            phase_margin_deg: phase_margin_deg(&response),
+            bandwidth_hz: response.iter().find(|p| p.sensitivity > 0.5f64.sqrt()).map(|p| p.hz),
+            sensitivity_peak: peak.map_or(f64::NAN, |p| p.sensitivity),
+            sensitivity_peak_hz: peak.map_or(f64::NAN, |p| p.hz),
+            noise_transmission: noise_power.sqrt(),
+            first_unstable,
+            response,
+        }
+    }
+}
+
+/// Phase to -180 degrees at the crossings of gain 1; the least.
+fn phase_margin_deg(response: &[LoopPoint]) -> Option<f64> {
+    let open = |p: &LoopPoint| Complex::new(p.open[0], p.open[1]);
+    let crossings = response.windows(2).filter_map(|pair| {
+        let (a, b) = (open(&pair[0]), open(&pair[1]));
+        let crosses = (a.norm() - 1.0) * (b.norm() - 1.0) <= 0.0 && a.norm() != b.norm();
+        crosses.then(|| {
+            // The distance of the phase from -180 degrees, whichever way round.
+            let share = (1.0 - a.norm()) / (b.norm() - a.norm());
+            let at = a + (b - a) * share;
+            (PI - at.arg().abs()).to_degrees()
+        })
+    });
+    crossings.min_by(f64::total_cmp)
+}
+
+/// What comes first of all that was judged.
+fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable) -> String {
+    let unstable = gain_ratio.iter().zip(radius).find(|(_, radius)| radius.is_nan() || **radius >= 1.0);
+    if let Some((ratio, radius)) = unstable {
+        return format!(
+            "unstable where the actuator's gain is {ratio:.2} times the one that the law inverts (largest eigenvalue {radius:.4})"
+        );
+    }
+    // How far each can go, as a factor.
+    let mut cases: Vec<(f64, String)> = Vec::new();
+    let mut add = |reserve: Option<f64>, text: String| cases.extend(reserve.map(|r| (r, text)));
+    let of = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    add(first.gain_up, format!("{:.2} times the gain", of(first.gain_up)));
+    add(first.gain_down.map(|g| 1.0 / g), format!("{:.2} times the gain", of(first.gain_down)));
+    add(first.mass_up, format!("{:.2} times the mass", of(first.mass_up)));
+    add(first.mass_down.map(|m| 1.0 / m), format!("{:.2} times the mass", of(first.mass_down)));
+    add(first.delay_s.map(|d| 1.0 + d / SAMPLING_PERIOD_S), format!("{:.0} us more of delay", 1e6 * of(first.delay_s)));
+    if let Some(mode) = first.mode {
+        add(
+            Some(1.0 + mode.share / 0.05),
+            format!("an unknown mode at {:.0} Hz with {:.1} % of the motion", mode.frequency_hz, 100.0 * mode.share),
+        );
+    }
+    let least = cases.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    least.map_or_else(|| "nothing that was tried makes it unstable".into(), |(_, text)| format!("{text} makes it unstable"))
+}

@@ -1,0 +1,33 @@
+//! Servo design: from an identified model to the integers of the control tick, proved for the sampled loop.
+//!
+//! * [`model`]: what a design knows of the actuator, and its linear part in continuous and sampled time;
+//! * [`quantise`]: from f64 to the rows of the tick, once, with its error;
+//! * [`window_fit`]: coefficients over the reference window by least squares in the frequency domain;
+//! * [`thesis_schemes`]: the controllers of the thesis, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
+//! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
+//! * [`order`]: a servo for an identified chain, or the refusal; [`recording`]: what the data exclude; [`robust`]: the design for all that is
+//!   left possible; [`plant_set`]: plants that are not the model;
+//! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
+//! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
+//! * [`track`]: a design at work on an identified model;
+//! * [`loop_margins`]: how far a loop is from the end of its stability on an actuator;
+//! * [`check`]: sampled eigenvalues and the thesis' continuous conditions;
+//! * [`amplifier_block`]: a design as the target keeps it.
+
+pub mod amplifier_block;
+pub mod check;
+pub mod commands;
+pub mod design;
+pub mod disturbance_observer;
+pub mod loop_margins;
+pub mod model;
+pub mod order;
+pub mod plant_set;
+pub mod predictor;
+pub mod quantise;
+pub mod recording;
+pub mod regulator_loop;
+pub mod robust;
+pub mod thesis_schemes;
+pub mod track;
+pub mod window_fit;

@@ -1,0 +1,328 @@
+//! What a servo design knows of the actuator: hysteresis surfaces, modes, bandwidths. All of it identified, or from a data sheet.
+
+use super::quantise;
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::hysteresis::degree_of;
+use hysteron_sim::hysteresis_surface::Surfaces;
+use hysteron_sim::linear_system::ContinuousSystem;
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Sampling period of the loop, s (thesis Ch. 7, 2.1).
+pub const SAMPLING_PERIOD_S: f64 = 5e-5;
+
+/// One second-order mode of unit static gain.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeModel {
+    /// Natural frequency, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
+}
+
+/// The nominal model of the thesis (Ch. 6, Eq. 3; Ch. 7, Eq. 1): one mode behind a gain, everything else an unknown input.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NominalModel {
+    /// Natural frequency, rad/s.
+    pub natural_frequency_rad_s: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
+    /// Static gain, um/V.
+    pub gain_um_v: f64,
+}
+
+impl NominalModel {
+    /// The values that the thesis identified on the P-753 (Ch. 6, 4.1).
+    pub const THESIS: Self = Self { natural_frequency_rad_s: 5352.0, damping_ratio: 0.7876, gain_um_v: 0.1347 };
+
+    /// `A21 = -wn^2`, 1/s^2.
+    #[must_use]
+    pub fn a21(&self) -> f64 {
+        -self.natural_frequency_rad_s.powi(2)
+    }
+
+    /// `A22 = -2 xi wn`, 1/s.
+    #[must_use]
+    pub fn a22(&self) -> f64 {
+        -2.0 * self.damping_ratio * self.natural_frequency_rad_s
+    }
+
+    /// `B2 = K wn^2`, um/(V s^2).
+    #[must_use]
+    pub fn b2(&self) -> f64 {
+        self.gain_um_v * self.natural_frequency_rad_s.powi(2)
+    }
+
+    /// Sampled model with the drive held: transition matrix and input vector over `[y (um), y' (um/s)]`.
+    #[must_use]
+    pub fn sampled(&self, period_s: f64) -> (DMatrix<f64>, DVector<f64>) {
+        ContinuousSystem {
+            a: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, self.a21(), self.a22()]),
+            b: DVector::from_row_slice(&[0.0, self.b2()]),
+            c: DVector::from_row_slice(&[1.0, 0.0]),
+            d: 0.0,
+        }
+        .held_matrices(period_s)
+    }
+}
+
+/// The linear dynamics behind the hysteresis: from force-equivalent displacement to reading.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinearModel {
+    /// First mode.
+    pub first_mode: ModeModel,
+    /// Share of the motion that goes through the second mode, with that mode.
+    pub second_mode: Option<(f64, ModeModel)>,
+    /// Bandwidth of the amplifier, Hz. It stands in front of the hysteresis and is taken to commute with it.
+    pub amplifier_bandwidth_hz: Option<f64>,
+    /// Bandwidth of the sensor, Hz.
+    pub sensor_bandwidth_hz: Option<f64>,
+}
+
+/// The linear dynamics, sampled: `x+ = a x + b v`, `y = c x`.
+#[derive(Clone, Debug)]
+pub struct SampledModel {
+    /// Transition matrix.
+    pub a: DMatrix<f64>,
+    /// Input vector.
+    pub b: DVector<f64>,
+    /// Reading, a row.
+    pub c: DVector<f64>,
+}
+
+impl LinearModel {
+    /// The same dynamics with more mass on the same spring.
+    #[must_use]
+    pub fn with_mass_ratio(&self, mass_ratio: f64) -> Self {
+        let factor = mass_ratio.powf(-0.5);
+        let scale = |m: ModeModel| ModeModel {
+            natural_frequency_rad_s: m.natural_frequency_rad_s * factor,
+            damping_ratio: m.damping_ratio * factor,
+        };
+        Self { first_mode: scale(self.first_mode), second_mode: self.second_mode.map(|(share, m)| (share, scale(m))), ..*self }
+    }
+
+    /// Modes with their shares of the static displacement.
+    fn modes(&self, unknown: Option<(f64, ModeModel)>) -> Vec<(f64, ModeModel)> {
+        let of_second = self.second_mode.map_or(0.0, |(share, _)| share);
+        let of_unknown = unknown.map_or(0.0, |(share, _)| share);
+        let mut modes = vec![(1.0 - of_second - of_unknown, self.first_mode)];
+        modes.extend(self.second_mode);
+        modes.extend(unknown);
+        modes
+    }
+
+    /// Continuous-time system; states: first mode and its velocity over `wn`, second mode likewise, amplifier, sensor (those that exist).
+    #[must_use]
+    pub fn continuous(&self) -> ContinuousSystem {
+        self.continuous_with(None)
+    }
+
+    /// The same with one more mode, which takes its share of the motion from the first one.
+    #[must_use]
+    pub fn continuous_with(&self, unknown: Option<(f64, ModeModel)>) -> ContinuousSystem {
+        let modes = self.modes(unknown);
+        let n = 2 * modes.len() + usize::from(self.amplifier_bandwidth_hz.is_some()) + usize::from(self.sensor_bandwidth_hz.is_some());
+        let mut a = DMatrix::zeros(n, n);
+        let mut b = DVector::zeros(n);
+        let mut c = DVector::zeros(n);
+        let amplifier = self.amplifier_bandwidth_hz.map(|hz| (2 * modes.len(), TAU * hz));
+        let sensor = self.sensor_bandwidth_hz.map(|hz| (n - 1, TAU * hz));
+        if let Some((i, w)) = amplifier {
+            a[(i, i)] = -w;
+            b[i] = w;
+        }
+        for (nth, (share, mode)) in modes.into_iter().enumerate() {
+            let i = 2 * nth;
+            let w = mode.natural_frequency_rad_s;
+            a[(i, i + 1)] = w;
+            a[(i + 1, i)] = -w;
+            a[(i + 1, i + 1)] = -2.0 * mode.damping_ratio * w;
+            match amplifier {
+                Some((j, _)) => a[(i + 1, j)] = w,
+                None => b[i + 1] = w,
+            }
+            match sensor {
+                Some((j, ws)) => a[(j, i)] = share * ws,
+                None => c[i] = share,
+            }
+        }
+        if let Some((j, ws)) = sensor {
+            a[(j, j)] = -ws;
+            c[j] = 1.0;
+        }
+        ContinuousSystem { a, b, c, d: 0.0 }
+    }
+
+    /// Sampled with the input held.
+    #[must_use]
+    pub fn sampled(&self, period_s: f64) -> SampledModel {
+        let system = self.continuous();
+        let (a, b) = system.held_matrices(period_s);
+        SampledModel { a, b, c: system.c }
+    }
+}
+
+/// All that a design knows of the actuator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorModel {
+    /// Lower limit of the drive, V.
+    pub drive_min_v: f64,
+    /// Upper limit of the drive, V.
+    pub drive_max_v: f64,
+    /// Loop surface in powers of the drive share: `g[i][j]` multiplies `x^i z^j`, um.
+    pub g_um: Vec<Vec<f64>>,
+    /// Remnant in powers of the drive share, um.
+    pub r_um: Vec<f64>,
+    /// Dynamics behind the hysteresis.
+    pub linear: LinearModel,
+    /// Creep behind them, as first-order terms: for the feedforward; a feedback leaves it to the unknown input.
+    #[serde(default)]
+    pub creep: Vec<CreepTerm>,
+}
+
+/// A first-order term of creep (thesis Ch. 5, Eqs. 9-17).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CreepTerm {
+    /// Displacement that it adds in the end, as a share of what it follows.
+    pub share: f64,
+    /// Time constant, s.
+    pub time_constant_s: f64,
+}
+
+impl ActuatorModel {
+    /// The hysteresis surfaces.
+    #[must_use]
+    pub fn surfaces(&self) -> Surfaces {
+        Surfaces { g: self.g_um.clone(), r: self.r_um.clone() }
+    }
+
+    /// The same hysteresis with surfaces of the degree and size that the servo's tick evaluates (thesis Ch. 4, Eq. 15), and the largest
+    /// difference of the surfaces that this makes, um. Least squares on a grid; a model that fits the tick stays as it is. Coefficients that
+    /// are large only because they cancel are kept small by a weight on them, as little as makes them fit.
+    #[must_use]
+    pub fn for_the_tick(&self) -> (Self, f64) {
+        if quantise::hysteresis(self).is_ok() {
+            return (self.clone(), 0.0);
+        }
+        let mut fitted = (self.clone(), f64::INFINITY);
+        for weight in [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1] {
+            fitted = self.with_surfaces_of(hysteron_core::one_sided_hysteresis::SURFACE_SIZE - 1, weight, |_, _| 0.0, |_| 0.0);
+            if quantise::hysteresis(&fitted.0).is_ok() {
+                break;
+            }
+        }
+        fitted
+    }
+
+    /// Surfaces of a degree, fitted to these and what is added to them, and the largest difference that remains, um.
+    fn with_surfaces_of(
+        &self,
+        degree: usize,
+        weight: f64,
+        more_loop: impl Fn(f64, f64) -> f64,
+        more_remnant: impl Fn(f64) -> f64,
+    ) -> (Self, f64) {
+        const GRID: usize = 24;
+        let at = |k: usize| k as f64 / GRID as f64;
+        let surfaces = self.surfaces();
+        let remnant = |x: f64| self.r_um.iter().rev().fold(0.0, |sum, c| sum * x + c) + more_remnant(x);
+        let terms: Vec<(i32, i32)> = (0..degree as i32).flat_map(|total| (0..=total).map(move |j| (total - j, j))).collect();
+        let points: Vec<(f64, f64)> = (1..=GRID).flat_map(|i| (0..i).map(move |j| (at(i), at(j)))).collect();
+        let of_points = |row: usize, column: usize| {
+            let ((x, z), (i, j)) = (points[row], terms[column]);
+            (x - z) * x.powi(i) * z.powi(j)
+        };
+        // Rows below the points hold the coefficients down.
+        let held = |row: usize, column: usize| if row == column { weight } else { 0.0 };
+        let rows = points.len();
+        let a = DMatrix::from_fn(rows + terms.len(), terms.len(), |r, c| if r < rows { of_points(r, c) } else { held(r - rows, c) });
+        let b =
+            DVector::from_fn(rows + terms.len(), |r, _| points.get(r).map_or(0.0, |(x, z)| surfaces.loop_loss(*x, *z) + more_loop(*x, *z)));
+        let a_r = DMatrix::from_fn(GRID + degree, degree, |r, c| if r < GRID { at(r + 1).powi(c as i32 + 1) } else { held(r - GRID, c) });
+        let b_r = DVector::from_fn(GRID + degree, |r, _| if r < GRID { remnant(at(r + 1)) } else { 0.0 });
+        let (Ok(g_terms), Ok(r_terms)) = (a.clone().svd(true, true).solve(&b, 1e-12), a_r.clone().svd(true, true).solve(&b_r, 1e-12))
+        else {
+            return (self.clone(), f64::INFINITY);
+        };
+        let mut g_um = vec![vec![0.0; degree + 1]; degree + 1];
+        for ((i, j), value) in terms.iter().zip(g_terms.iter()) {
+            g_um[*i as usize + 1][*j as usize] += value;
+            g_um[*i as usize][*j as usize + 1] -= value;
+        }
+        let r_um = std::iter::once(0.0).chain(r_terms.iter().copied()).collect();
+        let error_um = (a * &g_terms - b).rows(0, rows).amax() + (a_r * &r_terms - b_r).rows(0, GRID).amax();
+        (Self { g_um, r_um, ..self.clone() }, error_um)
+    }
+
+    /// Displacements between which the drive can hold the actuator after it was conditioned, um.
+    #[must_use]
+    pub fn reach_um(&self) -> f64 {
+        self.surfaces().loop_loss(1.0, 0.0)
+    }
+
+    /// Least and largest slope of a loop's section over the whole triangle of turning points, as shares of the mean slope. Not positive:
+    /// the hysteresis cannot be inverted there.
+    #[must_use]
+    pub fn slope_range(&self) -> (f64, f64) {
+        const GRID: usize = 24;
+        let surfaces = self.surfaces();
+        let step = 1.0 / GRID as f64;
+        let mean = self.reach_um();
+        let mut range = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut see = |slope: f64| range = (range.0.min(slope / mean), range.1.max(slope / mean));
+        for i in 1..=GRID {
+            for j in 0..i {
+                let (x, z) = (i as f64 * step, j as f64 * step);
+                // Rising to x from z, and falling to z from x.
+                see((surfaces.loop_loss(x, z) - surfaces.loop_loss(x - step, z)) / step);
+                see((surfaces.loop_loss(x, z) - surfaces.loop_loss(x, z + step)) / step);
+            }
+        }
+        range
+    }
+
+    /// Mean slope of the largest loop, um/V: the nominal gain of a design without hysteresis model.
+    #[must_use]
+    pub fn mean_gain_um_v(&self) -> f64 {
+        self.surfaces().loop_loss(1.0, 0.0) / (self.drive_max_v - self.drive_min_v)
+    }
+}
+/// Degree of the polynomial surfaces that stand for surfaces with play operators beside them, until the tick's own degree is fitted.
+const DEGREE_WITH_PLAYS: usize = 8;
+
+/// What a design needs of a chain.
+#[must_use]
+pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
+    let g = chain.values("hysteresis")?;
+    let r = chain.values("initial_curve").unwrap_or_default();
+    let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
+    let creep = chain.values("creep").unwrap_or_default();
+    let mode = |v: &[f64]| Some(ModeModel { natural_frequency_rad_s: *v.first()?, damping_ratio: *v.get(1)? });
+    let model = ActuatorModel {
+        drive_min_v: chain.drive_min_v,
+        drive_max_v: chain.drive_max_v,
+        g_um: surfaces.g,
+        r_um: surfaces.r,
+        linear: LinearModel {
+            first_mode: mode(&chain.values("vibration")?)?,
+            second_mode: chain.values("second_mode").and_then(|v| Some((*v.first()?, mode(v.get(1..)?)?))),
+            amplifier_bandwidth_hz: chain.values("amplifier_bandwidth").and_then(|v| v.first().copied()),
+            sensor_bandwidth_hz: chain.values("sensor_bandwidth").and_then(|v| v.first().copied()),
+        },
+        creep: creep.chunks_exact(2).map(|pair| CreepTerm { share: pair[0], time_constant_s: pair[1] }).collect(),
+    };
+    let Some(weights) = chain.values("play_operators") else { return Some(model) };
+    // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.
+    let half_width = |i: usize| 0.5 * (i + 1) as f64 / (weights.len() + 1) as f64;
+    let beyond =
+        |way: f64, widths: f64| -> f64 { weights.iter().enumerate().map(|(i, w)| w * (way - widths * half_width(i)).max(0.0)).sum() };
+    let with_plays = model.with_surfaces_of(DEGREE_WITH_PLAYS, 0.0, |x, z| beyond(x - z, 2.0), |x| beyond(x, 1.0) - beyond(x, 2.0));
+    Some(with_plays.0)
+}

@@ -1,0 +1,374 @@
+//! A servo for an identified chain: what is asked, what the recording knows, and the refusal where a servo cannot be answered for.
+
+use super::amplifier_block::FrontEnd;
+use super::design::{Scheme, ServoDesign};
+use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, actuator_model};
+use super::predictor::Demands;
+use super::recording::Recording;
+use super::robust::{Broken, ModeSpread, Scan, Task, within_nyquist};
+use crate::dataset::Dataset;
+use hysteron_sim::chain::Model;
+use hysteron_sim::converter_scale::ConverterScale;
+use hysteron_sim::waveform;
+use std::f64::consts::TAU;
+
+/// What a design is ordered with.
+#[derive(Clone, Copy)]
+pub struct Order<'a> {
+    /// Highest frequency of references, Hz.
+    pub reference_hz: f64,
+    /// Noise of the sensor, um RMS; without it that of the recording, or else [`ASSUMED_NOISE_UM`].
+    pub sensor_noise_um: Option<f64>,
+    /// Largest sensitivity that is accepted.
+    pub sensitivity_peak: f64,
+    /// The recording that the chain was identified from: it excludes modes, and shows whether the first one is a fact.
+    pub recording: Option<&'a Dataset>,
+    /// How the converters are wired; without it they fit the actuator.
+    pub front_end: Option<&'a FrontEnd>,
+}
+
+/// Noise of a sensor of which nothing is known, um RMS.
+pub const ASSUMED_NOISE_UM: f64 = 0.001;
+
+impl Default for Order<'_> {
+    fn default() -> Self {
+        let Demands { reference_hz, sensitivity_peak, .. } = Demands::default();
+        Self { reference_hz, sensor_noise_um: None, sensitivity_peak, recording: None, front_end: None }
+    }
+}
+
+/// A second mode enters the observer only if its frequency is known to this share (one standard deviation) ...
+const FREQUENCY_KNOWN: f64 = 0.02;
+/// ... its damping ratio to this one ...
+const DAMPING_KNOWN: f64 = 0.3;
+/// ... and the recording could not hide this share of its peak.
+const PEAK_SHOWN: f64 = 0.5;
+/// The first mode is a fact where the recording could not hide this share of its peak.
+const FIRST_SHOWN: f64 = 0.2;
+/// Above this damping ratio a mode is so broad that an octave to either side shows it.
+const BROAD: f64 = 0.1;
+/// Spread of a first mode that no recording stands behind: frequency and damping ratio, relative.
+const UNCONFIRMED: ModeSpread = ModeSpread { frequency: 0.05, damping: 0.4 };
+/// A residual of this many times the noise is said aloud.
+const LARGE_RESIDUAL: f64 = 2.0;
+/// Another drive is worth recommending where it lets the expected error fall below this share.
+const WORTH_RECORDING: f64 = 0.8;
+/// Surfaces for the tick may differ from the model's by this share of the travel.
+const PROJECTION_ALLOWED: f64 = 0.005;
+
+/// The drive that shows the modes: a cycle over the range, a rest, and a multisine to four tenths of the loop's rate about mid-range, V at
+/// that rate, 3 s.
+#[must_use]
+pub fn drive_that_shows_modes_v(drive_min_v: f64, drive_max_v: f64) -> Vec<f64> {
+    let rate_hz = 1.0 / SAMPLING_PERIOD_S;
+    let (range_v, middle_v) = (drive_max_v - drive_min_v, 0.5 * (drive_min_v + drive_max_v));
+    let period = 4000;
+    let lines: Vec<usize> = (1..=2 * period / 5).step_by(3).collect();
+    waveform::concatenate(&[
+        waveform::raised_cosine(rate_hz, 2.0, drive_min_v, drive_max_v, 1),
+        waveform::half_cosines(rate_hz, 0.1, &[drive_min_v, middle_v]),
+        waveform::hold(rate_hz, middle_v, 0.3),
+        waveform::multisine(period, &lines, 0.1 * range_v, middle_v, 10, 15),
+        waveform::half_cosines(rate_hz, 0.1, &[middle_v, drive_min_v]),
+    ])
+}
+
+/// In words, for a refusal or a recommendation.
+fn missing_drive() -> String {
+    format!("record a multisine to {:.0} Hz at {:.0} Hz, 2 s, beside the other records", 0.4 / SAMPLING_PERIOD_S, 1.0 / SAMPLING_PERIOD_S)
+}
+
+/// Relative standard deviation of a value; infinite where it has none.
+fn relative_std(chain: &Model, effect: &str, parameter: usize) -> f64 {
+    chain.effect(effect).and_then(|e| e.parameters.get(parameter)).map_or(f64::INFINITY, |p| match p.std {
+        Some(std) if p.value != 0.0 => (std / p.value).abs(),
+        // A fixed value is the user's word.
+        _ if p.parameter.fixed => 0.0,
+        _ => f64::INFINITY,
+    })
+}
+
+fn hertz(mode: &ModeModel) -> f64 {
+    mode.natural_frequency_rad_s / TAU
+}
+
+/// The transport delay of a chain, s: the loop is judged with it although the observer does not carry it.
+#[must_use]
+pub fn known_delay_s(chain: &Model) -> f64 {
+    chain.values("delay").and_then(|v| v.first().copied()).unwrap_or(0.0)
+}
+
+/// The chain without a second mode.
+fn without_second_mode(chain: &Model) -> Model {
+    let mut reduced = chain.clone();
+    reduced.effects.retain(|e| e.id != "second_mode");
+    reduced
+}
+
+/// Checks what is asked.
+fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
+    let fastest_hz = 0.5 / SAMPLING_PERIOD_S;
+    if !(order.reference_hz > 0.0 && order.reference_hz < fastest_hz) {
+        return Err(format!("--reference-hz {}; expected above 0 and below {fastest_hz}", order.reference_hz));
+    }
+    let travel_um = model.reach_um();
+    if let Some(noise_um) = order.sensor_noise_um
+        && !(noise_um > 0.0 && noise_um < 0.05 * travel_um)
+    {
+        return Err(format!("--sensor-noise-um {noise_um}; expected above 0 and below {:.3}, a twentieth of the travel", 0.05 * travel_um));
+    }
+    if !(order.sensitivity_peak > 1.0 && order.sensitivity_peak < 100.0) {
+        return Err(format!("--sensitivity-peak {}; expected above 1 and below 100", order.sensitivity_peak));
+    }
+    let mode = &model.linear.first_mode;
+    if !within_nyquist(mode) {
+        return Err(format!(
+            "the first mode at {:.0} rad/s is beyond half the servo's sampling rate of {:.0} Hz",
+            mode.natural_frequency_rad_s,
+            1.0 / SAMPLING_PERIOD_S
+        ));
+    }
+    Ok(())
+}
+
+/// The model in the formats of the tick, with what it cost.
+fn formatted(model: &ActuatorModel, said: &mut Vec<String>) -> Result<ActuatorModel, String> {
+    let (fitted, error_um) = model.for_the_tick();
+    let travel_um = model.reach_um();
+    if error_um > PROJECTION_ALLOWED * travel_um {
+        return Err(format!(
+            "the hysteresis surfaces do not fit the tick's polynomials of degree 4: bringing them there moves them by {:.0} nm, {:.1} % of the travel of {travel_um:.2} um; identify with nested loops over the whole range",
+            1e3 * error_um,
+            100.0 * error_um / travel_um
+        ));
+    }
+    if error_um > 0.0 {
+        said.push(format!(
+            "The model's hysteresis surfaces are of a higher degree or larger than the tick evaluates; bringing them to its formats moves them by at most {:.1} nm.",
+            1e3 * error_um
+        ));
+    }
+    let (least, _) = fitted.slope_range();
+    if least.is_nan() || least <= 0.0 {
+        return Err(format!(
+            "the hysteresis cannot be inverted: a section of a loop has a slope of {least:.2} times the mean one; record nested loops over the whole range"
+        ));
+    }
+    Ok(fitted)
+}
+
+/// The servo's converters, if the actuator is within them.
+fn converters(order: &Order<'_>, model: &ActuatorModel) -> Result<ConverterScale, String> {
+    let top_um = model.surfaces().initial_ascending_curve(1.0).max(model.reach_um());
+    let Some(front_end) = order.front_end else {
+        return Ok(ConverterScale::around(model.drive_min_v, model.drive_max_v, top_um));
+    };
+    let span_um = front_end.sensor_max_um - front_end.sensor_min_um;
+    // The sensor is zeroed at the lowest drive, wherever it then stands: its span counts, and its zero must be inside it.
+    if !(front_end.sensor_min_um <= 0.0 && front_end.sensor_max_um >= top_um) {
+        return Err(format!(
+            "the front end's sensor reads {} to {} um, a span of {span_um} um; the actuator goes from 0 to {top_um:.2} um",
+            front_end.sensor_min_um, front_end.sensor_max_um
+        ));
+    }
+    if front_end.drive_at_lowest_code_v > model.drive_min_v || front_end.drive_beyond_highest_code_v <= model.drive_max_v {
+        return Err(format!(
+            "the front end gives {} to {} V; the actuator's drive is {} to {} V",
+            front_end.drive_at_lowest_code_v, front_end.drive_beyond_highest_code_v, model.drive_min_v, model.drive_max_v
+        ));
+    }
+    Ok(front_end.scale(model.drive_min_v, model.drive_max_v))
+}
+
+/// Whether the recording shows the first mode, or why not.
+fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Result<(), String> {
+    let hz = hertz(mode);
+    let around: Vec<f64> = if mode.damping_ratio > BROAD {
+        (-10..=10).map(|i| hz * 2f64.powf(f64::from(i) / 10.0)).collect()
+    } else {
+        vec![hz * (1.0 - mode.damping_ratio), hz, hz * (1.0 + mode.damping_ratio)]
+    };
+    let hidden = around.iter().filter_map(|hz| recording.blind_at(*hz)).fold(f64::INFINITY, f64::min);
+    let peak = 1.0_f64.max(0.5 / mode.damping_ratio);
+    if hidden <= FIRST_SHOWN * peak {
+        return Ok(());
+    }
+    let hidden = if hidden.is_finite() { format!("could hide a response of {hidden:.2} um/um there") } else { "is too slow for it".into() };
+    Err(format!(
+        "the model's first mode at {hz:.0} Hz is no fact: the recording {hidden}, where the mode has {peak:.2}; {}",
+        missing_drive()
+    ))
+}
+
+/// What the observer may know: the model with or without its second mode, the spreads of both, and the recording seen with that model.
+struct Known {
+    model: ActuatorModel,
+    first: ModeSpread,
+    second: Option<ModeSpread>,
+    recording: Option<Recording>,
+}
+
+fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<String>) -> Result<Known, String> {
+    let first_std = [relative_std(chain, "vibration", 0), relative_std(chain, "vibration", 1)];
+    let dropped = |mut model: ActuatorModel| {
+        model.linear.second_mode = None;
+        model
+    };
+    let Some(dataset) = order.recording else {
+        let confirmed = ModeSpread::of(first_std[0].min(0.1), first_std[1].min(0.2));
+        let first =
+            ModeSpread { frequency: confirmed.frequency.max(UNCONFIRMED.frequency), damping: confirmed.damping.max(UNCONFIRMED.damping) };
+        said.push("No recording stands behind the model here (--data), so an unknown mode is reckoned with at every frequency from the first mode on.".into());
+        if model.linear.second_mode.is_some() {
+            said.push("The model's second mode stays out of the observer: without the recording nothing says that it is a fact.".into());
+        }
+        return Ok(Known { model: dropped(model), first, second: None, recording: None });
+    };
+    let first = ModeSpread::of(first_std[0], first_std[1]);
+    let with = Recording::of(chain, dataset);
+    first_mode_shown(&with, &model.linear.first_mode)?;
+    let Some((share, mode)) = model.linear.second_mode else {
+        return Ok(Known { model, first, second: None, recording: Some(with) });
+    };
+    let std = [relative_std(chain, "second_mode", 1), relative_std(chain, "second_mode", 2)];
+    let peak = (share / (2.0 * mode.damping_ratio)).abs();
+    let hidden = with.blind_at(hertz(&mode)).unwrap_or(f64::INFINITY);
+    let why_not = if !within_nyquist(&mode) {
+        Some("it is beyond half the sampling rate".to_owned())
+    } else if hidden > PEAK_SHOWN * peak {
+        Some(format!("the recording could hide a response of {hidden:.3} um/um there, and its peak is {peak:.3}"))
+    } else if std[0] > FREQUENCY_KNOWN || std[1] > DAMPING_KNOWN {
+        Some(format!("its frequency is known to {:.1} %, its damping ratio to {:.0} %", 100.0 * std[0], 100.0 * std[1]))
+    } else {
+        None
+    };
+    match why_not {
+        None => {
+            said.push(format!("The observer carries the second mode at {:.0} Hz, which the recording shows.", hertz(&mode)));
+            Ok(Known { model, first, second: Some(ModeSpread::of(std[0], std[1])), recording: Some(with) })
+        }
+        Some(why) => {
+            said.push(format!("The model's second mode at {:.0} Hz stays out of the observer: {why}.", hertz(&mode)));
+            // The mode that is left out is part of what is missing; how good the model is is judged with it.
+            let recording = Recording { residual_um: with.residual_um, ..Recording::of(&without_second_mode(chain), dataset) };
+            Ok(Known { model: dropped(model), first, second: None, recording: Some(recording) })
+        }
+    }
+}
+
+/// What the model is not, said aloud.
+fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<String>) {
+    if chain.effect("creep").is_none() {
+        said.push("CAUTION: the model has no creep: slow errors are left to the integral action.".into());
+    }
+    if let Some((recording, noise_um)) = recording.and_then(|r| Some((r, r.noise_um?)))
+        && recording.residual_um > LARGE_RESIDUAL * noise_um
+    {
+        said.push(format!(
+            "CAUTION: the model leaves {:.1} nm where the sensor's noise is {:.1} nm: something is missing in it, and standard deviations are too small.",
+            1e3 * recording.residual_um,
+            1e3 * noise_um
+        ));
+    }
+}
+
+/// Why no candidate is left.
+fn refusal(scan: &Scan) -> String {
+    let in_words = |broken: &Broken| match broken {
+        Broken::Member(name) => format!("with {name} none of the tunings is stable"),
+        Broken::Sensitivity => "none of the tunings keeps the largest sensitivity; accept a larger --sensitivity-peak".to_owned(),
+        Broken::Unknown { hz } => {
+            format!("a mode near {hz:.0} Hz, which the recording does not exclude, could make every tuning unstable; {}", missing_drive())
+        }
+    };
+    // The candidate that came furthest says what is in the way.
+    let furthest = scan.candidates.iter().filter_map(|c| c.broken).max_by_key(|b| match b {
+        Broken::Member(_) => 0,
+        Broken::Sensitivity => 1,
+        Broken::Unknown { .. } => 2,
+    });
+    format!("no servo can be answered for: {}", furthest.as_ref().map_or_else(|| "there is no candidate".into(), in_words))
+}
+
+/// Designs a servo that holds for everything that is left possible.
+///
+/// # Errors
+/// A message that says what the model or the recording lacks, or which demand cannot be met.
+pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
+    let model = actuator_model(chain).ok_or(
+        "the model needs the effects `hysteresis` and `vibration` for a servo design: identify it with --effects hysteresis,initial_curve,vibration,creep",
+    )?;
+    reasonable(order, &model)?;
+    let mut said = Vec::new();
+    let model = formatted(&model, &mut said)?;
+    let scale = converters(order, &model)?;
+    let Known { model, first, second, recording } = known(chain, model, order, &mut said)?;
+    shortcomings(chain, recording.as_ref(), &mut said);
+    let rounding_um = scale.adc_lsb_um / 12f64.sqrt();
+    let sensor_noise_um =
+        order.sensor_noise_um.or(recording.as_ref().and_then(|r| r.noise_um)).unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
+    let demands =
+        Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak: order.sensitivity_peak, ..Demands::default() };
+    let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), demands, delay_s: known_delay_s(chain) };
+    let scan = task.scan();
+    let chosen = scan.best().ok_or_else(|| refusal(&scan))?;
+    let mut design = ServoDesign::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, &model, true);
+    design.noise_shaping = true;
+    design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
+    let good = scan.candidates.iter().filter(|c| c.broken.is_none()).count();
+    design.explanation = vec![
+        format!(
+            "Of {} tunings {good} hold for every plant that is left possible; this one has the smallest expected error, {:.2} nm at {} Hz with {:.2} nm of sensor noise ({:.2} nm of it passed on, {:.2} nm of a {:.0} nm hysteresis model error let through).",
+            scan.candidates.len(),
+            1e3 * chosen.expected_um(),
+            demands.reference_hz,
+            1e3 * sensor_noise_um,
+            1e3 * chosen.noise_um,
+            1e3 * chosen.disturbance_um,
+            1e3 * demands.model_error_um
+        ),
+        format!(
+            "It holds with the gain from half to one and a half, a period more of delay, twice the mass, the first mode {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). Peak sensitivity {:.2}.",
+            100.0 * first.frequency,
+            100.0 * first.damping,
+            chosen.unknown.1,
+            100.0 * chosen.unknown.0,
+            chosen.sensitivity_peak
+        ),
+    ];
+    if let Some(better) = scan.best_if_recorded().filter(|b| b.expected_um() < WORTH_RECORDING * chosen.expected_um()) {
+        design.explanation.push(format!(
+            "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
+            better.unknown.1,
+            missing_drive(),
+            1e3 * better.expected_um()
+        ));
+    }
+    design.explanation.extend(said);
+    let carried =
+        ["hysteresis", "initial_curve", "play_operators", "vibration", "second_mode", "amplifier_bandwidth", "sensor_bandwidth", "delay"];
+    if known_delay_s(chain) > 0.0 {
+        design
+            .explanation
+            .push(format!("The observer does not carry the delay of {:.0} us; the loop is judged with it.", 1e6 * known_delay_s(chain)));
+    }
+    let left: Vec<String> = chain.effect_ids().into_iter().filter(|id| !carried.contains(&id.as_str())).collect();
+    if !left.is_empty() {
+        design.explanation.push(format!("Left to the unknown input: {}.", left.join(", ")));
+    }
+    design.trade_off = trade_off(&task, &scan);
+    Ok(design)
+}
+
+/// The good candidates that no other one beats in both noise and error let through, by rising noise.
+fn trade_off(task: &Task<'_>, scan: &Scan) -> Vec<super::predictor::Assessment> {
+    let mut good: Vec<_> = scan.candidates.iter().filter(|c| c.broken.is_none()).collect();
+    good.sort_by(|a, b| a.noise_um.total_cmp(&b.noise_um));
+    let mut best = f64::INFINITY;
+    good.retain(|c| {
+        let better = c.disturbance_um < best;
+        best = best.min(c.disturbance_um);
+        better
+    });
+    good.into_iter().map(|c| task.assessment(c)).collect()
+}

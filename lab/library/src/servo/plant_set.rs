@@ -1,0 +1,110 @@
+//! Plants that are not the model: other mass, gain, delay, modes, as sampled systems for the eigenvalues of a loop.
+
+use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// How a plant differs from a linear model.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Variation {
+    /// Gain over the model's, 1.
+    pub gain: f64,
+    /// Moving mass over the model's, 1: the known modes become slower and less damped.
+    pub mass_ratio: f64,
+    /// Additional delay of the drive, s.
+    pub delay_s: f64,
+    /// A mode that the model does not have, with its share of the static displacement.
+    pub mode: Option<(f64, ModeModel)>,
+}
+
+impl Variation {
+    /// As the model has it.
+    pub const NONE: Self = Self { gain: 1.0, mass_ratio: 1.0, delay_s: 0.0, mode: None };
+
+    /// The varied plant, sampled with its drive held; a delay that is no multiple of the period is exact.
+    #[must_use]
+    pub fn sampled(&self, linear: &LinearModel) -> SampledModel {
+        let period_s = SAMPLING_PERIOD_S;
+        let mut system = linear.with_mass_ratio(self.mass_ratio).continuous_with(self.mode);
+        system.b *= self.gain;
+        let whole = (self.delay_s / period_s).floor().max(0.0);
+        let rest_s = (self.delay_s - whole * period_s).max(0.0);
+        let whole = whole as usize;
+        let (phi, _) = system.held_matrices(period_s);
+        let n = phi.nrows();
+        // Within a period the drive of the period before acts for `rest_s`, then the present one.
+        let (later, now) = system.held_matrices(period_s - rest_s);
+        let (_, early) = system.held_matrices(rest_s);
+        let before = &later * early;
+        if self.delay_s <= 0.0 {
+            return SampledModel { a: phi, b: now, c: system.c };
+        }
+        // States: the plant's, then the drives that are on their way, newest first.
+        let size = n + whole + 1;
+        let mut a = DMatrix::zeros(size, size);
+        let mut b = DVector::zeros(size);
+        let mut c = DVector::zeros(size);
+        a.view_mut((0, 0), (n, n)).copy_from(&phi);
+        a.view_mut((0, n + whole), (n, 1)).copy_from(&before);
+        if whole == 0 {
+            b.view_mut((0, 0), (n, 1)).copy_from(&now);
+        } else {
+            a.view_mut((0, n + whole - 1), (n, 1)).copy_from(&now);
+        }
+        b[n] = 1.0;
+        for i in 1..=whole {
+            a[(n + i, n + i - 1)] = 1.0;
+        }
+        c.view_mut((0, 0), (n, 1)).copy_from(&system.c);
+        SampledModel { a, b, c }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn linear() -> LinearModel {
+        LinearModel {
+            first_mode: ModeModel { natural_frequency_rad_s: 4000.0, damping_ratio: 0.2 },
+            second_mode: None,
+            amplifier_bandwidth_hz: Some(5000.0),
+            sensor_bandwidth_hz: Some(8000.0),
+        }
+    }
+
+    fn step_answer(model: &SampledModel, ticks: usize) -> Vec<f64> {
+        let mut x = DVector::zeros(model.b.len());
+        (0..ticks)
+            .map(|_| {
+                x = &model.a * &x + &model.b;
+                model.c.dot(&x)
+            })
+            .collect()
+    }
+
+    /// Delayed by fractions, seen on a grid ten times as fine with the drive held over ten of its steps.
+    #[test]
+    fn a_delay_within_a_period_is_the_one_of_a_finer_grid() {
+        let fine = linear().sampled(SAMPLING_PERIOD_S / 10.0);
+        for tenths in [3usize, 10, 17, 20] {
+            let delayed = Variation { delay_s: SAMPLING_PERIOD_S * tenths as f64 / 10.0, ..Variation::NONE }.sampled(&linear());
+            let late = step_answer(&delayed, 30);
+            let at_once = step_answer(&fine, 300);
+            for (k, y) in late.iter().enumerate() {
+                let steps = 10 * (k + 1);
+                let expected = if steps > tenths { at_once[steps - tenths - 1] } else { 0.0 };
+                assert!((y - expected).abs() < 1e-9, "{tenths} {k}: {y} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_unknown_mode_takes_its_share_from_the_first_one() {
+        let mode = ModeModel { natural_frequency_rad_s: 30_000.0, damping_ratio: 0.3 };
+        let varied = Variation { gain: 1.3, mode: Some((0.1, mode)), ..Variation::NONE }.sampled(&linear());
+        let at_rest = step_answer(&varied, 3000).pop().unwrap();
+        assert!((at_rest - 1.3).abs() < 1e-9, "{at_rest}");
+        assert_eq!(Variation::NONE.sampled(&linear()).a, linear().sampled(SAMPLING_PERIOD_S).a);
+    }
+}

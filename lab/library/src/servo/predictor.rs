@@ -1,0 +1,408 @@
+//! The observer-controller for the one-period delay (core: [`hysteron_core::predictor_law`]): gains, margins, trade-off.
+//!
+//! # How it works
+//! The states are those of the identified linear dynamics, sampled exactly, and the unknown input as an integrator (with its slope, if
+//! wanted). The observer is the stationary Kalman predictor for given sizes of the unknown input's change, of the noise of the sensor
+//! and of a white force; the surface to which the state is driven comes from the linear-quadratic problem `sum y^2 + rho v^2`. So four
+//! physical numbers, not sixteen gains, are tuned; [`tune`] scans them. A candidate is accepted when the sampled closed loop stays
+//! stable with the gain changed by +-50 %, with more mass, with half a period of additional delay and with a second mode that it does
+//! not know; of the accepted ones that with the least expected error is taken: sensor noise that it passes on, and the part of a model
+//! error in the hysteresis that it lets through.
+
+use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::quantise::{QuantisationError, number, row_um};
+use super::window_fit;
+use crate::parallel;
+use hysteron_core::predictor_law::{self, PredictorParameters, STATE_ROW_FRACTION_BITS};
+use nalgebra::{Complex, DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// States of the linear dynamics, the slope of the unknown input, and the unknown input.
+pub(super) const STATES: usize = predictor_law::STATES + 2;
+
+/// What the predictor is tuned by.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PredictorTuning {
+    /// Weight of the effort, `rho`.
+    pub effort_weight: f64,
+    /// RMS change of the unknown input in one period, um.
+    pub unknown_change_um: f64,
+    /// RMS change of the slope of the unknown input in one period, um per period; zero for no slope.
+    pub unknown_slope_change_um: f64,
+    /// White force, um RMS.
+    pub force_noise_um: f64,
+    /// Noise of the sensor, um RMS.
+    pub sensor_noise_um: f64,
+}
+
+impl PredictorTuning {
+    /// Where the scan begins.
+    pub const START: Self =
+        Self { effort_weight: 1.0, unknown_change_um: 0.002, unknown_slope_change_um: 0.0, force_noise_um: 0.003, sensor_noise_um: 0.001 };
+}
+
+/// The law in f64: what is quantised, and what the eigenvalues are taken of.
+#[derive(Clone, Debug)]
+pub struct PredictorDesign {
+    /// Transition matrix of all states, the unknown input last.
+    pub a: DMatrix<f64>,
+    /// Input vector.
+    pub b: DVector<f64>,
+    /// Reading row.
+    pub c: DVector<f64>,
+    /// Observer gain (predictor form).
+    pub l: DVector<f64>,
+    /// Gain row, one for the unknown input.
+    pub k: DVector<f64>,
+    /// Feedforward over the reference window.
+    pub feedforward: Vec<f64>,
+}
+
+/// Stationary solution of `P = A P A' - A P c' (c P c' + r)^-1 c P A' + Q` by the doubling algorithm (Anderson 1978: each step stands for
+/// twice as many of the recursion as the one before); returns the predictor's gain `A P c / (c' P c + r)`.
+fn kalman_predictor(a: &DMatrix<f64>, c: &DVector<f64>, q: &DMatrix<f64>, r: f64) -> DVector<f64> {
+    let n = a.nrows();
+    let identity = DMatrix::<f64>::identity(n, n);
+    let (mut alpha, mut beta, mut p) = (a.transpose(), c * c.transpose() / r, q.clone());
+    for _ in 0..40 {
+        let Some(inverse) = (&identity + &beta * &p).try_inverse() else { break };
+        let step = alpha.transpose() * &p * &inverse * &alpha;
+        let next_beta = &beta + &alpha * &inverse * &beta * alpha.transpose();
+        alpha = &alpha * &inverse * &alpha;
+        beta = (&next_beta + next_beta.transpose()) * 0.5;
+        let change = step.norm();
+        p += (&step + step.transpose()) * 0.5;
+        if change <= 1e-15 * p.norm() {
+            break;
+        }
+    }
+    let pc = &p * c;
+    a * &pc / (c.dot(&pc) + r)
+}
+
+/// Gain of the linear-quadratic problem `sum y^2 + rho v^2`: the dual of the predictor.
+fn quadratic_regulator(model: &SampledModel, rho: f64) -> DVector<f64> {
+    kalman_predictor(&model.a.transpose(), &model.b, &(&model.c * model.c.transpose()), rho)
+}
+
+/// Frequency response of a sampled model.
+#[must_use]
+pub fn frequency_response(model: &SampledModel, omega_rad_s: f64) -> Complex<f64> {
+    let n = model.a.nrows();
+    let z = Complex::from_polar(1.0, omega_rad_s * SAMPLING_PERIOD_S);
+    let matrix = DMatrix::from_fn(n, n, |i, j| if i == j { z } else { Complex::new(0.0, 0.0) } - Complex::new(model.a[(i, j)], 0.0));
+    let b = model.b.map(|v| Complex::new(v, 0.0));
+    match matrix.lu().solve(&b) {
+        Some(x) => x.iter().zip(model.c.iter()).map(|(x, c)| x * *c).sum(),
+        None => Complex::new(f64::NAN, f64::NAN),
+    }
+}
+
+/// Feedforward over the reference window for the period that begins one tick after now: the inverse of a sampled model.
+#[must_use]
+pub fn feedforward(model: &SampledModel) -> Vec<f64> {
+    window_fit::fit(SAMPLING_PERIOD_S, |w| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(model, w))
+}
+
+impl PredictorDesign {
+    /// For a linear model and a tuning.
+    #[must_use]
+    pub fn new(linear: &LinearModel, tuning: &PredictorTuning) -> Self {
+        let model = linear.sampled(SAMPLING_PERIOD_S);
+        let n = model.a.nrows();
+        let (slope, unknown) = (STATES - 2, STATES - 1);
+        let mut a = DMatrix::zeros(STATES, STATES);
+        a.view_mut((0, 0), (n, n)).copy_from(&model.a);
+        a.view_mut((0, unknown), (n, 1)).copy_from(&model.b);
+        a[(unknown, unknown)] = 1.0;
+        let with_slope = tuning.unknown_slope_change_um > 0.0;
+        if with_slope {
+            a[(slope, slope)] = 1.0;
+            a[(unknown, slope)] = 1.0;
+        }
+        let mut b = DVector::zeros(STATES);
+        b.view_mut((0, 0), (n, 1)).copy_from(&model.b);
+        let mut c = DVector::zeros(STATES);
+        c.view_mut((0, 0), (n, 1)).copy_from(&model.c);
+        let mut q = &b * b.transpose() * tuning.force_noise_um.powi(2);
+        q[(unknown, unknown)] += tuning.unknown_change_um.powi(2);
+        q[(slope, slope)] += tuning.unknown_slope_change_um.powi(2);
+        let mut l = kalman_predictor(&a, &c, &q, tuning.sensor_noise_um.powi(2));
+        for i in n..STATES {
+            if i < slope || (i == slope && !with_slope) {
+                l[i] = 0.0;
+            }
+        }
+        let mut k = DVector::zeros(STATES);
+        k.view_mut((0, 0), (n, 1)).copy_from(&quadratic_regulator(&model, tuning.effort_weight));
+        k[unknown] = 1.0;
+        Self { a, b, c, l, k, feedforward: feedforward(&model) }
+    }
+
+    /// Rows of the tick.
+    ///
+    /// # Errors
+    /// If a coefficient does not fit.
+    pub fn quantised(&self) -> Result<PredictorParameters, QuantisationError> {
+        const LINEAR: usize = predictor_law::STATES;
+        let (slope, unknown) = (LINEAR, LINEAR + 1);
+        let mut state_rows = [hysteron_core::integer_row::Row::default(); LINEAR];
+        for (i, row) in state_rows.iter_mut().enumerate() {
+            // The unknown input acts as the drive does: its column is `b`.
+            let mut coefficients: Vec<f64> = self.a.row(i).iter().take(LINEAR).copied().collect();
+            coefficients.extend([self.l[i], self.b[i]]);
+            *row = row_um(&format!("observer row {i}"), &coefficients)?;
+        }
+        let bits = STATE_ROW_FRACTION_BITS as i32;
+        Ok(PredictorParameters {
+            state_rows,
+            unknown_gain: number("observer gain of the unknown input", self.l[unknown], bits)?,
+            slope_gain: number("observer gain of its slope", self.l[slope], bits)?,
+            reading_row: row_um("reading row", self.c.as_slice())?,
+            gain_row: row_um("control gain", self.k.as_slice())?,
+            feedforward: row_um("feedforward", &self.feedforward)?,
+        })
+    }
+
+    /// Closed loop with an actuator of linear dynamics `plant`, its input multiplied by `gain`: states of the plant, then of the law.
+    /// `extra_delay` (0 or 1) periods are added.
+    #[must_use]
+    pub fn closed_loop(&self, plant: &SampledModel, gain: f64, extra_delay: usize) -> DMatrix<f64> {
+        let n = plant.a.nrows();
+        let size = n + STATES + extra_delay;
+        let mut m = DMatrix::zeros(size, size);
+        m.view_mut((0, 0), (n, n)).copy_from(&plant.a);
+        // The law believes that what it commanded acts: v = -K z.
+        let input = -&self.k.transpose();
+        let law = &self.a - &self.l * self.c.transpose() + &self.b * &input;
+        m.view_mut((n, n), (STATES, STATES)).copy_from(&law);
+        m.view_mut((n, 0), (STATES, n)).copy_from(&(&self.l * plant.c.transpose()));
+        if extra_delay == 0 {
+            m.view_mut((0, n), (n, STATES)).copy_from(&(&plant.b * &input * gain));
+        } else {
+            m.view_mut((0, n + STATES), (n, 1)).copy_from(&(&plant.b * gain));
+            m.view_mut((n + STATES, n), (1, STATES)).copy_from(&input);
+        }
+        m
+    }
+
+    /// Sampled eigenvalues with the plant it was designed for: of the regulator and of the observer.
+    #[must_use]
+    pub fn eigenvalues(&self, plant: &SampledModel) -> Vec<Complex<f64>> {
+        used_eigenvalues(&self.closed_loop(plant, 1.0, 0))
+    }
+
+    /// Largest eigenvalue magnitude with a plant, gain and delay.
+    #[must_use]
+    pub fn spectral_radius(&self, plant: &SampledModel, gain: f64, extra_delay: usize) -> f64 {
+        used_eigenvalues(&self.closed_loop(plant, gain, extra_delay)).iter().map(|z| z.norm()).fold(0.0, f64::max)
+    }
+
+    /// Frequency responses of the closed loop at `omega`: from the unknown input to the true reading, and from sensor noise to it.
+    #[must_use]
+    pub fn sensitivities(&self, plant: &SampledModel, omega_rad_s: f64) -> (Complex<f64>, Complex<f64>) {
+        let closed = self.closed_loop(plant, 1.0, 0);
+        let n = plant.a.nrows();
+        let size = closed.nrows();
+        let mut c = DVector::zeros(size);
+        c.view_mut((0, 0), (n, 1)).copy_from(&plant.c);
+        let mut from_input = DVector::zeros(size);
+        from_input.view_mut((0, 0), (n, 1)).copy_from(&plant.b);
+        let mut from_noise = DVector::zeros(size);
+        from_noise.view_mut((n, 0), (STATES, 1)).copy_from(&self.l);
+        let response = |b: DVector<f64>| frequency_response(&SampledModel { a: closed.clone(), b, c: c.clone() }, omega_rad_s);
+        (response(from_input), response(from_noise))
+    }
+}
+
+/// Eigenvalues without those of states that are not used (exactly zero rows).
+fn used_eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
+    matrix.complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect()
+}
+
+/// Margins that a design keeps: largest eigenvalue magnitudes of the sampled closed loop in each case. Below one is stable.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Margins {
+    /// Nominal.
+    pub nominal: f64,
+    /// Gain 50 % lower.
+    pub gain_half: f64,
+    /// Gain 50 % higher.
+    pub gain_plus_half: f64,
+    /// One more period of delay.
+    pub delay: f64,
+    /// Twice the moving mass.
+    pub mass_double: f64,
+    /// Two percent of the motion in a second mode at 6 times the first one's frequency, damping ratio 0.02, that the design does not know
+    /// (only where the model has no second mode); otherwise the known second mode 10 % lower.
+    pub second_mode: f64,
+    /// Largest magnitude of the sensitivity over all frequencies.
+    pub sensitivity_peak: f64,
+}
+
+/// What a tuning is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Assessment {
+    /// The tuning.
+    pub tuning: PredictorTuning,
+    /// Sensor noise that appears as motion, um RMS.
+    pub noise_um: f64,
+    /// Hysteresis model error that is let through, um RMS.
+    pub disturbance_um: f64,
+    /// Margins.
+    pub margins: Margins,
+    /// Stable in every case.
+    pub accepted: bool,
+}
+
+impl Assessment {
+    /// Expected error, um RMS.
+    #[must_use]
+    pub fn expected_um(&self) -> f64 {
+        self.noise_um.hypot(self.disturbance_um)
+    }
+}
+
+/// What the scan designs for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Demands {
+    /// Highest frequency of references, Hz.
+    pub reference_hz: f64,
+    /// Error of the hysteresis model at the reference's frequency, um RMS; a third of it at three times the frequency.
+    pub model_error_um: f64,
+    /// Noise of the sensor, um RMS.
+    pub sensor_noise_um: f64,
+    /// Largest sensitivity that is accepted.
+    pub sensitivity_peak: f64,
+}
+
+impl Default for Demands {
+    fn default() -> Self {
+        Self { reference_hz: 150.0, model_error_um: 0.02, sensor_noise_um: 0.001, sensitivity_peak: 2.5 }
+    }
+}
+
+/// What any law of the predictor's form is worth on a model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judgement {
+    /// Sensor noise that appears as motion, um RMS.
+    pub noise_um: f64,
+    /// Hysteresis model error that is let through, um RMS.
+    pub disturbance_um: f64,
+    /// Margins.
+    pub margins: Margins,
+    /// Stable in every case, and the sensitivity's peak as demanded.
+    pub accepted: bool,
+}
+
+impl Judgement {
+    /// Expected error, um RMS.
+    #[must_use]
+    pub fn expected_um(&self) -> f64 {
+        self.noise_um.hypot(self.disturbance_um)
+    }
+}
+
+/// Of candidate gains the one with the smallest expected error among those that keep the margins: noise passed on, and model error let
+/// through at the references' highest frequency and at a tenth of it, so that a slow integral is not taken for a good one.
+#[must_use]
+pub fn best_of<G: Copy + Send + Sync>(
+    candidates: Vec<G>,
+    law: impl Fn(&G) -> PredictorDesign + Sync,
+    linear: &LinearModel,
+    demands: &Demands,
+) -> Option<(G, Judgement)> {
+    let slow = Demands { reference_hz: 0.1 * demands.reference_hz, ..*demands };
+    let judged = parallel::map_indices(candidates.len(), |i| {
+        let design = law(&candidates[i]);
+        let judgement = judge(&design, linear, demands);
+        let expected = judgement.expected_um().hypot(judge(&design, linear, &slow).disturbance_um);
+        judgement.accepted.then_some((expected, candidates[i], judgement))
+    });
+    judged.into_iter().flatten().min_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, gains, judgement)| (gains, judgement))
+}
+
+/// Assesses one tuning.
+#[must_use]
+pub fn assess(linear: &LinearModel, tuning: &PredictorTuning, demands: &Demands) -> Assessment {
+    let Judgement { noise_um, disturbance_um, margins, accepted } = judge(&PredictorDesign::new(linear, tuning), linear, demands);
+    Assessment { tuning: *tuning, noise_um, disturbance_um, margins, accepted }
+}
+
+/// Judges a law on the model that it was designed for: what it lets through, and its margins.
+#[must_use]
+pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) -> Judgement {
+    let plant = linear.sampled(SAMPLING_PERIOD_S);
+    let radius = |model: &LinearModel, gain: f64, delay: usize| design.spectral_radius(&model.sampled(SAMPLING_PERIOD_S), gain, delay);
+    let other_mode = match linear.second_mode {
+        Some((share, mode)) => {
+            let lower = ModeModel { natural_frequency_rad_s: 0.9 * mode.natural_frequency_rad_s, ..mode };
+            LinearModel { second_mode: Some((share, lower)), ..*linear }
+        }
+        None => LinearModel {
+            second_mode: Some((
+                0.02,
+                ModeModel { natural_frequency_rad_s: 6.0 * linear.first_mode.natural_frequency_rad_s, damping_ratio: 0.02 },
+            )),
+            ..*linear
+        },
+    };
+    let mut noise_power = 0.0;
+    let mut sensitivity_peak = 0.0f64;
+    let points = 200;
+    for i in 0..points {
+        let omega = std::f64::consts::PI / SAMPLING_PERIOD_S * (i as f64 + 0.5) / points as f64;
+        let (_, noise) = design.sensitivities(&plant, omega);
+        noise_power += noise.norm_sqr() / points as f64;
+        sensitivity_peak = sensitivity_peak.max((noise + 1.0).norm());
+    }
+    let mut disturbance_power = 0.0;
+    for (harmonic, share) in [(1.0, 1.0), (2.0, 0.5), (3.0, 0.33), (5.0, 0.2)] {
+        let (unknown, _) = design.sensitivities(&plant, std::f64::consts::TAU * demands.reference_hz * harmonic);
+        disturbance_power += (unknown.norm() * share * demands.model_error_um).powi(2);
+    }
+    let margins = Margins {
+        nominal: design.spectral_radius(&plant, 1.0, 0),
+        gain_half: design.spectral_radius(&plant, 0.5, 0),
+        gain_plus_half: design.spectral_radius(&plant, 1.5, 0),
+        delay: radius(linear, 1.0, 1),
+        mass_double: radius(&linear.with_mass_ratio(2.0), 1.0, 0),
+        second_mode: radius(&other_mode, 1.0, 0),
+        sensitivity_peak,
+    };
+    let worst = [margins.nominal, margins.gain_half, margins.gain_plus_half, margins.delay, margins.mass_double, margins.second_mode]
+        .into_iter()
+        .fold(0.0, f64::max);
+    Judgement {
+        noise_um: noise_power.sqrt() * demands.sensor_noise_um,
+        disturbance_um: disturbance_power.sqrt(),
+        margins,
+        accepted: worst < 1.0 && sensitivity_peak <= demands.sensitivity_peak,
+    }
+}
+
+/// The scan: all assessments, best accepted first, then the others.
+#[must_use]
+pub fn tune(linear: &LinearModel, demands: &Demands) -> Vec<Assessment> {
+    let mut candidates = Vec::new();
+    for effort_weight in [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0] {
+        for unknown_change_um in [0.0003, 0.001, 0.002, 0.004, 0.008] {
+            for force_noise_um in [0.001, 0.01] {
+                for slope in [0.0, 0.05, 0.2] {
+                    candidates.push(PredictorTuning {
+                        effort_weight,
+                        unknown_change_um,
+                        unknown_slope_change_um: slope * unknown_change_um,
+                        force_noise_um,
+                        sensor_noise_um: demands.sensor_noise_um.max(1e-4),
+                    });
+                }
+            }
+        }
+    }
+    let mut out: Vec<Assessment> = parallel::map(&candidates, |tuning| assess(linear, tuning, demands));
+    out.sort_by(|x, y| y.accepted.cmp(&x.accepted).then(x.expected_um().total_cmp(&y.expected_um())));
+    out
+}

@@ -1,0 +1,196 @@
+//! What the recording behind a model says about dynamics that the model does not have.
+//!
+//! # How it works
+//! A linear part that a model misses (a mode, a wrong damping) leaves a residual that follows the force. With `V` the spectrum of the
+//! model's force-equivalent displacement and `E` that of the residual, over half-overlapping Hann windows of all records of one rate,
+//!
+//! * `|sum E V*| / sum |V|^2` is the missing response itself, um/um;
+//! * `3 sqrt(mean |E|^2 / sum |V|^2)` is what noise and everything else in the residual could hide of it (three standard deviations).
+//!
+//! Their sum (the least of all rates) is the *level*: a larger missing response is excluded by the recording at that frequency, whatever a fit believed of
+//! its standard deviations (Ljung, System Identification 1999, 6.4 and 16.6: model error modelling). Where the drive has no power the level
+//! is large, and nothing is excluded. A resonance that is narrower than the window's resolution is seen too small; the level is raised
+//! for the least damping ratio that is reckoned with.
+
+use super::model::SAMPLING_PERIOD_S;
+use crate::dataset::{Dataset, Role};
+use crate::identification::fit::{residual, rms};
+use crate::identification::noise_floor::noise_floor;
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::Place;
+use nalgebra::Complex;
+use realfft::RealFftPlanner;
+use std::f64::consts::TAU;
+
+/// Distance of the lines, Hz: windows of 102 ms.
+const LINE_HZ: f64 = 10_000.0 / 1024.0;
+/// Slowest record that says anything of modes, Hz.
+const LEAST_RATE_HZ: f64 = 2000.0;
+/// Share of a record's rate up to which it is believed.
+const BELIEVED: f64 = 0.45;
+/// Noise bandwidth of a Hann window, in lines.
+const HANN_LINES: f64 = 1.5;
+/// Least damping ratio that is reckoned with.
+pub const LEAST_DAMPING: f64 = 0.01;
+/// Lines over which the residual's power is averaged to either side.
+const NEIGHBOURS: usize = 6;
+
+/// What a recording knows beside the values of a model.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// Frequencies, Hz, evenly spaced from the second line to half the loop's rate.
+    pub frequency_hz: Vec<f64>,
+    /// Missing response that is not excluded, um/um.
+    pub level: Vec<f64>,
+    /// The part of it that is there for lack of drive: three standard deviations.
+    pub blind: Vec<f64>,
+    /// Noise of the sensor, um RMS, where the data show it.
+    pub noise_um: Option<f64>,
+    /// Residual over the records that were fitted, um RMS.
+    pub residual_um: f64,
+}
+
+/// Sums of spectra over the windows of one rate.
+struct Sums {
+    transform: std::sync::Arc<dyn realfft::RealToComplex<f64>>,
+    hann: Vec<f64>,
+    cross: Vec<Complex<f64>>,
+    force_power: Vec<f64>,
+    residual_power: Vec<f64>,
+    windows: f64,
+}
+
+impl Sums {
+    fn new(rate_hz: f64) -> Self {
+        let length = (rate_hz / LINE_HZ).round().max(2.0) as usize;
+        let lines = length / 2 + 1;
+        Self {
+            transform: RealFftPlanner::<f64>::new().plan_fft_forward(length),
+            hann: (0..length).map(|i| 0.5 - 0.5 * (TAU * i as f64 / length as f64).cos()).collect(),
+            cross: vec![Complex::new(0.0, 0.0); lines],
+            force_power: vec![0.0; lines],
+            residual_power: vec![0.0; lines],
+            windows: 0.0,
+        }
+    }
+
+    fn spectrum(&self, signal: &[f64]) -> Vec<Complex<f64>> {
+        let (mut input, mut output) = (self.transform.make_input_vec(), self.transform.make_output_vec());
+        let mean = signal.iter().sum::<f64>() / signal.len().max(1) as f64;
+        input.iter_mut().zip(signal.iter().zip(&self.hann)).for_each(|(to, (v, w))| *to = (v - mean) * w);
+        // The buffers come from the transform itself, so their lengths fit.
+        self.transform.process(&mut input, &mut output).map(|()| output).unwrap_or_default()
+    }
+
+    fn add(&mut self, force: &[f64], missed: &[f64]) {
+        let length = self.hann.len();
+        for start in (0..(missed.len() + 1).saturating_sub(length)).step_by((length / 2).max(1)) {
+            let (v, e) = (self.spectrum(&force[start..start + length]), self.spectrum(&missed[start..start + length]));
+            for (i, (v, e)) in v.iter().zip(&e).enumerate() {
+                self.cross[i] += e * v.conj();
+                self.force_power[i] += v.norm_sqr();
+                self.residual_power[i] += e.norm_sqr();
+            }
+            self.windows += 1.0;
+        }
+    }
+
+    /// Missing response at a line, and what noise could hide of it.
+    fn at(&self, line: usize) -> Option<(f64, f64)> {
+        let power = *self.force_power.get(line).filter(|power| **power > 0.0)?;
+        let (from, to) = (line.saturating_sub(NEIGHBOURS).max(2), (line + NEIGHBOURS + 1).min(self.cross.len()));
+        let around = self.residual_power[from..to].iter().sum::<f64>() / ((to - from) as f64 * self.windows);
+        let noise = around.max(self.residual_power[line] / self.windows);
+        Some((self.cross[line].norm() / power, 3.0 * (noise / power).sqrt()))
+    }
+}
+
+impl Recording {
+    /// Of a chain on a data set.
+    #[must_use]
+    pub fn of(chain: &Model, dataset: &Dataset) -> Self {
+        let force_chain = {
+            let mut to_force = chain.clone();
+            to_force.effects.retain(|e| e.effect.declaration().place <= Place::Hysteresis);
+            to_force
+        };
+        let lines = (0.5 / (SAMPLING_PERIOD_S * LINE_HZ)) as usize + 1;
+        let mut out = Self {
+            frequency_hz: (2..lines).map(|i| i as f64 * LINE_HZ).collect(),
+            level: vec![f64::INFINITY; lines.saturating_sub(2)],
+            blind: vec![f64::INFINITY; lines.saturating_sub(2)],
+            noise_um: noise_floor(dataset).rms_um,
+            residual_um: 0.0,
+        };
+        let mut squares = Vec::new();
+        let mut rates_hz: Vec<f64> = Vec::new();
+        let mut seen: Vec<(f64, Vec<f64>, Vec<f64>)> = Vec::new();
+        for record in &dataset.records {
+            if matches!(record.role, Role::Noise | Role::Test) {
+                continue;
+            }
+            let missed = residual(chain, record);
+            if record.role == Role::Identify || dataset.with_role(Role::Identify).is_empty() {
+                squares.extend(missed.iter().copied());
+            }
+            let force = force_chain.simulate(&record.drive());
+            let rate_hz = record.sample_rate_hz;
+            if rate_hz >= LEAST_RATE_HZ && !rates_hz.contains(&rate_hz) {
+                rates_hz.push(rate_hz);
+            }
+            seen.push((rate_hz, force[record.window.clone()].to_vec(), missed));
+        }
+        out.residual_um = rms(&squares);
+        for rate_hz in rates_hz {
+            let mut sums = Sums::new(rate_hz);
+            seen.iter().filter(|(rate, ..)| *rate == rate_hz).for_each(|(_, force, missed)| sums.add(force, missed));
+            for (i, hz) in
+                out.frequency_hz.iter().enumerate().filter(|(_, hz)| **hz < BELIEVED * rate_hz || rate_hz >= 0.99 / SAMPLING_PERIOD_S)
+            {
+                if let Some((missing, hidden)) = sums.at(i + 2) {
+                    let narrow = 1.0 + HANN_LINES * LINE_HZ / (2.0 * LEAST_DAMPING * hz);
+                    out.blind[i] = out.blind[i].min(narrow * hidden);
+                    out.level[i] = out.level[i].min(narrow * (missing + hidden));
+                }
+            }
+        }
+        out
+    }
+
+    fn at(&self, values: &[f64], hz: f64) -> Option<f64> {
+        let (first, last) = (*self.frequency_hz.first()?, *self.frequency_hz.last()?);
+        let step = (last - first) / (self.frequency_hz.len().max(2) - 1) as f64;
+        let index = ((hz - first) / step).max(0.0);
+        let below = (index as usize).min(values.len() - 1);
+        let above = (below + 1).min(values.len() - 1);
+        // The larger neighbour: between two lines nothing better is known.
+        Some(values[below].max(values[above]))
+    }
+
+    /// Missing response that is not excluded at a frequency, um/um (infinite where no record is fast enough).
+    #[must_use]
+    pub fn level_at(&self, hz: f64) -> Option<f64> {
+        self.at(&self.level, hz)
+    }
+
+    /// The part of it that is there for lack of drive.
+    #[must_use]
+    pub fn blind_at(&self, hz: f64) -> Option<f64> {
+        self.at(&self.blind, hz)
+    }
+
+    /// The highest frequency below which the drive shows missing responses of `level` and more on most lines, Hz.
+    #[must_use]
+    pub fn driven_to_hz(&self, level: f64) -> f64 {
+        // Lines between those of a multisine may be weak: what counts is the best within 30 Hz.
+        let mut reached = 0.0;
+        for chunk in self.frequency_hz.chunks(4).zip(self.blind.chunks(4)) {
+            let best = chunk.1.iter().copied().fold(f64::INFINITY, f64::min);
+            if best > level {
+                break;
+            }
+            reached = chunk.0.last().copied().unwrap_or(reached);
+        }
+        reached
+    }
+}

@@ -1,0 +1,358 @@
+//! The design that holds for all plants that the recording leaves possible.
+//!
+//! # How it works
+//! Each candidate (the tunings of [`super::predictor`], from a few rad/s of bandwidth to beyond the first mode) must
+//!
+//! 1. be stable by the eigenvalues of the sampled loop on every member of a set: gain -50 % to +50 %, a period more of delay, more mass, and
+//!    modes moved by three standard deviations (never less than [`LEAST_FREQUENCY_SPREAD`] and [`LEAST_DAMPING_SPREAD`], since a stated
+//!    deviation can be too small where a model lacks something);
+//! 2. keep its largest sensitivity;
+//! 3. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every frequency up to half the
+//!    sampling rate (small gain, so whatever the phase and the number of modes), where `K S` is the answer of the drive to the reading and
+//!    `W` the largest missing response: the recording's level ([`Recording`]), at most the peak of an unknown mode
+//!    ([`UNKNOWN_MODE_PEAK`]), times the spread of the gain.
+//!
+//! Of those that do, the one with the least expected error is taken: noise passed on, and the error of the hysteresis model at the highest
+//! frequency of references and at a tenth of it. What the third condition costs is found by leaving it out, and told.
+
+use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::plant_set::Variation;
+use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, STATES, frequency_response};
+use super::recording::Recording;
+use crate::parallel;
+use nalgebra::{Complex, SMatrix, SVector};
+use std::f64::consts::{PI, TAU};
+
+/// Peak of an unknown mode over the static displacement: 5 % of the motion at a damping ratio of 0.015 (2 % at 0.006).
+pub const UNKNOWN_MODE_PEAK: f64 = 0.05 / (2.0 * 0.015);
+/// Spread of the gain that the third condition carries along.
+pub const GAIN_SPREAD: f64 = 1.2;
+/// A frequency is never taken to be known better than this.
+pub const LEAST_FREQUENCY_SPREAD: f64 = 0.02;
+/// A damping ratio is never taken to be known better than this.
+pub const LEAST_DAMPING_SPREAD: f64 = 0.2;
+
+/// How well the values of a mode are known: relative spreads that are reckoned with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModeSpread {
+    /// Of the frequency.
+    pub frequency: f64,
+    /// Of the damping ratio.
+    pub damping: f64,
+}
+
+impl ModeSpread {
+    /// From relative standard deviations.
+    #[must_use]
+    pub fn of(frequency_std: f64, damping_std: f64) -> Self {
+        Self {
+            frequency: (3.0 * frequency_std).clamp(LEAST_FREQUENCY_SPREAD, 0.5),
+            damping: (3.0 * damping_std).clamp(LEAST_DAMPING_SPREAD, 0.9),
+        }
+    }
+}
+
+/// What a design is made for.
+pub struct Task<'a> {
+    /// Dynamics of the observer.
+    pub linear: LinearModel,
+    /// Spread of the first mode.
+    pub first: ModeSpread,
+    /// Spread of the second one, if there is one.
+    pub second: Option<ModeSpread>,
+    /// Delay of the drive that the actuator is known to have and the observer does not carry, s.
+    pub delay_s: f64,
+    /// The recording, if it is at hand.
+    pub recording: Option<&'a Recording>,
+    /// What is asked.
+    pub demands: Demands,
+}
+
+/// Which condition a candidate breaks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Broken {
+    /// Unstable on a member of the set.
+    Member(&'static str),
+    /// The peak of the sensitivity.
+    Sensitivity,
+    /// A missing response that is not excluded, at this frequency.
+    Unknown {
+        /// Hz.
+        hz: f64,
+    },
+}
+
+/// A candidate with what it is worth.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// Its tuning.
+    pub tuning: PredictorTuning,
+    /// Noise passed on, um RMS.
+    pub noise_um: f64,
+    /// Model error let through at the highest frequency, um RMS.
+    pub disturbance_um: f64,
+    /// The same at a tenth of it.
+    pub slow_um: f64,
+    /// Largest sensitivity.
+    pub sensitivity_peak: f64,
+    /// The first condition that it breaks; none for a good one. Conditions in the order of the module's text.
+    pub broken: Option<Broken>,
+    /// Largest `|K S| W` and where, Hz.
+    pub unknown: (f64, f64),
+}
+
+impl Candidate {
+    /// Expected error, um RMS.
+    #[must_use]
+    pub fn expected_um(&self) -> f64 {
+        self.noise_um.hypot(self.disturbance_um).hypot(self.slow_um)
+    }
+}
+
+/// Outcome of a scan.
+#[derive(Clone, Debug)]
+pub struct Scan {
+    /// All candidates, by expected error.
+    pub candidates: Vec<Candidate>,
+}
+
+impl Scan {
+    /// The best of those that break nothing.
+    #[must_use]
+    pub fn best(&self) -> Option<&Candidate> {
+        self.candidates.iter().find(|c| c.broken.is_none())
+    }
+
+    /// The best of those that break at most the condition on what the recording does not exclude.
+    #[must_use]
+    pub fn best_if_recorded(&self) -> Option<&Candidate> {
+        self.candidates.iter().find(|c| matches!(c.broken, None | Some(Broken::Unknown { .. })))
+    }
+}
+
+/// Frequencies at which a loop is looked at, Hz: even steps up to half the sampling rate, and close together about every mode.
+#[must_use]
+pub fn frequency_grid_hz(linear: &LinearModel) -> Vec<f64> {
+    let highest = 0.5 / SAMPLING_PERIOD_S;
+    let mut grid: Vec<f64> = (1..400).map(|i| highest * f64::from(i) / 400.0).collect();
+    grid.extend((0..24).map(|i| 0.5 * 1.2_f64.powi(i)));
+    for mode in std::iter::once(linear.first_mode).chain(linear.second_mode.map(|(_, m)| m)) {
+        let hz = mode.natural_frequency_rad_s / TAU;
+        grid.extend((-12..=12).map(|i| hz * (1.0 + 0.5 * mode.damping_ratio.min(0.1) * f64::from(i))));
+    }
+    grid.retain(|hz| *hz > 0.0 && *hz < highest);
+    grid.sort_by(f64::total_cmp);
+    grid
+}
+
+/// Answer of a law's drive to the reading at a frequency, sign such that the loop is `1 + P K`.
+#[must_use]
+pub fn law_response(design: &PredictorDesign, hz: f64) -> Complex<f64> {
+    let law = &design.a - &design.l * design.c.transpose() - &design.b * design.k.transpose();
+    LawMatrices::of(&law, design).response(hz)
+}
+
+/// The law with the sizes known to the compiler: a scan takes some hundred thousand of its responses.
+struct LawMatrices {
+    a: SMatrix<f64, STATES, STATES>,
+    l: SVector<Complex<f64>, STATES>,
+    k: SVector<Complex<f64>, STATES>,
+}
+
+impl LawMatrices {
+    fn of(law: &nalgebra::DMatrix<f64>, design: &PredictorDesign) -> Self {
+        let complex = |v: f64| Complex::new(v, 0.0);
+        Self {
+            a: SMatrix::from_fn(|i, j| law[(i, j)]),
+            l: SVector::from_fn(|i, _| complex(design.l[i])),
+            k: SVector::from_fn(|i, _| complex(design.k[i])),
+        }
+    }
+
+    fn response(&self, hz: f64) -> Complex<f64> {
+        let z = Complex::from_polar(1.0, TAU * hz * SAMPLING_PERIOD_S);
+        let matrix =
+            SMatrix::<Complex<f64>, STATES, STATES>::from_fn(
+                |i, j| {
+                    if i == j { z - self.a[(i, j)] } else { Complex::new(-self.a[(i, j)], 0.0) }
+                },
+            );
+        matrix.lu().solve(&self.l).map_or(Complex::new(f64::NAN, f64::NAN), |x| self.k.iter().zip(x.iter()).map(|(k, x)| k * x).sum())
+    }
+}
+
+/// What is the same for all candidates.
+struct Conditions {
+    grid_hz: Vec<f64>,
+    plant: Vec<Complex<f64>>,
+    unknown: Vec<f64>,
+    nominal: SampledModel,
+    members: Vec<(&'static str, SampledModel)>,
+    demands: Demands,
+}
+
+impl Task<'_> {
+    /// Largest missing response that has to be reckoned with at a frequency, um/um.
+    #[must_use]
+    pub fn unknown_at(&self, hz: f64) -> f64 {
+        let first_hz = self.linear.first_mode.natural_frequency_rad_s / TAU;
+        // Below the first mode nothing resonates; there the model's own error counts.
+        let assumed = if hz < 0.9 * first_hz { 0.0 } else { UNKNOWN_MODE_PEAK };
+        let level = match self.recording.and_then(|r| r.level_at(hz)) {
+            Some(level) => level.min(UNKNOWN_MODE_PEAK.min(assumed.max(0.2))),
+            None => assumed,
+        };
+        GAIN_SPREAD * level
+    }
+
+    fn conditions(&self) -> Conditions {
+        let grid_hz = frequency_grid_hz(&self.linear);
+        let nominal = Variation { delay_s: self.delay_s, ..Variation::NONE }.sampled(&self.linear);
+        let moved = |mode: ModeModel, frequency: f64, damping: f64| ModeModel {
+            natural_frequency_rad_s: mode.natural_frequency_rad_s * frequency,
+            damping_ratio: mode.damping_ratio * damping,
+        };
+        let mut members = vec![("nominal", nominal.clone())];
+        let mut add = |name, variation: Variation, linear: &LinearModel| {
+            let late = Variation { delay_s: variation.delay_s + self.delay_s, ..variation };
+            members.push((name, late.sampled(linear)));
+        };
+        add("half the gain", Variation { gain: 0.5, ..Variation::NONE }, &self.linear);
+        add("one and a half times the gain", Variation { gain: 1.5, ..Variation::NONE }, &self.linear);
+        add("a period more of delay", Variation { delay_s: SAMPLING_PERIOD_S, ..Variation::NONE }, &self.linear);
+        add("twice the mass", Variation { mass_ratio: 2.0, ..Variation::NONE }, &self.linear);
+        add("1.4 times the mass", Variation { mass_ratio: 1.4, ..Variation::NONE }, &self.linear);
+        for up in [-1.0, 1.0] {
+            for gain in [1.0 / GAIN_SPREAD, GAIN_SPREAD] {
+                let spread = self.first;
+                let first_mode = moved(self.linear.first_mode, 1.0 + up * spread.frequency, 1.0 - spread.damping);
+                add("the first mode moved", Variation { gain, ..Variation::NONE }, &LinearModel { first_mode, ..self.linear });
+                if let (Some((share, mode)), Some(spread)) = (self.linear.second_mode, self.second) {
+                    let second_mode = Some((share, moved(mode, 1.0 + up * spread.frequency, 1.0 - spread.damping)));
+                    add("the second mode moved", Variation { gain, ..Variation::NONE }, &LinearModel { second_mode, ..self.linear });
+                }
+            }
+        }
+        Conditions {
+            plant: grid_hz.iter().map(|hz| frequency_response(&nominal, TAU * hz)).collect(),
+            unknown: grid_hz.iter().map(|hz| self.unknown_at(*hz)).collect(),
+            grid_hz,
+            nominal,
+            members,
+            demands: self.demands,
+        }
+    }
+
+    /// Judges one tuning.
+    #[must_use]
+    pub fn judge(&self, tuning: &PredictorTuning) -> Candidate {
+        judge(&self.linear, tuning, &self.conditions())
+    }
+
+    /// Judges all tunings.
+    #[must_use]
+    pub fn scan(&self) -> Scan {
+        let conditions = self.conditions();
+        let noise_um = self.demands.sensor_noise_um;
+        let mut tunings = Vec::new();
+        for effort_weight in [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4] {
+            for change in [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0, 8.0] {
+                for force in [0.1, 1.0, 10.0] {
+                    for slope in [0.0, 0.05, 0.2] {
+                        tunings.push(PredictorTuning {
+                            effort_weight,
+                            unknown_change_um: change * noise_um,
+                            unknown_slope_change_um: slope * change * noise_um,
+                            force_noise_um: force * noise_um,
+                            sensor_noise_um: noise_um,
+                        });
+                    }
+                }
+            }
+        }
+        let mut candidates = parallel::map(&tunings, |tuning| judge(&self.linear, tuning, &conditions));
+        candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
+        Scan { candidates }
+    }
+
+    /// A candidate as the file of a design keeps it.
+    #[must_use]
+    pub fn assessment(&self, candidate: &Candidate) -> Assessment {
+        let Assessment { margins, .. } = super::predictor::assess(&self.linear, &candidate.tuning, &self.demands);
+        Assessment {
+            tuning: candidate.tuning,
+            noise_um: candidate.noise_um,
+            disturbance_um: candidate.disturbance_um,
+            margins,
+            accepted: candidate.broken.is_none(),
+        }
+    }
+}
+
+fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions) -> Candidate {
+    let design = PredictorDesign::new(linear, tuning);
+    let mut out = Candidate {
+        tuning: *tuning,
+        noise_um: f64::INFINITY,
+        disturbance_um: f64::INFINITY,
+        slow_um: f64::INFINITY,
+        sensitivity_peak: f64::INFINITY,
+        broken: None,
+        unknown: (0.0, 0.0),
+    };
+    let unstable = conditions.members.iter().find(|(_, plant)| {
+        let radius = design.spectral_radius(plant, 1.0, 0);
+        radius.is_nan() || radius >= 1.0
+    });
+    if let Some((name, _)) = unstable {
+        out.broken = Some(Broken::Member(name));
+        return out;
+    }
+    let law = &design.a - &design.l * design.c.transpose() - &design.b * design.k.transpose();
+    let law = LawMatrices::of(&law, &design);
+    let one = Complex::new(1.0, 0.0);
+    let highest_hz = 0.5 / SAMPLING_PERIOD_S;
+    let (mut noise_power, mut last_hz, mut peak) = (0.0, 0.0, 0.0f64);
+    for (i, hz) in conditions.grid_hz.iter().enumerate() {
+        let (k, p) = (law.response(*hz), conditions.plant[i]);
+        let s = one / (one + p * k);
+        let answer = k * s;
+        noise_power += (p * answer).norm_sqr() * (hz - last_hz) / highest_hz;
+        last_hz = *hz;
+        peak = peak.max(s.norm());
+        let unknown = answer.norm() * conditions.unknown[i];
+        if unknown > out.unknown.0 || unknown.is_nan() {
+            out.unknown = (unknown, *hz);
+        }
+    }
+    out.noise_um = noise_power.sqrt() * conditions.demands.sensor_noise_um;
+    let let_through = |reference_hz: f64| {
+        let harmonics = [(1.0, 1.0), (2.0, 0.5), (3.0, 0.33), (5.0, 0.2)];
+        let power: f64 = harmonics
+            .iter()
+            .map(|(harmonic, share)| {
+                let hz = reference_hz * harmonic;
+                let p = frequency_response(&conditions.nominal, TAU * hz);
+                ((p / (one + p * law.response(hz))).norm() * share * conditions.demands.model_error_um).powi(2)
+            })
+            .sum();
+        power.sqrt()
+    };
+    out.disturbance_um = let_through(conditions.demands.reference_hz);
+    out.slow_um = let_through(0.1 * conditions.demands.reference_hz);
+    out.sensitivity_peak = peak;
+    out.broken = if peak.is_nan() || peak > conditions.demands.sensitivity_peak {
+        Some(Broken::Sensitivity)
+    } else if out.unknown.0.is_nan() || out.unknown.0 > 1.0 {
+        Some(Broken::Unknown { hz: out.unknown.1 })
+    } else {
+        None
+    };
+    out
+}
+
+/// Whether the largest sampled frequency that a mode may have is inside what the loop sees.
+#[must_use]
+pub fn within_nyquist(mode: &ModeModel) -> bool {
+    mode.natural_frequency_rad_s * SAMPLING_PERIOD_S < PI
+}

@@ -1,0 +1,255 @@
+//! Following a reference on an identified model: the chain of effects as the plant, the integers of the tick as the controller.
+//!
+//! The plant runs in [`SUBSTEPS`] steps a period. Converters are those of a board that fits the actuator: the DAC spans the drive range with a
+//! quarter of it below and half of it above, the ADC the motion with a third to spare (for the P-753 the converters of the bench). The
+//! actuator is conditioned and the sensor zeroed before it begins.
+
+use super::design::ServoDesign;
+use super::model::SAMPLING_PERIOD_S;
+use super::quantise::QuantisationError;
+use hysteron_core::servo_tick::ServoTick;
+use hysteron_sim::chain::Model;
+use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, condition, follow};
+use hysteron_sim::converter_scale::ConverterScale;
+use hysteron_sim::effect::{Place, Setting, Stage};
+use hysteron_sim::waveform;
+use serde::Serialize;
+
+/// Steps of the plant in a period.
+pub const SUBSTEPS: usize = 10;
+
+/// A reference: `offset + amplitude sin(2 pi f t + phase)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SineReference {
+    /// Frequency, Hz.
+    pub frequency_hz: f64,
+    /// Amplitude, um.
+    pub amplitude_um: f64,
+    /// Offset, um.
+    pub offset_um: f64,
+    /// Phase, degrees.
+    pub phase_deg: f64,
+}
+
+impl SineReference {
+    /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`. Without an offset the sine stands on 1.12 times its amplitude, which leaves
+    /// room for the remnant and for creep; without a phase it begins at its lowest point.
+    ///
+    /// # Errors
+    /// A message that names the field.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let expected = "expected sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]";
+        let mut fields = text.split(':');
+        if fields.next() != Some("sine") {
+            return Err(format!("reference `{text}`: {expected}"));
+        }
+        let numbers: Vec<f64> = fields
+            .map(|f| {
+                f.parse::<f64>()
+                    .ok()
+                    .filter(|v| v.is_finite())
+                    .ok_or_else(|| format!("reference `{text}`: `{f}` is not a number; {expected}"))
+            })
+            .collect::<Result<_, _>>()?;
+        let (frequency_hz, amplitude_um) = match numbers.as_slice() {
+            [f, a] | [f, a, _] | [f, a, _, _] => (*f, *a),
+            _ => return Err(format!("reference `{text}`: {expected}")),
+        };
+        if frequency_hz <= 0.0 || frequency_hz > 0.25 / SAMPLING_PERIOD_S {
+            return Err(format!("reference `{text}`: the frequency must be above 0 and at most {} Hz", 0.25 / SAMPLING_PERIOD_S));
+        }
+        if amplitude_um < 0.0 {
+            return Err(format!("reference `{text}`: the amplitude must not be negative"));
+        }
+        Ok(Self {
+            frequency_hz,
+            amplitude_um,
+            offset_um: numbers.get(2).copied().unwrap_or(1.12 * amplitude_um),
+            phase_deg: numbers.get(3).copied().unwrap_or(-90.0),
+        })
+    }
+
+    /// Samples, grown from zero, for half a second and then two periods or a second; and the sample from which the error counts.
+    #[must_use]
+    pub fn samples_um(&self) -> (Vec<f64>, usize) {
+        let fs = 1.0 / SAMPLING_PERIOD_S;
+        let duration_s = 0.5 + (2.0 / self.frequency_hz).max(1.0);
+        let phase_rad = self.phase_deg.to_radians();
+        let mut samples = waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, phase_rad, duration_s);
+        waveform::grow_from_zero(&mut samples, fs);
+        (samples, waveform::samples_in(fs, 0.5))
+    }
+}
+
+/// RMS and largest error.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Figures {
+    /// RMS, um.
+    pub rms_um: f64,
+    /// Largest magnitude, um.
+    pub max_um: f64,
+}
+
+impl From<ErrorFigures> for Figures {
+    fn from(e: ErrorFigures) -> Self {
+        Self { rms_um: e.rms_um, max_um: e.max_um }
+    }
+}
+
+/// What `hysteron track` found.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrackResult {
+    /// `hysteron.track/1`.
+    pub schema: String,
+    /// Scheme.
+    pub scheme: String,
+    /// Reference as given.
+    pub reference: String,
+    /// Error of what the sensor reads, noise removed.
+    pub sensor: Figures,
+    /// Error of the true displacement.
+    #[serde(rename = "true")]
+    pub truth: Figures,
+    /// Mean error of what the sensor reads, um.
+    pub steady_state_um: f64,
+    /// Ticks in which the drive was at a limit while the error counts, and values that left their format.
+    pub saturated_ticks: u32,
+    /// Ticks that came too late: none in a simulation.
+    pub overruns: u32,
+    /// Time, s, of each sample of the signals for the report.
+    #[serde(skip)]
+    pub time_s: Vec<f64>,
+    /// Reference, um.
+    #[serde(skip)]
+    pub reference_um: Vec<f64>,
+    /// What the sensor reads, noise removed, um.
+    #[serde(skip)]
+    pub sensor_um: Vec<f64>,
+    /// Drive, V.
+    #[serde(skip)]
+    pub drive_v: Vec<f64>,
+}
+
+impl TrackResult {
+    /// Why this is no tracking, if it is none: the drive at its limits while the error counts, or an error of the size of the reference.
+    #[must_use]
+    pub fn trouble(&self) -> Option<String> {
+        if self.saturated_ticks > 0 {
+            return Some(format!(
+                "the drive was at a limit in {} ticks while the error counts: this servo does not hold this actuator on this reference",
+                self.saturated_ticks
+            ));
+        }
+        let (low, high) = self.reference_um.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), r| (l.min(*r), h.max(*r)));
+        let large_um = LARGE_ERROR * (high - low);
+        (high > low && (self.truth.rms_um.is_nan() || self.truth.rms_um > large_um)).then(|| {
+            format!(
+                "the true error of {:.1} nm RMS is above {:.0} % of the reference: this is no tracking",
+                1e3 * self.truth.rms_um,
+                100.0 * LARGE_ERROR
+            )
+        })
+    }
+}
+
+/// An error of this share of the reference, peak to peak, is no tracking.
+const LARGE_ERROR: f64 = 0.1;
+
+/// The chain of a model as a plant under control.
+struct ChainPlant<'a> {
+    stages: Vec<(bool, Box<dyn Stage + 'a>)>,
+    interval: usize,
+    displacement_um: f64,
+    sensor_um: f64,
+}
+
+impl<'a> ChainPlant<'a> {
+    /// At rest at the lowest drive.
+    fn at_rest(chain: &Model, low_v: f64) -> Self {
+        let setting = Setting {
+            dt_s: SAMPLING_PERIOD_S / SUBSTEPS as f64,
+            substeps: SUBSTEPS,
+            force_n: None,
+            drive_min_v: chain.drive_min_v,
+            drive_max_v: chain.drive_max_v,
+        };
+        let stages = chain.stages(&setting).into_iter().map(|(i, mut stage)| {
+            let place = chain.effects[i].effect.declaration().place;
+            stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });
+            (place >= Place::SensorNonlinearity, stage)
+        });
+        Self { stages: stages.collect(), interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
+    }
+}
+
+impl Plant for ChainPlant<'_> {
+    fn advance(&mut self, drive_v: f64, _external_um: f64) {
+        for _ in 0..SUBSTEPS {
+            let mut signal = drive_v;
+            for (of_sensor, stage) in &mut self.stages {
+                signal = stage.step(self.interval, signal);
+                if !*of_sensor {
+                    self.displacement_um = signal;
+                }
+            }
+            self.sensor_um = signal;
+            self.interval += 1;
+        }
+    }
+
+    fn displacement_um(&self) -> f64 {
+        self.displacement_um
+    }
+
+    fn sensor_um(&self) -> f64 {
+        self.sensor_um
+    }
+}
+
+/// Follows a reference on a model. `noise_um` is the RMS noise of the sensor; the same seed gives the same noise.
+///
+/// # Errors
+/// If the design does not fit the tick's formats.
+pub fn track(
+    chain: &Model,
+    design: &ServoDesign,
+    reference: &SineReference,
+    reference_name: &str,
+    noise_um: f64,
+    seed: u64,
+) -> Result<TrackResult, QuantisationError> {
+    let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
+    let scale = ConverterScale::around(low_v, high_v, design.model.surfaces().initial_ascending_curve(1.0));
+    let mut plant = ChainPlant::at_rest(chain, low_v);
+    let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
+    let fs = 1.0 / SAMPLING_PERIOD_S;
+    let conditioning = waveform::concatenate(&[waveform::raised_cosine(fs, 10.0, low_v, high_v, 1), waveform::hold(fs, low_v, 1.0)]);
+    condition(&mut plant, &mut servo, &scale, &conditioning);
+    let around = Surroundings {
+        scale: scale.zeroed_at(plant.sensor_um),
+        noise_um,
+        seed,
+        external_um: &[],
+        sensor_zero_um: plant.sensor_um,
+        displacement_zero_um: plant.displacement_um,
+    };
+    servo.take_scale(&around.scale);
+    let (reference_um, from) = reference.samples_um();
+    let trace = follow(&mut plant, &mut servo, &around, &reference_um);
+    let samples = trace.sensor_um.len();
+    let mean = |signal: Vec<f64>| signal.iter().sum::<f64>() / signal.len().max(1) as f64;
+    Ok(TrackResult {
+        schema: "hysteron.track/1".into(),
+        scheme: design.scheme_name().into(),
+        reference: reference_name.into(),
+        sensor: trace.sensor_error(from).into(),
+        truth: trace.true_error(from).into(),
+        steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),
+        saturated_ticks: trace.limited_after(from).saturating_add(trace.counters.saturated_values),
+        overruns: 0,
+        time_s: (0..samples).map(|k| k as f64 * SAMPLING_PERIOD_S).collect(),
+        reference_um: trace.reference_um,
+        sensor_um: trace.sensor_um,
+        drive_v: trace.drive_v,
+    })
+}

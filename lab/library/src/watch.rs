@@ -1,0 +1,69 @@
+//! What a long computation tells while it goes on, and how it is stopped.
+
+use std::fmt;
+
+/// Told of every step of a search; may ask it to stop.
+pub trait Watch: Sync {
+    /// Something begins, or came out.
+    fn event(&self, event: &Event<'_>);
+
+    /// Whether the caller wants the best result so far.
+    fn stopped(&self) -> bool {
+        false
+    }
+}
+
+/// Nobody watches.
+pub struct Unwatched;
+
+impl Watch for Unwatched {
+    fn event(&self, _event: &Event<'_>) {}
+}
+
+/// What happens in a search.
+#[derive(Clone, Debug)]
+pub enum Event<'a> {
+    /// A list of effects is fitted.
+    Fitting {
+        /// The effect that joins now.
+        effect: &'a str,
+    },
+    /// Candidates are scored on what a model leaves.
+    Scoring {
+        /// How many.
+        candidates: usize,
+        /// Effects that have been added so far.
+        beside: &'a [String],
+    },
+    /// A set of effects was fitted.
+    Tried {
+        /// What was added to the start.
+        added: &'a [String],
+        /// Error on fitted records, um RMS.
+        identify_rms_um: f64,
+        /// Error on held-out records, um RMS.
+        validate_rms_um: Option<f64>,
+        /// It is the best so far.
+        best: bool,
+    },
+    /// A part of the work that has no figures of its own.
+    Doing(
+        /// What.
+        &'static str,
+    ),
+}
+
+impl fmt::Display for Event<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |ids: &[String]| if ids.is_empty() { "the start".to_owned() } else { ids.join(", ").replace('_', " ") };
+        match self {
+            Self::Fitting { effect } => write!(f, "fitting {}", effect.replace('_', " ")),
+            Self::Scoring { candidates, beside } => write!(f, "scoring {candidates} candidate effects beside {}", list(beside)),
+            Self::Tried { added, identify_rms_um, validate_rms_um, best } => {
+                let error_um = validate_rms_um.unwrap_or(*identify_rms_um);
+                write!(f, "{}{}: {:.3} nm", if *best { "best so far: " } else { "" }, list(added), 1e3 * error_um)
+            }
+            Self::Doing(what) => write!(f, "{what}"),
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Pictures of a servo design.
+
+use crate::page::{Plot, Role, Series};
+use hysteron::servo::loop_margins::LoopMargins;
+use hysteron::servo::predictor::Assessment;
+
+/// Noise passed on against disturbance let through: the tunings that keep every margin and that no other one beats in both.
+#[must_use]
+pub fn trade_off(assessments: &[Assessment]) -> Plot {
+    let point = |a: &Assessment| (1e3 * a.noise_um, 1e3 * a.disturbance_um);
+    let (x, y) = assessments.iter().map(point).unzip();
+    let mut plot = Plot::new("Trade-off of the design")
+        .x_axis("sensor noise passed on", "nm")
+        .y_axis("hysteresis model error let through", "nm")
+        .caption("Every point keeps all margins, and no other tuning beats it in both; the chosen one is nearest to the origin.")
+        .with(Series::line("tunings", Role::Model, x, y));
+    if let Some(chosen) = assessments.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um())) {
+        let (x, y) = point(chosen);
+        plot = plot.with(Series::points("chosen", Role::Measured, vec![x], vec![y]));
+    }
+    plot
+}
+
+/// What is left of a disturbance, and what noise makes of the motion, over frequency.
+#[must_use]
+pub fn sensitivity(margins: &LoopMargins) -> Plot {
+    let hz: Vec<f64> = margins.response.iter().map(|p| p.hz).collect();
+    let decibel = |v: f64| 20.0 * v.max(1e-12).log10();
+    let of = |value: &dyn Fn(&hysteron::servo::loop_margins::LoopPoint) -> f64| {
+        margins.response.iter().map(|p| decibel(value(p))).collect::<Vec<f64>>()
+    };
+    Plot::new("Sensitivity")
+        .x_axis("frequency", "Hz")
+        .y_axis("magnitude", "dB")
+        .log(true, false)
+        .caption("On the actuator that was checked, at its mean gain. Above 0 dB the loop makes a disturbance larger.")
+        .with(Series::line("sensitivity", Role::Residual, hz.clone(), of(&|p| p.sensitivity)))
+        .with(Series::line("complementary sensitivity", Role::Model, hz, of(&|p| p.complementary)))
+}
+
+/// The open loop in the complex plane, near the point -1.
+#[must_use]
+pub fn nyquist(margins: &LoopMargins) -> Plot {
+    // Far from the critical point nothing is decided.
+    let near = margins.response.iter().filter(|p| p.open[0].hypot(p.open[1]) < 4.0);
+    let (x, y) = near.map(|p| (p.open[0], p.open[1])).unzip();
+    Plot::new("Nyquist")
+        .x_axis("real part of the open loop", "1")
+        .y_axis("imaginary part", "1")
+        .caption("From 0 Hz to half the sampling rate. The distance from the point -1 is one over the sensitivity.")
+        .with(Series::line("open loop", Role::Model, x, y))
+        .with(Series::points("-1", Role::Measured, vec![-1.0], vec![0.0]))
+}

@@ -1,0 +1,26 @@
+//! Makes the parameter block that the emulated target's tests run with: identifies a model from a record of the reference bench,
+//! designs the servo, and writes the block.
+//!
+//! `cargo run --release --package hysteron-thesis --example reference_block -- emulator/tests/p753.block`
+
+use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
+use hysteron::servo::design::ServoDesign;
+use hysteron::servo::predictor::Demands;
+use hysteron_sim::bench::{Bench, Variant};
+use std::error::Error;
+use std::path::Path;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let out = std::env::args().nth(1).ok_or("expected the file to write")?;
+    let bench = Bench::reference()?;
+    let identified = hysteron_thesis::commissioning::on_bench(&bench, Variant::FULL, 1).ok_or("no model")?;
+    let design = ServoDesign::best(&identified.model, &Demands::default()).ok_or("no tuning keeps all margins")?;
+    for line in &design.explanation {
+        println!("{line}");
+    }
+    let parameters = amplifier_parameters(&design, &FrontEnd { name: "p753".into(), ..FrontEnd::default() })?;
+    let bytes = block(&parameters)?;
+    std::fs::write(Path::new(&out), &bytes)?;
+    println!("{out}: {} bytes, model residual {:.4} um", bytes.len(), identified.rms_um);
+    Ok(())
+}

@@ -1,0 +1,225 @@
+//! Chapter 7 of the thesis on the reference bench: observer and observer-controller, noise, load, robustness, with the integers that run on
+//! the target.
+//!
+//! # How it works
+//! Each variant of the bench (plain, full, full with load) is commissioned once: its model is identified from records, and the best predictor
+//! is designed from that model. The schemes of the thesis run with the thesis' gains and, as there, without computational delay.
+
+use crate::bench_runs::{
+    Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, commission_all, quasi_step_rows, row_um, sine_reference_um, tracking, without_model,
+};
+use crate::chapter::{Chapter, Progress, Row};
+use crate::comparison;
+use crate::figures;
+use crate::float_twin::integer_difference_um;
+use crate::robustness;
+use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
+use hysteron::servo::model::NominalModel;
+use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, estimator_rows};
+use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
+use hysteron_core::predictor_law::PredictorLaw;
+use hysteron_core::reference_window::ReferenceWindow;
+use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
+use hysteron_core::signal::Micrometres;
+use hysteron_sim::bench::{Bench, Start, Variant};
+use hysteron_sim::closed_loop::ErrorFigures;
+use hysteron_sim::waveform;
+use rayon::prelude::*;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// Chapter 7: PIDSMOC against PIDSMC + alpha-beta, the best design, the observer, robustness.
+#[must_use]
+pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], progress: Progress) -> Vec<Row> {
+    let mut twelve_bits = bench.clone();
+    twelve_bits.converters.dac_bits = 12;
+    let mut jobs: Vec<(String, &Bench, Variant, ServoDesign, f64, f64, String)> = Vec::new();
+    for hz in FREQUENCIES_HZ {
+        for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab"), ("pidsmc-alpha-beta-discrete", "pidsmc_ab_discrete")]
+        {
+            for (variant, load) in [(Variant::PLAIN, "none"), (LOADED_PLAIN, "load")] {
+                if let Some(scheme) = thesis_scheme(name) {
+                    if let (Scheme::SlidingMode { nominal, estimator, controller, reaching }, "pidsmoc") = (&scheme, id) {
+                        // The thesis compares I_c = 1 with I_c = 2, which decides at low frequency: the same integral gain beside.
+                        let (nominal, estimator, reaching) = (*nominal, *estimator, *reaching);
+                        let equal =
+                            Scheme::SlidingMode { nominal, estimator, controller: ControllerGains { i: 2.0, ..*controller }, reaching };
+                        let condition =
+                            format!("{hz} Hz, {load}, plain bench, thesis gains but I_c = 2 as in PIDSMC + alpha-beta, no delay");
+                        let id = format!("ch7.pidsmoc_equal_integral.{hz}hz.{load}.rms");
+                        jobs.push((id, bench, variant, without_model(bench, equal), hz, 5.0, condition));
+                    }
+                    let condition = format!("{hz} Hz, {load}, plain bench, thesis gains, no delay");
+                    jobs.push((format!("ch7.{id}.{hz}hz.{load}.rms"), bench, variant, without_model(bench, scheme), hz, 5.0, condition));
+                }
+            }
+        }
+    }
+    for (index, variant, load, bench_name) in
+        [(0, Variant::PLAIN, "none", "plain"), (1, Variant::FULL, "none", "full"), (2, LOADED, "load", "full")]
+    {
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        for hz in FREQUENCIES_HZ {
+            let condition = format!("{hz} Hz, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
+            jobs.push((format!("ch7.best.{hz}hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), hz, 5.0, condition));
+            let condition = format!("{hz} Hz, {load}, {bench_name} bench, one period of delay, 12-bit DAC");
+            jobs.push((
+                format!("ch7.best.{hz}hz.{load}.{bench_name}.dac12.rms"),
+                &twelve_bits,
+                variant,
+                c.design.clone(),
+                hz,
+                5.0,
+                condition,
+            ));
+        }
+        let condition = format!("300 Hz, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
+        jobs.push((format!("ch7.best.300hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), 300.0, 5.0, condition));
+        let condition = format!("500 Hz 4 um, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
+        jobs.push((format!("ch7.best.500hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), 500.0, 4.0, condition));
+        if index == 1 {
+            // The design for the bare actuator with the mass attached, unchanged.
+            for hz in [1.0, 50.0, 150.0] {
+                let condition = format!("{hz} Hz, load attached without a new design, full bench");
+                jobs.push((format!("ch7.best.{hz}hz.load_not_redesigned.full.rms"), bench, LOADED, c.design.clone(), hz, 5.0, condition));
+            }
+        }
+    }
+    progress("following references");
+    let mut rows: Vec<Row> = jobs
+        .par_iter()
+        .map(|(id, bench, variant, design, hz, amplitude, condition)| tracking(bench, *variant, design, id, *hz, *amplitude, condition))
+        .collect();
+    for (index, variant, name) in [(0, Variant::PLAIN, "plain"), (1, Variant::FULL, "full"), (2, LOADED, "full, loaded")] {
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        let id = format!("ch7.best.{}", ["plain", "full", "loaded"][index]);
+        rows.extend(quasi_step_rows(bench, variant, &c.design, &id, &format!("{name} bench, best design, one period of delay")));
+        rows.push(row_um(
+            format!("{id}.identified.rms"),
+            c.identified.rms_um,
+            format!("residual of the identified model over the commissioning record: {:?}", c.identified.steps),
+        ));
+    }
+    progress("integers against f64");
+    let differences: Vec<Option<Row>> = [(0, Variant::PLAIN, "plain"), (1, Variant::FULL, "full"), (2, LOADED, "loaded")]
+        .into_par_iter()
+        .flat_map_iter(|(index, variant, name)| [1.0, 50.0, 150.0, 500.0].map(|hz| (index, variant, name, hz)))
+        .map(|(index, variant, name, hz): (usize, Variant, &str, f64)| {
+            let c = commissioned.get(index)?.as_ref()?;
+            let (reference, _) = sine_reference_um(bench, hz, if hz > 300.0 { 4.0 } else { 5.0 });
+            let figures = integer_difference_um(bench, variant, &c.design, &reference, 7).ok()??;
+            let note = format!("what the sensor reads, integer servo minus the same law in f64, same noise; max {:.5} um", figures.max_um);
+            Some(row_um(format!("ch7.integer.{hz}hz.{name}.rms"), figures.rms_um, note))
+        })
+        .collect();
+    rows.extend(differences.into_iter().flatten());
+    for (index, variant, id) in [(1, Variant::FULL, "noload"), (2, LOADED, "load")] {
+        if let Some(c) = commissioned.get(index).and_then(Option::as_ref) {
+            rows.extend(observer_rows(bench, variant, c, id));
+        }
+    }
+    rows
+}
+
+/// Chapter 7 for the program.
+///
+/// # Errors
+/// If the built-in bench cannot be read.
+pub fn reproduce(progress: Progress) -> Result<Chapter, String> {
+    let bench = Bench::reference().map_err(|e| e.to_string())?;
+    let commissioned = commission_all(&bench, progress);
+    let mut rows = rows_of_chapter_7(&bench, &commissioned, progress);
+    progress("both schemes of chapter 7 under one optimiser");
+    rows.extend(comparison::rows_of_fair_tuning(&bench));
+    progress("other schemes on the full bench");
+    rows.extend(comparison::rows_of_other_schemes(&bench, &commissioned));
+    progress("robustness");
+    let robust = robustness::design();
+    rows.extend(robust.iter().flat_map(robustness::rows));
+    let sections = figures::chapter_7(&bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
+    Ok(Chapter { number: 7, rows, sections })
+}
+
+/// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one misses it).
+#[must_use]
+pub fn equation_35_v(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
+    let sines = |t: f64| {
+        let s = t - 0.03;
+        75.0 / 7.0 * (TAU * 10.0 * s + 2.0 * FRAC_PI_2).sin()
+            + 125.0 / 14.0 * (TAU * 40.0 * s + FRAC_PI_2).sin()
+            + 25.0 / 7.0 * (TAU * 100.0 * s + 0.2 * 2.0 * FRAC_PI_2).sin()
+            + 15.0 / 14.0 * (TAU * 200.0 * s).sin()
+            + 25.0
+    };
+    (0..waveform::samples_in(sample_rate_hz, duration_s))
+        .map(|k| {
+            let t = k as f64 / sample_rate_hz;
+            if t <= 0.02 {
+                0.0
+            } else if t <= 0.03 {
+                let s = (t - 0.02) / 0.01;
+                sines(0.03) * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s)
+            } else {
+                sines(t)
+            }
+        })
+        .collect()
+}
+
+/// Observer accuracy on Eq. (35): the design's own observer, and the PIDSMO with the thesis' gains.
+fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) -> Vec<Row> {
+    let fs = bench.converters.sample_rate_hz;
+    let drive = equation_35_v(fs, 0.5);
+    let record = bench.record(variant, Start::Conditioned, &drive, 31);
+    let to_um = |raw: i32| f64::from(raw) / 2.0_f64.powi(24);
+    let mut rows = Vec::new();
+    let converters = bench.converter_scale().parameters();
+    if let Ok(parameters) = c.design.parameters(converters)
+        && let (LawParameters::Predictor(law), ActuatorParameters::OneSidedHysteresis { surfaces, .. }) =
+            (&parameters.law, &parameters.actuator)
+    {
+        let mut hysteresis = OneSidedHysteresis::virgin(*surfaces);
+        let share = |u: f64| (((u - bench.drive_min_v) / (bench.drive_max_v - bench.drive_min_v)) * 2.0_f64.powi(30)).round() as i32;
+        for u in bench.conditioning_drive_v() {
+            hysteresis.apply(share(bench.drive_after_converter_v(u)));
+        }
+        let window = ReferenceWindow::at_rest(0);
+        let mut observer = PredictorLaw::take_over(hysteresis.output(), 0);
+        let mut estimate = Vec::with_capacity(drive.len());
+        let mut overflow = 0;
+        for (u, y) in record.drive_v.iter().zip(&record.reading_um) {
+            let reading = Micrometres::saturating_from_num(*y).to_bits();
+            let applied = hysteresis.apply(share(*u));
+            // With the reference at zero the states are the actuator's own.
+            let _ = observer.output(law, reading, applied, &window, &mut overflow);
+            estimate.push(to_um(reading.saturating_sub(observer.innovation())));
+        }
+        let figures = ErrorFigures::between(&estimate, &record.noise_free_um, 400);
+        let noise = ErrorFigures::between(&record.reading_um, &record.noise_free_um, 400);
+        rows.push(row_um(
+            format!("ch7.observer.{id}.rms"),
+            figures.rms_um,
+            format!(
+                "prediction of the reading one period ahead by the design's observer against the noise-free sensor, Eq. (35) drive, full bench; max {:.4} um; the reading itself is noisy by {:.4} um",
+                figures.max_um, noise.rms_um
+            ),
+        ));
+    }
+    let (states, _) = estimator_rows(&NominalModel::THESIS, &Estimator::Pidsmo(ObserverGains::THESIS_ESTIMATION));
+    let mut x = [0.0; 3];
+    let mut last = 0.0;
+    let mut estimate = Vec::new();
+    for (k, y) in record.reading_um.iter().enumerate() {
+        let u = if k == 0 { 0.0 } else { record.drive_v[k - 1] };
+        let signals = [x[0], x[1], x[2], last, *y, u];
+        x = states.map(|row| row.iter().zip(&signals).map(|(c, s)| c * s).sum());
+        last = *y;
+        estimate.push(x[0]);
+    }
+    let figures = ErrorFigures::between(&estimate, &record.noise_free_um, 400);
+    rows.push(row_um(
+        format!("ch7.observer.thesis.{id}.rms"),
+        figures.rms_um,
+        "PIDSMO with the thesis' gains (10, 20000, 6e-6), same record",
+    ));
+    rows
+}

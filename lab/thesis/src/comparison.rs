@@ -1,0 +1,116 @@
+//! Schemes beside the best design of Chapter 7: the thesis' two under one optimiser, and others that a reader will ask for, on the full bench
+//! with the target's period of delay and under the margins of the best design.
+
+use crate::bench_runs::{Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, gains_of, row_um, tracking};
+use crate::chapter::Row;
+use crate::fair_tuning::{Family, tune, worst_eigenvalue};
+use hysteron::servo::commands::with_scheme;
+use hysteron::servo::design::ServoDesign;
+use hysteron::servo::predictor::Demands;
+use hysteron_sim::bench::{Bench, Variant};
+use rayon::prelude::*;
+
+/// A reference to follow.
+struct Job<'a> {
+    id: String,
+    bench: &'a Bench,
+    variant: Variant,
+    design: ServoDesign,
+    hz: f64,
+    condition: String,
+}
+
+fn followed(jobs: &[Job<'_>]) -> Vec<Row> {
+    jobs.par_iter().map(|j| tracking(j.bench, j.variant, &j.design, &j.id, j.hz, 5.0, &j.condition)).collect()
+}
+
+/// PIDSMOC and PIDSMC + alpha-beta, tuned alike, without delay as in the thesis and with the target's period.
+#[must_use]
+pub fn rows_of_fair_tuning(bench: &Bench) -> Vec<Row> {
+    let cases: Vec<(Family, &str, bool)> = [false, true]
+        .into_iter()
+        .flat_map(|delayed| [(Family::Pidsmoc, "pidsmoc", delayed), (Family::PidsmcAlphaBeta, "pidsmc_ab", delayed)])
+        .collect();
+    let tuned: Vec<_> =
+        cases.into_par_iter().filter_map(|(family, id, delayed)| Some((id, delayed, tune(bench, family, delayed)?))).collect();
+    let mut jobs = Vec::new();
+    for (id, delayed, design) in tuned {
+        let timing = if delayed { "one period of delay" } else { "no delay" };
+        let radius = worst_eigenvalue(&design.scheme, delayed).unwrap_or(f64::NAN);
+        for (variant, load) in [(Variant::PLAIN, "none"), (LOADED_PLAIN, "load")] {
+            for hz in FREQUENCIES_HZ {
+                jobs.push(Job {
+                    id: format!("ch7.fair.{id}.{}.{hz}hz.{load}.rms", if delayed { "delay" } else { "no_delay" }),
+                    bench,
+                    variant,
+                    design: design.clone(),
+                    hz,
+                    condition: format!(
+                        "{hz} Hz, {load}, plain bench, {timing}, tuned unloaded by the same optimiser under the same margins: {}; largest sampled eigenvalue over gain +-50 % and twice the mass {radius:.4}",
+                        gains_of(&design.scheme)
+                    ),
+                });
+            }
+        }
+    }
+    followed(&jobs)
+}
+
+/// Names of the schemes of [`rows_of_other_schemes`], as `track --scheme` takes them.
+pub const OTHER_SCHEMES: [&str; 7] = [
+    "predictor-linear",
+    "disturbance-observer",
+    "disturbance-observer-inverse",
+    "feedforward",
+    "feedforward-without-creep",
+    "feedforward-pi",
+    "feedforward-pi-notch",
+];
+
+/// Other schemes on the full bench, the best design without its second mode, and without noise shaping.
+#[must_use]
+pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<Row> {
+    let mut twelve_bits = bench.clone();
+    twelve_bits.converters.dac_bits = 12;
+    let mut jobs = Vec::new();
+    let mut rows = Vec::new();
+    for (index, variant, load) in [(1, Variant::FULL, "none"), (2, LOADED, "load")] {
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        for name in OTHER_SCHEMES {
+            match with_scheme(&c.design, name) {
+                Ok(design) => jobs.extend(FREQUENCIES_HZ.map(|hz| Job {
+                    id: format!("ch7.compare.{name}.{hz}hz.{load}.rms"),
+                    bench,
+                    variant,
+                    design: design.clone(),
+                    hz,
+                    condition: format!("{hz} Hz, {load}, full bench, one period of delay, {:?}", design.scheme),
+                })),
+                Err(reason) => rows.push(row_um(format!("ch7.compare.{name}.{load}.rms"), f64::NAN, reason)),
+            }
+        }
+        let mut without = c.identified.model.for_the_tick().0;
+        without.linear.second_mode = None;
+        if let Some(design) = ServoDesign::best(&without, &Demands::default()) {
+            jobs.extend(FREQUENCIES_HZ.map(|hz| Job {
+                id: format!("ch7.compare.predictor_without_second_mode.{hz}hz.{load}.rms"),
+                bench,
+                variant,
+                design: design.clone(),
+                hz,
+                condition: format!("{hz} Hz, {load}, full bench, the best design for a model without the second mode that was identified"),
+            }));
+        }
+        let unshaped = ServoDesign { noise_shaping: false, ..c.design.clone() };
+        jobs.extend([1.0, 50.0].map(|hz| Job {
+            id: format!("ch7.best.{hz}hz.{load}.full.dac12_unshaped.rms"),
+            bench: &twelve_bits,
+            variant,
+            design: unshaped.clone(),
+            hz,
+            condition: format!("{hz} Hz, {load}, full bench, 12-bit DAC without noise shaping"),
+        }));
+    }
+    rows.extend(followed(&jobs));
+    rows
+}

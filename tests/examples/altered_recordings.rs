@@ -1,0 +1,260 @@
+//! Recordings of a real stage that were altered in a known way: is it named?
+//!
+//! A model is identified on clean recordings. The reading of the same recordings is then altered as a sensor, an electronics or a data
+//! acquisition would alter it, in three sizes each; `explain` is asked from the model (what does this recording have that the model has
+//! not?) and, with `--from-gain`, from a bare gain (does the effect end up in the model?).
+//!
+//! ```text
+//! cargo run --release -p hysteron-tests --example altered_recordings -- [--from-gain] [--tried] [--data FOLDER] [ALTERATION ...]
+//! ```
+//!
+//! What counts as right was written down before anything was run: [`Alteration::right`] lists the effects that do physically what was done
+//! to the column. Told wrong is a single other name with "this data can tell".
+
+use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::identification::fit::{residual, rms};
+use hysteron::model_file::effects_named;
+use hysteron::watch::Unwatched;
+use hysteron_sim::chain::Model;
+use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// One way to alter a reading, in three sizes.
+struct Alteration {
+    name: &'static str,
+    sizes: [f64; 3],
+    /// Effects that do what was done.
+    right: &'static [&'static str],
+    alter: fn(&mut Record, f64),
+}
+
+const ALTERATIONS: &[Alteration] = &[
+    Alteration { name: "delay_ms", sizes: [0.2, 0.5, 1.0], right: &["delay"], alter: delay },
+    Alteration { name: "lag_hz", sizes: [1000.0, 400.0, 150.0], right: &["sensor_bandwidth"], alter: first_order },
+    Alteration {
+        name: "filter_hz",
+        sizes: [800.0, 400.0, 200.0],
+        // A second-order low-pass is one whatever it is called.
+        right: &["sensor_filter", "vibration"],
+        alter: second_order,
+    },
+    Alteration { name: "hum_nm", sizes: [20.0, 60.0, 200.0], right: &["mains_hum"], alter: hum },
+    Alteration { name: "bent_percent", sizes: [0.5, 1.0, 3.0], right: &["sensor_nonlinearity"], alter: bend },
+    Alteration { name: "steps_nm", sizes: [20.0, 40.0, 100.0], right: &["quantisation"], alter: round },
+    Alteration { name: "creep_percent", sizes: [1.0, 2.0, 5.0], right: &["creep"], alter: creep },
+    Alteration { name: "gain_percent", sizes: [2.0, 5.0, 10.0], right: &["hysteresis", "gain"], alter: gain },
+    Alteration { name: "clip_percent", sizes: [2.0, 5.0, 10.0], right: &["saturation"], alter: clip },
+    Alteration { name: "nothing", sizes: [0.0, 0.0, 0.0], right: &[], alter: |_, _| {} },
+];
+
+fn delay(record: &mut Record, ms: f64) {
+    let samples = (ms * 1e-3 * record.sample_rate_hz).round() as usize;
+    let y = record.displacement_um.clone();
+    for (k, value) in record.displacement_um.iter_mut().enumerate() {
+        *value = y[k.saturating_sub(samples)];
+    }
+}
+
+fn first_order(record: &mut Record, cutoff_hz: f64) {
+    let decay = (-TAU * cutoff_hz / record.sample_rate_hz).exp();
+    let mut state = record.displacement_um[0];
+    // The reading between two samples is taken as straight.
+    let mut before = state;
+    let per_step = (1.0 - decay) / (TAU * cutoff_hz / record.sample_rate_hz);
+    for value in &mut record.displacement_um {
+        state = decay * state + (1.0 - per_step) * *value + (per_step - decay) * before;
+        before = *value;
+        *value = state;
+    }
+}
+
+/// Butterworth, by fine steps of the differential equation.
+fn second_order(record: &mut Record, cutoff_hz: f64) {
+    const STEPS: usize = 20;
+    let (w, dt_s) = (TAU * cutoff_hz, 1.0 / record.sample_rate_hz / STEPS as f64);
+    let (mut x, mut v) = (record.displacement_um[0], 0.0);
+    let mut before = x;
+    for value in &mut record.displacement_um {
+        for step in 0..STEPS {
+            let input = before + (*value - before) * (step as f64 + 0.5) / STEPS as f64;
+            v += dt_s * (w * w * (input - x) - std::f64::consts::SQRT_2 * w * v);
+            x += dt_s * v;
+        }
+        before = *value;
+        *value = x;
+    }
+}
+
+fn hum(record: &mut Record, nm: f64) {
+    let phase = record.name.len() as f64;
+    for (k, value) in record.displacement_um.iter_mut().enumerate() {
+        *value += 1e-3 * nm * (TAU * 50.0 * k as f64 / record.sample_rate_hz * 1.0002 + phase).sin();
+    }
+}
+
+/// A sensor whose gain falls towards both ends by this share of the range.
+fn bend(record: &mut Record, percent: f64) {
+    let (low, high) = (-20.0, 20.0);
+    for value in &mut record.displacement_um {
+        let x = (*value - 0.5 * (low + high)) / (0.5 * (high - low));
+        *value += 1e-2 * percent * 0.5 * (high - low) * x * x;
+    }
+}
+
+fn round(record: &mut Record, nm: f64) {
+    for value in &mut record.displacement_um {
+        *value = (*value / (1e-3 * nm)).round() * 1e-3 * nm;
+    }
+}
+
+/// Three more terms of creep, each of this share, on the reading.
+fn creep(record: &mut Record, percent: f64) {
+    let y = record.displacement_um.clone();
+    for time_s in [0.02, 0.2, 2.0] {
+        let decay = (-1.0 / (time_s * record.sample_rate_hz)).exp();
+        let mut state = y[0];
+        for (value, y) in record.displacement_um.iter_mut().zip(&y) {
+            state = decay * state + (1.0 - decay) * y;
+            *value += 1e-2 * percent * state;
+        }
+    }
+}
+
+fn gain(record: &mut Record, percent: f64) {
+    record.displacement_um.iter_mut().for_each(|y| *y *= 1.0 + 1e-2 * percent);
+}
+
+/// The upper end of the reading, this share of its range, is cut off.
+fn clip(record: &mut Record, percent: f64) {
+    let (low, high) = record.displacement_um.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
+    let limit = high - 1e-2 * percent * (high - low);
+    record.displacement_um.iter_mut().for_each(|y| *y = y.min(limit));
+}
+
+fn load(data: &Path) -> Dataset {
+    let record = |name: &str, from_s: f64, role| {
+        let text = std::fs::read_to_string(data.join(format!("piezo_stage/{name}.csv"))).expect("the recording can be read");
+        let rows: Vec<Vec<f64>> = text.lines().skip(1).filter_map(|l| l.split(',').map(|v| v.parse().ok()).collect()).collect();
+        let column = |i: usize| rows.iter().map(|r| r[i]).collect::<Vec<f64>>();
+        let mut record = Record::new(name, 10_000.0, column(1), column(2)).with_role(role);
+        record.window.start = (from_s * record.sample_rate_hz) as usize;
+        record
+    };
+    let records = vec![record("20_hz_no_lp", 1.5, Role::Identify), record("40_hz_no_lp", 1.5, Role::Validate)];
+    Dataset::new("piezo_stage", -95.0, 95.0, records).expect("the recordings make a data set")
+}
+
+/// How an answer is judged.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Mark {
+    Right,
+    RightOr,
+    Absorbed,
+    Missed,
+    WrongOr,
+    Wrong,
+}
+
+fn mark(alteration: &Alteration, found: &Explanation, clean_um: f64, altered_um: f64) -> Mark {
+    let d = &found.diagnosis;
+    let changed = d.changed.iter().map(|c| c.effect.clone());
+    let mut groups: Vec<Vec<String>> = d.findings.iter().map(|f| f.effects.clone()).collect();
+    groups.extend(changed.map(|c| vec![c]));
+    let is_right = |id: &String| alteration.right.contains(&id.as_str());
+    if alteration.right.is_empty() {
+        return if groups.is_empty() { Mark::Right } else { Mark::Wrong };
+    }
+    if groups.iter().any(|g| g.iter().any(is_right)) {
+        return if groups.iter().all(|g| g.len() == 1) { Mark::Right } else { Mark::RightOr };
+    }
+    let told = d.sentence.split("cannot tell").nth(1).unwrap_or_default();
+    if alteration.right.iter().any(|id| told.contains(&id.replace('_', " "))) {
+        return Mark::RightOr;
+    }
+    if groups.is_empty() {
+        return if altered_um < 1.1 * clean_um { Mark::Absorbed } else { Mark::Missed };
+    }
+    if d.sentence.contains("cannot tell") { Mark::WrongOr } else { Mark::Wrong }
+}
+
+fn error_um(model: &Model, dataset: &Dataset) -> f64 {
+    dataset.records.iter().map(|r| rms(&residual(model, r))).fold(0.0, f64::max)
+}
+
+fn main() {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let show_tried = arguments.iter().position(|a| a == "--tried").map(|i| arguments.remove(i)).is_some();
+    let from_gain = arguments.iter().position(|a| a == "--from-gain").map(|i| arguments.remove(i)).is_some();
+    let data = arguments.iter().position(|a| a == "--data").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/measured"),
+        |i| PathBuf::from(arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default()),
+    );
+    if !data.exists() {
+        eprintln!("no recordings at {}: give their folder with --data", data.display());
+        return;
+    }
+    let clean = load(&data);
+    let gain = effects_named("gain").expect("a built-in effect");
+    let options = Options::default();
+    let begun = explain(&clean, Start::Effects(&gain), &options, &Unwatched).expect("the clean recordings can be explained");
+    let clean_um = error_um(&begun.model, &clean);
+    println!("clean: {} at {:.1} nm", begun.model.effect_ids().join(","), 1e3 * clean_um);
+    let (mut right, mut wrong, mut all) = (0, 0, 0);
+    for alteration in ALTERATIONS.iter().filter(|a| arguments.is_empty() || arguments.iter().any(|n| n == a.name)) {
+        for size in alteration.sizes {
+            let mut altered = clean.clone();
+            altered.records.iter_mut().for_each(|r| (alteration.alter)(r, size));
+            let altered_um = error_um(&begun.model, &altered);
+            let begin = Instant::now();
+            let start = if from_gain { Start::Effects(&gain) } else { Start::Model(begun.model.clone()) };
+            let found = match explain(&altered, start, &options, &Unwatched) {
+                Ok(found) => found,
+                Err(error) => {
+                    println!("{:<14} {size:>6}  REFUSED {error}", alteration.name);
+                    all += 1;
+                    continue;
+                }
+            };
+            let seconds = begin.elapsed().as_secs_f64();
+            if from_gain {
+                let has = alteration.right.is_empty() || alteration.right.iter().any(|id| found.model.effect(id).is_some());
+                (right, all) = (right + usize::from(has), all + 1);
+                println!(
+                    "{:<14} {size:>6}  {}  {:.1} nm, {}  {seconds:.1} s",
+                    alteration.name,
+                    if has { "in the model" } else { "NOT in it   " },
+                    1e3 * error_um(&found.model, &altered),
+                    found.model.effect_ids().join(",")
+                );
+                continue;
+            }
+            let mark = mark(alteration, &found, clean_um, altered_um);
+            all += 1;
+            right += usize::from(matches!(mark, Mark::Right | Mark::RightOr | Mark::Absorbed));
+            wrong += usize::from(mark == Mark::Wrong);
+            let word = match mark {
+                Mark::Right => "right",
+                Mark::RightOr => "right, or",
+                Mark::Absorbed => "absorbed",
+                Mark::Missed => "MISSED",
+                Mark::WrongOr => "WRONG, or",
+                Mark::Wrong => "WRONG",
+            };
+            if let Some(elsewhere) = found.elsewhere.as_ref().filter(|_| show_tried) {
+                println!(
+                    "    as it is {:.1}, refitted {:.1}",
+                    1e3 * elsewhere.base.identify_rms_um,
+                    1e3 * elsewhere.refitted.identify_rms_um
+                );
+                for tried in elsewhere.tried.iter().take(8) {
+                    let what = tried.hypothesis.effect(&elsewhere.base.model);
+                    println!("    {:.1} with {what} ({} values)", 1e3 * tried.judged.identify_rms_um, tried.values);
+                }
+            }
+            println!("{:<14} {size:>6}  {word:<10} {seconds:>4.1} s  {}", alteration.name, found.diagnosis.sentence);
+        }
+    }
+    println!("\n{right} of {all} right; {wrong} told wrong with confidence");
+}

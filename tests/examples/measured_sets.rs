@@ -1,0 +1,155 @@
+//! How near `explain` from a bare gain comes to the best that the library can reach on recordings of real stages.
+//!
+//! For each set of records: the effects that `explain` ends with, its fitted and held-out errors, and, with `--subsets`, the best of all
+//! subsets of seven effects beside the hysteresis, each fitted with `identify`. The ratio is that of the geometric means of fitted and
+//! held-out error.
+//!
+//! ```text
+//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--data FOLDER] [SET ...]
+//! ```
+//!
+//! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
+
+use hysteron::dataset::{Dataset, folder};
+use hysteron::explain::{Options, Start, explain};
+use hysteron::identification::fit::{residual, rms};
+use hysteron::identify::identify;
+use hysteron::model_file::effects_named;
+use hysteron::watch::Unwatched;
+use hysteron_sim::chain::Model;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A set of records: what is fitted, what judges.
+struct Set {
+    name: &'static str,
+    stage: &'static str,
+    fitted: &'static [&'static str],
+    held_out: &'static [&'static str],
+}
+
+const PIEZO_STAGE: &str = "piezo_stage";
+
+const SETS: &[Set] = &[
+    Set { name: "20", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp"], held_out: &["40_hz_no_lp"] },
+    Set { name: "40", stage: PIEZO_STAGE, fitted: &["40_hz_no_lp"], held_out: &["20_hz_no_lp"] },
+    Set { name: "20+tri", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "tri50_1"], held_out: &["40_hz_no_lp"] },
+    Set { name: "20+sine", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "sine50_1"], held_out: &["40_hz_no_lp", "tri50_1"] },
+    Set { name: "20+40", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "40_hz_no_lp"], held_out: &["tri50_1", "sine50_1"] },
+    Set { name: "mixed", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "tri50_1", "sine50_1"], held_out: &["40_hz_no_lp", "bigsine_1"] },
+    Set { name: "sine", stage: PIEZO_STAGE, fitted: &["sine50_1", "sine50_2"], held_out: &["sine50_3"] },
+    Set { name: "tri", stage: PIEZO_STAGE, fitted: &["tri50_1"], held_out: &["tri50_2"] },
+    Set { name: "sine+tri", stage: PIEZO_STAGE, fitted: &["sine50_1", "tri50_1"], held_out: &["sine50_3", "tri50_2"] },
+    Set { name: "bigsine", stage: PIEZO_STAGE, fitted: &["bigsine_1"], held_out: &["bigsine_2"] },
+    Set { name: "bigsine+tri", stage: PIEZO_STAGE, fitted: &["bigsine_1", "tri50_1"], held_out: &["sine50_1", "bigsine_2"] },
+    Set { name: "150v", stage: "piezo_150v_1hz", fitted: &["hysteresis_v_150_1hz"], held_out: &["second_half"] },
+];
+
+/// Effects of which subsets are formed.
+const SEVEN: [&str; 7] = ["initial_curve", "creep", "vibration", "friction", "amplifier_bandwidth", "sensor_bandwidth", "rate_dependence"];
+
+/// The manifest of a set; the first part of a record, where the stage was switched on, is left out.
+fn manifest(set: &Set) -> String {
+    let span_v = if set.stage == PIEZO_STAGE { 95.0 } else { 150.0 };
+    let mut out = format!("name = \"{}\"\ndrive_min_v = -{span_v:.1}\ndrive_max_v = {span_v:.1}\n", set.name);
+    for (role, records) in [("identify", set.fitted), ("validate", set.held_out)] {
+        for record in records {
+            let part = match *record {
+                "hysteresis_v_150_1hz" => "sample_rate_hz = 5000.0\nfrom_s = 3.6\nto_s = 6.6\ncolumns = { t = 2, y = 3, u = 4 }",
+                "second_half" => "sample_rate_hz = 5000.0\nfrom_s = 6.6\ncolumns = { t = 2, y = 3, u = 4 }",
+                "20_hz_no_lp" | "40_hz_no_lp" => "sample_rate_hz = 10000.0\nfrom_s = 1.5",
+                _ => "sample_rate_hz = 10000.0\nfrom_s = 0.2",
+            };
+            let _ = write!(out, "\n[[record]]\nfile = \"{record}.csv\"\nrole = \"{role}\"\ninitial_state = \"unknown\"\n{part}\n");
+        }
+    }
+    out
+}
+
+fn load(set: &Set, data: &Path) -> Dataset {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for record in set.fitted.iter().chain(set.held_out) {
+        let source = if *record == "second_half" { "hysteresis_v_150_1hz" } else { record };
+        std::fs::copy(data.join(set.stage).join(format!("{source}.csv")), folder.path().join(format!("{record}.csv")))
+            .expect("the recording can be copied");
+    }
+    std::fs::write(folder.path().join("dataset.toml"), manifest(set)).expect("the manifest can be written");
+    folder::load(folder.path()).expect("the set can be read")
+}
+
+/// Fitted and held-out error, um: root of the mean square over the samples.
+fn errors_um(model: &Model, dataset: &Dataset, set: &Set) -> (f64, f64) {
+    let of = |names: &[&str]| -> f64 {
+        let each = dataset.records.iter().filter(|r| names.contains(&r.name.as_str()));
+        let (sum, count) = each.fold((0.0, 0), |(sum, count), record| {
+            let left = residual(model, record);
+            (sum + rms(&left).powi(2) * left.len() as f64, count + left.len())
+        });
+        (sum / count as f64).sqrt()
+    };
+    (of(set.fitted), of(set.held_out))
+}
+
+fn nm(um: f64) -> String {
+    format!("{:.1}", 1e3 * um)
+}
+
+/// The best subset by the geometric mean of its errors.
+fn best_subset(dataset: &Dataset, set: &Set) -> (Vec<&'static str>, f64, f64) {
+    let mut best: Option<(Vec<&'static str>, f64, f64)> = None;
+    for mask in 0..1_u32 << SEVEN.len() {
+        let chosen: Vec<&'static str> =
+            std::iter::once("hysteresis").chain((0..SEVEN.len()).filter(|i| mask >> i & 1 == 1).map(|i| SEVEN[i])).collect();
+        let effects = effects_named(&chosen.join(",")).expect("known effects");
+        eprint!("\r{:>4} of 128 subsets", mask + 1);
+        let Ok(found) = identify(dataset, &effects, &Unwatched) else { continue };
+        let (fitted, held_out) = errors_um(&found.model, dataset, set);
+        if best.as_ref().is_none_or(|(_, f, h)| fitted * held_out < f * h) {
+            best = Some((chosen, fitted, held_out));
+        }
+    }
+    eprintln!();
+    best.expect("at least one subset can be fitted")
+}
+
+fn main() {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let subsets = arguments.iter().position(|a| a == "--subsets").map(|i| arguments.remove(i)).is_some();
+    let data = arguments.iter().position(|a| a == "--data").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/measured"),
+        |i| PathBuf::from(arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default()),
+    );
+    if !data.exists() {
+        eprintln!("no recordings at {}: give their folder with --data", data.display());
+        return;
+    }
+    for set in SETS.iter().filter(|s| arguments.is_empty() || arguments.iter().any(|a| a == s.name)) {
+        let dataset = load(set, &data);
+        let gain = effects_named("gain").expect("a built-in effect");
+        let begin = Instant::now();
+        let found = explain(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+        let seconds = begin.elapsed().as_secs_f64();
+        let (fitted, held_out) = errors_um(&found.model, &dataset, set);
+        println!(
+            "{:<12} {:>7} / {:>7} nm  {:>5.1} s  {:<13} {}",
+            set.name,
+            nm(fitted),
+            nm(held_out),
+            seconds,
+            found.diagnosis.verdict.word(),
+            found.model.effect_ids().join(","),
+        );
+        if subsets {
+            let (effects, f, h) = best_subset(&dataset, set);
+            println!(
+                "{:<12} {:>7} / {:>7} nm  ratio {:.3}   {}",
+                "",
+                nm(f),
+                nm(h),
+                ((fitted * held_out) / (f * h)).sqrt(),
+                effects.join(",")
+            );
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! From three kinds of recording to a servo at work on stages that the simulation does not share: prints the table of
+//! `docs/servo_from_data.md`.
+//!
+//!     cargo run --release -p hysteron-tests --example servo_from_data [STAGES [FIRST_SEED]]
+//!
+//! Models are kept in target/servo_from_data and used again: a design is then judged in seconds. Delete them to identify anew.
+
+use hysteron::dataset::Dataset;
+use hysteron_sim::chain::Model;
+use hysteron_tests::independent_stage::{Change, Truth};
+use hysteron_tests::servo_study::{AtWork, Recording, at_work, designed, designed_with_the_truth, explained, record};
+use std::path::PathBuf;
+
+/// The kept model, or a new one.
+fn model(seed: u64, recording: Recording, dataset: &Dataset) -> Model {
+    let folder = PathBuf::from("target/servo_from_data");
+    let kept = folder.join(format!("{seed}_{}.toml", recording.name().replace(' ', "_")));
+    if let Ok(text) = std::fs::read_to_string(&kept) {
+        return hysteron::model_file::from_toml(&text, &kept.display().to_string()).expect("a kept model");
+    }
+    let found = explained(dataset).model;
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(&kept, hysteron::model_file::to_toml(&found, &dataset.name).expect("finite")).expect("written");
+    found
+}
+
+fn nm(work: &AtWork) -> String {
+    work.errors.iter().map(|e| format!("{:.1}", 1e3 * e.rms_um)).collect::<Vec<_>>().join(" / ")
+}
+
+fn main() {
+    let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(0));
+    println!("| stage | first mode | second mode | noise, nm | best with the truth, nm | usual | four tones | wideband |");
+    println!("|---|---|---|---|---|---|---|---|");
+    let (mut stable, mut refused, mut unstable) = (0, 0, 0);
+    for seed in first..first + stages {
+        let truth = Truth::drawn(seed);
+        let second = truth.second_mode.expect("has one");
+        let mut cells = Vec::new();
+        let mut best = String::new();
+        for recording in Recording::ALL {
+            let dataset = record(&truth, recording);
+            let chain = model(seed, recording, &dataset);
+            let cell = match designed(&chain, &dataset) {
+                Err(reason) => {
+                    refused += 1;
+                    eprintln!("{seed} {}: {reason}", recording.name());
+                    "refused".into()
+                }
+                Ok(design) => {
+                    let work = at_work(&truth, Change::NONE, &design);
+                    *(if work.unstable { &mut unstable } else { &mut stable }) += 1;
+                    eprintln!("{seed} {}: {}", recording.name(), design.explanation.join(" "));
+                    format!("{}{}", nm(&work), if work.unstable { " UNSTABLE" } else { "" })
+                }
+            };
+            cells.push(cell);
+            if recording == Recording::Wideband {
+                best = designed_with_the_truth(&truth, &chain).map_or("none".into(), |d| nm(&at_work(&truth, Change::NONE, &d)));
+            }
+        }
+        println!(
+            "| {seed} | {:.0} Hz, {:.3} | {:.0} Hz, {:.3}, {:.1} % | {:.1} | {best} | {} |",
+            truth.first_mode.frequency_hz,
+            truth.first_mode.damping_ratio,
+            second.frequency_hz,
+            second.damping_ratio,
+            100.0 * second.share,
+            1e3 * truth.noise_um,
+            cells.join(" | ")
+        );
+    }
+    println!("\n{stable} stable, {refused} refused, {unstable} unstable");
+}

@@ -1,0 +1,128 @@
+//! From a recording to a servo on a stage that the simulation does not share: stable or refused, and unstable where it was predicted.
+
+use hysteron::model_file::effects_named;
+use hysteron::servo::commands::{check, gain_ratio};
+use hysteron::servo::loop_margins::LoopMargins;
+use hysteron::servo::model::actuator_model;
+use hysteron::servo::order::{self, Order};
+use hysteron::watch::Unwatched;
+use hysteron_sim::chain::Model;
+use hysteron_tests::independent_stage::{Change, TrueMode, Truth};
+use hysteron_tests::servo_study::{LIMIT_CYCLE, Recording, at_work, designed, designed_with_the_truth, explained, record, rest_um};
+
+/// From recording to servo on one stage: stable, or a refusal that names the drive. Returns whether it was stable, with its error in um.
+fn stable_or_refused(seed: u64, recording: Recording) -> Option<f64> {
+    let truth = Truth::drawn(seed);
+    let dataset = record(&truth, recording);
+    let chain = explained(&dataset).model;
+    match designed(&chain, &dataset) {
+        Err(reason) => {
+            assert!(reason.contains("record a multisine"), "{seed} {}: {reason}", recording.name());
+            None
+        }
+        Ok(design) => {
+            let work = at_work(&truth, Change::NONE, &design);
+            assert!(!work.unstable, "{seed} {}: {work:?}", recording.name());
+            Some(work.worst_um())
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn a_servo_from_the_usual_recording_holds_on_the_stage() {
+    let worst_um = stable_or_refused(1, Recording::Usual).expect("this stage is shown well enough");
+    assert!(worst_um < 0.01, "{worst_um}");
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn four_tones_make_no_unstable_servo() {
+    stable_or_refused(1, Recording::FourTones);
+}
+
+#[test]
+#[ignore = "72 identifications: half an hour"]
+fn no_stage_and_no_recording_makes_an_unstable_servo() {
+    for seed in 0..24 {
+        for recording in Recording::ALL {
+            stable_or_refused(seed, recording);
+        }
+    }
+}
+
+/// A model of a stage with the effects that it has, fitted once.
+fn identified(truth: &Truth) -> Model {
+    let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
+    hysteron::identify::identify(&record(truth, Recording::Wideband), &effects, &Unwatched).unwrap().model
+}
+
+fn margins(design: &hysteron::servo::design::ServoDesign, chain: &Model) -> LoopMargins {
+    check(design, chain).unwrap().margins.unwrap()
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn a_loop_becomes_unstable_where_it_was_predicted() {
+    let truth = Truth::drawn(1);
+    let chain = identified(&truth);
+    let design = designed_with_the_truth(&truth, &chain).unwrap();
+    let found = margins(&design, &chain);
+    assert!(found.spectral_radius.iter().all(|r| *r < 1.0));
+    let oscillates = |change: Change| rest_um(&truth, change, &design) > LIMIT_CYCLE * truth.noise_um;
+    assert!(!oscillates(Change::NONE));
+    let first = found.first_unstable;
+    let turns_at = |what: &str, predicted: f64, change: &dyn Fn(f64) -> Change| {
+        assert!(!oscillates(change(0.95 * predicted)), "{what}: already unstable 5 % before {predicted}");
+        assert!(oscillates(change(1.05 * predicted)), "{what}: still stable 5 % beyond {predicted}");
+    };
+    turns_at("gain", first.gain_up.unwrap(), &|gain_ratio| Change { gain_ratio, ..Change::NONE });
+    turns_at("mass", first.mass_up.unwrap(), &|mass_ratio| Change { mass_ratio, ..Change::NONE });
+    turns_at("delay", first.delay_s.unwrap(), &|delay_s| Change { delay_s, ..Change::NONE });
+    let mode = first.mode.unwrap();
+    turns_at("mode", mode.share, &|share| Change {
+        mode: Some(TrueMode { frequency_hz: mode.frequency_hz, damping_ratio: mode.damping_ratio, share }),
+        ..Change::NONE
+    });
+    // The same servo on an actuator with a third and with three times the gain is another loop, and said to be one.
+    let scaled = |factor: f64| {
+        let mut other = chain.clone();
+        let of_surfaces = ["hysteresis", "initial_curve"];
+        for p in other.effects.iter_mut().filter(|e| of_surfaces.contains(&e.id.as_str())).flat_map(|e| &mut e.parameters) {
+            p.value *= factor;
+        }
+        other
+    };
+    for factor in [0.3, 3.0] {
+        let other = margins(&design, &scaled(factor));
+        assert!((other.gain_ratio[1] / factor - found.gain_ratio[1]).abs() < 1e-9);
+        assert_ne!(other.spectral_radius, found.spectral_radius);
+    }
+    let far = check(&design, &scaled(2.0 * first.gain_up.unwrap())).unwrap();
+    assert!(!far.stable && far.margins.unwrap().worst_case.contains("unstable"));
+    let same = actuator_model(&chain).unwrap();
+    assert_eq!(gain_ratio(&same, &same, true), [1.0; 3]);
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn what_cannot_be_meant_is_refused() {
+    let truth = Truth::drawn(1);
+    let chain = identified(&truth);
+    for noise_um in [-1.0, 0.0, f64::NAN, f64::INFINITY, 5.0] {
+        let order = Order { sensor_noise_um: Some(noise_um), ..Order::default() };
+        let reason = order::design(&chain, &order).unwrap_err();
+        assert!(reason.contains("--sensor-noise-um"), "{noise_um}: {reason}");
+    }
+    // A sensor that ends before the actuator does.
+    let narrow = hysteron::servo::amplifier_block::FrontEnd { sensor_min_um: 3.0, sensor_max_um: 14.0, ..Default::default() };
+    let reason = order::design(&chain, &Order { front_end: Some(&narrow), ..Order::default() }).unwrap_err();
+    assert!(reason.contains("3 to 14 um"), "{reason}");
+    // Without a recording a second mode is no fact, and no creep is said.
+    let mut without = chain.clone();
+    without.effects.retain(|e| e.id != "creep");
+    let design = order::design(&without, &Order::default()).unwrap();
+    assert!(design.model.linear.second_mode.is_none());
+    let said = design.explanation.join(" ");
+    assert!(said.contains("no creep") && said.contains("No recording stands behind"), "{said}");
+}
