@@ -24,6 +24,9 @@ use crate::trace_frame::TraceSample;
 /// Readings whose mean is the sensor's zero.
 pub const ZERO_TICKS: u32 = 1024;
 
+/// Rest that an identification begins with, ticks.
+pub const REST_BEFORE_TICKS: u32 = 4096;
+
 /// What the amplifier is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -68,10 +71,11 @@ pub enum Command {
         /// Length of the rest, ticks; at least [`ZERO_TICKS`].
         rest_ticks: u32,
     },
-    /// Plays four tones that together sweep the whole range, from its lower end, then goes to rest: what an identification needs of slow
-    /// loops, nested loops and dynamics, with no jump in it.
+    /// Rests for [`REST_BEFORE_TICKS`], which shows the noise and that the record begins settled, plays four tones that together sweep the
+    /// whole range, from its lower end, then goes to rest: what an identification needs of slow loops, nested loops and dynamics, with no
+    /// jump in it.
     Identify {
-        /// How long, ticks.
+        /// How long the tones last, ticks.
         ticks: u32,
     },
     /// Clears the fault, if the sensor has been healthy long enough.
@@ -99,6 +103,7 @@ pub struct Amplifier {
     fault: Option<Fault>,
     reference: (Waveform, i32),
     generator: ReferenceGenerator,
+    rest_before_ticks: u32,
     remaining_ticks: u32,
     rest_after_ticks: u32,
     zero_sum: i64,
@@ -119,6 +124,7 @@ impl Amplifier {
             fault: None,
             reference: (Waveform::Constant, 0),
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
+            rest_before_ticks: 0,
             remaining_ticks: 0,
             rest_after_ticks: 0,
             zero_sum: 0,
@@ -186,6 +192,7 @@ impl Amplifier {
                 // 2, 17.3, 131 and 907 Hz at 20 kHz, with 62, 25, 10 and 3 % of the range.
                 self.generator = self.over_the_range([(429_497, 635), (3_715_146, 256), (28_132_034, 102), (194_776_752, 31)]);
                 self.begin_playing(ticks, 0);
+                self.rest_before_ticks = REST_BEFORE_TICKS;
             }
         }
         Ok(())
@@ -214,6 +221,7 @@ impl Amplifier {
     }
 
     fn begin_playing(&mut self, ticks: u32, rest_after_ticks: u32) {
+        self.rest_before_ticks = 0;
         self.remaining_ticks = ticks;
         self.rest_after_ticks = rest_after_ticks;
         self.zero_sum = 0;
@@ -263,6 +271,10 @@ impl Amplifier {
     /// The next code of an open-loop drive.
     #[inline]
     fn play(&mut self, reading: u16) -> u16 {
+        if self.rest_before_ticks > 0 {
+            self.rest_before_ticks -= 1;
+            return self.servo.open_loop(self.guard.towards_rest(self.code));
+        }
         if self.remaining_ticks > 0 {
             self.remaining_ticks -= 1;
             let c = &self.parameters.servo.converters;
@@ -338,6 +350,9 @@ mod tests {
         parameters.guard.rest_code = 0;
         let mut amplifier = Amplifier::new(parameters);
         assert_eq!(amplifier.command(Command::Identify { ticks: 20_000 }), Ok(()));
+        for k in 0..REST_BEFORE_TICKS {
+            assert_eq!(amplifier.tick(Some(reading(9_362, k)), false).dac_code, 0, "rests first");
+        }
         let (mut highest, mut before) = (0, 0u16);
         for k in 0..20_000 {
             let sample = amplifier.tick(Some(reading(9_362, k)), false);

@@ -20,12 +20,12 @@ fn a_drive_is_played_and_its_log_kept() {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![(3 * MILLISECOND, commands.as_bytes().to_vec())],
-        ..Script::listening(2_400 * MILLISECOND)
+        ..Script::listening(2_600 * MILLISECOND)
     };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
     let (samples, lost) = samples(&outcome);
     assert_eq!((lost, outcome.malformed), (0, 0));
-    assert!(samples.len() > 47_000 && samples.iter().all(|sample| sample.flags < 2), "rest and playing only");
+    assert!(samples.len() > 50_000 && samples.iter().all(|sample| sample.flags < 2), "rest and playing only");
     // What the log says is what the converters saw.
     let world = world.lock().expect("the world");
     for pair in samples.windows(2).filter(|pair| pair[1].tick == pair[0].tick + 1) {
