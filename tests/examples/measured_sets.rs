@@ -2,10 +2,10 @@
 //!
 //! For each set of records: the effects that `explain` ends with, its fitted and held-out errors, and, with `--subsets`, the best of all
 //! subsets of seven effects beside the hysteresis, each fitted with `identify`. The ratio is that of the geometric means of fitted and
-//! held-out error.
+//! held-out error. With `--reversed` the records are given in the other order too, which must end at the same effects and errors.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--data FOLDER] [SET ...]
+//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--data FOLDER] [SET ...]
 //! ```
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
@@ -116,6 +116,7 @@ fn best_subset(dataset: &Dataset, set: &Set) -> (Vec<&'static str>, f64, f64) {
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let subsets = arguments.iter().position(|a| a == "--subsets").map(|i| arguments.remove(i)).is_some();
+    let reversed = arguments.iter().position(|a| a == "--reversed").map(|i| arguments.remove(i)).is_some();
     let data = arguments.iter().position(|a| a == "--data").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/measured"),
         |i| PathBuf::from(arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default()),
@@ -140,6 +141,14 @@ fn main() {
             found.diagnosis.verdict.word(),
             found.model.effect_ids().join(","),
         );
+        if reversed {
+            let mut other = dataset.clone();
+            other.records.reverse();
+            let again = explain(&other, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+            let (f, h) = errors_um(&again.model, &other, set);
+            let same = if again.model.effect_ids() == found.model.effect_ids() { "the same effects" } else { "OTHER EFFECTS" };
+            println!("{:<12} {:>7} / {:>7} nm  records in the other order: {same}", "", nm(f), nm(h));
+        }
         if subsets {
             let (effects, f, h) = best_subset(&dataset, set);
             println!(

@@ -11,6 +11,7 @@
 //! * a call through a register, whose destination the binary does not tell.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::path::Path;
 
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
@@ -32,127 +33,186 @@ pub struct Figures {
     pub ram_bytes: u64,
 }
 
+/// The section with the interrupt's code, and what the symbols say of it.
+struct Code<'a> {
+    file: &'a object::File<'a>,
+    bytes: &'a [u8],
+    range: Range<u64>,
+    /// Start of every function, with its size (0: unknown) and name.
+    functions: BTreeMap<u64, (u64, String)>,
+    /// Where data (`true`) or instructions (`false`) begin.
+    kinds: BTreeMap<u64, bool>,
+    handler: u64,
+}
+
+impl<'a> Code<'a> {
+    fn read(file: &'a object::File<'a>, elf: &Path) -> Result<Self, String> {
+        let section = file.section_by_name(SECTION).ok_or_else(|| format!("{}: no section {SECTION}", elf.display()))?;
+        let bytes = section.data().map_err(|error| error.to_string())?;
+        let range = section.address()..section.address() + section.size();
+        let (mut functions, mut kinds): (BTreeMap<u64, (u64, String)>, BTreeMap<u64, bool>) = Default::default();
+        let mut handler = None;
+        for symbol in file.symbols().filter(|symbol| range.contains(&(symbol.address() & !1))) {
+            let name = symbol.name().unwrap_or_default();
+            if name.starts_with("$d") || name.starts_with("$t") {
+                kinds.insert(symbol.address(), name.starts_with("$d"));
+            } else if symbol.kind() == SymbolKind::Text {
+                let start = symbol.address() & !1;
+                if name == HANDLER {
+                    handler = Some(start);
+                }
+                let entry = functions.entry(start).or_insert((0, String::new()));
+                if symbol.size() >= entry.0 {
+                    *entry = (symbol.size(), name.to_owned());
+                }
+            }
+        }
+        let handler = handler.ok_or_else(|| format!("{HANDLER} is not in {SECTION}"))?;
+        Ok(Self { file, bytes, range, functions, kinds, handler })
+    }
+
+    fn halfword(&self, address: u64) -> u16 {
+        let at = (address - self.range.start) as usize;
+        self.bytes.get(at..at + 2).map_or(0, |pair| u16::from_le_bytes([pair[0], pair[1]]))
+    }
+
+    fn is_data(&self, at: u64) -> bool {
+        self.kinds.range(..=at).next_back().is_some_and(|(_, is_data)| *is_data)
+    }
+
+    /// Addresses and name of the function that begins at `start`.
+    fn function(&self, start: u64) -> Option<(Range<u64>, &str)> {
+        let (size, name) = self.functions.get(&start)?;
+        let next = || self.functions.range(start + 1..).next().map_or(self.range.end, |(next, _)| *next);
+        Some((start..if *size > 0 { start + size } else { next() }, name))
+    }
+}
+
+/// What the walk through one function has met.
+#[derive(Default)]
+struct Walk {
+    /// Destinations of jumps inside the function.
+    jumps: BTreeSet<u64>,
+    /// Destinations in its jump tables.
+    table_jumps: BTreeSet<u64>,
+    /// Undefined instructions.
+    aborts: Vec<u64>,
+    /// Functions that it calls or ends in.
+    calls: Vec<u64>,
+    complaints: Vec<String>,
+}
+
+impl Walk {
+    /// Through all instructions of a function.
+    fn through(code: &Code<'_>, body: &Range<u64>) -> Self {
+        let mut walk = Self::default();
+        let mut falls_through = true;
+        let mut at = body.start;
+        while at < body.end {
+            if code.is_data(at) {
+                at += 2;
+            } else if code.halfword(at) >> 11 < 0b11101 {
+                falls_through = walk.narrow(at, code.halfword(at), falls_through);
+                at += 2;
+            } else {
+                falls_through = walk.wide(code, body, at);
+                at += 4;
+            }
+        }
+        walk
+    }
+
+    /// An instruction of 16 bits; whether the next one can follow it.
+    fn narrow(&mut self, at: u64, instruction: u16, comes_here: bool) -> bool {
+        if instruction & 0xFF00 == 0xDE00 {
+            // Behind code that never comes here the compiler leaves one; whether a jump leads to it is told at the end.
+            if comes_here {
+                self.jumps.insert(at);
+            }
+            self.aborts.push(at);
+        } else if instruction & 0xFF80 == 0x4780 {
+            self.complaints.push(format!("a call through a register at {at:#x}"));
+        } else if instruction & 0xFF87 == 0x4700 && instruction != 0x4770 {
+            // The linker's bridges for destinations out of a branch's reach end like this.
+            self.complaints.push(format!("a jump through a register at {at:#x}"));
+        } else if instruction & 0xF000 == 0xD000 && instruction & 0x0F00 < 0x0E00 {
+            self.jumps.insert(relative(at, (i64::from(instruction as u8 as i8)) << 1));
+        } else if instruction & 0xF800 == 0xE000 {
+            self.jumps.insert(relative(at, i64::from(((instruction << 5) as i16) >> 4)));
+        } else if instruction & 0xF500 == 0xB100 {
+            self.jumps.insert(relative(at, i64::from((instruction >> 9 & 1) << 6 | (instruction >> 3 & 0x1F) << 1)));
+        }
+        // B, BX, POP {.., pc}; conditional ones in an IT block are taken as ends too only when no abort follows them.
+        !(instruction & 0xF800 == 0xE000 || instruction & 0xFF87 == 0x4700 || instruction & 0xFF00 == 0xBD00)
+    }
+
+    /// An instruction of 32 bits; whether the next one can follow it.
+    fn wide(&mut self, code: &Code<'_>, body: &Range<u64>, at: u64) -> bool {
+        let (first, second) = (code.halfword(at), code.halfword(at + 2));
+        if first & 0xEC00 == 0xEC00 && matches!(second >> 8 & 0xF, 10 | 11) {
+            self.complaints.push(format!("a floating-point instruction at {at:#x}"));
+        }
+        // BL, and B with the same range (a tail call, or a jump within the function).
+        if first & 0xF800 == 0xF000 && matches!(second & 0xD000, 0xD000 | 0x9000) {
+            let target = branch_target(at, first, second);
+            let is_call = second & 0xD000 == 0xD000;
+            if body.contains(&target) && !is_call {
+                self.jumps.insert(target);
+            } else if code.range.contains(&target) {
+                self.calls.push(target);
+            } else {
+                self.complaints.push(format!("leaves ITCM for {} at {at:#x}", owner(code.file, target)));
+            }
+            return is_call;
+        }
+        if first & 0xF800 == 0xF000 && second & 0xD000 == 0x8000 && first & 0x0380 != 0x0380 {
+            self.jumps.insert(conditional_target(at, first, second));
+        } else if first & 0xFFF0 == 0xE8D0 && second & 0xFFE0 == 0xF000 {
+            self.jump_table(code, body, at, second & 0x10 != 0);
+            return false;
+        }
+        true
+    }
+
+    /// TBB and TBH: the table stands behind the instruction, marked as data.
+    fn jump_table(&mut self, code: &Code<'_>, body: &Range<u64>, at: u64, is_wide: bool) {
+        let mut entry = at + 4;
+        while entry < body.end && code.is_data(entry) {
+            let pair = code.halfword(entry);
+            for offset in if is_wide { vec![pair] } else { vec![pair & 0xFF, pair >> 8] } {
+                self.table_jumps.insert(at + 4 + 2 * u64::from(offset));
+            }
+            entry += 2;
+        }
+    }
+}
+
 /// Walks the interrupt's code in the image.
 pub fn check(elf: &Path) -> Result<Figures, String> {
     let bytes = std::fs::read(elf).map_err(|error| format!("{}: {error}", elf.display()))?;
     let file = object::File::parse(&*bytes).map_err(|error| format!("{}: {error}", elf.display()))?;
-    let section = file.section_by_name(SECTION).ok_or_else(|| format!("{}: no section {SECTION}", elf.display()))?;
-    let code = section.data().map_err(|error| error.to_string())?;
-    let range = section.address()..section.address() + section.size();
-
-    let mut functions: BTreeMap<u64, (u64, String)> = BTreeMap::new();
-    let mut data: BTreeMap<u64, bool> = BTreeMap::new();
-    let mut handler = None;
-    for symbol in file.symbols() {
-        let name = symbol.name().unwrap_or_default();
-        if name.starts_with("$d") && range.contains(&symbol.address()) {
-            data.insert(symbol.address(), true);
-        } else if name.starts_with("$t") && range.contains(&symbol.address()) {
-            data.insert(symbol.address(), false);
-        } else if symbol.kind() == SymbolKind::Text && range.contains(&(symbol.address() & !1)) {
-            let start = symbol.address() & !1;
-            if name == HANDLER {
-                handler = Some(start);
-            }
-            let entry = functions.entry(start).or_insert((0, String::new()));
-            if symbol.size() >= entry.0 {
-                *entry = (symbol.size(), name.to_owned());
-            }
-        }
-    }
-    let handler = handler.ok_or_else(|| format!("{HANDLER} is not in {SECTION}"))?;
-
-    let (mut waiting, mut seen) = (vec![handler], BTreeSet::new());
+    let code = Code::read(&file, elf)?;
+    let (mut waiting, mut seen) = (vec![code.handler], BTreeSet::new());
     let mut complaints = Vec::new();
     let mut impossible_cases = 0;
     while let Some(start) = waiting.pop() {
         if !seen.insert(start) {
             continue;
         }
-        let Some((size, name)) = functions.get(&start) else {
+        let Some((body, name)) = code.function(start) else {
             complaints.push(format!("a call to {start:#x}, which is no function"));
             continue;
         };
-        let size = if *size > 0 { *size } else { functions.range(start + 1..).next().map_or(range.end, |(next, _)| *next) - start };
-        let halfword = |address: u64| -> u16 {
-            let at = (address - range.start) as usize;
-            code.get(at..at + 2).map_or(0, |pair| u16::from_le_bytes([pair[0], pair[1]]))
-        };
-        let is_data = |at: u64| data.range(..=at).next_back().is_some_and(|(_, is_data)| *is_data);
-        let (mut jumps, mut table_jumps, mut aborts) = (BTreeSet::new(), BTreeSet::new(), Vec::new());
-        let mut falls_through = true;
-        let mut at = start;
-        while at < start + size {
-            if is_data(at) {
-                at += 2;
-                continue;
-            }
-            let first = halfword(at);
-            if first >> 11 < 0b11101 {
-                if first & 0xFF00 == 0xDE00 {
-                    // Behind code that never comes here the compiler leaves one; whether it does is told below.
-                    if falls_through {
-                        jumps.insert(at);
-                    }
-                    aborts.push(at);
-                } else if first & 0xFF80 == 0x4780 {
-                    complaints.push(format!("{name}: a call through a register at {at:#x}"));
-                } else if first & 0xFF87 == 0x4700 && first != 0x4770 {
-                    // The linker's bridges for destinations out of a branch's reach end like this.
-                    complaints.push(format!("{name}: a jump through a register at {at:#x}"));
-                } else if first & 0xF000 == 0xD000 && first & 0x0F00 < 0x0E00 {
-                    jumps.insert(relative(at, (i64::from(first as u8 as i8)) << 1));
-                } else if first & 0xF800 == 0xE000 {
-                    jumps.insert(relative(at, i64::from(((first << 5) as i16) >> 4)));
-                } else if first & 0xF500 == 0xB100 {
-                    jumps.insert(relative(at, i64::from((first >> 9 & 1) << 6 | (first >> 3 & 0x1F) << 1)));
-                }
-                // B, BX, POP {.., pc}; conditional ones in an IT block are taken as ends too only when no abort follows them.
-                falls_through = !(first & 0xF800 == 0xE000 || first & 0xFF87 == 0x4700 || first & 0xFF00 == 0xBD00);
-                at += 2;
-                continue;
-            }
-            falls_through = true;
-            let second = halfword(at + 2);
-            if first & 0xEC00 == 0xEC00 && matches!(second >> 8 & 0xF, 10 | 11) {
-                complaints.push(format!("{name}: a floating-point instruction at {at:#x}"));
-            }
-            // BL, and B with the same range (a tail call, or a jump within the function).
-            if first & 0xF800 == 0xF000 && matches!(second & 0xD000, 0xD000 | 0x9000) {
-                let target = branch_target(at, first, second);
-                let is_call = second & 0xD000 == 0xD000;
-                falls_through = is_call;
-                if (start..start + size).contains(&target) && !is_call {
-                    jumps.insert(target);
-                } else if range.contains(&target) {
-                    waiting.push(target);
-                } else {
-                    complaints.push(format!("{name}: leaves ITCM for {} at {at:#x}", owner(&file, target)));
-                }
-            } else if first & 0xF800 == 0xF000 && second & 0xD000 == 0x8000 && first & 0x0380 != 0x0380 {
-                jumps.insert(conditional_target(at, first, second));
-            } else if first & 0xFFF0 == 0xE8D0 && second & 0xFFE0 == 0xF000 {
-                // TBB and TBH: the table stands behind the instruction, marked as data.
-                falls_through = false;
-                let wide = second & 0x10 != 0;
-                let mut entry = at + 4;
-                while entry < start + size && is_data(entry) {
-                    let pair = halfword(entry);
-                    for offset in if wide { vec![pair] } else { vec![pair & 0xFF, pair >> 8] } {
-                        table_jumps.insert(at + 4 + 2 * u64::from(offset));
-                    }
-                    entry += 2;
-                }
-            }
-            at += 4;
-        }
-        for abort in aborts {
-            if jumps.contains(&abort) {
-                complaints.push(format!("{name}: an abort at {abort:#x} can be reached"));
-            } else if table_jumps.contains(&abort) {
+        let mut walk = Walk::through(&code, &body);
+        for abort in &walk.aborts {
+            if walk.jumps.contains(abort) {
+                walk.complaints.push(format!("an abort at {abort:#x} can be reached"));
+            } else if walk.table_jumps.contains(abort) {
                 impossible_cases += 1;
             }
         }
+        complaints.extend(walk.complaints.iter().map(|complaint| format!("{name}: {complaint}")));
+        waiting.append(&mut walk.calls);
     }
     if !complaints.is_empty() {
         complaints.truncate(20);
@@ -160,7 +220,7 @@ pub fn check(elf: &Path) -> Result<Figures, String> {
     }
     let size_of = |wanted: &[&str]| -> u64 { wanted.iter().filter_map(|name| file.section_by_name(name)).map(|s| s.size()).sum() };
     Ok(Figures {
-        control_code_bytes: seen.iter().filter_map(|start| functions.get(start)).map(|(size, _)| size).sum(),
+        control_code_bytes: seen.iter().filter_map(|start| code.functions.get(start)).map(|(size, _)| size).sum(),
         control_functions: seen.len(),
         impossible_cases,
         flash_bytes: size_of(&[".vector_table", ".itcm", ".text", ".rodata", ".data"]),

@@ -3,23 +3,26 @@
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "bipolar";
+
 /// Moves the lower limit from which the one-sided hysteresis counts.
 pub struct Bipolar;
 
 /// Lower limit of the hysteresis in `model`, V.
 #[must_use]
 pub fn lower_limit_v(model: &Model) -> f64 {
-    model.values("bipolar").and_then(|v| v.first().copied()).unwrap_or(model.drive_min_v)
+    model.values(ID).and_then(|v| v.first().copied()).unwrap_or(model.drive_min_v)
 }
 
 impl Effect for Bipolar {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "bipolar".into(),
+            id: ID.into(),
             physics: "The drive goes below zero: the one-sided memory then counts from the lowest drive, not from zero.".into(),
             reference: "thesis Ch. 8, future work 2".into(),
             place: Place::Hysteresis,
-            modifies: Some("hysteresis"),
+            modifies: Some(super::hysteresis::ID),
             experiment: "triangles of growing height that begin at the lowest drive".into(),
             candidate: false,
             one_sided: false,

@@ -8,6 +8,9 @@ use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, P
 use crate::chain::{EffectInstance, Model};
 use std::collections::VecDeque;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "delay";
+
 /// The drive acts later than it was commanded.
 pub struct Delay;
 
@@ -32,8 +35,8 @@ impl Stage for DelayStage {
 
 /// The delay that the vibration stage takes in, s.
 pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
-    let delay = model.effect("delay")?;
-    model.effect("vibration")?;
+    let delay = model.effect(ID)?;
+    model.effect(super::vibration::ID)?;
     let passes_steps_on = |e: &EffectInstance| {
         let place = e.effect.declaration().place;
         // Friction acts on the moving mass, in the vibration stage.
@@ -48,11 +51,11 @@ pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
 impl Effect for Delay {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "delay".into(),
+            id: ID.into(),
             physics: "Converters and computation take time: the drive acts a fixed time after it was written.".into(),
             reference: "Franklin, Powell, Workman, Digital Control of Dynamic Systems (1998)".into(),
             place: Place::Delay,
-            modifies: Some("vibration"),
+            modifies: Some(super::vibration::ID),
             experiment: "a multisine: phase that falls in proportion to frequency at flat gain".into(),
             candidate: true,
             one_sided: true,

@@ -13,6 +13,9 @@ use super::{
 use crate::chain::Model;
 use crate::elastoplastic_friction::ElastoplasticFriction;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "friction";
+
 /// Elastic-plastic friction element between the piezo force and the structure.
 pub struct Friction;
 
@@ -28,7 +31,7 @@ pub(super) struct Bristle {
 impl Bristle {
     /// The bristle of `model`, if it has one.
     pub(super) fn of(model: &Model) -> Option<Self> {
-        let values = model.values("friction")?;
+        let values = model.values(ID)?;
         let value = |k: usize| values.get(k).copied().unwrap_or(0.0);
         let breakaway_ratio = (value(2) > 0.0).then_some(value(2));
         let contact = ElastoplasticFriction {
@@ -123,11 +126,11 @@ impl Stage for FrictionStage {
 impl Effect for Friction {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "friction".into(),
+            id: ID.into(),
             physics: "Dry friction in the guide holds the stage at every reversal until the force breaks it away.".into(),
             reference: "thesis Ch. 3, Eqs. 1-6 (presliding); Dupont et al., IEEE Trans. Autom. Control 47 (2002)".into(),
             place: Place::Friction,
-            modifies: Some("vibration"),
+            modifies: Some(super::vibration::ID),
             experiment: "small slow triangles around several positions: plateaus behind each reversal".into(),
             candidate: true,
             one_sided: true,
@@ -157,7 +160,7 @@ impl Effect for Friction {
     }
     fn stage<'a>(&self, model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
-        if model.effect("vibration").is_some() {
+        if model.effect(super::vibration::ID).is_some() {
             return None;
         }
         Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)

@@ -197,7 +197,7 @@ impl Effect for Hysteresis {
         &[super::initial_curve::ID]
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let remnant = model.values("initial_curve").unwrap_or_default();
+        let remnant = model.values(super::initial_curve::ID).unwrap_or_default();
         let surfaces = Surfaces::from_legendre(degree_of(values.len()), values, &remnant);
         let drive = HeldDrive::of(model, setting);
         Some(Box::new(HysteresisStage {
@@ -208,13 +208,14 @@ impl Effect for Hysteresis {
         }))
     }
     fn coefficient_walker(&self, model: &Model, setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
-        let counts = ["hysteresis", "initial_curve", "play_operators"].map(|id| (id, model.effect(id).map_or(0, |e| e.parameters.len())));
+        let counts =
+            [ID, super::initial_curve::ID, super::play_operators::ID].map(|id| (id, model.effect(id).map_or(0, |e| e.parameters.len())));
         let walk = CoefficientWalk::virgin(degree_of(counts[0].1), counts[1].1);
         let contributions = Contributions { walk, plays: PlayOperators::of(model) };
         Some(Box::new(SurfaceWalker { counts, contributions, drive: HeldDrive::of(model, setting), present: Vec::new() }))
     }
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect("gain").is_some()
+        model.effect(super::gain::ID).is_some()
     }
     fn fitting_rank(&self) -> usize {
         1

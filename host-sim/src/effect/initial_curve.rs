@@ -28,7 +28,7 @@ impl Effect for InitialCurve {
                 .into(),
             reference: "thesis Ch. 4, Eqs. 1, 10, 12-14".into(),
             place: Place::Hysteresis,
-            modifies: Some("hysteresis"),
+            modifies: Some(super::hysteresis::ID),
             experiment: "slow triangles of growing height from the virgin state".into(),
             candidate: true,
             one_sided: false,
@@ -51,7 +51,7 @@ impl Effect for InitialCurve {
         None
     }
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect("hysteresis").is_some()
+        model.effect(super::hysteresis::ID).is_some()
     }
     fn fitting_rank(&self) -> usize {
         2

@@ -3,23 +3,26 @@
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "mass_change";
+
 /// Mass added to the moving part, as a ratio to it; the vibration stage takes it in.
 pub struct MassChange;
 
 /// Factor on natural frequency and damping ratio in `model`.
 #[must_use]
 pub fn frequency_factor(model: &Model) -> f64 {
-    model.values("mass_change").and_then(|v| v.first().copied()).map_or(1.0, |ratio| 1.0 / (1.0 + ratio).max(0.01).sqrt())
+    model.values(ID).and_then(|v| v.first().copied()).map_or(1.0, |ratio| 1.0 / (1.0 + ratio).max(0.01).sqrt())
 }
 
 impl Effect for MassChange {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "mass_change".into(),
+            id: ID.into(),
             physics: "A load on the stage adds mass: every mode becomes slower and, with the same damper, less damped.".into(),
             reference: "thesis Ch. 7, loaded case".into(),
             place: Place::Vibration,
-            modifies: Some("vibration"),
+            modifies: Some(super::vibration::ID),
             experiment: "the same multisine with and without the load".into(),
             candidate: false,
             one_sided: false,

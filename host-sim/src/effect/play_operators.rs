@@ -27,7 +27,7 @@ impl PlayOperators {
 
     /// The operators that `model` has beside its surfaces.
     pub(super) fn of(model: &Model) -> Option<Self> {
-        let weights = model.values("play_operators")?;
+        let weights = model.values(ID)?;
         Some(Self::new(weights.iter().enumerate().map(|(i, w)| (threshold(i), *w)).collect()))
     }
 
@@ -72,7 +72,7 @@ impl Effect for PlayOperatorsBeside {
             physics: "Backlash elements beside the smooth loops: kinks that depend only on how far the drive came back.".into(),
             reference: "Brokate and Sprekels, Hysteresis and Phase Transitions (1996)".into(),
             place: Place::Hysteresis,
-            modifies: Some("hysteresis"),
+            modifies: Some(super::hysteresis::ID),
             experiment: "slow triangles of several heights".into(),
             candidate: false,
             one_sided: false,

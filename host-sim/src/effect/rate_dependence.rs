@@ -7,6 +7,9 @@
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "rate_dependence";
+
 /// Scaling of the hysteresis with the rate of the drive; the hysteresis stage applies it.
 pub struct RateDependence;
 
@@ -25,7 +28,7 @@ impl RateLaw {
     /// The law in `model`, if it has one.
     #[must_use]
     pub fn of(model: &Model) -> Option<Self> {
-        let values = model.values("rate_dependence")?;
+        let values = model.values(ID)?;
         Some(Self { loop_linear: values[0], loop_quadratic: values[1], curve_linear: values[2] })
     }
 
@@ -41,11 +44,11 @@ impl RateLaw {
 impl Effect for RateDependence {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "rate_dependence".into(),
+            id: ID.into(),
             physics: "Domains need time to switch: the loops are wider the faster the drive moves.".into(),
             reference: "thesis Ch. 4, Eqs. 16-17".into(),
             place: Place::Hysteresis,
-            modifies: Some("hysteresis"),
+            modifies: Some(super::hysteresis::ID),
             experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
             candidate: true,
             one_sided: false,
@@ -71,7 +74,7 @@ impl Effect for RateDependence {
         5
     }
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
-        model.effect("hysteresis").is_some() && overview.several_speeds
+        model.effect(super::hysteresis::ID).is_some() && overview.several_speeds
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         Some(vec![0.03 * strength, 0.0, 0.0])

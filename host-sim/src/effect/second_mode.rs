@@ -19,7 +19,7 @@ impl Effect for SecondMode {
             physics: "Part of the motion goes through another resonance of the structure, usually higher and lightly damped.".into(),
             reference: "Preumont, Vibration Control of Active Structures (2011), modal sum".into(),
             place: Place::Vibration,
-            modifies: Some("vibration"),
+            modifies: Some(super::vibration::ID),
             experiment: "a multisine with lines close together up to a third of the sampling rate".into(),
             candidate: true,
             one_sided: false,
@@ -48,7 +48,7 @@ impl Effect for SecondMode {
         Planted::InPairs
     }
     fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        match model.effect("vibration") {
+        match model.effect(super::vibration::ID) {
             Some(_) => None,
             None => Some(Box::new(vibration::VibrationStage::of(model, setting.dt_s))),
         }
@@ -61,7 +61,7 @@ impl Effect for SecondMode {
         6
     }
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect("vibration").is_some()
+        model.effect(super::vibration::ID).is_some()
     }
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
         resonances.iter().map(|r| vec![0.02, r.natural_frequency_rad_s, r.damping_ratio]).collect()

@@ -57,7 +57,7 @@ impl Effect for SensorBandwidth {
             physics: "The sensor's electronics filter what they read: fast motion appears smaller and later.".into(),
             reference: "Fleming, Sensors and Actuators A 190 (2013) 106-126".into(),
             place: Place::SensorBandwidth,
-            modifies: Some("vibration"),
+            modifies: Some(super::vibration::ID),
             experiment: "multisines up to a third of the sampling rate".into(),
             candidate: true,
             one_sided: true,
@@ -71,7 +71,7 @@ impl Effect for SensorBandwidth {
         by_data_sheet.into_iter().chain(super::lag_starts(overview)).collect()
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        if model.effect("vibration").is_some() {
+        if model.effect(super::vibration::ID).is_some() {
             return None;
         }
         let (decay, _) = super::lag_weights(values[0], setting.dt_s);

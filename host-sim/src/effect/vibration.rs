@@ -194,13 +194,13 @@ impl VibrationStage {
         let mass_factor = super::mass_change::frequency_factor(model);
         let bristle = Bristle::of(model).map(|bristle| {
             // A stuck bristle adds its stiffness: the mode that has to be followed is the faster for it.
-            let angle = model.values("vibration").map_or(f64::INFINITY, |v| v[0] * mass_factor * dt_s) * bristle.stiffening();
+            let angle = model.values(ID).map_or(f64::INFINITY, |v| v[0] * mass_factor * dt_s) * bristle.stiffening();
             let pieces = (angle / PIECE_RAD).ceil().min(1e6) as usize;
             (bristle, if pieces > PIECES_MAX { 0 } else { pieces.max(1) })
         });
         let pieces = bristle.map_or(1, |(_, pieces)| pieces.max(1)) as f64;
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
-        let sensor_hz = model.effect("vibration").and_then(|_| model.values("sensor_bandwidth")).map(|v| v[0]);
+        let sensor_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
         let mode = |natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64, late_share: f64| {
             let (frequency_rad_s, damping_ratio) = (natural_frequency_rad_s * mass_factor, damping_ratio * mass_factor);
             let punctual = |dt_s: f64| Mode::read_by(frequency_rad_s, damping_ratio, sensor_hz, dt_s);
@@ -210,14 +210,14 @@ impl VibrationStage {
         let late_share = late_intervals.fract();
         let late_pieces = late_share * pieces;
         let in_pieces = pieces > 1.0;
-        let first = model.values("vibration").map(|v| mode(v[0], v[1], dt_s / pieces, if in_pieces { 0.0 } else { late_share }));
-        let switch = model.values("vibration").filter(|_| in_pieces && late_share > 0.0).map(|v| Switch {
+        let first = model.values(ID).map(|v| mode(v[0], v[1], dt_s / pieces, if in_pieces { 0.0 } else { late_share }));
+        let switch = model.values(ID).filter(|_| in_pieces && late_share > 0.0).map(|v| Switch {
             piece: late_pieces as usize,
             mode: mode(v[0], v[1], dt_s / pieces, late_pieces.fract()),
             before: model.drive_min_v,
         });
-        let second = model.values("second_mode").map(|v| (v[0], mode(v[1], v[2], dt_s, late_share)));
-        let whole_interval = model.values("vibration").map(|v| mode(v[0], v[1], dt_s, late_share));
+        let second = model.values(super::second_mode::ID).map(|v| (v[0], mode(v[1], v[2], dt_s, late_share)));
+        let whole_interval = model.values(ID).map(|v| mode(v[0], v[1], dt_s, late_share));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
         Self { first, second, bristle, late, switch, whole_interval }
     }

@@ -10,7 +10,7 @@ use crate::chapter::{Chapter, Progress, Row, errata};
 use hysteron::dataset::{Dataset, Record};
 use hysteron::identification::fit::{Effort, fit, rms_over};
 use hysteron::statistics::{difference, largest, mean, rms};
-use hysteron_report::{Block, Plot, Role, Section, Series, Style, Table};
+use hysteron_report::{Block, Notes, Plot, Role, Section, Series, Style, Table};
 use hysteron_sim::bench::{Bench, Start, Variant};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::creep::with_signed_shares;
@@ -444,14 +444,9 @@ fn timed_identification(bench: &Bench) -> Result<(f64, f64), String> {
     Ok((from.elapsed().as_secs_f64(), fitted.rms_um))
 }
 
-/// Plays, identifies and validates the comprehensive model.
-pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
-    let fs = bench.converters.sample_rate_hz;
-    let mut rows = Vec::new();
-
-    progress("chapter 5: phase response of the mode");
-    let response = phase_response(&bench);
+/// The mode from the phase response to small sines (4.B), with Fig. 6.
+fn mode_by_phase(bench: &Bench, rows: &mut Vec<Row>) -> Result<((f64, f64), Plot), String> {
+    let response = phase_response(bench);
     let residuals =
         |p: &[f64]| -> Vec<f64> { response.iter().map(|(hz, phase)| second_order_phase(*hz, p[0], p[1]) + p[2] - phase).collect() };
     let mode = least_squares::nonlinear(&residuals, &[4000.0, 0.6, 0.0], &[4000.0, 0.6, 0.1], None)
@@ -486,37 +481,26 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
             fine.clone(),
             fine.iter().map(|hz| (second_order_phase(*hz, frequency, damping) + mode.values[2]).to_degrees()).collect(),
         ));
+    Ok(((frequency, damping), figure_6))
+}
 
-    progress("chapter 5: hysteresis surfaces from displacement and derivatives");
-    let chain_with = |how: Derivatives| -> Result<ThesisChain, String> {
-        let surfaces = surfaces_by_force(&bench, frequency, damping, how).ok_or("F and G could not be fitted")?;
-        Ok(ThesisChain { surfaces, natural_frequency_rad_s: frequency, damping_ratio: damping, creep: None })
-    };
-    let mut filter_chain = chain_with(Derivatives::AlphaBetaGamma)?;
-    let mut chain = chain_with(Derivatives::LocalPolynomial)?;
-
-    progress("chapter 5: creep from a step to 30 V over 30 s");
-    let step = bench.record(Variant::FULL, Start::Virgin, &waveform::hold(fs, 30.0, 30.0), 550);
-    let creep = identify_creep(&bench, &chain, &step.reading_um, &step.drive_v).ok_or("creep could not be fitted")?;
-    chain.creep = creep.system.clone();
-    filter_chain.creep = creep.system.clone();
+/// Fig. 7: what creeps after a step, and the model of it.
+fn creep_after_a_step(creep: &Creep, rows: &mut Vec<Row>) -> Plot {
     rows.push(Row::new(
         "ch5.creep.rms",
         rms(&difference(&creep.measured_um, &creep.simulated_um)),
         "um",
         format!("ARX creep over 30 s (Fig. 7); G2 = {:.4?} / {:.4?}", creep.numerator, creep.denominator),
     ));
-    let figure_7 = Plot::new("Fig. 7: creep after a step to 30 V")
+    Plot::new("Fig. 7: creep after a step to 30 V")
         .x_axis("time", "s")
         .y_axis("creep", "um")
         .with(Series::line("measured", Role::Measured, creep.times_s.clone(), creep.measured_um.clone()))
-        .with(Series::line("model", Role::Model, creep.times_s.clone(), creep.simulated_um.clone()).style(Style::Dashed));
+        .with(Series::line("model", Role::Model, creep.times_s.clone(), creep.simulated_um.clone()).style(Style::Dashed))
+}
 
-    progress("chapter 5: joint fit of the whole chain");
-    let data = dataset(&bench, joint_records(&bench, (&step.drive_v, &step.reading_um)))?;
-    let sensor_bandwidth_hz = DATA_SHEET_ERROR * bench.data_sheet_sensor_bandwidth_hz();
-    let joint = joint_fit(&data, (frequency, damping), sensor_bandwidth_hz, JointCreep::Signed, progress)?;
-    let positive = joint_fit(&data, (frequency, damping), sensor_bandwidth_hz, JointCreep::Positive, progress)?;
+/// What is left by the two joint fits, and the values of the first beside the surfaces.
+fn rows_of_joint_fits(data: &Dataset, joint: &Model, positive: &Model, rows: &mut Vec<Row>) {
     let all: Vec<usize> = (0..data.records.len()).collect();
     for (id, model, form) in [
         ("ch5.joint.residual", &joint, "twelve terms of creep with shares of either sign"),
@@ -524,7 +508,7 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     ] {
         rows.push(Row::new(
             id,
-            rms_over(model, &data, &all),
+            rms_over(model, data, &all),
             "um",
             format!("RMS residual of the joint fit over its records, noise included; {form}"),
         ));
@@ -534,7 +518,24 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
             rows.push(Row::new(format!("ch5.joint.{}.{}", effect.id, p.parameter.name), p.value, &p.parameter.unit, "joint fit"));
         }
     }
+}
 
+/// The identified models that are validated side by side.
+struct Identified<'a> {
+    /// The thesis' identifications one after another, derivatives by local polynomials.
+    chain: &'a ThesisChain,
+    /// The same with the derivatives of the alpha-beta-gamma filter.
+    filter_chain: &'a ThesisChain,
+    /// All parameters at once.
+    joint: &'a Model,
+    /// The same with shares of creep that are positive.
+    positive: &'a Model,
+}
+
+/// Table 2 and Fig. 9: every identified model against half-cosines of rising frequency.
+fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -> (Table, Vec<Block>) {
+    let fs = bench.converters.sample_rate_hz;
+    let Identified { chain, filter_chain, joint, positive } = *identified;
     let mut table = Table {
         title: "Validation on the full bench (Table 2), um".into(),
         columns: ["1/T_v", "thesis' chain RMS", "max", "joint fit RMS", "max"].map(String::from).to_vec(),
@@ -544,8 +545,8 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     for hz in VALIDATION_HZ {
         let drive = waveform::half_cosines(fs, 0.5 / hz, &FIGURE_8_V);
         let measured = bench.record(Variant::FULL, Start::Virgin, &drive, 570);
-        let by_chain = difference(&measured.noise_free_um, &chain.simulate(&bench, &measured.drive_v));
-        let by_filter = difference(&measured.noise_free_um, &filter_chain.simulate(&bench, &measured.drive_v));
+        let by_chain = difference(&measured.noise_free_um, &chain.simulate(bench, &measured.drive_v));
+        let by_filter = difference(&measured.noise_free_um, &filter_chain.simulate(bench, &measured.drive_v));
         let drive_of_joint = Drive { drive_v: &measured.drive_v, force_n: None, dt_s: 1.0 / fs, initial_state: InitialState::Virgin };
         let joint_um = joint.simulate(&drive_of_joint);
         let by_joint = difference(&measured.noise_free_um, &joint_um);
@@ -597,29 +598,36 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
             ));
         }
     }
-    let figure_8 = {
-        let drive = waveform::half_cosines(fs, 0.005, &FIGURE_8_V);
-        Plot::new("Fig. 8: drive of the validation").x_axis("time over T_v", "1").y_axis("drive", "V").with(Series::line(
-            "drive",
-            Role::Drive,
-            (0..drive.len()).map(|k| k as f64 / fs * 100.0).collect(),
-            drive,
-        ))
-    };
+    (table, validation_blocks)
+}
 
-    progress("chapter 5: timing of a full identification of 100,000 samples");
-    let (seconds, residual) = timed_identification(&bench)?;
-    rows.push(Row::new(
+/// Fig. 8: the drive of the validation.
+fn drive_of_validation(fs: f64) -> Plot {
+    let drive = waveform::half_cosines(fs, 0.005, &FIGURE_8_V);
+    Plot::new("Fig. 8: drive of the validation").x_axis("time over T_v", "1").y_axis("drive", "V").with(Series::line(
+        "drive",
+        Role::Drive,
+        (0..drive.len()).map(|k| k as f64 / fs * 100.0).collect(),
+        drive,
+    ))
+}
+
+/// How long a full identification takes.
+fn timing(bench: &Bench) -> Result<Row, String> {
+    let (seconds, residual) = timed_identification(bench)?;
+    Ok(Row::new(
         "ch5.full_identification.seconds",
         seconds,
         "s",
         format!("surfaces, mode and creep from 100,000 samples on one core, wall clock; residual {residual:.4} um RMS"),
-    ));
+    ))
+}
 
-    progress("chapter 5: standard deviations against the truth over 100 noise seeds");
-    let (truth, template) = coverage_case(&bench)?;
+/// Whether standard deviations say how far estimates are from the truth.
+fn coverage(bench: &Bench) -> Result<Row, String> {
+    let (truth, template) = coverage_case(bench)?;
     let covered = super::coverage::coverage(&truth, &template, bench.converters.sensor_noise_um, 100);
-    rows.push(Row::new(
+    Ok(Row::new(
         "ch5.coverage.pct",
         100.0 * covered.within_three_sigma,
         "%",
@@ -629,21 +637,62 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
             covered.worst.0,
             100.0 * covered.worst.1
         ),
-    ));
+    ))
+}
 
+fn notes() -> Notes {
+    errata(&[
+        "Table 1 prints b_0..b_4 in descending powers, and all of b and p in um rad^2/s^2: read so, F(70 V) = 10.74 um; as printed it is nonsense. The bench uses it with G projected so that it vanishes on alpha = beta.",
+        "Eq. (17): G_2 has a complex pole pair at -6.19 +- 23.5i, so it is no sum of first-order terms with positive shares: with those the joint fit keeps several nanometres (ch5.joint_positive_creep). The ARX form is kept in the thesis' chain; the joint fit has twelve terms with shares of either sign.",
+        "4.C: with the printed gamma = 2.4e-3 the alpha-beta-gamma filter is unstable (stable below 7.1e-4): gamma = beta^2 / alpha instead. Its lag at 100 Hz spoils F and G, so local polynomials without lag give the derivatives of the chain.",
+        "Hysteresis does add phase lag, at every frequency: a constant is estimated with the mode, or the damping would take it up.",
+    ])
+}
+
+/// Plays, identifies and validates the comprehensive model.
+pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
+    let bench = Bench::reference().map_err(|e| e.to_string())?;
+    let fs = bench.converters.sample_rate_hz;
+    let mut rows = Vec::new();
+
+    progress("chapter 5: phase response of the mode");
+    let (mode, figure_6) = mode_by_phase(&bench, &mut rows)?;
+
+    progress("chapter 5: hysteresis surfaces from displacement and derivatives");
+    let chain_with = |how: Derivatives| -> Result<ThesisChain, String> {
+        let surfaces = surfaces_by_force(&bench, mode.0, mode.1, how).ok_or("F and G could not be fitted")?;
+        Ok(ThesisChain { surfaces, natural_frequency_rad_s: mode.0, damping_ratio: mode.1, creep: None })
+    };
+    let mut filter_chain = chain_with(Derivatives::AlphaBetaGamma)?;
+    let mut chain = chain_with(Derivatives::LocalPolynomial)?;
+
+    progress("chapter 5: creep from a step to 30 V over 30 s");
+    let step = bench.record(Variant::FULL, Start::Virgin, &waveform::hold(fs, 30.0, 30.0), 550);
+    let creep = identify_creep(&bench, &chain, &step.reading_um, &step.drive_v).ok_or("creep could not be fitted")?;
+    chain.creep = creep.system.clone();
+    filter_chain.creep = creep.system.clone();
+    let figure_7 = creep_after_a_step(&creep, &mut rows);
+
+    progress("chapter 5: joint fit of the whole chain");
+    let data = dataset(&bench, joint_records(&bench, (&step.drive_v, &step.reading_um)))?;
+    let sensor_bandwidth_hz = DATA_SHEET_ERROR * bench.data_sheet_sensor_bandwidth_hz();
+    let joint = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Signed, progress)?;
+    let positive = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Positive, progress)?;
+    rows_of_joint_fits(&data, &joint, &positive, &mut rows);
+    let identified = Identified { chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
+    let (table, figures_9) = validation(&bench, &identified, &mut rows);
+
+    progress("chapter 5: timing of a full identification of 100,000 samples");
+    rows.push(timing(&bench)?);
+
+    progress("chapter 5: standard deviations against the truth over 100 noise seeds");
+    rows.push(coverage(&bench)?);
+
+    let figures = [figure_6, figure_7, drive_of_validation(fs)].map(Block::Plot);
     let sections = vec![Section {
         heading: "Chapter 5: hysteresis, vibration and creep".into(),
         text: "Full bench: a second mode and the bandwidths of amplifier and sensor are in the records. The thesis' chain of identifications stands beside the joint fit of all parameters at once.".into(),
-        blocks: [Block::Plot(figure_6), Block::Plot(figure_7), Block::Plot(figure_8), Block::Table(table)]
-            .into_iter()
-            .chain(validation_blocks)
-            .chain([Block::Notes(errata(&[
-                "Table 1 prints b_0..b_4 in descending powers, and all of b and p in um rad^2/s^2: read so, F(70 V) = 10.74 um; as printed it is nonsense. The bench uses it with G projected so that it vanishes on alpha = beta.",
-                "Eq. (17): G_2 has a complex pole pair at -6.19 +- 23.5i, so it is no sum of first-order terms with positive shares: with those the joint fit keeps several nanometres (ch5.joint_positive_creep). The ARX form is kept in the thesis' chain; the joint fit has twelve terms with shares of either sign.",
-                "4.C: with the printed gamma = 2.4e-3 the alpha-beta-gamma filter is unstable (stable below 7.1e-4): gamma = beta^2 / alpha instead. Its lag at 100 Hz spoils F and G, so local polynomials without lag give the derivatives of the chain.",
-                "Hysteresis does add phase lag, at every frequency: a constant is estimated with the mode, or the damping would take it up.",
-            ]))])
-            .collect(),
+        blocks: figures.into_iter().chain([Block::Table(table)]).chain(figures_9).chain([Block::Notes(notes())]).collect(),
     }];
     Ok(Chapter { number: 5, rows, sections })
 }

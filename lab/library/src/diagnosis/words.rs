@@ -118,121 +118,179 @@ fn either(findings: &[Finding]) -> String {
     findings.iter().map(|f| list(&f.effects, "or")).collect::<Vec<_>>().join("; and ")
 }
 
+/// What all sentences of a verdict speak of.
+struct Said<'a> {
+    diagnosis: &'a Diagnosis,
+    found: &'a Found<'a>,
+    floor: &'a NoiseFloor,
+    policy: &'a Policy,
+    /// The noise in nm, or nothing where it is unknown.
+    floor_nm: String,
+    /// What the errors are errors of.
+    which: &'static str,
+    /// Error of the model that was started from, um.
+    before_um: f64,
+    /// Error of the last model, um.
+    after_um: f64,
+    /// What a model from elsewhere came to, or nothing.
+    story: String,
+}
+
 /// The verdict in a sentence.
 #[must_use]
 pub fn sentence(d: &Diagnosis, found: &Found, floor: &NoiseFloor, policy: &Policy) -> String {
-    let floor_nm = floor.rms_um.or(floor.at_least_um).map(nm).unwrap_or_default();
     let (first, last) = (found.first, found.last);
     // Where the fitted records are met worse than the held-out ones, they are what is spoken of.
     let fitted_is_worse = d.verdict == Verdict::Unexplained && last.validate_rms_um.is_some_and(|v| v < last.identify_rms_um);
     let error = |j: &Judged| if fitted_is_worse { j.identify_rms_um } else { j.error_um() };
-    let (before, after) = (error(first), error(last));
-    let which = match (fitted_is_worse, first.validate_rms_um) {
-        (true, _) => "error on the fitted records",
-        (false, None) => "error",
-        (false, Some(_)) => "held-out error",
+    let said = Said {
+        diagnosis: d,
+        found,
+        floor,
+        policy,
+        floor_nm: floor.rms_um.or(floor.at_least_um).map(nm).unwrap_or_default(),
+        which: match (fitted_is_worse, first.validate_rms_um) {
+            (true, _) => "error on the fitted records",
+            (false, None) => "error",
+            (false, Some(_)) => "held-out error",
+        },
+        before_um: error(first),
+        after_um: error(last),
+        story: elsewhere_sentence(d, found),
     };
-    let story = elsewhere_sentence(d, found);
     match d.verdict {
-        Verdict::AtFloor if !d.changed.is_empty() => {
-            format!("{story} Nothing is missing that this data could show: the {which} is then {} nm, the noise {floor_nm} nm.", nm(after))
-        }
-        Verdict::AtFloor if before > policy.explained * after => format!(
-            "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the {which} \
-             from {} to {} nm; the noise is {floor_nm} nm.",
-            nm(before),
-            nm(after)
-        ),
-        Verdict::AtFloor => {
-            format!("Nothing is missing that this data could show: the {which} is {} nm, the noise {floor_nm} nm.", nm(after))
-        }
-        Verdict::Named if d.findings.iter().all(|f| f.decision == Decision::ReadingsShowIt) => {
-            let step_um = floor.reading_step_um.unwrap_or(0.0);
-            format!(
-                "{} is missing: the readings are whole steps of {} nm, which make {} of the {floor_nm} nm of noise. Nothing else is \
-                 missing that this data could show: the {which} is {} nm.",
-                capital(&list(&d.named, "and")),
-                nm(step_um),
-                nm(rounding_noise_um(step_um)),
-                nm(after)
-            )
-        }
+        Verdict::AtFloor => said.at_floor(),
+        Verdict::Named if d.findings.iter().all(|f| f.decision == Decision::ReadingsShowIt) => said.coarse_readings(),
         Verdict::Named | Verdict::Ambiguous
-            if !story.is_empty() && d.findings.iter().all(|f| !matches!(f.decision, Decision::ReadingsShowIt)) =>
+            if !said.story.is_empty() && d.findings.iter().all(|f| !matches!(f.decision, Decision::ReadingsShowIt)) =>
         {
-            let rest = match floor.rms_um {
-                Some(floor_um) if after > policy.explained * floor_um => {
-                    format!(" Fitted again, {} nm are left; the noise is {floor_nm} nm.", nm(after))
-                }
-                Some(_) => format!(" Fitted again, nothing is left: {} nm, the noise is {floor_nm} nm.", nm(after)),
-                None => " The noise is unknown, so nobody can say whether more is missing.".to_owned(),
-            };
-            format!("{story}{rest}{}", likelier(d))
+            said.beside_a_model_from_elsewhere()
         }
-        Verdict::Named => {
-            let (verb, adding) = if d.named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };
-            let others = if d.changed.is_empty() { String::new() } else { format!(" Besides, {} has changed.", changed(&d.changed)) };
+        Verdict::Named => said.named(),
+        Verdict::Ambiguous => said.ambiguous(),
+        Verdict::Unexplained => said.unexplained(),
+        Verdict::Undecidable => said.undecidable(),
+    }
+}
+
+impl Said<'_> {
+    /// Whether fitting again lowered the error by what counts as an explanation.
+    fn fell(&self) -> bool {
+        self.before_um > self.policy.explained * self.after_um
+    }
+
+    fn at_floor(&self) -> String {
+        let (which, floor_nm, after) = (self.which, &self.floor_nm, nm(self.after_um));
+        if !self.diagnosis.changed.is_empty() {
+            format!("{} Nothing is missing that this data could show: the {which} is then {after} nm, the noise {floor_nm} nm.", self.story)
+        } else if self.fell() {
             format!(
-                "{} {verb} missing: {adding} brings the {which} from {} to {} nm; the noise is {floor_nm} nm.{others}",
-                capital(&list(&d.named, "and")),
-                nm(before),
-                nm(after)
+                "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the \
+                 {which} from {} to {after} nm; the noise is {floor_nm} nm.",
+                nm(self.before_um)
             )
+        } else {
+            format!("Nothing is missing that this data could show: the {which} is {after} nm, the noise {floor_nm} nm.")
         }
-        Verdict::Ambiguous => {
-            let (said, adding) = match d.findings.as_slice() {
-                [_] => ("this data cannot tell which is missing. Either brings", "about "),
-                _ => ("are missing; where it says `or`, this data cannot tell which. Together they bring", ""),
-            };
-            let joint = if d.findings.len() == 1 { ": " } else { " " };
-            format!(
-                "{}{joint}{said} the {which} from {} to {adding}{} nm; the noise is {floor_nm} nm.{}",
-                capital(&either(&d.findings)),
-                nm(before),
-                nm(after),
-                likelier(d)
-            )
+    }
+
+    fn coarse_readings(&self) -> String {
+        let step_um = self.floor.reading_step_um.unwrap_or(0.0);
+        format!(
+            "{} is missing: the readings are whole steps of {} nm, which make {} of the {} nm of noise. Nothing else is missing that this \
+             data could show: the {} is {} nm.",
+            capital(&list(&self.diagnosis.named, "and")),
+            nm(step_um),
+            nm(rounding_noise_um(step_um)),
+            self.floor_nm,
+            self.which,
+            nm(self.after_um)
+        )
+    }
+
+    fn beside_a_model_from_elsewhere(&self) -> String {
+        let after = nm(self.after_um);
+        let rest = match self.floor.rms_um {
+            Some(floor_um) if self.after_um > self.policy.explained * floor_um => {
+                format!(" Fitted again, {after} nm are left; the noise is {} nm.", self.floor_nm)
+            }
+            Some(_) => format!(" Fitted again, nothing is left: {after} nm, the noise is {} nm.", self.floor_nm),
+            None => " The noise is unknown, so nobody can say whether more is missing.".to_owned(),
+        };
+        format!("{}{rest}{}", self.story, likelier(self.diagnosis))
+    }
+
+    fn named(&self) -> String {
+        let d = self.diagnosis;
+        let (verb, adding) = if d.named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };
+        let others = if d.changed.is_empty() { String::new() } else { format!(" Besides, {} has changed.", changed(&d.changed)) };
+        format!(
+            "{} {verb} missing: {adding} brings the {} from {} to {} nm; the noise is {} nm.{others}",
+            capital(&list(&d.named, "and")),
+            self.which,
+            nm(self.before_um),
+            nm(self.after_um),
+            self.floor_nm
+        )
+    }
+
+    fn ambiguous(&self) -> String {
+        let d = self.diagnosis;
+        let (joint, said, adding) = match d.findings.as_slice() {
+            [_] => (": ", "this data cannot tell which is missing. Either brings", "about "),
+            _ => (" ", "are missing; where it says `or`, this data cannot tell which. Together they bring", ""),
+        };
+        format!(
+            "{}{joint}{said} the {} from {} to {adding}{} nm; the noise is {} nm.{}",
+            capital(&either(&d.findings)),
+            self.which,
+            nm(self.before_um),
+            nm(self.after_um),
+            self.floor_nm,
+            likelier(d)
+        )
+    }
+
+    fn unexplained(&self) -> String {
+        let after = nm(self.after_um);
+        let best: Vec<String> = self.found.supported.iter().map(|s| s.id.clone()).collect();
+        let known = if best.is_empty() && self.fell() {
+            format!("the best that is known (a finer description of the hysteresis) leaves {after} nm")
+        } else if best.is_empty() {
+            "no known effect explains any of it".to_string()
+        } else {
+            format!("the best that is known ({}) leaves {after} nm", list(&best, "and"))
+        };
+        let before_all = if self.story.is_empty() { String::new() } else { format!("{} ", self.story) };
+        format!(
+            "{before_all}Something is missing that the library does not know: the {} is {} nm, the noise {} nm, and {known}.",
+            self.which,
+            nm(self.before_um),
+            self.floor_nm
+        )
+    }
+
+    fn undecidable(&self) -> String {
+        let (d, which, before, after) = (self.diagnosis, self.which, nm(self.before_um), nm(self.after_um));
+        if d.below_the_floor {
+            return format!(
+                "The {which} is {after} nm, below the {} nm of noise that the {} shows: one of them is wrong, and nothing can be decided \
+                 until it is known which.",
+                self.floor_nm, self.floor.basis
+            );
         }
-        Verdict::Unexplained => {
-            let best: Vec<String> = found.supported.iter().map(|s| s.id.clone()).collect();
-            let known = if best.is_empty() && before > policy.explained * after {
-                format!("the best that is known (a finer description of the hysteresis) leaves {} nm", nm(after))
-            } else if best.is_empty() {
-                "no known effect explains any of it".to_string()
-            } else {
-                format!("the best that is known ({}) leaves {} nm", list(&best, "and"), nm(after))
-            };
-            let before_all = if story.is_empty() { String::new() } else { format!("{story} ") };
-            format!(
-                "{before_all}Something is missing that the library does not know: the {which} is {} nm, the noise {floor_nm} nm, and {known}.",
-                nm(before)
-            )
+        if !self.story.is_empty() {
+            return format!("{} The noise is unknown, so nobody can say whether more is missing.", self.story);
         }
-        Verdict::Undecidable if d.below_the_floor => format!(
-            "The {which} is {} nm, below the {floor_nm} nm of noise that the {} shows: one of them is wrong, and nothing can be decided until \
-             it is known which.",
-            nm(after),
-            floor.basis
-        ),
-        Verdict::Undecidable if !story.is_empty() => {
-            format!("{story} The noise is unknown, so nobody can say whether more is missing.")
-        }
-        Verdict::Undecidable => {
-            let best = &d.named;
-            let gained = if best.is_empty() && before > policy.explained * after {
-                format!(
-                    "fitted again to this data, the same effects bring the {which} from {} to {} nm, and no other lowers it",
-                    nm(before),
-                    nm(after)
-                )
-            } else if best.is_empty() {
-                format!("no effect lowers the {which} by more than chance")
-            } else {
-                let verb = if d.findings.len() == 1 { "lowers" } else { "lower" };
-                format!("{} {verb} the {which} from {} to {} nm", either(&d.findings), nm(before), nm(after))
-            };
-            format!("Nothing in this data shows the noise, so nobody can say whether more is missing; {gained}.{}", likelier(d))
-        }
+        let gained = if d.named.is_empty() && self.fell() {
+            format!("fitted again to this data, the same effects bring the {which} from {before} to {after} nm, and no other lowers it")
+        } else if d.named.is_empty() {
+            format!("no effect lowers the {which} by more than chance")
+        } else {
+            let verb = if d.findings.len() == 1 { "lowers" } else { "lower" };
+            format!("{} {verb} the {which} from {before} to {after} nm", either(&d.findings))
+        };
+        format!("Nothing in this data shows the noise, so nobody can say whether more is missing; {gained}.{}", likelier(d))
     }
 }
 

@@ -3,6 +3,9 @@
 use super::quantise;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::hysteresis::degree_of;
+use hysteron_sim::effect::{
+    amplifier_bandwidth, creep, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+};
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -300,10 +303,10 @@ const DEGREE_WITH_PLAYS: usize = 8;
 /// What a design needs of a chain.
 #[must_use]
 pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
-    let g = chain.values("hysteresis")?;
-    let r = chain.values("initial_curve").unwrap_or_default();
+    let g = chain.values(hysteresis::ID)?;
+    let r = chain.values(initial_curve::ID).unwrap_or_default();
     let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
-    let creep = chain.values("creep").unwrap_or_default();
+    let creep = chain.values(creep::ID).unwrap_or_default();
     let mode = |v: &[f64]| Some(ModeModel { natural_frequency_rad_s: *v.first()?, damping_ratio: *v.get(1)? });
     let model = ActuatorModel {
         drive_min_v: chain.drive_min_v,
@@ -311,14 +314,14 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
         g_um: surfaces.g,
         r_um: surfaces.r,
         linear: LinearModel {
-            first_mode: mode(&chain.values("vibration")?)?,
-            second_mode: chain.values("second_mode").and_then(|v| Some((*v.first()?, mode(v.get(1..)?)?))),
-            amplifier_bandwidth_hz: chain.values("amplifier_bandwidth").and_then(|v| v.first().copied()),
-            sensor_bandwidth_hz: chain.values("sensor_bandwidth").and_then(|v| v.first().copied()),
+            first_mode: mode(&chain.values(vibration::ID)?)?,
+            second_mode: chain.values(second_mode::ID).and_then(|v| Some((*v.first()?, mode(v.get(1..)?)?))),
+            amplifier_bandwidth_hz: chain.values(amplifier_bandwidth::ID).and_then(|v| v.first().copied()),
+            sensor_bandwidth_hz: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()),
         },
         creep: creep.chunks_exact(2).map(|pair| CreepTerm { share: pair[0], time_constant_s: pair[1] }).collect(),
     };
-    let Some(weights) = chain.values("play_operators") else { return Some(model) };
+    let Some(weights) = chain.values(play_operators::ID) else { return Some(model) };
     // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.
     let half_width = |i: usize| 0.5 * (i + 1) as f64 / (weights.len() + 1) as f64;
     let beyond =

@@ -9,6 +9,9 @@ use super::robust::{Broken, ModeSpread, Scan, Task, within_nyquist};
 use crate::dataset::Dataset;
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
+use hysteron_sim::effect::{
+    amplifier_bandwidth, creep, delay, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+};
 use hysteron_sim::waveform;
 use std::f64::consts::TAU;
 
@@ -95,13 +98,13 @@ fn hertz(mode: &ModeModel) -> f64 {
 /// The transport delay of a chain, s: the loop is judged with it although the observer does not carry it.
 #[must_use]
 pub fn known_delay_s(chain: &Model) -> f64 {
-    chain.values("delay").and_then(|v| v.first().copied()).unwrap_or(0.0)
+    chain.values(delay::ID).and_then(|v| v.first().copied()).unwrap_or(0.0)
 }
 
 /// The chain without a second mode.
 fn without_second_mode(chain: &Model) -> Model {
     let mut reduced = chain.clone();
-    reduced.effects.retain(|e| e.id != "second_mode");
+    reduced.effects.retain(|e| e.id != second_mode::ID);
     reduced
 }
 
@@ -209,7 +212,7 @@ struct Known {
 }
 
 fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<String>) -> Result<Known, String> {
-    let first_std = [relative_std(chain, "vibration", 0), relative_std(chain, "vibration", 1)];
+    let first_std = [relative_std(chain, vibration::ID, 0), relative_std(chain, vibration::ID, 1)];
     let dropped = |mut model: ActuatorModel| {
         model.linear.second_mode = None;
         model
@@ -230,7 +233,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
     let Some((share, mode)) = model.linear.second_mode else {
         return Ok(Known { model, first, second: None, recording: Some(with) });
     };
-    let std = [relative_std(chain, "second_mode", 1), relative_std(chain, "second_mode", 2)];
+    let std = [relative_std(chain, second_mode::ID, 1), relative_std(chain, second_mode::ID, 2)];
     let peak = (share / (2.0 * mode.damping_ratio)).abs();
     let hidden = with.blind_at(hertz(&mode)).unwrap_or(f64::INFINITY);
     let why_not = if !within_nyquist(&mode) {
@@ -258,7 +261,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
 
 /// What the model is not, said aloud.
 fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<String>) {
-    if chain.effect("creep").is_none() {
+    if chain.effect(creep::ID).is_none() {
         said.push("CAUTION: the model has no creep: slow errors are left to the integral action.".into());
     }
     if let Some((recording, noise_um)) = recording.and_then(|r| Some((r, r.noise_um?)))
@@ -345,8 +348,16 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         ));
     }
     design.explanation.extend(said);
-    let carried =
-        ["hysteresis", "initial_curve", "play_operators", "vibration", "second_mode", "amplifier_bandwidth", "sensor_bandwidth", "delay"];
+    let carried = [
+        hysteresis::ID,
+        initial_curve::ID,
+        play_operators::ID,
+        vibration::ID,
+        second_mode::ID,
+        amplifier_bandwidth::ID,
+        sensor_bandwidth::ID,
+        delay::ID,
+    ];
     if known_delay_s(chain) > 0.0 {
         design
             .explanation
