@@ -3,7 +3,7 @@
 mod common;
 
 use common::{best_parameters, block, image, parameters, samples};
-use hysteron_core::amplifier::Mode;
+use hysteron_core::amplifier::{Mode, REST_BEFORE_TICKS};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
@@ -102,12 +102,12 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![(4 * MILLISECOND, b"identify 12000\n".to_vec())],
-        ..Script::listening(700 * MILLISECOND)
+        ..Script::listening(900 * MILLISECOND)
     };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
     let (samples, lost) = samples(&outcome);
     let played: Vec<&TraceSample> = samples.iter().filter(|sample| sample.flags == Mode::Playing as u16).collect();
-    assert_eq!((lost, played.len()), (0, 12_000), "{:?}", texts(&outcome));
+    assert_eq!((lost, played.len()), (0, REST_BEFORE_TICKS as usize + 12_000), "{:?}", texts(&outcome));
     let c = parameters.servo.converters;
     let (least, most) = (played.iter().map(|s| s.dac_code).min(), played.iter().map(|s| s.dac_code).max());
     println!("drive codes {least:?} to {most:?}, limits {} to {}", c.dac_code_min, c.dac_code_max);
