@@ -17,6 +17,7 @@ use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
+use hysteron_tests::measured::{record, stage};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -134,16 +135,7 @@ fn clip(record: &mut Record, percent: f64) {
 }
 
 fn load(data: &Path) -> Dataset {
-    let record = |name: &str, from_s: f64, role| {
-        let text = std::fs::read_to_string(data.join(format!("piezo_stage/{name}.csv"))).expect("the recording can be read");
-        let rows: Vec<Vec<f64>> = text.lines().skip(1).filter_map(|l| l.split(',').map(|v| v.parse().ok()).collect()).collect();
-        let column = |i: usize| rows.iter().map(|r| r[i]).collect::<Vec<f64>>();
-        let mut record = Record::new(name, 10_000.0, column(1), column(2)).with_role(role);
-        record.window.start = (from_s * record.sample_rate_hz) as usize;
-        record
-    };
-    let records = vec![record("20_hz_no_lp", 1.5, Role::Identify), record("40_hz_no_lp", 1.5, Role::Validate)];
-    Dataset::new("piezo_stage", -95.0, 95.0, records).expect("the recordings make a data set")
+    stage(vec![record(data, "20_hz_no_lp", 1.5, Role::Identify), record(data, "40_hz_no_lp", 1.5, Role::Validate)])
 }
 
 /// How an answer is judged.

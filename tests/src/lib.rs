@@ -1,6 +1,7 @@
 //! Tests that cross the rooms of Hysteron, and what they share.
 
 pub mod independent_stage;
+pub mod measured;
 pub mod servo_study;
 
 use std::io::Write;

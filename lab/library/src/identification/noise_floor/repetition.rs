@@ -31,7 +31,10 @@ pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> 
     let end = periods.from + (periods.count - 1) * periods.length;
     let difference: Vec<f64> = (from..end).map(|k| record.displacement_um[k + periods.length] - record.displacement_um[k]).collect();
     let settled = settled_part(&difference)?;
-    let rms_um = random_part(&difference[settled.clone()], record.sample_rate_hz, None) / std::f64::consts::SQRT_2;
+    // A measured force need not have the drive's period: what follows its difference is no noise either.
+    let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| (from..end).map(|k| f[k + periods.length] - f[k]).collect());
+    let force = force_n.as_deref().map(|f| (f, settled.start));
+    let rms_um = random_part(&difference[settled.clone()], record.sample_rate_hz, force) / std::f64::consts::SQRT_2;
     Some(FloorEstimate::new(Evidence::Periods, vec![record.name.clone()], rms_um, settled.len()))
 }
 
@@ -96,7 +99,8 @@ fn settled_part(difference: &[f64]) -> Option<Range<usize>> {
     let mut later: Vec<f64> = of_parts[of_parts.len() / 2..].to_vec();
     later.sort_by(f64::total_cmp);
     let limit = SETTLED * later[later.len() / 2];
-    let unsettled = of_parts.iter().take_while(|r| **r > limit).count();
+    // What is remembered may go at once, when the drive first turns further out than before: the last such part counts, not the first run.
+    let unsettled = of_parts[..of_parts.len() / 2].iter().rposition(|r| *r > limit).map_or(0, |last| last + 1);
     let settled = unsettled * length..difference.len();
     (settled.len() >= SAMPLES_MIN / 2).then_some(settled)
 }

@@ -1,0 +1,27 @@
+//! Recordings of real stages, which lie beside the project and are never copied into it.
+
+use hysteron::dataset::{Dataset, Record, Role};
+use std::path::Path;
+
+/// One record of the stage in `piezo_stage`: 10 kHz, columns time, drive, displacement. What lies before `from_s` drives the model and is not judged.
+///
+/// # Panics
+/// Where the file is not there or is no table of numbers.
+#[must_use]
+pub fn record(data: &Path, name: &str, from_s: f64, role: Role) -> Record {
+    let text = std::fs::read_to_string(data.join(format!("piezo_stage/{name}.csv"))).expect("the recording can be read");
+    let rows: Vec<Vec<f64>> = text.lines().skip(1).filter_map(|l| l.split(',').map(|v| v.parse().ok()).collect()).collect();
+    let column = |i: usize| rows.iter().map(|r| r[i]).collect::<Vec<f64>>();
+    let mut record = Record::new(name, 10_000.0, column(1), column(2)).with_role(role);
+    record.window.start = (from_s * record.sample_rate_hz) as usize;
+    record
+}
+
+/// Records of that stage as a data set.
+///
+/// # Panics
+/// Where they make none.
+#[must_use]
+pub fn stage(records: Vec<Record>) -> Dataset {
+    Dataset::new("piezo_stage", -95.0, 95.0, records).expect("the recordings make a data set")
+}
