@@ -5,7 +5,7 @@
 //! complex poles (Ch. 5, Eq. 17), which no known effect has: that something is left above the noise is right to be said. A servo is
 //! designed from the model that it comes to, down to the parameter block.
 
-use crate::steps::{cargo, root};
+use crate::steps::{cargo, command, root};
 use crate::toolchain;
 
 /// What the actuator has and the model is not given.
@@ -22,9 +22,10 @@ pub fn run() -> Result<(), String> {
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let image = toolchain::image();
-    // Without naming a package, so that cargo takes what the tests have built.
-    let hysteron =
-        |arguments: &[&str]| cargo(&[&["run", "--quiet", "--release", "--bin", "hysteron", "--"], arguments].concat(), &root(), &[]);
+    // The whole workspace's program: what the tests have built, with the same features.
+    cargo(&["build", "--quiet", "--release", "--workspace", "--bin", "hysteron"], &root(), &[])?;
+    let program = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), Into::into).join("release/hysteron");
+    let hysteron = |arguments: &[&str]| command(&program, arguments, &root(), &[]);
     hysteron(&["capture", &image.to_string_lossy(), &log.to_string_lossy(), "--out", &path("record"), "--force"])?;
     let explain = ["explain", &path("record"), "--from", GIVEN, "--out", &path("model.toml"), "--json", &path("explain.json"), "--force"];
     hysteron(&explain)?;
