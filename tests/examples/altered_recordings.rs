@@ -17,9 +17,9 @@ use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
-use hysteron_tests::measured::{record, stage};
+use hysteron_tests::measured::{flag, folder as folder_of_recordings, record, stage};
 use std::f64::consts::TAU;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// One way to alter a reading, in three sizes.
@@ -177,16 +177,9 @@ fn error_um(model: &Model, dataset: &Dataset) -> f64 {
 
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
-    let show_tried = arguments.iter().position(|a| a == "--tried").map(|i| arguments.remove(i)).is_some();
-    let from_gain = arguments.iter().position(|a| a == "--from-gain").map(|i| arguments.remove(i)).is_some();
-    let data = arguments.iter().position(|a| a == "--data").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/measured"),
-        |i| PathBuf::from(arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default()),
-    );
-    if !data.exists() {
-        eprintln!("no recordings at {}: give their folder with --data", data.display());
-        return;
-    }
+    let show_tried = flag(&mut arguments, "--tried");
+    let from_gain = flag(&mut arguments, "--from-gain");
+    let Some(data) = folder_of_recordings(&mut arguments) else { return };
     let clean = load(&data);
     let gain = effects_named("gain").expect("a built-in effect");
     let options = Options::default();

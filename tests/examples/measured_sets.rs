@@ -17,8 +17,9 @@ use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
+use hysteron_tests::measured::{flag, folder as folder_of_recordings};
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 /// A set of records: what is fitted, what judges.
@@ -115,16 +116,9 @@ fn best_subset(dataset: &Dataset, set: &Set) -> (Vec<&'static str>, f64, f64) {
 
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
-    let subsets = arguments.iter().position(|a| a == "--subsets").map(|i| arguments.remove(i)).is_some();
-    let reversed = arguments.iter().position(|a| a == "--reversed").map(|i| arguments.remove(i)).is_some();
-    let data = arguments.iter().position(|a| a == "--data").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/measured"),
-        |i| PathBuf::from(arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default()),
-    );
-    if !data.exists() {
-        eprintln!("no recordings at {}: give their folder with --data", data.display());
-        return;
-    }
+    let subsets = flag(&mut arguments, "--subsets");
+    let reversed = flag(&mut arguments, "--reversed");
+    let Some(data) = folder_of_recordings(&mut arguments) else { return };
     for set in SETS.iter().filter(|s| arguments.is_empty() || arguments.iter().any(|a| a == s.name)) {
         let dataset = load(set, &data);
         let gain = effects_named("gain").expect("a built-in effect");

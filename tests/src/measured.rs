@@ -1,7 +1,24 @@
 //! Recordings of real stages, which lie beside the project and are never copied into it.
 
 use hysteron::dataset::{Dataset, Record, Role};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Takes a flag out of the arguments of an example; whether it was there.
+pub fn flag(arguments: &mut Vec<String>, name: &str) -> bool {
+    arguments.iter().position(|a| a == name).map(|i| arguments.remove(i)).is_some()
+}
+
+/// Takes `--data FOLDER` out of the arguments of an example: where the recordings are. `None`, said, where they are not.
+pub fn folder(arguments: &mut Vec<String>) -> Option<PathBuf> {
+    let data = arguments.iter().position(|a| a == "--data").map_or_else(
+        || crate::root().join("../shared/data/measured"),
+        |i| PathBuf::from(arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default()),
+    );
+    if !data.exists() {
+        eprintln!("no recordings at {}: give their folder with --data", data.display());
+    }
+    data.exists().then_some(data)
+}
 
 /// One record of the stage in `piezo_stage`: 10 kHz, columns time, drive, displacement. What lies before `from_s` drives the model and is not judged.
 ///

@@ -142,7 +142,8 @@ impl ServoDesign {
                 "The model has no second mode: the margin against an unknown one limits the bandwidth.".into()
             },
         ];
-        out.trade_off = pareto(&scan);
+        let accepted = scan.iter().filter(|a| a.accepted).copied().collect();
+        out.trade_off = undominated(accepted, |a: &Assessment| a.noise_um, |a| a.disturbance_um);
         Some(out)
     }
 
@@ -214,17 +215,16 @@ impl ServoDesign {
     }
 }
 
-/// The accepted assessments that no other one beats in both noise and disturbance, by rising noise.
-fn pareto(scan: &[Assessment]) -> Vec<Assessment> {
-    let mut accepted: Vec<Assessment> = scan.iter().filter(|a| a.accepted).copied().collect();
-    accepted.sort_by(|a, b| a.noise_um.total_cmp(&b.noise_um));
+/// Those that no other one beats in both noise passed on and error let through, by rising noise.
+pub(super) fn undominated<T>(mut all: Vec<T>, noise_um: impl Fn(&T) -> f64, disturbance_um: impl Fn(&T) -> f64) -> Vec<T> {
+    all.sort_by(|a, b| noise_um(a).total_cmp(&noise_um(b)));
     let mut best = f64::INFINITY;
-    accepted.retain(|a| {
-        let better = a.disturbance_um < best;
-        best = best.min(a.disturbance_um);
+    all.retain(|one| {
+        let better = disturbance_um(one) < best;
+        best = best.min(disturbance_um(one));
         better
     });
-    accepted
+    all
 }
 
 /// The schemes of the thesis with its own gains, by name, as the thesis ran them: without delay.

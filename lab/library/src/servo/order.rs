@@ -1,7 +1,7 @@
 //! A servo for an identified chain: what is asked, what the recording knows, and the refusal where a servo cannot be answered for.
 
 use super::amplifier_block::FrontEnd;
-use super::design::{Scheme, ServoDesign};
+use super::design::{Scheme, ServoDesign, undominated};
 use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, actuator_model};
 use super::predictor::Demands;
 use super::recording::Recording;
@@ -373,13 +373,7 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
 
 /// The good candidates that no other one beats in both noise and error let through, by rising noise.
 fn trade_off(task: &Task<'_>, scan: &Scan) -> Vec<super::predictor::Assessment> {
-    let mut good: Vec<_> = scan.candidates.iter().filter(|c| c.broken.is_none()).collect();
-    good.sort_by(|a, b| a.noise_um.total_cmp(&b.noise_um));
-    let mut best = f64::INFINITY;
-    good.retain(|c| {
-        let better = c.disturbance_um < best;
-        best = best.min(c.disturbance_um);
-        better
-    });
+    let good: Vec<_> = scan.candidates.iter().filter(|c| c.broken.is_none()).collect();
+    let good = undominated(good, |c| c.noise_um, |c| c.disturbance_um);
     good.into_iter().map(|c| task.assessment(c)).collect()
 }
