@@ -11,6 +11,8 @@
 //! | [`Mode::Closed`] | the servo |
 //! | [`Mode::Fault`] | ramps to the rest code and stays, until the fault is cleared and the sensor was healthy long enough |
 //!
+//! In every mode the drive changes by no more than the slew limit of the block in one tick.
+//!
 //! Conditioning is a played raised cosine of a given length over the whole range, a rest, and then the sensor is zeroed at the mean of the last
 //! [`ZERO_TICKS`] readings.
 
@@ -18,7 +20,7 @@ use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{ReferenceGenerator, Waveform};
 use crate::servo_tick::ServoTick;
-use crate::signal::{Micrometres, VOLT_FRACTION_BITS};
+use crate::signal::{Micrometres, VOLT_FRACTION_BITS, narrow};
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
@@ -203,10 +205,10 @@ impl Amplifier {
     fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator {
         let physical = &self.parameters.physical;
         // mV to V with 22 fraction bits.
-        let volts = |millivolts: i32| ((i64::from(millivolts) << VOLT_FRACTION_BITS) / 1000) as i32;
+        let volts = |millivolts: i32| narrow((i64::from(millivolts) << VOLT_FRACTION_BITS) / 1000);
         let middle = volts(physical.drive_min_mv / 2 + physical.drive_max_mv / 2);
         let half = middle.saturating_sub(volts(physical.drive_min_mv));
-        let tones = tones.map(|(increment, share)| (increment, ((i64::from(half) * i64::from(share)) >> 10) as i32, 0xc000_0000));
+        let tones = tones.map(|(increment, share)| (increment, narrow((i64::from(half) * i64::from(share)) >> 10), 0xc000_0000));
         ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(middle))
     }
 
@@ -246,7 +248,7 @@ impl Amplifier {
             (Mode::Closed, Some(code)) => {
                 let wanted = self.servo.tick(code, self.generator.next_position());
                 let error = self.servo.reference().to_bits().saturating_sub(self.servo.reading().to_bits());
-                match self.guard.inspect_loop(error, wanted.abs_diff(before)) {
+                match self.guard.inspect_loop(error, self.servo.slewing()) {
                     None => wanted,
                     Some(fault) => {
                         self.refuse(fault);
@@ -279,10 +281,11 @@ impl Amplifier {
             self.remaining_ticks -= 1;
             let c = &self.parameters.servo.converters;
             // V with 22 fraction bits, whatever the generator calls it; * codes/V (20) -> codes with 42.
-            let drive = i64::from(self.generator.next_position().to_bits());
-            let code = ((drive - i64::from(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
+            let drive = self.generator.next_position().to_bits();
+            let code = (i64::from(drive.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
             let code = code.max(i64::from(c.dac_code_min)).min(i64::from(c.dac_code_max)) as u16;
-            return self.servo.open_loop(code);
+            let (lowest, highest) = (self.code.saturating_sub(c.slew_codes), self.code.saturating_add(c.slew_codes));
+            return self.servo.open_loop(code.max(lowest).min(highest));
         }
         let code = self.servo.open_loop(self.guard.towards_rest(self.code));
         if self.rest_after_ticks == 0 {
@@ -296,7 +299,7 @@ impl Amplifier {
         if self.rest_after_ticks == 0 {
             let c = &mut self.parameters.servo.converters;
             // codes * ZERO_TICKS (2^10) * um/code (40) -> um (24)
-            c.adc_zero = -((self.zero_sum * c.adc_step) >> 26) as i32;
+            c.adc_zero = -narrow((self.zero_sum * c.adc_step) >> 26);
             self.servo.swap(self.parameters.servo);
             self.servo.reset_counters();
             self.mode = Mode::Rest;

@@ -11,7 +11,7 @@
 //! | sensor stuck | the same code for longer than noise allows | ramp to rest |
 //! | sensor jump | two codes further apart than physics allows | ramp to rest |
 //! | tracking error | larger than the limit for longer than allowed, loop closed | ramp to rest |
-//! | drive slew | the law asked for a step beyond the amplifier's limit | ramp to rest |
+//! | drive slew | the law asked for more than the amplifier's slew limit, which it never gets, in most of so many ticks | ramp to rest |
 //! | overrun | a tick was still running when the next was due | ramp to rest |
 //! | parameter block, watchdog, brown-out, hard fault | at start, from the reset's cause | rest |
 
@@ -29,7 +29,7 @@ pub enum Fault {
     SensorJump = 4,
     /// The tracking error was too large for too long.
     TrackingError = 5,
-    /// The law asked for a larger step of the drive than allowed.
+    /// The law went on asking for larger steps of the drive than the amplifier's slew limit.
     DriveSlew = 6,
     /// A tick was late.
     Overrun = 7,
@@ -85,10 +85,8 @@ pub struct GuardParameters {
     pub jump_codes: u16,
     /// Largest tracking error, um with 24 fraction bits.
     pub tracking_error: i32,
-    /// Ticks for which it may be larger.
+    /// Ticks for which it may be larger, or for which the law may want more than the slew limit.
     pub tracking_ticks: u16,
-    /// Largest change of the drive in one tick, codes.
-    pub slew_codes: u16,
     /// Change of the drive in one tick on the way to rest, codes.
     pub ramp_codes: u16,
     /// Drive code of rest.
@@ -104,6 +102,7 @@ pub struct Guard {
     last_code: Option<u16>,
     same: u16,
     late: u16,
+    slewing: u16,
     healthy: u16,
 }
 
@@ -111,7 +110,7 @@ impl Guard {
     /// Has seen nothing yet.
     #[must_use]
     pub fn new(parameters: GuardParameters) -> Self {
-        Self { parameters, last_code: None, same: 0, late: 0, healthy: 0 }
+        Self { parameters, last_code: None, same: 0, late: 0, slewing: 0, healthy: 0 }
     }
 
     /// The limits.
@@ -144,11 +143,13 @@ impl Guard {
         (code.abs_diff(last) > p.jump_codes).then_some(Fault::SensorJump)
     }
 
-    /// Looks at the loop: error (um with 24 fraction bits) and the step of the drive.
+    /// Looks at the loop: error (um with 24 fraction bits), and whether the law wanted more than the slew limit.
     #[inline]
-    pub fn inspect_loop(&mut self, error: i32, step_codes: u16) -> Option<Fault> {
+    pub fn inspect_loop(&mut self, error: i32, slewing: bool) -> Option<Fault> {
         let p = &self.parameters;
-        if step_codes > p.slew_codes {
+        self.slewing = if slewing { self.slewing.saturating_add(1) } else { self.slewing.saturating_sub(1) };
+        if self.slewing > p.tracking_ticks {
+            self.slewing = 0;
             return Some(Fault::DriveSlew);
         }
         self.late = if error.saturating_abs() > p.tracking_error { self.late.saturating_add(1) } else { 0 };
@@ -181,7 +182,6 @@ mod tests {
         jump_codes: 3000,
         tracking_error: 1 << 24,
         tracking_ticks: 5,
-        slew_codes: 8000,
         ramp_codes: 100,
         rest_code: 9362,
         healthy_ticks: 20,
@@ -204,10 +204,12 @@ mod tests {
     #[test]
     fn the_loop_is_watched() {
         let mut guard = Guard::new(PARAMETERS);
-        assert_eq!(guard.inspect_loop(0, 8001), Some(Fault::DriveSlew));
-        let first = (1..20).find(|_| guard.inspect_loop(-(2 << 24), 0) == Some(Fault::TrackingError));
+        let first = (1..20).find(|k| guard.inspect_loop(0, k % 3 != 0) == Some(Fault::DriveSlew));
+        assert_eq!(first, Some(14), "two ticks of three");
+        assert!((0..100).all(|k| guard.inspect_loop(0, k % 2 == 0).is_none()), "now and then");
+        let first = (1..20).find(|_| guard.inspect_loop(-(2 << 24), false) == Some(Fault::TrackingError));
         assert_eq!(first, Some(6));
-        assert_eq!(guard.inspect_loop(0, 0), None);
+        assert_eq!(guard.inspect_loop(0, false), None);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! 2^62 and cannot wrap. An [`Integrating`] row keeps the fraction that the shift would throw away and adds it the next time: a state
 //! with a pole near one loses nothing, however small its increments are.
 
-use crate::signal::saturate;
+use crate::signal::{saturate, sum as sum_of};
 
 /// `sum c_i x_i / 2^Q`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +31,7 @@ impl<const N: usize, const Q: u32> Row<N, Q> {
             sum = four(sum, *c, *s);
         }
         for (coefficient, signal) in rest.iter().zip(last) {
-            sum = sum.wrapping_add(i64::from(*coefficient) * i64::from(*signal));
+            sum = sum_of(sum, i64::from(*coefficient) * i64::from(*signal));
         }
         sum
     }
@@ -49,7 +49,7 @@ impl<const N: usize, const Q: u32> Row<N, Q> {
 #[must_use]
 pub fn four(sum: i64, [c0, c1, c2, c3]: [i32; 4], [s0, s1, s2, s3]: [i32; 4]) -> i64 {
     let term = |c: i32, s: i32| i64::from(c) * i64::from(s);
-    sum.wrapping_add(term(c0, s0)).wrapping_add(term(c1, s1)).wrapping_add(term(c2, s2)).wrapping_add(term(c3, s3))
+    sum_of(sum_of(sum_of(sum_of(sum, term(c0, s0)), term(c1, s1)), term(c2, s2)), term(c3, s3))
 }
 
 /// A state with the fraction that its format cannot hold.
@@ -78,9 +78,9 @@ impl Integrating {
     /// Adds `coefficient * signal / 2^Q` to the state.
     #[inline]
     pub fn add<const Q: u32>(&mut self, coefficient: i32, signal: i32, saturated: &mut u32) {
-        let sum = (i64::from(coefficient) * i64::from(signal)).wrapping_add(i64::from(self.remainder));
+        let sum = sum_of(i64::from(coefficient) * i64::from(signal), i64::from(self.remainder));
         self.remainder = (sum & ((1i64 << Q) - 1)) as u32;
-        self.state = saturate((sum >> Q).wrapping_add(i64::from(self.state)), saturated);
+        self.state = saturate(sum_of(sum >> Q, i64::from(self.state)), saturated);
     }
 }
 

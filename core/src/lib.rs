@@ -5,6 +5,8 @@
 //! other modules are its parts. Signals and their formats are in [`signal`].
 #![no_std]
 
+#[cfg(test)]
+mod accepted_blocks;
 pub mod amplifier;
 pub mod checksum;
 pub mod command_lines;

@@ -19,7 +19,7 @@
 //! loop, which is bounded by `max |d2 G/dx dz| * height^2`; [`OneSidedHysteresis::largest_dropped_loop`] is the height.
 
 use crate::extrema_stack::ExtremaStack;
-use crate::signal::{MICROMETRE_FRACTION_BITS, SHARE_FRACTION_BITS};
+use crate::signal::{MICROMETRE_FRACTION_BITS, SHARE_FRACTION_BITS, narrow, sum};
 
 /// Pairs of extrema that the controller remembers: 32 reversals.
 pub const STACK_CAPACITY: usize = 16;
@@ -67,7 +67,7 @@ fn fine(share: i32) -> i32 {
 /// `a + b x / 2` for `x` with 31 fraction bits, rounded: one step of Horner's rule.
 #[inline(always)]
 fn step(a: i32, b: i32, x: i32) -> i32 {
-    ((i64::from(b) * i64::from(x)).wrapping_add(i64::from(a) << 32).wrapping_add(1 << 31) >> 32) as i32
+    narrow(sum(sum(i64::from(b) * i64::from(x), i64::from(a) << 32), 1 << 31) >> 32)
 }
 
 #[inline(always)]
@@ -159,14 +159,16 @@ struct Section {
 impl Section {
     #[inline]
     fn output(&self, share: i32) -> i32 {
-        self.base.wrapping_add(horner(&self.polynomial, share) << OUTPUT_SHIFT)
+        // Surfaces that no actuator has could leave the format: they saturate (two instructions).
+        let above = horner(&self.polynomial, share).clamp(i32::MIN >> OUTPUT_SHIFT, i32::MAX >> OUTPUT_SHIFT);
+        self.base.saturating_add(above << OUTPUT_SHIFT)
     }
 
     /// The share between `low` and `high` at which the section has the output `target`.
     #[inline]
     fn solve(&self, target: i32, start: i32, low: i32, high: i32) -> i32 {
         let mut share = start.max(low).min(high);
-        let wanted = target.wrapping_sub(self.base) >> OUTPUT_SHIFT;
+        let wanted = target.saturating_sub(self.base) >> OUTPUT_SHIFT;
         for _ in 0..NEWTON_STEPS {
             let (value, slope) = horner_with_slope(&self.polynomial, share);
             let slope = slope.max(LEAST_SLOPE);
@@ -174,8 +176,8 @@ impl Section {
             let error = wanted.wrapping_sub(value).min(slope).max(slope.wrapping_neg());
             // A reciprocal of 10 to 20 bits is enough for a step that is repeated.
             let reciprocal = (1u32 << 31).checked_div((slope >> 7) as u32).unwrap_or(0);
-            let step = ((i64::from(error) * i64::from(reciprocal)) >> 8) as i32;
-            share = share.wrapping_add(step).max(low).min(high);
+            let step = narrow((i64::from(error) * i64::from(reciprocal)) >> 8);
+            share = share.saturating_add(step).max(low).min(high);
             if step > -SMALL_STEP && step < SMALL_STEP {
                 break;
             }

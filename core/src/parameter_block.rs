@@ -1,16 +1,16 @@
 //! The parameter block: everything that the amplifier needs to know, as bytes that can be kept in flash and trusted.
 //!
 //! # How it works
-//! Little-endian: `HYST`, version (2), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
+//! Little-endian: `HYST`, version (3), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
 //! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
 //! field by field in the order of [`Wire`]'s implementations. [`read`] refuses what is damaged, of another version, made for another
-//! sampling rate, whose integers contradict its physical description, or whose design is not stable, and says which.
+//! sampling rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
 
 use crate::checksum::crc32;
-use crate::creep_inverse::CreepInverseParameters;
+use crate::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
-use crate::one_sided_hysteresis::SurfaceCoefficients;
+use crate::one_sided_hysteresis::{SURFACE_FRACTION_BITS, SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients};
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
@@ -20,10 +20,12 @@ use crate::state_estimator::EstimatorParameters;
 /// First bytes of a block.
 pub const MAGIC: [u8; 4] = *b"HYST";
 /// Version of the layout.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
+/// A slew limit beyond this is none, V/s: the whole range of the drive in a tick.
+const MOST_SLEW_V_S: u32 = 20_000_000;
 
 /// The physical quantities behind the integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +38,8 @@ pub struct PhysicalDescription {
     pub drive_min_mv: i32,
     /// Highest drive, mV.
     pub drive_max_mv: i32,
+    /// Fastest change of the drive that the amplifier is asked for in any mode, V/s.
+    pub slew_limit_v_s: u32,
     /// Position from the sensor's lowest to its highest code, nm.
     pub sensor_span_nm: i32,
     /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths; at 1 000 000 the loop is not stable.
@@ -56,6 +60,8 @@ pub struct AmplifierParameters {
 /// Why a block is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockError {
+    /// A word of the flash is damaged.
+    Unreadable,
     /// No block here: erased flash or something else.
     Absent,
     /// Another version of the layout.
@@ -70,6 +76,8 @@ pub enum BlockError {
     SampleRate(u32),
     /// The integers of the converters do not give the physical limits.
     Mismatch,
+    /// A value with which a signal could leave its format, or that leaves the servo without a limit.
+    Range(&'static str),
     /// The design is not stable when sampled.
     Unstable,
     /// The buffer is too small to write it.
@@ -81,6 +89,7 @@ impl BlockError {
     #[must_use]
     pub fn reason(self) -> &'static str {
         match self {
+            Self::Unreadable => "a word of the flash is damaged",
             Self::Absent => "no block",
             Self::Version(_) => "another version of the layout",
             Self::Length => "cut off or with bytes left over",
@@ -88,6 +97,7 @@ impl BlockError {
             Self::Value => "a field holds an impossible value",
             Self::SampleRate(_) => "made for another sampling rate",
             Self::Mismatch => "integers contradict the physical limits",
+            Self::Range(what) => what,
             Self::Unstable => "the design is not stable when sampled",
             Self::NoRoom => "larger than the buffer",
         }
@@ -193,7 +203,17 @@ macro_rules! wire_struct {
 
 wire_struct!(Row<const N: usize, const Q: u32> { coefficients });
 wire_struct!(SurfaceCoefficients { g, f });
-wire_struct!(ConverterParameters { adc_zero, adc_step, dac_zero, dac_step, dac_codes_per_volt, dac_code_min, dac_code_max, noise_shaping });
+wire_struct!(ConverterParameters {
+    adc_zero,
+    adc_step,
+    dac_zero,
+    dac_step,
+    dac_codes_per_volt,
+    dac_code_min,
+    dac_code_max,
+    slew_codes,
+    noise_shaping
+});
 wire_struct!(CreepInverseParameters { terms, shares, rates, at_rest });
 wire_struct!(PidParameters { proportional_derivative, integral, feedforward, creep, notch });
 wire_struct!(EstimatorParameters { rows, unknown_input });
@@ -207,12 +227,19 @@ wire_struct!(GuardParameters {
     jump_codes,
     tracking_error,
     tracking_ticks,
-    slew_codes,
     ramp_codes,
     rest_code,
     healthy_ticks,
 });
-wire_struct!(PhysicalDescription { name, sample_rate_hz, drive_min_mv, drive_max_mv, sensor_span_nm, spectral_radius_millionths });
+wire_struct!(PhysicalDescription {
+    name,
+    sample_rate_hz,
+    drive_min_mv,
+    drive_max_mv,
+    slew_limit_v_s,
+    sensor_span_nm,
+    spectral_radius_millionths
+});
 wire_struct!(AmplifierParameters { physical, servo, guard });
 
 impl Wire for Reaching {
@@ -378,26 +405,143 @@ pub fn set_generation(block: &mut [u8], generation: u16) -> Result<(), BlockErro
     Ok(())
 }
 
-/// Whether parameters are fit to run.
+/// Largest share of a reciprocal pair's product by which it may miss its exact value: 2^-10.
+const RECIPROCAL_SHIFT: u32 = 10;
+
+/// Whether `a * b` is `2^bits` within a thousandth.
+fn reciprocal(a: i64, b: i64, bits: u32) -> bool {
+    let exact = 1i64 << bits;
+    a.checked_mul(b).is_some_and(|product| product.abs_diff(exact) <= (exact >> RECIPROCAL_SHIFT) as u64)
+}
+
+/// Whether no sum of this row can leave 64 bits, whatever the signals.
+fn bounded<const N: usize, const Q: u32>(row: &Row<N, Q>) -> bool {
+    row.coefficients.iter().map(|c| i64::from(c.unsigned_abs())).sum::<i64>() < 1 << 31
+}
+
+/// Whether every intermediate value of a polynomial of the drive share stays within 32 bits ([`SURFACE_LIMITS_UM`]), for coefficients
+/// with the degree that each has.
+fn bounded_surface(coefficients: impl Iterator<Item = (usize, i32)> + Clone) -> bool {
+    SURFACE_LIMITS_UM.iter().enumerate().all(|(degree, limit)| {
+        // Rounded up, um with the fraction bits of the constant.
+        let magnitude = |(of, c): (usize, i32)| if of < degree { 0 } else { (i64::from(c.unsigned_abs()) >> of) + 1 };
+        coefficients.clone().map(magnitude).sum::<i64>() < i64::from(*limit) << SURFACE_FRACTION_BITS
+    })
+}
+
+impl LawParameters {
+    fn bounded(&self) -> bool {
+        match self {
+            Self::Hold => true,
+            Self::Regulator(p) => {
+                bounded(&p.proportional_derivative)
+                    && bounded(&p.feedforward)
+                    && bounded(&p.notch)
+                    && bounded(&p.creep.shares)
+                    && usize::from(p.creep.terms) <= CREEP_TERMS
+            }
+            Self::SlidingMode { estimator, controller: p } => {
+                let reaching = match &p.reaching {
+                    Reaching::Pid { proportional_derivative, .. } => bounded(proportional_derivative),
+                    Reaching::Switching { magnitude } => *magnitude >= 0,
+                    Reaching::BoundaryLayer { magnitude, thickness } => *magnitude >= 0 && *thickness >= 0,
+                };
+                reaching
+                    && estimator.rows.iter().all(bounded)
+                    && bounded(&estimator.unknown_input)
+                    && bounded(&p.reference_velocity)
+                    && bounded(&p.reference_drive)
+                    && bounded(&p.switching_function)
+                    && bounded(&p.equivalent_control)
+            }
+            Self::Predictor(p) => {
+                p.state_rows.iter().all(bounded) && bounded(&p.reading_row) && bounded(&p.gain_row) && bounded(&p.feedforward)
+            }
+        }
+    }
+}
+
+/// Whether the integers of the sensor and of the drive keep every position and drive within its format, with feedback of the right sign.
+///
+/// Position is within +-128 um and drive within +-512 V ([`crate::signal`]). The sensor is zeroed wherever it stands, so its whole span must
+/// fit on one side of zero: 127 um.
+fn converters_fit(c: &ConverterParameters) -> Result<(), BlockError> {
+    let end = |zero: i32, step: i64, code: u16| step.checked_mul(i64::from(code)).map(|all| i64::from(zero) + (all >> 16));
+    let within = |end: Option<i64>| end.is_some_and(|end| i32::try_from(end).is_ok());
+    if c.adc_step <= 0 || c.adc_step > 127 << 24 || !within(end(c.adc_zero, c.adc_step, u16::MAX)) {
+        return Err(BlockError::Range("the sensor's span must be at most 127 um, within +-128 um"));
+    }
+    let whole_drive = within(end(0, c.dac_step, c.dac_code_max)) && within(end(c.dac_zero, c.dac_step, c.dac_code_max));
+    if c.dac_step <= 0 || !whole_drive {
+        return Err(BlockError::Range("the drive must stay within +-512 V"));
+    }
+    // V per code (38) times codes per V (20).
+    if c.dac_codes_per_volt <= 0 || !reciprocal(c.dac_step, c.dac_codes_per_volt.into(), 58) {
+        return Err(BlockError::Mismatch);
+    }
+    Ok(())
+}
+
+/// Whether the actuator's integers keep every signal within its format and fit the limits of the drive.
+fn actuator_fits(actuator: &ActuatorParameters, physical: &PhysicalDescription, step_mv: i64) -> Result<(), BlockError> {
+    match actuator {
+        ActuatorParameters::Direct => Ok(()),
+        ActuatorParameters::Linear { volts_per_micrometre, micrometres_per_volt } => {
+            // V/um (20) times um/V (28).
+            let fits = reciprocal((*volts_per_micrometre).into(), (*micrometres_per_volt).into(), 48);
+            if fits { Ok(()) } else { Err(BlockError::Mismatch) }
+        }
+        ActuatorParameters::OneSidedHysteresis { surfaces, drive_min, drive_range, share_per_volt } => {
+            let within = |(i, j): (usize, usize)| i + j < SURFACE_SIZE;
+            let places = (0..SURFACE_SIZE).flat_map(|i| (0..SURFACE_SIZE).map(move |j| (i, j))).filter(|place| within(*place));
+            let loops = places.map(|(i, j)| (i + j, surfaces.g.get(i).and_then(|row| row.get(j)).copied().unwrap_or(0)));
+            if !bounded_surface(loops) || !bounded_surface(surfaces.f.iter().copied().enumerate()) {
+                return Err(BlockError::Range("a coefficient of the hysteresis is beyond its format"));
+            }
+            // Volts with 22 fraction bits, mV.
+            let millivolts = |value: i64| (value * 1000) >> 22;
+            let near = |value: i64, limit: i64| (millivolts(value) - limit).abs() <= 2 * step_mv;
+            let (low, range) = (i64::from(*drive_min), i64::from(*drive_range));
+            let limits = near(low, physical.drive_min_mv.into()) && near(low + range, physical.drive_max_mv.into());
+            // V (22) times 1/V (32); a range of less than 1 V would let a share leave 64 bits.
+            let fits = limits && *share_per_volt <= 1 << 32 && range > 0 && reciprocal(range, *share_per_volt, 54);
+            if fits && i32::try_from(low + range).is_ok() { Ok(()) } else { Err(BlockError::Mismatch) }
+        }
+    }
+}
+
+/// Whether parameters are fit to run: made for this sampling rate, stable, with integers that agree with the physical description, with
+/// which no signal of the tick can wrap.
 ///
 /// # Errors
-/// [`BlockError::SampleRate`], [`BlockError::Unstable`], [`BlockError::Mismatch`].
+/// [`BlockError::SampleRate`], [`BlockError::Unstable`], [`BlockError::Range`], [`BlockError::Mismatch`].
 pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(), BlockError> {
     let (physical, c, guard) = (&parameters.physical, &parameters.servo.converters, &parameters.guard);
-    if physical.sample_rate_hz != sample_rate_hz {
+    if physical.sample_rate_hz != sample_rate_hz || sample_rate_hz == 0 {
         return Err(BlockError::SampleRate(physical.sample_rate_hz));
     }
     if physical.spectral_radius_millionths >= 1_000_000 {
         return Err(BlockError::Unstable);
     }
+    converters_fit(c)?;
+    let step_mv = ((c.dac_step * 1000) >> 38) + 1;
+    actuator_fits(&parameters.servo.actuator, physical, step_mv)?;
+    if !parameters.servo.law.bounded() {
+        return Err(BlockError::Range("a coefficient of the law is beyond its format"));
+    }
+    // V per tick with 38 fraction bits.
+    let slew = (i64::from(physical.slew_limit_v_s.min(MOST_SLEW_V_S)) << 38) / i64::from(sample_rate_hz);
+    if c.slew_codes == 0 || i64::from(c.slew_codes) * c.dac_step > slew {
+        return Err(BlockError::Range("the slew limit must allow a code a tick, and no more than it says"));
+    }
+    if guard.ramp_codes == 0 || guard.ramp_codes > c.slew_codes {
+        return Err(BlockError::Range("the ramp to rest must move, and no faster than the slew limit"));
+    }
     // Drive at a code, mV: V with 22 fraction bits + codes * V with 38.
     let drive_mv = |code: u16| ((i64::from(c.dac_zero) + ((i64::from(code) * c.dac_step) >> 16)) * 1000) >> 22;
-    let step_mv = ((c.dac_step * 1000) >> 38) + 1;
     let near = |code: u16, limit_mv: i32| (drive_mv(code) - i64::from(limit_mv)).abs() <= 2 * step_mv;
     let span_nm = (((c.adc_step * 65_536) >> 16) * 1000) >> 24;
-    let fits = c.dac_step > 0
-        && c.adc_step > 0
-        && c.dac_code_min < c.dac_code_max
+    let fits = c.dac_code_min < c.dac_code_max
         && near(c.dac_code_min, physical.drive_min_mv)
         && near(c.dac_code_max, physical.drive_max_mv)
         && (span_nm - i64::from(physical.sensor_span_nm)).abs() <= i64::from(physical.sensor_span_nm) / 1000 + 1
@@ -421,6 +565,7 @@ pub(crate) mod tests {
                 sample_rate_hz: 20_000,
                 drive_min_mv: 0,
                 drive_max_mv: 80_000,
+                slew_limit_v_s: 100_000,
                 sensor_span_nm: 15_000,
                 spectral_radius_millionths: 990_000,
             },
@@ -433,6 +578,7 @@ pub(crate) mod tests {
                     dac_codes_per_volt: ((65_536i64 << 20) / 140) as i32,
                     dac_code_min: 9363,
                     dac_code_max: 46_811,
+                    slew_codes: 2340,
                     noise_shaping: false,
                 },
                 actuator: ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 },
@@ -452,7 +598,6 @@ pub(crate) mod tests {
                 jump_codes: 8000,
                 tracking_error: 4 << 24,
                 tracking_ticks: 200,
-                slew_codes: 20_000,
                 ramp_codes: 40,
                 rest_code: 9363,
                 healthy_ticks: 1000,
@@ -469,7 +614,7 @@ pub(crate) mod tests {
             parameters.servo.law,
             LawParameters::SlidingMode {
                 estimator: EstimatorParameters {
-                    rows: [Row { coefficients: [1, -2, 3, -4, 5, i32::MIN] }; 3],
+                    rows: [Row { coefficients: [1, -2, 3, -4, 5, i32::MIN / 2] }; 3],
                     unknown_input: Row::default(),
                 },
                 controller: SlidingModeParameters {
@@ -477,7 +622,7 @@ pub(crate) mod tests {
                     reference_drive: Row { coefficients: row.coefficients },
                     switching_function: Row { coefficients: [3, 4] },
                     equivalent_control: Row { coefficients: [5, 6] },
-                    reaching: Reaching::BoundaryLayer { magnitude: 7, thickness: -8 },
+                    reaching: Reaching::BoundaryLayer { magnitude: 7, thickness: 8 },
                 },
             },
             LawParameters::Predictor(PredictorParameters {

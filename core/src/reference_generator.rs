@@ -4,7 +4,7 @@
 //! better than a fast single-precision sine). Rounded triangles are the sine's own series to its third term, the
 //! quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from the host are a waveform of their own.
 
-use crate::signal::Micrometres;
+use crate::signal::{Micrometres, narrow};
 
 /// `sin(2 pi phase / 2^32)` with 30 fraction bits.
 #[must_use]
@@ -65,6 +65,26 @@ pub enum Waveform {
     },
 }
 
+/// Largest amplitude: a sine is wrong by up to 2e-8 of it, and must not leave the format.
+const MOST_AMPLITUDE: i32 = i32::MAX - 1024;
+
+impl Waveform {
+    /// Itself, with amplitudes whose samples stay within their format.
+    fn within_format(mut self) -> Self {
+        match &mut self {
+            Self::Constant => {}
+            Self::Multisine { tones } => tones.iter_mut().for_each(|(_, amplitude, _)| limit(amplitude)),
+            Self::RoundedTriangle { amplitude, .. } | Self::Chirp { amplitude, .. } => limit(amplitude),
+            Self::QuasiStep { height, .. } => limit(height),
+        }
+        self
+    }
+}
+
+fn limit(amplitude: &mut i32) {
+    *amplitude = (*amplitude).clamp(-MOST_AMPLITUDE, MOST_AMPLITUDE);
+}
+
 /// A reference that is generated sample by sample.
 #[derive(Clone, Debug)]
 pub struct ReferenceGenerator {
@@ -83,7 +103,7 @@ impl ReferenceGenerator {
             Waveform::Chirp { increment, .. } => i64::from(increment) << 8,
             _ => 0,
         };
-        Self { waveform, offset: offset.to_bits(), tick: 0, phase: 0, chirp_increment }
+        Self { waveform: waveform.within_format(), offset: offset.to_bits(), tick: 0, phase: 0, chirp_increment }
     }
 
     /// The next sample.
@@ -105,7 +125,7 @@ impl ReferenceGenerator {
                 let series = i64::from(sine(phase)) * 997_283_428
                     + i64::from(sine(phase.wrapping_mul(3))) * -66_485_562
                     + i64::from(sine(phase.wrapping_mul(5))) * 9_972_834;
-                (((series >> 30) * i64::from(*amplitude)) >> 30) as i32
+                narrow(((series >> 30) * i64::from(*amplitude)) >> 30)
             }
             Waveform::Chirp { change, amplitude, duration_ticks, .. } => {
                 let value = scaled(*amplitude, sine(self.phase));
@@ -121,7 +141,7 @@ impl ReferenceGenerator {
                 // s^3 (10 - 15 s + 6 s^2)
                 let cube = (((share * share) >> 30) * share) >> 30;
                 let bracket = (10i64 << 30) - 15 * share + 6 * ((share * share) >> 30);
-                scaled(*height, ((cube * (bracket >> 4)) >> 26) as i32)
+                scaled(*height, narrow((cube * (bracket >> 4)) >> 26))
             }
         };
         Micrometres::from_bits(self.offset.saturating_add(value))
@@ -130,7 +150,7 @@ impl ReferenceGenerator {
 
 #[inline]
 fn scaled(amplitude: i32, share: i32) -> i32 {
-    ((i64::from(amplitude) * i64::from(share)) >> 30) as i32
+    narrow((i64::from(amplitude) * i64::from(share)) >> 30)
 }
 
 #[cfg(test)]

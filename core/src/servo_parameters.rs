@@ -25,6 +25,8 @@ pub struct ConverterParameters {
     pub dac_code_min: u16,
     /// Highest DAC code within the limits of the actuator.
     pub dac_code_max: u16,
+    /// Largest change of the drive in one tick, codes: the slew limit of the amplifier; `u16::MAX` is none.
+    pub slew_codes: u16,
     /// Carries the rounding error of each code into the next one, which moves it to high frequencies.
     pub noise_shaping: bool,
 }

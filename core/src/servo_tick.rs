@@ -18,14 +18,14 @@ use crate::pid_regulator::PidRegulator;
 use crate::predictor_law::PredictorLaw;
 use crate::reference_window::ReferenceWindow;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
-use crate::signal::{Micrometres, SHARE_FRACTION_BITS, Volts, saturate};
+use crate::signal::{Micrometres, SHARE_FRACTION_BITS, Volts, narrow, saturate};
 use crate::sliding_mode_controller::{Reaching, SlidingModeController};
 use crate::state_estimator::StateEstimator;
 
 /// What the tick counts. Counters stop at their largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Ticks at which the drive was held at a limit of the actuator, unreachable ones included.
+    /// Ticks at which the drive was held at a limit of the actuator or at the slew limit, unreachable ones included.
     pub limited_ticks: u32,
     /// Ticks at which the wanted displacement was outside what the hysteresis can give.
     pub unreachable_ticks: u32,
@@ -57,6 +57,8 @@ pub struct ServoTick {
     rounding_error: i32,
     /// Sign of the limit at which the drive is held, or beyond which the hysteresis cannot reach.
     limited: i32,
+    /// The last code is as far from the one before as the slew limit allows, and the law wanted more.
+    slewing: bool,
     reading: i32,
     counters: Counters,
 }
@@ -79,6 +81,7 @@ impl ServoTick {
             applied: 0,
             rounding_error: 0,
             limited: 0,
+            slewing: false,
             reading: 0,
             counters: Counters::default(),
         };
@@ -180,7 +183,7 @@ impl ServoTick {
                     self.counters.unreachable_ticks = self.counters.unreachable_ticks.saturating_add(1);
                 }
                 let above = (i64::from(inverse.share) * i64::from(*drive_range)) >> SHARE_FRACTION_BITS;
-                (drive_min.saturating_add(above as i32), unreachable)
+                (drive_min.saturating_add(narrow(above)), unreachable)
             }
         }
     }
@@ -191,17 +194,19 @@ impl ServoTick {
         let c = &self.parameters.converters;
         let wanted = if c.noise_shaping { drive.saturating_add(self.rounding_error) } else { drive };
         // V (22) * codes/V (20) -> codes; 62 bits less 42 always fit.
-        let code = ((i64::from(wanted.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42) as i32;
-        let (lowest, highest) = (i32::from(c.dac_code_min), i32::from(c.dac_code_max));
-        self.limited = i32::from(code > highest) - i32::from(code < lowest);
+        let code = narrow((i64::from(wanted.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42);
+        let (before, slew) = (i32::from(self.code), i32::from(c.slew_codes));
+        let within = code.max(i32::from(c.dac_code_min)).min(i32::from(c.dac_code_max));
+        let reached = within.max(before - slew).min(before + slew);
+        self.slewing = reached != within;
+        self.limited = i32::from(code > reached) - i32::from(code < reached);
         if self.limited == 0 {
             self.limited = unreachable;
         }
         if self.limited != 0 {
             self.counters.limited_ticks = self.counters.limited_ticks.saturating_add(1);
         }
-        let code = code.max(lowest).min(highest) as u16;
-        self.note(code);
+        self.note(reached as u16);
         self.rounding_error = if self.limited == 0 { wanted.saturating_sub(self.drives[0]) } else { 0 };
     }
 
@@ -209,7 +214,7 @@ impl ServoTick {
     #[inline]
     fn note(&mut self, code: u16) {
         let c = &self.parameters.converters;
-        let drive = c.dac_zero.saturating_add(((i64::from(code) * c.dac_step) >> 16) as i32);
+        let drive = c.dac_zero.saturating_add(narrow((i64::from(code) * c.dac_step) >> 16));
         self.code = code;
         self.drives = [drive, self.drives[0]];
         self.applied = match &self.parameters.actuator {
@@ -284,6 +289,12 @@ impl ServoTick {
         }
     }
 
+    /// Whether the law wanted a larger step of the drive than the slew limit allows, at the last tick.
+    #[must_use]
+    pub fn slewing(&self) -> bool {
+        self.slewing
+    }
+
     /// What was counted since the start or [`Self::reset_counters`].
     #[must_use]
     pub fn counters(&self) -> Counters {
@@ -311,7 +322,7 @@ impl ServoTick {
 /// Position for an ADC code, um.
 #[inline]
 fn position(c: &ConverterParameters, code: u16) -> i32 {
-    c.adc_zero.saturating_add(((i64::from(code) * c.adc_step) >> 16) as i32)
+    c.adc_zero.saturating_add(narrow((i64::from(code) * c.adc_step) >> 16))
 }
 
 /// A law that takes over: at this tick it leaves the drive as it is, at the next it begins.

@@ -9,7 +9,9 @@
 //! | drive above its lower limit, as a share of its range | [`DriveShare`] | 1 | +-2 | 9e-10 |
 //!
 //! Velocities are carried times the sampling period so that they have the size of positions and need no format of their own.
-//! Nothing wraps: every conversion to 32 bits saturates, and counts that it did.
+//! Nothing wraps: a conversion to 32 bits saturates, and counts that it did, or is [`narrow`], where the checks of the parameter block
+//! ([`crate::parameter_block::verify`]) make every value fit. The tests of this crate are built so that a value that does not fit, or a sum
+//! that wraps, fails them; one of them runs the amplifier over blocks of every kind that is accepted.
 
 /// Position, force-equivalent displacement, or velocity times the sampling period, um.
 pub type Micrometres = fixed::types::I8F24;
@@ -31,6 +33,24 @@ pub const SHARE_FRACTION_BITS: u32 = 30;
 pub fn saturate(value: i64, saturated: &mut u32) -> i32 {
     let low = value as i32;
     if i64::from(low) == value { low } else { end_of_format(value, saturated) }
+}
+
+/// The value in 32 bits, where it is known to fit.
+#[inline(always)]
+#[must_use]
+pub fn narrow(value: i64) -> i32 {
+    #[cfg(test)]
+    assert!(i32::try_from(value).is_ok(), "{value} has no room in 32 bits");
+    value as i32
+}
+
+/// A sum that is known to fit.
+#[inline(always)]
+#[must_use]
+pub fn sum(a: i64, b: i64) -> i64 {
+    #[cfg(test)]
+    assert!(a.checked_add(b).is_some(), "{a} + {b} wraps");
+    a.wrapping_add(b)
 }
 
 #[cold]

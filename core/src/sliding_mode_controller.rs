@@ -9,6 +9,7 @@
 
 use crate::integer_row::{Integrating, Row};
 use crate::reference_window::{ReferenceWindow, WindowRow};
+use crate::signal::narrow;
 
 /// Fraction bits of rows whose result is a drive.
 pub const DRIVE_ROW_FRACTION_BITS: u32 = 18;
@@ -96,7 +97,7 @@ impl SlidingModeController {
             Reaching::Switching { magnitude } => q.signum().saturating_mul(*magnitude),
             Reaching::BoundaryLayer { magnitude, thickness } => {
                 let layer = i64::from(q).abs().saturating_add(i64::from(*thickness));
-                (i64::from(*magnitude) * i64::from(q)).checked_div(layer).unwrap_or(0) as i32
+                narrow((i64::from(*magnitude) * i64::from(q)).checked_div(layer).unwrap_or(0))
             }
         };
         self.last_switching_function = q;

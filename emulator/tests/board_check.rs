@@ -8,7 +8,7 @@ use hysteron_emulator::converters::World;
 use hysteron_emulator::run::{MILLISECOND, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
 
-const CHECKS: [&str; 7] = ["period", "jitter", "noise", "delay", "linearity", "silent", "flash"];
+const CHECKS: [&str; 8] = ["period", "jitter", "noise", "delay", "linearity", "silent", "flash", "bus error"];
 
 fn verdicts(wire: bool) -> Vec<String> {
     let mut world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3);

@@ -114,7 +114,26 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
     assert!(least >= Some(c.dac_code_min) && most <= Some(c.dac_code_max));
     assert!(most > Some(c.dac_code_min + (c.dac_code_max - c.dac_code_min) / 10 * 9), "nearly the whole range");
     let largest_step = played.windows(2).map(|pair| pair[1].dac_code.abs_diff(pair[0].dac_code)).max();
-    assert!(largest_step < Some(parameters.guard.slew_codes / 4), "no jump: {largest_step:?}");
+    assert!(largest_step <= Some(c.slew_codes), "no jump: {largest_step:?}");
+}
+
+#[test]
+fn no_mode_drives_faster_than_the_slew_limit() {
+    let world = world();
+    let mut parameters = parameters();
+    parameters.physical.slew_limit_v_s = 20_000;
+    parameters.servo.converters.slew_codes = 468; // 1 V a tick
+    parameters.guard.ramp_codes = 400;
+    let text = "play sine 0 0 80000 400\n@5000 reference constant 9000\n@5001 enable\n@5400 reference constant 500\n@7000 disable\n";
+    let script =
+        Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(450 * MILLISECOND) };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let codes = world.lock().expect("the world").codes.clone();
+    let steps = |from: usize, to: usize| codes[from..to].windows(2).map(|pair| pair[0].1.abs_diff(pair[1].1)).max();
+    assert!(codes.iter().map(|(_, acting)| *acting).max() > Some(46_000), "{:?}", texts(&outcome));
+    assert_eq!(steps(0, 4_000), Some(468), "a played jump");
+    assert!(steps(4_000, codes.len()) <= Some(468), "a closed loop, and the ramp to rest: {:?}", steps(4_000, codes.len()));
+    assert_eq!(codes.last().map(|(_, acting)| *acting), Some(parameters.guard.rest_code));
 }
 
 /// The tick at which a sample first has a mode, from a tick on.

@@ -8,6 +8,7 @@ mod common;
 
 use common::{block, image_named, parameters};
 use hysteron_core::guard::Fault;
+use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::Bench;
@@ -24,7 +25,7 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
     let mut bench = Bench::reference().expect("the bench");
     bench.converters.dac_bits = 12;
     let mut parameters = parameters();
-    parameters.servo.converters = bench.converter_scale().parameters();
+    parameters.servo.converters = ConverterParameters { slew_codes: 146, ..bench.converter_scale().parameters() };
     parameters.guard.rest_code = parameters.servo.converters.dac_code_min;
     let script = Script {
         block: Some(block(&parameters)),

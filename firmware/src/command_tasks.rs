@@ -1,6 +1,5 @@
 //! The tasks that take lines of text from the probe, obey them, and say what changes.
 
-use embassy_time::{Duration, Ticker};
 use hysteron_core::amplifier::{Command, Mode, Refusal};
 use hysteron_core::command_lines::{CommandLines, LINE_BYTES, WaitingLine};
 use hysteron_core::command_schedule::CannotWait;
@@ -12,15 +11,14 @@ use rtt_target::DownChannel;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
 use crate::sample_clock::SAMPLE_RATE_HZ;
-use crate::{command_port, recorder, settings, stack, trace_tasks};
+use crate::{command_port, recorder, settings, stack, task_clock, trace_tasks};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
 #[embassy_executor::task]
 pub async fn commands(mut channel: DownChannel) {
-    let mut ticker = Ticker::every(Duration::from_millis(1));
     let mut lines = CommandLines::new();
     loop {
-        ticker.next().await;
+        task_clock::next().await;
         let mut bytes = [0; 64];
         loop {
             let read = channel.read(&mut bytes);
@@ -49,11 +47,10 @@ pub async fn commands(mut channel: DownChannel) {
 /// Says what became of commands, and what the amplifier does, whenever it changes.
 #[embassy_executor::task]
 pub async fn reports(mut replies: Consumer<Reply, COMMAND_QUEUE>) {
-    let mut ticker = Ticker::every(Duration::from_millis(1));
     let mut flags = u32::MAX;
     let mut captured = false;
     loop {
-        ticker.next().await;
+        task_clock::next().await;
         while let Some(reply) = replies.dequeue() {
             match reply.from {
                 Source::Probe => say_outcome(&reply),

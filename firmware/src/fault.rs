@@ -11,11 +11,11 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::{IWDG1, RCC};
-use embassy_time::Timer;
 use hysteron_core::guard::Fault;
 
 use crate::control::{self, ChosenFrontEnd};
 use crate::front_end::FrontEnd;
+use crate::task_clock;
 
 /// A mark that says "this program stopped itself".
 const MARK: u32 = 0x4859_5354;
@@ -25,7 +25,8 @@ static REST_CODE: AtomicU32 = AtomicU32::new(0);
 
 /// Watchdog period: 32 kHz / 16 counts down from this in 50 ms.
 const WATCHDOG_COUNTS: u16 = 100;
-const WATCH_MS: u64 = 10;
+/// Periods of the tasks' clock between two feedings: 10 ms.
+const WATCH_PERIODS: u64 = 10;
 
 /// Tells the fault handlers which code is rest.
 pub fn remember_rest(code: u16) {
@@ -62,7 +63,7 @@ pub async fn watch() {
     IWDG1.rlr().write(|w| w.set_rl(WATCHDOG_COUNTS));
     let mut last = control::ticks();
     loop {
-        Timer::after_millis(WATCH_MS).await;
+        task_clock::periods(WATCH_PERIODS).await;
         let ticks = control::ticks();
         if ticks != last {
             IWDG1.kr().write(|w| w.set_key(Key::RESET));

@@ -4,7 +4,8 @@
 //! control interrupt from ITCM, so neither waits for bank 2.
 
 use embassy_stm32::pac::FLASH;
-use embassy_time::Timer;
+
+use crate::task_clock;
 
 /// Where bank 2 begins, and the length of its sectors.
 const BANK_2: u32 = 0x0810_0000;
@@ -15,7 +16,7 @@ const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 /// Doublewords at once (PSIZE x64).
 const PARALLELISM: u8 = 3;
 /// A sector's erase takes at most 4 s (DS12110).
-const MOST_WAITS_MS: u32 = 5_000;
+const MOST_WAITS: u32 = 5_000;
 
 /// Why a sector was not written.
 pub type FlashError = &'static str;
@@ -23,7 +24,7 @@ pub type FlashError = &'static str;
 /// Waits until bank 2 is idle, and says what went wrong in what it did.
 async fn finished() -> Result<(), FlashError> {
     let bank = FLASH.bank(1);
-    for _ in 0..MOST_WAITS_MS {
+    for _ in 0..MOST_WAITS {
         let status = bank.sr().read();
         if !status.qw() && !status.bsy() {
             let failed = status.wrperr() || status.pgserr() || status.strberr() || status.incerr() || status.operr();
@@ -37,7 +38,7 @@ async fn finished() -> Result<(), FlashError> {
             });
             return if failed { Err("the flash refused it") } else { Ok(()) };
         }
-        Timer::after_millis(1).await;
+        task_clock::next().await;
     }
     Err("the flash does not answer")
 }
@@ -74,6 +75,10 @@ async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError>
         w.set_ser(false);
         w.set_pg(true);
     });
+    // The register and the array are different places of the memory map: without a barrier the first store may come before PG is set.
+    let _ = bank.cr().read();
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
     for (nth, piece) in bytes.chunks(WORD_BYTES).enumerate() {
         let mut word = [0xFF; WORD_BYTES];
         word.iter_mut().zip(piece).for_each(|(to, from)| *to = *from);
@@ -83,7 +88,9 @@ async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError>
             // SAFETY: an address within a sector that no code and no data of the image occupies (memory.x); the flash interface takes the store.
             unsafe { ((to + 4 * quarter) as *mut u32).write_volatile(value) };
         }
+        // All of the word has left the processor before the interface is asked whether it is done.
         cortex_m::asm::dsb();
+        cortex_m::asm::isb();
         finished().await?;
     }
     bank.cr().modify(|w| w.set_pg(false));

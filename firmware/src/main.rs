@@ -13,6 +13,7 @@ mod control;
 mod critical_section_below_control;
 mod fault;
 mod flash;
+mod flash_read;
 mod front_end;
 mod itcm;
 mod log_channel;
@@ -21,6 +22,7 @@ mod ring;
 mod sample_clock;
 mod settings;
 mod stack;
+mod task_clock;
 mod trace_tasks;
 
 use embassy_executor::{SpawnError, SpawnToken, Spawner};

@@ -2,10 +2,11 @@
 //!
 //! A block is written by the probe to either address, or brought line by line as a command: then it is verified before anything is
 //! touched, gets a generation that counts up, goes where the block in use is not, and is read back. At start the valid block of the
-//! highest generation is taken, A before B, and the reason why a block was refused is said. So a block that was damaged on its way or in
+//! highest generation is taken, A before B, and the reason why a block was refused is said; a block that the supply cut off while it was
+//! written is only unreadable ([`crate::flash_read`]). So a block that was damaged on its way or in
 //! flash leaves the last good one in force.
 
-use core::sync::atomic::{AtomicU8, Ordering};
+use core::sync::atomic::{AtomicU8, AtomicU16, Ordering};
 
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
@@ -15,6 +16,7 @@ use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockErro
 
 use crate::control::ChosenFrontEnd;
 use crate::flash::write_sector;
+use crate::flash_read;
 use crate::front_end::FrontEnd;
 
 /// Addresses of the blocks A and B (`memory.x`, SETTINGS).
@@ -23,13 +25,18 @@ const BLOCKS: [(&str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
 /// Bytes of a block with its header and checksum, at most.
 const KEPT_BYTES: usize = BLOCK_BYTES + 64;
 
-/// Which of [`BLOCKS`] is in use; none: 2.
+/// Which of [`BLOCKS`] is in use; none: 2. And its generation.
 static IN_USE: AtomicU8 = AtomicU8::new(2);
+static GENERATION: AtomicU16 = AtomicU16::new(0);
 
-fn kept(address: u32) -> &'static [u8] {
-    // SAFETY: flash that no code and no data of the image occupies (memory.x), always readable. It changes only in `Upload::commit`, which
-    // holds no such slice then.
-    unsafe { core::slice::from_raw_parts(address as *const u8, KEPT_BYTES) }
+/// A copy of what is kept at an address.
+fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
+    let mut bytes = [0; KEPT_BYTES];
+    flash_read::copy(address, &mut bytes).map_err(|word| {
+        defmt::warn!("the flash word at {=u32:#x} is damaged", word.0);
+        BlockError::Unreadable
+    })?;
+    Ok(bytes)
 }
 
 /// Reads a block and asks whether this image's converters have its codes.
@@ -44,10 +51,8 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let mut first_error = None;
     let mut newest: Option<(u8, u16, AmplifierParameters)> = None;
     for (nth, (name, address)) in (0..).zip(BLOCKS) {
-        let bytes = kept(address);
-        match fitting(bytes, sample_rate_hz) {
-            Ok(parameters) => {
-                let this = generation(bytes);
+        match kept(address).and_then(|bytes| Ok((generation(&bytes), fitting(&bytes, sample_rate_hz)?))) {
+            Ok((this, parameters)) => {
                 if newest.as_ref().is_none_or(|(_, before, _)| this > *before) {
                     newest = Some((nth, this, parameters));
                 }
@@ -58,8 +63,9 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
             }
         }
     }
-    let Some((nth, _, parameters)) = newest else { return Err(first_error.unwrap_or(BlockError::Absent)) };
+    let Some((nth, this, parameters)) = newest else { return Err(first_error.unwrap_or(BlockError::Absent)) };
     IN_USE.store(nth, Ordering::Relaxed);
+    GENERATION.store(this, Ordering::Relaxed);
     defmt::info!("parameter block {=str} taken", BLOCKS.get(usize::from(nth)).map_or("", |(name, _)| name));
     Ok(parameters)
 }
@@ -117,12 +123,16 @@ impl Upload {
         }
         let parameters = fitting(&self.bytes, sample_rate_hz).map_err(BlockError::reason)?;
         let in_use = usize::from(IN_USE.load(Ordering::Relaxed));
-        let newest = BLOCKS.get(in_use).map_or(0, |(_, address)| generation(kept(*address)));
+        let newest = GENERATION.load(Ordering::Relaxed);
         let (name, address) = if in_use == 0 { BLOCKS[1] } else { BLOCKS[0] };
         set_generation(&mut self.bytes, newest.checked_add(1).ok_or("the generations are used up: erase both blocks")?)
             .map_err(BlockError::reason)?;
         write_sector(address, &self.bytes).await?;
-        if read(kept(address), sample_rate_hz) == Ok(parameters) { Ok(name) } else { Err("what was written does not read back") }
+        if kept(address).and_then(|bytes| read(&bytes, sample_rate_hz)) == Ok(parameters) {
+            Ok(name)
+        } else {
+            Err("what was written does not read back")
+        }
     }
 }
 
@@ -137,6 +147,7 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
             sample_rate_hz,
             drive_min_mv: 0,
             drive_max_mv: 0,
+            slew_limit_v_s: 0,
             sensor_span_nm: 0,
             spectral_radius_millionths: 0,
         },
@@ -149,6 +160,7 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
                 dac_codes_per_volt: 0,
                 dac_code_min: rest,
                 dac_code_max: rest,
+                slew_codes: 1,
                 noise_shaping: false,
             },
             actuator: ActuatorParameters::Direct,
@@ -162,7 +174,6 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
             jump_codes: u16::MAX,
             tracking_error: i32::MAX,
             tracking_ticks: u16::MAX,
-            slew_codes: u16::MAX,
             ramp_codes: 1,
             rest_code: rest,
             healthy_ticks: u16::MAX,

@@ -2,12 +2,11 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use embassy_time::{Duration, Ticker, Timer};
 use hysteron_core::trace_frame::{BLOCK_SAMPLES, Channels, TraceBlock, TraceSample};
 
 use crate::control::{self, SAMPLE_QUEUE};
 use crate::ring::Consumer;
-use crate::{log_channel, recorder};
+use crate::{log_channel, recorder, task_clock};
 
 /// Channels (low byte) and decimation (upper half) of the trace.
 static TRACE: AtomicU32 = AtomicU32::new(Channels::ALL.0 as u32 | (20 << 16));
@@ -34,12 +33,11 @@ pub fn forget_capture() {
 /// Packs samples into blocks and logs them.
 #[embassy_executor::task]
 pub async fn trace(mut samples: Consumer<TraceSample, SAMPLE_QUEUE>) {
-    let mut ticker = Ticker::every(Duration::from_millis(1));
     let mut choice = TRACE.load(Ordering::Relaxed);
     let mut block = block_for(choice);
     let mut send = |bytes: &[u8]| defmt::info!("trace {=[u8]}", bytes);
     loop {
-        ticker.next().await;
+        task_clock::next().await;
         let wanted = TRACE.load(Ordering::Relaxed);
         if wanted != choice {
             block.finish(&mut send);
@@ -72,7 +70,7 @@ static READING_OUT: AtomicBool = AtomicBool::new(false);
 pub async fn read_out() {
     let mut send = |bytes: &[u8]| defmt::info!("trace {=[u8]}", bytes);
     loop {
-        Timer::after_millis(1).await;
+        task_clock::next().await;
         if !READING_OUT.load(Ordering::Relaxed) {
             continue;
         }
@@ -82,7 +80,7 @@ pub async fn read_out() {
             && let Some(sample) = recorder::sample(nth)
         {
             while (nth as usize).is_multiple_of(BLOCK_SAMPLES) && log_channel::free_bytes() < BLOCK_ROOM_BYTES {
-                Timer::after_millis(1).await;
+                task_clock::next().await;
             }
             block.push(&sample, 0, &mut send);
             nth += 1;

@@ -89,6 +89,7 @@ impl ConverterScale {
             dac_codes_per_volt: (2.0_f64.powi(20) / self.dac_lsb_v).round() as i32,
             dac_code_min: self.dac_code(self.drive_min_v),
             dac_code_max: self.dac_code(self.drive_max_v),
+            slew_codes: u16::MAX,
             noise_shaping: false,
         }
     }

@@ -9,7 +9,7 @@ use hysteron_core::guard::GuardParameters;
 use hysteron_core::integer_row::Row;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write};
 use hysteron_core::pid_regulator::PidParameters;
-use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
+use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::converters::World;
 use hysteron_emulator::run::Outcome;
@@ -30,13 +30,14 @@ pub fn parameters() -> AmplifierParameters {
     let bench = Bench::reference().expect("the bench");
     let mut name = [0; 16];
     name[..4].copy_from_slice(b"p753");
-    let converters = bench.converter_scale().parameters();
+    let converters = ConverterParameters { slew_codes: 2340, ..bench.converter_scale().parameters() };
     AmplifierParameters {
         physical: PhysicalDescription {
             name,
             sample_rate_hz: 20_000,
             drive_min_mv: 0,
             drive_max_mv: 80_000,
+            slew_limit_v_s: 100_000,
             sensor_span_nm: 15_000,
             spectral_radius_millionths: 950_000,
         },
@@ -59,7 +60,6 @@ pub fn parameters() -> AmplifierParameters {
             jump_codes: 4500,
             tracking_error: 4 << 24,
             tracking_ticks: 400,
-            slew_codes: 12_000,
             ramp_codes: 40,
             rest_code: converters.dac_code_min,
             healthy_ticks: 2000,

@@ -15,6 +15,7 @@
 //! | linearity | largest deviation of the readings over a ramp from a line, in thousandths of their span | at most 2 |
 //! | noise | RMS of the readings at a constant drive, codes | at most 16 |
 //! | flash | a sector that holds nothing is written and reads back | it does |
+//! | bus error | an address beyond the flash, which nothing answers, is read as a damaged block would be | it is said to be unreadable, and the program goes on |
 #![no_std]
 #![no_main]
 
@@ -24,12 +25,16 @@ mod board;
 mod critical_section_below_control;
 #[path = "../flash.rs"]
 mod flash;
+#[path = "../flash_read.rs"]
+mod flash_read;
 #[path = "../front_end/mod.rs"]
 mod front_end;
 #[path = "../itcm.rs"]
 mod itcm;
 #[path = "../sample_clock.rs"]
 mod sample_clock;
+#[path = "../task_clock.rs"]
+mod task_clock;
 
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering};
 
@@ -56,6 +61,8 @@ const PERIOD_CYCLES: f32 = 20_000.0;
 const COMPARE_4: u32 = 1 << 4;
 /// The last sector of bank 2 before the parameter blocks.
 const SPARE_SECTOR: u32 = 0x081A_0000;
+/// The first address behind bank 2.
+const BEYOND_FLASH: u32 = 0x0820_0000;
 
 #[derive(Clone, Copy, PartialEq)]
 #[repr(u32)]
@@ -186,9 +193,14 @@ async fn flash_keeps() -> bool {
     if flash::write_sector(SPARE_SECTOR, &bytes).await.is_err() {
         return false;
     }
-    // SAFETY: flash that nothing occupies, always readable.
-    let kept = unsafe { core::slice::from_raw_parts(SPARE_SECTOR as *const u8, bytes.len()) };
-    kept == bytes
+    let mut kept = [0; 96];
+    flash_read::copy(SPARE_SECTOR, &mut kept).is_ok() && kept == bytes
+}
+
+/// Whether a read that ends in a bus error, as that of a word with a double ECC error does, leaves the program running.
+fn bus_error_survives() -> bool {
+    let mut word = [0; 32];
+    flash_read::copy(BEYOND_FLASH, &mut word).is_err_and(|unreadable| unreadable.0 == BEYOND_FLASH)
 }
 
 /// Ends the program with a status, by semihosting (SYS_EXIT_EXTENDED).
@@ -236,6 +248,8 @@ async fn main(_spawner: Spawner) {
     verdict.say("silent", silent as f32, "ticks", silent == 0);
     let keeps = flash_keeps().await;
     verdict.say("flash", f32::from(u8::from(keeps)), "of 1 sector", keeps);
+    let survives = bus_error_survives();
+    verdict.say("bus error", f32::from(u8::from(survives)), "of 1 survived", survives);
     defmt::info!("board check: {=u32} failed", verdict.failed);
     // The probe reads the log before the end.
     Timer::after_millis(50).await;

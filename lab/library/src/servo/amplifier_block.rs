@@ -9,6 +9,7 @@
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, verify, write};
+use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
 
@@ -21,6 +22,9 @@ use crate::servo::predictor::PredictorDesign;
 pub const SAMPLE_RATE_HZ: u32 = 20_000;
 /// Fraction of the sensor's codes at either end that count as out of range.
 const RAIL_CODES: u16 = 16;
+
+/// Fastest slew limit that a block takes, V/s.
+const MOST_SLEW_V_S: f64 = 2e7;
 
 /// How the converters are wired: what their first code and one beyond their last code stand for.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -42,6 +46,8 @@ pub struct FrontEnd {
     pub stuck_s: f64,
     /// Time for which the tracking error may be too large, s.
     pub tracking_s: f64,
+    /// Fastest change of the drive in any mode, V/s: what the amplifier's peak current gives on the actuator's capacitance, or less.
+    pub slew_v_s: f64,
     /// Time from the highest drive to rest, s.
     pub ramp_s: f64,
     /// Time for which the sensor must be healthy before a fault can be cleared, s.
@@ -60,6 +66,7 @@ impl Default for FrontEnd {
             drive_bits: 16,
             stuck_s: 0.01,
             tracking_s: 0.005,
+            slew_v_s: 100_000.0,
             ramp_s: 0.05,
             healthy_s: 0.1,
         }
@@ -79,6 +86,9 @@ impl FrontEnd {
         }
         if !(8..=16).contains(&this.drive_bits) {
             return Err(Error::new(place, format!("drive_bits = {}: expected 8 to 16", this.drive_bits)));
+        }
+        if !(this.slew_v_s > 0.0 && this.slew_v_s <= MOST_SLEW_V_S) {
+            return Err(Error::new(place, format!("slew_v_s = {}: expected more than 0, at most {MOST_SLEW_V_S:.0}", this.slew_v_s)));
         }
         Ok(this)
     }
@@ -130,7 +140,17 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
         let limits = format!("{} to {} V", model.drive_min_v, model.drive_max_v);
         return Err(Error::new("front end", format!("gives {lowest_v} to {beyond_v:.3} V; the actuator's drive is {limits}")));
     }
-    let converters = front_end.scale(model.drive_min_v, model.drive_max_v).parameters();
+    let scale = front_end.scale(model.drive_min_v, model.drive_max_v);
+    let slew = front_end.slew_v_s * SAMPLING_PERIOD_S / scale.dac_lsb_v;
+    if slew < 1.0 {
+        let least = scale.dac_lsb_v / SAMPLING_PERIOD_S;
+        return Err(Error::new(
+            "front end",
+            format!("slew_v_s = {}: a code of this converter in a tick is {least:.0} V/s", front_end.slew_v_s),
+        ));
+    }
+    let slew_codes = slew.min(65_535.0) as u16;
+    let converters = ConverterParameters { slew_codes, ..scale.parameters() };
     let servo = design.parameters(converters).map_err(|error| Error::new("design", error.to_string()))?;
     let mut name = [0u8; 16];
     for (to, from) in name.iter_mut().zip(front_end.name.bytes()) {
@@ -151,6 +171,7 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
             sample_rate_hz: SAMPLE_RATE_HZ,
             drive_min_mv: drive_mv(converters.dac_code_min),
             drive_max_mv: drive_mv(converters.dac_code_max),
+            slew_limit_v_s: front_end.slew_v_s.ceil() as u32,
             sensor_span_nm: (step_um * 65_536.0 * 1e3).round() as i32,
             spectral_radius_millionths: (radius * 1e6).ceil().clamp(0.0, f64::from(u32::MAX)) as u32,
         },
@@ -162,8 +183,7 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
             jump_codes: (fastest_um_s * SAMPLING_PERIOD_S / step_um).ceil().clamp(1.0, 65_535.0) as u16,
             tracking_error: (range_um / 5.0 * 2f64.powi(24)).min(f64::from(i32::MAX)) as i32,
             tracking_ticks: ticks(front_end.tracking_s),
-            slew_codes: (drive_codes / 3).max(1),
-            ramp_codes: (drive_codes / ticks(front_end.ramp_s).max(1)).max(1),
+            ramp_codes: (drive_codes / ticks(front_end.ramp_s).max(1)).max(1).min(slew_codes),
             rest_code: converters.dac_code_min,
             healthy_ticks: ticks(front_end.healthy_s),
         },
@@ -212,6 +232,7 @@ mod tests {
             ("sensor_mix_um = 1.0", "unknown field"),
             ("drive_bits = 20", "8 to 16"),
             ("name = 3", "invalid type"),
+            ("slew_v_s = 0.0", "more than 0"),
         ] {
             let problem = FrontEnd::from_toml(text, "front_end.toml").expect_err(text).to_string();
             assert!(problem.contains(part), "{problem}");

@@ -1,0 +1,269 @@
+//! The proof that no signal wraps: the amplifier is run over blocks of every kind that [`verify`] accepts, at the ends of what they allow,
+//! by code that fails where a value has no room in 32 bits or a sum leaves 64 ([`crate::signal::narrow`], [`crate::signal::sum`]).
+
+extern crate std;
+
+use proptest::prelude::*;
+use std::vec::Vec;
+
+use crate::amplifier::{Amplifier, Command};
+use crate::creep_inverse::CreepInverseParameters;
+use crate::guard::GuardParameters;
+use crate::integer_row::Row;
+use crate::one_sided_hysteresis::SurfaceCoefficients;
+use crate::parameter_block::tests::example;
+use crate::parameter_block::{AmplifierParameters, BlockError, verify};
+use crate::pid_regulator::PidParameters;
+use crate::predictor_law::{PredictorParameters, STATES};
+use crate::reference_generator::Waveform;
+use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters};
+use crate::servo_tick::ServoTick;
+use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
+use crate::state_estimator::EstimatorParameters;
+
+/// Numbers of every size.
+fn number() -> impl Strategy<Value = i32> {
+    (any::<i32>(), 0u32..31).prop_map(|(raw, shift)| raw >> shift)
+}
+
+/// A row near and beyond the largest that is accepted.
+fn row<const N: usize, const Q: u32>() -> impl Strategy<Value = Row<N, Q>> {
+    let shift = 31 - (N as u32).leading_zeros();
+    (prop::array::uniform::<_, N>(any::<i32>()), 0..shift + 12)
+        .prop_map(|(raw, less)| Row { coefficients: raw.map(|coefficient| coefficient >> less) })
+}
+
+fn law() -> impl Strategy<Value = LawParameters> {
+    let regulator = (row::<2, 20>(), number(), row::<16, 20>(), row::<5, 28>(), row::<8, 26>(), prop::array::uniform8(number()), 0u8..9);
+    let regulator = regulator.prop_map(|(proportional_derivative, integral, feedforward, notch, shares, rates, terms)| {
+        let creep = CreepInverseParameters { terms, shares, rates, at_rest: 1 << 28 };
+        LawParameters::Regulator(PidParameters { proportional_derivative, integral, feedforward, creep, notch })
+    });
+    let reaching = prop_oneof![
+        (row(), number()).prop_map(|(proportional_derivative, integral)| Reaching::Pid { proportional_derivative, integral }),
+        number().prop_map(|magnitude| Reaching::Switching { magnitude }),
+        (number(), number()).prop_map(|(magnitude, thickness)| Reaching::BoundaryLayer { magnitude, thickness }),
+    ];
+    let sliding = (prop::array::uniform3(row()), row(), row(), row(), row(), row(), reaching).prop_map(
+        |(rows, unknown_input, reference_velocity, reference_drive, switching_function, equivalent_control, reaching)| {
+            LawParameters::SlidingMode {
+                estimator: EstimatorParameters { rows, unknown_input },
+                controller: SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching },
+            }
+        },
+    );
+    let predictor = (prop::array::uniform::<_, STATES>(row()), number(), number(), row(), row(), row()).prop_map(
+        |(state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward)| {
+            LawParameters::Predictor(PredictorParameters { state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward })
+        },
+    );
+    prop_oneof![Just(LawParameters::Hold), regulator, sliding, predictor]
+}
+
+/// Lowest drive and range of the actuator, V.
+fn actuator(low_v: f64, range_v: f64) -> impl Strategy<Value = ActuatorParameters> {
+    let linear = (-9.0f64..9.0).prop_map(|exponent| {
+        let gain = exponent.exp2();
+        ActuatorParameters::Linear {
+            volts_per_micrometre: ((1 << 20) as f64 / gain) as i32,
+            micrometres_per_volt: ((1 << 28) as f64 * gain) as i32,
+        }
+    });
+    let surfaces = (prop::array::uniform5(prop::array::uniform5(any::<i32>())), prop::array::uniform5(any::<i32>()), 0u32..12, 0u32..12);
+    let hysteresis = surfaces.prop_map(move |(g, f, less_g, less_f)| ActuatorParameters::OneSidedHysteresis {
+        surfaces: SurfaceCoefficients { g: g.map(|row| row.map(|c| c >> less_g)), f: f.map(|c| c >> less_f) },
+        drive_min: (low_v * f64::from(1 << 22)) as i32,
+        drive_range: (range_v * f64::from(1 << 22)) as i32,
+        share_per_volt: ((1u64 << 32) as f64 / range_v) as i64,
+    });
+    prop_oneof![Just(ActuatorParameters::Direct), linear, hysteresis]
+}
+
+/// Converters whose spans reach beyond what is accepted.
+fn converters() -> impl Strategy<Value = ConverterParameters> {
+    let sensor = (0.01f64..140.0, -140.0f64..140.0);
+    let drive = (1.0f64..1100.0, -600.0f64..400.0, 8u32..17, any::<[u16; 2]>(), 1u16..20_000, any::<bool>());
+    (sensor, drive).prop_map(|((span_um, zero_um), (span_v, zero_v, bits, limits, slew_codes, noise_shaping))| {
+        let most = ((1u32 << bits) - 1) as u16;
+        let [a, b] = limits.map(|code| code & most);
+        let codes = f64::from(most) + 1.0;
+        ConverterParameters {
+            adc_zero: (zero_um * f64::from(1 << 24)) as i32,
+            adc_step: (span_um * (1i64 << 24) as f64) as i64,
+            dac_zero: (zero_v * f64::from(1 << 22)) as i32,
+            dac_step: (span_v / codes * (1i64 << 38) as f64) as i64,
+            dac_codes_per_volt: (codes / span_v * f64::from(1 << 20)) as i32,
+            dac_code_min: a.min(b),
+            dac_code_max: a.max(b),
+            slew_codes,
+            noise_shaping,
+        }
+    })
+}
+
+fn block() -> impl Strategy<Value = AmplifierParameters> {
+    let limits = |c: &ConverterParameters| {
+        let volts = |code: u16| f64::from(c.dac_zero) / f64::from(1 << 22) + f64::from(code) * c.dac_step as f64 / (1i64 << 38) as f64;
+        (volts(c.dac_code_min), volts(c.dac_code_max))
+    };
+    let with_actuator = move |c: ConverterParameters| {
+        let (low_v, high_v) = limits(&c);
+        (Just(c), Just((low_v, high_v)), actuator(low_v, (high_v - low_v).max(1e-3)))
+    };
+    let guard = (any::<u16>(), 1u16..300, any::<[u16; 3]>());
+    (converters().prop_flat_map(with_actuator), law(), guard, any::<bool>()).prop_map(
+        |((c, (low_v, high_v), actuator), law, guard, delayed)| {
+            let mut parameters = example();
+            let (rest, ramp_codes, [jump_codes, tracking_ticks, healthy_ticks]) = guard;
+            parameters.physical.drive_min_mv = (low_v * 1000.0) as i32;
+            parameters.physical.drive_max_mv = (high_v * 1000.0) as i32;
+            parameters.physical.sensor_span_nm = (c.adc_step as f64 / (1i64 << 24) as f64 * 1000.0) as i32;
+            parameters.physical.slew_limit_v_s = 20_000_000;
+            parameters.servo.converters = c;
+            parameters.servo.actuator = actuator;
+            parameters.servo.law = law;
+            parameters.servo.delayed = delayed;
+            parameters.guard = GuardParameters {
+                adc_code_min: 0,
+                adc_code_max: u16::MAX,
+                stuck_ticks: 0,
+                jump_codes: jump_codes | 0xc000,
+                tracking_error: i32::MAX,
+                tracking_ticks: tracking_ticks | 0x100,
+                ramp_codes,
+                rest_code: rest.clamp(c.dac_code_min, c.dac_code_max),
+                healthy_ticks,
+            };
+            parameters
+        },
+    )
+}
+
+/// What the sensor reads and what is asked: the ends of the range, and jumps between them.
+#[derive(Clone, Debug)]
+struct Asked {
+    readings: Vec<u16>,
+    reference: (i32, i32),
+    play: (i32, i32),
+    increment: u32,
+}
+
+fn asked() -> impl Strategy<Value = Asked> {
+    let reading = prop_oneof![Just(0u16), Just(u16::MAX), any::<u16>()];
+    (prop::collection::vec(reading, 1..12), any::<(i32, i32)>(), any::<(i32, i32)>(), any::<u32>())
+        .prop_map(|(readings, reference, play, increment)| Asked { readings, reference, play, increment })
+}
+
+/// The drive of a code without any format, V with 22 fraction bits.
+fn exact_drive(c: &ConverterParameters, code: u16) -> i128 {
+    i128::from(c.dac_zero) + ((i128::from(code) * i128::from(c.dac_step)) >> 16)
+}
+
+fn position(c: ConverterParameters, code: u16) -> i64 {
+    let mut parameters = example().servo;
+    parameters.converters = c;
+    parameters.law = LawParameters::Hold;
+    parameters.actuator = ActuatorParameters::Direct;
+    let mut servo = ServoTick::new(parameters);
+    servo.tick(code, crate::signal::Micrometres::from_bits(0));
+    i64::from(servo.reading().to_bits())
+}
+
+/// Runs the amplifier through its modes; no code leaves the limits or changes by more than the slew limit.
+fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseError> {
+    let c = parameters.servo.converters;
+    let mut amplifier = Amplifier::new(*parameters);
+    let sine = |amplitude: i32| Waveform::Multisine { tones: [(asked.increment, amplitude, 0); 4] };
+    let phases = [
+        (10, None),
+        (1200, Some(Command::Condition { cycle_ticks: 60, rest_ticks: 1 })),
+        (60, Some(Command::Play { waveform: sine(asked.play.0), offset: asked.play.1, ticks: 60 })),
+        (1, Some(Command::Disable)),
+        (1, Some(Command::Reference { waveform: sine(asked.reference.0), offset: asked.reference.1 })),
+        (250, Some(Command::Enable)),
+        (1, Some(Command::Reference { waveform: Waveform::Constant, offset: i32::MIN })),
+        (80, None),
+        (
+            1,
+            Some(Command::Reference { waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: i32::MIN }, offset: 0 }),
+        ),
+        (80, None),
+        (100, Some(Command::Disable)),
+    ];
+    let mut before = parameters.guard.rest_code;
+    let mut readings = asked.readings.iter().cycle();
+    for (ticks, command) in phases {
+        if let Some(command) = command {
+            let _ = amplifier.command(command);
+        }
+        for _ in 0..ticks {
+            let sample = amplifier.tick(readings.next().copied(), false);
+            prop_assert!((c.dac_code_min..=c.dac_code_max).contains(&sample.dac_code));
+            prop_assert!(sample.dac_code.abs_diff(before) <= c.slew_codes, "{} from {before}", sample.dac_code);
+            prop_assert_eq!(i128::from(amplifier.servo().drive().to_bits()), exact_drive(&c, sample.dac_code));
+            before = sample.dac_code;
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { max_global_rejects: 400_000, ..ProptestConfig::with_cases(3000) })]
+
+    #[test]
+    fn no_signal_wraps_over_all_accepted_blocks(parameters in block(), asked in asked()) {
+        prop_assume!(verify(&parameters, 20_000).is_ok());
+        run(&parameters, &asked)?;
+    }
+
+    /// Whatever the integers: if they are accepted, a higher code is no lower position.
+    #[test]
+    fn accepted_converters_keep_the_sign_of_the_feedback(
+        wild in (number(), any::<i64>(), 0u32..64),
+        codes in any::<[u16; 2]>(),
+    ) {
+        let (adc_zero, adc_step, less) = wild;
+        let mut parameters = example();
+        let c = &mut parameters.servo.converters;
+        (c.adc_zero, c.adc_step) = (adc_zero, adc_step >> less);
+        prop_assume!(!matches!(verify(&parameters, 20_000), Err(BlockError::Range(_))));
+        let c = parameters.servo.converters;
+        let [low, high] = codes;
+        prop_assert!(position(c, low.max(high)) >= position(c, low.min(high)));
+    }
+}
+
+#[test]
+fn a_stage_of_150_um_is_refused_clearly_and_one_of_120_um_is_not() {
+    let stage = |span_um: i64| {
+        let mut parameters = example();
+        parameters.physical.sensor_span_nm = (span_um * 1000) as i32;
+        parameters.servo.converters.adc_step = span_um << 24;
+        verify(&parameters, 20_000)
+    };
+    assert_eq!(stage(150).map_err(BlockError::reason), Err("the sensor's span must be at most 127 um, within +-128 um"));
+    assert_eq!(stage(120), Ok(()));
+}
+
+#[test]
+fn a_drive_of_600_v_is_refused_clearly() {
+    let mut parameters = example();
+    let c = &mut parameters.servo.converters;
+    (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (600i64 << 38) >> 16, ((65_536i64 << 20) / 600) as i32);
+    (c.dac_code_min, c.dac_code_max) = (0, 65_535);
+    assert_eq!(verify(&parameters, 20_000), Err(BlockError::Range("the drive must stay within +-512 V")));
+}
+
+#[test]
+fn a_slew_limit_that_is_none_or_faster_than_it_says_is_refused() {
+    let with = |slew_codes: u16, ramp_codes: u16| {
+        let mut parameters = example();
+        parameters.servo.converters.slew_codes = slew_codes;
+        parameters.guard.ramp_codes = ramp_codes;
+        verify(&parameters, 20_000)
+    };
+    assert_eq!(with(2340, 40), Ok(()));
+    for (slew_codes, ramp_codes) in [(0, 40), (2345, 40), (30, 40), (2340, 0)] {
+        assert!(matches!(with(slew_codes, ramp_codes), Err(BlockError::Range(_))), "{slew_codes} {ramp_codes}");
+    }
+}

@@ -1,0 +1,66 @@
+//! Reads flash that may be damaged, without ending the program.
+//!
+//! # How it works
+//! A flash word (32 bytes) whose writing was cut off by the supply holds a double ECC error: every read of it is answered with a bus error
+//! (RM0433, 4.7.7), which is a hard fault, at every start. Here a word is read with FAULTMASK set and CCR.BFHFNMIGN with it, so that the
+//! processor ignores the bus error (Armv7-M, B3.2.8) and notes it in CFSR; the flash interface notes it in DBECCERR. Both are looked
+//! at after each word. FAULTMASK holds the control interrupt off too, for eight loads: far less than the microsecond by which its entry
+//! may vary, and sampling and latching are hardware's.
+
+use core::arch::asm;
+
+use cortex_m::peripheral::SCB;
+use embassy_stm32::pac::FLASH;
+
+/// What has one ECC.
+const WORD_BYTES: usize = 32;
+/// CCR.BFHFNMIGN: a load's bus error is ignored at the priority of FAULTMASK.
+const IGNORE_BUS_ERRORS: u32 = 1 << 8;
+/// The bus fault's part of CFSR.
+const BUS_FAULTS: u32 = 0xFF00;
+
+/// A word that cannot be read: an address.
+#[derive(Clone, Copy)]
+pub struct Unreadable(pub u32);
+
+/// Copies flash of bank 2 from `address`, the beginning of a word.
+pub fn copy(address: u32, into: &mut [u8]) -> Result<(), Unreadable> {
+    for (nth, piece) in (0u32..).zip(into.chunks_mut(WORD_BYTES)) {
+        let from = address + nth * WORD_BYTES as u32;
+        let word = word_at(from).ok_or(Unreadable(from))?;
+        for (to, byte) in piece.iter_mut().zip(word.iter().flat_map(|four| four.to_le_bytes())) {
+            *to = byte;
+        }
+    }
+    Ok(())
+}
+
+fn word_at(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
+    let bank = FLASH.bank(1);
+    bank.ccr().write(|w| w.set_clr_dbeccerr(true));
+    let mut word = [0; WORD_BYTES / 4];
+    // SAFETY: the system control block's registers are there, and only thread code touches these two.
+    let control = unsafe { &*SCB::PTR };
+    let before = control.ccr.read();
+    // SAFETY: the bit only decides what becomes of bus errors while FAULTMASK is set, which ends below.
+    let bus_error = unsafe {
+        control.ccr.write(before | IGNORE_BUS_ERRORS);
+        control.cfsr.write(BUS_FAULTS);
+        asm!("cpsid f", "dsb", "isb");
+        for (to, nth) in word.iter_mut().zip(0usize..) {
+            // Flash that no code of the image occupies (memory.x).
+            *to = (address as *const u32).add(nth).read_volatile();
+        }
+        asm!("dsb");
+        let bus_error = control.cfsr.read() & BUS_FAULTS;
+        control.cfsr.write(BUS_FAULTS);
+        asm!("cpsie f", "isb");
+        control.ccr.write(before);
+        bus_error != 0
+    };
+    if bus_error || bank.sr().read().dbeccerr() {
+        bank.ccr().write(|w| w.set_clr_dbeccerr(true));
+        return None;
+    }
+    Some(word)
+}
