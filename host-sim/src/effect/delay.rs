@@ -82,7 +82,15 @@ impl Effect for Delay {
         Some(Box::new(DelayStage { line, late_share: intervals - whole }))
     }
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
-        if taken_in_s(model).is_some() {
+        // Without anything that takes time, a step would pass through at once and all delays between two samples would read the same: the
+        // mean over the interval stands for the motion that a real stage makes of the steps.
+        let takes_time = |e: &EffectInstance| {
+            matches!(
+                e.effect.declaration().place,
+                Place::AmplifierBandwidth | Place::AmplifierSlew | Place::Vibration | Place::SensorBandwidth
+            )
+        };
+        if taken_in_s(model).is_some() || !model.effects.iter().any(takes_time) {
             return 1;
         }
         // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before the period is.

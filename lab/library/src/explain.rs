@@ -278,7 +278,9 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
         model = tried.judged.model.clone();
         steps.push(Step { change, judged: study.judged(model.clone()) });
     }
-    let refitted = study.thoroughly(&model);
+    // Values that this recording does not fix are better where they were identified than where its noise would bring them.
+    let (told, refitted) = (study.judged(model.clone()), study.thoroughly(&model));
+    let refitted = if study.merit(&refitted) <= study.merit(&told) { refitted } else { told };
     steps.push(Step { change: Change::FittedAgain, judged: refitted.clone() });
     let mut grown =
         Grown { steps, supported: Vec::new(), taken_back: Vec::new(), elsewhere: None, beside_start: None, stopped: study.watch.stopped() };

@@ -80,7 +80,8 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     finished(steps, floor, &study)
 }
 
-/// A new fit of all values lowers the error by at least this share of it before the values of the effect alone are given up for it.
+/// A new fit of all values lowers the error, fitted and held out, by at least this share of it before the values of the effect alone are given up
+/// for it.
 const WORTH_MOVING: f64 = 0.05;
 
 /// Everything fitted again around an effect that was found alone; its own values move along only where that is worth much: a recording
@@ -97,7 +98,7 @@ fn fitted_around(id: &str, begun: &Model, study: &Study) -> Judged {
     let mut around = study.thoroughly(&study.for_comparison(&held).model);
     of_effect(&mut around.model, &|i| as_declared[i]);
     let all = study.thoroughly(&around.model);
-    if all.identify_rms_um < (1.0 - WORTH_MOVING) * around.identify_rms_um { all } else { around }
+    if study.merit(&all) < study.merit(&around) - WORTH_MOVING { all } else { around }
 }
 
 fn finished(steps: Vec<Step>, floor: NoiseFloor, study: &Study) -> Result<Identification> {

@@ -1,0 +1,70 @@
+//! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/real_recordings.md.
+
+use hysteron::dataset::{Dataset, Role};
+use hysteron::explain::{Options, Start, explain};
+use hysteron::identification::fit::{residual, rms};
+use hysteron::identify::{add, identify};
+use hysteron::model_file::effects_named;
+use hysteron::watch::Unwatched;
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::delay;
+use hysteron_tests::beside;
+use hysteron_tests::measured::{record, stage};
+
+/// Sampling periods by which the readings come late.
+const LATE_SAMPLES: usize = 5;
+const LATE_S: f64 = 0.5e-3;
+
+fn late(clean: &Dataset) -> Dataset {
+    let mut out = clean.clone();
+    for record in &mut out.records {
+        let readings = &record.displacement_um;
+        record.displacement_um = (0..readings.len()).map(|k| readings[k.saturating_sub(LATE_SAMPLES)]).collect();
+    }
+    out
+}
+
+fn errors_um(model: &Model, dataset: &Dataset) -> Vec<f64> {
+    dataset.records.iter().map(|r| rms(&residual(model, r))).collect()
+}
+
+/// A delay is named, added with its value, and the error is then that of the readings that came in time: whatever the model has beside it.
+#[test]
+fn a_delay_of_real_readings_is_named_and_added() {
+    let Some(data) = beside("measured") else { return };
+    let clean = stage(vec![record(&data, "20_hz_no_lp", 1.5, Role::Identify), record(&data, "40_hz_no_lp", 1.5, Role::Validate)]);
+    let late = late(&clean);
+    for ids in ["hysteresis,creep,vibration", "hysteresis,creep"] {
+        let model = identify(&clean, &effects_named(ids).expect("known"), &Unwatched).expect("it can be fitted").model;
+        let found = explain(&late, Start::Model(model.clone()), &Options::default(), &Unwatched).expect("it can be explained");
+        let named = found.diagnosis.findings.iter().any(|f| f.effects.first().is_some_and(|id| id == delay::ID));
+        assert!(named, "{ids}: {}", found.diagnosis.sentence);
+        let effect = effects_named(delay::ID).expect("known").remove(0);
+        let added = add(&effect, model.clone(), &late, &Unwatched).expect("it can be added").model;
+        let value_s = added.values(delay::ID).expect("it has a delay")[0];
+        println!("{ids}: {:.4} ms, {:?} um against {:?} um in time", 1e3 * value_s, errors_um(&added, &late), errors_um(&model, &clean));
+        assert!((value_s - LATE_S).abs() < 0.01e-3, "{ids}: {value_s} s");
+        for (with_delay, in_time) in errors_um(&added, &late).iter().zip(errors_um(&model, &clean)) {
+            assert!(*with_delay < 1.1 * in_time, "{ids}: {with_delay} and {in_time} um");
+        }
+    }
+}
+
+/// The order in which records are given is no knowledge.
+#[test]
+fn the_order_of_real_records_does_not_matter() {
+    let Some(data) = beside("measured") else { return };
+    let roles = [("sine50_1", Role::Identify), ("20_hz_no_lp", Role::Identify), ("40_hz_no_lp", Role::Validate)];
+    let records: Vec<_> = roles.iter().map(|(name, role)| record(&data, name, 1.5, *role)).collect();
+    let gain = effects_named("gain").expect("known");
+    let end = |records: Vec<_>| {
+        let dataset = stage(records);
+        explain(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained").model
+    };
+    let (one, other) = (end(records.clone()), end(records.iter().rev().cloned().collect()));
+    assert_eq!(one.effect_ids(), other.effect_ids());
+    let dataset = stage(records);
+    for (a, b) in errors_um(&one, &dataset).iter().zip(errors_um(&other, &dataset)) {
+        assert!((a / b - 1.0).abs() < 0.01, "{a} and {b} um");
+    }
+}
