@@ -22,19 +22,22 @@ mod write_whole;
 
 use std::process::ExitCode;
 
-/// A reader that has seen enough (`hysteron ... | head`) ends the program without a word.
-fn end_quietly_with_the_reader() {
+/// A reader that has seen enough (`hysteron ... | head`) ends the program without a word, and a decoder that stumbles over a damaged file says
+/// nothing: the error does.
+fn keep_panics_from_users() {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         let text = panic.payload().downcast_ref::<String>().map_or("", String::as_str);
         if text.starts_with("failed printing to stdout") {
             std::process::exit(0);
         }
-        usual(panic);
+        if !hysteron::dataset::readers::foreign::is_decoding() {
+            usual(panic);
+        }
     }));
 }
 
 fn main() -> ExitCode {
-    end_quietly_with_the_reader();
+    keep_panics_from_users();
     command_line::run()
 }

@@ -3,6 +3,7 @@
 mod bytes;
 pub mod delimited;
 mod dialect;
+pub mod foreign;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod header;
@@ -88,16 +89,16 @@ pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
     }
     let table = match format_of(place, bytes) {
         Format::Npy => numpy::read_npy(place, bytes),
-        Format::Npz => numpy::read_npz(place, bytes),
+        Format::Npz => foreign::guarded(place, "NPZ", || numpy::read_npz(place, bytes)),
         Format::Matlab5 => matlab5::read(place, bytes),
         Format::Tdms => tdms::read(place, bytes),
-        Format::Wav => wav::read(place, bytes),
+        Format::Wav => foreign::guarded(place, "WAV", || wav::read(place, bytes)),
         #[cfg(feature = "hdf5")]
-        Format::Hdf5 => hdf5::read(place, bytes),
+        Format::Hdf5 => foreign::guarded(place, "HDF5", || hdf5::read(place, bytes)),
         #[cfg(feature = "parquet")]
-        Format::Parquet => parquet::read(place, bytes),
+        Format::Parquet => foreign::guarded(place, "Parquet", || parquet::read(place, bytes)),
         #[cfg(feature = "spreadsheet")]
-        Format::Spreadsheet => spreadsheet::read(place, bytes),
+        Format::Spreadsheet => foreign::guarded(place, "XLSX", || spreadsheet::read(place, bytes)),
         Format::Text => delimited::read(place, bytes, hints),
         Format::Refused(what) => Err(Error::new(place, format!("is {what}; expected {FORMATS}"))),
         #[allow(unreachable_patterns)]
