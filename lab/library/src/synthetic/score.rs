@@ -22,9 +22,9 @@ pub struct CaseScore {
     pub verdict: &'static str,
     /// What it names.
     pub named: Vec<String>,
-    /// The hidden effect is first, or nothing is named where nothing (known) is missing.
+    /// The hidden effects are named and no others, or nothing is named where nothing (known) is missing.
     pub right_first: bool,
-    /// Right first, or within an ambiguous set.
+    /// Right first, or within an ambiguous set of at most three.
     pub right_in_set: bool,
     /// Something is named that is not missing.
     pub false_discovery: bool,
@@ -80,21 +80,10 @@ pub fn score_case(dataset: &Dataset, truth: &Truth) -> Result<CaseScore> {
     let found = explain(dataset, Start::Effects(&base), &Options::default(), &Unwatched)?;
     let named = found.diagnosis.named.clone();
     let mut missing: Vec<String> = truth.hidden.iter().chain(&truth.second).cloned().collect();
-    let outside = missing.iter().any(|id| id.starts_with("outside_library"));
     let verdict = found.diagnosis.verdict;
     let (survives, left_by_refit_um) = left_by_refit(&found.steps[0].judged, truth.noise_um);
-    let all: Vec<String> = missing.iter().chain(&truth.also).cloned().collect();
-    let (right_first, right_in_set) = if outside {
-        (verdict == Verdict::Unexplained, verdict == Verdict::Unexplained)
-    } else if missing.is_empty() {
-        (verdict == Verdict::AtFloor, verdict == Verdict::AtFloor || named.is_empty())
-    } else {
-        let first = named.first().is_some_and(|id| all.contains(id)) && verdict == Verdict::Named;
-        let both = missing.iter().all(|id| named.contains(id));
-        (first && both, both)
-    };
-    let nothing_said = verdict == Verdict::AtFloor && !survives && !missing.is_empty();
-    let (right_first, right_in_set) = (right_first || nothing_said, right_in_set || nothing_said);
+    let sets: Vec<Vec<String>> = found.diagnosis.findings.iter().map(|f| f.effects.clone()).collect();
+    let marks = Said { verdict, sets: &sets, others_changed: !found.diagnosis.changed.is_empty() }.against(&missing, &truth.also, survives);
     if missing.is_empty() {
         missing.push("none".into());
     }
@@ -103,9 +92,9 @@ pub fn score_case(dataset: &Dataset, truth: &Truth) -> Result<CaseScore> {
         case: truth.name.clone(),
         hidden: missing.join("+"),
         verdict: verdict.word(),
-        right_first,
-        right_in_set,
-        false_discovery: verdict == Verdict::Named && named.iter().any(|id| !all.contains(id)),
+        right_first: marks.right_first,
+        right_in_set: marks.right_in_set,
+        false_discovery: marks.false_discovery,
         named,
         survives,
         left_by_refit_um,
@@ -115,6 +104,47 @@ pub fn score_case(dataset: &Dataset, truth: &Truth) -> Result<CaseScore> {
         strongest_share: found.diagnosis.candidates.first().map_or(0.0, |c| c.explained_share),
         seconds: 0.0,
     })
+}
+
+/// A set of more effects than this says too little to be right.
+const SET_MAX: usize = 3;
+
+/// What a diagnosis claims.
+struct Said<'a> {
+    verdict: Verdict,
+    /// Effects that are said to be missing; more than one where it says "or".
+    sets: &'a [Vec<String>],
+    /// Values of effects that are there are said to have changed.
+    others_changed: bool,
+}
+
+/// How a claim compares with the truth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Marks {
+    right_first: bool,
+    right_in_set: bool,
+    false_discovery: bool,
+}
+
+impl Said<'_> {
+    /// As a sceptic counts: a name too many is wrong, an "or" among many says nothing, and where nothing is missing only `at_floor` is right.
+    fn against(&self, missing: &[String], also: &[String], survives: bool) -> Marks {
+        let is_true = |id: &String| missing.contains(id) || also.contains(id);
+        let claims = matches!(self.verdict, Verdict::Named | Verdict::Ambiguous);
+        let false_discovery = claims && self.sets.iter().any(|set| !set.iter().any(is_true));
+        let outside = missing.iter().any(|id| id.starts_with("outside_library"));
+        let (right_first, right_in_set) = if outside {
+            (self.verdict == Verdict::Unexplained, self.verdict == Verdict::Unexplained)
+        } else if missing.is_empty() || (!survives && self.verdict == Verdict::AtFloor) {
+            let quiet = self.verdict == Verdict::AtFloor && !self.others_changed;
+            (quiet, quiet)
+        } else {
+            let all_there = missing.iter().all(|id| self.sets.iter().any(|set| set.len() <= SET_MAX && set.contains(id)));
+            let right = claims && all_there && !false_discovery;
+            (right && self.verdict == Verdict::Named, right)
+        };
+        Marks { right_first, right_in_set, false_discovery }
+    }
 }
 
 /// Whether the fitted base model leaves more than noise in some record, and how much in the worst.
@@ -143,7 +173,8 @@ fn detected_from(cases: &[CaseScore]) -> BTreeMap<String, f64> {
         let (mut found, mut least) = (0, None);
         for (i, (nm, hit)) in sizes.iter().enumerate() {
             found += usize::from(*hit);
-            if found as f64 >= 0.9 * (i + 1) as f64 {
+            // A size that was missed is not one from which on effects are found, however many larger ones were.
+            if *hit && found as f64 >= 0.9 * (i + 1) as f64 {
                 least = Some(*nm);
             }
         }
@@ -181,5 +212,58 @@ pub fn summarise(cases: Vec<CaseScore>) -> Score {
         seconds_max: cases.iter().map(|c| c.seconds).fold(0.0, f64::max),
         confusion,
         cases,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ids(names: &[&str]) -> Vec<String> {
+        names.iter().map(|n| (*n).to_owned()).collect()
+    }
+
+    fn marks(verdict: Verdict, sets: &[&[&str]], missing: &[&str]) -> (bool, bool, bool) {
+        let sets: Vec<Vec<String>> = sets.iter().map(|set| ids(set)).collect();
+        let m = Said { verdict, sets: &sets, others_changed: false }.against(&ids(missing), &[], true);
+        (m.right_first, m.right_in_set, m.false_discovery)
+    }
+
+    #[test]
+    fn a_sceptic_counts() {
+        assert_eq!(marks(Verdict::Named, &[&["creep"]], &["creep"]), (true, true, false));
+        assert_eq!(marks(Verdict::Named, &[&["creep"], &["delay"]], &["creep"]), (false, false, true), "a name too many");
+        assert_eq!(marks(Verdict::Named, &[&["creep"]], &["creep", "delay"]), (false, false, false), "one of two");
+        assert_eq!(marks(Verdict::Ambiguous, &[&["delay", "creep"]], &["creep"]), (false, true, false));
+        assert_eq!(marks(Verdict::Ambiguous, &[&["a", "b", "c", "creep"]], &["creep"]), (false, false, false), "an or among many");
+        assert_eq!(marks(Verdict::Ambiguous, &[&["a", "b"]], &["creep"]), (false, false, true));
+        assert_eq!(marks(Verdict::Unexplained, &[&["creep"]], &["creep"]), (false, false, false));
+        assert_eq!(marks(Verdict::AtFloor, &[], &[]), (true, true, false));
+        assert_eq!(marks(Verdict::Unexplained, &[], &[]), (false, false, false), "nothing is missing, and it says that something is");
+        assert_eq!(marks(Verdict::Named, &[&["creep"]], &[]), (false, false, true));
+        assert_eq!(marks(Verdict::Unexplained, &[], &["outside_library_contact"]), (true, true, false));
+    }
+
+    #[test]
+    fn the_least_size_is_one_that_was_found() {
+        let case = |nm: f64, hit: bool| CaseScore {
+            case: String::new(),
+            hidden: "creep".into(),
+            verdict: if hit { "named" } else { "unexplained" },
+            named: Vec::new(),
+            right_first: hit,
+            right_in_set: hit,
+            false_discovery: false,
+            validate_over_noise: 1.0,
+            survives: true,
+            left_by_refit_um: 0.0,
+            effect_um: 1e-3 * nm,
+            least_p_value: 0.0,
+            strongest_share: 1.0,
+            seconds: 0.0,
+        };
+        let mut cases: Vec<CaseScore> = (0..18).map(|i| case(100.0 + f64::from(i), true)).collect();
+        cases.extend([case(3.0, false), case(2.0, false)]);
+        assert_eq!(detected_from(&cases).get("creep").map(|nm| nm.round()), Some(100.0));
     }
 }
