@@ -1,7 +1,8 @@
 //! What a search has found is taken back as far as the data do not need it, and asked for rivals: what else would do in its place.
 //!
 //! Each added effect is looked at alone: the model without it is fitted again, the effect must be in what that model leaves, and the model
-//! with it must be better by a rule of [`super::decision`]. The one that is needed least goes first. Whatever else explains much of what
+//! with it must be better by a rule of [`super::decision`]. The one that is needed least goes first. Where none can go alone, two may go
+//! together: a pair that makes up for badly begun values of a third is not missed once that has begun again. Whatever else explains much of what
 //! the model without an effect leaves is fitted in its place; where the data do not tell the two apart, both are named.
 
 use super::decision::{Decision, decide};
@@ -97,6 +98,12 @@ pub fn reduce(study: &Study, found: &Judged, added: &[String]) -> crate::error::
         let screenings = match refused(&unweighed) {
             Some((i, decision)) => Err((i, decision)),
             None => {
+                if let Some((pair, without_pair, decision)) = pair_not_needed(study, &judged, &added, &may_leave)? {
+                    judged = without_pair;
+                    added.retain(|id| !pair.contains(id) && judged.model.effect(id).is_some());
+                    taken_back.extend(pair.into_iter().map(|id| (id, decision.clone())));
+                    continue;
+                }
                 study.watch.event(&Event::Doing("weighing the evidence for each effect"));
                 weigh_each(study, &added, &without, &judged, &may_leave)?
             }
@@ -123,6 +130,27 @@ pub fn reduce(study: &Study, found: &Judged, added: &[String]) -> crate::error::
             }
         }
     }
+}
+
+/// Two added effects without which the rest, begun again, does as well; the two whose lack is felt least are tried.
+fn pair_not_needed(
+    study: &Study,
+    judged: &Judged,
+    added: &[String],
+    may_leave: &dyn Fn(&String) -> bool,
+) -> crate::error::Result<Option<([String; 2], Judged, Decision)>> {
+    let leaving: Vec<&String> = added.iter().filter(|id| may_leave(id)).collect();
+    if added.len() < 3 || leaving.len() < 2 {
+        return Ok(None);
+    }
+    let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [*a, *b])).collect();
+    let quick = parallel::map(&pairs, |[a, b]| study.quickly(&study.without(&study.without(&judged.model, a), b)));
+    let nearest = quick.into_iter().zip(pairs).min_by(|(x, _), (y, _)| study.merit(x).total_cmp(&study.merit(y)));
+    let Some((quick, [a, b])) = nearest.filter(|(quick, _)| missed(study, quick, judged) < CLEARLY_BEHIND) else { return Ok(None) };
+    let begun = study.begun_again(&study.for_comparison(&quick.model))?;
+    let without = study.judged(begun.model);
+    let decision = decide(study, &without, judged, None);
+    Ok((!decision.admits()).then(|| ([a.clone(), b.clone()], without, decision)))
 }
 
 /// What was weighed of all effects, or the one that is not in what the model without it leaves.
