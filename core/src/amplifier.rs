@@ -91,8 +91,10 @@ pub enum Refusal {
     Faulted,
     /// The sensor has not been healthy long enough.
     NotYetHealthy,
-    /// Only at rest.
+    /// Only at rest, the ramp there ended.
     NotAtRest,
+    /// There is no valid parameter block, and nothing but a block and a restart helps.
+    NoBlock,
 }
 
 /// The amplifier with all its state.
@@ -103,6 +105,7 @@ pub struct Amplifier {
     guard: Guard,
     mode: Mode,
     fault: Option<Fault>,
+    without_block: bool,
     reference: (Waveform, i32),
     generator: ReferenceGenerator,
     rest_before_ticks: u32,
@@ -124,6 +127,7 @@ impl Amplifier {
             guard: Guard::new(parameters.guard),
             mode: Mode::Rest,
             fault: None,
+            without_block: false,
             reference: (Waveform::Constant, 0),
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
             rest_before_ticks: 0,
@@ -140,6 +144,13 @@ impl Amplifier {
     pub fn refuse(&mut self, fault: Fault) {
         self.fault.get_or_insert(fault);
         self.mode = Mode::Fault;
+    }
+
+    /// Stops for want of a parameter block. A fault that was found before stays in front; when it has been cleared this one is named, and
+    /// nothing clears it.
+    pub fn refuse_without_block(&mut self) {
+        self.without_block = true;
+        self.refuse(Fault::ParameterBlock);
     }
 
     /// Takes a command.
@@ -159,8 +170,11 @@ impl Amplifier {
                     if !self.guard.healthy() {
                         return Err(Refusal::NotYetHealthy);
                     }
-                    self.fault = None;
-                    self.mode = Mode::Rest;
+                    if self.without_block && self.fault == Some(Fault::ParameterBlock) {
+                        return Err(Refusal::NoBlock);
+                    }
+                    self.fault = self.without_block.then_some(Fault::ParameterBlock);
+                    self.mode = if self.without_block { Mode::Fault } else { Mode::Rest };
                 }
                 return Ok(());
             }
@@ -213,7 +227,7 @@ impl Amplifier {
     }
 
     fn at_rest(&self) -> Result<(), Refusal> {
-        if self.mode == Mode::Rest { Ok(()) } else { Err(Refusal::NotAtRest) }
+        if self.mode == Mode::Rest && self.drive_rests() { Ok(()) } else { Err(Refusal::NotAtRest) }
     }
 
     fn begin_reference(&mut self) {
@@ -305,6 +319,13 @@ impl Amplifier {
             self.mode = Mode::Rest;
         }
         code
+    }
+
+    /// Whether the drive is at its rest code.
+    #[inline]
+    #[must_use]
+    pub fn drive_rests(&self) -> bool {
+        self.code == self.parameters.guard.rest_code
     }
 
     /// What it is doing.

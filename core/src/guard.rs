@@ -13,7 +13,7 @@
 //! | tracking error | larger than the limit for longer than allowed, loop closed | ramp to rest |
 //! | drive slew | the law asked for more than the amplifier's slew limit, which it never gets, in most of so many ticks | ramp to rest |
 //! | overrun | a tick was still running when the next was due | ramp to rest |
-//! | parameter block, watchdog, brown-out, hard fault | at start, from the reset's cause | rest |
+//! | parameter block, watchdog, brown-out, hard fault, clock lost | at start, from the reset's cause | rest |
 
 /// What can be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,11 +41,13 @@ pub enum Fault {
     BrownOut = 10,
     /// The processor had stopped on an error.
     HardFault = 11,
+    /// The crystal had stopped.
+    ClockLost = 12,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 11] = [
+    pub const ALL: [(Self, &'static str); 12] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -57,6 +59,7 @@ impl Fault {
         (Self::Watchdog, "watchdog"),
         (Self::BrownOut, "brown-out"),
         (Self::HardFault, "hard fault"),
+        (Self::ClockLost, "clock lost"),
     ];
 
     /// Its name.

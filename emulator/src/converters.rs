@@ -4,6 +4,11 @@
 //! Each SPI word carries its instant. The first read of the sensor fixes the phase of the sample clock's edges; from then on every
 //! edge that has passed carries the plant over one period under the code that acted, and only then lets the code that was written
 //! before act. The plant, the noise and the order of both are those of the host's simulation, so the codes can be compared bit by bit.
+//!
+//! The drive's converter wakes up, from power and from the part's reset (RESET on NRST, as the wiring page has it), with its output clamped to
+//! ground and code 0, the lowest drive, in its register; a clamp that is removed before the register was written shows. A code that is written while
+//! the sample clock does not beat acts when its frame ends, because the firmware then holds LDAC low; so does one that is written
+//! [`BY_HAND_NS`] or more after the last reading, when only a handler of faults still writes.
 
 use std::sync::{Arc, Mutex};
 
@@ -16,6 +21,10 @@ pub const PERIOD_NS: u64 = 50_000;
 
 /// Silence of the target after which its next read begins a new phase of the sample clock: a restart takes milliseconds.
 const RESTARTED_NS: u64 = 400_000;
+
+/// Time since the last reading after which a frame acts when it ends: the tick writes within microseconds of its reading, and a handler of
+/// faults holds LDAC low.
+const BY_HAND_NS: u64 = 30_000;
 
 /// What is wrong with the sensor, and when (edges, from included, to excluded).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +54,15 @@ pub struct World {
     sensor: Sensor,
     acting_code: u16,
     written_code: u16,
+    /// The drive's output is clamped to ground, which is this code.
+    clamped: bool,
+    ground_code: u16,
+    /// No edge has come since the last reset.
+    waiting_for_beat: bool,
     first_edge_ns: Option<u64>,
+    began_ns: Option<u64>,
+    /// The lowest code that acted without waiting for an edge.
+    pub lowest_between_edges: u16,
     last_read_ns: Option<u64>,
     edges: u64,
     last_code: u16,
@@ -71,7 +88,12 @@ impl World {
             bench: bench.clone(),
             acting_code: rest,
             written_code: rest,
+            clamped: false,
+            ground_code: bench.converter_scale().dac_code(0.0),
+            waiting_for_beat: true,
             first_edge_ns: None,
+            began_ns: None,
+            lowest_between_edges: u16::MAX,
             last_read_ns: None,
             edges: 0,
             last_code: 0,
@@ -92,7 +114,8 @@ impl World {
         if self.edges > 0 {
             self.plant.tick(self.bench.converter_scale().drive_v(self.acting_code));
         }
-        let acted = std::mem::replace(&mut self.acting_code, self.written_code);
+        let next = if self.clamped { self.ground_code } else { self.written_code };
+        let acted = std::mem::replace(&mut self.acting_code, next);
         let honest = if self.wire { acted } else { self.sensor.read_code(&self.plant) };
         let now = self.edges;
         let trouble = self.troubles.iter().find(|trouble| (trouble.from..trouble.to).contains(&now));
@@ -112,6 +135,44 @@ impl World {
         self.written_code = code;
     }
 
+    /// The drive's converter wakes up: clamped to ground, its register empty.
+    pub fn wake_converter(&mut self, now_ns: u64) {
+        self.pass_edges(now_ns);
+        (self.clamped, self.written_code, self.waiting_for_beat) = (true, 0, true);
+        self.acting_code = self.ground_code;
+    }
+
+    /// The instant of the first edge, ns.
+    #[must_use]
+    pub fn began_ns(&self) -> u64 {
+        self.began_ns.unwrap_or(0)
+    }
+
+    /// Lets the edges before an instant pass.
+    fn pass_edges(&mut self, now_ns: u64) {
+        let Some(first) = self.first_edge_ns else { return };
+        while first + self.edges * PERIOD_NS < now_ns {
+            self.edge();
+        }
+    }
+
+    /// A frame of the drive's converter that ends at an instant.
+    fn frame(&mut self, word: u32, now_ns: u64) {
+        self.pass_edges(now_ns);
+        match (word >> 20, u16::try_from(word >> 4 & 0xffff)) {
+            (1, Ok(code)) => self.written_code = code,
+            // Output on ground, or three-state: bits 2 and 3.
+            (2, _) => self.clamped = word & 0b1100 != 0,
+            _ => return,
+        }
+        let by_hand = self.last_read_ns.is_none_or(|last| now_ns.saturating_sub(last) >= BY_HAND_NS);
+        if self.waiting_for_beat || by_hand {
+            self.acting_code = if self.clamped { self.ground_code } else { self.written_code };
+            // What has acted in between is seen at the next edge, however short it was.
+            self.lowest_between_edges = self.lowest_between_edges.min(self.acting_code);
+        }
+    }
+
     /// The code that acts now.
     #[must_use]
     pub fn acting_code(&self) -> u16 {
@@ -120,6 +181,7 @@ impl World {
 
     /// Lets all edges up to an instant pass and returns the sensor's code of the last one.
     fn read_at(&mut self, now_ns: u64) -> u16 {
+        self.began_ns.get_or_insert(now_ns);
         let mut first = *self.first_edge_ns.get_or_insert(now_ns);
         if self.last_read_ns.is_some_and(|last| now_ns.saturating_sub(last) > RESTARTED_NS) {
             // The part has restarted and its sample clock beats in another phase: this read is at an edge.
@@ -128,6 +190,7 @@ impl World {
             self.first_edge_ns = Some(first);
         }
         self.last_read_ns = Some(now_ns);
+        self.waiting_for_beat = false;
         // The interrupt's latency is far below half a period.
         let passed = (now_ns.saturating_sub(first) + PERIOD_NS / 2) / PERIOD_NS + 1;
         while self.edges < passed {
@@ -171,18 +234,26 @@ impl DriveConverter {
     /// On this world.
     #[must_use]
     pub fn new(world: &SharedWorld) -> Self {
+        if let Ok(mut world) = world.lock() {
+            world.wake_converter(0);
+        }
         Self { world: Arc::clone(world) }
     }
 }
 
 impl Peer for DriveConverter {
-    fn transfer(&mut self, mosi: u32, bits: u8, _: &mut Timeline<'_, '_>) -> u32 {
+    fn transfer(&mut self, mosi: u32, bits: u8, context: &mut Timeline<'_, '_>) -> u32 {
         if bits == 24
-            && mosi >> 20 == 1
-            && let (Ok(mut world), Ok(code)) = (self.world.lock(), u16::try_from(mosi >> 4 & 0xffff))
+            && let Ok(mut world) = self.world.lock()
         {
-            world.write(code);
+            world.frame(mosi, context.now().0);
         }
         0
+    }
+
+    fn restarted(&mut self, context: &mut Timeline<'_, '_>) {
+        if let Ok(mut world) = self.world.lock() {
+            world.wake_converter(context.now().0);
+        }
     }
 }

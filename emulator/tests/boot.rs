@@ -5,8 +5,11 @@ mod common;
 use common::image;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::{MILLISECOND, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
+use rigless::mcu::Mcu;
+use rigless::soc::Layout;
+use rigless::soc::stm32h743::generated::{gpioa, tim2};
 
 #[test]
 fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
@@ -40,10 +43,37 @@ fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
         let deviation = (ticks - counts[0].1) as i64 - since_first_ns / 50_000;
         assert!(deviation.abs() <= 20, "{counts:?}");
     }
+    lines_of_the_converters(&outcome);
     let world = world.lock().expect("the world");
     let rest = bench.converter_scale().dac_code(bench.drive_min_v);
     // The converters saw every edge: the beat began at most 4 ms after the start and is exact.
     let expected = until_ns / 50_000;
     assert!((expected - 80..=expected).contains(&(world.codes.len() as u64)), "{} edges", world.codes.len());
     assert!(world.codes.iter().all(|(_, acting)| *acting == rest), "always the safe output");
+    assert!(world.lowest_between_edges >= rest, "the clamp goes only when the register holds rest: {}", world.lowest_between_edges);
+}
+
+fn register<L: Layout>(outcome: &Outcome, instance: &str, register: L) -> u64 {
+    outcome.board.mcu.bus().registers(instance).expect("an instance").get(register)
+}
+
+/// The emulated timer does not move pins, so what moves CNV and LDAC is asserted as registers (RM0433, 39.4 and 11.4).
+fn lines_of_the_converters(outcome: &Outcome) {
+    let timer = |name| register(outcome, "TIM2", name);
+    // 200 MHz: 50 us, CNV high for 500 ns, LDAC low for 200 ns, the interrupt after 1 us.
+    assert_eq!(timer(tim2::Register::Arr), 9_999);
+    assert_eq!((timer(tim2::Register::Ccr1), timer(tim2::Register::Ccr3), timer(tim2::Register::Ccr4)), (100, 40, 200));
+    // Output compare: channel 1 high below its count (PWM mode 1), channel 3 low (PWM mode 2); both on and not inverted.
+    assert_eq!(timer(tim2::Register::Ccmr1Output) >> 4 & 7, 6);
+    assert_eq!(timer(tim2::Register::Ccmr2Output) >> 4 & 7, 7);
+    assert_eq!(timer(tim2::Register::Ccer) & 0xFFF, 0x101);
+    assert_eq!(timer(tim2::Register::Dier) & 0x1F, 1 << 4, "compare 4 alone raises the interrupt");
+    // PA0 and PB10 are the timer's (alternate function 1), PC9 is an output, PA5 and PA6 are SPI1's, PC10 and PC12 SPI3's.
+    let mode = |port, pin: u64| register(outcome, port, gpioa::Register::Moder) >> (2 * pin) & 3;
+    let low = |port, pin: u64| register(outcome, port, gpioa::Register::Afrl) >> (4 * pin) & 15;
+    let high = |port, pin: u64| register(outcome, port, gpioa::Register::Afrh) >> (4 * (pin - 8)) & 15;
+    assert_eq!([mode("GPIOA", 0), mode("GPIOA", 5), mode("GPIOA", 6), mode("GPIOB", 10)], [2; 4]);
+    assert_eq!([mode("GPIOC", 10), mode("GPIOC", 12), mode("GPIOC", 9)], [2, 2, 1]);
+    assert_eq!([low("GPIOA", 0), low("GPIOA", 5), low("GPIOA", 6), high("GPIOB", 10)], [1, 5, 5, 1]);
+    assert_eq!([high("GPIOC", 10), high("GPIOC", 12)], [6; 2]);
 }

@@ -118,6 +118,25 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
 }
 
 #[test]
+fn a_restart_waits_for_the_end_of_the_ramp() {
+    let world = world();
+    let script = Script {
+        block: Some(block(&parameters())),
+        commands: vec![
+            (4 * MILLISECOND, b"reference constant 9000\nenable\n".to_vec()),
+            (100 * MILLISECOND, b"disable\n".to_vec()),
+            // The ramp takes 40 ms.
+            (110 * MILLISECOND, b"restart\nplay sine 1000 1000 1000 10\n".to_vec()),
+            (180 * MILLISECOND, b"restart\n".to_vec()),
+        ],
+        ..Script::listening(200 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    assert_eq!(outcome.texts_with("only at rest").count(), 2, "{:?}", texts(&outcome));
+    assert_eq!(outcome.resets, 1, "{:?}", texts(&outcome));
+}
+
+#[test]
 fn no_mode_drives_faster_than_the_slew_limit() {
     let world = world();
     let mut parameters = parameters();

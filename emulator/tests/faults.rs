@@ -7,7 +7,7 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::guard::Fault;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
-use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, address_of, halfword_at, run};
+use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, halfword_at, run};
 use hysteron_sim::bench::{Bench, Variant};
 
 const ENABLED_AT: u32 = 300;
@@ -94,7 +94,7 @@ fn a_corrupt_block_is_refused_with_its_reason_and_the_drive_rests() {
 }
 
 /// Closed loop, then something happens to the processor; `clear` and `enable` bring the loop back. Returns the run and the acting codes.
-fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Vec<(u16, u16)>) {
+fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Codes) {
     let bench = Bench::reference().expect("the bench");
     let world = World::new(&bench, Variant::PLAIN, 3).shared();
     let mut parameters = parameters();
@@ -109,14 +109,24 @@ fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Vec<(u16, u16
         ..Script::listening(400 * MILLISECOND)
     };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    let codes = world.lock().expect("the world").codes.clone();
-    (outcome, codes)
+    let world = world.lock().expect("the world");
+    (outcome, Codes { codes: world.codes.clone(), began_ns: world.began_ns(), lowest_between_edges: world.lowest_between_edges })
+}
+
+/// What the converters saw.
+struct Codes {
+    codes: Vec<(u16, u16)>,
+    began_ns: u64,
+    lowest_between_edges: u16,
 }
 
 /// The drive rests from a while after `at_ns` until the loop is closed again, and then it is closed.
-fn rests_and_comes_back(outcome: &Outcome, codes: &[(u16, u16)], from_ns: u64, fault: Fault) {
+fn rests_and_comes_back(outcome: &Outcome, seen: &Codes, from_ns: u64, fault: Fault) {
+    let codes = &seen.codes;
     let rest = parameters().guard.rest_code;
-    let edge = |at_ns: u64| (at_ns / 50_000) as usize;
+    // The first edge at or after an instant; it shows what acts from it on.
+    let edge = |at_ns: u64| (at_ns - seen.began_ns).div_ceil(50_000) as usize;
+    assert!(seen.lowest_between_edges >= rest, "no code but rest acts by hand: {}", seen.lowest_between_edges);
     assert!(codes[edge(90 * MILLISECOND)].1 > rest + 1000, "closed before");
     assert!(codes[edge(from_ns)..edge(295 * MILLISECOND)].iter().all(|(_, acting)| *acting == rest), "rests");
     assert_eq!(outcome.texts_with(&format!("mode fault: {}", fault.name())).count(), 1, "{:?}", texts(outcome));
@@ -152,9 +162,44 @@ fn an_overrun() {
 fn a_hard_fault() {
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
     let (outcome, codes) = with_injections(vec![(100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED })]);
-    // At rest with the second edge, long before the ramp of the other faults would be.
-    rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 150_000, Fault::HardFault);
+    // At once: the interrupt that fails begins within 50 us, and neither the edge after it nor the restart 100 us later is waited for.
+    rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::HardFault);
     assert_eq!(outcome.resets, 1);
+}
+
+#[test]
+fn an_overflow_of_the_stack_is_a_hard_fault_that_keeps_what_it_needs() {
+    const PUSH_ALL: u16 = 0xB5FF;
+    const BACK_TO_IT: u16 = 0xE7FD;
+    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    let (outcome, codes) = with_injections(vec![
+        (100 * MILLISECOND, Injection::Halfword { address: handler + 2, value: BACK_TO_IT }),
+        (100 * MILLISECOND, Injection::Halfword { address: handler, value: PUSH_ALL }),
+    ]);
+    // 70 kB of stack are filled first, in 2 ms at most.
+    rests_and_comes_back(&outcome, &codes, 102 * MILLISECOND, Fault::HardFault);
+    assert_eq!(outcome.resets, 1);
+}
+
+#[test]
+fn without_a_block_the_cause_of_a_restart_is_named_and_nothing_closes_a_loop() {
+    let bench = Bench::reference().expect("the bench");
+    let world = World::new(&bench, Variant::PLAIN, 3).shared();
+    let script = Script {
+        commands: vec![(130 * MILLISECOND, b"clear\nenable\n".to_vec()), (150 * MILLISECOND, b"clear\nenable\ncondition\n".to_vec())],
+        injections: vec![(10 * MILLISECOND, Injection::Restart { flags: WATCHDOG_FLAG })],
+        ..Script::listening(180 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let texts = texts(&outcome);
+    let position = |part: &str| texts.iter().rposition(|text| text.contains(part)).unwrap_or_else(|| panic!("{part}: {texts:?}"));
+    assert!(position("last restart: watchdog") < position("mode fault: watchdog"), "{texts:?}");
+    assert!(position("mode fault: watchdog") < position("mode fault: parameter block"), "{texts:?}");
+    assert!(position("mode fault: parameter block") < position("no valid parameter block"), "{texts:?}");
+    assert_eq!(outcome.texts_with("mode closed").count() + outcome.texts_with("mode rest").count(), 0, "{texts:?}");
+    let world = world.lock().expect("the world");
+    let rest = bench.converter_scale().dac_code(0.0);
+    assert!(world.codes.iter().all(|(_, acting)| *acting == rest) && world.lowest_between_edges >= rest);
 }
 
 #[test]

@@ -84,6 +84,7 @@ fn refusal_text(refusal: Refusal) -> &'static str {
         Refusal::Faulted => "a fault is latched",
         Refusal::NotYetHealthy => "the sensor has not been healthy long enough",
         Refusal::NotAtRest => "only at rest",
+        Refusal::NoBlock => "no valid parameter block: bring one, then `restart`",
     }
 }
 
@@ -115,10 +116,11 @@ fn answer(what: &'static str, result: Result<(), &'static str>) {
     }
 }
 
-/// At rest or stopped by a fault: the drive does not move.
+/// At rest or stopped by a fault, the ramp to rest ended: the drive does not move.
 fn drive_rests() -> Result<(), &'static str> {
     let mode = control::flags() as u8;
-    if mode == Mode::Rest as u8 || mode == Mode::Fault as u8 { Ok(()) } else { Err("only at rest") }
+    let rests = mode == Mode::Rest as u8 || mode == Mode::Fault as u8;
+    if rests && control::drive_rests() { Ok(()) } else { Err("only at rest") }
 }
 
 fn submit(at: Option<u32>, command: Command) {

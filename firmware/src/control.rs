@@ -156,6 +156,7 @@ static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
 static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static FLAGS: AtomicU32 = AtomicU32::new(0);
+static DRIVE_RESTS: AtomicBool = AtomicBool::new(true);
 
 /// What the tasks may know of the interrupt.
 #[derive(Clone, Copy, defmt::Format)]
@@ -200,6 +201,11 @@ pub fn ticks() -> u32 {
 /// Mode (low byte) and fault (next byte) of the last tick.
 pub fn flags() -> u32 {
     FLAGS.load(Ordering::Relaxed)
+}
+
+/// Whether the drive is at its rest code.
+pub fn drive_rests() -> bool {
+    DRIVE_RESTS.load(Ordering::Relaxed)
 }
 
 /// Ticks that found the sample queue full.
@@ -276,6 +282,7 @@ extern "C" fn TIM2() {
     control.tick = control.tick.wrapping_add(1);
     TICKS.store(control.tick, Ordering::Relaxed);
     FLAGS.store(u32::from(sample.flags), Ordering::Relaxed);
+    DRIVE_RESTS.store(control.amplifier.drive_rests(), Ordering::Relaxed);
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
     keep_largest(&MOST_TICK_CYCLES, cycles);
     let recent = RECENT_TICK_CYCLES.load(Ordering::Relaxed);

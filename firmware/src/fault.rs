@@ -1,14 +1,15 @@
 //! What ends or restarts the program, and that the drive is at rest whenever it does.
 //!
-//! A panic or a hard fault first writes the rest code to the drive's converter: the sample clock goes on latching without the
-//! processor, so the drive rests at the next edge. It then leaves a mark in memory that survives a reset, and restarts. The watchdog
-//! restarts a program whose ticks or tasks have stopped. At start [`cause_of_last_restart`] names what happened, and the amplifier
-//! stays at rest until that fault is cleared.
+//! A panic, a hard fault (an overflow of the stack is one, [`crate::stack`]) or a lost crystal (the clock security system's NMI) first sets the
+//! drive's converter up anew and puts the rest code on it, at once and from any state ([`FrontEnd::force`]). It then leaves a mark in memory
+//! that survives a reset, and restarts. The watchdog restarts a program whose ticks or tasks have stopped. At start [`cause_of_last_restart`]
+//! names what happened, and the amplifier stays at rest until that fault is cleared.
 
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::{IWDG1, RCC};
 use hysteron_core::guard::Fault;
@@ -17,11 +18,12 @@ use crate::control::{self, ChosenFrontEnd};
 use crate::front_end::FrontEnd;
 use crate::task_clock;
 
-/// A mark that says "this program stopped itself".
-const MARK: u32 = 0x4859_5354;
+/// A mark that says "this program stopped itself"; its lowest byte is the fault's number.
+const MARK: u32 = 0x4859_5300;
 #[unsafe(link_section = ".uninit.restart_mark")]
 static mut RESTART_MARK: MaybeUninit<u32> = MaybeUninit::uninit();
-static REST_CODE: AtomicU32 = AtomicU32::new(0);
+/// Until a block says what rest is: 0 V at the actuator.
+static REST_CODE: AtomicU32 = AtomicU32::new(ChosenFrontEnd::SAFE_CODE as u32);
 
 /// Watchdog period: 32 kHz / 16 counts down from this in 50 ms.
 const WATCHDOG_COUNTS: u16 = 100;
@@ -38,7 +40,7 @@ pub fn cause_of_last_restart() -> Option<Fault> {
     // SAFETY: memory that nothing initialises; any value may be there. Only thread code before the start touches it.
     let marked = unsafe {
         let mark = &raw mut RESTART_MARK;
-        let marked = mark.cast::<u32>().read_volatile() == MARK;
+        let marked = mark.cast::<u32>().read_volatile();
         mark.cast::<u32>().write_volatile(0);
         marked
     };
@@ -46,13 +48,20 @@ pub fn cause_of_last_restart() -> Option<Fault> {
     RCC.rsr().modify(|w| w.set_rmvf(true));
     if flags.iwdg1rstf() {
         Some(Fault::Watchdog)
-    } else if marked && flags.sftrstf() {
-        Some(Fault::HardFault)
+    } else if marked & !0xFF == MARK && flags.sftrstf() {
+        Fault::from_number(marked as u8)
     } else if flags.borrstf() && !flags.porrstf() {
         Some(Fault::BrownOut)
     } else {
         None
     }
+}
+
+/// Whether the cycle counter runs: with it the control interrupt finds ticks that were skipped.
+pub fn cycle_counter_runs() -> bool {
+    let before = DWT::cycle_count();
+    cortex_m::asm::delay(100);
+    DWT::cycle_count() != before
 }
 
 /// Starts the watchdog and feeds it as long as ticks and tasks go on.
@@ -73,23 +82,29 @@ pub async fn watch() {
 }
 
 /// The drive to rest, then a restart that remembers why.
-fn stop() -> ! {
+fn stop(fault: Fault) -> ! {
     cortex_m::interrupt::disable();
-    ChosenFrontEnd::new().write(REST_CODE.load(Ordering::Relaxed) as u16);
+    ChosenFrontEnd::new().force(REST_CODE.load(Ordering::Relaxed) as u16);
     // SAFETY: interrupts are off; nobody else runs any more.
-    unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK) };
+    unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK | fault as u32) };
     cortex_m::asm::dsb();
-    // Two edges of the sample clock, so that the rest code has been latched.
+    // A converter that took no code at once has two edges of the sample clock to take it.
     cortex_m::asm::delay(40_000);
     cortex_m::peripheral::SCB::sys_reset()
 }
 
 #[panic_handler]
 fn panic(_: &PanicInfo) -> ! {
-    stop()
+    stop(Fault::HardFault)
 }
 
 #[cortex_m_rt::exception]
 unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
-    stop()
+    stop(Fault::HardFault)
+}
+
+/// The crystal has stopped: the core runs from the internal oscillator, and nothing keeps its time any more.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() -> ! {
+    stop(Fault::ClockLost)
 }

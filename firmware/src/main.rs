@@ -51,7 +51,7 @@ async fn main(spawner: Spawner) {
     };
     rtt_target::set_defmt_channel(channels.up.0);
 
-    let peripherals = board::init();
+    let peripherals = board::init(stack::guard);
     let clocks = board::clocks(&peripherals);
     defmt::info!(
         "hysteron {=str}: core {=u32} Hz, control {=u32} Hz, front end {=str}",
@@ -62,8 +62,8 @@ async fn main(spawner: Spawner) {
     );
 
     let (parameters, refused) = match settings::load(SAMPLE_RATE_HZ) {
-        Ok(parameters) => (parameters, None),
-        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, ChosenFrontEnd::SAFE_CODE), Some(Fault::ParameterBlock)),
+        Ok(parameters) => (parameters, false),
+        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, ChosenFrontEnd::SAFE_CODE), true),
     };
     let c = &parameters.servo.converters;
     // What a decoder needs to turn codes into um and V, in the formats of the parameter block.
@@ -78,8 +78,16 @@ async fn main(spawner: Spawner) {
         SAMPLE_RATE_HZ
     );
     let mut amplifier = Amplifier::new(parameters);
-    if let Some(fault) = refused.or(fault::cause_of_last_restart()) {
-        amplifier.refuse(fault);
+    if let Some(cause) = fault::cause_of_last_restart() {
+        defmt::error!("last restart: {=str}", cause.name());
+        amplifier.refuse(cause);
+    }
+    if refused {
+        amplifier.refuse_without_block();
+    }
+    if !fault::cycle_counter_runs() {
+        defmt::error!("the cycle counter does not run: ticks that are skipped cannot be found");
+        amplifier.refuse(Fault::Overrun);
     }
     let mut front_end = ChosenFrontEnd::new();
     front_end.start(parameters.guard.rest_code);

@@ -176,7 +176,8 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
             tracking_ticks: u16::MAX,
             ramp_codes: 1,
             rest_code: rest,
-            healthy_ticks: u16::MAX,
+            // 0.1 s, then a fault of the last run can be cleared; that there is no block cannot.
+            healthy_ticks: (sample_rate_hz / 10) as u16,
         },
     }
 }

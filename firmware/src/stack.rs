@@ -1,10 +1,43 @@
-//! How much of the stack was ever used: painted at start, looked at on request.
+//! How much of the stack was ever used, and that it never grows into static data.
+//!
+//! The stack is painted at start and looked at on request. At its end stands a guard, a piece of memory that the memory protection unit
+//! lets nobody write: an overflow is a hard fault before it has changed anything. The hard fault's handler runs without the unit (HFNMIENA
+//! is clear) and has the guard itself for its frame.
+
+use cortex_m::peripheral::MPU;
 
 const PAINT: u32 = 0xA5A5_5A5A;
 
 unsafe extern "C" {
     static mut __euninit: u32;
     static mut _stack_start: u32;
+}
+
+/// Bytes of the guard.
+const GUARD_BYTES: u32 = 512;
+
+/// Where the guard begins: the first multiple of its size behind static data.
+fn guard_begin() -> u32 {
+    (&raw const __euninit as u32).next_multiple_of(GUARD_BYTES)
+}
+
+/// Puts the guard up.
+pub fn guard(mpu: &mut MPU) {
+    const REGION: u32 = 0;
+    /// Read-only for everybody, never executed.
+    const READ_ONLY: u32 = 1 << 28 | 0b110 << 24;
+    /// The map without regions stays what it is, and handlers of hard faults see only that.
+    const BACKGROUND: u32 = 1 << 2;
+    cortex_m::asm::dmb();
+    // SAFETY: only takes the right to write from memory that nothing may ever use.
+    unsafe {
+        mpu.rnr.write(REGION);
+        mpu.rbar.write(guard_begin());
+        mpu.rasr.write(READ_ONLY | (GUARD_BYTES.trailing_zeros() - 1) << 1 | 1);
+        mpu.ctrl.write(BACKGROUND | 1);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
 }
 
 /// Paints what is free of the stack.

@@ -24,4 +24,6 @@ pub trait FrontEnd {
     fn read(&mut self) -> Option<u16>;
     /// The drive's code for the next edge; `false` if the converter did not take it.
     fn write(&mut self, code: u16) -> bool;
+    /// The drive at a code at once, without the sample clock, from any state: clocks off, pins not set up, a frame half sent.
+    fn force(&mut self, code: u16);
 }

@@ -40,6 +40,15 @@ impl OnChipConverters {
     }
 }
 
+/// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost (RM0433, 8.5.11).
+fn enable_clocks() {
+    RCC.ahb1enr().modify(|w| w.set_adc12en(true));
+    RCC.apb1lenr().modify(|w| w.set_dac12en(true));
+    RCC.ahb4enr().modify(|w| w.set_gpioaen(true));
+    let _ = (RCC.ahb1enr().read(), RCC.apb1lenr().read(), RCC.ahb4enr().read());
+    cortex_m::asm::dsb();
+}
+
 /// Waits for a condition; goes on without it after a while, and the guard then finds the sensor silent.
 fn wait_for(mut condition: impl FnMut() -> bool) {
     for _ in 0..MOST_START_US {
@@ -57,8 +66,7 @@ impl FrontEnd for OnChipConverters {
     const INTERRUPT_AFTER_NS: u32 = 1_500;
 
     fn start(&mut self, rest_code: u16) {
-        RCC.ahb1enr().modify(|w| w.set_adc12en(true));
-        RCC.apb1lenr().modify(|w| w.set_dac12en(true));
+        enable_clocks();
         for pin in [3, 4] {
             GPIOA.moder().modify(|w| w.set_moder(pin, Moder::ANALOG));
         }
@@ -114,5 +122,13 @@ impl FrontEnd for OnChipConverters {
     fn write(&mut self, code: u16) -> bool {
         DAC1.dhr12r(0).write(|w| w.set_dhr(code.min(Self::MOST_CODE)));
         true
+    }
+
+    fn force(&mut self, code: u16) {
+        enable_clocks();
+        DAC1.cr().modify(|w| w.set_ten(0, false));
+        // Without a trigger a code acts one bus cycle later.
+        self.write(code);
+        DAC1.cr().modify(|w| w.set_en(0, true));
     }
 }

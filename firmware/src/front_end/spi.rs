@@ -7,11 +7,13 @@
 //! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 25 MHz) | written by the control interrupt |
 //! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
 //!
-//! The DAC leaves power-up with its output clamped to ground, and [`FrontEnd::start`] removes the clamp only after the rest code has
-//! been written.
+//! The DAC leaves power-up, and its RESET pin (wired to NRST), with its output clamped to ground and an empty register, which is the negative
+//! reference. [`FrontEnd::start`] therefore holds LDAC low by hand, so that the rest code reaches the register when its frame ends, and
+//! removes the clamp only then; the sample clock gets LDAC afterwards. SYNC stays high for [`SYNC_HIGH_CYCLES`] between frames.
 
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
+use embassy_stm32::pac::rcc::vals::Saisel;
 use embassy_stm32::pac::spi::Spi;
 use embassy_stm32::pac::spi::vals::{Comm, Cpha, Cpol, Fthlv, Master, Mbr};
 use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
@@ -24,6 +26,12 @@ const MOST_POLLS: u32 = 400;
 const WRITE_DAC: u32 = 0x1 << 20;
 /// AD5791: write to the control register, offset binary, output on, clamp off, amplifier of the reference off.
 const WRITE_CONTROL: u32 = (0x2 << 20) | (1 << 4) | (1 << 1);
+/// Core cycles between frames, at least 100 ns: the DAC asks for 48 ns of SYNC high, and for 65 ns to LDAC.
+const SYNC_HIGH_CYCLES: u32 = 40;
+/// Late words of the sensor that are dropped before it is asked again: as many as its FIFO holds.
+const MOST_LATE_WORDS: u32 = 8;
+/// LDAC is PB10.
+const LDAC_LOW: u32 = 1 << 26;
 /// SYNC is PC9.
 const SYNC_HIGH: u32 = 1 << 9;
 const SYNC_LOW: u32 = 1 << 25;
@@ -67,6 +75,39 @@ fn start_interface(spi: Spi, frame_bits: u8, duplex: Comm, phase: Cpha) {
     spi.cr1().modify(|w| w.set_cstart(true));
 }
 
+/// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost (RM0433, 8.5.11).
+fn enable_clocks() {
+    RCC.apb2enr().modify(|w| w.set_spi1en(true));
+    RCC.apb1lenr().modify(|w| w.set_spi3en(true));
+    RCC.ahb4enr().modify(|w| {
+        w.set_gpioaen(true);
+        w.set_gpioben(true);
+        w.set_gpiocen(true);
+    });
+    let _ = (RCC.apb2enr().read(), RCC.apb1lenr().read(), RCC.ahb4enr().read());
+    cortex_m::asm::dsb();
+}
+
+/// SYNC high and LDAC low, both by hand: a frame that was cut is dropped, and a frame acts when it ends.
+fn hold_lines() {
+    GPIOC.bsrr().write(|w| w.0 = SYNC_HIGH);
+    GPIOC.moder().modify(|w| w.set_moder(9, Moder::OUTPUT));
+    GPIOB.bsrr().write(|w| w.0 = LDAC_LOW);
+    GPIOB.moder().modify(|w| w.set_moder(10, Moder::OUTPUT));
+    cortex_m::asm::delay(SYNC_HIGH_CYCLES);
+}
+
+/// The drive's interface as after a reset, whatever it was doing.
+fn begin_drive_interface() {
+    RCC.apb1lrstr().modify(|w| w.set_spi3rst(true));
+    RCC.apb1lrstr().modify(|w| w.set_spi3rst(false));
+    let _ = RCC.apb1lrstr().read();
+    for pin in [10, 12] {
+        alternate(GPIOC, pin, 6);
+    }
+    start_interface(SPI3, 24, Comm::TRANSMITTER, Cpha::SECOND_EDGE);
+}
+
 /// One frame to the DAC, framed by SYNC.
 #[inline(always)]
 fn send_to_dac(word: u32) -> bool {
@@ -91,26 +132,29 @@ impl FrontEnd for SpiConverters {
     const INTERRUPT_AFTER_NS: u32 = 1_000;
 
     fn start(&mut self, rest_code: u16) {
-        RCC.apb2enr().modify(|w| w.set_spi1en(true));
-        RCC.apb1lenr().modify(|w| w.set_spi3en(true));
-        GPIOC.bsrr().write(|w| w.0 = SYNC_HIGH);
-        GPIOC.moder().modify(|w| w.set_moder(9, Moder::OUTPUT));
-        alternate(GPIOA, 0, 1);
+        enable_clocks();
+        hold_lines();
+        begin_drive_interface();
+        self.write(rest_code);
+        cortex_m::asm::delay(SYNC_HIGH_CYCLES);
+        send_to_dac(WRITE_CONTROL);
+        cortex_m::asm::delay(SYNC_HIGH_CYCLES);
         alternate(GPIOB, 10, 1);
+        alternate(GPIOA, 0, 1);
         for pin in [5, 6] {
             alternate(GPIOA, pin, 5);
         }
-        for pin in [10, 12] {
-            alternate(GPIOC, pin, 6);
-        }
         start_interface(SPI1, 16, Comm::FULL_DUPLEX, Cpha::FIRST_EDGE);
-        start_interface(SPI3, 24, Comm::TRANSMITTER, Cpha::SECOND_EDGE);
-        self.write(rest_code);
-        send_to_dac(WRITE_CONTROL);
     }
 
     #[inline(always)]
     fn read(&mut self) -> Option<u16> {
+        // A word that came too late for its tick is not this tick's, and would make every later reading a period old.
+        let mut late = 0;
+        while late < MOST_LATE_WORDS && SPI1.sr().read().rxp() {
+            let _ = SPI1.rxdr16().read();
+            late += 1;
+        }
         SPI1.txdr16().write_value(0);
         let mut polls = 0;
         while !SPI1.sr().read().rxp() {
@@ -127,5 +171,16 @@ impl FrontEnd for SpiConverters {
     #[inline(always)]
     fn write(&mut self, code: u16) -> bool {
         send_to_dac(WRITE_DAC | (u32::from(code) << 4))
+    }
+
+    fn force(&mut self, code: u16) {
+        // The internal oscillator: the crystal and the PLL behind it may be what has failed.
+        RCC.cr().modify(|w| w.set_hsion(true));
+        RCC.d2ccip1r().modify(|w| w.set_spi123sel(Saisel::PER));
+        enable_clocks();
+        hold_lines();
+        begin_drive_interface();
+        self.write(code);
+        cortex_m::asm::delay(SYNC_HIGH_CYCLES);
     }
 }
