@@ -101,7 +101,7 @@ pub fn reduce(study: &Study, found: &Judged, added: &[String]) -> crate::error::
                 if let Some((pair, without_pair, decision)) = pair_not_needed(study, &judged, &added, &may_leave)? {
                     judged = without_pair;
                     added.retain(|id| !pair.contains(id) && judged.model.effect(id).is_some());
-                    taken_back.extend(pair.into_iter().map(|id| (id, decision.clone())));
+                    taken_back.extend(pair.into_iter().map(|id| (id, decision)));
                     continue;
                 }
                 study.watch.event(&Event::Doing("weighing the evidence for each effect"));
