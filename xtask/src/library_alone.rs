@@ -1,9 +1,8 @@
-//! The library without its default features: what it may not depend on, and that it builds for a browser.
+//! The library without its default features: what it may not depend on. That it builds for a browser is shown by [`crate::page`].
 
 use std::process::Command;
 
 use crate::steps::root;
-use crate::toolchain::{self, WEB_ASSEMBLY};
 
 /// What belongs to a command line, to threads or to the decoder of the firmware's trace.
 const NOT_IN_IT: [&str; 7] = ["clap", "indicatif", "ctrlc", "defmt-decoder", "defmt-parser", "rayon", "hysteron-report"];
@@ -40,11 +39,4 @@ pub fn dependencies() -> Result<(), String> {
     } else {
         Err(format!("the library without default features depends on {}", wrong.join(", ")))
     }
-}
-
-/// Builds it for WebAssembly.
-pub fn web_assembly() -> Result<(), String> {
-    // A folder of its own: another compiler may be at work than the one of the host.
-    let selection = ["--package", "hysteron", "--no-default-features", "--target-dir", "target/web_assembly"];
-    toolchain::for_target(&WEB_ASSEMBLY)?.build(&WEB_ASSEMBLY, &root(), &selection)
 }

@@ -7,6 +7,7 @@
 mod browser;
 mod control_code;
 mod library_alone;
+mod page;
 mod steps;
 mod toolchain;
 mod whole_circle;
@@ -16,7 +17,8 @@ use std::process::ExitCode;
 const USAGE: &str = "\
 cargo xtask check      everything: format, lints, docs, tests, the firmware's cross-build, the emulated target
 cargo xtask host       the steps that need only the host's toolchain
-cargo xtask library    the library alone: what it depends on, and its build for WebAssembly
+cargo xtask library    the library alone: what it depends on, its build for WebAssembly, and the lab page with its test
+cargo xtask page       builds the lab page, target/lab.html
 cargo xtask firmware   builds the firmware's images and checks the binaries
 cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)
 cargo xtask readme     writes the table of effects in README.md from the registry";
@@ -25,6 +27,9 @@ fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     if wanted == ["readme"] {
         return ended(steps::write_readme());
+    }
+    if wanted == ["page"] {
+        return ended(page::build());
     }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         ["check"] => steps::all(),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use crate::{browser, control_code, library_alone, toolchain, whole_circle};
+use crate::{browser, control_code, library_alone, page, toolchain, whole_circle};
 
 /// One step: its name and what it does.
 pub struct Step {
@@ -32,11 +32,12 @@ pub fn host() -> Vec<Step> {
     ]
 }
 
-/// The library without its default features.
+/// The library without its default features, and the page that is made with it.
 pub fn library() -> Vec<Step> {
     vec![
         Step { name: "library alone: what it depends on", action: library_alone::dependencies },
-        Step { name: "library alone for wasm32-unknown-unknown", action: library_alone::web_assembly },
+        Step { name: "library and lab page for wasm32-unknown-unknown", action: page::build },
+        Step { name: "lab page in a browser", action: page::test },
     ]
 }
 
@@ -122,7 +123,7 @@ fn documentation() -> Result<(), String> {
 }
 
 /// To which tests that cannot run add a line (`tests/src/lib.rs`).
-fn skipped_file() -> PathBuf {
+pub fn skipped_file() -> PathBuf {
     root().join("target/skipped_tests.txt")
 }
 

@@ -108,7 +108,16 @@ pub fn for_target(target: &Target) -> Result<Toolchain, String> {
 impl Toolchain {
     /// Builds what a folder has for a target, release profile.
     pub fn build(&self, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
-        let mut arguments = vec!["build", "--release", "--target", target.name];
+        self.cargo("build", target, folder, selection)
+    }
+
+    /// Checks that it would build, without making code of it.
+    pub fn check(&self, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
+        self.cargo("check", target, folder, selection)
+    }
+
+    fn cargo(&self, task: &str, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
+        let mut arguments = vec![task, "--release", "--target", target.name];
         arguments.extend(selection);
         match self {
             Self::Rustup => command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, &[]),

@@ -1,0 +1,19 @@
+//! The lab as one page: what a browser's worker may ask of the library.
+//!
+//! A question is JSON with bytes behind it (the files that somebody dropped); an answer is JSON with columns of numbers behind it. The same
+//! [`Session`] answers in a test on the host and in the browser:
+//!
+//! * [`session`]: the data, the model and the last explanation, and what is asked of them;
+//! * [`recording`]: a data set from whatever files were dropped, with the roles that a person gave its records;
+//! * [`answers`]: what the page is told, as plain structs;
+//! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports any.
+//!
+//! The page itself is written by hand in `web/`; `cargo xtask page` packs it and this module into one file.
+
+pub mod answers;
+#[cfg(target_arch = "wasm32")]
+mod exports;
+pub mod recording;
+pub mod session;
+
+pub use session::Session;

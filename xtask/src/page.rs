@@ -1,0 +1,133 @@
+//! The lab as one page: the module for WebAssembly, the scripts of `lab/page/web`, the example, all in `target/lab.html`.
+//!
+//! The module is built with the library without its default features, so that this step also shows that it builds for a browser: once as
+//! the page takes it, with the readers, and once checked bare.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crate::steps::{cargo, root};
+use crate::toolchain::{self, WEB_ASSEMBLY};
+use crate::{browser, steps};
+
+/// A page that takes longer to open than to leave is not opened: what it may have.
+const MOST_BYTES: usize = 4_000_000;
+/// Scripts of the page, in their order; the worker's stands by itself.
+const SCRIPTS: [&str; 3] = ["engine.js", "plot.js", "lab.js"];
+
+/// Where the page is written.
+pub fn file() -> PathBuf {
+    root().join("target/lab.html")
+}
+
+/// Builds module and page, and checks the library alone.
+pub fn build() -> Result<(), String> {
+    let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
+    // A folder of its own: another compiler may be at work than the one of the host.
+    let folder = ["--target-dir", "target/web_assembly"];
+    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-page"], &folder[..]].concat())?;
+    write()?;
+    toolchain.check(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron", "--no-default-features"], &folder[..]].concat())
+}
+
+/// Packs the page around the module.
+fn write() -> Result<(), String> {
+    let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_page.wasm"))?;
+    let page = packed(&without_custom_sections(&module)?)?;
+    if page.len() > MOST_BYTES {
+        return Err(format!("the page has {} bytes, more than the {MOST_BYTES} of xtask/src/page.rs", page.len()));
+    }
+    println!("   {}: {} bytes", file().display(), page.len());
+    std::fs::write(file(), page).map_err(|error| format!("{}: {error}", file().display()))
+}
+
+/// Real clicks and a real drop in a browser.
+pub fn test() -> Result<(), String> {
+    if !file().is_file() {
+        return Err(format!("{} is not there: run `cargo xtask page` first", file().display()));
+    }
+    browser::ensure()?;
+    let arguments = ["test", "--release", "--workspace", "--test", "lab_page", "--", "--ignored", "--nocapture", "--test-threads", "1"];
+    cargo(&arguments, &root(), &[("HYSTERON_SKIPPED", &steps::skipped_file().to_string_lossy())])
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, String> {
+    std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+fn text(path: &Path) -> Result<String, String> {
+    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// The template with everything in its place.
+fn packed(module: &[u8]) -> Result<String, String> {
+    let web = root().join("lab/page/web");
+    let scripts: Vec<String> = SCRIPTS.iter().map(|name| text(&web.join(name))).collect::<Result<_, _>>()?;
+    let parts = [
+        ("/*STYLE*/", text(&web.join("lab.css"))?),
+        ("/*WORKER*/", text(&web.join("worker.js"))?),
+        ("/*SCRIPT*/", scripts.concat()),
+        ("<!--MODULE-->", compact(module)?),
+        ("<!--EXAMPLE-->", compact(example()?.to_string().as_bytes())?),
+    ];
+    let mut page = text(&web.join("lab.html"))?;
+    for (place, content) in parts {
+        if page.matches(place).count() != 1 {
+            return Err(format!("lab/page/web/lab.html: expected {place} once"));
+        }
+        if content.contains("</script") || content.contains("</style") {
+            return Err(format!("what goes into {place} ends its own element"));
+        }
+        page = page.replace(place, &content);
+    }
+    Ok(page)
+}
+
+/// The files of the example, by name; its truth stays out.
+fn example() -> Result<serde_json::Value, String> {
+    let folder = root().join("examples/hidden_effect");
+    let entries = std::fs::read_dir(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let mut files = serde_json::Map::new();
+    for path in entries.filter_map(|entry| entry.ok().map(|e| e.path())) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if name != "truth.json" {
+            files.insert(name, text(&path)?.into());
+        }
+    }
+    Ok(files.into())
+}
+
+/// gzip, which browsers unpack themselves, in base64.
+fn compact(bytes: &[u8]) -> Result<String, String> {
+    let mut packer = GzEncoder::new(Vec::new(), Compression::best());
+    let packed = packer.write_all(bytes).and_then(|()| packer.finish());
+    packed.map(|bytes| STANDARD.encode(bytes)).map_err(|error| format!("gzip: {error}"))
+}
+
+/// A module without names and remarks of the compiler, which a browser does not need: sections with number 0.
+fn without_custom_sections(module: &[u8]) -> Result<Vec<u8>, String> {
+    let cut = || "the module is cut off".to_owned();
+    let (head, mut rest) = module.split_at_checked(8).filter(|(head, _)| head.starts_with(b"\0asm")).ok_or_else(cut)?;
+    let mut out = head.to_vec();
+    while let Some(number) = rest.first() {
+        let (mut length, mut at) = (0usize, 1);
+        loop {
+            let byte = *rest.get(at).ok_or_else(cut)?;
+            length |= usize::from(byte & 0x7f) << (7 * (at - 1)).min(56);
+            at += 1;
+            if byte & 0x80 == 0 {
+                break;
+            }
+        }
+        let (section, after) = rest.split_at_checked(at + length).ok_or_else(cut)?;
+        if *number != 0 {
+            out.extend(section);
+        }
+        rest = after;
+    }
+    Ok(out)
+}
