@@ -35,7 +35,7 @@ struct Trial {
 }
 
 #[derive(Deserialize)]
-#[serde(tag = "ask", rename_all = "snake_case")]
+#[serde(rename_all = "snake_case")]
 enum Question {
     /// Reads a data set.
     Read {
@@ -66,7 +66,7 @@ enum Question {
     /// Adds an effect and fits again.
     Add { effect: String },
     /// The model as text.
-    Save,
+    Save {},
     /// A model from text.
     Load { text: String, name: String },
     /// Every figure of the last explanation, or of the model as it is, as the command line writes them.
@@ -74,7 +74,7 @@ enum Question {
     /// The page of the last explanation, or of the model as it is.
     Report { of_search: bool },
     /// All effects.
-    Effects,
+    Effects {},
 }
 
 /// The data at hand.
@@ -151,7 +151,7 @@ impl Session {
                 let model = if step >= last { found.model.clone() } else { found.steps[step].judged.model.clone() };
                 Ok(Answer::of(answers::model(self.model.insert(model))))
             }
-            Question::Save => {
+            Question::Save {} => {
                 let model = self.model.as_ref().ok_or_else(no_model)?;
                 Ok(Answer::of(json!({ "text": model_file::to_toml(model, &self.data()?.recording.dataset.name)? })))
             }
@@ -184,7 +184,7 @@ impl Session {
                 };
                 Ok(Answer::of(json!({ "text": explain_page(&report).to_html() })))
             }
-            Question::Effects => Ok(Answer::of(answers::effects())),
+            Question::Effects {} => Ok(Answer::of(answers::effects())),
         }
     }
 
@@ -273,7 +273,11 @@ fn parts(question: &[u8]) -> Result<(Question, &[u8])> {
     let (length, rest) = question.split_first_chunk::<8>().ok_or_else(|| wrong("is cut off".into()))?;
     let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
     let (text, bytes) = rest.split_at_checked(length).ok_or_else(|| wrong("is cut off".into()))?;
-    Ok((serde_json::from_slice(text).map_err(|e| wrong(e.to_string()))?, bytes))
+    // `{"ask": "read", ..}` as `{"read": {..}}`: a tag among the fields is not read where another crate asks for numbers of any precision.
+    let mut fields: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(text).map_err(|e| wrong(e.to_string()))?;
+    let asked = fields.remove("ask").and_then(|ask| ask.as_str().map(String::from)).unwrap_or_default();
+    let question = serde_json::Value::from(serde_json::Map::from_iter([(asked, fields.into())]));
+    Ok((serde_json::from_value(question).map_err(|e| wrong(e.to_string()))?, bytes))
 }
 
 fn named_files(entries: &[FileEntry], bytes: &[u8]) -> Result<BTreeMap<String, Vec<u8>>> {
