@@ -1,6 +1,6 @@
 //! The lab page as a person uses it: from disk, without a network, by clicks and drops in a real browser.
 //!
-//! Ignored by default: `cargo xtask page` builds the page first, `cargo xtask library` then runs this.
+//! Ignored by default: `cargo xtask lab` builds the page first, `cargo xtask library` then runs this.
 
 mod devtools;
 
@@ -23,7 +23,7 @@ fn opened() -> Option<(Page, tempfile::TempDir)> {
     };
     let folder = tempfile::tempdir().expect("a folder");
     let file = hysteron_tests::root().canonicalize().expect("the root").join("target/lab.html");
-    assert!(file.is_file(), "{} is not there: cargo xtask page", file.display());
+    assert!(file.is_file(), "{} is not there: cargo xtask lab", file.display());
     let mut page = Page::open(&browser, &file, folder.path());
     page.wait_for("document.documentElement?.dataset.state === 'empty'");
     Some((page, folder))
@@ -66,7 +66,7 @@ fn require_alike(a: &toml::Value, b: &toml::Value, place: &str) {
 }
 
 #[test]
-#[ignore = "needs target/lab.html, which `cargo xtask page` builds"]
+#[ignore = "needs target/lab.html, which `cargo xtask lab` builds"]
 fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line() {
     let Some((mut page, out)) = opened() else { return };
     let example = hysteron_tests::root().canonicalize().expect("the root").join("examples/hidden_effect");
@@ -105,7 +105,7 @@ fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line()
 }
 
 #[test]
-#[ignore = "needs target/lab.html, which `cargo xtask page` builds"]
+#[ignore = "needs target/lab.html, which `cargo xtask lab` builds"]
 fn the_example_opens_at_a_click_and_follows_a_pulled_parameter() {
     let Some((mut page, _out)) = opened() else { return };
     page.click("#example2");
@@ -125,7 +125,7 @@ fn the_example_opens_at_a_click_and_follows_a_pulled_parameter() {
 }
 
 #[test]
-#[ignore = "needs target/lab.html, which `cargo xtask page` builds"]
+#[ignore = "needs target/lab.html, which `cargo xtask lab` builds"]
 fn a_search_can_be_cancelled_and_begun_again() {
     let Some((mut page, _out)) = opened() else { return };
     page.click("#example2");
@@ -140,7 +140,7 @@ fn a_search_can_be_cancelled_and_begun_again() {
 }
 
 #[test]
-#[ignore = "needs target/lab.html, which `cargo xtask page` builds"]
+#[ignore = "needs target/lab.html, which `cargo xtask lab` builds"]
 fn one_file_alone_is_cut_and_what_cannot_be_read_is_said() {
     let Some((mut page, out)) = opened() else { return };
     let wrong = out.path().join("broken.csv");

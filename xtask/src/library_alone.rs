@@ -1,4 +1,4 @@
-//! The library without its default features: what it may not depend on. That it builds for a browser is shown by [`crate::page`].
+//! The library without its default features: what it may not depend on. That it builds for a browser is shown by [`crate::lab_page`].
 
 use std::process::Command;
 

@@ -6,8 +6,8 @@
 
 mod browser;
 mod control_code;
+mod lab_page;
 mod library_alone;
-mod page;
 mod steps;
 mod toolchain;
 mod whole_circle;
@@ -18,7 +18,7 @@ const USAGE: &str = "\
 cargo xtask check      everything: format, lints, docs, tests, the firmware's cross-build, the emulated target
 cargo xtask host       the steps that need only the host's toolchain
 cargo xtask library    the library alone: what it depends on, its build for WebAssembly, and the lab page with its test
-cargo xtask page       builds the lab page, target/lab.html
+cargo xtask lab        builds the lab page, target/lab.html
 cargo xtask firmware   builds the firmware's images and checks the binaries
 cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)
 cargo xtask readme     writes the table of effects in README.md from the registry";
@@ -28,8 +28,8 @@ fn main() -> ExitCode {
     if wanted == ["readme"] {
         return ended(steps::write_readme());
     }
-    if wanted == ["page"] {
-        return ended(page::build());
+    if wanted == ["lab"] {
+        return ended(lab_page::build());
     }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         ["check"] => steps::all(),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use crate::{browser, control_code, library_alone, page, toolchain, whole_circle};
+use crate::{browser, control_code, lab_page, library_alone, toolchain, whole_circle};
 
 /// One step: its name and what it does.
 pub struct Step {
@@ -36,8 +36,8 @@ pub fn host() -> Vec<Step> {
 pub fn library() -> Vec<Step> {
     vec![
         Step { name: "library alone: what it depends on", action: library_alone::dependencies },
-        Step { name: "library and lab page for wasm32-unknown-unknown", action: page::build },
-        Step { name: "lab page in a browser", action: page::test },
+        Step { name: "library and lab page for wasm32-unknown-unknown", action: lab_page::build },
+        Step { name: "lab page in a browser", action: lab_page::test },
     ]
 }
 

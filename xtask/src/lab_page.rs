@@ -1,4 +1,4 @@
-//! The lab as one page: the module for WebAssembly, the scripts of `lab/page/web`, the example, all in `target/lab.html`.
+//! The lab as one page: the module for WebAssembly, the scripts of `lab/browser/web`, the example, all in `target/lab.html`.
 //!
 //! The module is built with the library without its default features, so that this step also shows that it builds for a browser: once as
 //! the page takes it, with the readers, and once checked bare.
@@ -29,17 +29,17 @@ pub fn build() -> Result<(), String> {
     let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
     // A folder of its own: another compiler may be at work than the one of the host.
     let folder = ["--target-dir", "target/web_assembly"];
-    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-page"], &folder[..]].concat())?;
+    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-browser"], &folder[..]].concat())?;
     write()?;
     toolchain.check(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron", "--no-default-features"], &folder[..]].concat())
 }
 
 /// Packs the page around the module.
 fn write() -> Result<(), String> {
-    let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_page.wasm"))?;
+    let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_browser.wasm"))?;
     let page = packed(&without_custom_sections(&module)?)?;
     if page.len() > MOST_BYTES {
-        return Err(format!("the page has {} bytes, more than the {MOST_BYTES} of xtask/src/page.rs", page.len()));
+        return Err(format!("the page has {} bytes, more than the {MOST_BYTES} of xtask/src/lab_page.rs", page.len()));
     }
     println!("   {}: {} bytes", file().display(), page.len());
     std::fs::write(file(), page).map_err(|error| format!("{}: {error}", file().display()))
@@ -48,7 +48,7 @@ fn write() -> Result<(), String> {
 /// Real clicks and a real drop in a browser.
 pub fn test() -> Result<(), String> {
     if !file().is_file() {
-        return Err(format!("{} is not there: run `cargo xtask page` first", file().display()));
+        return Err(format!("{} is not there: run `cargo xtask lab` first", file().display()));
     }
     browser::ensure()?;
     let arguments = ["test", "--release", "--workspace", "--test", "lab_page", "--", "--ignored", "--nocapture", "--test-threads", "1"];
@@ -65,7 +65,7 @@ fn text(path: &Path) -> Result<String, String> {
 
 /// The template with everything in its place.
 fn packed(module: &[u8]) -> Result<String, String> {
-    let web = root().join("lab/page/web");
+    let web = root().join("lab/browser/web");
     let scripts: Vec<String> = SCRIPTS.iter().map(|name| text(&web.join(name))).collect::<Result<_, _>>()?;
     let parts = [
         ("/*STYLE*/", text(&web.join("lab.css"))?),
@@ -77,7 +77,7 @@ fn packed(module: &[u8]) -> Result<String, String> {
     let mut page = text(&web.join("lab.html"))?;
     for (place, content) in parts {
         if page.matches(place).count() != 1 {
-            return Err(format!("lab/page/web/lab.html: expected {place} once"));
+            return Err(format!("lab/browser/web/lab.html: expected {place} once"));
         }
         if content.contains("</script") || content.contains("</style") {
             return Err(format!("what goes into {place} ends its own element"));

@@ -8,7 +8,7 @@
 //! * [`answers`]: what the page is told, as plain structs;
 //! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports any.
 //!
-//! The page itself is written by hand in `web/`; `cargo xtask page` packs it and this module into one file.
+//! The page itself is written by hand in `web/`; `cargo xtask lab` packs it and this module into one file.
 
 pub mod answers;
 #[cfg(target_arch = "wasm32")]

@@ -1,6 +1,6 @@
 //! Questions as the page asks them, answered on the host.
 
-use hysteron_page::Session;
+use hysteron_browser::Session;
 use serde_json::{Value, json};
 
 /// Asks, and gives the answer with its columns.
