@@ -5,18 +5,20 @@
 //! not?) and, with `--from-gain`, from a bare gain (does the effect end up in the model?).
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example altered_recordings -- [--from-gain] [--tried] [--data FOLDER] [ALTERATION ...]
+//! cargo run --release -p hysteron-tests --example altered_recordings -- [--from-gain] [--tried] [--trace] [--data FOLDER] [ALTERATION[:SIZE] ...]
 //! ```
 //!
 //! What counts as right was written down before anything was run: [`Alteration::right`] lists the effects that do physically what was done
 //! to the column. Told wrong is a single other name with "this data can tell".
 
 use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::diagnosis::judgement::Judged;
 use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::effects_named;
-use hysteron::watch::Unwatched;
+use hysteron::watch::{Unwatched, Watch};
 use hysteron_sim::chain::Model;
+use hysteron_tests::measured::Trace;
 use hysteron_tests::measured::{flag, folder as folder_of_recordings, record, stage};
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -127,15 +129,18 @@ fn gain(record: &mut Record, percent: f64) {
     record.displacement_um.iter_mut().for_each(|y| *y *= 1.0 + 1e-2 * percent);
 }
 
-/// The upper end of the reading, this share of its range, is cut off.
+/// A sensor or its amplifier that ends this share of 36 um below the highest reading of the clean recordings: the same end in all of them.
 fn clip(record: &mut Record, percent: f64) {
-    let (low, high) = record.displacement_um.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
-    let limit = high - 1e-2 * percent * (high - low);
+    let limit = 18.9 - 1e-2 * percent * 36.0;
     record.displacement_um.iter_mut().for_each(|y| *y = y.min(limit));
 }
 
-fn load(data: &Path) -> Dataset {
-    stage(vec![record(data, "20_hz_no_lp", 1.5, Role::Identify), record(data, "40_hz_no_lp", 1.5, Role::Validate)])
+fn load(data: &Path, two_speeds: bool) -> Dataset {
+    let mut records = vec![record(data, "20_hz_no_lp", 1.5, Role::Identify), record(data, "40_hz_no_lp", 1.5, Role::Validate)];
+    if two_speeds {
+        records.push(record(data, "sine50_1", 0.2, Role::Identify));
+    }
+    stage(records)
 }
 
 /// How an answer is judged.
@@ -175,26 +180,36 @@ fn error_um(model: &Model, dataset: &Dataset) -> f64 {
     dataset.records.iter().map(|r| rms(&residual(model, r))).fold(0.0, f64::max)
 }
 
+fn errors(judged: &Judged) -> String {
+    format!("{:.1} / {:.1} nm", 1e3 * judged.identify_rms_um, 1e3 * judged.validate_rms_um.unwrap_or(f64::NAN))
+}
+
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let show_tried = flag(&mut arguments, "--tried");
     let from_gain = flag(&mut arguments, "--from-gain");
+    let trace = Trace::default();
+    let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
-    let clean = load(&data);
+    let clean = load(&data, flag(&mut arguments, "--two-speeds"));
     let gain = effects_named("gain").expect("a built-in effect");
     let options = Options::default();
     let begun = explain(&clean, Start::Effects(&gain), &options, &Unwatched).expect("the clean recordings can be explained");
     let clean_um = error_um(&begun.model, &clean);
     println!("clean: {} at {:.1} nm", begun.model.effect_ids().join(","), 1e3 * clean_um);
     let (mut right, mut wrong, mut all) = (0, 0, 0);
-    for alteration in ALTERATIONS.iter().filter(|a| arguments.is_empty() || arguments.iter().any(|n| n == a.name)) {
+    for alteration in ALTERATIONS {
         for size in alteration.sizes {
+            let wanted = |name: &String| name == alteration.name || *name == format!("{}:{size}", alteration.name);
+            if !arguments.is_empty() && !arguments.iter().any(wanted) {
+                continue;
+            }
             let mut altered = clean.clone();
             altered.records.iter_mut().for_each(|r| (alteration.alter)(r, size));
             let altered_um = error_um(&begun.model, &altered);
             let begin = Instant::now();
             let start = if from_gain { Start::Effects(&gain) } else { Start::Model(begun.model.clone()) };
-            let found = match explain(&altered, start, &options, &Unwatched) {
+            let found = match explain(&altered, start, &options, watch) {
                 Ok(found) => found,
                 Err(error) => {
                     println!("{:<14} {size:>6}  REFUSED {error}", alteration.name);
@@ -205,11 +220,24 @@ fn main() {
             let seconds = begin.elapsed().as_secs_f64();
             if from_gain {
                 let has = alteration.right.is_empty() || alteration.right.iter().any(|id| found.model.effect(id).is_some());
-                (right, all) = (right + usize::from(has), all + 1);
+                let or = found.supported.iter().any(|one| one.names().iter().any(|id| alteration.right.contains(&id.as_str())));
+                let absorbed = error_um(&found.model, &altered) < 1.1 * clean_um;
+                (right, all) = (right + usize::from(has || or || absorbed), all + 1);
+                for one in found.supported.iter().filter(|_| show_tried) {
+                    println!("    {} ({})", one.id, errors(&one.without));
+                    for rival in &one.rivals {
+                        println!("        or {} ({}): {:?}", rival.id, errors(&rival.judged), rival.decision);
+                    }
+                }
                 println!(
                     "{:<14} {size:>6}  {}  {:.1} nm, {}  {seconds:.1} s",
                     alteration.name,
-                    if has { "in the model" } else { "NOT in it   " },
+                    match (has, or, absorbed) {
+                        (true, ..) => "in the model",
+                        (_, true, _) => "as an \"or\"  ",
+                        (.., true) => "absorbed    ",
+                        _ => "NOT in it   ",
+                    },
                     1e3 * error_um(&found.model, &altered),
                     found.model.effect_ids().join(",")
                 );

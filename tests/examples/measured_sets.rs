@@ -5,7 +5,7 @@
 //! held-out error. With `--reversed` the records are given in the other order too, which must end at the same effects and errors.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--data FOLDER] [SET ...]
+//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] [--data FOLDER] [SET ...]
 //! ```
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
@@ -15,9 +15,9 @@ use hysteron::explain::{Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
-use hysteron::watch::Unwatched;
+use hysteron::watch::{Unwatched, Watch};
 use hysteron_sim::chain::Model;
-use hysteron_tests::measured::{flag, folder as folder_of_recordings};
+use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
@@ -118,12 +118,14 @@ fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let subsets = flag(&mut arguments, "--subsets");
     let reversed = flag(&mut arguments, "--reversed");
+    let trace = Trace::default();
+    let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
     for set in SETS.iter().filter(|s| arguments.is_empty() || arguments.iter().any(|a| a == s.name)) {
         let dataset = load(set, &data);
         let gain = effects_named("gain").expect("a built-in effect");
         let begin = Instant::now();
-        let found = explain(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+        let found = explain(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
         let seconds = begin.elapsed().as_secs_f64();
         let (fitted, held_out) = errors_um(&found.model, &dataset, set);
         println!(

@@ -1,6 +1,7 @@
 //! Recordings of real stages, which lie beside the project and are never copied into it.
 
 use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::watch::{Event, Watch};
 use std::path::{Path, PathBuf};
 
 /// Takes a flag out of the arguments of an example; whether it was there.
@@ -41,4 +42,29 @@ pub fn record(data: &Path, name: &str, from_s: f64, role: Role) -> Record {
 #[must_use]
 pub fn stage(records: Vec<Record>) -> Dataset {
     Dataset::new("piezo_stage", -95.0, 95.0, records).expect("the recordings make a data set")
+}
+
+/// Prints what a search does, with the seconds since it was made: for `--trace` of an example.
+pub struct Trace(std::time::Instant);
+
+impl Default for Trace {
+    fn default() -> Self {
+        Self(std::time::Instant::now())
+    }
+}
+
+impl Watch for Trace {
+    fn event(&self, event: &Event<'_>) {
+        let seconds = self.0.elapsed().as_secs_f64();
+        match event {
+            Event::Tried { added, identify_rms_um, validate_rms_um, best } => eprintln!(
+                "    {seconds:>6.1} s {:>7.1} / {:>7.1} nm {} {}",
+                1e3 * identify_rms_um,
+                1e3 * validate_rms_um.unwrap_or(f64::NAN),
+                if *best { "best" } else { "    " },
+                added.join(",")
+            ),
+            other => eprintln!("    {seconds:>6.1} s {other}"),
+        }
+    }
 }

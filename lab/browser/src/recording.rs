@@ -9,6 +9,7 @@ use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::reading::{Instructions, from_file_as, from_manifest_as};
 use hysteron::dataset::recognise::{self, Wanted};
 use hysteron::dataset::table::Table;
+use hysteron::statistics::extremes;
 use hysteron::{Dataset, Error, Result, Role};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -120,7 +121,7 @@ fn manifest_of(recordings: &[(&String, &Vec<u8>)], said: &Said, instructions: &I
     for (name, bytes) in recordings {
         let table = readers::read(name, bytes, hints)?;
         let drive_v = recognise::signals(&table, &instructions.wanted)?.u_v;
-        let (l, h) = drive_v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), u| (l.min(*u), h.max(*u)));
+        let (l, h) = extremes(&drive_v);
         (low, high) = (low.min(l), high.max(h));
         roles.push(if l < h { Role::Identify } else { Role::Noise });
         shown.get_or_insert(table);

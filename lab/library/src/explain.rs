@@ -1,6 +1,6 @@
 //! The main job: identify, compare, diagnose, add, until the floor; and everything that files show of it.
 
-use crate::dataset::{Dataset, Role};
+use crate::dataset::Dataset;
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
 use crate::diagnosis::judgement::{Judged, Split, require_finite};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
@@ -17,6 +17,7 @@ use crate::identification::fit::{residual, rms};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::identify::require_chain;
+use crate::statistics::largest;
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Effect, Overview, registry};
@@ -341,7 +342,7 @@ fn record_figures(model: &Model, dataset: &Dataset) -> Vec<RecordFigures> {
                 file: record.name.clone(),
                 role: record.role.name(),
                 rms_um,
-                max_um: r.iter().fold(0.0, |m, v| m.max(v.abs())),
+                max_um: largest(&r),
                 rms_pct_range: if range > 0.0 { 100.0 * rms_um / range } else { 0.0 },
             }
         })
@@ -421,13 +422,5 @@ impl Explanation {
     #[must_use]
     pub fn last(&self) -> &Judged {
         &self.steps[self.steps.len() - 1].judged
-    }
-
-    /// Error over the records that took part in nothing, um RMS; `None` without any.
-    #[must_use]
-    pub fn test_rms_um(&self, dataset: &Dataset) -> Option<f64> {
-        let tests = dataset.with_role(Role::Test);
-        let residuals: Vec<f64> = tests.iter().flat_map(|i| residual(&self.model, &dataset.records[*i])).collect();
-        (!residuals.is_empty()).then(|| rms(&residuals))
     }
 }

@@ -7,6 +7,7 @@ use crate::diagnosis::policy::Policy;
 use crate::diagnosis::study::Study;
 use crate::error::{Error, Result};
 use crate::explain::{FitFigures, fit_figures, step_figures};
+use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::watch::{Event, Watch};
@@ -67,8 +68,7 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     let study = Study::new(dataset, Vec::new(), &floor, Policy::default(), watch);
     let before = study.judged(model);
     // First alone, all else held: where the values of the model are knowledge, only the effect has to be found.
-    let mut held = before.model.clone();
-    held.effects.iter_mut().flat_map(|e| &mut e.parameters).for_each(|p| p.parameter.fixed = true);
+    let held = holding(&before.model, |_, _| true);
     let alone = study.seated(&held, effect, 3)?;
     let mut begun = before.model.clone();
     if let Some(found) = alone.model.effect(&id) {
@@ -87,16 +87,9 @@ const WORTH_MOVING: f64 = 0.05;
 /// Everything fitted again around an effect that was found alone; its own values move along only where that is worth much: a recording
 /// that does not fix all values together would let it take up what the others miss.
 fn fitted_around(id: &str, begun: &Model, study: &Study) -> Judged {
-    let mut held = begun.clone();
-    let of_effect = |m: &mut Model, fixed: &dyn Fn(usize) -> bool| {
-        if let Some(e) = m.effects.iter_mut().find(|e| e.id == id) {
-            e.parameters.iter_mut().enumerate().for_each(|(i, p)| p.parameter.fixed = fixed(i));
-        }
-    };
-    let as_declared: Vec<bool> = begun.effect(id).map_or_else(Vec::new, |e| e.parameters.iter().map(|p| p.parameter.fixed).collect());
-    of_effect(&mut held, &|_| true);
+    let held = holding(begun, |effect, _| effect == id);
     let mut around = study.thoroughly(&study.for_comparison(&held).model);
-    of_effect(&mut around.model, &|i| as_declared[i]);
+    around.model = as_free_as(around.model, begun);
     let all = study.thoroughly(&around.model);
     if study.merit(&all) < study.merit(&around) - WORTH_MOVING { all } else { around }
 }

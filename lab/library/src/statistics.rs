@@ -8,6 +8,19 @@ pub fn largest(signal: &[f64]) -> f64 {
     signal.iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
+/// Least and largest value; infinite the wrong way round without any.
+#[must_use]
+pub fn extremes(signal: &[f64]) -> (f64, f64) {
+    signal.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
+}
+
+/// Largest less least value.
+#[must_use]
+pub fn peak_to_peak(signal: &[f64]) -> f64 {
+    let (low, high) = extremes(signal);
+    high - low
+}
+
 /// Mean value.
 #[must_use]
 pub fn mean(signal: &[f64]) -> f64 {

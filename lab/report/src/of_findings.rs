@@ -16,6 +16,7 @@ use hysteron::explain::{Explanation, FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identification::own_part::Samples;
+use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Effect;
 use hysteron_sim::effect::quantisation::Quantisation;
@@ -166,7 +167,7 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
                 window_to: 0,
                 range_um: record.range_um(),
                 rms_um: rms(&last),
-                max_um: last.iter().fold(0.0, |m, v| m.max(v.abs())),
+                max_um: largest(&last),
             }
         })
         .collect()

@@ -1,4 +1,5 @@
 //! What a column is, from how it behaves: time rises evenly, a drive was commanded and leads, a response follows and is noisy.
+use crate::statistics::peak_to_peak;
 
 /// Share of steps that must rise for a column to be time.
 const RISING_MIN: f64 = 0.98;
@@ -47,11 +48,6 @@ pub fn counts_samples(values: &[f64]) -> bool {
     values.len() > 2 && values.windows(2).all(|w| w[1] - w[0] == 1.0) && values[0].fract() == 0.0
 }
 
-fn range(values: &[f64]) -> f64 {
-    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    high - low
-}
-
 /// Whether values never change.
 #[must_use]
 pub fn is_constant(values: &[f64]) -> bool {
@@ -77,7 +73,7 @@ pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
 #[must_use]
 pub fn noise_share(values: &[f64]) -> f64 {
     let mut thirds: Vec<f64> = values.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()).collect();
-    let range = range(values);
+    let range = peak_to_peak(values);
     if thirds.is_empty() || range == 0.0 {
         return 0.0;
     }
@@ -100,7 +96,7 @@ pub fn lead(a: &[f64], b: &[f64]) -> f64 {
         path_a += (x[1] - x[0]).abs();
         path_b += (y[1] - y[0]).abs();
     }
-    let most = (path_a * range(b)).min(path_b * range(a));
+    let most = (path_a * peak_to_peak(b)).min(path_b * peak_to_peak(a));
     if most > 0.0 { area / most * correlation(a, b).signum() } else { 0.0 }
 }
 

@@ -6,6 +6,7 @@
 
 use super::reading::Even;
 use super::{Record, Role};
+use crate::statistics::peak_to_peak;
 use std::ops::Range;
 
 /// Shortest rest that shows noise, in samples and s.
@@ -126,14 +127,9 @@ fn is_beginning(drive_v: &[f64], hold: &Range<usize>) -> bool {
     hold.start <= drive_v.len() / 50
 }
 
-fn range(values: &[f64]) -> f64 {
-    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    high - low
-}
-
 /// The sample after the last of a few jumps early in a drive that is smooth otherwise.
 fn switched_on(drive_v: &[f64]) -> Option<usize> {
-    let limit = JUMP * range(drive_v);
+    let limit = JUMP * peak_to_peak(drive_v);
     let jumps: Vec<usize> = (1..drive_v.len()).filter(|&k| (drive_v[k] - drive_v[k - 1]).abs() > limit).collect();
     let last = *jumps.last()?;
     // The transient dies out over some tenth of the record at most.
@@ -146,8 +142,9 @@ fn sections(drive_v: &[f64], motion: Range<usize>) -> Vec<Range<usize>> {
     let frame = (inside.len() / FRAMES).max(2 * time_between_turns(inside)).max(PART_MIN / 2);
     let frames: Vec<&[f64]> = inside.chunks_exact(frame.min(inside.len().max(1))).collect();
     let speed = |f: &[f64]| f.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / f.len() as f64;
-    let floor = 1e-3 * range(inside);
-    let features: Vec<[f64; 2]> = frames.iter().map(|f| [(speed(f) + floor / f.len() as f64).ln(), (range(f) + floor).ln()]).collect();
+    let floor = 1e-3 * peak_to_peak(inside);
+    let features: Vec<[f64; 2]> =
+        frames.iter().map(|f| [(speed(f) + floor / f.len() as f64).ln(), (peak_to_peak(f) + floor).ln()]).collect();
     let mut bounds = vec![0];
     let mut reference = features.first().copied().unwrap_or_default();
     for (i, feature) in features.iter().enumerate().skip(1) {
@@ -182,7 +179,7 @@ fn sections(drive_v: &[f64], motion: Range<usize>) -> Vec<Range<usize>> {
 
 /// Samples between turns of the drive that go over a tenth of its range, on average.
 fn time_between_turns(drive_v: &[f64]) -> usize {
-    let limit = 0.1 * range(drive_v);
+    let limit = 0.1 * peak_to_peak(drive_v);
     let (mut turns, mut rising, mut extreme) = (0_usize, true, drive_v.first().copied().unwrap_or(0.0));
     for &u in drive_v {
         if (rising && u > extreme) || (!rising && u < extreme) {

@@ -8,6 +8,7 @@ use super::table::Table;
 use super::time_axis::{Known, TimeAxis};
 use super::{Dataset, Periods, Record, SAMPLES_MIN};
 use crate::error::{Error, Result};
+use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
 use std::collections::BTreeMap;
 
@@ -204,7 +205,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     if samples < 2 * SAMPLES_MIN {
         return Err(Error::new(place, format!("has {samples} samples; expected at least {}", 2 * SAMPLES_MIN)));
     }
-    let (low, high) = even.u_v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), u| (l.min(*u), h.max(*u)));
+    let (low, high) = extremes(&even.u_v);
     let parts = one_recording::parts(&even.u_v, even.sample_rate_hz);
     let mut notes = even.notes.clone();
     notes.extend(parts.notes.iter().cloned());

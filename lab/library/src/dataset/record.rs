@@ -1,5 +1,6 @@
 //! One record: drive and displacement, sample by sample, with what is known about them.
 
+use crate::statistics::peak_to_peak;
 use hysteron_sim::chain::{Drive, InitialState};
 use std::ops::Range;
 
@@ -118,8 +119,6 @@ impl Record {
     /// Peak-to-peak displacement inside the window, um.
     #[must_use]
     pub fn range_um(&self) -> f64 {
-        let inside = &self.displacement_um[self.window.clone()];
-        let (low, high) = inside.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), y| (l.min(*y), h.max(*y)));
-        high - low
+        peak_to_peak(&self.displacement_um[self.window.clone()])
     }
 }

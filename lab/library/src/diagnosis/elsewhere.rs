@@ -10,6 +10,7 @@ use super::judgement::Judged;
 use super::study::Study;
 use crate::error::Result;
 use crate::identification::fit::{Effort, fit_rows};
+use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;
 use crate::parallel;
 use crate::watch::Event;
@@ -209,8 +210,7 @@ fn alike(tried: &[Tried], base_um: f64, refitted_um: f64) -> Vec<Tried> {
 /// Tries every hypothesis beside a model, all else held; best first.
 fn try_all(study: &Study, model: &Model, rows: &Rows, known: &[String], refitted_um: f64) -> Vec<Tried> {
     let mut hypotheses: Vec<(Hypothesis, Vec<Model>)> = Vec::new();
-    let mut held = model.clone();
-    held.effects.iter_mut().flat_map(|e| &mut e.parameters).for_each(|p| p.parameter.fixed = true);
+    let held = holding(model, |_, _| true);
     for effect in study.candidates_for(model) {
         let begun = effect.starts(&study.overview).into_iter().map(|start| study.with(&held, &[(effect.clone(), start)]));
         let begun: Vec<Model> = if effect.starts_combine() { begun.take(1).collect() } else { begun.collect() };
@@ -220,12 +220,7 @@ fn try_all(study: &Study, model: &Model, rows: &Rows, known: &[String], refitted
         if is_main(e) || study.candidates.iter().all(|c| c.declaration().id != e.id) {
             continue;
         }
-        let mut freed = held.clone();
-        let at = freed.effects.iter_mut().find(|f| f.id == e.id);
-        for (p, was) in at.into_iter().flat_map(|f| f.parameters.iter_mut().zip(&e.parameters)) {
-            p.parameter.fixed = was.parameter.fixed;
-        }
-        hypotheses.push((Hypothesis::Changed(e.id.clone()), vec![freed]));
+        hypotheses.push((Hypothesis::Changed(e.id.clone()), vec![holding(model, |id, _| id != e.id)]));
     }
     hypotheses.push((Hypothesis::Scaled, vec![held.clone()]));
     hypotheses.retain(|(h, _)| !known.contains(&h.effect(model)));
@@ -234,7 +229,7 @@ fn try_all(study: &Study, model: &Model, rows: &Rows, known: &[String], refitted
         study.watch.event(&Event::Fitting { effect: &hypothesis.effect(model) });
         let fitted: Vec<Model> = match hypothesis {
             Hypothesis::Scaled => vec![scaled(study, model, rows)],
-            _ => begun.iter().map(|m| released(fit_rows(m, study.dataset, rows, effort).model, model)).collect(),
+            _ => begun.iter().map(|m| as_free_as(fit_rows(m, study.dataset, rows, effort).model, model)).collect(),
         };
         let judged = fitted.into_iter().map(|m| super::judgement::judge_rows(m, study.dataset, &study.split, rows));
         let best = judged.min_by(|a, b| a.identify_rms_um.total_cmp(&b.identify_rms_um))?;
@@ -255,16 +250,6 @@ fn try_all(study: &Study, model: &Model, rows: &Rows, known: &[String], refitted
         a.cost(refitted_um).total_cmp(&b.cost(refitted_um)).then_with(|| a.hypothesis.effect(model).cmp(&b.hypothesis.effect(model)))
     });
     tried
-}
-
-/// What was held is as free as it was.
-fn released(mut fitted: Model, before: &Model) -> Model {
-    for e in &mut fitted.effects {
-        if let Some(was) = before.effect(&e.id) {
-            e.parameters.iter_mut().zip(&was.parameters).for_each(|(p, w)| p.parameter.fixed = w.parameter.fixed);
-        }
-    }
-    fitted
 }
 
 /// The model with its hysteresis times the factor that the data ask for.

@@ -24,6 +24,8 @@ pub struct Policy {
     pub effects_max: usize,
     /// Rounds without a better model after which the search ends; two effects that only help together are proposed as a pair.
     pub rounds_without_gain: usize,
+    /// How often effects of the best model are exchanged for others where additions bring nothing more.
+    pub exchanges_max: usize,
     /// Weight of the held-out error beside the fitted one where models are ranked: what is only met where it was fitted is worth half.
     pub held_out_weight: f64,
     /// Least fall of the rank (a mean of the logarithms of fitted and held-out error) in a round after which the search goes on: what brings
@@ -83,6 +85,7 @@ impl Default for Policy {
             trials: 5,
             effects_max: 7,
             rounds_without_gain: 1,
+            exchanges_max: 3,
             held_out_weight: 2.0 / 3.0,
             least_gain: 0.04,
             promises_nothing: 0.99,

@@ -7,7 +7,7 @@
 
 use super::decision::{Decision, decide};
 use super::judgement::Judged;
-use super::screening::Screening;
+use super::screening::{Score, Screening};
 use super::study::Study;
 
 use crate::parallel;
@@ -17,6 +17,10 @@ use crate::watch::Event;
 const CLEARLY_MISSED: f64 = 0.5;
 /// Rivals of an effect that are fitted at most.
 const RIVALS_MAX: usize = 4;
+/// A rival's signature is at least so much like that of the effect: what acts in quite another way is found by the search itself.
+const RIVALS_SIMILARITY: f64 = 0.25;
+/// How often a rival that does better takes the place of an effect.
+const BETTER_RIVALS_MAX: usize = 2;
 /// A rival whose quick fit is worse by this much does not come to a tie, however long it is fitted.
 const CLEARLY_BEHIND: f64 = 0.25;
 
@@ -70,11 +74,36 @@ fn missed(study: &Study, without: &Judged, with: &Judged) -> f64 {
     study.merit(without) - study.merit(with)
 }
 
-/// Takes back what the data do not need and looks for rivals of the rest.
+/// Takes back what the data do not need and looks for rivals of the rest; a rival that does better than what it was compared with takes its
+/// place, and all is looked at again.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
 pub fn reduce(study: &Study, found: &Judged, added: &[String]) -> crate::error::Result<Reduced> {
+    let mut reduced = reduce_once(study, found, added)?;
+    for _ in 0..BETTER_RIVALS_MAX {
+        let at_all = study.merit(&reduced.judged) - study.policy.least_gain;
+        let better = |r: &&Rival| study.merit(&r.judged) < at_all;
+        let all = reduced.supported.iter().flat_map(|one| one.rivals.iter().filter(better).map(move |rival| (&one.id, rival)));
+        let Some((id, rival)) = all.min_by(|a, b| study.merit(&a.1.judged).total_cmp(&study.merit(&b.1.judged))) else { break };
+        if study.watch.stopped() {
+            break;
+        }
+        let present = |other: &String| rival.judged.model.effect(other).is_some();
+        let kept = reduced.supported.iter().map(|one| &one.id).filter(|other| *other != id && present(other)).cloned();
+        let added: Vec<String> = kept.chain(std::iter::once(rival.id.clone())).collect();
+        let mut again = reduce_once(study, &rival.judged.clone(), &added)?;
+        if study.merit(&again.judged) > at_all {
+            break;
+        }
+        again.taken_back.splice(0..0, std::mem::take(&mut reduced.taken_back));
+        reduced = again;
+    }
+    Ok(reduced)
+}
+
+/// Takes back what the data do not need and looks for rivals of the rest.
+fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error::Result<Reduced> {
     let mut judged = study.judged(found.model.clone());
     let mut added: Vec<String> = added.to_vec();
     let mut taken_back = Vec::new();
@@ -187,14 +216,10 @@ fn p_of(screening: &Screening, id: &str) -> Option<f64> {
 
 /// What else explains much of what the model without an effect leaves, fitted in its place.
 fn rivals_of(study: &Study, id: &str, without: &Judged, screening: &Screening, best: &Judged) -> Vec<Rival> {
-    let Some(own) = screening.scores.iter().find(|s| s.id == id) else { return Vec::new() };
     let present = |other: &str| best.model.effect(other).is_some();
-    let worth: Vec<_> = screening
-        .scores
-        .iter()
-        .filter(|s| !present(&s.id) && s.explained_um2 > study.policy.rival * own.explained_um2)
-        .take(RIVALS_MAX)
-        .collect();
+    let doing_as: Vec<&Score> =
+        screening.doing_as(id, study.policy.rival, RIVALS_SIMILARITY).into_iter().filter(|s| !present(&s.id)).collect();
+    let worth: Vec<&Score> = doing_as.into_iter().take(RIVALS_MAX).collect();
     if !worth.is_empty() {
         study.watch.event(&Event::Doing("trying what else could do"));
     }

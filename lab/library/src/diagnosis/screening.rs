@@ -532,6 +532,17 @@ impl Screening {
         if norms > 0.0 { (sa.dot(&sb) / norms).abs() } else { 0.0 }
     }
 
+    /// Candidates other than one that explain at least a share of what it does, by signatures at least so much alike; those most alike first.
+    #[must_use]
+    pub fn doing_as(&self, id: &str, least_share: f64, least_similarity: f64) -> Vec<&Score> {
+        let Some(own) = self.scores.iter().find(|s| s.id == id) else { return Vec::new() };
+        let other = |s: &&Score| s.id != id && s.explained_um2 > least_share * own.explained_um2;
+        let mut out: Vec<(f64, &Score)> = self.scores.iter().filter(other).map(|s| (self.similarity(own, s), s)).collect();
+        out.retain(|(similarity, _)| *similarity > least_similarity);
+        out.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.id.cmp(&b.1.id)));
+        out.into_iter().map(|(_, s)| s).collect()
+    }
+
     fn stacked_signature(&self, score: &Score) -> DVector<f64> {
         let Some(&d) = score.directions.first() else { return DVector::zeros(self.residual.len()) };
         let columns: Vec<usize> = self.directions[d].columns.clone().collect();

@@ -4,7 +4,9 @@
 //! A round scores all candidates on what each of the best models leaves, and proposes the sets that promise most: one effect more, or two
 //! where together they explain what neither does alone (creep is not seen before the lag beside it is), or a finer description of the
 //! hysteresis. The most promising are fitted on a part of the samples and take their place among all that were fitted; the best that have
-//! not been extended yet are extended next. The search ends when nothing is left above the noise, or when rounds bring no better model.
+//! not been extended yet are extended next. Where additions bring nothing more, effects of the best model are exchanged for others that do much
+//! the same beside it ([`Screening::doing_as`]): the first to be added was the best of few. The search ends when nothing is left above the
+//! noise, or when neither brings a better model.
 //! What comes out depends on the data alone, not on the order of effects or records, because all sets are compared with one another by
 //! fitted and held-out error.
 
@@ -62,6 +64,12 @@ const PAIRS: usize = 3;
 /// A pair is worth a trial of its own where it leaves less than this share of what the better of the two leaves alone.
 const BETTER_TOGETHER: f64 = 0.8;
 
+/// Others that are tried in the place of an effect.
+const EXCHANGED: usize = 3;
+/// An effect is exchanged for one whose signature is at least so much like its own: lags and delays are alike to 0.8 and more, what acts in
+/// other ways to 0.6 at most.
+const EXCHANGED_SIMILARITY: f64 = 0.7;
+
 impl<'s, 'a> Search<'s, 'a> {
     /// A search that begins at a fitted model.
     #[must_use]
@@ -100,7 +108,8 @@ impl<'s, 'a> Search<'s, 'a> {
     pub fn run(&mut self) -> Result<()> {
         let policy = &self.study.policy;
         let mut without_gain = 0;
-        let rounds = policy.effects_max + policy.rounds_without_gain;
+        let rounds = policy.effects_max + policy.rounds_without_gain + policy.exchanges_max;
+        let mut exchanges = 0;
         for _ in 0..rounds {
             if self.study.watch.stopped() {
                 self.stopped = true;
@@ -110,27 +119,65 @@ impl<'s, 'a> Search<'s, 'a> {
             if self.study.met(&self.best().judged) && self.study.nothing_left(&self.best().judged) {
                 return Ok(());
             }
-            let mut proposals = self.propose()?;
+            let mut proposals = if without_gain < policy.rounds_without_gain { self.propose()? } else { Vec::new() };
+            if proposals.is_empty() {
+                if exchanges == policy.exchanges_max {
+                    return Ok(());
+                }
+                exchanges += 1;
+                proposals = self.propose_exchanges()?;
+            } else {
+                proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
+                proposals.truncate(policy.trials);
+            }
             if proposals.is_empty() {
                 return Ok(());
             }
-            proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
-            proposals.truncate(policy.trials);
-            let fitted = parallel::map(&proposals, |p| self.study.quickly(&p.begin));
-            for (proposal, judged) in proposals.into_iter().zip(fitted) {
-                if self.study.merit(&judged) > proposal.of + HOPELESS {
-                    self.hopeless.insert(proposal.added.join("+"));
-                }
-                self.keep(proposal.key, Node { added: proposal.added, judged, extended: false, compared: false });
-            }
+            self.fit(proposals);
             self.compare_best();
-            let after = self.rank(self.best());
-            without_gain = if before - after > policy.least_gain { 0 } else { without_gain + 1 };
-            if without_gain >= policy.rounds_without_gain {
+            let gained = before - self.rank(self.best()) > policy.least_gain;
+            if !gained && without_gain >= policy.rounds_without_gain {
                 return Ok(());
             }
+            without_gain = if gained { 0 } else { without_gain + 1 };
         }
         Ok(())
+    }
+
+    /// Fits what was proposed.
+    fn fit(&mut self, proposals: Vec<Proposal>) {
+        let fitted = parallel::map(&proposals, |p| self.study.quickly(&p.begin));
+        for (proposal, judged) in proposals.into_iter().zip(fitted) {
+            if self.study.merit(&judged) > proposal.of + HOPELESS {
+                self.hopeless.insert(proposal.added.join("+"));
+            }
+            self.keep(proposal.key, Node { added: proposal.added, judged, extended: false, compared: false });
+        }
+    }
+
+    /// The best model with one of its effects exchanged for another that does much the same: what was added first was the best of few effects
+    /// then, and need not be the best beside those that came after it.
+    fn propose_exchanges(&self) -> Result<Vec<Proposal>> {
+        let best = self.best();
+        let may_leave =
+            |id: &&String| best.judged.model.effect(id).is_some_and(|e| e.effect.may_leave() && !e.effect.declaration().is_main());
+        let leaving: Vec<&String> = best.added.iter().filter(may_leave).collect();
+        let bases: Vec<Model> = leaving.iter().map(|id| self.study.without(&best.judged.model, id)).collect();
+        let screenings = parallel::map(&bases, |base| self.study.score(base));
+        let relative = self.study.merit(&best.judged).exp();
+        let mut out = Vec::new();
+        for ((id, base), screening) in leaving.into_iter().zip(&bases).zip(screenings) {
+            let screening = screening?;
+            let without = Node {
+                added: best.added.iter().filter(|other| *other != id && base.effect(other).is_some()).cloned().collect(),
+                ..best.clone()
+            };
+            for score in screening.doing_as(id, self.study.policy.rival, EXCHANGED_SIMILARITY).into_iter().take(EXCHANGED) {
+                let begin = self.study.with(base, &[(score.effect.clone(), score.starts[0].clone())]);
+                self.offer(&without, &[score], begin, relative, 0.0, &mut out);
+            }
+        }
+        Ok(out)
     }
 
     /// Takes a node into account, unless the same set was fitted better.

@@ -8,6 +8,7 @@ use crate::dataset::Dataset;
 use crate::error::Result;
 use crate::identification::finer_hysteresis;
 use crate::identification::fit::{Effort, fit_rows, rms};
+use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::watch::{Event, Watch};
@@ -133,16 +134,8 @@ impl<'a> Study<'a> {
     /// The model with the first value of a user's effect fitted before its others: begun far too small, its strength makes a fit of all
     /// values together send the others far away (a gap that a weak spring hardly shows).
     fn first_value_first(&self, model: &Model, id: &str) -> Model {
-        let mut held = model.clone();
-        let effect_of = |m: &mut Model, fixed: &dyn Fn(usize) -> bool| {
-            let parameters = m.effects.iter_mut().filter(|e| e.id == *id).flat_map(|e| e.parameters.iter_mut().enumerate().skip(1));
-            parameters.for_each(|(i, p)| p.parameter.fixed = fixed(i));
-        };
-        let as_declared: Vec<bool> = model.effect(id).map_or_else(Vec::new, |e| e.parameters.iter().map(|p| p.parameter.fixed).collect());
-        effect_of(&mut held, &|_| true);
-        let mut begun = fit_rows(&held, &self.searched, &self.quick, FIRST).model;
-        effect_of(&mut begun, &|i| as_declared[i]);
-        begun
+        let held = holding(model, |effect, place| effect == id && place > 0);
+        as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, model)
     }
 
     /// Fits far enough to see whether it can compete.

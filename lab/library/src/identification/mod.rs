@@ -8,6 +8,7 @@
 
 pub mod finer_hysteresis;
 pub mod fit;
+pub mod held_values;
 pub mod identifiability;
 pub mod linearisation;
 pub mod noise_floor;

@@ -11,6 +11,7 @@ use super::predictor::{Demands, PredictorDesign};
 use super::regulator_loop;
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
 use super::track::{SineReference, TrackResult, track};
+use crate::statistics::extremes;
 use hysteron_sim::chain::Model;
 use nalgebra::Complex;
 use serde::Serialize;
@@ -196,7 +197,7 @@ pub fn follow(chain: &Model, design: &ServoDesign, reference: &str, scheme: Opti
     }
     // What the actuator reaches counts, not what the servo's own model believes.
     let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
-    let (low_um, high_um) = sine.samples_um().0.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), r| (a.min(*r), b.max(*r)));
+    let (low_um, high_um) = extremes(&sine.samples_um().0);
     if low_um < 0.0 || high_um > reach_um {
         return Err(format!("the reference goes from {low_um:.2} to {high_um:.2} um; the drive reaches 0 to {reach_um:.2} um"));
     }

@@ -7,6 +7,7 @@
 use super::design::ServoDesign;
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::QuantisationError;
+use crate::statistics::extremes;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, condition, follow};
@@ -140,7 +141,7 @@ impl TrackResult {
                 self.saturated_ticks
             ));
         }
-        let (low, high) = self.reference_um.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), r| (l.min(*r), h.max(*r)));
+        let (low, high) = extremes(&self.reference_um);
         let large_um = LARGE_ERROR * (high - low);
         (high > low && (self.truth.rms_um.is_nan() || self.truth.rms_um > large_um)).then(|| {
             format!(

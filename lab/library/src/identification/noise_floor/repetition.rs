@@ -9,6 +9,7 @@ use super::{Evidence, FloorEstimate};
 use crate::dataset::{Dataset, Periods, Record, Role};
 use crate::identification::fit::rms;
 use crate::spectrum::autocorrelation;
+use crate::statistics::peak_to_peak;
 use std::ops::Range;
 
 /// Least samples of a repetition that say something of the noise.
@@ -79,8 +80,7 @@ fn common_drive(first: &Record, second: &Record, end: usize, span_v: f64) -> Opt
 }
 
 fn moves(drive_v: &[f64], span_v: f64) -> bool {
-    let (low, high) = drive_v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), u| (l.min(*u), h.max(*u)));
-    high - low > MOVES * span_v
+    peak_to_peak(drive_v) > MOVES * span_v
 }
 
 /// The later part of a difference over which it does not get smaller any more.
