@@ -1,28 +1,12 @@
 //! From three kinds of recording to a servo at work on stages that the simulation does not share: prints the table of
 //! `docs/servo_from_data.md`.
 //!
-//!     cargo run --release -p hysteron-tests --example servo_from_data [STAGES [FIRST_SEED]]
+//!     cargo run --release --workspace --example servo_from_data [STAGES [FIRST_SEED]]
 //!
 //! Models are kept in target/servo_from_data and used again: a design is then judged in seconds. Delete them to identify anew.
 
-use hysteron::dataset::Dataset;
-use hysteron_sim::chain::Model;
 use hysteron_tests::independent_stage::{Change, Truth};
-use hysteron_tests::servo_study::{AtWork, Recording, at_work, designed, designed_with_the_truth, explained, record};
-use std::path::PathBuf;
-
-/// The kept model, or a new one.
-fn model(seed: u64, recording: Recording, dataset: &Dataset) -> Model {
-    let folder = PathBuf::from("target/servo_from_data");
-    let kept = folder.join(format!("{seed}_{}.toml", recording.name().replace(' ', "_")));
-    if let Ok(text) = std::fs::read_to_string(&kept) {
-        return hysteron::model_file::from_toml(&text, &kept.display().to_string()).expect("a kept model");
-    }
-    let found = explained(dataset).model;
-    std::fs::create_dir_all(&folder).expect("a folder");
-    std::fs::write(&kept, hysteron::model_file::to_toml(&found, &dataset.name).expect("finite")).expect("written");
-    found
-}
+use hysteron_tests::servo_study::{AtWork, Recording, at_work, designed, designed_with_the_truth, kept_model, record};
 
 fn nm(work: &AtWork) -> String {
     work.errors.iter().map(|e| format!("{:.1}", 1e3 * e.rms_um)).collect::<Vec<_>>().join(" / ")
@@ -41,7 +25,7 @@ fn main() {
         let mut best = String::new();
         for recording in Recording::ALL {
             let dataset = record(&truth, recording);
-            let chain = model(seed, recording, &dataset);
+            let chain = kept_model(&truth, recording, &dataset);
             let cell = match designed(&chain, &dataset) {
                 Err(reason) => {
                     refused += 1;

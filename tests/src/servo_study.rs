@@ -16,6 +16,7 @@ use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, T
 use hysteron_sim::noise::WhiteNoise;
 use hysteron_sim::waveform;
 use std::f64::consts::{FRAC_PI_2, TAU};
+use std::path::PathBuf;
 
 /// Sampling rate of the loop and of fast records, Hz.
 pub const RATE_HZ: f64 = 1.0 / PERIOD_S;
@@ -122,6 +123,23 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
 pub fn explained(dataset: &Dataset) -> Explanation {
     let effects = effects_named("hysteresis,initial_curve,vibration,creep").expect("known effects");
     explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
+}
+
+/// The model that [`explained`] found before, kept in `target/servo_from_data`, or a new one. Delete the folder to identify anew.
+///
+/// # Panics
+/// If the folder cannot be written, or a kept file is no model.
+#[must_use]
+pub fn kept_model(truth: &Truth, recording: Recording, dataset: &Dataset) -> Model {
+    let folder = PathBuf::from("target/servo_from_data");
+    let kept = folder.join(format!("{}_{}.toml", truth.seed, recording.name().replace(' ', "_")));
+    if let Ok(text) = std::fs::read_to_string(&kept) {
+        return hysteron::model_file::from_toml(&text, &kept.display().to_string()).expect("a kept model");
+    }
+    let found = explained(dataset).model;
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(&kept, hysteron::model_file::to_toml(&found, &dataset.name).expect("finite")).expect("written");
+    found
 }
 
 /// `offset + amplitude sin(2 pi f t - pi/2)` grown from zero in 0.3 s, and the sample from which the error counts.

@@ -1,0 +1,76 @@
+//! Where a loop becomes unstable on stages that the simulation does not share, over where `check` predicts it: prints the table of
+//! `docs/servo_from_data.md`.
+//!
+//!     cargo run --release --workspace --example first_unstable [STAGES [FIRST_SEED]]
+//!
+//! Models are those of `servo_from_data`, kept in target/servo_from_data.
+
+use hysteron::servo::commands::check;
+use hysteron::servo::design::ServoDesign;
+use hysteron_sim::chain::Model;
+use hysteron_tests::independent_stage::{Change, TrueMode, Truth};
+use hysteron_tests::servo_study::{LIMIT_CYCLE, Recording, designed, designed_with_the_truth, kept_model, record, rest_um};
+
+/// Shares of a prediction between which the true value is looked for.
+const LOOKED_AT: (f64, f64) = (0.7, 1.4);
+
+/// The true value over the predicted one; `Err` says on which side it is not found.
+fn turn(oscillates: &dyn Fn(f64) -> bool, downwards: bool) -> Result<f64, &'static str> {
+    let (mut stable, mut unstable) = if downwards { (LOOKED_AT.1, LOOKED_AT.0) } else { LOOKED_AT };
+    if oscillates(stable) {
+        return Err("earlier");
+    }
+    if !oscillates(unstable) {
+        return Err("later");
+    }
+    while (unstable / stable - 1.0).abs() > 0.003 {
+        let middle = (stable * unstable).sqrt();
+        if oscillates(middle) { unstable = middle } else { stable = middle }
+    }
+    Ok((stable * unstable).sqrt())
+}
+
+/// One cell for each first unstable value: the prediction, and the true one over it.
+fn cells(truth: &Truth, chain: &Model, design: &ServoDesign) -> Vec<String> {
+    let Some(first) = check(design, chain).ok().and_then(|c| c.margins).map(|m| m.first_unstable) else { return vec!["-".into(); 6] };
+    let oscillates = |change: Change| rest_um(truth, change, design) > LIMIT_CYCLE * truth.noise_um;
+    let cell = |predicted: Option<f64>, scale: f64, downwards: bool, change: &dyn Fn(f64) -> Change| {
+        predicted.map_or("none".to_owned(), |value| {
+            let found = turn(&|share| oscillates(change(share * value)), downwards);
+            format!("{:.3}: {}", scale * value, found.map_or_else(str::to_owned, |share| format!("{share:.3}")))
+        })
+    };
+    let gain = |gain_ratio: f64| Change { gain_ratio, ..Change::NONE };
+    let mass = |mass_ratio: f64| Change { mass_ratio, ..Change::NONE };
+    let delay = |delay_s: f64| Change { delay_s, ..Change::NONE };
+    let mode = |share: f64| Change {
+        mode: first.mode.map(|m| TrueMode { frequency_hz: m.frequency_hz, damping_ratio: m.damping_ratio, share }),
+        ..Change::NONE
+    };
+    vec![
+        cell(first.gain_up, 1.0, false, &gain),
+        cell(first.gain_down, 1.0, true, &gain),
+        cell(first.mass_up, 1.0, false, &mass),
+        cell(first.mass_down, 1.0, true, &mass),
+        cell(first.delay_s, 1e6, false, &delay),
+        cell(first.mode.map(|m| m.share), 100.0, false, &mode),
+    ]
+}
+
+fn main() {
+    let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(0));
+    println!("| stage | servo | gain up | gain down | mass up | mass down | delay, us | mode, % |");
+    println!("|---|---|---|---|---|---|---|---|");
+    for seed in first..first + stages {
+        let truth = Truth::drawn(seed);
+        let dataset = record(&truth, Recording::Wideband);
+        let chain = kept_model(&truth, Recording::Wideband, &dataset);
+        let servos = [("with the truth", designed_with_the_truth(&truth, &chain)), ("from the recording", designed(&chain, &dataset).ok())];
+        for (name, design) in servos {
+            if let Some(design) = design {
+                println!("| {seed} | {name} | {} |", cells(&truth, &chain, &design).join(" | "));
+            }
+        }
+    }
+}
