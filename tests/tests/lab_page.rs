@@ -1,6 +1,6 @@
-//! The lab page as a person uses it: from disk, without a network, by clicks and drops in a real browser.
+//! The lab page as a person uses it, by clicks and drops in a real browser: from disk without a network, and with the native engine behind it.
 //!
-//! Ignored by default: `cargo xtask lab` builds the page first, `cargo xtask library` then runs this.
+//! The tests of the page from disk are ignored by default: `cargo xtask lab` builds it first, `cargo xtask library` then runs them.
 
 mod devtools;
 
@@ -9,23 +9,36 @@ use hysteron::dataset::folder;
 use hysteron::explain::{Options, Start, explain};
 use hysteron::model_file;
 use hysteron::watch::Unwatched;
+use hysteron_browser::served::OnDisk;
+use hysteron_browser::server::Server;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 const LEFT_ALONE: &str = "document.documentElement.dataset.busy === 'false'";
 const BASE: &str = "hysteresis,initial_curve,vibration";
 
-/// A folder that does not outlive its test.
-fn opened() -> Option<(Page, tempfile::TempDir)> {
+fn root() -> PathBuf {
+    hysteron_tests::root().canonicalize().expect("the root")
+}
+
+/// The page at an address, and a folder that does not outlive its test.
+fn opened_at(address: &str) -> Option<(Page, tempfile::TempDir)> {
     let Some(browser) = browser() else {
         assert!(std::env::var_os("CI").is_none(), "CI needs chromium to look at pages");
         hysteron_tests::skipped("no chromium to look at the page with");
         return None;
     };
     let folder = tempfile::tempdir().expect("a folder");
-    let file = hysteron_tests::root().canonicalize().expect("the root").join("target/lab.html");
+    let mut page = Page::open(&browser, address, folder.path());
+    page.wait_for("document.documentElement?.dataset.state");
+    Some((page, folder))
+}
+
+fn opened() -> Option<(Page, tempfile::TempDir)> {
+    let file = root().join("target/lab.html");
     assert!(file.is_file(), "{} is not there: cargo xtask lab", file.display());
-    let mut page = Page::open(&browser, &file, folder.path());
-    page.wait_for("document.documentElement?.dataset.state === 'empty'");
+    let (mut page, folder) = opened_at(&format!("file://{}", file.display()))?;
+    state(&mut page, "empty");
     Some((page, folder))
 }
 
@@ -69,7 +82,7 @@ fn require_alike(a: &toml::Value, b: &toml::Value, place: &str) {
 #[ignore = "needs target/lab.html, which `cargo xtask lab` builds"]
 fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line() {
     let Some((mut page, out)) = opened() else { return };
-    let example = hysteron_tests::root().canonicalize().expect("the root").join("examples/hidden_effect");
+    let example = root().join("examples/hidden_effect");
     let files: Vec<PathBuf> = std::fs::read_dir(&example).expect("the example").map(|entry| entry.expect("an entry").path()).collect();
     page.drop_files(&files);
     state(&mut page, "loaded");
@@ -167,4 +180,51 @@ fn one_file_alone_is_cut_and_what_cannot_be_read_is_said() {
     page.wait_for(&format!("document.documentElement.dataset.redrawMs && {LEFT_ALONE}"));
     println!("redraw after a pull, a recording of 100000 samples: {} ms", number(&mut page, "redrawMs"));
     nothing_was_asked_for(&page);
+}
+
+#[test]
+fn the_served_page_has_the_native_engine_behind_it() {
+    let example = root().join("examples/hidden_effect");
+    let served = OnDisk { path: example.clone(), instructions: hysteron::dataset::reading::Instructions::default() };
+    let server = Arc::new(Server::bind(Some(Arc::new(served))).expect("a port"));
+    let serving = Arc::clone(&server);
+    let thread = std::thread::spawn(move || serving.serve());
+    let Some((mut page, out)) = opened_at(&server.address()) else { return };
+    // The data set that the program was started with is there at once, with the effects that lie beside it.
+    state(&mut page, "loaded");
+    assert_eq!(page.value("lab.start"), BASE);
+    let before_nm = number(&mut page, "heldOutNm");
+
+    page.click("#find");
+    page.wait_for("document.querySelector('#finder .live li')");
+    page.click("#cancel");
+    state(&mut page, "loaded");
+    assert!((number(&mut page, "heldOutNm") / before_nm - 1.0).abs() < 1e-12, "nothing is kept of what was cancelled");
+
+    page.click("#find");
+    state(&mut page, "named");
+    page.click("#add");
+    page.wait_for(&format!("lab.step === 1 && {LEFT_ALONE}"));
+    page.click("#save > summary");
+    page.click("[data-save=model]");
+    let saved = page.saved(&out.path().join("model.toml"));
+    let dataset = folder::load(&example).expect("the example is read");
+    let effects = model_file::effects_named(BASE).expect("known effects");
+    let found = explain(&dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("it is explained");
+    assert_eq!(saved, model_file::to_toml(&found.model, &dataset.name).expect("a model"), "byte for byte that of the command line");
+
+    // What is dropped goes to the same engine, and so does the example.
+    page.click("#example");
+    page.wait_for(&format!("lab.served === null && lab.files.length > 5 && {LEFT_ALONE}"));
+    state(&mut page, "loaded");
+    let outside: Vec<&String> = page
+        .requests
+        .iter()
+        .filter(|url| !url.starts_with(&server.address()[..20]) && !url.starts_with("blob:") && !url.starts_with("data:"))
+        .collect();
+    assert!(outside.is_empty(), "{outside:?}");
+    assert!(page.failures.is_empty(), "{:?}", page.failures);
+
+    server.end();
+    thread.join().expect("the server ends");
 }

@@ -16,8 +16,6 @@ use crate::{browser, steps};
 
 /// A page that takes longer to open than to leave is not opened: what it may have.
 const MOST_BYTES: usize = 4_000_000;
-/// Scripts of the page, in their order; the worker's stands by itself.
-const SCRIPTS: [&str; 3] = ["engine.js", "plot.js", "lab.js"];
 
 /// Where the page is written.
 pub fn file() -> PathBuf {
@@ -37,7 +35,10 @@ pub fn build() -> Result<(), String> {
 /// Packs the page around the module.
 fn write() -> Result<(), String> {
     let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_browser.wasm"))?;
-    let page = packed(&without_custom_sections(&module)?)?;
+    let example: serde_json::Map<String, serde_json::Value> =
+        hysteron_page::EXAMPLE.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
+    let example = serde_json::Value::from(example).to_string();
+    let page = hysteron_page::from_disk(&compact(&without_custom_sections(&module)?)?, &compact(example.as_bytes())?)?;
     if page.len() > MOST_BYTES {
         return Err(format!("the page has {} bytes, more than the {MOST_BYTES} of xtask/src/lab_page.rs", page.len()));
     }
@@ -57,48 +58,6 @@ pub fn test() -> Result<(), String> {
 
 fn read(path: &Path) -> Result<Vec<u8>, String> {
     std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))
-}
-
-fn text(path: &Path) -> Result<String, String> {
-    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
-}
-
-/// The template with everything in its place.
-fn packed(module: &[u8]) -> Result<String, String> {
-    let web = root().join("lab/browser/web");
-    let scripts: Vec<String> = SCRIPTS.iter().map(|name| text(&web.join(name))).collect::<Result<_, _>>()?;
-    let parts = [
-        ("/*STYLE*/", text(&web.join("lab.css"))?),
-        ("/*WORKER*/", text(&web.join("worker.js"))?),
-        ("/*SCRIPT*/", scripts.concat()),
-        ("<!--MODULE-->", compact(module)?),
-        ("<!--EXAMPLE-->", compact(example()?.to_string().as_bytes())?),
-    ];
-    let mut page = text(&web.join("lab.html"))?;
-    for (place, content) in parts {
-        if page.matches(place).count() != 1 {
-            return Err(format!("lab/browser/web/lab.html: expected {place} once"));
-        }
-        if content.contains("</script") || content.contains("</style") {
-            return Err(format!("what goes into {place} ends its own element"));
-        }
-        page = page.replace(place, &content);
-    }
-    Ok(page)
-}
-
-/// The files of the example, by name; its truth stays out.
-fn example() -> Result<serde_json::Value, String> {
-    let folder = root().join("examples/hidden_effect");
-    let entries = std::fs::read_dir(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let mut files = serde_json::Map::new();
-    for path in entries.filter_map(|entry| entry.ok().map(|e| e.path())) {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if name != "truth.json" {
-            files.insert(name, text(&path)?.into());
-        }
-    }
-    Ok(files.into())
 }
 
 /// gzip, which browsers unpack themselves, in base64.

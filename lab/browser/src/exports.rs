@@ -45,7 +45,7 @@ pub extern "C" fn hysteron_ask() -> usize {
     std::panic::set_hook(Box::new(|what| tell(&serde_json::json!({ "broken": what.to_string() }).to_string())));
     DESK.with_borrow_mut(|desk| {
         let question = std::mem::take(&mut desk.question);
-        desk.answer = desk.session.answer(&question, tell);
+        desk.answer = desk.session.answer(&question, &tell);
         desk.answer.len()
     })
 }

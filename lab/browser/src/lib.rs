@@ -6,14 +6,20 @@
 //! * [`session`]: the data, the model and the last explanation, and what is asked of them;
 //! * [`recording`]: a data set from whatever files were dropped, with the roles that a person gave its records;
 //! * [`answers`]: what the page is told, as plain structs;
-//! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports any.
+//! * [`asker`]: who is told of every step and may take a question back; [`served`]: the data set that a program was started with;
+//! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports any;
+//! * `server` (elsewhere): the same questions over HTTP, for `hysteron lab`.
 //!
 //! The page itself is written by hand in `web/`; `cargo xtask lab` packs it and this module into one file.
 
 pub mod answers;
+pub mod asker;
 #[cfg(target_arch = "wasm32")]
 mod exports;
 pub mod recording;
+pub mod served;
+#[cfg(not(target_family = "wasm"))]
+pub mod server;
 pub mod session;
 
 pub use session::Session;

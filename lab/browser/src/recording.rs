@@ -33,7 +33,8 @@ pub struct Said {
 
 impl Said {
     /// The same in the words of the library.
-    fn instructions(&self) -> Instructions {
+    #[must_use]
+    pub fn instructions(&self) -> Instructions {
         use hysteron::dataset::manifest::ColumnName;
         let column = |text: &Option<String>| {
             let text = text.as_deref()?;
@@ -68,6 +69,17 @@ pub struct Recording {
     pub manifest: Option<String>,
     /// Columns of the first file of numbers.
     pub columns: Vec<ColumnChoice>,
+}
+
+impl Recording {
+    /// A data set that was read, with the roles that a person gave its records and the first of its tables.
+    ///
+    /// # Errors
+    /// Where the roles leave nothing to fit.
+    pub fn of(dataset: Dataset, manifest: Option<String>, first: Option<&Table>, said: &Said) -> Result<Self> {
+        let columns = first.map_or_else(Vec::new, columns_of);
+        Ok(Self { dataset: with_roles(dataset, &said.roles)?, manifest, columns })
+    }
 }
 
 /// The name of a file without the folders before it.
@@ -105,8 +117,7 @@ pub fn read(files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Recording>
             (from_manifest_as(&text, "dataset.toml", files, &instructions)?, Some(text), Some(table))
         }
     };
-    let columns = shown.map_or_else(Vec::new, |table| columns_of(&table));
-    Ok(Recording { dataset: with_roles(dataset, &said.roles)?, manifest: written, columns })
+    Recording::of(dataset, written, shown.as_ref(), said)
 }
 
 fn columns_of(table: &Table) -> Vec<ColumnChoice> {

@@ -1,7 +1,9 @@
 //! One person at the page: the data, the model, what was found last.
 
 use crate::answers::{self, Answer};
+use crate::asker::{Asker, Teller};
 use crate::recording::{self, Recording, Said};
+use crate::served::Served;
 use hysteron::diagnosis::judgement::{Split, require_finite};
 use hysteron::explain::{Explanation, Options, Start, explain, fit_figures, step_figures};
 use hysteron::identification::fit::{dot, residual, rms};
@@ -9,13 +11,13 @@ use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identify::{Identification, add, identify};
 use hysteron::spectrum::amplitude_density;
 use hysteron::synthetic::case::{Order, simulate_case};
-use hysteron::watch::{Event, Watch};
 use hysteron::{Error, Result, model_file};
 use hysteron_report::{comparison_report, explain_page, explain_report};
 use hysteron_sim::chain::Model;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A file that comes with a question; its bytes stand behind the JSON, in the order of the list.
 #[derive(Deserialize)]
@@ -40,6 +42,11 @@ enum Question {
     /// Reads a data set.
     Read {
         files: Vec<FileEntry>,
+        #[serde(default)]
+        said: Box<Said>,
+    },
+    /// Reads the data set that the program was started with.
+    Served {
         #[serde(default)]
         said: Box<Said>,
     },
@@ -73,8 +80,8 @@ enum Question {
     Figures { seconds: f64, of_search: bool },
     /// The page of the last explanation, or of the model as it is.
     Report { of_search: bool },
-    /// All effects.
-    Effects {},
+    /// What a page is told first: all effects, and what the program was started with.
+    Begin {},
 }
 
 /// The data at hand.
@@ -90,15 +97,12 @@ pub struct Session {
     data: Option<Data>,
     model: Option<Model>,
     found: Option<Explanation>,
+    served: Option<Arc<dyn Served>>,
 }
 
-/// Hands the events of a search to the page.
-struct Teller(fn(&str));
-
-impl Watch for Teller {
-    fn event(&self, event: &Event<'_>) {
-        (self.0)(&answers::event(event).to_string());
-    }
+/// Of work that was taken back nothing is kept: data and model stay as they were.
+fn unless_taken_back<T>(found: T, asker: &dyn Asker) -> Result<T> {
+    if asker.has_left() { Err(Error::Stopped) } else { Ok(found) }
 }
 
 fn no_data() -> Error {
@@ -110,16 +114,27 @@ fn no_model() -> Error {
 }
 
 impl Session {
-    /// Answers a question: eight bytes with the length of its JSON, the JSON, the bytes of its files. An error is an answer too, with the one
-    /// key `error`.
-    pub fn answer(&mut self, question: &[u8], tell: fn(&str)) -> Vec<u8> {
-        let answer = parts(question).and_then(|(question, bytes)| self.asked(question, bytes, tell));
-        answer.unwrap_or_else(|error| Answer::of(json!({ "error": error.to_string() }))).bytes()
+    /// For a program that was started with a data set.
+    #[must_use]
+    pub fn serving(served: Option<Arc<dyn Served>>) -> Self {
+        Self { served, ..Self::default() }
     }
 
-    fn asked(&mut self, question: Question, bytes: &[u8], tell: fn(&str)) -> Result<Answer> {
+    /// Answers a question: eight bytes with the length of its JSON, the JSON, the bytes of its files. An error is an answer too, with the
+    /// key `error`; `knows_nothing` says that no data is at hand.
+    pub fn answer(&mut self, question: &[u8], asker: &dyn Asker) -> Vec<u8> {
+        let answer = parts(question).and_then(|(question, bytes)| self.asked(question, bytes, asker));
+        answer.unwrap_or_else(|error| Answer::of(json!({ "error": error.to_string(), "knows_nothing": self.data.is_none() }))).bytes()
+    }
+
+    fn asked(&mut self, question: Question, bytes: &[u8], asker: &dyn Asker) -> Result<Answer> {
         match question {
             Question::Read { files, said } => self.read(&named_files(&files, bytes)?, &said),
+            Question::Served { said } => {
+                let served = self.served.as_ref().ok_or_else(no_data)?;
+                let recording = served.read(&said)?;
+                Ok(self.opened(recording))
+            }
             Question::Plant { hidden, base, seed } => {
                 let case = simulate_case(&Order { hidden, base, hysteresis: "hysteresis".into(), seed }, "hidden")?;
                 self.read(&case.files, &Said::default())
@@ -135,16 +150,16 @@ impl Session {
             }
             Question::Identify { effects } => {
                 let effects = model_file::effects_named(&effects)?;
-                let found = identify(&self.data()?.recording.dataset, &effects, &Teller(tell))?;
-                Ok(self.fitted(found))
+                let found = identify(&self.data()?.recording.dataset, &effects, &Teller(asker))?;
+                Ok(self.fitted(unless_taken_back(found, asker)?))
             }
             Question::Add { effect } => {
                 let effect = model_file::effect_named(&effect)?;
                 let model = self.model.clone().ok_or_else(no_model)?;
-                let found = add(&effect, model, &self.data()?.recording.dataset, &Teller(tell))?;
-                Ok(self.fitted(found))
+                let found = add(&effect, model, &self.data()?.recording.dataset, &Teller(asker))?;
+                Ok(self.fitted(unless_taken_back(found, asker)?))
             }
-            Question::Explain { from } => self.explain(from.as_deref(), tell),
+            Question::Explain { from } => self.explain(from.as_deref(), asker),
             Question::Take { step } => {
                 let found = self.found.as_ref().ok_or_else(|| Error::new("", "nothing was looked for yet"))?;
                 let last = found.steps.len() - 1;
@@ -184,7 +199,13 @@ impl Session {
                 };
                 Ok(Answer::of(json!({ "text": explain_page(&report).to_html() })))
             }
-            Question::Effects {} => Ok(Answer::of(answers::effects())),
+            Question::Begin {} => {
+                let mut told = answers::effects();
+                if let (Value::Object(told), Some(served)) = (&mut told, &self.served) {
+                    told.insert("served".into(), json!({ "name": served.name(), "base_effects": served.base_effects() }));
+                }
+                Ok(Answer::of(told))
+            }
         }
     }
 
@@ -194,11 +215,15 @@ impl Session {
 
     fn read(&mut self, files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Answer> {
         let recording = recording::read(files, said)?;
+        Ok(self.opened(recording))
+    }
+
+    fn opened(&mut self, recording: Recording) -> Answer {
         let (floor, split) = (noise_floor(&recording.dataset), Split::of(&recording.dataset));
         let answer = Answer::of(answers::recording(&recording, &floor));
         self.found = None;
         self.data = Some(Data { recording, floor, split });
-        Ok(answer)
+        answer
     }
 
     /// The model with other values and without some effects.
@@ -252,14 +277,14 @@ impl Session {
         Answer::of(json)
     }
 
-    fn explain(&mut self, from: Option<&str>, tell: fn(&str)) -> Result<Answer> {
+    fn explain(&mut self, from: Option<&str>, asker: &dyn Asker) -> Result<Answer> {
         let effects = from.map(model_file::effects_named).transpose()?;
         let start = match &effects {
             Some(effects) => Start::Effects(effects),
             None => Start::Model(self.model.clone().ok_or_else(no_model)?),
         };
         let dataset = &self.data()?.recording.dataset;
-        let found = explain(dataset, start, &Options::default(), &Teller(tell))?;
+        let found = unless_taken_back(explain(dataset, start, &Options::default(), &Teller(asker))?, asker)?;
         let answer = answers::explanation(&found, dataset, &found.figures(dataset, 0.0));
         self.model = Some(found.steps[0].judged.model.clone());
         self.found = Some(found);

@@ -12,7 +12,7 @@ fn ask(session: &mut Session, mut question: Value, files: &[(&str, String)]) -> 
     let mut bytes = (text.len() as u64).to_le_bytes().to_vec();
     bytes.extend(text.bytes());
     files.iter().for_each(|(_, file)| bytes.extend(file.bytes()));
-    let answer = session.answer(&bytes, |_| {});
+    let answer = session.answer(&bytes, &|_: &str| {});
     let length = u64::from_le_bytes(answer[..8].try_into().unwrap()) as usize;
     let json: Value = serde_json::from_slice(&answer[8..8 + length]).unwrap();
     let mut numbers = answer[8 + length..].chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap()));
@@ -77,6 +77,6 @@ fn what_cannot_be_answered_is_said() {
         let (answer, _) = ask(&mut session, question.clone(), &[]);
         assert!(answer["error"].as_str().is_some_and(|e| e.contains(expected)), "{question}: {answer}");
     }
-    let cut_off = session.answer(&[1, 2, 3], |_| {});
+    let cut_off = session.answer(&[1, 2, 3], &|_: &str| {});
     assert!(String::from_utf8_lossy(&cut_off).contains("cut off"));
 }

@@ -1,5 +1,4 @@
-// The page: what a person sees and does. Data, model and search are the library's, in its worker.
-"use strict";
+// The page: what a person sees and does. Data, model and search are the library's, behind its engine.
 
 const $ = (selector) => document.querySelector(selector);
 const nm = (um) => (um === null || um === undefined ? "–" : (1e3 * um).toFixed(1e3 * um >= 100 ? 0 : 1e3 * um >= 10 ? 1 : 2));
@@ -21,6 +20,7 @@ const lab = {
   engine: null,
   files: [],          // { name, bytes } as they were dropped
   planted: null,      // the order of a simulated recording, in place of files
+  served: null,       // what the program was started with, in place of files
   said: { columns: {}, units: {}, roles: {} },
   data: null,         // what was read
   signals: [],        // drive and reading of each record, once asked for
@@ -53,7 +53,10 @@ async function trying(work) {
     await work();
   } catch (error) {
     if (!(error instanceof Cancelled)) say(error.message);
-    if (lab.engine?.knowsNothing && lab.text) await again();
+    if (lab.engine?.knowsNothing && lab.text) {
+      await again();
+      if (!(error instanceof Cancelled)) say(`${error.message} Data and model have been handed to it again; repeat what you did.`);
+    }
   } finally {
     told.busy = "false";
   }
@@ -80,7 +83,7 @@ async function watched(title, work) {
     current.classList.toggle("best", Boolean(best));
     if (added) current = null;
   };
-  place.querySelector("#cancel").onclick = () => lab.engine.restart();
+  place.querySelector("#cancel").onclick = () => lab.engine.cancel();
   try {
     const answer = await work();
     lab.seconds = (performance.now() - began) / 1000;
@@ -97,7 +100,7 @@ async function watched(title, work) {
   }
 }
 
-/** Hands data and model to a worker that may know nothing of them. */
+/** Hands data and model to an engine that may know nothing of them. */
 async function again() {
   lab.engine.knowsNothing = false;
   await ask(...reading());
@@ -112,9 +115,13 @@ async function again() {
 
 function reading() {
   if (lab.planted) return [{ ask: "plant", ...lab.planted }, []];
+  if (lab.served) return [{ ask: "served", said: lab.said }, []];
   const files = lab.files.map(({ name, bytes }) => ({ name, bytes: bytes.length }));
   return [{ ask: "read", files, said: lab.said }, lab.files.map(({ bytes }) => bytes)];
 }
+
+/** The list in a file of effects to start from. */
+const startOf = (text) => text.trim().split(/[\s,]+/).join(",");
 
 /** Takes files: recordings, or a model for the recording that is there. */
 async function take(files) {
@@ -122,8 +129,8 @@ async function take(files) {
   const others = files.filter((file) => !models.includes(file));
   if (others.length) {
     const base = others.find((file) => /(^|\/)base_effects\.txt$/.test(file.name));
-    await open({ files: others.filter((file) => !/(^|\/)(base_effects\.txt|truth\.json)$/.test(file.name) && !/(^|\/)\./.test(file.name)), planted: null,
-      start: base ? new TextDecoder().decode(base.bytes).trim().split(/[\s,]+/).join(",") : "gain" });
+    await open({ files: others.filter((file) => !/(^|\/)(base_effects\.txt|truth\.json)$/.test(file.name) && !/(^|\/)\./.test(file.name)),
+      start: base ? startOf(new TextDecoder().decode(base.bytes)) : "gain" });
   }
   if (models.length) {
     if (!lab.data) throw new Error(`${models[0].name}: is a model; drop a recording first, then the model`);
@@ -135,8 +142,8 @@ async function take(files) {
   }
 }
 
-async function open({ files, planted, start }) {
-  await readOtherwise(() => Object.assign(lab, { files, planted, start, said: { columns: {}, units: {}, roles: {} } }));
+async function open({ files = [], planted = null, served = null, start }) {
+  await readOtherwise(() => Object.assign(lab, { files, planted, served, start, said: { columns: {}, units: {}, roles: {} } }));
 }
 
 /** Reads after a change of what is read; where that fails or is cancelled, everything is as it was. */
@@ -685,13 +692,13 @@ async function dropped(transfer) {
 }
 
 async function example() {
-  const files = JSON.parse(new TextDecoder().decode(await unpacked($("#example-files").textContent)));
+  const files = await lab.engine.example();
   await take(Object.entries(files).map(([name, text]) => ({ name, bytes: new TextEncoder().encode(text) })));
 }
 
 function hideOne() {
   const hidden = [[HIDEABLE[Math.floor(Math.random() * HIDEABLE.length)], 2]];
-  return open({ files: [], planted: { hidden, base: ["hysteresis", "initial_curve", "vibration"], seed: Math.floor(Math.random() * 1e6) }, start: "hysteresis,initial_curve,vibration" });
+  return open({ planted: { hidden, base: ["hysteresis", "initial_curve", "vibration"], seed: Math.floor(Math.random() * 1e6) }, start: "hysteresis,initial_curve,vibration" });
 }
 
 function listen() {
@@ -744,9 +751,11 @@ async function begin() {
   makePlots();
   listen();
   await trying(async () => {
-    lab.engine = new Engine(await unpacked($("#module").textContent), $("#worker").textContent);
-    lab.effects = (await ask({ ask: "effects" })).json.effects;
+    lab.engine = $("#module").textContent ? new WorkerEngine(await unpacked($("#module").textContent)) : new ServedEngine();
+    const { effects, served } = (await ask({ ask: "begin" })).json;
+    lab.effects = effects;
     told.state = "empty";
+    if (served) await open({ served, start: served.base_effects ? startOf(served.base_effects) : "gain" });
     if (location.hash === "#example") {
       await example();
       await find();

@@ -1,5 +1,4 @@
 // The library in a worker of its own, so that the page stays alive while a search goes on. Ended to cancel.
-"use strict";
 
 let library = null;
 
@@ -20,30 +19,15 @@ async function start(bytes) {
   library = (await WebAssembly.instantiate(module, imports)).exports;
 }
 
-/** Question and files in linear memory; the answer as JSON and columns of 64-bit floats. */
+/** Question and files through linear memory. */
 function ask(question, files) {
-  const text = new TextEncoder().encode(JSON.stringify(question));
-  const length = 8 + text.length + files.reduce((sum, file) => sum + file.length, 0);
-  const room = library.hysteron_reserve(length);
-  new DataView(library.memory.buffer).setBigUint64(room, BigInt(text.length), true);
-  const target = new Uint8Array(library.memory.buffer, room, length);
-  target.set(text, 8);
-  let at = 8 + text.length;
-  for (const file of files) {
-    target.set(file, at);
-    at += file.length;
-  }
+  const bytes = questionBytes(question, files);
+  const room = library.hysteron_reserve(bytes.length);
+  new Uint8Array(library.memory.buffer, room, bytes.length).set(bytes);
   const size = library.hysteron_ask();
-  const answer = library.memory.buffer.slice(library.hysteron_answer(), library.hysteron_answer() + size);
-  const jsonLength = Number(new DataView(answer).getBigUint64(0, true));
-  const json = JSON.parse(new TextDecoder().decode(new Uint8Array(answer, 8, jsonLength)));
-  let from = 8 + jsonLength;
-  const columns = json.columns.map((count) => {
-    const column = new Float64Array(answer, from, count);
-    from += 8 * count;
-    return column;
-  });
-  return { json, columns, buffer: answer };
+  const at = library.hysteron_answer();
+  const buffer = library.memory.buffer.slice(at, at + size);
+  return { ...answerOf(buffer), buffer };
 }
 
 let ready = null;

@@ -5,8 +5,9 @@
 
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
-use crate::{add, capture, check, compare, design, diagnose, explain, identify, plant, reproduce, score, simulate, track};
-use clap::{Parser, Subcommand};
+use crate::{add, capture, check, compare, design, diagnose, explain, identify, lab, plant, reproduce, score, simulate, track};
+use clap::{CommandFactory, Parser, Subcommand};
+use clap_complete::Shell;
 use hysteron::{Error, Result};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -102,6 +103,9 @@ pub struct PlantArguments {
 #[derive(Subcommand)]
 enum Command {
     /// Identify, compare, diagnose, add effects until the noise floor: the main job
+    #[command(
+        after_help = "Examples:\n  hysteron explain recording.mat\n  hysteron explain my_stage --from hysteresis,initial_curve,vibration --out model.toml --report explain.html"
+    )]
     Explain {
         /// Folder with dataset.toml, a manifest, or one file of numbers (docs/formats.md)
         dataset: PathBuf,
@@ -120,6 +124,7 @@ enum Command {
         outputs: StudyOutputs,
     },
     /// Fit a list of effects to a data set
+    #[command(after_help = "Example:\n  hysteron identify my_stage --effects hysteresis,initial_curve,vibration,creep --out model.toml")]
     Identify {
         /// Data set
         dataset: PathBuf,
@@ -135,6 +140,7 @@ enum Command {
         outputs: StudyOutputs,
     },
     /// Compare a model with a data set as it is
+    #[command(after_help = "Example:\n  hysteron compare model.toml other_day.csv --report compare.html")]
     Compare {
         /// Model file
         model: PathBuf,
@@ -146,6 +152,7 @@ enum Command {
         outputs: Outputs,
     },
     /// Say which physical effect a model misses on a data set
+    #[command(after_help = "Example:\n  hysteron diagnose model.toml other_day.csv --json diagnosis.json")]
     Diagnose {
         /// Model file
         model: PathBuf,
@@ -160,6 +167,7 @@ enum Command {
         outputs: Outputs,
     },
     /// Add an effect to a model and fit it again
+    #[command(after_help = "Example:\n  hysteron add creep model.toml my_stage --out better.toml")]
     Add {
         /// Effect: a built-in name or a .toml file
         effect: String,
@@ -176,6 +184,7 @@ enum Command {
         outputs: Outputs,
     },
     /// What a model's sensor would read under a drive
+    #[command(after_help = "Example:\n  hysteron simulate model.toml --drive triangle:200:60:2 --out simulated.csv")]
     Simulate {
         /// Model file
         model: PathBuf,
@@ -192,9 +201,24 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// The lab page in your browser, with this program behind it; nothing leaves this machine
+    #[command(after_help = "Examples:\n  hysteron lab\n  hysteron lab recording.mat")]
+    Lab {
+        /// Data set to begin with: a folder with dataset.toml, a manifest, or one file
+        dataset: Option<PathBuf>,
+        /// Write the address, and leave it to you to open it
+        #[arg(long)]
+        no_open: bool,
+        #[command(flatten)]
+        reading: ReadArguments,
+    },
     /// Simulate a data set that has these effects, with its truth; or a set of many
+    #[command(
+        after_help = "Examples:\n  hysteron plant creep=2,delay --out hidden --seed 7\n  hysteron plant all --strengths 1,2,4 --out cases"
+    )]
     Plant(PlantArguments),
     /// Decode the log of a target (its image, the raw bytes of its RTT channel) into a data set
+    #[command(after_help = "Example:\n  hysteron capture hysteron-firmware log.rtt --out recorded")]
     Capture {
         /// The image that was flashed
         elf: PathBuf,
@@ -208,6 +232,7 @@ enum Command {
         force: bool,
     },
     /// Design a servo for an identified model, with margins, and write its parameters
+    #[command(after_help = "Example:\n  hysteron design model.toml --data my_stage --reference-hz 50 --out servo.toml --block servo.block")]
     Design {
         /// Model file
         model: PathBuf,
@@ -236,6 +261,7 @@ enum Command {
         outputs: Outputs,
     },
     /// Sampled eigenvalues and margins of a servo; exit status 1 if it is unstable
+    #[command(after_help = "Example:\n  hysteron check servo.toml --model model.toml --report check.html")]
     Check {
         /// Servo file
         servo: PathBuf,
@@ -249,6 +275,7 @@ enum Command {
         outputs: Outputs,
     },
     /// Follow a reference with a servo on an identified model
+    #[command(after_help = "Example:\n  hysteron track model.toml servo.toml --reference sine:50:5:5.6 --report track.html")]
     Track {
         /// Model file
         model: PathBuf,
@@ -264,6 +291,7 @@ enum Command {
         outputs: Outputs,
     },
     /// Play the thesis' experiments on the simulated bench and stand ours beside its figures
+    #[command(after_help = "Example:\n  hysteron reproduce 5 6 --report thesis.html")]
     Reproduce {
         /// Chapters: 3, 4, 5, 6, 7 (default: all)
         chapters: Vec<u32>,
@@ -271,11 +299,20 @@ enum Command {
         outputs: Outputs,
     },
     /// Diagnose a folder of planted cases and compare with their truth
+    #[command(after_help = "Example:\n  hysteron score cases --json score.json")]
     Score {
         /// Folder with truth.json and one folder per case
         dir: PathBuf,
         #[command(flatten)]
         outputs: Outputs,
+    },
+    /// Write a script that lets your shell complete commands, options and files
+    #[command(
+        after_help = "Examples:\n  hysteron completions bash > ~/.local/share/bash-completion/completions/hysteron\n  hysteron completions zsh > ~/.zfunc/_hysteron\n  hysteron completions fish > ~/.config/fish/completions/hysteron.fish"
+    )]
+    Completions {
+        /// The shell
+        shell: Shell,
     },
 }
 
@@ -311,6 +348,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Diagnose { model, dataset, own, reading, outputs } => diagnose::diagnose(&model, &dataset, &own, &reading, &outputs),
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
+        Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
         Command::Plant(wanted) => plant::plant(&wanted),
         Command::Capture { elf, raw, out, force } => capture::capture(&elf, &raw, &out, force),
         Command::Design { model, out, reference_hz, sensor_noise_um, data, sensitivity_peak, block, front_end, outputs } => {
@@ -325,8 +363,33 @@ fn dispatch(command: Command) -> Result<bool> {
         }
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Arguments::command(), "hysteron", &mut script);
+            print!("{}", String::from_utf8_lossy(&script));
+            Ok(true)
+        }
     }
     .and_then(|ok| {
         if std::io::Write::flush(&mut std::io::stdout()).is_ok() { Ok(ok) } else { Err(Error::new("output", "cannot be written")) }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_shows_an_example_that_is_understood() {
+        for command in Arguments::command().get_subcommands() {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let examples: Vec<&str> = help.lines().filter_map(|line| line.strip_prefix("  ")).collect();
+            assert!(!examples.is_empty(), "{}", command.get_name());
+            for example in examples {
+                let words = example.split(" > ").next().unwrap_or_default().split_whitespace();
+                let understood = Arguments::try_parse_from(words).map_err(|e| e.to_string());
+                assert!(understood.is_ok(), "{example}: {}", understood.err().unwrap_or_default());
+            }
+        }
+    }
 }

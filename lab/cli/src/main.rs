@@ -10,6 +10,7 @@ mod desk;
 mod diagnose;
 mod explain;
 mod identify;
+mod lab;
 mod plant;
 mod progress;
 mod read_arguments;

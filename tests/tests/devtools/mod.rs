@@ -1,4 +1,5 @@
-//! A browser without a window, driven through its tools for developers: real clicks, real drops. The network is off.
+//! A browser without a window, driven through its tools for developers: real clicks, real drops. The network is off for pages from disk;
+//! others reach 127.0.0.1 alone.
 //!
 //! The protocol (<https://chromedevtools.github.io/devtools-protocol/>) goes over two pipes, one JSON message after another with a zero
 //! behind each.
@@ -34,14 +35,18 @@ pub struct Page {
 }
 
 impl Page {
-    /// Opens a page from disk; what it saves goes into `folder`.
-    pub fn open(browser: &Path, file: &Path, folder: &Path) -> Self {
+    /// Opens an address; what the page saves goes into `folder`.
+    pub fn open(browser: &Path, address: &str, folder: &Path) -> Self {
         let mut child = Command::new("sh")
             // The browser reads its third file and writes its fourth.
             .args(["-c", "exec \"$0\" \"$@\" 3<&0 4>&1 0</dev/null 1>/dev/null"])
             .arg(browser)
             .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run", "--disable-sync"])
-            .args(["--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND"])
+            .args([
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+            ])
             .args(["--remote-debugging-pipe", "--window-size=1400,1000"])
             .arg(format!("--user-data-dir={}", folder.join("profile").display()))
             .arg("about:blank")
@@ -61,9 +66,9 @@ impl Page {
         for domain in ["Page", "Runtime", "Network"] {
             page.send(&format!("{domain}.enable"), &json!({}));
         }
-        let off = json!({ "offline": true, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0 });
+        let off = json!({ "offline": address.starts_with("file:"), "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1 });
         page.send("Network.emulateNetworkConditions", &off);
-        page.send("Page.navigate", &json!({ "url": format!("file://{}", file.display()) }));
+        page.send("Page.navigate", &json!({ "url": address }));
         page
     }
 

@@ -1,12 +1,12 @@
-// Questions to the library in its worker, one after the other.
+// The engine of a page from disk: the library in its worker, questions one after the other.
+//
+// Both engines have `ask`, `cancel`, `example`, `onprogress`, and `knowsNothing` where data and model must be handed to them again.
 
-class Cancelled extends Error {}
-
-class Engine {
-  /** @param {ArrayBuffer} module the library; @param {string} workerText the worker's script */
-  constructor(module, workerText) {
+class WorkerEngine {
+  /** @param {ArrayBuffer} module the library */
+  constructor(module) {
     this.module = module;
-    this.workerUrl = URL.createObjectURL(new Blob([workerText], { type: "text/javascript" }));
+    this.workerUrl = URL.createObjectURL(new Blob([document.querySelector("#worker").textContent], { type: "text/javascript" }));
     this.waiting = new Map();
     this.lastId = 0;
     this.onprogress = () => {};
@@ -32,7 +32,7 @@ class Engine {
       if (!resolve) return;
       if (data.broken) {
         reject(new Error(`The computation broke off. Please report this: ${this.brokenBecause || data.broken}`));
-        this.restart();
+        this.cancel();
       } else if (data.json.error) reject(new Error(data.json.error));
       else resolve(data);
     } else if (data.broken) this.fail(new Error(data.broken));
@@ -53,11 +53,16 @@ class Engine {
   }
 
   /** Ends whatever goes on; the new worker knows nothing of data and model. */
-  restart() {
+  cancel() {
     this.worker.terminate();
     this.knowsNothing = true;
     this.fail(new Cancelled("cancelled"));
     this.start();
+  }
+
+  /** The files of the example, by name. */
+  async example() {
+    return JSON.parse(new TextDecoder().decode(await unpacked(document.querySelector("#example-files").textContent)));
   }
 }
 
