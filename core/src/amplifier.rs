@@ -7,7 +7,7 @@
 //! | mode | drive |
 //! |---|---|
 //! | [`Mode::Rest`] | ramps to the rest code and stays |
-//! | [`Mode::Playing`] | an open-loop waveform within the limits: conditioning, identification |
+//! | [`Mode::Playing`] | an open-loop waveform within the limits: conditioning, identification; or a drive that is held |
 //! | [`Mode::Closed`] | the servo |
 //! | [`Mode::Fault`] | ramps to the rest code and stays, until the fault is cleared and the sensor was healthy long enough |
 //!
@@ -80,6 +80,11 @@ pub enum Command {
         /// How long the tones last, ticks.
         ticks: u32,
     },
+    /// Goes to an open-loop drive, no faster than to rest, and holds it; the loop can be closed from there.
+    Hold {
+        /// The drive, V with 22 fraction bits, held within its limits; `None`: where it is.
+        drive: Option<i32>,
+    },
     /// Clears the fault, if the sensor has been healthy long enough.
     Clear,
 }
@@ -112,6 +117,9 @@ pub struct Amplifier {
     remaining_ticks: u32,
     rest_after_ticks: u32,
     zero_sum: i64,
+    /// What is played is this code, until something else is told.
+    held_code: Option<u16>,
+    zeroed: bool,
     code: u16,
     tick: u32,
 }
@@ -134,6 +142,8 @@ impl Amplifier {
             remaining_ticks: 0,
             rest_after_ticks: 0,
             zero_sum: 0,
+            held_code: None,
+            zeroed: false,
             code,
             tick: 0,
             parameters,
@@ -180,7 +190,7 @@ impl Amplifier {
             }
             _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
             Command::Enable => {
-                if self.mode == Mode::Playing {
+                if self.mode == Mode::Playing && self.held_code.is_none() {
                     return Err(Refusal::NotAtRest);
                 }
                 self.begin_reference();
@@ -196,6 +206,13 @@ impl Amplifier {
                 self.at_rest()?;
                 self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
                 self.begin_playing(ticks, 0);
+            }
+            Command::Hold { drive } => {
+                if self.mode == Mode::Playing && self.held_code.is_none() {
+                    return Err(Refusal::NotAtRest);
+                }
+                self.held_code = Some(drive.map_or(self.code, |drive| self.code_for(drive)));
+                self.mode = Mode::Playing;
             }
             Command::Condition { cycle_ticks, rest_ticks } => {
                 self.at_rest()?;
@@ -241,6 +258,7 @@ impl Amplifier {
         self.remaining_ticks = ticks;
         self.rest_after_ticks = rest_after_ticks;
         self.zero_sum = 0;
+        self.held_code = None;
         self.mode = Mode::Playing;
     }
 
@@ -284,20 +302,30 @@ impl Amplifier {
         }
     }
 
+    /// The code of a drive (V with 22 fraction bits) within its limits.
+    #[inline]
+    fn code_for(&self, drive: i32) -> u16 {
+        let c = &self.parameters.servo.converters;
+        // V (22) * codes/V (20) -> codes with 42.
+        let code = (i64::from(drive.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
+        code.max(i64::from(c.dac_code_min)).min(i64::from(c.dac_code_max)) as u16
+    }
+
     /// The next code of an open-loop drive.
     #[inline]
     fn play(&mut self, reading: u16) -> u16 {
+        if let Some(held) = self.held_code {
+            return self.servo.open_loop(self.guard.towards(self.code, held));
+        }
         if self.rest_before_ticks > 0 {
             self.rest_before_ticks -= 1;
             return self.servo.open_loop(self.guard.towards_rest(self.code));
         }
         if self.remaining_ticks > 0 {
             self.remaining_ticks -= 1;
-            let c = &self.parameters.servo.converters;
-            // V with 22 fraction bits, whatever the generator calls it; * codes/V (20) -> codes with 42.
+            // V with 22 fraction bits, whatever the generator calls it.
             let drive = self.generator.next_position().to_bits();
-            let code = (i64::from(drive.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
-            let code = code.max(i64::from(c.dac_code_min)).min(i64::from(c.dac_code_max)) as u16;
+            let (code, c) = (self.code_for(drive), &self.parameters.servo.converters);
             let (lowest, highest) = (self.code.saturating_sub(c.slew_codes), self.code.saturating_add(c.slew_codes));
             return self.servo.open_loop(code.max(lowest).min(highest));
         }
@@ -316,6 +344,7 @@ impl Amplifier {
             c.adc_zero = -narrow((self.zero_sum * c.adc_step) >> 26);
             self.servo.swap(self.parameters.servo);
             self.servo.reset_counters();
+            self.zeroed = true;
             self.mode = Mode::Rest;
         }
         code
@@ -338,6 +367,13 @@ impl Amplifier {
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.fault
+    }
+
+    /// Whether the sensor has been zeroed by a conditioning since the start.
+    #[inline]
+    #[must_use]
+    pub fn zeroed(&self) -> bool {
+        self.zeroed
     }
 
     /// The servo.
@@ -385,6 +421,42 @@ mod tests {
             highest = highest.max(before);
         }
         assert!(highest > 47_000, "{highest}");
+    }
+
+    #[test]
+    fn a_drive_is_held_and_the_loop_closes_from_there() {
+        let mut amplifier = Amplifier::new(example());
+        let mut code = amplifier.parameters().guard.rest_code;
+        let mut run = |amplifier: &mut Amplifier, ticks: u32| {
+            let mut largest_step = 0;
+            for k in 0..ticks {
+                let next = amplifier.tick(Some(reading(code, k)), false).dac_code;
+                largest_step = largest_step.max(next.abs_diff(code));
+                code = next;
+            }
+            (code, largest_step)
+        };
+        run(&mut amplifier, 10);
+        assert_eq!(amplifier.command(Command::Hold { drive: Some(35 << VOLT_FRACTION_BITS) }), Ok(()));
+        let ramp = amplifier.parameters().guard.ramp_codes;
+        // The example's converter: -20 V at code 0, 140 V over 65536 codes.
+        assert_eq!(run(&mut amplifier, 4000), (25_746, ramp));
+        assert_eq!(amplifier.mode(), Mode::Playing);
+        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: 0, ticks: 5 }), Err(Refusal::NotAtRest));
+        assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
+        assert_eq!(run(&mut amplifier, 10), (25_746, 0));
+        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        run(&mut amplifier, 8000);
+        assert_eq!(amplifier.mode(), Mode::Closed);
+        assert!((amplifier.servo().reading().to_num::<f64>() - 5.0).abs() < 0.01);
+        let (closed, _) = run(&mut amplifier, 1);
+        assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
+        assert_eq!(run(&mut amplifier, 100), (closed, 0));
+        assert_eq!(amplifier.command(Command::Hold { drive: Some(i32::MAX) }), Ok(()));
+        assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().servo.converters.dac_code_max);
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().guard.rest_code);
     }
 
     #[test]

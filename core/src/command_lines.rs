@@ -4,6 +4,8 @@
 //! [`CommandLines::receive`] takes whatever has come. A complete line waits in a store of [`STORE_BYTES`] until the program has time and room for it
 //! ([`CommandLines::next`]); but a stop (`stop`, `disable`, or the single byte [`STOP_BYTE`], which needs no end of line) is told at
 //! once, and the lines that wait are marked as from before it, so that none of them moves the drive any more.
+//!
+//! Several protocols can be read so; what a stop is called in one, and which bytes are commands without an end of line, its [`Dialect`] says.
 
 use heapless::{Deque, Vec};
 
@@ -14,11 +16,25 @@ pub const STORE_BYTES: usize = 2048;
 /// Stops from anywhere in a line (Ctrl-X; the General Command Set's `#24`).
 pub const STOP_BYTE: u8 = 0x18;
 
+/// What a protocol has besides lines of text.
+#[derive(Clone, Copy, Debug)]
+pub struct Dialect {
+    /// Whether a line, without its end, is a stop.
+    pub is_stop: fn(&[u8]) -> bool,
+    /// Bytes that are a line of their own wherever they come, also in the middle of another.
+    pub single_bytes: &'static [u8],
+    /// A stop also waits as a line, so that the program can answer it in its turn.
+    pub stop_waits: bool,
+}
+
+/// That of [`crate::command_text`].
+pub const COMMAND_TEXT: Dialect = Dialect { is_stop, single_bytes: &[], stop_waits: false };
+
 /// A line that waited.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct WaitingLine {
+pub struct WaitingLine<const LINE: usize = LINE_BYTES> {
     /// Its bytes, without the end of line.
-    pub bytes: Vec<u8, LINE_BYTES>,
+    pub bytes: Vec<u8, LINE>,
     /// A stop came after it.
     pub before_stop: bool,
 }
@@ -28,19 +44,20 @@ pub struct WaitingLine {
 pub struct Received {
     /// The amplifier is to be stopped, now.
     pub stop: bool,
-    /// Lines longer than [`LINE_BYTES`], forgotten.
+    /// Lines longer than there is room for, forgotten.
     pub too_long: u32,
     /// Lines for which there was no room, forgotten.
     pub no_room: u32,
 }
 
-/// The lines that have come and wait.
-#[derive(Debug, Default)]
-pub struct CommandLines {
-    line: Vec<u8, LINE_BYTES>,
+/// The lines that have come and wait: each of up to `LINE` bytes, in a store of `STORE`.
+#[derive(Debug)]
+pub struct CommandLines<const LINE: usize = LINE_BYTES, const STORE: usize = STORE_BYTES> {
+    dialect: Dialect,
+    line: Vec<u8, LINE>,
     /// The line that is coming is longer than any.
     overlong: bool,
-    store: Deque<u8, STORE_BYTES>,
+    store: Deque<u8, STORE>,
     complete: usize,
     /// Of those, the oldest ones: a stop came after them.
     before_stop: usize,
@@ -51,11 +68,25 @@ fn is_stop(line: &[u8]) -> bool {
     word == b"stop" || word == b"disable"
 }
 
+impl Default for CommandLines {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl CommandLines {
-    /// Nothing has come yet.
+    /// For [`COMMAND_TEXT`]; nothing has come yet.
     #[must_use]
     pub fn new() -> Self {
-        Self::default()
+        Self::of(COMMAND_TEXT)
+    }
+}
+
+impl<const LINE: usize, const STORE: usize> CommandLines<LINE, STORE> {
+    /// For a dialect; nothing has come yet.
+    #[must_use]
+    pub const fn of(dialect: Dialect) -> Self {
+        Self { dialect, line: Vec::new(), overlong: false, store: Deque::new(), complete: 0, before_stop: 0 }
     }
 
     /// Takes bytes.
@@ -66,10 +97,10 @@ impl CommandLines {
                 STOP_BYTE => {
                     self.line.clear();
                     self.overlong = false;
-                    self.before_stop = self.complete;
-                    received.stop = true;
+                    self.stop(&[STOP_BYTE], &mut received);
                 }
                 b'\n' | b'\r' => self.end_of_line(&mut received),
+                single if self.dialect.single_bytes.contains(&single) => self.keep(&[single], &mut received),
                 other => self.overlong |= self.line.push(other).is_err(),
             }
         }
@@ -77,27 +108,38 @@ impl CommandLines {
     }
 
     fn end_of_line(&mut self, received: &mut Received) {
+        let line = core::mem::take(&mut self.line);
         if core::mem::take(&mut self.overlong) {
             received.too_long = received.too_long.saturating_add(1);
-        } else if is_stop(&self.line) {
-            self.before_stop = self.complete;
-            received.stop = true;
-        } else if !self.line.trim_ascii().is_empty() {
-            if self.store.capacity() - self.store.len() > self.line.len() {
-                for byte in self.line.iter().chain(b"\n") {
-                    let _ = self.store.push_back(*byte);
-                }
-                self.complete += 1;
-            } else {
-                received.no_room = received.no_room.saturating_add(1);
-            }
+        } else if (self.dialect.is_stop)(&line) {
+            self.stop(&line, received);
+        } else if !line.trim_ascii().is_empty() {
+            self.keep(&line, received);
         }
-        self.line.clear();
+    }
+
+    fn stop(&mut self, line: &[u8], received: &mut Received) {
+        self.before_stop = self.complete;
+        received.stop = true;
+        if self.dialect.stop_waits {
+            self.keep(line, received);
+        }
+    }
+
+    fn keep(&mut self, line: &[u8], received: &mut Received) {
+        if self.store.capacity() - self.store.len() > line.len() {
+            for byte in line.iter().chain(b"\n") {
+                let _ = self.store.push_back(*byte);
+            }
+            self.complete += 1;
+        } else {
+            received.no_room = received.no_room.saturating_add(1);
+        }
     }
 
     /// The line that has waited longest.
     #[allow(clippy::should_implement_trait)] // no iterator: more may come after the last
-    pub fn next(&mut self) -> Option<WaitingLine> {
+    pub fn next(&mut self) -> Option<WaitingLine<LINE>> {
         self.complete = self.complete.checked_sub(1)?;
         let mut bytes = Vec::new();
         while let Some(byte) = self.store.pop_front() {
@@ -173,6 +215,21 @@ mod tests {
         assert_eq!(received.no_room, 400 - (STORE_BYTES / 7) as u32);
         assert!(lines.receive(b"stop\n").stop, "a full store holds up no stop");
         assert!(core::iter::from_fn(|| lines.next()).all(|line| line.before_stop));
+    }
+
+    #[test]
+    fn single_bytes_and_stops_wait_in_their_turn_where_the_dialect_says_so() {
+        let dialect = Dialect { is_stop: |line| line == b"STP", single_bytes: &[5, 7], stop_waits: true };
+        let mut lines = CommandLines::<32, 256>::of(dialect);
+        assert!(!lines.receive(b"POS? \x05").stop);
+        assert!(lines.receive(b"1\nSTP\nERR?\n\x18\x07").stop);
+        let all: Vec<(Vec<u8>, bool)> = core::iter::from_fn(|| lines.next()).map(|line| (line.bytes.to_vec(), line.before_stop)).collect();
+        let expected: [(&[u8], bool); 6] =
+            [(b"\x05", true), (b"POS? 1", true), (b"STP", true), (b"ERR?", true), (b"\x18", false), (b"\x07", false)];
+        assert_eq!(all.len(), expected.len());
+        for (line, expected) in all.iter().zip(expected) {
+            assert_eq!((line.0.as_slice(), line.1), expected);
+        }
     }
 
     proptest! {

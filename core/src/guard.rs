@@ -169,8 +169,15 @@ impl Guard {
     #[inline]
     #[must_use]
     pub fn towards_rest(&self, code: u16) -> u16 {
-        let (rest, ramp) = (self.parameters.rest_code, self.parameters.ramp_codes.max(1));
-        if code > rest { code.saturating_sub(ramp).max(rest) } else { code.saturating_add(ramp).min(rest) }
+        self.towards(code, self.parameters.rest_code)
+    }
+
+    /// The next code on the way to another, as fast as to rest.
+    #[inline]
+    #[must_use]
+    pub fn towards(&self, code: u16, aim: u16) -> u16 {
+        let ramp = self.parameters.ramp_codes.max(1);
+        if code > aim { code.saturating_sub(ramp).max(aim) } else { code.saturating_add(ramp).min(aim) }
     }
 }
 

@@ -28,3 +28,4 @@ pub mod signal;
 pub mod sliding_mode_controller;
 pub mod state_estimator;
 pub mod trace_frame;
+pub mod wave_table;

@@ -2,9 +2,10 @@
 //!
 //! A phase of 32 bits per turn drives a polynomial sine (error below 2e-8 of the amplitude: far below the sensor, and far
 //! better than a fast single-precision sine). Rounded triangles are the sine's own series to its third term, the
-//! quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from the host are a waveform of their own.
+//! quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from elsewhere are a waveform of their own ([`crate::wave_table`]).
 
 use crate::signal::{Micrometres, narrow};
+use crate::wave_table::{TablePlayer, WaveTable};
 
 /// `sin(2 pi phase / 2^32)` with 30 fraction bits.
 #[must_use]
@@ -63,6 +64,8 @@ pub enum Waveform {
         /// Samples that it takes.
         duration_ticks: u32,
     },
+    /// The points of a table.
+    Table(WaveTable),
 }
 
 /// Largest amplitude: a sine is wrong by up to 2e-8 of it, and must not leave the format.
@@ -72,7 +75,7 @@ impl Waveform {
     /// Itself, with amplitudes whose samples stay within their format.
     fn within_format(mut self) -> Self {
         match &mut self {
-            Self::Constant => {}
+            Self::Constant | Self::Table(_) => {}
             Self::Multisine { tones } => tones.iter_mut().for_each(|(_, amplitude, _)| limit(amplitude)),
             Self::RoundedTriangle { amplitude, .. } | Self::Chirp { amplitude, .. } => limit(amplitude),
             Self::QuasiStep { height, .. } => limit(height),
@@ -93,6 +96,7 @@ pub struct ReferenceGenerator {
     tick: u32,
     phase: u32,
     chirp_increment: i64,
+    player: TablePlayer,
 }
 
 impl ReferenceGenerator {
@@ -103,7 +107,14 @@ impl ReferenceGenerator {
             Waveform::Chirp { increment, .. } => i64::from(increment) << 8,
             _ => 0,
         };
-        Self { waveform: waveform.within_format(), offset: offset.to_bits(), tick: 0, phase: 0, chirp_increment }
+        Self {
+            waveform: waveform.within_format(),
+            offset: offset.to_bits(),
+            tick: 0,
+            phase: 0,
+            chirp_increment,
+            player: TablePlayer::default(),
+        }
     }
 
     /// The next sample.
@@ -143,6 +154,7 @@ impl ReferenceGenerator {
                 let bracket = (10i64 << 30) - 15 * share + 6 * ((share * share) >> 30);
                 scaled(*height, narrow((cube * (bracket >> 4)) >> 26))
             }
+            Waveform::Table(table) => self.player.next_point(table),
         };
         Micrometres::from_bits(self.offset.saturating_add(value))
     }

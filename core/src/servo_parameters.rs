@@ -5,6 +5,7 @@
 use crate::one_sided_hysteresis::SurfaceCoefficients;
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
+use crate::signal::narrow;
 use crate::sliding_mode_controller::SlidingModeParameters;
 use crate::state_estimator::EstimatorParameters;
 
@@ -29,6 +30,22 @@ pub struct ConverterParameters {
     pub slew_codes: u16,
     /// Carries the rounding error of each code into the next one, which moves it to high frequencies.
     pub noise_shaping: bool,
+}
+
+impl ConverterParameters {
+    /// Position for an ADC code, um with 24 fraction bits.
+    #[inline]
+    #[must_use]
+    pub fn position(&self, adc_code: u16) -> i32 {
+        self.adc_zero.saturating_add(narrow((i64::from(adc_code) * self.adc_step) >> 16))
+    }
+
+    /// Drive for a DAC code, V with 22 fraction bits.
+    #[inline]
+    #[must_use]
+    pub fn drive(&self, dac_code: u16) -> i32 {
+        self.dac_zero.saturating_add(narrow((i64::from(dac_code) * self.dac_step) >> 16))
+    }
 }
 
 /// What stands between the law's output and the drive.

@@ -17,7 +17,7 @@ use crate::one_sided_hysteresis::OneSidedHysteresis;
 use crate::pid_regulator::PidRegulator;
 use crate::predictor_law::PredictorLaw;
 use crate::reference_window::ReferenceWindow;
-use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use crate::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
 use crate::signal::{Micrometres, SHARE_FRACTION_BITS, Volts, narrow, saturate};
 use crate::sliding_mode_controller::{Reaching, SlidingModeController};
 use crate::state_estimator::StateEstimator;
@@ -124,7 +124,7 @@ impl ServoTick {
     // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it widens them and reloads every address.
     #[inline(never)]
     pub fn tick(&mut self, adc_code: u16, reference_ahead: Micrometres) -> u16 {
-        let reading = position(&self.parameters.converters, adc_code);
+        let reading = self.parameters.converters.position(adc_code);
         self.reading = reading;
         if matches!(self.law, LawState::Fresh) {
             self.window = ReferenceWindow::at_rest(reading);
@@ -214,7 +214,7 @@ impl ServoTick {
     #[inline]
     fn note(&mut self, code: u16) {
         let c = &self.parameters.converters;
-        let drive = c.dac_zero.saturating_add(narrow((i64::from(code) * c.dac_step) >> 16));
+        let drive = c.drive(code);
         self.code = code;
         self.drives = [drive, self.drives[0]];
         self.applied = match &self.parameters.actuator {
@@ -317,12 +317,6 @@ impl ServoTick {
     pub fn parameters(&self) -> &ServoParameters {
         &self.parameters
     }
-}
-
-/// Position for an ADC code, um.
-#[inline]
-fn position(c: &ConverterParameters, code: u16) -> i32 {
-    c.adc_zero.saturating_add(narrow((i64::from(code) * c.adc_step) >> 16))
 }
 
 /// A law that takes over: at this tick it leaves the drive as it is, at the next it begins.

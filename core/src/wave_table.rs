@@ -1,0 +1,135 @@
+//! Points of a reference that somebody wrote into memory, played tick by tick.
+//!
+//! # How it works
+//! The memory is a row of atomics that outlives everything ([`WaveTable`]), so that a task may write the points and the control interrupt
+//! read them without a lock: a point is whole at any time, and whoever writes points while they are played sees them played. Each point
+//! lasts a number of ticks; between two of them the reference goes in a straight line or stays. What comes after the last point is the
+//! first one, as often as the table is cycled; then the last point stays.
+
+use core::sync::atomic::{AtomicI32, Ordering};
+
+/// A table as it is played.
+#[derive(Clone, Copy, Debug)]
+pub struct WaveTable {
+    points: &'static [AtomicI32],
+    ticks_per_point: u32,
+    /// `2^30 / ticks_per_point` where points are joined by lines; 0 where they stay.
+    slope: u32,
+    cycles: u32,
+}
+
+impl WaveTable {
+    /// These points, um with 24 fraction bits, each for so many ticks (at least 1), joined by lines or not, so many times (0: for ever).
+    #[must_use]
+    pub fn new(points: &'static [AtomicI32], ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
+        let ticks_per_point = ticks_per_point.max(1);
+        let slope = if joined && ticks_per_point > 1 { (1 << 30) / ticks_per_point } else { 0 };
+        Self { points, ticks_per_point, slope, cycles }
+    }
+
+    fn point(&self, nth: usize) -> i32 {
+        self.points.get(nth).map_or(0, |point| point.load(Ordering::Relaxed))
+    }
+}
+
+impl PartialEq for WaveTable {
+    fn eq(&self, other: &Self) -> bool {
+        core::ptr::eq(self.points, other.points)
+            && (self.ticks_per_point, self.slope, self.cycles) == (other.ticks_per_point, other.slope, other.cycles)
+    }
+}
+
+impl Eq for WaveTable {}
+
+/// Where a table is being played.
+#[derive(Clone, Debug, Default)]
+pub struct TablePlayer {
+    point: usize,
+    ticks: u32,
+    cycles: u32,
+    ended: bool,
+}
+
+impl TablePlayer {
+    /// The reference at the next tick, um with 24 fraction bits; 0 of a table without points.
+    pub fn next_point(&mut self, table: &WaveTable) -> i32 {
+        let here = table.point(self.point);
+        if self.ended {
+            return here;
+        }
+        let last = self.point + 1 >= table.points.len();
+        let mut value = here;
+        if table.slope != 0 {
+            let last_of_all = last && table.cycles != 0 && self.cycles + 1 >= table.cycles;
+            let next = if last_of_all { here } else { table.point(if last { 0 } else { self.point + 1 }) };
+            let change = i64::from(next) - i64::from(here);
+            // A difference of 33 bits times less than 2^30; the sum lies between the two points, whatever the part does.
+            value = here.wrapping_add(((change * i64::from(self.ticks * table.slope)) >> 30) as i32);
+        }
+        self.ticks += 1;
+        if self.ticks >= table.ticks_per_point {
+            self.ticks = 0;
+            self.end_of_point(last, table.cycles);
+        }
+        value
+    }
+
+    fn end_of_point(&mut self, last: bool, cycles: u32) {
+        if !last {
+            self.point += 1;
+            return;
+        }
+        self.cycles = self.cycles.saturating_add(1);
+        if cycles != 0 && self.cycles >= cycles {
+            self.ended = true;
+        } else {
+            self.point = 0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    fn memory(points: &[i32]) -> &'static [AtomicI32] {
+        Box::leak(points.iter().map(|point| AtomicI32::new(*point)).collect::<Vec<_>>().into_boxed_slice())
+    }
+
+    fn play(table: WaveTable, ticks: usize) -> Vec<i32> {
+        let mut player = TablePlayer::default();
+        (0..ticks).map(|_| player.next_point(&table)).collect()
+    }
+
+    #[test]
+    fn points_are_played_joined_or_not_so_many_times_and_the_last_one_stays() {
+        let points = memory(&[0, 100, -100]);
+        assert_eq!(play(WaveTable::new(points, 1, true, 2), 8), [0, 100, -100, 0, 100, -100, -100, -100]);
+        assert_eq!(play(WaveTable::new(points, 2, false, 1), 8), [0, 0, 100, 100, -100, -100, -100, -100]);
+        assert_eq!(play(WaveTable::new(points, 1, false, 0), 301)[300], 0, "for ever");
+        // Straight lines; the shares 1/4, 1/2 and 3/4 are a little short of themselves.
+        let joined = play(WaveTable::new(points, 4, true, 0), 13);
+        let exact = [0.0, 25.0, 50.0, 75.0, 100.0, 50.0, 0.0, -50.0, -100.0, -75.0, -50.0, -25.0, 0.0];
+        for (value, exact) in joined.iter().zip(exact) {
+            assert!((f64::from(*value) - exact).abs() <= 1.0, "{joined:?}");
+        }
+        assert_eq!(play(WaveTable::new(points, 4, true, 1), 20)[8..], [-100; 12], "the end joins nothing");
+    }
+
+    #[test]
+    fn a_table_without_points_is_zero() {
+        assert_eq!(play(WaveTable::new(&[], 3, true, 0), 5), [0; 5]);
+    }
+
+    proptest! {
+        #[test]
+        fn a_line_never_leaves_its_two_points(a in any::<i32>(), b in any::<i32>(), ticks in 1u32..5000, joined: bool) {
+            let values = play(WaveTable::new(memory(&[a, b]), ticks, joined, 0), 2 * ticks as usize);
+            prop_assert!(values.iter().all(|value| (a.min(b)..=a.max(b)).contains(value)));
+        }
+    }
+}
