@@ -1,0 +1,48 @@
+//! The parameters of `SPA` and `SPA?`, with the numbers that PI's controllers give them.
+
+/// A parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parameter {
+    /// Lowest position, um.
+    RangeMinimum,
+    /// Highest position, um.
+    RangeMaximum,
+    /// Fastest move, um/s; as `VEL`.
+    Velocity,
+    /// Largest tracking error on target, um.
+    Tolerance,
+    /// For so long it must not be larger, s.
+    SettlingTime,
+    /// Period of the servo, s.
+    ServoPeriod,
+    /// Points of a wave table.
+    WavePoints,
+    /// Wave tables.
+    WaveTables,
+    /// Points of all tables of the data recorder together.
+    RecorderPoints,
+    /// Tables of the data recorder.
+    RecorderTables,
+}
+
+impl Parameter {
+    /// Every one with its number, its type, and what it is.
+    pub const ALL: [(Self, u32, &'static str, &'static str); 10] = [
+        (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),
+        (Self::RangeMaximum, 0x0700_0001, "FLOAT", "Range_Limit_Max_(um)"),
+        (Self::Velocity, 0x0700_0200, "FLOAT", "Servo_Loop_Slew-Rate_(um/s)"),
+        (Self::Tolerance, 0x0700_0900, "FLOAT", "ON_Target_Tolerance_(um)"),
+        (Self::SettlingTime, 0x0700_0901, "FLOAT", "Settling_Time_(s)"),
+        (Self::ServoPeriod, 0x0E00_0200, "FLOAT", "Servo_Update_Time_(s)"),
+        (Self::WavePoints, 0x1300_0004, "INT", "Max_Wave_Points"),
+        (Self::WaveTables, 0x1300_010A, "INT", "Number_of_Waves"),
+        (Self::RecorderPoints, 0x1600_0200, "INT", "Data_Recorder_Max_Points"),
+        (Self::RecorderTables, 0x1600_0300, "INT", "Data_Recorder_Number_of_Tables"),
+    ];
+
+    /// The one of a number.
+    #[must_use]
+    pub fn of_number(number: u32) -> Option<Self> {
+        Self::ALL.iter().find(|(_, this, _, _)| *this == number).map(|(parameter, _, _, _)| *parameter)
+    }
+}

@@ -1,0 +1,476 @@
+//! Conversations with a session in front of the real amplifier and the reference bench's actuator, all on the host.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::atomic::AtomicI32;
+
+use hysteron_command_set::device::{Device, View};
+use hysteron_command_set::session::{Outcome, Piece, Session, Step, WAVE_MEMORY};
+use hysteron_command_set::{DIALECT, Lines};
+use hysteron_core::amplifier::{Amplifier, Command, Mode};
+use hysteron_core::parameter_block::{AmplifierParameters, read};
+use hysteron_core::trace_frame::TraceSample;
+use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
+use proptest::prelude::*;
+
+/// Amplifier and actuator; the recorder is a vector.
+struct Rig {
+    amplifier: Amplifier,
+    bench: Bench,
+    plant: Plant,
+    sensor: Sensor,
+    acting: u16,
+    tolerance: i32,
+    on_target_ticks: u32,
+    latest: TraceSample,
+    recording: Option<u32>,
+    samples: Vec<TraceSample>,
+    sensor_is_there: bool,
+}
+
+const ROOM: u32 = 3000;
+
+impl Rig {
+    fn run(&mut self, ticks: u32) {
+        for _ in 0..ticks {
+            self.plant.tick(self.bench.converter_scale().drive_v(self.acting));
+            self.acting = self.latest.dac_code;
+            let code = self.sensor.read_code(&self.plant);
+            self.latest = self.amplifier.tick(self.sensor_is_there.then_some(code), false);
+            let error = self.latest.reference - self.amplifier.parameters().servo.converters.position(code);
+            let small = self.amplifier.mode() == Mode::Closed && error.abs() <= self.tolerance;
+            self.on_target_ticks = if small { self.on_target_ticks + 1 } else { 0 };
+            if let Some(every) = self.recording
+                && self.latest.tick.is_multiple_of(every)
+                && self.samples.len() < ROOM as usize
+            {
+                self.samples.push(self.latest);
+            }
+        }
+    }
+}
+
+#[derive(Clone)]
+struct Shared(Rc<RefCell<Rig>>);
+
+impl Device for Shared {
+    fn view(&self) -> View {
+        let rig = self.0.borrow();
+        View {
+            tick: rig.latest.tick + 1,
+            mode: rig.amplifier.mode(),
+            fault: rig.amplifier.fault(),
+            adc_code: rig.latest.adc_code,
+            dac_code: rig.latest.dac_code,
+            reference: rig.latest.reference,
+            adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
+            zeroed: rig.amplifier.zeroed(),
+            on_target_ticks: rig.on_target_ticks,
+        }
+    }
+    fn set_tolerance(&mut self, tolerance: i32) {
+        self.0.borrow_mut().tolerance = tolerance;
+    }
+    fn recorder_room(&self) -> u32 {
+        ROOM
+    }
+    fn record(&mut self, every_ticks: u32) {
+        let mut rig = self.0.borrow_mut();
+        rig.samples.clear();
+        rig.recording = Some(every_ticks);
+    }
+    fn recorded(&self) -> u32 {
+        self.0.borrow().samples.len() as u32
+    }
+    fn end_recording(&mut self) {
+        self.0.borrow_mut().recording = None;
+    }
+    fn sample(&self, nth: u32) -> Option<TraceSample> {
+        let rig = self.0.borrow();
+        if rig.recording.is_some() { None } else { rig.samples.get(nth as usize).copied() }
+    }
+}
+
+/// A session, what is behind it, and what is in front of it.
+struct Table {
+    session: Session<Shared>,
+    rig: Shared,
+    lines: Lines,
+}
+
+fn parameters() -> AmplifierParameters {
+    read(include_bytes!("../../emulator/tests/p753.block"), 20_000).expect("a valid block")
+}
+
+impl Table {
+    fn new() -> Self {
+        let bench = Bench::reference().expect("the bench");
+        let amplifier = Amplifier::new(parameters());
+        let rest = parameters().guard.rest_code;
+        let rig = Shared(Rc::new(RefCell::new(Rig {
+            plant: bench.plant(Variant::FULL),
+            sensor: Sensor::new(&bench, 0.0, 5),
+            bench,
+            amplifier,
+            acting: rest,
+            tolerance: 0,
+            on_target_ticks: 0,
+            latest: TraceSample { dac_code: rest, ..TraceSample::default() },
+            recording: None,
+            samples: Vec::new(),
+            sensor_is_there: true,
+        })));
+        rig.0.borrow_mut().run(100);
+        let waves: Vec<AtomicI32> = (0..WAVE_MEMORY).map(|_| AtomicI32::new(i32::MIN)).collect();
+        let session = Session::new(rig.clone(), parameters(), Box::leak(waves.into_boxed_slice()));
+        Self { session, rig, lines: Lines::of(DIALECT) }
+    }
+
+    /// Sends bytes and returns what comes back; the amplifier does a tick for every step.
+    fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let received = self.lines.receive(bytes);
+        if received.stop {
+            let _ = self.rig.0.borrow_mut().amplifier.command(Command::Disable);
+        }
+        if received.too_long > 0 {
+            self.session.too_long();
+        }
+        let (mut piece, mut answer) = (Piece::new(), Vec::new());
+        while let Some(line) = self.lines.next() {
+            self.session.obey(&line.bytes, line.before_stop);
+            for steps in 0.. {
+                assert!(steps < 20_000, "an answer that does not end");
+                match self.session.next(&mut piece) {
+                    Step::Done => break,
+                    Step::Send => answer.extend_from_slice(&piece),
+                    Step::Command(command) => {
+                        let outcome = {
+                            let mut rig = self.rig.0.borrow_mut();
+                            let tick = rig.latest.tick + 1;
+                            rig.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done(tick))
+                        };
+                        self.session.outcome(outcome);
+                    }
+                    Step::Work => {}
+                }
+                self.rig.0.borrow_mut().run(1);
+            }
+        }
+        answer
+    }
+
+    fn ask(&mut self, line: &str) -> String {
+        String::from_utf8(self.send(format!("{line}\n").as_bytes())).expect("text")
+    }
+
+    /// A command that succeeds, or not.
+    fn tell(&mut self, line: &str, error: u16) {
+        assert_eq!(self.ask(line), "", "{line}");
+        assert_eq!(self.ask("ERR?"), format!("{error}\n"), "{line}");
+    }
+
+    fn value(&mut self, line: &str) -> f64 {
+        let answer = self.ask(line);
+        answer.trim().rsplit('=').next().and_then(|value| value.parse().ok()).unwrap_or_else(|| panic!("{line}: {answer:?}"))
+    }
+
+    fn run(&self, ticks: u32) {
+        self.rig.0.borrow_mut().run(ticks);
+    }
+
+    fn ready() -> Self {
+        let mut table = Self::new();
+        table.tell("ATZ 1", 0);
+        assert_eq!(table.send(b"\x07"), b"\xB0\n", "busy");
+        table.run(22_100);
+        assert_eq!(table.send(b"\x07"), b"\xB1\n");
+        assert_eq!(table.ask("ATZ?"), "1=1\n");
+        table.tell("SVO 1 1", 0);
+        table
+    }
+}
+
+#[test]
+fn who_is_there() {
+    let mut table = Table::new();
+    let name = table.ask("*IDN?");
+    assert_eq!(name.split(',').count(), 4);
+    assert_eq!(table.ask("CSV?"), "2.0\n");
+    assert_eq!((table.ask("SAI?").as_str(), table.ask("sai? all").as_str()), ("1\n", "1\n"));
+    assert_eq!(table.ask("SVO? 1"), "1=0\n");
+    assert_eq!(table.ask("CST?").lines().count(), 1);
+    assert!(table.value("TMX? 1") > table.value("TMN? 1") + 10.0);
+    let help = table.ask("HLP?");
+    assert!(help.lines().skip(1).all(|line| line.len() > 5) && help.ends_with("end of help\n"));
+    let lines: Vec<&str> = help.split_inclusive('\n').collect();
+    assert!(lines[..lines.len() - 1].iter().all(|line| line.ends_with(" \n")), "only the last line ends without a space");
+    assert_eq!(lines.iter().filter(|line| line.starts_with("MOV? ")).count(), 1);
+    assert_eq!(table.ask("ERR?"), "0\n");
+}
+
+#[test]
+fn the_axis_moves_as_fast_as_it_may_and_says_when_it_is_there() {
+    let mut table = Table::new();
+    table.tell("MOV 1 5", 5);
+    let mut table = Table::ready();
+    assert_eq!(table.ask("SVO?"), "1=1\n");
+    table.tell("VEL 1 1000", 0);
+    table.tell("MOV 1 5.25", 0);
+    assert_eq!(table.send(b"\x05"), b"1\n");
+    assert_eq!(table.ask("ONT? 1"), "1=0\n");
+    // 5.25 um at a mean of 8/15 of 1000 um/s take 9.8 ms. The velocity is looked at on the way.
+    let mut fastest = 0.0f64;
+    for _ in 0..220 {
+        let before = table.rig.0.borrow().latest.reference;
+        table.run(1);
+        fastest = fastest.max(f64::from(table.rig.0.borrow().latest.reference - before) / 16_777_216.0 * 20_000.0);
+    }
+    assert!((900.0..1_100.0).contains(&fastest), "{fastest} um/s");
+    assert_eq!(table.send(b"\x05"), b"0\n");
+    table.run(1000);
+    assert_eq!(table.ask("ONT? 1"), "1=1\n");
+    assert_eq!(table.ask("MOV?"), "1=5.250000\n");
+    assert!((table.value("POS? 1") - 5.25).abs() < 0.02);
+    table.tell("MVR 1 -1.25", 0);
+    table.run(2000);
+    assert_eq!(table.ask("MOV? 1"), "1=4.000000\n");
+    assert!((table.value("POS?") - 4.0).abs() < 0.02);
+    let drive = table.value("VOL? 1");
+    assert!((5.0..60.0).contains(&drive), "{drive} V");
+    assert_eq!(table.ask("OVF?"), "1=0\n");
+}
+
+#[test]
+fn a_servo_that_is_switched_off_holds_its_drive_and_open_loop_drives_follow() {
+    let mut table = Table::ready();
+    table.tell("MOV 1 4", 0);
+    table.tell("SVA 1 10", 79);
+    table.run(2000);
+    let drive = table.value("VOL?");
+    table.tell("SVO 1 0", 0);
+    table.run(100);
+    assert!((table.value("VOL?") - drive).abs() < 0.1);
+    table.tell("SVA 1 500", 302);
+    table.tell("SVA 1 60", 0);
+    assert_eq!(table.send(b"\x05"), b"1\n");
+    table.run(4000);
+    assert_eq!(table.send(b"\x05"), b"0\n");
+    assert!((table.value("VOL? 1") - 60.0).abs() < 0.01);
+    assert_eq!(table.ask("SVA? 1"), "1=60.000000\n");
+    table.tell("SVO 1 1", 0);
+    table.run(500);
+    assert!((table.value("MOV?") - table.value("POS?")).abs() < 0.05, "the servo takes over where it is");
+    table.tell("ATZ 1", 93);
+}
+
+#[test]
+fn a_stop_goes_to_rest_and_what_came_before_it_is_forgotten() {
+    for stop in [&b"STP\n"[..], b"stp\n", b"\x18"] {
+        let mut table = Table::ready();
+        table.tell("MOV 1 5", 0);
+        assert_eq!(table.send(&[b"MOV 1 8\nMOV?\n", stop].concat()), b"1=5.000000\n", "a query is answered, a move is not made");
+        assert_eq!(table.ask("ERR?"), "10\n");
+        assert_eq!(table.ask("SVO?"), "1=0\n");
+        table.run(3000);
+        assert!(table.rig.0.borrow().amplifier.drive_rests());
+    }
+    let mut table = Table::ready();
+    table.tell("VEL 1 100", 0);
+    table.tell("MOV 1 8", 0);
+    table.run(1200);
+    table.tell("HLT 1", 10);
+    table.run(1000);
+    let here = table.value("POS?");
+    assert!((1.0..7.0).contains(&here), "{here}");
+    assert_eq!(table.ask("SVO?"), "1=1\n");
+    assert!((table.value("MOV?") - here).abs() < 0.02);
+}
+
+#[test]
+fn a_stop_between_two_commands_of_one_line_ends_it() {
+    let mut table = Table::new();
+    table.session.obey(b"SVO 1 1", false);
+    let mut piece = Piece::new();
+    assert!(matches!(table.session.next(&mut piece), Step::Command(Command::Reference { .. })));
+    table.session.outcome(Outcome::Done(100));
+    assert_eq!(table.session.next(&mut piece), Step::Command(Command::Enable));
+    table.session.outcome(Outcome::Stopped);
+    assert_eq!(table.session.next(&mut piece), Step::Done);
+    assert_eq!(table.ask("ERR?"), "0\n");
+}
+
+#[test]
+fn the_wave_generator_plays_and_the_recorder_shows_it() {
+    let mut table = Table::ready();
+    table.tell("MOV 1 3", 0);
+    table.run(1000);
+    table.tell("WGO 1 1", 75);
+    table.tell("WAV 2 X SIN_P 400 4 3 400 0 200", 0);
+    assert_eq!(table.ask("WAV? 2 1"), "2 1=400.0\n");
+    table.tell("WSL 1 2", 0);
+    table.tell("WGC 1 2", 0);
+    table.tell("WTR 1 2 1", 0);
+    table.tell("RTR 2", 0);
+    table.tell("WGO 1 1", 0);
+    assert_eq!((table.ask("WGO?").as_str(), table.send(b"\x09").as_slice()), ("1=1\n", &b"1\n"[..]));
+    table.tell("MOV 1 5", 73);
+    table.tell("WAV 2 X SIN_P 400 4 3 400 0 200", 73);
+    table.run(1700);
+    assert_eq!((table.ask("WGO?").as_str(), table.send(b"\x09").as_slice()), ("1=0\n", &b"0\n"[..]));
+    table.tell("RTR 1", 0);
+    table.tell("RTR 2", 0);
+    assert!(table.value("DRL? 1") >= 800.0);
+    let answer = table.ask("DRR? 1 800 1 2 4");
+    let (header, data) = answer.split_once("# END_HEADER \n").expect("a header");
+    assert!(header.contains("# NDATA = 800 \n") && header.contains("# DIM = 3 \n") && header.contains("# SAMPLE_TIME = 0.000100000 \n"));
+    let rows: Vec<Vec<f64>> =
+        data.lines().map(|row| row.split_whitespace().map(|word| word.parse().expect("a number")).collect()).collect();
+    assert_eq!((rows.len(), rows[0].len()), (800, 3));
+    assert!(data.ends_with('\n') && !data.ends_with(" \n"));
+    let highest = |column: usize| rows.iter().map(|row| row[column]).fold(f64::MIN, f64::max);
+    assert!((highest(0) - 7.0).abs() < 0.01, "target: {}", highest(0));
+    assert!((highest(1) - 7.0).abs() < 0.1, "position: {}", highest(1));
+    // Against the shape itself, some ticks later, where the offset of the take-over has gone.
+    let late = (380..420).map(|delay| {
+        let square = |nth: usize| (rows[nth][0] - (5.0 - 2.0 * (core::f64::consts::TAU * (nth + delay) as f64 / 400.0).cos())).powi(2);
+        (500..780).map(square).sum::<f64>()
+    });
+    let rms = (late.fold(f64::MAX, f64::min) / 280.0).sqrt();
+    assert!(rms < 0.02, "{rms} um");
+    table.tell("DRR? 2500 900 1", 77);
+    let points = table.ask("GWD? 1 3 2");
+    assert!(points.ends_with("# END_HEADER \n3.000000 \n3.000247 \n3.000987\n"), "{points}");
+}
+
+#[test]
+fn points_are_written_in_bunches() {
+    let mut table = Table::ready();
+    table.tell("WAV 1 X PNT 1 3 1 2 3", 0);
+    table.tell("WAV 1 & PNT 4 2 4 5.5", 0);
+    assert_eq!(table.ask("WAV? 1 1"), "1 1=5.0\n");
+    assert!(table.ask("GWD? 1 5 1").ends_with("\n1.000000 \n2.000000 \n3.000000 \n4.000000 \n5.500000\n"));
+    table.tell("WAV 1 & PNT 6 2 4", 404);
+    table.tell("WAV 1 & PNT 6 1 400", 405);
+    table.tell("WAV 1 & PNT 6 1 4 5", 404);
+    table.tell("WAV 1 X PNT 0 1 4", 400);
+    table.tell("WAV 1 X PNT 4096 2 4 4", 403);
+    table.tell("WAV 1 X SIN_P 5000 1 0 5000 0 2500", 403);
+    table.tell("WAV 1 X SIN_P 500 100 0 500 0 250", 405);
+    table.tell("WAV 1 X SIN_P 500 1 0 500 100 250", 405);
+    table.tell("WAV 1 X TAN 1", 402);
+    table.tell("WAV 5 X PNT 1 1 1", 17);
+    assert_eq!(table.ask("WAV? 1 1"), "1 1=5.0\n", "what is refused changes nothing");
+    table.tell("WCL 1", 0);
+    assert_eq!(table.ask("WAV? 1 1"), "1 1=0.0\n");
+    table.tell("WSL 1 1", 0);
+    table.tell("WGO 1 1", 401);
+    table.tell("WGO 1 2", 406);
+}
+
+#[test]
+fn parameters_are_named_by_numbers() {
+    let mut table = Table::new();
+    assert_eq!(table.ask("SPA? 1 0x0E000200"), "1 0xe000200=0.000050000\n");
+    assert_eq!(table.ask("SPA? 1 234881536"), "1 0xe000200=0.000050000\n");
+    table.tell("SPA 1 0x07000900 0.25", 0);
+    assert_eq!(table.ask("SPA? 1 0x07000900"), "1 0x7000900=0.250000\n");
+    assert_eq!(table.rig.0.borrow().tolerance, 1 << 22);
+    table.tell("SPA 1 0x07000901 0.02", 0);
+    assert_eq!(table.ask("SPA? 1 0x07000901"), "1 0x7000901=0.020000000\n");
+    table.tell("SPA 1 0x0E000200 1", 64);
+    table.tell("SPA 1 0x42 1", 54);
+    table.tell("SPA? 1 0x42", 54);
+    assert_eq!(table.ask("SPA?").lines().count(), 10);
+    assert_eq!(table.ask("HPA?").lines().count(), 12);
+    table.tell("VEL 1 0", 8);
+    table.tell("VEL 1 1e9", 8);
+    table.tell("VEL 1 250.5", 0);
+    assert_eq!(table.ask("VEL?"), "1=250.500000\n");
+}
+
+#[test]
+fn what_is_wrong_is_said_by_its_number() {
+    let mut table = Table::ready();
+    for (line, error) in [
+        ("XYZ", 2),
+        ("MOV? 2", 15),
+        ("MOV 2 1", 15),
+        ("MOV 1", 26),
+        ("MOV", 26),
+        ("MOV 1 x", 1),
+        ("MOV 1 99", 7),
+        ("MOV 1 1e9", 7),
+        ("MOV 1 1 1 1", 24),
+        ("SVO 1 2", 17),
+        ("SVO 1 yes", 1),
+        ("DRC 9 1 1", 57),
+        ("DRC 1 1 55", 58),
+        ("DRT 0 9 0", 58),
+        ("RTR 0", 17),
+        ("WTR 1 0 0", 17),
+    ] {
+        table.tell(line, error);
+    }
+    table.send(&[&[b'x'; 600][..], b"\n"].concat());
+    assert_eq!(table.ask("ERR?"), "3\n");
+    table.rig.0.borrow_mut().sensor_is_there = false;
+    table.run(10);
+    table.tell("SVO 1 1", 333);
+    table.tell("MOV 1 2", 5);
+    assert_eq!(table.ask("SVO?"), "1=0\n");
+}
+
+#[test]
+fn the_recorder_begins_when_it_is_told_to() {
+    let mut table = Table::ready();
+    assert_eq!(table.ask("DRT? 1"), "1=0 0\n");
+    table.tell("MOV 1 1", 0);
+    assert_eq!(table.ask("DRL? 1"), "1=0\n");
+    table.tell("DRT 0 1 0", 0);
+    assert_eq!(table.ask("DRL? 1"), "1=0\n");
+    table.tell("MOV 1 2", 0);
+    assert!(table.value("DRL? 1") > 0.0);
+    table.ask("DRT 0 2 0");
+    table.rig.clone().end_recording();
+    table.rig.0.borrow_mut().samples.clear();
+    table.tell("MOV 1 3", 0);
+    assert!(table.value("DRL? 1") > 0.0);
+    assert_eq!(table.ask("DRT? 1"), "1=0 0\n", "the next command was one");
+    table.tell("DRC 1 1 7 2 1 0", 0);
+    assert_eq!(table.ask("DRC? 1 2"), "1=1 7 \n2=1 0\n");
+    table.tell("DRT 0 4 0", 0);
+    table.run(50);
+    assert_eq!(table.ask("DRR? 1 5").matches("NAME").count(), 3, "a table that records nothing is not read");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_bytes_do_harm(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+        let mut table = Table::new();
+        table.send(&bytes);
+        // Whatever came, the line is in step again.
+        table.send(b"\n");
+        table.send(b"ERR?\n");
+        prop_assert_eq!(table.ask("ERR?"), "0\n");
+    }
+
+    /// Words of the protocol in any order, which reach further than bytes do.
+    #[test]
+    fn no_words_do_harm(lines in proptest::collection::vec(
+        ("(MOV|MVR|SVO|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?)",
+         proptest::collection::vec("(1|0|2|4|7|X|&|PNT|SIN_P|RAMP|LIN|100|-3|1e-3|4294967295|9e9|-9e9|0x7000900|0x7000200|[0-9.eE+-]{1,6})", 0..8)), 1..25)) {
+        let mut table = Table::new();
+        for (mnemonic, words) in lines {
+            table.send(format!("{mnemonic} {}\n", words.join(" ")).as_bytes());
+            let reference = table.rig.0.borrow().latest.reference;
+            let drive = table.rig.0.borrow().latest.dac_code;
+            let (c, guard) = (parameters().servo.converters, parameters().guard);
+            prop_assert!(reference <= c.position(guard.adc_code_max) && reference >= c.position(guard.adc_code_min));
+            prop_assert!((c.dac_code_min..=c.dac_code_max).contains(&drive));
+        }
+        table.send(b"ERR?\n");
+        prop_assert_eq!(table.ask("ERR?"), "0\n");
+    }
+}
