@@ -4,6 +4,7 @@
 //! that waits, and forgets it.
 
 use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Command;
@@ -12,6 +13,9 @@ use crate::control::{self, COMMAND_QUEUE, Scheduled, Source};
 use crate::ring::Producer;
 
 static QUEUE: ThreadModeMutex<RefCell<Option<Producer<Scheduled, COMMAND_QUEUE>>>> = ThreadModeMutex::new(RefCell::new(None));
+
+/// Stops so far, wrapping.
+static STOPS: AtomicU32 = AtomicU32::new(0);
 
 fn with_queue<T>(otherwise: T, action: impl FnOnce(&mut Producer<Scheduled, COMMAND_QUEUE>) -> T) -> T {
     QUEUE.lock(|queue| match queue.borrow_mut().as_mut() {
@@ -37,5 +41,11 @@ pub fn has_room() -> bool {
 
 /// Stops the amplifier at the next tick.
 pub fn stop() {
+    STOPS.store(stops().wrapping_add(1), Ordering::Relaxed);
     control::stop(with_queue(0, |queue| queue.position()));
+}
+
+/// Stops so far, wrapping: who gives several commands one after the other gives no more of them when this has changed.
+pub fn stops() -> u32 {
+    STOPS.load(Ordering::Relaxed)
 }

@@ -11,7 +11,7 @@ use rtt_target::DownChannel;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
 use crate::sample_clock::SAMPLE_RATE_HZ;
-use crate::{command_port, recorder, settings, stack, task_clock, trace_tasks};
+use crate::{command_port, recorder, serial_port, settings, stack, task_clock, trace_tasks};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
 #[embassy_executor::task]
@@ -54,6 +54,7 @@ pub async fn reports(mut replies: Consumer<Reply, COMMAND_QUEUE>) {
         while let Some(reply) = replies.dequeue() {
             match reply.from {
                 Source::Probe => say_outcome(&reply),
+                Source::Serial => serial_port::take(reply),
             }
         }
         let full = recorder::state() == recorder::State::Full;

@@ -8,7 +8,7 @@
 use core::cell::UnsafeCell;
 use core::hint::black_box; // so that fields are reached from one address, not each from its own
 use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicUsize, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
@@ -37,6 +37,8 @@ pub const COMMAND_QUEUE: usize = 16;
 pub enum Source {
     /// The probe's text.
     Probe,
+    /// The serial port.
+    Serial,
 }
 
 /// A command and the tick at which it acts.
@@ -157,6 +159,8 @@ static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static FLAGS: AtomicU32 = AtomicU32::new(0);
 static DRIVE_RESTS: AtomicBool = AtomicBool::new(true);
+static ADC_ZERO: AtomicI32 = AtomicI32::new(0);
+static ZEROED: AtomicBool = AtomicBool::new(false);
 
 /// What the tasks may know of the interrupt.
 #[derive(Clone, Copy, defmt::Format)]
@@ -206,6 +210,11 @@ pub fn flags() -> u32 {
 /// Whether the drive is at its rest code.
 pub fn drive_rests() -> bool {
     DRIVE_RESTS.load(Ordering::Relaxed)
+}
+
+/// Position at the sensor's code 0 as it is now, um with 24 fraction bits, and whether a conditioning has found it.
+pub fn zero() -> (i32, bool) {
+    (ADC_ZERO.load(Ordering::Relaxed), ZEROED.load(Ordering::Relaxed))
 }
 
 /// Ticks that found the sample queue full.
@@ -283,6 +292,8 @@ extern "C" fn TIM2() {
     TICKS.store(control.tick, Ordering::Relaxed);
     FLAGS.store(u32::from(sample.flags), Ordering::Relaxed);
     DRIVE_RESTS.store(control.amplifier.drive_rests(), Ordering::Relaxed);
+    ADC_ZERO.store(control.amplifier.parameters().servo.converters.adc_zero, Ordering::Relaxed);
+    ZEROED.store(control.amplifier.zeroed(), Ordering::Relaxed);
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
     keep_largest(&MOST_TICK_CYCLES, cycles);
     let recent = RECENT_TICK_CYCLES.load(Ordering::Relaxed);

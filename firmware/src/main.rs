@@ -20,9 +20,12 @@ mod log_channel;
 mod recorder;
 mod ring;
 mod sample_clock;
+mod serial_device;
+mod serial_port;
 mod settings;
 mod stack;
 mod task_clock;
+mod telemetry;
 mod trace_tasks;
 
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
@@ -110,6 +113,8 @@ async fn main(spawner: Spawner) {
         last_cycles: None,
     });
     command_port::open(command_producer);
+    telemetry::begin(&parameters.servo.converters);
+    serial_port::open(spawner, peripherals.USART3, peripherals.PD9, peripherals.PD8, parameters);
     spawn(spawner, trace_tasks::trace(sample_consumer));
     spawn(spawner, trace_tasks::read_out());
     spawn(spawner, command_tasks::commands(channels.down.0));
@@ -119,7 +124,8 @@ async fn main(spawner: Spawner) {
     fault::watch().await;
 }
 
-fn spawn<S>(spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
+/// Spawns a task.
+pub fn spawn<S>(spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
     match task {
         Ok(task) => spawner.spawn(task),
         Err(_) => defmt::error!("a task has no room"),

@@ -38,6 +38,10 @@ static STATE: AtomicU8 = AtomicU8::new(State::Empty as u8);
 static TRIGGER: AtomicU8 = AtomicU8::new(0);
 static BEFORE: AtomicU32 = AtomicU32::new(0);
 static AFTER: AtomicU32 = AtomicU32::new(0);
+/// A sample is kept every so many ticks.
+static EVERY: AtomicU32 = AtomicU32::new(1);
+/// Counts the captures that were armed: another number is another capture.
+static CAPTURE: AtomicU32 = AtomicU32::new(0);
 /// Samples written in all, and those of them that count.
 static WRITTEN: AtomicU32 = AtomicU32::new(0);
 static KEPT: AtomicU32 = AtomicU32::new(0);
@@ -59,11 +63,42 @@ pub fn arm(trigger: Trigger, before: u32, after: u32) -> Result<(), &'static str
     if before.saturating_add(after) >= ROOM {
         return Err("more ticks than there is room for: 16383");
     }
+    arm_every(1, trigger, before, after);
+    Ok(())
+}
+
+/// Begins to record at once, every so many ticks, until the memory is full; forgets what was there.
+pub fn begin(every_ticks: u32) {
+    disarm();
+    arm_every(every_ticks, Trigger::Now, 0, ROOM - 1);
+}
+
+fn arm_every(every_ticks: u32, trigger: Trigger, before: u32, after: u32) {
+    EVERY.store(every_ticks.max(1), Ordering::Relaxed);
+    WRITTEN.store(0, Ordering::Relaxed);
+    CAPTURE.store(CAPTURE.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     TRIGGER.store(trigger as u8, Ordering::Relaxed);
     BEFORE.store(before, Ordering::Relaxed);
     AFTER.store(after, Ordering::Relaxed);
     STATE.store(State::Armed as u8, Ordering::Release);
-    Ok(())
+}
+
+/// Samples that were recorded so far.
+pub fn recorded() -> u32 {
+    match state() {
+        State::Empty => 0,
+        State::Armed => WRITTEN.load(Ordering::Relaxed).min(ROOM),
+        State::Full => KEPT.load(Ordering::Relaxed),
+    }
+}
+
+/// Ends a recording where it is. The interrupt cannot be in the middle of a sample while a task runs.
+pub fn end() {
+    if state() == State::Armed {
+        disarm();
+        KEPT.store(WRITTEN.load(Ordering::Relaxed).min(ROOM), Ordering::Relaxed);
+        STATE.store(State::Full as u8, Ordering::Release);
+    }
 }
 
 /// Takes the memory back. The interrupt cannot be in the middle of a sample while a task runs.
@@ -85,8 +120,10 @@ pub fn sample(nth: u32) -> Option<TraceSample> {
 
 /// The interrupt's part.
 pub struct Recorder {
-    active: bool,
+    capture: u32,
     written: u32,
+    /// Ticks until the next sample is kept.
+    skip: u32,
     remaining: Option<u32>,
     mode: u8,
 }
@@ -94,7 +131,7 @@ pub struct Recorder {
 impl Recorder {
     /// Nothing is armed.
     pub const fn new() -> Self {
-        Self { active: false, written: 0, remaining: None, mode: 0 }
+        Self { capture: 0, written: 0, skip: 0, remaining: None, mode: 0 }
     }
 
     /// Takes the sample of a tick.
@@ -103,18 +140,24 @@ impl Recorder {
         let mode = sample.flags as u8;
         let before = core::mem::replace(&mut self.mode, mode);
         if STATE.load(Ordering::Acquire) != State::Armed as u8 {
-            self.active = false;
             return;
         }
-        if !self.active {
-            *self = Self { active: true, written: 0, remaining: None, mode };
+        let capture = CAPTURE.load(Ordering::Relaxed);
+        if self.capture != capture {
+            *self = Self { capture, written: 0, skip: 0, remaining: None, mode };
         }
+        if self.skip > 0 {
+            self.skip -= 1;
+            return;
+        }
+        self.skip = EVERY.load(Ordering::Relaxed).wrapping_sub(1);
         // SAFETY: the memory is the interrupt's while the state is armed.
         let slots = unsafe { &mut *MEMORY.0.get() };
         if let Some(slot) = slots.get_mut((self.written % ROOM) as usize) {
             slot.write(*sample);
         }
         self.written = self.written.wrapping_add(1);
+        WRITTEN.store(self.written, Ordering::Relaxed);
         let changed_to = |wanted: Mode| mode == wanted as u8 && before != wanted as u8;
         let remaining = match self.remaining {
             Some(remaining) => remaining - 1,
@@ -133,7 +176,6 @@ impl Recorder {
         if remaining == 0 {
             let wanted = BEFORE.load(Ordering::Relaxed).wrapping_add(AFTER.load(Ordering::Relaxed)).wrapping_add(1);
             KEPT.store(wanted.min(self.written), Ordering::Relaxed);
-            WRITTEN.store(self.written, Ordering::Relaxed);
             STATE.store(State::Full as u8, Ordering::Release);
         }
     }

@@ -6,7 +6,7 @@ use hysteron_core::trace_frame::{BLOCK_SAMPLES, Channels, TraceBlock, TraceSampl
 
 use crate::control::{self, SAMPLE_QUEUE};
 use crate::ring::Consumer;
-use crate::{log_channel, recorder, task_clock};
+use crate::{log_channel, recorder, task_clock, telemetry};
 
 /// Channels (low byte) and decimation (upper half) of the trace.
 static TRACE: AtomicU32 = AtomicU32::new(Channels::ALL.0 as u32 | (20 << 16));
@@ -47,6 +47,7 @@ pub async fn trace(mut samples: Consumer<TraceSample, SAMPLE_QUEUE>) {
         let lost = control::lost_samples();
         let reading_out = READING_OUT.load(Ordering::Relaxed);
         while let Some(sample) = samples.dequeue() {
+            telemetry::observe(&sample);
             // The channel is the capture's while it is read out.
             if !reading_out {
                 block.push(&sample, lost, &mut send);

@@ -1,0 +1,68 @@
+//! What the serial port's session sees of this target.
+
+use core::sync::atomic::AtomicI32;
+
+use hysteron_command_set::device::{Device, View};
+use hysteron_command_set::session::WAVE_MEMORY;
+use hysteron_core::amplifier::Mode;
+use hysteron_core::guard::Fault;
+use hysteron_core::trace_frame::TraceSample;
+
+use crate::{control, recorder, telemetry};
+
+/// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much of it counts.
+#[unsafe(link_section = ".axisram.waves")]
+pub static WAVES: [AtomicI32; WAVE_MEMORY] = [const { AtomicI32::new(0) }; WAVE_MEMORY];
+
+/// This target.
+pub struct Target;
+
+impl Device for Target {
+    fn view(&self) -> View {
+        let (sample, on_target_ticks) = telemetry::latest();
+        let (adc_zero, zeroed) = control::zero();
+        // The mode as it is now: a sample may be some ticks old, and a stop counts at once.
+        let flags = control::flags();
+        let mode = match flags as u8 {
+            0 => Mode::Rest,
+            1 => Mode::Playing,
+            2 => Mode::Closed,
+            _ => Mode::Fault,
+        };
+        View {
+            tick: control::ticks(),
+            mode,
+            fault: Fault::from_number((flags >> 8) as u8),
+            adc_code: sample.adc_code,
+            dac_code: sample.dac_code,
+            reference: sample.reference,
+            adc_zero,
+            zeroed,
+            on_target_ticks,
+        }
+    }
+
+    fn set_tolerance(&mut self, tolerance: i32) {
+        telemetry::set_tolerance(tolerance);
+    }
+
+    fn recorder_room(&self) -> u32 {
+        recorder::ROOM
+    }
+
+    fn record(&mut self, every_ticks: u32) {
+        recorder::begin(every_ticks);
+    }
+
+    fn recorded(&self) -> u32 {
+        recorder::recorded()
+    }
+
+    fn end_recording(&mut self) {
+        recorder::end();
+    }
+
+    fn sample(&self, nth: u32) -> Option<TraceSample> {
+        recorder::sample(nth)
+    }
+}

@@ -1,0 +1,169 @@
+//! The serial port, USART3 (the virtual COM port of the NUCLEO's debugger): the General Command Set over 115200 baud, 8N1.
+//!
+//! # How it works
+//! One task takes bytes as they come and tells a stop at once, whatever the other is doing; the lines wait in [`LINES`]. The other task
+//! obeys them one after the other and sends the answers. Its work comes in pieces ([`Session::next`]), between which the first has
+//! its turn. The port's interrupt is far below the control interrupt.
+
+use core::cell::RefCell;
+use core::future::poll_fn;
+use core::task::Poll;
+
+use embassy_executor::Spawner;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::peripherals::{PD8, PD9, USART3};
+use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
+use embassy_stm32::{Peri, bind_interrupts, interrupt};
+use embassy_sync::blocking_mutex::ThreadModeMutex;
+use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+use hysteron_command_set::session::{Outcome, Piece, Session, Step};
+use hysteron_command_set::{DIALECT, Lines};
+use hysteron_core::amplifier::Command;
+use hysteron_core::parameter_block::AmplifierParameters;
+use static_cell::StaticCell;
+
+use crate::control::{self, Reply, Source};
+use crate::serial_device::{Target, WAVES};
+use crate::{command_port, spawn, task_clock};
+
+const BAUD: u32 = 115_200;
+/// Bytes on their way out of and into the port.
+const BUFFER_BYTES: usize = 256;
+/// Periods of the tasks' clock that an answer of the amplifier takes at most: far more than the ticks of a full queue.
+const MOST_PERIODS: u32 = 100;
+
+bind_interrupts!(struct Interrupts {
+    USART3 => BufferedInterruptHandler<USART3>;
+});
+
+static LINES: ThreadModeMutex<RefCell<Lines>> = ThreadModeMutex::new(RefCell::new(Lines::of(DIALECT)));
+static LINE_CAME: Signal<ThreadModeRawMutex, ()> = Signal::new();
+static TOO_LONG: Signal<ThreadModeRawMutex, ()> = Signal::new();
+static NO_ROOM: Signal<ThreadModeRawMutex, ()> = Signal::new();
+static REPLY: Signal<ThreadModeRawMutex, Reply> = Signal::new();
+static BUFFERS: StaticCell<[[u8; BUFFER_BYTES]; 2]> = StaticCell::new();
+static SESSION: StaticCell<Session<Target>> = StaticCell::new();
+
+/// Opens the port.
+pub fn open(
+    spawner: Spawner,
+    port: Peri<'static, USART3>,
+    receive: Peri<'static, PD9>,
+    transmit: Peri<'static, PD8>,
+    parameters: AmplifierParameters,
+) {
+    interrupt::USART3.set_priority(Priority::P8);
+    let mut config = Config::default();
+    config.baudrate = BAUD;
+    let [outgoing, incoming] = BUFFERS.init([[0; BUFFER_BYTES]; 2]);
+    match BufferedUart::new(port, receive, transmit, outgoing, incoming, Interrupts, config) {
+        Ok(port) => {
+            let (transmitter, receiver) = port.split();
+            let session = SESSION.init_with(|| Session::new(Target, parameters, &WAVES));
+            spawn(spawner, receiving(receiver));
+            spawn(spawner, obeying(transmitter, session));
+        }
+        Err(_) => defmt::error!("the serial port cannot be set up"),
+    }
+}
+
+/// Takes what became of a command of this port.
+pub fn take(reply: Reply) {
+    REPLY.signal(reply);
+}
+
+#[embassy_executor::task]
+async fn receiving(mut receiver: BufferedUartRx<'static>) {
+    let mut bytes = [0; 64];
+    loop {
+        // A garbled byte is a wrong line, which its sender is told of.
+        let count = receiver.read(&mut bytes).await.unwrap_or(0);
+        let received = LINES.lock(|lines| lines.borrow_mut().receive(bytes.get(..count).unwrap_or(&[])));
+        if received.stop {
+            command_port::stop();
+        }
+        if received.too_long > 0 {
+            TOO_LONG.signal(());
+        }
+        if received.no_room > 0 {
+            NO_ROOM.signal(());
+        }
+        LINE_CAME.signal(());
+    }
+}
+
+#[embassy_executor::task]
+async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut Session<Target>) {
+    let mut piece = Piece::new();
+    loop {
+        LINE_CAME.wait().await;
+        while let Some(line) = LINES.lock(|lines| lines.borrow_mut().next()) {
+            // Read before the line is obeyed: a stop that comes from here on ends what it began.
+            let stops = command_port::stops();
+            if TOO_LONG.try_take().is_some() {
+                session.too_long();
+            }
+            if NO_ROOM.try_take().is_some() {
+                session.overrun();
+            }
+            session.obey(&line.bytes, line.before_stop);
+            loop {
+                match session.next(&mut piece) {
+                    Step::Done => break,
+                    Step::Send => {
+                        // Nobody could be told of an error of the line itself.
+                        let _ = transmitter.write_all(&piece).await;
+                    }
+                    Step::Command(command) => {
+                        let outcome = submit(command, stops).await;
+                        session.outcome(outcome);
+                    }
+                    Step::Work => others_turn().await,
+                }
+            }
+        }
+    }
+}
+
+/// Gives a command to the amplifier, unless it was stopped since, and waits for what becomes of it.
+async fn submit(command: Command, stops: u32) -> Outcome {
+    REPLY.reset();
+    if command_port::stops() != stops {
+        return Outcome::Stopped;
+    }
+    if !command_port::submit(Source::Serial, None, command) {
+        return Outcome::NoRoom;
+    }
+    for _ in 0..MOST_PERIODS {
+        task_clock::next().await;
+        if let Some(reply) = REPLY.try_take() {
+            return match reply.outcome {
+                control::Outcome::Refused(refusal) => Outcome::Refused(refusal),
+                control::Outcome::CannotWait(_) => Outcome::NoRoom,
+                control::Outcome::Done => Outcome::Done(reply.tick),
+                control::Outcome::Stopped(_) => Outcome::Stopped,
+            };
+        }
+        if command_port::stops() != stops {
+            // What it was told before the stop comes within a period.
+            task_clock::periods(2).await;
+            return Outcome::Stopped;
+        }
+    }
+    Outcome::NoRoom
+}
+
+/// Lets the other tasks run once.
+async fn others_turn() {
+    let mut yielded = false;
+    poll_fn(|context| {
+        if core::mem::replace(&mut yielded, true) {
+            return Poll::Ready(());
+        }
+        context.waker().wake_by_ref();
+        Poll::Pending
+    })
+    .await;
+}

@@ -1,0 +1,61 @@
+//! What the tasks know of the samples that pass by: the latest one, and for how long the tracking error has been small.
+
+use core::cell::Cell;
+
+use embassy_sync::blocking_mutex::ThreadModeMutex;
+use hysteron_core::amplifier::Mode;
+use hysteron_core::servo_parameters::ConverterParameters;
+use hysteron_core::trace_frame::TraceSample;
+
+use crate::control;
+
+#[derive(Clone, Copy)]
+struct Telemetry {
+    converters: Option<ConverterParameters>,
+    latest: TraceSample,
+    tolerance: i32,
+    on_target_ticks: u32,
+}
+
+static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::new(Telemetry {
+    converters: None,
+    latest: TraceSample { tick: 0, adc_code: 0, dac_code: 0, reference: 0, applied: 0, unknown_input: 0, flags: 0 },
+    tolerance: 0,
+    on_target_ticks: 0,
+}));
+
+fn change(change: impl FnOnce(&mut Telemetry)) {
+    TELEMETRY.lock(|place| {
+        let mut telemetry = place.get();
+        change(&mut telemetry);
+        place.set(telemetry);
+    });
+}
+
+/// Takes the scale of the converters.
+pub fn begin(converters: &ConverterParameters) {
+    change(|telemetry| telemetry.converters = Some(*converters));
+}
+
+/// From now on a tracking error up to this is small, um with 24 fraction bits.
+pub fn set_tolerance(tolerance: i32) {
+    change(|telemetry| (telemetry.tolerance, telemetry.on_target_ticks) = (tolerance, 0));
+}
+
+/// Looks at the next sample.
+pub fn observe(sample: &TraceSample) {
+    change(|telemetry| {
+        telemetry.latest = *sample;
+        let Some(converters) = telemetry.converters else { return };
+        let converters = ConverterParameters { adc_zero: control::zero().0, ..converters };
+        let error = sample.reference.saturating_sub(converters.position(sample.adc_code));
+        let small = sample.flags as u8 == Mode::Closed as u8 && error.saturating_abs() <= telemetry.tolerance;
+        telemetry.on_target_ticks = if small { telemetry.on_target_ticks.saturating_add(1) } else { 0 };
+    });
+}
+
+/// The latest sample, and for how many ticks the tracking error has been small.
+pub fn latest() -> (TraceSample, u32) {
+    let telemetry = TELEMETRY.lock(Cell::get);
+    (telemetry.latest, telemetry.on_target_ticks)
+}
