@@ -12,6 +12,7 @@ use rigless::soc::stm32h743::peripherals::gpio::Pin;
 use rigless::soc::stm32h743::peripherals::spi::Select;
 
 use crate::converters::{DriveConverter, SensorConverter, SharedWorld};
+use crate::serial_line::{SerialPeer, SharedLine};
 
 /// Name of the part on the board.
 pub const PART: &str = "stm32h743";
@@ -32,6 +33,8 @@ pub struct NucleoBoard {
 /// With this many every instruction is one count of the part's cycle counter, so that the counter counts instructions.
 pub const ONE_INSTRUCTION_PER_CYCLE: u64 = 400_000_000;
 
+/// Position of USART3, the debugger's virtual COM port, among the part's serial ports.
+const SERIAL_PORT: usize = 2;
 /// Position of SPI1 and SPI3 among the part's interfaces.
 const SENSOR_INTERFACE: usize = 0;
 const DRIVE_INTERFACE: usize = 2;
@@ -49,6 +52,13 @@ impl NucleoBoard {
         mcu.set_supply(Supply(3300).0);
         mcu.set_analog_supply(Supply(3300).0);
         Ok(Self { mcu, instructions_per_second: INSTRUCTIONS_PER_SECOND })
+    }
+
+    /// Hangs a line on the serial port.
+    pub fn attach_serial(&mut self, line: &SharedLine) {
+        if let Some(port) = self.mcu.usart.get_mut(SERIAL_PORT) {
+            port.attach(SerialPeer::new(line));
+        }
     }
 
     /// The board with converters on its SPI connectors and a plant behind them.

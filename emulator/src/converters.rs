@@ -72,6 +72,8 @@ pub struct World {
     pub troubles: Vec<SensorTrouble>,
     /// At each edge: the code that the sensor gave and the code that acts from it on.
     pub codes: Vec<(u16, u16)>,
+    /// Whether `codes` are kept: not in a run without an end.
+    pub keeps_codes: bool,
 }
 
 /// The world as the converters and the test share it.
@@ -100,6 +102,7 @@ impl World {
             wire: false,
             troubles: Vec::new(),
             codes: Vec::new(),
+            keeps_codes: true,
         }
     }
 
@@ -125,7 +128,9 @@ impl World {
             Some(Trouble::Disconnected) => u16::MAX,
         };
         self.last_code = code;
-        self.codes.push((code, self.acting_code));
+        if self.keeps_codes {
+            self.codes.push((code, self.acting_code));
+        }
         self.edges += 1;
         code
     }

@@ -15,6 +15,7 @@ use rigless::time::VirtualNanos;
 
 use crate::board::NucleoBoard;
 use crate::real_time_transfer::ControlBlock;
+use crate::serial_line::SharedLine;
 
 /// Nanoseconds in a millisecond.
 pub const MILLISECOND: u64 = 1_000_000;
@@ -36,6 +37,8 @@ pub struct Script {
     pub block: Option<Vec<u8>>,
     /// Bytes for the command channel, each with the instant from which it is sent, ns; in order.
     pub commands: Vec<(u64, Vec<u8>)>,
+    /// Bytes for the serial port, each with the instant from which they are sent, ns; in order.
+    pub serial: Vec<(u64, Vec<u8>)>,
     /// What goes wrong, each with its instant, ns; in order.
     pub injections: Vec<(u64, Injection)>,
 }
@@ -66,7 +69,7 @@ impl Script {
     /// Runs for so long with a probe that reads every millisecond and sends nothing.
     #[must_use]
     pub fn listening(until_ns: u64) -> Self {
-        Self { until_ns, read_every_ns: Some(MILLISECOND), block: None, commands: Vec::new(), injections: Vec::new() }
+        Self { until_ns, read_every_ns: Some(MILLISECOND), block: None, commands: Vec::new(), serial: Vec::new(), injections: Vec::new() }
     }
 }
 
@@ -92,6 +95,8 @@ pub struct Outcome {
     pub messages: Vec<Message>,
     /// Frames that could not be decoded.
     pub malformed: u32,
+    /// Bytes that the serial port sent, each with its instant, ns.
+    pub serial: Vec<(u64, u8)>,
     /// Where the run stood at its end: virtual time, ns, and instructions.
     pub end: (u64, u64),
     /// Restarts of the part during the run.
@@ -119,6 +124,8 @@ struct Probe {
     control_block: ControlBlock,
     next_command: usize,
     next_injection: usize,
+    next_serial: usize,
+    line: SharedLine,
     watchdog: Watchdog,
     next_read_ns: u64,
     sent_of_command: usize,
@@ -155,13 +162,21 @@ impl Probe {
 /// The part's independent watchdog, which the emulated part keeps the registers of and nothing more: 32 kHz by the prescaler, counted down
 /// from the reload value, started by any key of its set-up and fed by the key 0xAAAA. Looked at once a millisecond.
 #[derive(Debug, Default)]
-struct Watchdog {
+pub struct Watchdog {
     running: bool,
     fed_at_ns: u64,
 }
 
 impl Watchdog {
     const FEED: u64 = 0xAAAA;
+
+    /// Restarts the part if it bites now.
+    pub fn serve(&mut self, session: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) {
+        if self.bites(session, stop.at.0) {
+            *self = Self::default();
+            restart(session, stop, WATCHDOG_FLAG, host);
+        }
+    }
 
     /// Whether it bites now.
     fn bites(&mut self, session: &mut Session<NucleoBoard>, at_ns: u64) -> bool {
@@ -210,15 +225,20 @@ impl Driver<NucleoBoard> for Probe {
             }
             self.next_injection += 1;
         }
-        if self.watchdog.bites(session, at_ns) {
-            self.watchdog = Watchdog::default();
-            restart(session, stop, WATCHDOG_FLAG, host);
+        self.watchdog.serve(session, stop, host);
+        while let Some((_, bytes)) = self.script.serial.get(self.next_serial).filter(|(from_ns, _)| *from_ns <= at_ns) {
+            if let Ok(mut line) = self.line.lock() {
+                line.to_part.extend(bytes);
+            }
+            self.next_serial += 1;
         }
         if at_ns >= self.script.until_ns {
             return None;
         }
         let injection = self.script.injections.get(self.next_injection).map_or(u64::MAX, |(from_ns, _)| *from_ns);
-        let next = self.next_read_ns.min(at_ns.saturating_add(MILLISECOND)).min(self.script.until_ns).min(injection.max(at_ns + 1));
+        let serial = self.script.serial.get(self.next_serial).map_or(u64::MAX, |(from_ns, _)| *from_ns);
+        let next = self.next_read_ns.min(at_ns.saturating_add(MILLISECOND)).min(self.script.until_ns);
+        let next = next.min(injection.max(at_ns + 1)).min(serial.max(at_ns + 1));
         Some(VirtualNanos(next))
     }
 }
@@ -242,28 +262,45 @@ pub fn halfword_at(image: &[u8], address: u64) -> Option<u16> {
     Some(u16::from_le_bytes(bytes.try_into().ok()?))
 }
 
+/// A run that can begin.
+pub(crate) struct Prepared {
+    pub(crate) session: Session<NucleoBoard>,
+    pub(crate) images: Vec<Image>,
+    pub(crate) control_block: ControlBlock,
+}
+
+/// Puts image, parameter block and serial line on a board; the run first stops at `first_stop_ns`.
+pub(crate) fn prepare(elf: &Path, mut board: NucleoBoard, block: Option<&[u8]>, line: &SharedLine, first_stop_ns: u64) -> Result<Prepared> {
+    let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
+    board.attach_serial(line);
+    let mut images = vec![Image::read(elf, None)?];
+    if let Some(block) = block {
+        images.push(Image::new(Path::new("parameter block"), block.to_vec(), Some(SETTINGS))?);
+    }
+    let mut session = Session::new(Box::new(board), 0, VirtualNanos(first_stop_ns))?;
+    session.fail_next(BEYOND_FLASH, BEYOND_FLASH + 32);
+    Ok(Prepared { session, images, control_block })
+}
+
 /// Runs the image on the board.
 ///
 /// # Errors
 /// The image cannot be read or placed, has no RTT control block or defmt table, or the emulated part refused something.
 pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
-    let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
     let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
 
-    let mut images = vec![Image::read(elf, None)?];
-    if let Some(block) = &script.block {
-        images.push(Image::new(Path::new("parameter block"), block.clone(), Some(SETTINGS))?);
-    }
+    let line = SharedLine::default();
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
-    let mut session = Session::new(Box::new(board), 0, VirtualNanos(first))?;
-    session.fail_next(BEYOND_FLASH, BEYOND_FLASH + 32);
+    let Prepared { session, images, control_block } = prepare(elf, board, script.block.as_deref(), &line, first)?;
     let taken = Arc::new(Mutex::new(Taken::default()));
     let probe = Probe {
         script,
         control_block,
         next_command: 0,
         next_injection: 0,
+        next_serial: 0,
+        line: Arc::clone(&line),
         watchdog: Watchdog::default(),
         next_read_ns: first,
         sent_of_command: 0,
@@ -287,7 +324,8 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let taken = std::mem::take(&mut *taken.lock().map_err(|_| anyhow!("the probe died"))?);
     let (messages, malformed) = decode(&table, &taken)?;
     let board = std::mem::replace(finished.session.board_mut(), NucleoBoard::new()?);
-    Ok(Outcome { board: Box::new(board), raw: taken.raw, messages, malformed, end, resets, without_model })
+    let serial = std::mem::take(&mut line.lock().map_err(|_| anyhow!("the serial line died"))?.from_part).into();
+    Ok(Outcome { board: Box::new(board), raw: taken.raw, messages, malformed, serial, end, resets, without_model })
 }
 
 fn decode(table: &Table, taken: &Taken) -> Result<(Vec<Message>, u32)> {
