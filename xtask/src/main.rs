@@ -4,10 +4,12 @@
 //! needs and the machine lacks is installed where that is possible ([`toolchain`]), and said either way. No step is skipped
 //! silently: outside CI what is missing is named and the check fails; in CI (`CI=true`) likewise.
 
+mod board;
 mod browser;
 mod control_code;
 mod lab_page;
 mod library_alone;
+mod pipython;
 mod steps;
 mod toolchain;
 mod whole_circle;
@@ -21,12 +23,16 @@ cargo xtask library    the library alone: what it depends on, its build for WebA
 cargo xtask lab        builds the lab page, target/lab.html
 cargo xtask firmware   builds the firmware's images and checks the binaries
 cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)
+cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask readme     writes the table of effects in README.md from the registry";
 
 fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     if wanted == ["readme"] {
         return ended(steps::write_readme());
+    }
+    if wanted == ["board"] {
+        return ended(board::build());
     }
     if wanted == ["lab"] {
         return ended(lab_page::build());

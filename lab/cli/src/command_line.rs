@@ -5,7 +5,7 @@
 
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
-use crate::{add, capture, check, compare, design, diagnose, explain, identify, lab, plant, reproduce, score, simulate, track};
+use crate::{add, board, capture, check, compare, design, diagnose, explain, identify, lab, plant, reproduce, score, simulate, track};
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::{Error, Result};
@@ -217,6 +217,13 @@ enum Command {
         after_help = "Examples:\n  hysteron plant creep=2,delay --out hidden --seed 7\n  hysteron plant all --strengths 1,2,4 --out cases"
     )]
     Plant(PlantArguments),
+    /// Work with the amplifier's board: runs the program `hysteron-board`, which `cargo xtask board` builds
+    #[command(disable_help_flag = true, after_help = "Example:\n  hysteron board emulate --tcp 127.0.0.1:5025")]
+    Board {
+        /// What to do: `hysteron board --help` says more
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<std::ffi::OsString>,
+    },
     /// Decode the log of a target (its image, the raw bytes of its RTT channel) into a data set
     #[command(after_help = "Example:\n  hysteron capture hysteron-firmware log.rtt --out recorded")]
     Capture {
@@ -326,6 +333,9 @@ pub fn run() -> ExitCode {
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
     };
+    if let Command::Board { words } = &arguments.command {
+        return board::run(words);
+    }
     match dispatch(arguments.command) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(1),
@@ -350,6 +360,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
         Command::Plant(wanted) => plant::plant(&wanted),
+        Command::Board { .. } => Ok(true),
         Command::Capture { elf, raw, out, force } => capture::capture(&elf, &raw, &out, force),
         Command::Design { model, out, reference_hz, sensor_noise_um, data, sensitivity_peak, block, front_end, outputs } => {
             let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak };

@@ -1,6 +1,7 @@
 //! The `hysteron` program: see `hysteron --help`, or README.md.
 
 mod add;
+mod board;
 mod capture;
 mod check;
 mod command_line;

@@ -1,0 +1,37 @@
+//! The program `hysteron-board`: `hysteron board ...` runs it. See `hysteron-board --help`.
+
+mod emulate;
+mod serial_socket;
+
+use std::process::ExitCode;
+
+const USAGE: &str = "\
+hysteron board emulate [--tcp 127.0.0.1:PORT] [--image ELF] [--block FILE]
+    The unmodified firmware image on an emulated STM32H743, with a simulated stage behind its converters. The serial port of the board is
+    the socket; programs that speak the General Command Set 2.0 connect to it. Runs until it is interrupted; the board's log goes to the
+    screen. It is not faster than the clock, and slower where this machine is.
+
+    --tcp    where to listen [default: 127.0.0.1:50000]; port 0 takes a free one, which is said
+    --image  the image [default: hysteron-firmware.elf beside this program]
+    --block  the parameter block in the board's flash [default: one designed for the simulated stage]";
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let result = match words.as_slice() {
+        ["emulate", options @ ..] => emulate::Options::read(options).and_then(emulate::run),
+        ["--help" | "-h" | "help"] => {
+            println!("{USAGE}");
+            return ExitCode::SUCCESS;
+        }
+        [] => Err("expected `emulate`; `hysteron board --help` says more".into()),
+        [other, ..] => Err(format!("`{other}`: expected `emulate`; `hysteron board --help` says more")),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("hysteron board: {message}");
+            ExitCode::from(2)
+        }
+    }
+}

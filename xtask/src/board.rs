@@ -1,0 +1,37 @@
+//! The operator's program, which needs the emulated part's compiler: built there, put beside `hysteron` together with the image.
+
+use std::path::PathBuf;
+
+use crate::steps::{EMULATOR_VARIABLES, cargo, root};
+use crate::toolchain;
+
+fn beside_hysteron(name: &str) -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), Into::into).join("release").join(name)
+}
+
+/// The program.
+pub fn program() -> PathBuf {
+    beside_hysteron("hysteron-board")
+}
+
+/// Builds it and puts it there.
+pub fn build() -> Result<(), String> {
+    let image = toolchain::image();
+    if !image.is_file() {
+        return Err(format!("{} is not there: run `cargo xtask firmware` first", image.display()));
+    }
+    let folder = root().join("emulator");
+    let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--package", "hysteron-board"];
+    cargo(&arguments, &folder, &EMULATOR_VARIABLES)?;
+    let built = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| folder.join("target"), Into::into).join("release/hysteron-board");
+    for (from, to) in [(built, program()), (image, beside_hysteron("hysteron-firmware.elf"))] {
+        if from != to {
+            if let Some(parent) = to.parent() {
+                std::fs::create_dir_all(parent).map_err(|error| format!("{}: {error}", parent.display()))?;
+            }
+            std::fs::copy(&from, &to).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()))?;
+        }
+    }
+    println!("   {}", program().display());
+    Ok(())
+}
