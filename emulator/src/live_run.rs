@@ -3,10 +3,11 @@
 //! Where the emulated part is faster than its hardware it waits; where it is slower, the programs outside do.
 
 use std::path::Path;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, anyhow};
-use defmt_decoder::{DecodeError, StreamDecoder, Table};
+use defmt_decoder::{DecodeError, Table};
 use rigless::emulator::{Driver, Host, Start, Stop, run as emulate};
 use rigless::session::Session;
 use rigless::time::VirtualNanos;
@@ -17,36 +18,47 @@ use crate::run::{MILLISECOND, Watchdog, prepare};
 use crate::serial_line::SharedLine;
 
 /// Does the work between two milliseconds of virtual time.
-struct Live<L> {
+struct Live {
     control_block: ControlBlock,
-    decoder: Box<dyn StreamDecoder>,
+    /// To the thread that decodes: a decoder stays on its thread.
+    raw_log: Sender<Vec<u8>>,
     watchdog: Watchdog,
     begun: Instant,
-    log: L,
 }
 
-impl<L: FnMut(&str, &str)> Live<L> {
+impl Live {
     fn pass_log_on(&mut self, host: &mut dyn Host) {
         if !self.control_block.ready(host) {
             return;
         }
         let mut raw = Vec::new();
         self.control_block.take_up(host, &mut raw);
-        self.decoder.received(&raw);
+        if !raw.is_empty() {
+            // Where nobody decodes any more the log is lost; the run is not.
+            let _ = self.raw_log.send(raw);
+        }
+    }
+}
+
+/// Decodes what comes until nothing more can.
+fn decode(table: &Table, raw_log: &Receiver<Vec<u8>>, mut log: impl FnMut(&str, &str)) {
+    let mut decoder = table.new_stream_decoder();
+    for raw in raw_log {
+        decoder.received(&raw);
         loop {
-            match self.decoder.decode() {
+            match decoder.decode() {
                 Ok(frame) => {
                     let level = frame.level().map_or("", |level| level.as_str());
-                    (self.log)(level, &frame.display_message().to_string());
+                    log(level, &frame.display_message().to_string());
                 }
                 Err(DecodeError::Malformed) => {}
-                Err(DecodeError::UnexpectedEof) => return,
+                Err(DecodeError::UnexpectedEof) => break,
             }
         }
     }
 }
 
-impl<L: FnMut(&str, &str) + 'static> Driver<NucleoBoard> for Live<L> {
+impl Driver<NucleoBoard> for Live {
     fn on_stop(&mut self, session: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         self.pass_log_on(host);
         self.watchdog.serve(session, stop, host);
@@ -67,20 +79,14 @@ pub fn run_live(
     board: NucleoBoard,
     block: Option<&[u8]>,
     line: &SharedLine,
-    log: impl FnMut(&str, &str) + 'static,
+    log: impl FnMut(&str, &str) + Send + 'static,
 ) -> Result<()> {
     let bytes = std::fs::read(elf)?;
     let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
-    // The emulated run owns what it uses; it ends with the process.
-    let table: &'static Table = Box::leak(Box::new(table));
     let prepared = prepare(elf, board, block, line, MILLISECOND)?;
-    let driver = Live {
-        control_block: prepared.control_block,
-        decoder: table.new_stream_decoder(),
-        watchdog: Watchdog::default(),
-        begun: Instant::now(),
-        log,
-    };
+    let (raw_log, to_decode) = channel();
+    std::thread::spawn(move || decode(&table, &to_decode, log));
+    let driver = Live { control_block: prepared.control_block, raw_log, watchdog: Watchdog::default(), begun: Instant::now() };
     let mut start = Start::new(&prepared.images);
     start.semihosting = true;
     let mut finished = emulate(prepared.session, &start, driver)?;

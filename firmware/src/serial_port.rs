@@ -113,8 +113,7 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
                 match session.next(&mut piece) {
                     Step::Done => break,
                     Step::Send => {
-                        // Nobody could be told of an error of the line itself.
-                        let _ = transmitter.write_all(&piece).await;
+                        send(&mut transmitter, &piece).await;
                     }
                     Step::Command(command) => {
                         let outcome = submit(command, stops).await;
@@ -124,6 +123,16 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
                 }
             }
         }
+    }
+}
+
+/// Sends a piece of an answer. The driver of embassy-stm32 0.6 refuses what is longer than its buffer, and is never woken again where the buffer
+/// has too little room: both are avoided by parts that begin with an empty one.
+async fn send(transmitter: &mut BufferedUartTx<'static>, piece: &[u8]) {
+    for part in piece.chunks(BUFFER_BYTES) {
+        // Nobody could be told of an error of the line itself.
+        let _ = transmitter.flush().await;
+        let _ = transmitter.write_all(part).await;
     }
 }
 
