@@ -52,7 +52,12 @@ fn a_stop_is_not_held_up_by_an_answer_that_is_being_sent() {
     let (outcome, world) = run_with(vec![(10 * MILLISECOND, begin.into()), (100 * MILLISECOND, b"\x18".to_vec())], 200);
     let rest = best_parameters().guard.rest_code;
     let sent_until = outcome.serial.last().expect("an answer").0;
-    assert!(sent_until > 190 * MILLISECOND, "the answer has ended at {sent_until} ns, {} bytes, ends with {:?}", outcome.serial.len(), text(&outcome).chars().rev().take(80).collect::<String>());
+    assert!(
+        sent_until > 190 * MILLISECOND,
+        "the answer has ended at {sent_until} ns, {} bytes, ends with {:?}",
+        outcome.serial.len(),
+        text(&outcome).chars().rev().take(80).collect::<String>()
+    );
     let world = world.lock().expect("the world");
     let first = world.began_ns();
     // The byte takes 87 us on the line; from its end on it may take 2 ms, where it takes ticks.
