@@ -22,8 +22,8 @@ pub fn run() -> Result<(), String> {
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let image = toolchain::image();
-    // The whole workspace's program: what the tests have built, with the same features.
-    cargo(&["build", "--quiet", "--release", "--workspace", "--bin", "hysteron"], &root(), &[])?;
+    // The program as the tests have it: a build without them has other features of its dependencies and would begin anew.
+    cargo(&["test", "--quiet", "--release", "--workspace", "--no-run"], &root(), &[])?;
     let program = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), Into::into).join("release/hysteron");
     let hysteron = |arguments: &[&str]| command(&program, arguments, &root(), &[]);
     hysteron(&["capture", &image.to_string_lossy(), &log.to_string_lossy(), "--out", &path("record"), "--force"])?;
