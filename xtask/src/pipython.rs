@@ -27,7 +27,17 @@ fn interpreter() -> Result<PathBuf, String> {
     let installed = Command::new(&python).args(["-c", "import pipython"]).stderr(Stdio::null()).status();
     if !installed.is_ok_and(|status| status.success()) {
         println!("   installing {PIPYTHON} into {}", folder.display());
-        command("python3", &["-m", "venv", &folder.to_string_lossy()], &root(), &[])?;
+        let environment = || command("python3", &["-m", "venv", &folder.to_string_lossy()], &root(), &[]);
+        environment().or_else(|_| {
+            println!("   no Python with virtual environments yet; installing Debian's python3-venv");
+            let quiet = [("DEBIAN_FRONTEND", "noninteractive")];
+            // Package lists may be missing (a fresh container) or old; only an installation that fails matters.
+            if let Err(error) = command("apt-get", &["update", "-qq"], &root(), &quiet) {
+                println!("   {error}");
+            }
+            command("apt-get", &["install", "-y", "-qq", "--no-install-recommends", "python3", "python3-venv"], &root(), &quiet)?;
+            environment()
+        })?;
         command(&python, &["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PIPYTHON], &root(), &[])?;
     }
     Ok(python)
