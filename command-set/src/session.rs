@@ -656,9 +656,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn set_servo(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let wanted = words.switch()?;
-        words.end()?;
+        let wanted = words.of_axis(Words::switch)?;
         let view = self.device.view();
         match (wanted, view.mode == Mode::Closed) {
             (true, false) => {
@@ -677,16 +675,12 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn move_to(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let target = words.micrometres(ErrorCode::Position)?;
-        words.end()?;
+        let target = words.of_axis(|words| words.micrometres(ErrorCode::Position))?;
         self.go(target)
     }
 
     fn move_by(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let distance = words.micrometres(ErrorCode::Position)?;
-        words.end()?;
+        let distance = words.of_axis(|words| words.micrometres(ErrorCode::Position))?;
         self.go(self.target.checked_add(distance).ok_or(ErrorCode::Position)?)
     }
 
@@ -713,9 +707,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn set_drive(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let drive = words.volts()?;
-        words.end()?;
+        let drive = words.of_axis(Words::volts)?;
         let view = self.device.view();
         if view.mode == Mode::Closed {
             return Err(ErrorCode::ServoIsOn);
@@ -736,9 +728,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn set_velocity(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let velocity = words.number()?;
-        words.end()?;
+        let velocity = words.of_axis(Words::number)?;
         self.take_velocity(velocity)
     }
 
@@ -890,9 +880,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn select_wave(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let table = words.whole()?;
-        words.end()?;
+        let table = words.of_axis(Words::whole)?;
         if table as usize > WAVE_TABLES {
             return Err(ErrorCode::Range);
         }
@@ -909,9 +897,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn set_cycles(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let cycles = words.whole()?;
-        words.end()?;
+        let cycles = words.of_axis(Words::whole)?;
         self.wave_cycles = cycles;
         Ok(())
     }
@@ -941,9 +927,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn generate(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
-        words.axis()?;
-        let mode = words.whole()?;
-        words.end()?;
+        let mode = words.of_axis(Words::whole)?;
         match mode {
             0 => {
                 if self.runs() {

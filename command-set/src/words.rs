@@ -113,6 +113,17 @@ impl<'a> Words<'a> {
         if self.word()? == "1" { Ok(()) } else { Err(ErrorCode::Axis) }
     }
 
+    /// The axis, one value and nothing more.
+    ///
+    /// # Errors
+    /// The axis is missing or another one, the value is refused, or more follows.
+    pub fn of_axis<T>(&mut self, value: impl FnOnce(&mut Self) -> Result<T, ErrorCode>) -> Result<T, ErrorCode> {
+        self.axis()?;
+        let value = value(self)?;
+        self.end()?;
+        Ok(value)
+    }
+
     /// Of a query: the axis, or nothing, which means all of them.
     ///
     /// # Errors

@@ -6,10 +6,9 @@
 //! its turn. The port's interrupt is far below the control interrupt.
 
 use core::cell::RefCell;
-use core::future::poll_fn;
-use core::task::Poll;
 
 use embassy_executor::Spawner;
+use embassy_futures::yield_now;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::peripherals::{PD8, PD9, USART3};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
@@ -112,14 +111,12 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
             loop {
                 match session.next(&mut piece) {
                     Step::Done => break,
-                    Step::Send => {
-                        send(&mut transmitter, &piece).await;
-                    }
+                    Step::Send => send(&mut transmitter, &piece).await,
                     Step::Command(command) => {
                         let outcome = submit(command, stops).await;
                         session.outcome(outcome);
                     }
-                    Step::Work => others_turn().await,
+                    Step::Work => yield_now().await,
                 }
             }
         }
@@ -162,17 +159,4 @@ async fn submit(command: Command, stops: u32) -> Outcome {
         }
     }
     Outcome::NoRoom
-}
-
-/// Lets the other tasks run once.
-async fn others_turn() {
-    let mut yielded = false;
-    poll_fn(|context| {
-        if core::mem::replace(&mut yielded, true) {
-            return Poll::Ready(());
-        }
-        context.waker().wake_by_ref();
-        Poll::Pending
-    })
-    .await;
 }

@@ -5,7 +5,7 @@
 //! not?) and, with `--from-gain`, from a bare gain (does the effect end up in the model?).
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example altered_recordings -- [--from-gain] [--tried] [--trace] [--data FOLDER] [ALTERATION[:SIZE] ...]
+//! cargo run --release -p hysteron-tests --example altered_recordings -- [--from-gain [--two-speeds]] [--tried] [--trace] [--data FOLDER] [ALTERATION[:SIZE] ...]
 //! ```
 //!
 //! What counts as right was written down before anything was run: [`Alteration::right`] lists the effects that do physically what was done
@@ -18,8 +18,7 @@ use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::effects_named;
 use hysteron::watch::{Unwatched, Watch};
 use hysteron_sim::chain::Model;
-use hysteron_tests::measured::Trace;
-use hysteron_tests::measured::{flag, folder as folder_of_recordings, record, stage};
+use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, record, stage};
 use std::f64::consts::TAU;
 use std::path::Path;
 use std::time::Instant;
@@ -221,7 +220,8 @@ fn main() {
             if from_gain {
                 let has = alteration.right.is_empty() || alteration.right.iter().any(|id| found.model.effect(id).is_some());
                 let or = found.supported.iter().any(|one| one.names().iter().any(|id| alteration.right.contains(&id.as_str())));
-                let absorbed = error_um(&found.model, &altered) < 1.1 * clean_um;
+                let left_um = error_um(&found.model, &altered);
+                let absorbed = left_um < 1.1 * clean_um;
                 (right, all) = (right + usize::from(has || or || absorbed), all + 1);
                 for one in found.supported.iter().filter(|_| show_tried) {
                     println!("    {} ({})", one.id, errors(&one.without));
@@ -238,7 +238,7 @@ fn main() {
                         (.., true) => "absorbed    ",
                         _ => "NOT in it   ",
                     },
-                    1e3 * error_um(&found.model, &altered),
+                    1e3 * left_um,
                     found.model.effect_ids().join(",")
                 );
                 continue;

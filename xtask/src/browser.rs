@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::steps::{command, root};
+use crate::debian;
 
 const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 
@@ -16,15 +16,9 @@ pub fn ensure() -> Result<(), String> {
         println!("   browser: {name}");
         return Ok(());
     }
-    let superuser = Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout.trim_ascii() == b"0");
-    if superuser && starts("apt-get", "--version") {
+    if debian::can_install() {
         println!("   no browser yet; installing chromium, in which the tests look at the reports");
-        let quiet = [("DEBIAN_FRONTEND", "noninteractive")];
-        // Package lists may be missing (a fresh container) or old; only an installation that fails matters.
-        if let Err(error) = command("apt-get", &["update", "-qq"], &root(), &quiet) {
-            println!("   {error}");
-        }
-        match command("apt-get", &["install", "-y", "-qq", "--no-install-recommends", "chromium"], &root(), &quiet) {
+        match debian::install(&["chromium"]) {
             Ok(()) => return Ok(()),
             Err(error) => println!("   {error}"),
         }

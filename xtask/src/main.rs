@@ -7,6 +7,7 @@
 mod board;
 mod browser;
 mod control_code;
+mod debian;
 mod lab_page;
 mod library_alone;
 mod pipython;

@@ -4,8 +4,8 @@ use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
-use crate::board;
 use crate::steps::{command, root};
+use crate::{board, debian};
 
 /// The release that is installed.
 const PIPYTHON: &str = "pipython==2.11.0.6";
@@ -30,12 +30,7 @@ fn interpreter() -> Result<PathBuf, String> {
         let environment = || command("python3", &["-m", "venv", &folder.to_string_lossy()], &root(), &[]);
         environment().or_else(|_| {
             println!("   no Python with virtual environments yet; installing Debian's python3-venv");
-            let quiet = [("DEBIAN_FRONTEND", "noninteractive")];
-            // Package lists may be missing (a fresh container) or old; only an installation that fails matters.
-            if let Err(error) = command("apt-get", &["update", "-qq"], &root(), &quiet) {
-                println!("   {error}");
-            }
-            command("apt-get", &["install", "-y", "-qq", "--no-install-recommends", "python3", "python3-venv"], &root(), &quiet)?;
+            debian::install(&["python3", "python3-venv"])?;
             environment()
         })?;
         command(&python, &["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PIPYTHON], &root(), &[])?;

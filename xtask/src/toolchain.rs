@@ -6,6 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::debian;
 use crate::steps::{command, root};
 
 /// A target, and how the distribution's compiler is told to build for it.
@@ -82,22 +83,13 @@ pub fn for_target(target: &Target) -> Result<Toolchain, String> {
         return Ok(Toolchain::Rustup);
     }
     println!("   rustup cannot download it here; trying the distribution's packages {}", PACKAGES.join(" "));
-    let superuser = output("id", &["-u"]).is_some_and(|number| number.trim() == "0");
-    if !superuser || output("apt-get", &["--version"]).is_none() {
+    if !debian::can_install() {
         return Err(format!(
             "no compiler for {name}. Either `rustup target add {name}` (needs the network), or as root on Debian `apt-get install {}`",
             PACKAGES.join(" ")
         ));
     }
-    let here = root();
-    let quiet = [("DEBIAN_FRONTEND", "noninteractive")];
-    // Package lists may be missing (a fresh container) or old; only an installation that fails is an error.
-    if let Err(error) = command("apt-get", &["update", "-qq"], &here, &quiet) {
-        println!("   {error}");
-    }
-    let mut arguments = vec!["install", "-y", "-qq", "--no-install-recommends"];
-    arguments.extend(PACKAGES);
-    command("apt-get", &arguments, &here, &quiet)?;
+    debian::install(&PACKAGES)?;
     if distribution_has_all() {
         Ok(Toolchain::Distribution)
     } else {

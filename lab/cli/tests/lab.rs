@@ -111,8 +111,7 @@ fn ctrl_c_ends_it_and_what_cannot_be_read_is_said_before() {
     let folder = common::folder_to_search();
     common::says(&["lab", "--no-open", "nowhere.csv"], folder.path(), "nowhere.csv: does not exist");
     let mut lab = started(&[], folder.path());
-    let interrupted = Command::new("sh").args(["-c", &format!("kill -INT {}", lab.program.id())]).status().unwrap();
-    assert!(interrupted.success());
+    assert!(common::interrupted(&lab.program));
     assert_eq!(lab.program.wait().unwrap().code(), Some(0));
     let mut rest = String::new();
     lab.said.read_to_string(&mut rest).unwrap();

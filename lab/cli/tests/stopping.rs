@@ -20,8 +20,7 @@ fn stopped_at_its_first_step(arguments: &[&str], folder: &Path) -> (Output, Stri
     let mut told = String::new();
     said.read_line(&mut told).unwrap();
     assert!(told.contains("fitting"), "{told}");
-    let interrupted = Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
-    assert!(interrupted.success(), "the program had ended already: {told}");
+    assert!(common::interrupted(&child), "the program had ended already: {told}");
     said.read_to_string(&mut told).unwrap();
     (child.wait_with_output().unwrap(), told)
 }

@@ -269,18 +269,18 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
         return Ok(grown);
     }
     let mut steps = vec![Step { change: Change::Start, judged: compared.base.clone() }];
-    let mut model = compared.refitted.model.clone();
+    let mut told = compared.refitted.clone();
     for tried in &compared.story {
         let id = tried.hypothesis.effect(&compared.base.model);
         let change = match &tried.hypothesis {
             Hypothesis::Missing(_) => Change::Added(id),
             Hypothesis::Changed(_) | Hypothesis::Scaled => Change::Changed(id),
         };
-        model = tried.judged.model.clone();
-        steps.push(Step { change, judged: study.judged(model.clone()) });
+        told = study.judged(tried.judged.model.clone());
+        steps.push(Step { change, judged: told.clone() });
     }
     // Values that this recording does not fix are better where they were identified than where its noise would bring them.
-    let (told, refitted) = (study.judged(model.clone()), study.thoroughly(&model));
+    let refitted = study.thoroughly(&told.model);
     let refitted = if study.merit(&refitted) <= study.merit(&told) { refitted } else { told };
     steps.push(Step { change: Change::FittedAgain, judged: refitted.clone() });
     let mut grown =

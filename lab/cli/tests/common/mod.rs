@@ -9,6 +9,12 @@ pub fn hysteron(arguments: &[&str], folder: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_hysteron")).args(arguments).current_dir(folder).output().unwrap()
 }
 
+/// Presses Ctrl-C, as the terminal would; whether the program was still there.
+#[cfg(unix)]
+pub fn interrupted(program: &std::process::Child) -> bool {
+    Command::new("sh").args(["-c", &format!("kill -INT {}", program.id())]).status().unwrap().success()
+}
+
 /// One record, to be fitted.
 pub const MANIFEST: &str = "name = \"t\"\ndrive_min_v = 0.0\ndrive_max_v = 10.0\n\n[[record]]\nfile = \"a.csv\"\nsample_rate_hz = 1000.0\nrole = \"identify\"\ninitial_state = \"virgin\"\n";
 

@@ -92,7 +92,7 @@ pub fn reduce(study: &Study, found: &Judged, added: &[String]) -> crate::error::
         let present = |other: &String| rival.judged.model.effect(other).is_some();
         let kept = reduced.supported.iter().map(|one| &one.id).filter(|other| *other != id && present(other)).cloned();
         let added: Vec<String> = kept.chain(std::iter::once(rival.id.clone())).collect();
-        let mut again = reduce_once(study, &rival.judged.clone(), &added)?;
+        let mut again = reduce_once(study, &rival.judged, &added)?;
         if study.merit(&again.judged) > at_all {
             break;
         }

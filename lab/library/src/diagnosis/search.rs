@@ -66,8 +66,8 @@ const BETTER_TOGETHER: f64 = 0.8;
 
 /// Others that are tried in the place of an effect.
 const EXCHANGED: usize = 3;
-/// An effect is exchanged for one whose signature is at least so much like its own: lags and delays are alike to 0.8 and more, what acts in
-/// other ways to 0.6 at most.
+/// An effect is exchanged for one whose signature is at least so much like its own. On the recorded stage lags and delays are like one another to
+/// 0.84 and more; creep and friction are like them, and like each other, to 0.8 at most, and are tried with them.
 const EXCHANGED_SIMILARITY: f64 = 0.7;
 
 impl<'s, 'a> Search<'s, 'a> {
@@ -120,23 +120,22 @@ impl<'s, 'a> Search<'s, 'a> {
                 return Ok(());
             }
             let mut proposals = if without_gain < policy.rounds_without_gain { self.propose()? } else { Vec::new() };
-            if proposals.is_empty() {
-                if exchanges == policy.exchanges_max {
+            let exchanging = proposals.is_empty();
+            if exchanging {
+                exchanges += 1;
+                if exchanges > policy.exchanges_max {
                     return Ok(());
                 }
-                exchanges += 1;
                 proposals = self.propose_exchanges()?;
             } else {
                 proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
                 proposals.truncate(policy.trials);
             }
-            if proposals.is_empty() {
-                return Ok(());
-            }
             self.fit(proposals);
             self.compare_best();
             let gained = before - self.rank(self.best()) > policy.least_gain;
-            if !gained && without_gain >= policy.rounds_without_gain {
+            // A second look at the same model would exchange the same.
+            if exchanging && !gained {
                 return Ok(());
             }
             without_gain = if gained { 0 } else { without_gain + 1 };

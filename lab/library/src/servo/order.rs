@@ -12,7 +12,6 @@ use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
     amplifier_bandwidth, creep, delay, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
-use hysteron_sim::waveform;
 use std::f64::consts::TAU;
 
 /// What a design is ordered with.
@@ -58,23 +57,6 @@ const LARGE_RESIDUAL: f64 = 2.0;
 const WORTH_RECORDING: f64 = 0.8;
 /// Surfaces for the tick may differ from the model's by this share of the travel.
 const PROJECTION_ALLOWED: f64 = 0.005;
-
-/// The drive that shows the modes: a cycle over the range, a rest, and a multisine to four tenths of the loop's rate about mid-range, V at
-/// that rate, 3 s.
-#[must_use]
-pub fn drive_that_shows_modes_v(drive_min_v: f64, drive_max_v: f64) -> Vec<f64> {
-    let rate_hz = 1.0 / SAMPLING_PERIOD_S;
-    let (range_v, middle_v) = (drive_max_v - drive_min_v, 0.5 * (drive_min_v + drive_max_v));
-    let period = 4000;
-    let lines: Vec<usize> = (1..=2 * period / 5).step_by(3).collect();
-    waveform::concatenate(&[
-        waveform::raised_cosine(rate_hz, 2.0, drive_min_v, drive_max_v, 1),
-        waveform::half_cosines(rate_hz, 0.1, &[drive_min_v, middle_v]),
-        waveform::hold(rate_hz, middle_v, 0.3),
-        waveform::multisine(period, &lines, 0.1 * range_v, middle_v, 10, 15),
-        waveform::half_cosines(rate_hz, 0.1, &[middle_v, drive_min_v]),
-    ])
-}
 
 /// In words, for a refusal or a recommendation.
 fn missing_drive() -> String {

@@ -178,19 +178,4 @@ impl Recording {
     pub fn blind_at(&self, hz: f64) -> Option<f64> {
         self.at(&self.blind, hz)
     }
-
-    /// The highest frequency below which the drive shows missing responses of `level` and more on most lines, Hz.
-    #[must_use]
-    pub fn driven_to_hz(&self, level: f64) -> f64 {
-        // Lines between those of a multisine may be weak: what counts is the best within 30 Hz.
-        let mut reached = 0.0;
-        for chunk in self.frequency_hz.chunks(4).zip(self.blind.chunks(4)) {
-            let best = chunk.1.iter().copied().fold(f64::INFINITY, f64::min);
-            if best > level {
-                break;
-            }
-            reached = chunk.0.last().copied().unwrap_or(reached);
-        }
-        reached
-    }
 }

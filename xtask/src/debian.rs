@@ -1,0 +1,22 @@
+//! Packages of the distribution, where the machine is a Debian and this is its superuser.
+
+use std::process::Command;
+
+use crate::steps::{command, root};
+
+/// Whether packages can be installed here.
+pub fn can_install() -> bool {
+    let output = |program: &str, argument: &str| Command::new(program).arg(argument).output().ok().filter(|output| output.status.success());
+    output("id", "-u").is_some_and(|output| output.stdout.trim_ascii() == b"0") && output("apt-get", "--version").is_some()
+}
+
+/// Installs packages without what they only recommend.
+pub fn install(packages: &[&str]) -> Result<(), String> {
+    let quiet = [("DEBIAN_FRONTEND", "noninteractive")];
+    // Package lists may be missing (a fresh container) or old; only an installation that fails is an error.
+    if let Err(error) = command("apt-get", &["update", "-qq"], &root(), &quiet) {
+        println!("   {error}");
+    }
+    let arguments = [&["install", "-y", "-qq", "--no-install-recommends"], packages].concat();
+    command("apt-get", &arguments, &root(), &quiet)
+}
