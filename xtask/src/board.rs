@@ -2,16 +2,12 @@
 
 use std::path::PathBuf;
 
-use crate::steps::{EMULATOR_VARIABLES, cargo, root};
+use crate::steps::{EMULATOR_VARIABLES, built, cargo, root};
 use crate::toolchain;
-
-fn beside_hysteron(name: &str) -> PathBuf {
-    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), Into::into).join("release").join(name)
-}
 
 /// The program.
 pub fn program() -> PathBuf {
-    beside_hysteron("hysteron-board")
+    built("hysteron-board")
 }
 
 /// Builds it and puts it there.
@@ -23,8 +19,8 @@ pub fn build() -> Result<(), String> {
     let folder = root().join("emulator");
     let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--package", "hysteron-board"];
     cargo(&arguments, &folder, &EMULATOR_VARIABLES)?;
-    let built = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| folder.join("target"), Into::into).join("release/hysteron-board");
-    for (from, to) in [(built, program()), (image, beside_hysteron("hysteron-firmware.elf"))] {
+    let made = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| folder.join("target"), Into::into).join("release/hysteron-board");
+    for (from, to) in [(made, program()), (image, built("hysteron-firmware.elf"))] {
         if from != to {
             if let Some(parent) = to.parent() {
                 std::fs::create_dir_all(parent).map_err(|error| format!("{}: {error}", parent.display()))?;

@@ -11,8 +11,10 @@ mod debian;
 mod lab_page;
 mod library_alone;
 mod pipython;
+mod python_package;
 mod steps;
 mod toolchain;
+mod virtual_environment;
 mod whole_circle;
 
 use std::process::ExitCode;
@@ -21,16 +23,17 @@ const USAGE: &str = "\
 cargo xtask check      everything: format, lints, docs, tests, the firmware's cross-build, the emulated target
 cargo xtask host       the steps that need only the host's toolchain
 cargo xtask library    the library alone: what it depends on, its build for WebAssembly, and the lab page with its test
+cargo xtask python     the Python package in a fresh environment, and the formats as their own libraries write them today
 cargo xtask lab        builds the lab page, target/lab.html
 cargo xtask firmware   builds the firmware's images and checks the binaries
 cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
-cargo xtask readme     writes the table of effects in README.md from the registry";
+cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
 fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     if wanted == ["readme"] {
-        return ended(steps::write_readme());
+        return ended(steps::write_tables());
     }
     if wanted == ["board"] {
         return ended(board::build());
@@ -42,6 +45,7 @@ fn main() -> ExitCode {
         ["check"] => steps::all(),
         ["host"] => steps::host(),
         ["library"] => steps::library(),
+        ["python"] => steps::python(),
         ["firmware"] => steps::firmware(),
         ["emulate"] => steps::emulator(),
         _ => {

@@ -1,11 +1,10 @@
 //! A stranger's program in front of the emulated board: PIPython as PyPI has it, in a virtual environment of its own.
 
 use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 
 use crate::steps::{command, root};
-use crate::{board, debian};
+use crate::{board, virtual_environment};
 
 /// The release that is installed.
 const PIPYTHON: &str = "pipython==2.11.0.6";
@@ -20,27 +19,9 @@ impl Drop for Running {
     }
 }
 
-/// The virtual environment's interpreter; installs what is missing and says so.
-fn interpreter() -> Result<PathBuf, String> {
-    let folder = root().join("target/pipython");
-    let python = folder.join("bin/python");
-    let installed = Command::new(&python).args(["-c", "import pipython"]).stderr(Stdio::null()).status();
-    if !installed.is_ok_and(|status| status.success()) {
-        println!("   installing {PIPYTHON} into {}", folder.display());
-        let environment = || command("python3", &["-m", "venv", &folder.to_string_lossy()], &root(), &[]);
-        environment().or_else(|_| {
-            println!("   no Python with virtual environments yet; installing Debian's python3-venv");
-            debian::install(&["python3", "python3-venv"])?;
-            environment()
-        })?;
-        command(&python, &["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PIPYTHON], &root(), &[])?;
-    }
-    Ok(python)
-}
-
 /// Runs the conversation of `board/tests/pipython_client.py`.
 pub fn run() -> Result<(), String> {
-    let python = interpreter()?;
+    let python = virtual_environment::kept("pipython", &[PIPYTHON])?;
     let mut child = Command::new(board::program())
         .args(["emulate", "--tcp", "127.0.0.1:0"])
         .stdout(Stdio::piped())

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use crate::{board, browser, control_code, lab_page, library_alone, pipython, toolchain, whole_circle};
+use crate::{board, browser, control_code, lab_page, library_alone, pipython, python_package, toolchain, whole_circle};
 
 /// One step: its name and what it does.
 pub struct Step {
@@ -17,6 +17,7 @@ pub struct Step {
 pub fn all() -> Vec<Step> {
     let mut steps = host();
     steps.extend(library());
+    steps.extend(python());
     steps.extend(firmware());
     steps.extend(emulator());
     steps
@@ -38,6 +39,14 @@ pub fn library() -> Vec<Step> {
         Step { name: "library alone: what it depends on", action: library_alone::dependencies },
         Step { name: "library and lab page for wasm32-unknown-unknown", action: lab_page::build },
         Step { name: "lab page in a browser", action: lab_page::test },
+    ]
+}
+
+/// The Python package.
+pub fn python() -> Vec<Step> {
+    vec![
+        Step { name: "Python package in a fresh environment", action: python_package::test },
+        Step { name: "formats as their own libraries write them today", action: python_package::formats },
     ]
 }
 
@@ -83,6 +92,17 @@ pub fn run(steps: &[Step]) -> Result<(), String> {
 /// The repository's root.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().map_or_else(|| PathBuf::from("."), Path::to_path_buf)
+}
+
+/// A program of the workspace's release build.
+pub fn built(name: &str) -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), Into::into).join("release").join(name)
+}
+
+/// Builds the workspace as its tests have it, for a step that needs its programs: a build without them has other features of its dependencies
+/// and would begin anew.
+pub fn build_as_tested() -> Result<(), String> {
+    cargo(&["test", "--quiet", "--release", "--workspace", "--no-run"], &root(), &[])
 }
 
 /// Runs a command in a folder of the repository and fails with its own words.
@@ -145,10 +165,14 @@ fn host_tests() -> Result<(), String> {
     cargo(&["test", "--release", "--workspace"], &root(), &[("HYSTERON_SKIPPED", &file.to_string_lossy())])
 }
 
-/// Writes the table of effects in README.md; the same test fails in `host_tests` where it is stale.
-pub fn write_readme() -> Result<(), String> {
-    let test = ["test", "--quiet", "--release", "--package", "hysteron-sim", "--test", "readme", "the_table_in_the_readme"];
-    cargo(&test, &root(), &[("HYSTERON_WRITE_README", "1")])
+/// Writes the tables that documentation has from the code: effects in README.md, formats in docs/formats.md. The same tests fail in `host_tests`
+/// where one is stale.
+pub fn write_tables() -> Result<(), String> {
+    for [test, name] in [["readme", "the_table_in_the_readme"], ["formats", "the_table_of_formats"]] {
+        let arguments = ["test", "--quiet", "--release", "--workspace", "--test", test, name];
+        cargo(&arguments, &root(), &[("HYSTERON_WRITE_README", "1")])?;
+    }
+    Ok(())
 }
 
 fn firmware_images() -> Result<(), String> {

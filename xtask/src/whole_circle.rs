@@ -5,7 +5,7 @@
 //! complex poles (Ch. 5, Eq. 17), which no known effect has: that something is left above the noise is right to be said. A servo is
 //! designed from the model that it comes to, down to the parameter block.
 
-use crate::steps::{cargo, command, root};
+use crate::steps::{build_as_tested, built, command, root};
 use crate::toolchain;
 
 /// What the actuator has and the model is not given.
@@ -22,9 +22,8 @@ pub fn run() -> Result<(), String> {
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let image = toolchain::image();
-    // The program as the tests have it: a build without them has other features of its dependencies and would begin anew.
-    cargo(&["test", "--quiet", "--release", "--workspace", "--no-run"], &root(), &[])?;
-    let program = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), Into::into).join("release/hysteron");
+    build_as_tested()?;
+    let program = built("hysteron");
     let hysteron = |arguments: &[&str]| command(&program, arguments, &root(), &[]);
     hysteron(&["capture", &image.to_string_lossy(), &log.to_string_lossy(), "--out", &path("record"), "--force"])?;
     let explain = ["explain", &path("record"), "--from", GIVEN, "--out", &path("model.toml"), "--json", &path("explain.json"), "--force"];

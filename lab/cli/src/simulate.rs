@@ -4,7 +4,6 @@ use crate::desk::Desk;
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::recognise::{Wanted, time_and_drive};
 use hysteron::dataset::time_axis::{Known, TimeAxis};
-use hysteron::diagnosis::judgement::first_not_finite;
 use hysteron::{Error, Result};
 use hysteron_sim::chain::{Drive, InitialState};
 use std::path::Path;
@@ -29,15 +28,8 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool
         ((0..u_v.len()).map(|k| k as f64 / rate_hz).collect(), u_v, 1.0 / rate_hz)
     };
     desk.target(Some(out))?;
-    let outside = drive_v.iter().copied().find(|u| *u < model.drive_min_v - 1e-9 || *u > model.drive_max_v + 1e-9);
-    if let Some(u) = outside {
-        return Err(Error::new("--drive", format!("reaches {u} V; the model holds from {} to {} V", model.drive_min_v, model.drive_max_v)));
-    }
     let driven = Drive { drive_v: &drive_v, force_n: None, dt_s, initial_state: InitialState::Virgin };
-    if let Some((effect, sample)) = first_not_finite(&model, &driven) {
-        return Err(Error::NotFinite { effect, record: drive.to_owned(), sample: sample + 1 });
-    }
-    let y = model.simulate(&driven);
+    let y = hysteron::simulate::simulate(&model, &driven, &format!("--drive {drive}"))?;
     let mut text = String::from("t_s,u_v,y_um\n");
     for ((t, u), y) in t_s.iter().zip(&drive_v).zip(&y) {
         text.push_str(&format!("{t:.9},{u:.6},{y:.6}\n"));

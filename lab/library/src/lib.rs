@@ -3,7 +3,7 @@
 //! * [`dataset`]: records of drive and displacement; [`synthetic`]: simulated ones whose truth is known;
 //! * [`identification`]: least squares over the whole chain, the noise floor;
 //! * [`diagnosis`]: which physical effect is missing; [`explain`](mod@explain): the main job;
-//! * [`servo`]: design, check and track; [`model_file`]: models as text;
+//! * [`mod@simulate`]: a model under any drive; [`servo`]: design, check and track; [`model_file`]: models as text;
 //! * [`capture`]: the firmware's trace as a data set (feature `trace`).
 //!
 //! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed results.
@@ -46,6 +46,7 @@ pub mod identify;
 pub mod model_file;
 mod parallel;
 pub mod servo;
+pub mod simulate;
 pub mod spectrum;
 pub mod statistics;
 pub mod synthetic;

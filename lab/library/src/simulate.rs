@@ -1,0 +1,24 @@
+//! A model under a drive that somebody hands in.
+
+use crate::diagnosis::judgement::first_not_finite;
+use crate::error::{Error, Result};
+use hysteron_sim::chain::{Drive, Model};
+
+/// How far a drive may lie outside the limits of a model, V: the last digit of a file that wrote them.
+const TOLERANCE_V: f64 = 1e-9;
+
+/// What the sensor reads under a drive, um, sample by sample; `place` is what the drive is called in messages.
+///
+/// # Errors
+/// A drive that leaves the range for which the model holds, or is no number; a model that gives something that is no number, with effect and
+/// sample.
+pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
+    let (low, high) = (model.drive_min_v, model.drive_max_v);
+    if let Some(u) = drive.drive_v.iter().find(|u| !(low - TOLERANCE_V..=high + TOLERANCE_V).contains(*u)) {
+        return Err(Error::new(place, format!("reaches {u} V; the model holds from {low} to {high} V")));
+    }
+    if let Some((effect, sample)) = first_not_finite(model, drive) {
+        return Err(Error::NotFinite { effect, record: place.to_owned(), sample: sample + 1 });
+    }
+    Ok(model.simulate(drive))
+}

@@ -1,0 +1,82 @@
+"""Models: chains of physical effects with values."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+from ._arrays import of_bytes, to_bytes
+from ._files import PathLike, write_whole
+from ._native import HysteronError
+from ._records import Dataset
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value with its standard deviation, where the data gave one."""
+
+    effect: str
+    name: str
+    value: float
+    std: float | None
+    unit: str
+
+
+class Model:
+    """A chain of physical effects with values."""
+
+    def __init__(self, native: _native.Model) -> None:
+        self._native = native
+
+    @classmethod
+    def load(cls, path: PathLike) -> Model:
+        """Reads a model that was saved, here or by the program's ``--out``."""
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise HysteronError(f"{os.fspath(path)}: cannot be read: {error}; expected a model written by Hysteron") from None
+        return cls(_native.Model.from_toml(text, os.fspath(path)))
+
+    def save(self, path: PathLike) -> None:
+        """Writes the file that the program's ``--out`` writes, whole or not at all."""
+        write_whole(path, self.to_toml())
+
+    def to_toml(self) -> str:
+        """The text of its file."""
+        return self._native.to_toml()
+
+    @property
+    def effects(self) -> list[str]:
+        """Effects in the order of the chain."""
+        return self._native.effects()
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """All values."""
+        return [Parameter(*parts) for parts in self._native.parameters()]
+
+    @property
+    def drive_limits_v(self) -> tuple[float, float]:
+        """Least and greatest drive for which it holds, V."""
+        return self._native.drive_limits_v()
+
+    def simulate(
+        self, drive_v: ArrayLike, sample_rate_hz: float, *, force_n: ArrayLike | None = None,
+        initial_state: Literal["virgin", "settled"] = "virgin",
+    ) -> NDArray[np.float64]:
+        """What the sensor would read under a drive, um: from rest at the lower limit ("virgin") or at the first drive ("settled")."""
+        force = None if force_n is None else to_bytes(force_n, "force_n")
+        return of_bytes(self._native.simulate(to_bytes(drive_v, "drive_v"), force, float(sample_rate_hz), initial_state))
+
+    def residual(self, dataset: Dataset, record: str | int) -> NDArray[np.float64]:
+        """Measured less modelled inside the window of a record, um."""
+        return of_bytes(self._native.residual(dataset._native, dataset._index(record)))
+
+    def __repr__(self) -> str:
+        return f"Model({', '.join(self.effects)})"

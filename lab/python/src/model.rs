@@ -1,0 +1,77 @@
+//! A chain of effects with values.
+
+use crate::at_work::at_work;
+use crate::dataset::{Dataset, initial_state};
+use crate::{bytes, numbers, raised, wrong};
+use hysteron::identification::fit;
+use hysteron::model_file;
+use hysteron_sim::chain::{Drive, EffectInstance};
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use pyo3::types::PyBytes;
+
+/// A model, and the data set that its file names.
+#[pyclass(frozen)]
+pub struct Model {
+    pub model: hysteron_sim::chain::Model,
+    pub data_set: String,
+}
+
+/// Effect, name, value, standard deviation and unit.
+type Parameter = (String, String, f64, Option<f64>, String);
+
+fn parameters_of(effect: &EffectInstance) -> impl Iterator<Item = Parameter> {
+    effect.parameters.iter().map(|p| (effect.id.clone(), p.parameter.name.clone(), p.value, p.std, p.parameter.unit.clone()))
+}
+
+#[pymethods]
+impl Model {
+    #[staticmethod]
+    fn from_toml(text: &str, name: String) -> PyResult<Self> {
+        Ok(Self { model: model_file::from_toml(text, &name).map_err(raised)?, data_set: name })
+    }
+
+    fn to_toml(&self) -> PyResult<String> {
+        model_file::to_toml(&self.model, &self.data_set).map_err(raised)
+    }
+
+    fn effects(&self) -> Vec<String> {
+        self.model.effect_ids()
+    }
+
+    fn drive_limits_v(&self) -> (f64, f64) {
+        (self.model.drive_min_v, self.model.drive_max_v)
+    }
+
+    fn parameters(&self) -> Vec<Parameter> {
+        self.model.effects.iter().flat_map(parameters_of).collect()
+    }
+
+    fn simulate<'py>(
+        &self,
+        py: Python<'py>,
+        drive_v: &[u8],
+        force_n: Option<PyBackedBytes>,
+        sample_rate_hz: f64,
+        state: &str,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        // At an unknown state nothing can begin: the first two of the words.
+        let initial_state = initial_state("simulate", state, 2)?;
+        if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
+            return Err(wrong("simulate", format!("sample_rate_hz = {sample_rate_hz}; expected a positive number")));
+        }
+        let (drive_v, force_n) = (numbers(drive_v), force_n.map(|force| numbers(&force)));
+        if let Some(force) = force_n.as_ref().filter(|force| force.len() != drive_v.len()) {
+            return Err(wrong("simulate", format!("drive_v has {} samples, force_n {}; expected as many", drive_v.len(), force.len())));
+        }
+        let drive = Drive { drive_v: &drive_v, force_n: force_n.as_deref(), dt_s: 1.0 / sample_rate_hz, initial_state };
+        let read = at_work(py, None, |_| hysteron::simulate::simulate(&self.model, &drive, "drive_v"))?;
+        Ok(bytes(py, &read))
+    }
+
+    /// Measured less modelled inside the window of a record.
+    fn residual<'py>(&self, py: Python<'py>, dataset: &Dataset, record: usize) -> PyResult<Bound<'py, PyBytes>> {
+        let record = dataset.0.records.get(record).ok_or_else(|| wrong("record", "there is no such record"))?;
+        Ok(bytes(py, &py.detach(|| fit::residual(&self.model, record))))
+    }
+}

@@ -1,0 +1,51 @@
+//! The Python package: its wheel, installed into a fresh virtual environment and tried there against the program; and the formats of other
+//! libraries, written by them for the tests of library and program.
+
+use std::path::Path;
+
+use crate::steps::{build_as_tested, built, cargo, command, root};
+use crate::virtual_environment::{fresh, install, kept};
+
+/// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the formats that are read, and the cluster of
+/// the example.
+const TOOLS: [&str; 10] = ["maturin", "mypy", "numpy", "scipy", "h5py", "npTDMS", "pyarrow", "pandas", "openpyxl", "dask[distributed]"];
+
+fn text(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
+/// Removes what an earlier run has left.
+fn emptied(folder: &Path) -> Result<(), String> {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    }
+    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
+}
+
+/// The wheel against the program.
+pub fn test() -> Result<(), String> {
+    build_as_tested()?;
+    let tools = kept("python/tools", &TOOLS)?;
+    let wheels = root().join("target/python/wheels");
+    emptied(&wheels)?;
+    let out = text(&wheels);
+    let maturin = ["-m", "maturin", "build", "--quiet", "--release", "--manifest-path", "lab/python/Cargo.toml", "--out", &out];
+    command(&tools, &maturin, &root(), &[])?;
+    command(&tools, &["-m", "mypy", "--strict", "lab/python/hysteron"], &root(), &[])?;
+    let python = fresh("python/fresh")?;
+    let wheel = std::fs::read_dir(&wheels).ok().and_then(|mut files| files.next()?.ok()).ok_or("no wheel was built")?;
+    install(&python, &[&text(&wheel.path())])?;
+    install(&tools, &["--force-reinstall", "--no-deps", &text(&wheel.path())])?;
+    let program = text(&built("hysteron"));
+    command(&python, &["-m", "unittest", "--quiet", "lab/python/tests/test_package.py"], &root(), &[("HYSTERON", &program)])?;
+    command(&tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_fleet.py"], &root(), &[])
+}
+
+/// Library and program on files that the libraries of their formats have just written, whole and damaged.
+pub fn formats() -> Result<(), String> {
+    let folder = root().join("target/python/formats");
+    emptied(&folder)?;
+    command(&kept("python/tools", &TOOLS)?, &["lab/library/tests/formats/make.py", &text(&folder)], &root(), &[])?;
+    let test = ["test", "--quiet", "--release", "--workspace", "--test", "formats"];
+    cargo(&test, &root(), &[("HYSTERON_FORMATS", &text(&folder))])
+}
