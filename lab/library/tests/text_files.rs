@@ -252,3 +252,21 @@ fn damage_is_told_with_its_place() {
     let jump = good.replace("0.2500,", "9.2500,");
     refused("a.csv", jump.as_bytes(), &["row 503", "does not increase"]);
 }
+
+#[test]
+fn a_last_row_that_may_be_cut_off_is_left_aside() {
+    let text = format!("t_s,u_v,y_um\n{}", plain(","));
+    let whole = gives("a.csv", text.as_bytes(), &[]);
+    assert!(!whole.notes.join("\n").contains("cut off"));
+    // Without its line end the last row is still whole.
+    gives("a.csv", text.trim_end().as_bytes(), &[]);
+    // With a digit less its number is another one.
+    let cut = from_file("a.csv", &text.as_bytes()[..text.len() - 2]).unwrap();
+    assert_eq!(cut.records.last().unwrap().drive_v.len(), SAMPLES - 1);
+    let note = format!("row {} is the last and has no line end", SAMPLES + 1);
+    assert!(cut.notes.iter().any(|said| said.contains(&note)), "{:?}", cut.notes);
+    // What is cut off before its last column was never a row.
+    let short = text.trim_end().rsplit_once(',').unwrap().0;
+    let cut = from_file("a.csv", short.as_bytes());
+    assert!(cut.is_err() || cut.unwrap().records.last().unwrap().drive_v.len() < SAMPLES);
+}

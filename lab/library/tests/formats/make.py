@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
-"""Writes the files beside this script, each with the library of its format: `pip install numpy scipy h5py npTDMS pyarrow pandas openpyxl`.
+"""Writes files into a folder (beside this script without one), each with the library of its format: `pip install numpy scipy h5py npTDMS
+pyarrow pandas openpyxl`. `cargo xtask python` does so with the libraries of the day, and the tests then read those instead of the kept ones.
 
-All hold the same simulated recording (`recording`), which `tests/formats.rs` computes again and compares.
+All hold the same simulated recording, which `tests/formats.rs` computes again and compares; `written.rs` lists what each file is.
 """
+import csv
 import pathlib
+import sys
 import h5py
 import nptdms
 import numpy as np
@@ -13,7 +16,7 @@ import pyarrow.parquet as pq
 import scipy.io
 import scipy.io.wavfile
 
-here = pathlib.Path(__file__).parent
+here = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else pathlib.Path(__file__).parent
 rate_hz = 2000.0
 k = np.arange(160)
 drive = lambda k: 20.0 - 20.0 * np.cos(0.1 * k) * (1.0 - 0.002 * k)
@@ -96,3 +99,21 @@ with pd.ExcelWriter(here / "book.xlsx") as book:
 # WAV
 scipy.io.wavfile.write(here / "floats.wav", int(rate_hz), np.column_stack([u, y]).astype(np.float32))
 scipy.io.wavfile.write(here / "codes.wav", int(rate_hz), np.round(np.column_stack([u / 50.0, y / 20.0]) * 32767).astype(np.int16))
+
+# Text, in many habits
+named = pd.DataFrame({"t_s": t, "u_v": u, "y_um": y})
+named.to_csv(here / "comma.csv", index=False)
+named.to_csv(here / "numbered_rows.csv")
+named.to_csv(here / "no_header.csv", index=False, header=False)
+named.to_csv(here / "quoted.csv", index=False, quoting=csv.QUOTE_ALL)
+named.to_csv(here / "exponents.csv", index=False, float_format="%.9e")
+named.to_csv(here / "byte_order_mark.csv", index=False, encoding="utf-8-sig", lineterminator="\r\n")
+named.to_csv(here / "tabs.txt", index=False, sep="\t", encoding="utf-16")
+(here / "aligned.txt").write_text(named.to_string(index=False) + "\n")
+german = pd.DataFrame({"Zeit [s]": t, "Spannung [V]": u, "Weg [\u00b5m]": y})
+german.to_csv(here / "decimal_commas.csv", index=False, sep=";", decimal=",", encoding="latin-1")
+two_lines = pd.DataFrame(np.column_stack([1e3 * t, 1e3 * u, 1e3 * y]), columns=pd.MultiIndex.from_tuples([("time", "ms"), ("drive", "mV"), ("position", "nm")]))
+two_lines.to_csv(here / "units_in_second_line.csv", index=False)
+clock = pd.DataFrame({"time": pd.Timestamp("2026-01-01 12:59:59.95") + pd.to_timedelta(t, unit="s"), "u_v": u, "y_um": y})
+clock.to_csv(here / "time_of_day.csv", index=False, date_format="%H:%M:%S.%f")
+clock.to_csv(here / "date_and_time.csv", index=False, date_format="%Y-%m-%d %H:%M:%S.%f")

@@ -32,7 +32,7 @@ struct Form {
 pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
     let (text, assumed) = decode(place, bytes, super::FORMATS)?;
     let lines: Vec<Line> = text.lines().enumerate().map(|(i, line)| (i + 1, line)).skip(hints.skip_rows).collect();
-    let filled: Vec<Line> = lines.iter().copied().filter(|(_, line)| !line.trim().is_empty()).collect();
+    let mut filled: Vec<Line> = lines.iter().copied().filter(|(_, line)| !line.trim().is_empty()).collect();
     if filled.is_empty() {
         return Err(Error::new(place, "is empty; expected rows of numbers"));
     }
@@ -41,12 +41,17 @@ pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
         let shown: String = text.chars().take(40).collect();
         Error::new(place, format!("has no rows of numbers (row {line}: \"{shown}\"); expected columns of numbers"))
     })?;
+    let cut = if text.ends_with(['\n', '\r']) { None } else { form.cut_off(&filled) };
+    if cut.is_some() {
+        filled.pop();
+    }
     // LabVIEW says where its headers end, and has numbers in them.
     let header_end = filled.iter().rposition(|(_, line)| line.starts_with("***End_of_Header***")).map_or(0, |at| at + 1);
     let first = filled[header_end..].iter().position(|(_, line)| form.is_row(line)).map_or(filled.len(), |at| at + header_end);
     let header = header::read(place, &filled[..first], form.separator, form.width, &form.numbers)?;
     let mut table = rows(place, &filled[first..], &form, &header)?;
     table.notes.extend(assumed);
+    table.notes.extend(cut.map(|line| format!("row {line} is the last and has no line end: it may be cut off, and is left aside")));
     table.notes.extend(form.texts.iter().map(|&c| {
         let name = header.names.get(c).filter(|n| !n.is_empty()).map_or_else(String::new, |n| format!(" `{n}`"));
         format!("column {}{name} holds no numbers and is left aside", c + 1)
@@ -75,6 +80,15 @@ impl Form {
         let numbers: Vec<usize> = (0..width).filter(|&c| share(&|cell| number(cell, separator).is_some(), c) >= NUMBERS_MIN).collect();
         let texts = (0..width).filter(|c| !numbers.contains(c) && share(&|cell| !cell.is_empty(), *c) >= 0.5).collect();
         (!numbers.is_empty()).then_some(Self { separator, width, numbers, texts })
+    }
+
+    /// The last row of a text that ends without a line end, where its last number has fewer characters than that of an earlier row: what a
+    /// file that was cut off leaves looks like another number.
+    fn cut_off(&self, lines: &[Line]) -> Option<usize> {
+        let ((line, last), before) = lines.split_last()?;
+        let length = |line: &str| self.separator.cells(line).get(self.width - 1).map(|cell| cell.len());
+        let longest = before.iter().rev().take(SAMPLE).filter_map(|(_, line)| length(line)).max()?;
+        (self.numbers.last() == Some(&(self.width - 1)) && length(last)? < longest).then_some(*line)
     }
 
     fn is_row(&self, line: &str) -> bool {
