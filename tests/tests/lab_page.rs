@@ -228,3 +228,35 @@ fn the_served_page_has_the_native_engine_behind_it() {
     server.end();
     thread.join().expect("the server ends");
 }
+
+#[test]
+fn what_a_first_file_does_not_say_can_be_said_in_the_page() {
+    let server = Arc::new(Server::bind(None).expect("a port"));
+    let serving = Arc::clone(&server);
+    let thread = std::thread::spawn(move || serving.serve());
+    let Some((mut page, out)) = opened_at(&server.address()) else { return };
+    state(&mut page, "empty");
+    // The sensor gives a volt for 5 um, which no file says.
+    let drive_v = |k: f64| 30.0 - 30.0 * (0.03 * k).cos() * (0.5 + 0.5 * (0.0013 * k).cos());
+    let rows = (0..4000).map(f64::from).map(|k| format!("{:.4},{:.5},{:.5}\n", 1e-3 * k, drive_v(k), 0.02 * drive_v(k - 2.0)));
+    let file = out.path().join("volts.csv");
+    std::fs::write(&file, format!("t [s],u [V],y [V]\n{}", rows.collect::<String>())).expect("the folder can be written");
+    page.drop_files(&[file]);
+    page.wait_for(&format!("document.documentElement.dataset.error.includes('--units y=5um/V') && {LEFT_ALONE}"));
+    assert_eq!(page.value("document.querySelector('#otherwise').hidden"), false);
+    // A unit that is none: refused again, with what was said still there.
+    page.type_into("#otherwise [name=unit-y]", "5furlong/V");
+    page.click("#otherwise button");
+    page.wait_for(&format!("document.documentElement.dataset.error.includes('furlong') && {LEFT_ALONE}"));
+    page.type_into("#otherwise [name=unit-y]", "5um/V");
+    page.click("#otherwise button");
+    state(&mut page, "loaded");
+    assert_eq!(page.value("document.querySelector('#otherwise').hidden"), true);
+    let range_um = page.value("Math.max(...lab.data.records.map((record) => record.range_um))");
+    assert!(range_um.as_f64().is_some_and(|um| (um - 6.0).abs() < 0.1), "{range_um}");
+    // What was said stays to be changed.
+    assert_eq!(page.value("document.querySelector('#columns [name=unit-y]').value"), "5um/V");
+    assert!(page.failures.is_empty(), "{:?}", page.failures);
+    server.end();
+    thread.join().expect("the server ends");
+}

@@ -14,6 +14,7 @@ const VERDICTS = {
   unexplained: ["Unexplained", "Something is missing that no known effect explains."],
   undecidable: ["Undecidable", "Nothing in the data shows the noise, so nobody can say whether anything is missing. A rest, a hold or repeated periods would."],
 };
+const SIGNALS = { t: "time", u: "drive", y: "displacement", force: "force" };
 const ROLES = { identify: "fitted", validate: "held out", noise: "noise", test: "test" };
 
 const lab = {
@@ -42,6 +43,7 @@ const lab = {
 function say(text) {
   $("#message").textContent = text ?? "";
   $("#message").hidden = !text;
+  if (!text) $("#otherwise").hidden = true;
   told.error = text ?? "";
 }
 
@@ -142,8 +144,49 @@ async function take(files) {
   }
 }
 
-async function open({ files = [], planted = null, served = null, start }) {
-  await readOtherwise(() => Object.assign(lab, { files, planted, served, start, said: { columns: {}, units: {}, roles: {} } }));
+const nothingSaid = () => ({ columns: {}, units: {}, roles: {} });
+
+async function open({ files = [], planted = null, served = null, start, said = nothingSaid() }) {
+  try {
+    await readOtherwise(() => Object.assign(lab, { files, planted, served, start, said }));
+  } catch (error) {
+    if (!(error instanceof Cancelled) && !planted) askHow({ files, served, start, said }, error.message);
+    throw error;
+  }
+}
+
+/** What is refused leaves room to say what it does not say itself; it is in the open where the message asks for it. */
+function askHow(refused, message) {
+  const column = (key, id) => `<input type="text" id="${id}" name="${key}" placeholder="as recognised" title="its number from 1, or its name">`;
+  const form = $("#otherwise form");
+  sayingForm(form, "refused", refused.said, column, `What is said here holds for ${refused.files.map((file) => escaped(file.name)).join(", ") || "all files"}.`);
+  form.onsubmit = (event) => {
+    event.preventDefault();
+    trying(() => open({ ...refused, said: saidIn(form, refused.said) }));
+  };
+  $("#otherwise").open ||= /--(units|columns|sample-rate-hz)/.test(message);
+  $("#otherwise").hidden = false;
+}
+
+/** Fills a form in which a person says what is what; `column` makes the element that chooses one. */
+function sayingForm(form, name, said, column, about) {
+  const lines = Object.entries(SIGNALS).map(([key, word]) =>
+    `<label for="${name}-${key}">${word}</label>${column(key, `${name}-${key}`)}
+     <input type="text" name="unit-${key}" placeholder="unit" aria-label="unit of ${word}" title="${key === "y" ? "nm, um, ... or a sensitivity such as 5um/V" : "as in the file where nothing is said"}">`);
+  form.innerHTML = `${lines.join("")}<label for="${name}-rate">samples per s</label><input id="${name}-rate" type="text" name="rate" placeholder="from the file"><span></span>
+    <p class="quiet">${about}</p><p><button>Read again</button></p>`;
+  for (const key of Object.keys(SIGNALS)) {
+    form.elements[key].value = said.columns[key] ?? "";
+    form.elements[`unit-${key}`].value = said.units[key] ?? "";
+  }
+  form.elements.rate.value = said.sample_rate_hz ?? "";
+}
+
+/** What a form says, beside what was said before. */
+function saidIn(form, before) {
+  const of = (prefix) => Object.fromEntries(Object.keys(SIGNALS).map((key) => [key, form.elements[prefix + key].value.trim() || null]));
+  const rate = form.elements.rate.value.trim();
+  return { ...before, columns: of(""), units: of("unit-"), sample_rate_hz: rate ? Number(rate) : null };
 }
 
 /** Reads after a change of what is read; where that fails or is cancelled, everything is as it was. */
@@ -218,26 +261,12 @@ function showRecording() {
 function showColumns() {
   const form = $("#columns form");
   const choices = lab.data.table.map(({ number, name, unit }) => `<option value="${number}">${number}: ${escaped(name || "(no name)")}${unit ? ` [${escaped(unit)}]` : ""}</option>`).join("");
-  const lines = [["t", "time"], ["u", "drive"], ["y", "displacement"], ["force", "force"]].map(([key, word]) =>
-    `<label for="column-${key}">${word}</label><select id="column-${key}" name="${key}"><option value="">as recognised</option>${choices}</select>
-     <input type="text" name="unit-${key}" placeholder="unit" aria-label="unit of ${word}" title="${key === "y" ? "nm, um, ... or a sensitivity such as 5um/V" : "as in the file where nothing is said"}">`);
-  form.innerHTML = `${lines.join("")}<label for="rate">samples per s</label><input id="rate" type="text" name="rate" placeholder="from the file"><span></span>
-    <p class="quiet">What is said here holds for all files.</p><p><button>Read again</button></p>`;
-  for (const key of ["t", "u", "y", "force"]) {
-    form.elements[key].value = lab.said.columns[key] ?? "";
-    form.elements[`unit-${key}`].value = lab.said.units[key] ?? "";
-  }
-  form.elements.rate.value = lab.said.sample_rate_hz ?? "";
+  const column = (key, id) => `<select id="${id}" name="${key}"><option value="">as recognised</option>${choices}</select>`;
+  sayingForm(form, "column", lab.said, column, "What is said here holds for all files.");
   $("#columns").hidden = Boolean(lab.planted);
   form.onsubmit = (event) => {
     event.preventDefault();
-    trying(() => readOtherwise(() => {
-      for (const key of ["t", "u", "y", "force"]) {
-        lab.said.columns[key] = form.elements[key].value || null;
-        lab.said.units[key] = form.elements[`unit-${key}`].value.trim() || null;
-      }
-      lab.said.sample_rate_hz = form.elements.rate.value ? Number(form.elements.rate.value) : null;
-    }));
+    trying(() => readOtherwise(() => (lab.said = saidIn(form, lab.said))));
   };
 }
 

@@ -159,6 +159,13 @@ impl Page {
         self.mouse("mouseReleased", x + by * width, y);
     }
 
+    /// Clicks into a field and types in place of what is there.
+    pub fn type_into(&mut self, selector: &str, text: &str) {
+        self.click(selector);
+        self.value(&format!("document.querySelector({selector:?}).select()"));
+        self.send("Input.insertText", &json!({ "text": text }));
+    }
+
     /// Drops files on the page.
     pub fn drop_files(&mut self, files: &[PathBuf]) {
         let data = json!({ "items": [], "files": files, "dragOperationsMask": 1 });
