@@ -5,7 +5,7 @@
 //! held-out error. With `--reversed` the records are given in the other order too, which must end at the same effects and errors.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] [--data FOLDER] [SET ...]
+//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] [--identify EFFECTS] [--data FOLDER] [SET ...]
 //! ```
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
@@ -121,8 +121,19 @@ fn main() {
     let trace = Trace::default();
     let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
+    let only = arguments
+        .iter()
+        .position(|a| a == "--identify")
+        .map(|i| arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default());
     for set in SETS.iter().filter(|s| arguments.is_empty() || arguments.iter().any(|a| a == s.name)) {
         let dataset = load(set, &data);
+        if let Some(effects) = &only {
+            let listed = effects_named(effects).expect("known effects");
+            let found = identify(&dataset, &listed, &Unwatched).expect("it can be identified");
+            let (fitted, held_out) = errors_um(&found.model, &dataset, set);
+            println!("{:<12} {:>7} / {:>7} nm  {}", set.name, nm(fitted), nm(held_out), found.model.effect_ids().join(","));
+            continue;
+        }
         let gain = effects_named("gain").expect("a built-in effect");
         let begin = Instant::now();
         let found = explain(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");

@@ -2,6 +2,7 @@
 
 pub mod independent_stage;
 pub mod measured;
+pub mod other_actuators;
 pub mod servo_study;
 
 use std::io::Write;

@@ -49,3 +49,11 @@ fn another_structure_of_loops_is_no_missing_effect() {
     assert_eq!(score.cases[0].named, ["creep"], "{:?}", score.cases);
     assert!(score.cases[0].validate_over_noise <= 1.15, "{:?}", score.cases);
 }
+
+/// Loops that no surface comes near (Bouc and Wen's saturate) are found as what they are, so that what is missing beside them shows.
+#[test]
+fn a_delay_shows_beside_loops_that_surfaces_do_not_meet() {
+    let score = planted(&[&["delay"]], 2.0, "bouc_wen", 5000);
+    assert_eq!(score.cases[0].named, ["delay"], "{:?}", score.cases);
+    assert!(score.cases[0].validate_over_noise <= 1.05, "{:?}", score.cases);
+}

@@ -87,7 +87,7 @@ impl Bristle {
             motion += further;
             // So short a way is straight.
             bend += share * further;
-            if further.abs() < BALANCED_UM {
+            if further.abs() < LAST_STEP_UM {
                 break;
             }
         }
@@ -105,6 +105,8 @@ impl Bristle {
 
 /// Imbalance, in um, below which nothing moves: a millionth of what any sensor sees.
 const BALANCED_UM: f64 = 1e-9;
+/// A step of Newton's, in um, behind which less than [`BALANCED_UM`] is left: its error is half its square over the sliding bend.
+const LAST_STEP_UM: f64 = 1e-6;
 
 struct FrictionStage {
     bristle: Bristle,

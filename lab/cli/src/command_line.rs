@@ -75,7 +75,7 @@ pub fn as_typed() -> String {
 /// What `plant` is told.
 #[derive(clap::Args)]
 pub struct PlantArguments {
-    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every kind; `pairs`: of every pair
+    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every kind; `pairs`, `triples`: of every two, three that are hidden together
     pub effects: String,
     /// Folder to write
     #[arg(long, value_name = "DIR")]

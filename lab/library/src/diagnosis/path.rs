@@ -3,7 +3,7 @@
 use super::judgement::Judged;
 use super::study::Study;
 use crate::error::Result;
-use crate::identification::finer_hysteresis::{description, steps_finer};
+use crate::identification::finer_hysteresis::{description, steps_finer, with_the_structure_of};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Effect, Overview};
@@ -25,7 +25,7 @@ pub enum Change {
     Start,
     /// An effect was added.
     Added(String),
-    /// The same hysteresis was described more finely.
+    /// The same hysteresis was described better: more finely, or by loops of another structure.
     FinerHysteresis(String),
     /// All values were fitted again, to this recording.
     FittedAgain,
@@ -62,6 +62,11 @@ pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Re
     let mut steps = vec![Step { change: Change::Start, judged: start.clone() }];
     let mut left: Vec<Arc<dyn Effect>> = added.iter().filter_map(|id| end.model.effect(id)).map(|e| e.effect.clone()).collect();
     let mut last = start.model.clone();
+    // Loops of another structure first: beside the wrong one no effect shows what it does.
+    if let Some(begin) = with_the_structure_of(&last, &end.model).filter(|m| !added.iter().any(|id| m.effect(id).is_some())) {
+        last = study.for_comparison(&begin).model;
+        steps.push(Step { change: Change::FinerHysteresis(description(&last)), judged: study.judged(last.clone()) });
+    }
     while !left.is_empty() {
         let possible: Vec<usize> = (0..left.len()).filter(|i| left[*i].may_join(&last, &study.overview)).collect();
         // Begun where the end has it: what is shown is the way there.

@@ -18,6 +18,7 @@ use crate::identification::finer_hysteresis;
 use crate::parallel;
 use crate::watch::Event;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::hysteresis;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A set of effects that was fitted.
@@ -38,6 +39,8 @@ pub struct Search<'s, 'a> {
     nodes: BTreeMap<String, Node>,
     /// Sets that were much worse than what they extend: they are not tried again beside another description of the hysteresis.
     hopeless: BTreeSet<String>,
+    /// Loops of other structures have been tried.
+    structures_tried: bool,
     /// The caller wanted the best so far.
     pub stopped: bool,
 }
@@ -75,7 +78,14 @@ impl<'s, 'a> Search<'s, 'a> {
     #[must_use]
     pub fn from(study: &'s Study<'a>, start: &Model) -> Self {
         let judged = study.judged_quickly(start.clone());
-        let mut search = Self { study, start: start.effect_ids(), nodes: BTreeMap::new(), hopeless: BTreeSet::new(), stopped: false };
+        let mut search = Self {
+            study,
+            start: start.effect_ids(),
+            nodes: BTreeMap::new(),
+            hopeless: BTreeSet::new(),
+            structures_tried: false,
+            stopped: false,
+        };
         let node = Node { added: Vec::new(), judged, extended: false, compared: true };
         search.nodes.insert(key(&[], start), node);
         search
@@ -130,6 +140,7 @@ impl<'s, 'a> Search<'s, 'a> {
             } else {
                 proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
                 proposals.truncate(policy.trials);
+                proposals.extend(self.propose_structures());
             }
             self.fit(proposals);
             self.compare_best();
@@ -177,6 +188,27 @@ impl<'s, 'a> Search<'s, 'a> {
             }
         }
         Ok(out)
+    }
+
+    /// The best model with loops of other structures, the first time that it has surfaces: beside loops of the wrong structure every effect looks
+    /// like a better description of them.
+    fn propose_structures(&mut self) -> Vec<Proposal> {
+        let best = self.best().clone();
+        let begins = finer_hysteresis::of_other_structures(&best.judged.model, &self.study.overview);
+        if self.structures_tried || begins.is_empty() {
+            return Vec::new();
+        }
+        self.structures_tried = true;
+        let proposal = |begin: Model| {
+            let main = begin.effects.iter().find(|e| e.effect.declaration().is_main()).map(|e| e.id.clone());
+            let kept = best.added.iter().filter(|id| begin.effect(id).is_some()).cloned();
+            // Beside surfaces that were there from the beginning another structure is no effect more.
+            let mut added: Vec<String> = kept.chain(main.filter(|_| best.added.iter().any(|id| id == hysteresis::ID))).collect();
+            added.sort();
+            // Whether the effects are hopeless beside the surfaces does not follow from what they do here.
+            Proposal { key: key(&added, &begin), added, begin, of: f64::INFINITY, promise: 0.0 }
+        };
+        begins.into_iter().map(proposal).collect()
     }
 
     /// Takes a node into account, unless the same set was fitted better.

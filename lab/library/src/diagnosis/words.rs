@@ -7,8 +7,11 @@ use super::path::Change;
 use super::policy::Policy;
 use super::verdict::{Diagnosis, Finding, Found, Verdict};
 use crate::dataset::reading_grid::rounding_noise_um;
+use crate::identification::finer_hysteresis::description;
 use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::hysteresis;
 
 /// Nanometres with three figures.
 #[must_use]
@@ -67,7 +70,7 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
             let physics = after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
             format!("{physics}{fall}")
         }
-        Change::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described more finely{fall}"),
+        Change::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described better{fall}"),
         Change::FittedAgain => format!("all values fitted again, to this recording{fall}"),
         Change::Changed(id) => format!("{} has other values here, all others held{fall}", spoken(id)),
     }
@@ -158,22 +161,33 @@ pub fn sentence(d: &Diagnosis, found: &Found, floor: &NoiseFloor, policy: &Polic
         after_um: error(last),
         story: elsewhere_sentence(d, found),
     };
-    match d.verdict {
-        Verdict::AtFloor => said.at_floor(),
-        Verdict::Named if d.findings.iter().all(|f| f.decision == Decision::ReadingsShowIt) => said.coarse_readings(),
-        Verdict::Named | Verdict::Ambiguous
-            if !said.story.is_empty() && d.findings.iter().all(|f| !matches!(f.decision, Decision::ReadingsShowIt)) =>
-        {
-            said.beside_a_model_from_elsewhere()
-        }
-        Verdict::Named => said.named(),
-        Verdict::Ambiguous => said.ambiguous(),
-        Verdict::Unexplained => said.unexplained(),
-        Verdict::Undecidable => said.undecidable(),
-    }
+    said.verdict() + &other_structure(&first.model, &last.model)
+}
+
+/// That the loops are met by another structure than the one that was started from, or nothing.
+fn other_structure(first: &Model, last: &Model) -> String {
+    let surfaces = first.effect(hysteresis::ID).is_some() && last.effect(hysteresis::ID).is_none();
+    if surfaces { format!(" The loops are {}, not those of the surfaces.", description(last)) } else { String::new() }
 }
 
 impl Said<'_> {
+    fn verdict(&self) -> String {
+        let d = self.diagnosis;
+        match d.verdict {
+            Verdict::AtFloor => self.at_floor(),
+            Verdict::Named if d.findings.iter().all(|f| f.decision == Decision::ReadingsShowIt) => self.coarse_readings(),
+            Verdict::Named | Verdict::Ambiguous
+                if !self.story.is_empty() && d.findings.iter().all(|f| !matches!(f.decision, Decision::ReadingsShowIt)) =>
+            {
+                self.beside_a_model_from_elsewhere()
+            }
+            Verdict::Named => self.named(),
+            Verdict::Ambiguous => self.ambiguous(),
+            Verdict::Unexplained => self.unexplained(),
+            Verdict::Undecidable => self.undecidable(),
+        }
+    }
+
     /// Whether fitting again lowered the error by what counts as an explanation.
     fn fell(&self) -> bool {
         self.before_um > self.policy.explained * self.after_um
@@ -255,7 +269,7 @@ impl Said<'_> {
         let after = nm(self.after_um);
         let best: Vec<String> = self.found.supported.iter().map(|s| s.id.clone()).collect();
         let known = if best.is_empty() && self.fell() {
-            format!("the best that is known (a finer description of the hysteresis) leaves {after} nm")
+            format!("the best that is known (a better description of the hysteresis) leaves {after} nm")
         } else if best.is_empty() {
             "no known effect explains any of it".to_string()
         } else {

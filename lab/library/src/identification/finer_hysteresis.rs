@@ -1,10 +1,11 @@
-//! More flexible hysteresis surfaces: what a wrong polynomial degree could explain must never pass for a missing effect.
+//! Better descriptions of the hysteresis: surfaces of a higher degree, play operators beside them, another structure of loops in their place. What a
+//! wrong description could explain must never pass for a missing effect.
 
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::Overview;
 use hysteron_sim::effect::hysteresis::{self, Hysteresis, degree_of};
 use hysteron_sim::effect::initial_curve::{self, InitialCurve};
 use hysteron_sim::effect::play_operators::{self, PlayOperatorsBeside};
+use hysteron_sim::effect::{Overview, Place, gain, registry};
 use std::sync::Arc;
 
 /// Highest degree that surfaces are refined to.
@@ -42,21 +43,89 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
     Some(out)
 }
 
+/// The model with loops of each other structure of the library in the place of its surfaces and of what builds on them; none where it has no surfaces.
+#[must_use]
+pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
+    if model.effect(hysteresis::ID).is_none() {
+        return Vec::new();
+    }
+    let others = registry().into_iter().filter(|e| {
+        let d = e.declaration();
+        d.is_main() && ![hysteresis::ID, gain::ID].contains(&d.id.as_str())
+    });
+    others.map(|effect| with_loops(model, EffectInstance::new(effect, overview, &[]))).collect()
+}
+
+/// The model with these loops in the place of its own and of what builds on them.
+fn with_loops(model: &Model, loops: EffectInstance) -> Model {
+    let mut out = model.clone();
+    out.effects.retain(|e| e.effect.declaration().place != Place::Hysteresis);
+    out.add(loops);
+    out
+}
+
+/// The effect that a chain has for its hysteresis, or in place of it.
+fn main_effect(model: &Model) -> Option<&EffectInstance> {
+    model.effects.iter().find(|e| e.effect.declaration().is_main())
+}
+
+/// A model with the loops of another, where those are of another structure.
+#[must_use]
+pub fn with_the_structure_of(model: &Model, other: &Model) -> Option<Model> {
+    let (mine, others) = (main_effect(model)?, main_effect(other)?);
+    (mine.id != others.id).then(|| with_loops(model, others.clone()))
+}
+
 /// How the loops of a model are described, in words.
 #[must_use]
 pub fn description(model: &Model) -> String {
     let plays = if model.effect(play_operators::ID).is_some() { " with play operators beside" } else { "" };
-    format!("surfaces of degree {}{plays}", degree(model).unwrap_or(0))
+    let main = || main_effect(model).map_or_else(String::new, |e| e.id.replace('_', " "));
+    degree(model).map_or_else(|| format!("of the form {}", main()), |degree| format!("surfaces of degree {degree}{plays}"))
 }
 
 /// By how many steps the loops are described more finely than by surfaces of the lowest degree.
 #[must_use]
 pub fn steps_finer(model: &Model) -> usize {
-    degree(model).unwrap_or(0) + usize::from(model.effect("hysteresis").is_some() && model.effect("play_operators").is_some())
+    degree(model).unwrap_or(0) + usize::from(model.effect(hysteresis::ID).is_some() && model.effect(play_operators::ID).is_some())
 }
 
 /// Degree of the loop surface of a model.
 #[must_use]
 pub fn degree(model: &Model) -> Option<usize> {
     model.values(hysteresis::ID).map(|v| degree_of(v.len()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model_file::effects_named;
+
+    fn overview() -> Overview {
+        let drive: Vec<f64> = (0..400).map(|k| f64::from(k % 100)).collect();
+        let record = crate::dataset::Record::new("r", 1000.0, drive.clone(), drive.iter().map(|u| 0.1 * u).collect());
+        crate::dataset::Dataset::new("d", 0.0, 100.0, vec![record]).unwrap().overview()
+    }
+
+    fn model(effects: &str) -> Model {
+        let mut out = Model::new(0.0, 100.0);
+        effects_named(effects).unwrap().into_iter().for_each(|e| out.add(EffectInstance::new(e, &overview(), &[])));
+        out
+    }
+
+    #[test]
+    fn another_structure_takes_the_place_of_the_surfaces_and_of_what_builds_on_them() {
+        let surfaces = model("hysteresis,initial_curve,vibration,creep");
+        let others = of_other_structures(&surfaces, &overview());
+        assert!(others.len() >= 4, "{}", others.len());
+        for other in &others {
+            let main: Vec<&EffectInstance> = other.effects.iter().filter(|e| e.effect.declaration().place == Place::Hysteresis).collect();
+            assert_eq!(main.len(), 1, "{:?}", other.effect_ids());
+            assert!(other.effect("vibration").is_some() && other.effect("creep").is_some());
+            assert_ne!(description(other), description(&surfaces));
+            assert_eq!(with_the_structure_of(&surfaces, other).unwrap().effect_ids(), other.effect_ids());
+        }
+        assert!(of_other_structures(&model("gain,creep"), &overview()).is_empty());
+        assert!(with_the_structure_of(&surfaces, &model("hysteresis,delay")).is_none());
+    }
 }

@@ -85,23 +85,27 @@ pub fn columns(model: &Model, record: &Record, samples: &Samples) -> DMatrix<f64
 /// Samples after which a power is taken anew, so that rounding does not add up.
 const TAKEN_ANEW: usize = 64;
 
-/// `exp(rate k)` at the samples `k` that count, by multiplication from one to the next where they follow one another.
+/// Gaps between samples over which one power leads to the next.
+const GAPS: usize = 64;
+/// What has died out so far is nothing: multiplied on, it would become a number of the slow kind.
+const DIED_OUT: f64 = 1e-150;
+
+/// `exp(rate k)` at the samples `k` that count, by multiplication from one to the next.
 fn powers(rate: Complex<f64>, samples: &Samples) -> Vec<Complex<f64>> {
-    match samples {
-        Samples::Every(range) => {
-            let one = rate.exp();
-            let mut out = Vec::with_capacity(range.len());
-            for start in range.clone().step_by(TAKEN_ANEW) {
-                let mut value = (rate * start as f64).exp();
-                for _ in start..range.end.min(start + TAKEN_ANEW) {
-                    out.push(value);
-                    value *= one;
-                }
-            }
-            out
-        }
-        Samples::Some(list) => list.iter().map(|k| (rate * *k as f64).exp()).collect(),
+    let over_gap: Vec<Complex<f64>> = (0..GAPS).map(|gap| (rate * gap as f64).exp()).collect();
+    let mut out: Vec<Complex<f64>> = Vec::with_capacity(samples.count());
+    let mut before = 0;
+    for (i, k) in samples.iter().enumerate() {
+        let led = if i.is_multiple_of(TAKEN_ANEW) { None } else { over_gap.get(k - before).zip(out.last()) };
+        let value = match led {
+            Some((factor, last)) => last * factor,
+            None if rate.re * (k as f64) < DIED_OUT.ln() => Complex::ZERO,
+            None => (rate * k as f64).exp(),
+        };
+        out.push(if value.re.abs() + value.im.abs() < DIED_OUT { Complex::ZERO } else { value });
+        before = k;
     }
+    out
 }
 
 /// A matrix of columns that may be none.

@@ -10,7 +10,7 @@ use crate::model_file::effect_named;
 use hysteron_sim::bench::Bench;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::hysteresis::{self, Hysteresis};
-use hysteron_sim::effect::{Effect, Overview, Place, SimulatedStage, by_id, gain};
+use hysteron_sim::effect::{Declaration, Effect, Overview, Place, SimulatedStage, by_id, gain};
 use hysteron_sim::hysteresis_surface::{Surfaces, loop_terms, shifted_legendre};
 use hysteron_sim::waveform;
 use rand::{Rng, SeedableRng};
@@ -32,6 +32,9 @@ pub struct Truth {
     /// Second hidden effect.
     #[serde(default)]
     pub second: Option<String>,
+    /// Third hidden effect.
+    #[serde(default)]
+    pub third: Option<String>,
     /// What the user already models.
     pub base: Vec<String>,
     /// Standard deviation of the noise.
@@ -231,6 +234,11 @@ pub struct SyntheticCase {
     pub files: BTreeMap<String, Vec<u8>>,
 }
 
+/// What belongs to the thesis' surfaces has no place beside another structure of loops, which has a first rise of its own.
+pub(super) fn belongs_to_surfaces(declaration: &Declaration) -> bool {
+    declaration.place == Place::Hysteresis && declaration.modifies == Some(hysteresis::ID)
+}
+
 /// Simulates a data set that is called `name`.
 ///
 /// # Errors
@@ -281,9 +289,8 @@ pub fn simulate_case(order: &Order, name: &str) -> Result<SyntheticCase> {
         }
         let effect = effect_named(id)?;
         let declaration = effect.declaration();
-        // What belongs to the thesis' surfaces has no place beside another structure, which has a first rise of its own.
-        let without_its_own = |of: &str| declaration.place == Place::Hysteresis && plant.model.effect(of).is_none();
-        if [hysteresis::ID, gain::ID].contains(&declaration.id.as_str()) || declaration.modifies.is_some_and(without_its_own) {
+        let without_surfaces = plant.model.effect(hysteresis::ID).is_none() && belongs_to_surfaces(&declaration);
+        if [hysteresis::ID, gain::ID].contains(&declaration.id.as_str()) || without_surfaces {
             continue;
         }
         let values = effect.values_at(*strength, &stage, &mut || random.random::<f64>()).unwrap_or_default();
@@ -302,6 +309,7 @@ pub fn simulate_case(order: &Order, name: &str) -> Result<SyntheticCase> {
         hidden: hidden.first().map(|(id, _)| id.clone()),
         also,
         second: hidden.get(1).map(|(id, _)| id.clone()),
+        third: hidden.get(2).map(|(id, _)| id.clone()),
         base: base.to_vec(),
         noise_um,
         strength: hidden.first().map_or(0.0, |(_, s)| *s),

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::parallel;
-use crate::synthetic::case::{OUTSIDE_LIBRARY, Order, SyntheticCase, Truth, simulate_case};
+use crate::synthetic::case::{OUTSIDE_LIBRARY, Order, SyntheticCase, Truth, belongs_to_surfaces, simulate_case};
 use hysteron_sim::effect::{Planted, by_id, creep, hysteresis, initial_curve, registry, vibration};
 
 /// Effects of which one is hidden in a case of `all`, the unknown ones and none beside; in the order of the chain.
@@ -10,7 +10,21 @@ fn kinds_of(wanted: impl Fn(Planted) -> bool) -> Vec<String> {
     registry().into_iter().filter(|e| wanted(e.planted())).map(|e| e.declaration().id).collect()
 }
 
-/// What is hidden in the cases of a set, without strengths: `all`, `pairs`, or one list.
+/// All combinations of so many of the effects that are hidden together, in the order of the chain.
+fn combinations(of: usize) -> Vec<Vec<String>> {
+    let combined = kinds_of(|planted| planted == Planted::InPairs);
+    let mut out: Vec<(usize, Vec<String>)> = vec![(0, Vec::new())];
+    for _ in 0..of {
+        let longer = |(next, chosen): &(usize, Vec<String>)| {
+            let each = (*next..combined.len()).map(|i| (i + 1, chosen.iter().chain([&combined[i]]).cloned().collect()));
+            each.collect::<Vec<_>>()
+        };
+        out = out.iter().flat_map(longer).collect();
+    }
+    out.into_iter().map(|(_, chosen)| chosen).collect()
+}
+
+/// What is hidden in the cases of a set, without strengths: `all`, `pairs`, `triples`, or one list.
 #[must_use]
 pub fn kinds(wanted: &str) -> Option<Vec<Vec<String>>> {
     match wanted {
@@ -19,11 +33,8 @@ pub fn kinds(wanted: &str) -> Option<Vec<Vec<String>>> {
             let unknown = OUTSIDE_LIBRARY.map(String::from);
             Some(known.into_iter().chain(unknown).map(|id| vec![id]).chain(std::iter::once(Vec::new())).collect())
         }
-        "pairs" => {
-            let paired = kinds_of(|planted| planted == Planted::InPairs);
-            let beside = |i: usize| paired[i + 1..].iter().cloned();
-            Some((0..paired.len()).flat_map(|i| beside(i).map(|other| vec![paired[i].clone(), other]).collect::<Vec<_>>()).collect())
-        }
+        "pairs" => Some(combinations(2)),
+        "triples" => Some(combinations(3)),
         _ => None,
     }
 }
@@ -62,8 +73,10 @@ impl SetOrder {
     #[must_use]
     pub fn cases(&self) -> Vec<(String, Order)> {
         let mut orders: Vec<(String, Order)> = Vec::new();
+        let of_surfaces = |id: &String| by_id(id).is_some_and(|e| belongs_to_surfaces(&e.declaration()));
+        let can_be_hidden = |hidden: &&Vec<String>| self.hysteresis == hysteresis::ID || !hidden.iter().any(of_surfaces);
         for _ in 0..self.cases {
-            for hidden in &self.hidden {
+            for hidden in self.hidden.iter().filter(can_be_hidden) {
                 // Nothing has no strength.
                 let strengths = if hidden.is_empty() { &self.strengths[..1] } else { &self.strengths[..] };
                 for strength in strengths {
@@ -109,6 +122,9 @@ mod tests {
         assert!(all.contains(&Vec::new()) && OUTSIDE_LIBRARY.iter().all(|id| all.contains(&vec![(*id).to_owned()])));
         let paired = registry().iter().filter(|e| e.planted() == Planted::InPairs).count();
         assert_eq!(kinds("pairs").unwrap().len(), paired * (paired - 1) / 2);
+        let triples = kinds("triples").unwrap();
+        assert_eq!(triples.len(), paired * (paired - 1) * (paired - 2) / 6);
+        assert!(triples.iter().all(|three| three.len() == 3 && three[0] != three[1] && three[1] != three[2] && three[0] != three[2]));
         assert!(kinds("creep").is_none());
     }
 

@@ -8,6 +8,7 @@ use crate::explain::{Options, Start, explain};
 use crate::model_file::effects_named;
 use crate::synthetic::case::Truth;
 use crate::watch::Unwatched;
+use hysteron_sim::effect::{by_id, hysteresis};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -79,7 +80,7 @@ pub fn score_case(dataset: &Dataset, truth: &Truth) -> Result<CaseScore> {
     let base = effects_named(&truth.base.join(","))?;
     let found = explain(dataset, Start::Effects(&base), &Options::default(), &Unwatched)?;
     let named = found.diagnosis.named.clone();
-    let mut missing: Vec<String> = truth.hidden.iter().chain(&truth.second).cloned().collect();
+    let mut missing: Vec<String> = truth.hidden.iter().chain(&truth.second).chain(&truth.third).cloned().collect();
     let verdict = found.diagnosis.verdict;
     let (survives, left_by_refit_um) = left_by_refit(&found.steps[0].judged, truth.noise_um);
     let sets: Vec<Vec<String>> = found.diagnosis.findings.iter().map(|f| f.effects.clone()).collect();
@@ -129,7 +130,10 @@ struct Marks {
 impl Said<'_> {
     /// As a sceptic counts: a name too many is wrong, an "or" among many says nothing, and where nothing is missing only `at_floor` is right.
     fn against(&self, missing: &[String], also: &[String], survives: bool) -> Marks {
-        let is_true = |id: &String| missing.contains(id) || also.contains(id);
+        let is_hysteresis = |id: &String| id == hysteresis::ID || by_id(id).is_some_and(|e| e.declaration().is_main());
+        // Loops of whatever structure are what a model without hysteresis misses.
+        let same = |id: &String, of: &String| id == of || (of == hysteresis::ID && is_hysteresis(id));
+        let is_true = |id: &String| missing.iter().chain(also).any(|of| same(id, of));
         let claims = matches!(self.verdict, Verdict::Named | Verdict::Ambiguous);
         let false_discovery = claims && self.sets.iter().any(|set| !set.iter().any(is_true));
         let outside = missing.iter().any(|id| id.starts_with("outside_library"));
@@ -139,7 +143,8 @@ impl Said<'_> {
             let quiet = self.verdict == Verdict::AtFloor && !self.others_changed;
             (quiet, quiet)
         } else {
-            let all_there = missing.iter().all(|id| self.sets.iter().any(|set| set.len() <= SET_MAX && set.contains(id)));
+            let all_there =
+                missing.iter().all(|id| self.sets.iter().any(|set| set.len() <= SET_MAX && set.iter().any(|said| same(said, id))));
             let right = claims && all_there && !false_discovery;
             (right && self.verdict == Verdict::Named, right)
         };
@@ -241,6 +246,8 @@ mod tests {
         assert_eq!(marks(Verdict::AtFloor, &[], &[]), (true, true, false));
         assert_eq!(marks(Verdict::Unexplained, &[], &[]), (false, false, false), "nothing is missing, and it says that something is");
         assert_eq!(marks(Verdict::Named, &[&["creep"]], &[]), (false, false, true));
+        assert_eq!(marks(Verdict::Named, &[&["bouc_wen"]], &["hysteresis"]), (true, true, false), "hysteresis of another structure");
+        assert_eq!(marks(Verdict::Named, &[&["bouc_wen"]], &["creep"]), (false, false, true));
         assert_eq!(marks(Verdict::Unexplained, &[], &["outside_library_contact"]), (true, true, false));
     }
 
