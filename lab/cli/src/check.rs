@@ -18,7 +18,7 @@ pub fn read_design(desk: &Desk, path: &Path) -> Result<ServoDesign> {
     if design.schema != SCHEMA {
         return Err(wrong(path, format!("schema = \"{}\"; expected \"{SCHEMA}\"", design.schema)));
     }
-    Ok(design)
+    design.impossible_value().map_or(Ok(design), |impossible| Err(wrong(path, impossible)))
 }
 
 /// `hysteron check SERVO --model MODEL [--scheme NAME]`; a scheme is checked with the target's period of delay.

@@ -14,6 +14,10 @@ pub fn plant(wanted: &PlantArguments) -> Result<bool> {
     if manifest.exists() && !truth.exists() {
         return Err(wrong(&manifest, "is a data set that was not planted; expected a new folder, or one that `plant` has written"));
     }
+    let holds_other_things = || std::fs::read_dir(&wanted.out).is_ok_and(|mut entries| entries.next().is_some());
+    if !truth.exists() && !wanted.force && holds_other_things() {
+        return Err(wrong(&wanted.out, "holds other things; expected a new or an empty folder, or --force"));
+    }
     if wanted.cases == 0 {
         return Err(Error::new("--cases", "0 cases; expected at least one"));
     }

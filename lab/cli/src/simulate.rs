@@ -43,12 +43,16 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool
 const SAMPLES_MAX: f64 = 2e7;
 
 fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
+    let unknown = || {
+        let expected = "sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS, triangle:V_PER_S:PEAK_V:SECONDS (slope and peak above 0) or step:V:SECONDS";
+        Error::new("--drive", format!("`{text}` is neither a file that exists nor a waveform; expected {expected}"))
+    };
     let mut parts = text.split(':');
     let kind = parts.next().unwrap_or_default();
     let numbers: Vec<f64> = parts
         .map(|p| p.parse::<f64>().map_err(|_| Error::new("--drive", format!("`{p}` in `{text}` is not a number"))))
         .collect::<Result<_>>()?;
-    let seconds = numbers.last().copied().unwrap_or(0.0);
+    let seconds = *numbers.last().ok_or_else(unknown)?;
     if !(1.0..=SAMPLES_MAX).contains(&(seconds * rate_hz)) {
         return Err(Error::new("--drive", format!("`{text}` is {} samples long; expected 1 to {SAMPLES_MAX}", seconds * rate_hz)));
     }
@@ -63,11 +67,6 @@ fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
             Ok((0..samples(*seconds)).map(|k| rest_v + slope * (half - (time(k).rem_euclid(2.0 * half) - half).abs())).collect())
         }
         ("step", [level, seconds]) => Ok(vec![*level; samples(*seconds)]),
-        _ => Err(Error::new(
-            "--drive",
-            format!(
-                "`{text}` is neither a file nor a waveform; expected sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS, triangle:V_PER_S:PEAK_V:SECONDS or step:V:SECONDS"
-            ),
-        )),
+        _ => Err(unknown()),
     }
 }

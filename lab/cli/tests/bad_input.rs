@@ -110,6 +110,7 @@ fn drives_out_of_reach_and_waveforms_without_end() {
     for waveform in ["step:1:1e9", "triangle:200:5:0", "step:1:-3"] {
         says(&["simulate", "m.toml", "--drive", waveform, "--out", "y.csv"], folder.path(), "samples long");
     }
+    says(&["simulate", "m.toml", "--drive", "nowhere.csv", "--out", "y.csv"], folder.path(), "neither a file that exists nor a waveform");
     assert!(!folder.path().join("y.csv").exists());
 }
 

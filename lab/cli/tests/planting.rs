@@ -20,6 +20,10 @@ fn planting_does_not_overwrite_data() {
     let before = std::fs::read(folder.path().join("dataset.toml")).unwrap();
     says(&["plant", "creep=2", "--out", "."], folder.path(), "was not planted");
     assert_eq!(std::fs::read(folder.path().join("dataset.toml")).unwrap(), before);
+    std::fs::create_dir(folder.path().join("mine")).unwrap();
+    std::fs::write(folder.path().join("mine/notes.txt"), "mine").unwrap();
+    says(&["plant", "creep", "--out", "mine"], folder.path(), "holds other things");
+    assert_eq!(std::fs::read_dir(folder.path().join("mine")).unwrap().count(), 1);
     says(&["plant", "creep", "--base", "hysteresis,creep", "--out", "p"], folder.path(), "--base models it");
     says(&["plant", "creep,creep", "--out", "p"], folder.path(), "given twice");
     says(&["plant", "", "--out", "p"], folder.path(), "none are given");

@@ -44,4 +44,14 @@ fn a_servo_is_judged_on_the_model_that_is_named() {
 
     done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
     says(&["track", "weak.toml", "s.toml", "--reference", "sine:50:3"], folder, "the drive reaches 0 to");
+    says(&["track", "m.toml", "s.toml", "--reference", "sine:1e-9:3"], folder, "at least 0.01 Hz");
+
+    // An edited file with a value that no sensor and no mode has.
+    let text = std::fs::read_to_string(folder.join("s.toml")).unwrap();
+    for (key, value) in [("sensor_noise_um", "0.0"), ("natural_frequency_rad_s", "nan")] {
+        let edited: Vec<String> =
+            text.lines().map(|l| if l.starts_with(key) { format!("{key} = {value}") } else { l.to_owned() }).collect();
+        std::fs::write(folder.join("edited.toml"), edited.join("\n")).unwrap();
+        says(&["check", "edited.toml", "--model", "m.toml"], folder, key);
+    }
 }

@@ -68,7 +68,7 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
         Change::Start => "the model that was started from".into(),
         Change::Added(id) => {
             let physics = after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
-            format!("{physics}{fall}")
+            format!("{}{fall}", physics.trim_end_matches('.'))
         }
         Change::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described better{fall}"),
         Change::FittedAgain => format!("all values fitted again, to this recording{fall}"),

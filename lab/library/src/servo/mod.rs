@@ -9,6 +9,7 @@
 //!   left possible; [`plant_set`]: plants that are not the model;
 //! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
 //! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
+//! * `value_ranges`: what a value of a servo file may be;
 //! * [`track`]: a design at work on an identified model;
 //! * [`loop_margins`]: how far a loop is from the end of its stability on an actuator;
 //! * [`check`]: sampled eigenvalues and the thesis' continuous conditions;
@@ -30,4 +31,5 @@ pub mod regulator_loop;
 pub mod robust;
 pub mod thesis_schemes;
 pub mod track;
+mod value_ranges;
 pub mod window_fit;

@@ -19,6 +19,9 @@ use serde::Serialize;
 /// Steps of the plant in a period.
 pub const SUBSTEPS: usize = 10;
 
+/// Two periods of a slower reference would take minutes to simulate, and more memory than there is.
+const LOWEST_FREQUENCY_HZ: f64 = 0.01;
+
 /// A reference: `offset + amplitude sin(2 pi f t + phase)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SineReference {
@@ -56,8 +59,11 @@ impl SineReference {
             [f, a] | [f, a, _] | [f, a, _, _] => (*f, *a),
             _ => return Err(format!("reference `{text}`: {expected}")),
         };
-        if frequency_hz <= 0.0 || frequency_hz > 0.25 / SAMPLING_PERIOD_S {
-            return Err(format!("reference `{text}`: the frequency must be above 0 and at most {} Hz", 0.25 / SAMPLING_PERIOD_S));
+        if !(LOWEST_FREQUENCY_HZ..=0.25 / SAMPLING_PERIOD_S).contains(&frequency_hz) {
+            return Err(format!(
+                "reference `{text}`: the frequency must be at least {LOWEST_FREQUENCY_HZ} Hz and at most {} Hz",
+                0.25 / SAMPLING_PERIOD_S
+            ));
         }
         if amplitude_um < 0.0 {
             return Err(format!("reference `{text}`: the amplitude must not be negative"));
