@@ -105,7 +105,8 @@ impl Bristle {
 
 /// Imbalance, in um, below which nothing moves: a millionth of what any sensor sees.
 const BALANCED_UM: f64 = 1e-9;
-/// A step of Newton's, in um, behind which less than [`BALANCED_UM`] is left: its error is half its square over the sliding bend.
+/// A step of Newton's, in um, behind which as good as nothing is left: the error is half its square over the sliding bend, less than [`BALANCED_UM`]
+/// from a bend of half a nanometre on.
 const LAST_STEP_UM: f64 = 1e-6;
 
 struct FrictionStage {

@@ -200,7 +200,7 @@ impl<'s, 'a> Search<'s, 'a> {
         }
         self.structures_tried = true;
         let proposal = |begin: Model| {
-            let main = begin.effects.iter().find(|e| e.effect.declaration().is_main()).map(|e| e.id.clone());
+            let main = finer_hysteresis::main_effect(&begin).map(|e| e.id.clone());
             let kept = best.added.iter().filter(|id| begin.effect(id).is_some()).cloned();
             // Beside surfaces that were there from the beginning another structure is no effect more.
             let mut added: Vec<String> = kept.chain(main.filter(|_| best.added.iter().any(|id| id == hysteresis::ID))).collect();

@@ -65,7 +65,8 @@ fn with_loops(model: &Model, loops: EffectInstance) -> Model {
 }
 
 /// The effect that a chain has for its hysteresis, or in place of it.
-fn main_effect(model: &Model) -> Option<&EffectInstance> {
+#[must_use]
+pub fn main_effect(model: &Model) -> Option<&EffectInstance> {
     model.effects.iter().find(|e| e.effect.declaration().is_main())
 }
 
