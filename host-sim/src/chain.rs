@@ -6,7 +6,7 @@
 //! Effects that follow the drive inside a sampling period (amplifier bandwidth, slew limit) make the chain run on sub-intervals; the
 //! drive is then held over all the sub-intervals of a sample.
 
-use crate::effect::{Effect, Overview, Parameter, Place, Scale, Setting, Stage};
+use crate::effect::{AuxiliarySignal, Effect, Overview, Parameter, Place, Scale, Setting, Signals, Stage};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -124,10 +124,20 @@ pub struct Drive<'a> {
     pub drive_v: &'a [f64],
     /// External force, if measured.
     pub force_n: Option<&'a [f64]>,
+    /// Further signals that were recorded, for effects of the user's own.
+    pub auxiliary: &'a [AuxiliarySignal],
     /// Sampling period, s.
     pub dt_s: f64,
     /// State at the first sample.
     pub initial_state: InitialState,
+}
+
+impl<'a> Drive<'a> {
+    /// What stages are told of the record.
+    #[must_use]
+    pub fn signals(&self) -> Signals<'a> {
+        Signals { drive_v: self.drive_v, force_n: self.force_n, auxiliary: self.auxiliary }
+    }
 }
 
 impl Model {
@@ -200,14 +210,13 @@ impl Model {
 
     /// The stages for a drive of this period. What holds its value over a period is carried once a period, as far as the first stage that
     /// moves inside it; from there on all go in sub-intervals.
-    fn walk<'a>(&self, dt_s: f64, resolution: &'a Resolution) -> Vec<WalkStage<'a>> {
+    fn walk<'a>(&self, drive: &Drive<'a>, resolution: Resolution) -> Vec<WalkStage<'a>> {
         let mut fine = resolution.all_fine;
         let mut out = Vec::new();
         for effect in self.order() {
             let instance = &self.effects[effect];
-            fine |= self.goes_in_sub_intervals(effect, dt_s);
-            let (substeps, force_n) = if fine { (resolution.substeps, &resolution.fine_n) } else { (1, &resolution.held_n) };
-            let setting = self.setting(dt_s, substeps, force_n.as_deref());
+            fine |= self.goes_in_sub_intervals(effect, drive.dt_s);
+            let setting = self.setting(drive.dt_s, if fine { resolution.substeps } else { 1 }, drive.signals());
             out.extend(instance.stage(self, &setting).map(|stage| WalkStage { fine, stage }));
         }
         out
@@ -223,44 +232,32 @@ impl Model {
     }
 
     /// What stages of this model are told.
-    pub(crate) fn setting<'a>(&self, dt_s: f64, substeps: usize, force_n: Option<&'a [f64]>) -> Setting<'a> {
-        Setting { dt_s: dt_s / substeps as f64, substeps, force_n, drive_min_v: self.drive_min_v, drive_max_v: self.drive_max_v }
+    pub(crate) fn setting<'a>(&self, dt_s: f64, substeps: usize, signals: Signals<'a>) -> Setting<'a> {
+        Setting { dt_s: dt_s / substeps as f64, substeps, signals, drive_min_v: self.drive_min_v, drive_max_v: self.drive_max_v }
     }
 
     /// What the sensor would read at every sample of a record, in um.
     #[must_use]
     pub fn simulate(&self, drive: &Drive) -> Vec<f64> {
-        self.simulate_in(drive, &Resolution::of(self, drive))
+        self.simulate_in(drive, Resolution { substeps: self.substeps(drive.dt_s), all_fine: false })
     }
 
     /// The same with every stage stepped in so many intervals per period: a plant that does not share the discretisation of a model.
     #[must_use]
     pub fn simulate_finely(&self, drive: &Drive, substeps: usize) -> Vec<f64> {
-        self.simulate_in(drive, &Resolution::in_substeps(drive, substeps.max(1), true))
+        self.simulate_in(drive, Resolution { substeps: substeps.max(1), all_fine: true })
     }
 
-    fn simulate_in(&self, drive: &Drive, resolution: &Resolution) -> Vec<f64> {
-        carry(self.walk(drive.dt_s, resolution), Carried::at_start(self, drive), resolution.substeps, drive.drive_v.len())
+    fn simulate_in(&self, drive: &Drive, resolution: Resolution) -> Vec<f64> {
+        carry(self.walk(drive, resolution), Carried::at_start(self, drive), resolution.substeps, drive.drive_v.len())
     }
 }
 
-/// The resolutions of a walk, with the external force at both.
-#[derive(Clone, Debug)]
+/// How finely a walk goes.
+#[derive(Clone, Copy, Debug)]
 struct Resolution {
     substeps: usize,
     all_fine: bool,
-    held_n: Option<Vec<f64>>,
-    fine_n: Option<Vec<f64>>,
-}
-
-impl Resolution {
-    fn of(model: &Model, drive: &Drive) -> Self {
-        Self::in_substeps(drive, model.substeps(drive.dt_s), false)
-    }
-
-    fn in_substeps(drive: &Drive, substeps: usize, all_fine: bool) -> Self {
-        Self { substeps, all_fine, held_n: drive.force_n.map(<[f64]>::to_vec), fine_n: drive.force_n.map(|f| spread(f, substeps)) }
-    }
 }
 
 struct WalkStage<'a> {

@@ -9,7 +9,7 @@
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
 
 use crate::chain::{Drive, Model};
-use crate::effect::{CoefficientWalker, LinearLanes, Stage};
+use crate::effect::{CoefficientWalker, LinearLanes, Signals, Stage};
 
 /// Samples in a chunk.
 const CHUNK: usize = 2048;
@@ -81,30 +81,13 @@ enum Passing<'a> {
     Tried(Vec<Box<dyn Stage + 'a>>),
 }
 
-/// The forces of a record at both resolutions.
-pub struct Forces {
-    held_n: Option<Vec<f64>>,
-    fine_n: Option<Vec<f64>>,
-}
-
-impl Forces {
-    /// Of a record for a model.
-    #[must_use]
-    pub fn of(model: &Model, drive: &Drive) -> Self {
-        let substeps = model.substeps(drive.dt_s);
-        let spread = |f: &[f64]| f.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect();
-        Self { held_n: drive.force_n.map(<[f64]>::to_vec), fine_n: drive.force_n.map(spread) }
-    }
-}
-
-fn stages_of<'a>(model: &Model, dt_s: f64, substeps: usize, forces: &'a Forces) -> Vec<OwnStage<'a>> {
+fn stages_of<'a>(model: &Model, substeps: usize, drive: &Drive<'a>) -> Vec<OwnStage<'a>> {
     let mut fine = false;
     let mut out = Vec::new();
     for effect in model.order() {
         let instance = &model.effects[effect];
-        fine |= model.goes_in_sub_intervals(effect, dt_s);
-        let (parts, force_n) = if fine { (substeps, &forces.fine_n) } else { (1, &forces.held_n) };
-        let setting = model.setting(dt_s, parts, force_n.as_deref());
+        fine |= model.goes_in_sub_intervals(effect, drive.dt_s);
+        let setting = model.setting(drive.dt_s, if fine { substeps } else { 1 }, drive.signals());
         if let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) {
             out.push(OwnStage { effect, id: instance.id.clone(), fine, stage });
         }
@@ -122,7 +105,7 @@ struct Beside<'a> {
 /// The coefficients that [`walk`] gives lanes for, in the order of the lanes: effect and place among its parameters.
 #[must_use]
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
-    let setting = model.setting(1.0, 1, None);
+    let setting = model.setting(1.0, 1, Signals::default());
     let walker = model.effects.iter().find_map(|e| e.effect.coefficient_walker(model, &setting));
     walker.map_or_else(Vec::new, |w| w.coefficients().into_iter().map(|(id, parameter)| (id.to_owned(), parameter)).collect())
 }
@@ -133,14 +116,13 @@ pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
 pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], with_coefficients: bool, see: &mut dyn FnMut(&Chunk)) {
     let dt_s = drive.dt_s;
     let substeps = model.substeps(dt_s);
-    let forces = Forces::of(model, drive);
-    let mut stages = stages_of(model, dt_s, substeps, &forces);
+    let mut stages = stages_of(model, substeps, drive);
     let resting = model.resting_drive_v(drive);
     // Variations that need another resolution walk alone.
     let shares = |v: &Variation| v.model.substeps(dt_s) == substeps && v.model.resting_drive_v(drive) == resting;
     let alone: Vec<Option<Vec<f64>>> = variations.iter().map(|v| (!shares(v)).then(|| v.model.simulate(drive))).collect();
     let mut beside: Vec<Option<Beside>> =
-        variations.iter().zip(&alone).map(|(v, alone)| alone.is_none().then(|| beside_of(v, &stages, dt_s, substeps, &forces))).collect();
+        variations.iter().zip(&alone).map(|(v, alone)| alone.is_none().then(|| beside_of(v, &stages, substeps, drive))).collect();
 
     // At rest before the first interval.
     let mut at_rest = vec![resting];
@@ -155,7 +137,7 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], with_coeffic
         }
         b.sampled.last = value;
     }
-    let mut lanes = if with_coefficients { lanes_of(model, dt_s, substeps, &forces, &stages, &at_rest) } else { None };
+    let mut lanes = if with_coefficients { lanes_of(model, substeps, drive, &stages, &at_rest) } else { None };
     let mut sampled = Sampled { last: at_rest[at_rest.len() - 1] };
 
     let (mut reading, mut block) = (Vec::new(), Vec::new());
@@ -209,9 +191,9 @@ fn pass(own: &mut OwnStage, signal: &mut Stretch, substeps: usize, from: usize) 
 }
 
 /// The stages that a variation has of its own: from the first that may differ.
-fn beside_of<'a>(variation: &Variation, stages: &[OwnStage], dt_s: f64, substeps: usize, forces: &'a Forces) -> Beside<'a> {
+fn beside_of<'a>(variation: &Variation, stages: &[OwnStage], substeps: usize, drive: &Drive<'a>) -> Beside<'a> {
     let model = &variation.model;
-    let mut own = stages_of(model, dt_s, substeps, forces);
+    let mut own = stages_of(model, substeps, drive);
     let declaration = model.effect(&variation.differs).map(|e| e.effect.declaration());
     let taken_in_by = declaration.as_ref().and_then(|d| d.modifies);
     let acts_in = |s: &OwnStage| s.id == variation.differs || taken_in_by.is_some_and(|id| s.id == id);
@@ -225,14 +207,13 @@ fn beside_of<'a>(variation: &Variation, stages: &[OwnStage], dt_s: f64, substeps
 
 fn lanes_of<'a>(
     model: &Model,
-    dt_s: f64,
     substeps: usize,
-    forces: &'a Forces,
+    drive: &Drive<'a>,
     stages: &[OwnStage<'a>],
     at_rest: &[f64],
 ) -> Option<CoefficientLanes<'a>> {
     let (stage, mut walker) = stages.iter().enumerate().find_map(|(i, own)| {
-        let setting = model.setting(dt_s, if own.fine { substeps } else { 1 }, None);
+        let setting = model.setting(drive.dt_s, if own.fine { substeps } else { 1 }, Signals::default());
         Some((i, model.effects[own.effect].effect.coefficient_walker(model, &setting)?))
     })?;
     let lanes = walker.coefficients().len();
@@ -247,8 +228,7 @@ fn lanes_of<'a>(
             }
             None => {
                 let instance = &model.effects[own.effect];
-                let (parts, force_n) = if own.fine { (substeps, &forces.fine_n) } else { (1, &forces.held_n) };
-                let setting = model.setting(dt_s, parts, force_n.as_deref());
+                let setting = model.setting(drive.dt_s, if own.fine { substeps } else { 1 }, drive.signals());
                 let mut tried = Vec::new();
                 for value in &mut row {
                     let mut one = instance.effect.stage(model, &instance.values(), &setting)?;

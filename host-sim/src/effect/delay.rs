@@ -129,7 +129,7 @@ mod tests {
     }
 
     fn simulate(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
-        model.simulate(&Drive { drive_v, force_n: None, dt_s, initial_state: InitialState::Settled })
+        model.simulate(&Drive { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled })
     }
 
     /// Late by so many fifths of a period, against a drive held over fifths and shifted by as many of them through the punctual chain.

@@ -6,6 +6,7 @@
 //! place = "sensor_nonlinearity"          # a place in the chain
 //! output = "x - stiffness * max(x - gap_um, 0)"
 //! one_sided = true                       # only the direction of the start values makes sense
+//! auxiliary = ["temperature_c"]          # optional: signals that were recorded beside drive and displacement
 //! [[parameter]]
 //! name = "stiffness"
 //! unit = "1"
@@ -24,13 +25,14 @@
 //! derivative = "(x - z) / tau_s"
 //! ```
 //!
-//! Expressions know `x` (the input of the stage), `dx` (its rate per second), `t` (s since the start of the record), `force` (N), the
-//! parameters and the states. States are advanced by the classical Runge-Kutta method with the input straight over the interval.
+//! Expressions ([`super::formula`]) know `x` (the input of the stage), `dx` (its rate per second), `t` (s since the start of the record), `u`
+//! (the drive, V), `force` (N), the signals that `auxiliary` lists, the parameters and the states. States are advanced by the classical
+//! Runge-Kutta method with the input straight over the interval, in as many parts as their fastest one asks for.
 //! The starts of all parameters are combined, and each combination is a direction in which the effect may be found.
 
+use super::formula::Formula;
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
-use exmex::{Express, FlatEx};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -46,6 +48,8 @@ struct EffectFile {
     place: String,
     #[serde(default)]
     one_sided: bool,
+    #[serde(default)]
+    auxiliary: Vec<String>,
     output: String,
     #[serde(default)]
     parameter: Vec<ParameterEntry>,
@@ -75,41 +79,6 @@ struct StateEntry {
     derivative: String,
 }
 
-/// One compiled expression: where each of its variables stands in the common list of values.
-#[derive(Clone, Debug)]
-struct Compiled {
-    expression: FlatEx<f64>,
-    places: Vec<usize>,
-}
-
-impl Compiled {
-    fn new(text: &str, names: &[String], field: &str) -> Result<Self, String> {
-        let expression = FlatEx::<f64>::parse(text).map_err(|e| {
-            // The parser shows its own data after the sentence.
-            let said = e.to_string();
-            let sentence = said.split(['{', '\n']).next().unwrap_or_default().trim_end_matches(|c: char| !c.is_alphanumeric());
-            format!("{field}: cannot read the expression \"{text}\": {sentence}")
-        })?;
-        let places = expression
-            .var_names()
-            .iter()
-            .map(|name| {
-                names
-                    .iter()
-                    .position(|n| n == name)
-                    .ok_or_else(|| format!("{field}: unknown name \"{name}\" in \"{text}\"; known are {}", names.join(", ")))
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        Ok(Self { expression, places })
-    }
-
-    fn evaluate(&self, values: &[f64], scratch: &mut Vec<f64>) -> f64 {
-        scratch.clear();
-        scratch.extend(self.places.iter().map(|&i| values[i]));
-        self.expression.eval(scratch).unwrap_or(f64::NAN)
-    }
-}
-
 /// An effect defined by expressions.
 #[derive(Clone, Debug)]
 pub struct ExpressionEffect {
@@ -118,12 +87,17 @@ pub struct ExpressionEffect {
     parameters: Vec<Parameter>,
     starts: Vec<Vec<f64>>,
     initial: Vec<f64>,
-    derivatives: Vec<Compiled>,
-    output: Compiled,
+    auxiliary: Vec<String>,
+    derivatives: Vec<Formula>,
+    output: Formula,
 }
 
-/// Values that every expression knows, in front of parameters and states.
-const GIVEN: [&str; 4] = ["x", "dx", "t", "force"];
+/// Values that every expression knows, in front of auxiliary signals, parameters and states.
+const GIVEN: [&str; 5] = ["x", "dx", "t", "u", "force"];
+/// The rate of the fastest state times the length of a part of an interval is at most this: well inside what the method keeps stable.
+const RATE_TIMES_PART_MAX: f64 = 0.25;
+/// Most parts of an interval; a state that is faster yet is given up.
+const PARTS_MAX: f64 = 256.0;
 
 impl ExpressionEffect {
     /// Reads the definition of an effect from the text of its file.
@@ -141,7 +115,8 @@ impl ExpressionEffect {
             return Err(format!("id: \"{}\" is a built-in effect; choose another name", file.id));
         }
         let mut names: Vec<String> = GIVEN.iter().map(ToString::to_string).collect();
-        for name in file.parameter.iter().map(|p| &p.name).chain(file.state.iter().map(|s| &s.name)) {
+        let own = file.parameter.iter().map(|p| &p.name).chain(file.state.iter().map(|s| &s.name));
+        for name in file.auxiliary.iter().chain(own) {
             if names.contains(name) {
                 return Err(format!("name: \"{name}\" is defined twice"));
             }
@@ -165,9 +140,10 @@ impl ExpressionEffect {
                 .flat_map(|head: &Vec<f64>| entry.starts.iter().map(move |s| head.iter().copied().chain([*s]).collect()))
                 .collect();
         }
-        let output = Compiled::new(&file.output, &names, "output")?;
-        let derivatives =
-            file.state.iter().map(|s| Compiled::new(&s.derivative, &names, &format!("state {}", s.name))).collect::<Result<Vec<_>, _>>()?;
+        let read = |text: &str, field: &str| Formula::read(text, &names).map_err(|message| format!("{field}: {message}"));
+        let output = read(&file.output, "output")?;
+        let derivative = |state: &StateEntry| read(&state.derivative, &format!("state {}", state.name));
+        let derivatives = file.state.iter().map(derivative).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             text: text.to_string(),
             declaration: Declaration {
@@ -182,6 +158,7 @@ impl ExpressionEffect {
             },
             parameters,
             starts,
+            auxiliary: file.auxiliary,
             initial: file.state.iter().map(|s| s.initial).collect(),
             derivatives,
             output,
@@ -191,12 +168,14 @@ impl ExpressionEffect {
 
 struct ExpressionStage<'a> {
     effect: ExpressionEffect,
+    /// In the order of the names: given, auxiliary, parameters, states.
     values: Vec<f64>,
     states: std::ops::Range<usize>,
     input: f64,
-    dt_s: f64,
-    force_n: Option<&'a [f64]>,
-    scratch: Vec<f64>,
+    setting: Setting<'a>,
+    /// Signals by their place among the values.
+    signals: Vec<(usize, &'a [f64])>,
+    room: Vec<f64>,
 }
 
 impl ExpressionStage<'_> {
@@ -204,41 +183,72 @@ impl ExpressionStage<'_> {
         self.values[self.states.clone()].copy_from_slice(states);
         self.values[0] = x;
         self.values[2] = t_s;
-        let (effect, values, scratch) = (&self.effect, &self.values, &mut self.scratch);
-        effect.derivatives.iter().map(|d| d.evaluate(values, scratch)).collect()
+        let (effect, values, room) = (&self.effect, &self.values, &mut self.room);
+        effect.derivatives.iter().map(|d| d.evaluate(values, room)).collect()
     }
 
+    /// One interval, in parts where a state is fast.
     fn advance(&mut self, k: usize, input: f64) {
-        let (h, start) = (self.dt_s, self.values[self.states.clone()].to_vec());
-        let t_s = k as f64 * h;
+        let start = self.values[self.states.clone()].to_vec();
+        let rate = self.runge_kutta(k, input, 1, 0, &start);
+        let parts = (rate * self.setting.dt_s / RATE_TIMES_PART_MAX).ceil();
+        if parts > PARTS_MAX {
+            self.values[self.states.clone()].fill(f64::NAN);
+        } else if parts > 1.0 {
+            let parts = parts as usize;
+            let mut states = start;
+            for part in 0..parts {
+                self.runge_kutta(k, input, parts, part, &states);
+                states.copy_from_slice(&self.values[self.states.clone()]);
+            }
+        }
+    }
+
+    /// One part of an interval; gives the rate of the fastest state, 1/s, as far as the steps of the method show it (L. F. Shampine,
+    /// *Math. Comp.* 31 (1977) 66).
+    fn runge_kutta(&mut self, k: usize, input: f64, parts: usize, part: usize, start: &[f64]) -> f64 {
+        let h = self.setting.dt_s / parts as f64;
+        let t_s = k as f64 * self.setting.dt_s + part as f64 * h;
+        let along = |share: f64| self.input + (input - self.input) * (part as f64 + share) / parts as f64;
+        let (first, middle, last) = (along(0.0), along(0.5), along(1.0));
         let moved = |d: &[f64], f: f64| -> Vec<f64> { start.iter().zip(d).map(|(s, d)| s + f * h * d).collect() };
-        let middle = 0.5 * (self.input + input);
-        let k1 = self.derivatives(&start.clone(), self.input, t_s);
+        let k1 = self.derivatives(start, first, t_s);
         let k2 = self.derivatives(&moved(&k1, 0.5), middle, t_s + 0.5 * h);
         let k3 = self.derivatives(&moved(&k2, 0.5), middle, t_s + 0.5 * h);
-        let k4 = self.derivatives(&moved(&k3, 1.0), input, t_s + h);
+        let k4 = self.derivatives(&moved(&k3, 1.0), last, t_s + h);
         for (i, s) in start.iter().enumerate() {
             self.values[self.states.start + i] = s + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
+        }
+        let farthest = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        let (apart, answers) = (0.5 * h * farthest(&k2, &k1), farthest(&k3, &k2));
+        if apart > 0.0 { answers / apart } else { 0.0 }
+    }
+
+    /// What was recorded, on this interval.
+    fn take_signals(&mut self, k: usize) {
+        for (at, signal) in &self.signals {
+            self.values[*at] = self.setting.held(signal, k);
         }
     }
 }
 
 impl Stage for ExpressionStage<'_> {
     fn step(&mut self, k: usize, input: f64) -> f64 {
-        self.values[1] = (input - self.input) / self.dt_s;
-        self.values[3] = self.force_n.and_then(|f| f.get(k)).copied().unwrap_or(0.0);
+        self.values[1] = (input - self.input) / self.setting.dt_s;
+        self.take_signals(k);
         if !self.states.is_empty() {
             self.advance(k, input);
         }
         self.input = input;
         self.values[0] = input;
-        self.values[2] = (k + 1) as f64 * self.dt_s;
-        self.effect.output.evaluate(&self.values, &mut self.scratch)
+        self.values[2] = (k + 1) as f64 * self.setting.dt_s;
+        self.effect.output.evaluate(&self.values, &mut self.room)
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.input = input;
         self.values[0] = input;
-        self.effect.output.evaluate(&self.values, &mut self.scratch)
+        self.take_signals(0);
+        self.effect.output.evaluate(&self.values, &mut self.room)
     }
 }
 
@@ -255,8 +265,21 @@ impl Effect for ExpressionEffect {
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
         self.starts.clone()
     }
+    fn auxiliary(&self) -> &[String] {
+        &self.auxiliary
+    }
+    fn follows_record(&self) -> bool {
+        let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
+        !self.auxiliary.is_empty() || self.derivatives.iter().chain([&self.output]).any(|formula| formula.uses(drive))
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let mut all = vec![0.0; GIVEN.len()];
+        let recorded = setting.signals;
+        let mut signals = vec![(3, recorded.drive_v), (4, recorded.force_n.unwrap_or(&[]))];
+        for (i, name) in self.auxiliary.iter().enumerate() {
+            let found = recorded.auxiliary.iter().find(|signal| signal.name == *name);
+            signals.push((GIVEN.len() + i, found.map_or(&[], |signal| &signal.values)));
+        }
+        let mut all = vec![0.0; GIVEN.len() + self.auxiliary.len()];
         all.extend_from_slice(values);
         let states = all.len()..all.len() + self.initial.len();
         all.extend_from_slice(&self.initial);
@@ -265,16 +288,21 @@ impl Effect for ExpressionEffect {
             values: all,
             states,
             input: 0.0,
-            dt_s: setting.dt_s,
-            force_n: setting.force_n,
-            scratch: Vec::new(),
+            setting: *setting,
+            signals,
+            room: Vec::new(),
         }))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::{AuxiliarySignal, Signals};
     use super::*;
+
+    fn setting(dt_s: f64) -> Setting<'static> {
+        Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: 0.0, drive_max_v: 1.0 }
+    }
 
     #[test]
     fn a_written_lag_is_the_built_in_lag() {
@@ -282,13 +310,31 @@ mod tests {
             "id = \"lag\"\nplace = \"sensor_bandwidth\"\noutput = \"z\"\n[[parameter]]\nname = \"tau_s\"\nlower = 1e-6\nupper = 1.0\nstarts = [1e-3]\n[[state]]\nname = \"z\"\nderivative = \"(x - z) / tau_s\"\n",
         )
         .unwrap();
-        let setting = Setting { dt_s: 1e-4, substeps: 1, force_n: None, drive_min_v: 0.0, drive_max_v: 1.0 };
-        let mut stage = effect.stage(&Model::new(0.0, 1.0), &[1e-3], &setting).unwrap();
-        for k in 0..50 {
-            let t = f64::from(k + 1) * 1e-4;
-            let y = stage.step(k as usize, t);
-            assert!((y - (t - 1e-3 * (1.0 - (-t / 1e-3).exp()))).abs() < 1e-8);
+        // The third is sixty times as fast as the sampling.
+        for (tau_s, dt_s) in [(1e-3, 1e-4), (1e-4, 1e-4), (1e-3, 0.06)] {
+            let mut stage = effect.stage(&Model::new(0.0, 1.0), &[tau_s], &setting(dt_s)).unwrap();
+            for k in 0..50 {
+                let t = f64::from(k + 1) * dt_s;
+                let y = stage.step(k as usize, t);
+                let expected = t - tau_s * (1.0 - (-t / tau_s).exp());
+                assert!((y - expected).abs() < 1e-4 * expected, "{tau_s} s every {dt_s} s: {y} instead of {expected}");
+            }
         }
+        let mut stage = effect.stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1)).unwrap();
+        assert!(stage.step(0, 1.0).is_nan(), "a state that cannot be followed is given up, not followed wrongly");
+    }
+
+    #[test]
+    fn recorded_signals_are_known_by_name_on_every_sub_interval() {
+        let text =
+            "id = \"warm\"\nplace = \"drift\"\nauxiliary = [\"temperature_c\"]\noutput = \"x + temperature_c + 10 * u + 100 * force\"\n";
+        let effect = ExpressionEffect::from_toml(text).unwrap();
+        assert!(effect.follows_record() && effect.auxiliary() == ["temperature_c"]);
+        let auxiliary = [AuxiliarySignal { name: "temperature_c".into(), values: vec![1.0, 2.0] }];
+        let signals = Signals { drive_v: &[3.0, 4.0], force_n: Some(&[5.0, 6.0]), auxiliary: &auxiliary };
+        let mut stage = effect.stage(&Model::new(0.0, 1.0), &[], &Setting { substeps: 2, signals, ..setting(1e-3) }).unwrap();
+        let found: Vec<f64> = (0..4).map(|k| stage.step(k, 0.5)).collect();
+        assert_eq!(found, [531.5, 531.5, 642.5, 642.5]);
     }
 
     #[test]

@@ -10,12 +10,12 @@ pub struct LoadForce;
 
 struct LoadStage<'a> {
     compliance_um_n: f64,
-    force_n: Option<&'a [f64]>,
+    setting: Setting<'a>,
 }
 
 impl Stage for LoadStage<'_> {
     fn step(&mut self, k: usize, input: f64) -> f64 {
-        let force_n = self.force_n.and_then(|f| f.get(k)).copied().unwrap_or(0.0);
+        let force_n = self.setting.signals.force_n.map_or(0.0, |force_n| self.setting.held(force_n, k));
         input + self.compliance_um_n * force_n
     }
     fn settle(&mut self, input: f64) -> f64 {
@@ -52,7 +52,7 @@ impl Effect for LoadForce {
         true
     }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(LoadStage { compliance_um_n: values[0], force_n: setting.force_n }))
+        Some(Box::new(LoadStage { compliance_um_n: values[0], setting: *setting }))
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         Some(vec![0.02 * strength])

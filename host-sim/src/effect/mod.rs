@@ -15,6 +15,7 @@ pub mod creep;
 pub mod delay;
 pub mod duhem;
 pub mod expression;
+mod formula;
 pub mod friction;
 pub mod gain;
 pub mod hysteresis;
@@ -294,6 +295,26 @@ pub enum Against {
     Frequency,
 }
 
+/// A signal that was recorded beside drive and displacement, as a temperature, for effects of the user's own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AuxiliarySignal {
+    /// The name that expressions call it by.
+    pub name: String,
+    /// A value for every sample.
+    pub values: Vec<f64>,
+}
+
+/// What was recorded beside the displacement, at every sample.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Signals<'a> {
+    /// Drive, V; empty where none is known beforehand, as in a closed loop.
+    pub drive_v: &'a [f64],
+    /// External force, N, if it was measured.
+    pub force_n: Option<&'a [f64]>,
+    /// Further ones.
+    pub auxiliary: &'a [AuxiliarySignal],
+}
+
 /// What a stage is told about the record on which it runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
@@ -301,12 +322,20 @@ pub struct Setting<'a> {
     pub dt_s: f64,
     /// Intervals in one sampling period.
     pub substeps: usize,
-    /// External force on each interval, N, if it was measured.
-    pub force_n: Option<&'a [f64]>,
+    /// What was recorded beside the displacement, at every sample.
+    pub signals: Signals<'a>,
     /// Limits of the drive, V.
     pub drive_min_v: f64,
     /// Limits of the drive, V.
     pub drive_max_v: f64,
+}
+
+impl Setting<'_> {
+    /// Value of a signal of the record on an interval of the chain: held from each sample to the next, 0 where there is none.
+    #[must_use]
+    pub fn held(&self, signal: &[f64], interval: usize) -> f64 {
+        signal.get(interval / self.substeps).copied().unwrap_or(0.0)
+    }
 }
 
 /// A first-order lag over one interval: what remains of its state, and the mean of that remainder.
@@ -455,6 +484,16 @@ pub trait Effect: Send + Sync {
     /// Effects that an actuator which has this one has with it.
     fn comes_with(&self) -> &'static [&'static str] {
         &[]
+    }
+
+    /// Names of the signals, beside drive and force, that have to be recorded for it.
+    fn auxiliary(&self) -> &[String] {
+        &[]
+    }
+
+    /// Whether it takes part of what was recorded, so that it cannot be simulated where the drive is not known beforehand.
+    fn follows_record(&self) -> bool {
+        false
     }
 
     /// Whether nothing of it can be seen without a measured force.

@@ -113,7 +113,7 @@ mod tests {
         model.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[3000.0, 0.25]));
         model.add(EffectInstance::new(by_id("sensor_bandwidth").unwrap(), &overview, &[800.0]));
         for dt_s in [5e-5, 5e-4, 5e-3] {
-            let drive = Drive { drive_v: &[1.0; 4], force_n: None, dt_s, initial_state: InitialState::Virgin };
+            let drive = Drive { drive_v: &[1.0; 4], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
             let reading = model.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(3000.0, 0.25, 800.0, k as f64 * dt_s);

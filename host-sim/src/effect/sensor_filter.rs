@@ -178,7 +178,7 @@ mod tests {
     #[test]
     fn a_step_is_answered_as_by_the_closed_form() {
         let (frequency_hz, xi, dt_s) = (900.0, 0.6, 1e-4);
-        let drive = Drive { drive_v: &[1.0; 40], force_n: None, dt_s, initial_state: InitialState::Virgin };
+        let drive = Drive { drive_v: &[1.0; 40], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
         let reading = model(&[("gain", &[1.0])], frequency_hz, xi).simulate(&drive);
         let w = TAU * frequency_hz;
         let damped = (1.0 - xi * xi).sqrt();
@@ -208,7 +208,7 @@ mod tests {
             y
         };
         for dt_s in [5e-5, 5e-4, 5e-3] {
-            let drive = Drive { drive_v: &[1.0; 4], force_n: None, dt_s, initial_state: InitialState::Virgin };
+            let drive = Drive { drive_v: &[1.0; 4], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
             let reading = filtered.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(k as f64 * dt_s);

@@ -43,7 +43,7 @@ impl Said {
         let c = &self.columns;
         let columns = PerColumn { t: column(&c.t), u: column(&c.u), y: column(&c.y), force: column(&c.force) };
         Instructions {
-            wanted: Wanted { columns, unit: self.units.clone(), scale: PerColumn::default() },
+            wanted: Wanted { columns, unit: self.units.clone(), ..Wanted::default() },
             sample_rate_hz: self.sample_rate_hz,
             skip_rows: self.skip_rows,
         }

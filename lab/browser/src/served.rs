@@ -31,16 +31,11 @@ pub struct OnDisk {
 impl Served for OnDisk {
     fn read(&self, said: &Said) -> Result<Recording> {
         use hysteron::dataset::reading::Instructions;
-        use hysteron::dataset::recognise::Wanted;
         use hysteron::dataset::{folder, readers};
         // What is said in the page goes before what the command line said.
         let (in_page, typed) = (said.instructions(), self.instructions.wanted.clone());
         let instructions = Instructions {
-            wanted: Wanted {
-                columns: in_page.wanted.columns.or(typed.columns),
-                unit: in_page.wanted.unit.or(typed.unit),
-                scale: in_page.wanted.scale.or(typed.scale),
-            },
+            wanted: in_page.before(typed),
             sample_rate_hz: in_page.sample_rate_hz.or(self.instructions.sample_rate_hz),
             skip_rows: in_page.skip_rows.or(self.instructions.skip_rows),
         };

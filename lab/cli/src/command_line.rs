@@ -6,7 +6,7 @@
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
 use crate::{add, board, capture, check, compare, design, diagnose, explain, identify, lab, plant, reproduce, score, simulate, track};
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::{Error, Result};
 use std::path::PathBuf;
@@ -323,10 +323,16 @@ enum Command {
     },
 }
 
+/// A value such as `-5` is a number for every command, not an option that does not exist.
+fn taking_negative_numbers(command: clap::Command) -> clap::Command {
+    command.allow_negative_numbers(true).mut_subcommands(taking_negative_numbers)
+}
+
 /// Runs the program.
 #[must_use]
 pub fn run() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let parsed = taking_negative_numbers(Arguments::command()).try_get_matches().and_then(|matches| Arguments::from_arg_matches(&matches));
+    let arguments = match parsed {
         Ok(arguments) => arguments,
         Err(error) => {
             let _ = error.print();

@@ -66,7 +66,16 @@ impl Desk {
         let path = Path::new(list);
         let names = if !list.ends_with(".toml") && path.is_file() { self.text(path, "a list of effects")? } else { list.to_owned() };
         let items = names.split([',', '\n', ' ']).map(str::trim).filter(|item| !item.is_empty());
-        items.map(|item| if item.ends_with(".toml") { self.own_effect(Path::new(item)) } else { model_file::effect_named(item) }).collect()
+        items
+            .map(|item| match item {
+                _ if item.ends_with(".toml") => self.own_effect(Path::new(item)),
+                _ if item.contains(['.', '/', '\\']) => Err(wrong(
+                    Path::new(item),
+                    "does not exist; expected a file that lists effects, or names of effects separated by commas",
+                )),
+                _ => model_file::effect_named(item),
+            })
+            .collect()
     }
 
     fn own_effect(&self, path: &Path) -> Result<Arc<dyn Effect>> {

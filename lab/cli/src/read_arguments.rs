@@ -4,6 +4,7 @@ use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
 use hysteron::dataset::recognise::Wanted;
 use hysteron::{Error, Result};
+use std::collections::BTreeMap;
 
 /// Arguments of every command that reads recordings.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -14,6 +15,9 @@ pub struct ReadArguments {
     /// Units of columns, or sensitivities: u=mV,y=nm or y=5um/V
     #[arg(long, value_name = "LIST", help_heading = "Reading")]
     units: Option<String>,
+    /// Columns of further signals that own effects take part of: temperature_c=4
+    #[arg(long, value_name = "LIST", help_heading = "Reading")]
+    auxiliary: Option<String>,
     /// Sampling rate of files without time stamps
     #[arg(long, value_name = "HZ", help_heading = "Reading")]
     sample_rate_hz: Option<f64>,
@@ -37,11 +41,26 @@ impl ReadArguments {
                 columns: by_signal("--columns", self.columns.as_deref(), column)?,
                 unit: by_signal("--units", self.units.as_deref(), str::to_owned)?,
                 scale: PerColumn::default(),
+                auxiliary: by_name(self.auxiliary.as_deref(), column)?,
             },
             sample_rate_hz: self.sample_rate_hz,
             skip_rows: self.skip_rows,
         })
     }
+}
+
+/// `temperature_c=4,..` as one column by name.
+fn by_name(list: Option<&str>, column: impl Fn(&str) -> ColumnName) -> Result<BTreeMap<String, ColumnName>> {
+    let mut found = BTreeMap::new();
+    for item in list.unwrap_or_default().split(',').map(str::trim).filter(|item| !item.is_empty()) {
+        let said =
+            item.split_once('=').map(|(name, text)| (name.trim(), text.trim())).filter(|(name, text)| !name.is_empty() && !text.is_empty());
+        let Some((name, text)) = said.filter(|(name, _)| !found.contains_key(*name)) else {
+            return Err(Error::new("--auxiliary", format!("`{item}`; expected names with their columns, each once: temperature_c=4")));
+        };
+        found.insert(name.to_owned(), column(text));
+    }
+    Ok(found)
 }
 
 /// `t=..,u=..` as one value by signal.

@@ -122,11 +122,13 @@ fn models_that_were_edited_wrongly() {
     for (edited, expected) in [
         (model.replace(name, "name = \"g_9_9_um\""), "parameter g_9_9_um; expected"),
         (model.split("[[effect]]").next().unwrap().to_string(), "has no [[effect]]"),
+        (format!("{model}[[effect]]{}", model.split("[[effect]]").nth(1).unwrap()), "stands there twice"),
     ] {
         std::fs::write(folder.path().join("edited.toml"), edited).unwrap();
         says(&["compare", "edited.toml", "."], folder.path(), expected);
     }
     says(&["add", "gain", "m.toml", ".", "--out", "m2.toml"], folder.path(), "is in the model already");
+    says(&["explain", ".", "--from", "nowhere.txt"], folder.path(), "nowhere.txt: does not exist");
     says(&["identify", ".", "--effects", "gain,hysteresis"], folder.path(), "stand in the same place");
 }
 

@@ -129,3 +129,35 @@ fn a_bent_lever() {
     within(value("angle_rad"), angle, 0.02);
     within(value("arm_um"), arm, 1e-12);
 }
+
+#[test]
+fn a_stage_that_grows_with_a_recorded_temperature() {
+    let folder = tempfile::tempdir().unwrap();
+    let (gain, um_per_k) = (0.2, 0.12);
+    let temperature_c = |k: usize| 22.5 + 1.5 * (0.9 * k as f64 / RATE_HZ).sin();
+    // The first reading comes before the first drive acts, each other one a period after the temperature that it answers to.
+    recordings(folder.path(), [swelling(3000, 5.0), swelling(3000, 7.0)], |drive_v| {
+        let grown = |k: usize| um_per_k * (temperature_c(k) - 22.0);
+        std::iter::once(grown(0)).chain(drive_v.iter().enumerate().map(|(k, u)| gain * u + grown(k))).collect()
+    });
+    for name in ["a", "b"] {
+        let path = folder.path().join(format!("{name}.csv"));
+        let text = std::fs::read_to_string(&path).unwrap();
+        let rows = text.lines().enumerate().map(|(line, row)| match line {
+            0 => format!("{row},chamber [\u{b0}C]\n"),
+            _ => format!("{row},{:.6}\n", temperature_c(line - 1)),
+        });
+        std::fs::write(&path, rows.collect::<String>()).unwrap();
+    }
+    std::fs::write(folder.path().join("own.toml"), definition("thermal_growth")).unwrap();
+    let refused = hysteron(&["identify", ".", "--effects", "gain,own.toml"], folder.path());
+    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(refused.status.code() == Some(2) && message.contains("temperature_c"), "{message}");
+    let manifest = std::fs::read_to_string(folder.path().join("dataset.toml")).unwrap();
+    let named =
+        manifest.replace("initial_state = \"virgin\"\n", "initial_state = \"virgin\"\nauxiliary = { temperature_c = \"chamber\" }\n");
+    std::fs::write(folder.path().join("dataset.toml"), named).unwrap();
+    let value = fitted(folder.path(), "thermal_growth");
+    within(value("gain_um_v"), gain, 0.01);
+    within(value("um_per_k"), um_per_k, 0.02);
+}

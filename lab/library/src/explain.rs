@@ -2,7 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
-use crate::diagnosis::judgement::{Judged, Split, require_finite};
+use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
 use crate::diagnosis::path::{self, Change, Step};
 use crate::diagnosis::policy::Policy;
@@ -177,6 +177,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
     if let Start::Effects(effects) = &start {
         require_chain(effects, dataset)?;
     }
+    require_signals(&options.own, dataset)?;
     let floor = noise_floor(dataset);
     let study = Study::new(dataset, candidates(&options.own), &floor, options.policy.clone(), watch);
     let grown = match start {

@@ -1,7 +1,7 @@
 //! `identify` and `add`: a list of effects, or one more, fitted to a data set.
 
 use crate::dataset::Dataset;
-use crate::diagnosis::judgement::{Judged, require_finite};
+use crate::diagnosis::judgement::{Judged, require_finite, require_signals};
 use crate::diagnosis::path::{Change, Step};
 use crate::diagnosis::policy::Policy;
 use crate::diagnosis::study::Study;
@@ -12,7 +12,7 @@ use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::Effect;
+use hysteron_sim::effect::{Effect, Place};
 use std::sync::Arc;
 
 /// A model that was fitted, and how.
@@ -62,6 +62,12 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     let id = effect.declaration().id;
     if model.effect(&id).is_some() {
         return Err(Error::new("effect", format!("{id} is in the model already")));
+    }
+    if id == "gain"
+        && let Some(loops) =
+            model.effects.iter().map(|e| e.effect.declaration()).find(|d| d.place == Place::Hysteresis && d.modifies.is_none())
+    {
+        return Err(Error::new("effect", format!("gain would take the place of {}, which has a gain of its own", loops.id)));
     }
     require_shown(std::slice::from_ref(effect), dataset)?;
     let floor = noise_floor(dataset);
@@ -123,6 +129,7 @@ pub fn require_chain(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<(
 /// An effect without any beginning on this data asks for what no record has.
 fn require_shown(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
     let overview = dataset.overview();
+    require_signals(effects, dataset)?;
     match effects.iter().map(|e| e.declaration()).zip(effects).find(|(_, e)| e.starts(&overview).is_empty()) {
         Some((d, _)) => Err(Error::NotIdentifiable { effect: d.id, why: format!("no record shows it. Best shown by: {}", d.experiment) }),
         None => Ok(()),

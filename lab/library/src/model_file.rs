@@ -110,6 +110,9 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
     let mut model = Model::new(file.drive_min_v, file.drive_max_v);
     for entry in file.effect {
         let place = format!("{file_name}: effect {}", entry.id);
+        if model.effect(&entry.id).is_some() {
+            return Err(Error::new(&place, "stands there twice; expected each effect once"));
+        }
         let effect: Arc<dyn Effect> = match (&entry.definition, entry.id.as_str()) {
             (Some(definition), _) => Arc::new(ExpressionEffect::from_toml(definition).map_err(|m| Error::new(&place, m))?),
             (None, id) => {
@@ -140,7 +143,8 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
         let overview = Overview::without_data(model.drive_min_v, model.drive_max_v);
         let declared_parameters = effect.parameters(&overview);
         if parameters.len() != declared_parameters.len() {
-            return Err(Error::new(&place, format!("has {} parameters; expected {}", parameters.len(), declared_parameters.len())));
+            let names: Vec<String> = declared_parameters.into_iter().map(|p| p.name).collect();
+            return Err(Error::new(&place, format!("has {} parameters; expected {}: {}", parameters.len(), names.len(), names.join(", "))));
         }
         for (found, declared) in parameters.iter_mut().zip(declared_parameters) {
             found.parameter.of_a_grid = declared.of_a_grid && found.parameter.fixed;
@@ -151,7 +155,11 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
                 return Err(Error::new(&place, format!("parameter {}: step is not positive", found.parameter.name)));
             }
         }
+        let before = model.effect_ids();
         model.add(EffectInstance { id: entry.id, effect, parameters });
+        if let Some(gone) = before.iter().find(|id| model.effect(id).is_none()) {
+            return Err(Error::new(&place, format!("and {gone} both turn the drive into a displacement; expected one of them")));
+        }
     }
     Ok(model)
 }

@@ -10,12 +10,22 @@ const TOLERANCE_V: f64 = 1e-9;
 /// What the sensor reads under a drive, um, sample by sample; `place` is what the drive is called in messages.
 ///
 /// # Errors
-/// A drive that leaves the range for which the model holds, or is no number; a model that gives something that is no number, with effect and
+/// A drive that leaves the range for which the model holds, or is no number; a signal that an effect takes part of and that is not there; a model that gives something that is no number, with effect and
 /// sample.
 pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
     let (low, high) = (model.drive_min_v, model.drive_max_v);
     if let Some(u) = drive.drive_v.iter().find(|u| !(low - TOLERANCE_V..=high + TOLERANCE_V).contains(*u)) {
         return Err(Error::new(place, format!("reaches {u} V; the model holds from {low} to {high} V")));
+    }
+    let needed = model.effects.iter().flat_map(|e| e.effect.auxiliary().iter().map(|name| (&e.id, name)));
+    for (effect, name) in needed {
+        match drive.auxiliary.iter().find(|signal| signal.name == *name).map(|signal| signal.values.len()) {
+            Some(samples) if samples == drive.drive_v.len() => {}
+            Some(samples) => {
+                return Err(Error::new(place, format!("has {} samples, {name} {samples}; expected as many", drive.drive_v.len())));
+            }
+            None => return Err(Error::new(place, format!("comes without the signal {name}, which {effect} takes part of"))),
+        }
     }
     if let Some((effect, sample)) = first_not_finite(model, drive) {
         return Err(Error::NotFinite { effect, record: place.to_owned(), sample: sample + 1 });

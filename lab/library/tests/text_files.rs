@@ -270,3 +270,33 @@ fn a_last_row_that_may_be_cut_off_is_left_aside() {
     let cut = from_file("a.csv", short.as_bytes());
     assert!(cut.is_err() || cut.unwrap().records.last().unwrap().drive_v.len() < SAMPLES);
 }
+
+#[test]
+fn rows_in_another_notation_are_not_lost() {
+    let half = |text: &str, first: bool| {
+        let lines: Vec<&str> = text.lines().collect();
+        let part = if first { &lines[..SAMPLES / 2] } else { &lines[SAMPLES / 2..] };
+        part.join("\n") + "\n"
+    };
+    let points = plain(",");
+    let commas = plain(";").replace('.', ",");
+    for (above, below) in [(&points, &commas), (&commas, &points), (&points, &commas.replace(';', ","))] {
+        let mixed = format!("t,u,y\n{}{}", half(above, true), half(below, false));
+        refused("mixed.csv", mixed.as_bytes(), &["row 2", "row 302", "another way", "--skip-rows 301"]);
+    }
+    // A few numbers in a header are none of the rows.
+    gives("counts.csv", format!("600,2000\nt,u,y\n{points}").as_bytes(), &[]);
+    let beyond = Instructions { skip_rows: Some(5000), ..Instructions::default() };
+    let said = from_file_as("short.csv", points.as_bytes(), &beyond).unwrap_err().to_string();
+    assert!(said.contains("600 lines") && said.contains("5000"), "{said}");
+}
+
+#[test]
+fn signals_that_no_actuator_has_are_refused() {
+    let huge = rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.6e}", y * 1e300));
+    refused("huge.csv", format!("t,u,y\n{huge}").as_bytes(), &["row", "at most 1e7 um", "unit"]);
+    let unit = PerColumn { y: Some("5um".to_owned()), ..PerColumn::default() };
+    let said = Instructions { wanted: Wanted { unit, ..Wanted::default() }, ..Instructions::default() };
+    let message = from_file_as("um.csv", format!("t [s],u [V],y [um]\n{}", plain(",")).as_bytes(), &said).unwrap_err().to_string();
+    assert!(message.contains("5um/V"), "{message}");
+}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,11 +68,15 @@ class Model:
 
     def simulate(
         self, drive_v: ArrayLike, sample_rate_hz: float, *, force_n: ArrayLike | None = None,
-        initial_state: Literal["virgin", "settled"] = "virgin",
+        auxiliary: Mapping[str, ArrayLike] | None = None, initial_state: Literal["virgin", "settled"] = "virgin",
     ) -> NDArray[np.float64]:
-        """What the sensor would read under a drive, um: from rest at the lower limit ("virgin") or at the first drive ("settled")."""
+        """What the sensor would read under a drive, um: from rest at the lower limit ("virgin") or at the first drive ("settled").
+
+        ``auxiliary`` holds the signals that own effects of the model take part of.
+        """
         force = None if force_n is None else to_bytes(force_n, "force_n")
-        return of_bytes(self._native.simulate(to_bytes(drive_v, "drive_v"), force, float(sample_rate_hz), initial_state))
+        further = {name: to_bytes(values, name) for name, values in (auxiliary or {}).items()}
+        return of_bytes(self._native.simulate(to_bytes(drive_v, "drive_v"), force, further, float(sample_rate_hz), initial_state))
 
     def residual(self, dataset: Dataset, record: str | int) -> NDArray[np.float64]:
         """Measured less modelled inside the window of a record, um."""

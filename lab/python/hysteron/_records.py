@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Iterable, Literal, Mapping, Union
 
 import numpy as np
@@ -29,6 +29,8 @@ class Record:
     displacement_um: ArrayLike
     #: External force, N, where it was measured.
     force_n: ArrayLike | None = None
+    #: Further signals that own effects take part of, by the name that those call them by (``{"temperature_c": ...}``).
+    auxiliary: Mapping[str, ArrayLike] = field(default_factory=dict)
     #: "identify" is fitted, "validate" only judges, "noise" is at rest and shows the noise, "test" takes part in nothing.
     role: Literal["identify", "validate", "noise", "test"] = "identify"
     #: State at the first sample: "virgin" (all states zero), "settled" (at rest at the first drive after a longer history) or "unknown".
@@ -47,12 +49,15 @@ class Record:
             return to_bytes(getattr(self, what), f"{self.name}: {what}")
 
         force = None if self.force_n is None else signal("force_n")
-        return {**vars(self), "drive_v": signal("drive_v"), "displacement_um": signal("displacement_um"), "force_n": force}
+        auxiliary = {name: to_bytes(values, f"{self.name}: {name}") for name, values in self.auxiliary.items()}
+        signals = {"drive_v": signal("drive_v"), "displacement_um": signal("displacement_um"), "force_n": force}
+        return {**vars(self), **signals, "auxiliary": auxiliary}
 
     @classmethod
     def _of(cls, parts: dict[str, Any]) -> Record:
         signals = {key: of_bytes(parts[key]) for key in ("drive_v", "displacement_um", "force_n") if parts[key] is not None}
-        return cls(**{**parts, **signals})
+        auxiliary = {name: of_bytes(values) for name, values in parts["auxiliary"].items()}
+        return cls(**{**parts, **signals, "auxiliary": auxiliary})
 
 
 class Dataset:
@@ -76,15 +81,17 @@ class Dataset:
     @classmethod
     def load(
         cls, path: PathLike, *, columns: Mapping[str, int | str] | None = None, units: Mapping[str, str] | None = None,
-        sample_rate_hz: float | None = None, skip_rows: int | None = None,
+        auxiliary: Mapping[str, int | str] | None = None, sample_rate_hz: float | None = None, skip_rows: int | None = None,
     ) -> Dataset:
         """Reads a folder with ``dataset.toml``, a manifest, or one file (CSV, MATLAB, HDF5, NPY, NPZ, TDMS, Parquet, XLSX, WAV).
 
         ``columns`` says which column is what, by number from 1 or by name: ``{"t": 1, "u": "drive", "y": 2}``. ``units`` says in what they
-        are, or how sensitive the sensor is: ``{"u": "mV", "y": "5um/V"}``. What is not said is recognised, and ``notes`` says how.
+        are, or how sensitive the sensor is: ``{"u": "mV", "y": "5um/V"}``. ``auxiliary`` names columns of further signals for own effects:
+        ``{"temperature_c": 4}``. What is not said is recognised, and ``notes`` says how.
         """
         dataset = cls.__new__(cls)
-        dataset._native = _native.Dataset.load(os.fspath(path), dict(columns or {}), dict(units or {}), sample_rate_hz, skip_rows)
+        said = (dict(columns or {}), dict(units or {}), dict(auxiliary or {}))
+        dataset._native = _native.Dataset.load(os.fspath(path), *said, sample_rate_hz, skip_rows)
         return dataset
 
     @property

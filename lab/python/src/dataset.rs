@@ -7,6 +7,7 @@ use hysteron::dataset::recognise::Wanted;
 use hysteron::dataset::{Periods, folder};
 use hysteron::{Record, Role};
 use hysteron_sim::chain::InitialState;
+use hysteron_sim::effect::AuxiliarySignal;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::PyBytes;
@@ -27,6 +28,7 @@ struct RecordParts<Signal> {
     drive_v: Signal,
     displacement_um: Signal,
     force_n: Option<Signal>,
+    auxiliary: BTreeMap<String, Signal>,
     role: String,
     initial_state: String,
     /// First sample that counts, and the one behind the last.
@@ -51,8 +53,15 @@ pub fn initial_state(place: &str, word: &str, allowed: usize) -> PyResult<Initia
         .ok_or_else(|| wrong(place, format!("initial_state = \"{word}\"; expected {}", words.join(" or "))))
 }
 
+/// Further signals by name.
+pub fn auxiliary_signals(by_name: &BTreeMap<String, PyBackedBytes>) -> Vec<AuxiliarySignal> {
+    by_name.iter().map(|(name, values)| AuxiliarySignal { name: name.clone(), values: numbers(values) }).collect()
+}
+
 fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
-    let RecordParts { name, sample_rate_hz, drive_v, displacement_um, force_n, role, window, periods, repeat_of, offset, .. } = parts;
+    let RecordParts {
+        name, sample_rate_hz, drive_v, displacement_um, force_n, role, window, periods, repeat_of, offset, auxiliary, ..
+    } = parts;
     let roles = [Role::Identify, Role::Validate, Role::Noise, Role::Test];
     let Some(role) = roles.into_iter().find(|known| known.name() == role) else {
         return Err(wrong(&name, format!("role = \"{role}\"; expected identify, validate, noise or test")));
@@ -73,6 +82,7 @@ fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
         periods: periods.map(|(from, length, count)| Periods { from, length, count }),
         repeat_of,
         force_n: force_n.map(|force| numbers(&force)),
+        auxiliary: auxiliary_signals(&auxiliary),
         ..Record::new(name, sample_rate_hz, drive_v, numbers(&displacement_um))
     })
 }
@@ -85,6 +95,7 @@ fn parts_of<'py>(py: Python<'py>, record: &Record) -> RecordParts<Bound<'py, PyB
         drive_v: bytes(py, &record.drive_v),
         displacement_um: bytes(py, &record.displacement_um),
         force_n: record.force_n.as_ref().map(|force| bytes(py, force)),
+        auxiliary: record.auxiliary.iter().map(|signal| (signal.name.clone(), bytes(py, &signal.values))).collect(),
         role: record.role.name().into(),
         initial_state: state.into(),
         window: Some((record.window.start, record.window.end)),
@@ -134,6 +145,7 @@ impl Dataset {
         path: PathBuf,
         columns: BTreeMap<String, Column>,
         units: BTreeMap<String, String>,
+        auxiliary: BTreeMap<String, Column>,
         sample_rate_hz: Option<f64>,
         skip_rows: Option<usize>,
     ) -> PyResult<Self> {
@@ -142,7 +154,9 @@ impl Dataset {
             Column::Name(name) => ColumnName::Name(name),
         };
         let (columns, unit) = (by_signal("columns", columns, column)?, by_signal("units", units, |unit| unit)?);
-        let instructions = Instructions { wanted: Wanted { columns, unit, scale: PerColumn::default() }, sample_rate_hz, skip_rows };
+        let auxiliary = auxiliary.into_iter().map(|(name, said)| (name, column(said))).collect();
+        let wanted = Wanted { columns, unit, scale: PerColumn::default(), auxiliary };
+        let instructions = Instructions { wanted, sample_rate_hz, skip_rows };
         Ok(Self(Arc::new(py.detach(|| folder::load_as(&path, &instructions)).map_err(raised)?)))
     }
 

@@ -1,7 +1,7 @@
 //! A chain of effects with values.
 
 use crate::at_work::at_work;
-use crate::dataset::{Dataset, initial_state};
+use crate::dataset::{Dataset, auxiliary_signals, initial_state};
 use crate::{bytes, numbers, raised, wrong};
 use hysteron::identification::fit;
 use hysteron::model_file;
@@ -9,6 +9,7 @@ use hysteron_sim::chain::{Drive, EffectInstance};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::PyBytes;
+use std::collections::BTreeMap;
 
 /// A model, and the data set that its file names.
 #[pyclass(frozen)]
@@ -52,6 +53,7 @@ impl Model {
         py: Python<'py>,
         drive_v: &[u8],
         force_n: Option<PyBackedBytes>,
+        auxiliary: BTreeMap<String, PyBackedBytes>,
         sample_rate_hz: f64,
         state: &str,
     ) -> PyResult<Bound<'py, PyBytes>> {
@@ -64,7 +66,13 @@ impl Model {
         if let Some(force) = force_n.as_ref().filter(|force| force.len() != drive_v.len()) {
             return Err(wrong("simulate", format!("drive_v has {} samples, force_n {}; expected as many", drive_v.len(), force.len())));
         }
-        let drive = Drive { drive_v: &drive_v, force_n: force_n.as_deref(), dt_s: 1.0 / sample_rate_hz, initial_state };
+        let drive = Drive {
+            drive_v: &drive_v,
+            force_n: force_n.as_deref(),
+            auxiliary: &auxiliary_signals(&auxiliary),
+            dt_s: 1.0 / sample_rate_hz,
+            initial_state,
+        };
         let read = at_work(py, None, |_| hysteron::simulate::simulate(&self.model, &drive, "drive_v"))?;
         Ok(bytes(py, &read))
     }

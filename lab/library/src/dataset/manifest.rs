@@ -6,6 +6,7 @@ use super::units::Quantity;
 use crate::error::{Error, Result, line_of, nearest};
 use hysteron_sim::chain::InitialState;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 
 /// The file as it is written.
 #[derive(Clone, Debug, Deserialize)]
@@ -168,6 +169,9 @@ pub struct RecordEntry {
     /// Factors by signal, beside that of the unit.
     #[serde(default)]
     pub scale: PerColumn<f64>,
+    /// Columns of further signals, for effects of the user's own, by the name that those call them by.
+    #[serde(default)]
+    pub auxiliary: BTreeMap<String, ColumnName>,
     /// Rows of text to leave out at the top of the file.
     #[serde(default)]
     pub skip_rows: usize,
@@ -179,12 +183,12 @@ impl RecordEntry {
     /// What is said about the columns of the file.
     #[must_use]
     pub fn wanted(&self) -> Wanted {
-        Wanted { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone() }
+        Wanted { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
     }
 }
 
 /// Every key that a manifest may have.
-const KEYS: [&str; 26] = [
+const KEYS: [&str; 27] = [
     "name",
     "drive_min_v",
     "drive_max_v",
@@ -205,6 +209,7 @@ const KEYS: [&str; 26] = [
     "columns",
     "unit",
     "scale",
+    "auxiliary",
     "skip_rows",
     "resample",
     "t",

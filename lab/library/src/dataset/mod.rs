@@ -241,7 +241,8 @@ fn check_signals(record: &Record) -> Result<()> {
     }
     let force = record.force_n.as_deref();
     let signals = [("drive", Some(&record.drive_v[..])), ("displacement", Some(&record.displacement_um[..])), ("force", force)];
-    for (what, signal) in signals {
+    let auxiliary = record.auxiliary.iter().map(|signal| (signal.name.as_str(), Some(&signal.values[..])));
+    for (what, signal) in signals.into_iter().chain(auxiliary) {
         let Some(signal) = signal else { continue };
         if signal.len() != samples {
             return wrong(format!("the drive has {samples} samples, the {what} {}; expected as many", signal.len()));

@@ -10,6 +10,7 @@ use super::{Dataset, Periods, Record, SAMPLES_MIN};
 use crate::error::{Error, Result};
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
+use hysteron_sim::effect::AuxiliarySignal;
 use std::collections::BTreeMap;
 
 /// Where the files that a manifest names come from: a folder, an archive, what somebody dropped on a page.
@@ -45,9 +46,16 @@ pub struct Instructions {
 }
 
 impl Instructions {
-    fn before(&self, wanted: Wanted) -> Wanted {
+    /// What is said here, and where nothing is what is said there.
+    #[must_use]
+    pub fn before(&self, wanted: Wanted) -> Wanted {
         let own = self.wanted.clone();
-        Wanted { columns: own.columns.or(wanted.columns), unit: own.unit.or(wanted.unit), scale: own.scale.or(wanted.scale) }
+        Wanted {
+            columns: own.columns.or(wanted.columns),
+            unit: own.unit.or(wanted.unit),
+            scale: own.scale.or(wanted.scale),
+            auxiliary: wanted.auxiliary.into_iter().chain(own.auxiliary).collect(),
+        }
     }
 }
 
@@ -119,6 +127,7 @@ pub(super) struct Even {
     pub u_v: Vec<f64>,
     pub y_um: Vec<f64>,
     pub force_n: Option<Vec<f64>>,
+    pub auxiliary: Vec<AuxiliarySignal>,
     /// What was assumed and mended.
     pub notes: Vec<String>,
 }
@@ -133,6 +142,7 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
         if let Some(force_n) = &mut signals.force_n {
             force_n.truncate(t_s.len());
         }
+        signals.auxiliary.iter_mut().for_each(|signal| signal.values.truncate(t_s.len()));
     }
     let axis = match (&signals.t_s, sample_rate_hz.or(table.sample_rate_hz)) {
         (Some(t_s), _) => TimeAxis::from_stamps(t_s, &known)?,
@@ -156,6 +166,11 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
         u_v: axis.apply(signals.u_v),
         y_um: axis.apply(signals.y_um),
         force_n: signals.force_n.map(|force_n| axis.apply(force_n)),
+        auxiliary: signals
+            .auxiliary
+            .into_iter()
+            .map(|signal| AuxiliarySignal { name: signal.name, values: axis.apply(signal.values) })
+            .collect(),
         notes,
     })
 }
@@ -268,6 +283,7 @@ fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, pl
             None => initial_state != InitialState::Virgin,
         },
         force_n: even.force_n,
+        auxiliary: even.auxiliary,
         ..Record::new(stem(&entry.file), fs, even.u_v, even.y_um)
     };
     Ok((record, even.notes))

@@ -3,8 +3,10 @@
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
 use super::manifest::{ColumnName, Columns, PerColumn};
 use super::table::{Column, Table};
-use super::units::{Quantity, factor, is_of_something_else};
+use super::units::{Quantity, factor, is_of_counts, is_of_something_else};
 use crate::error::{Error, Result, nearest};
+use hysteron_sim::effect::AuxiliarySignal;
+use std::collections::BTreeMap;
 
 /// What is known about the columns of a file beside what it says itself.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,6 +17,8 @@ pub struct Wanted {
     pub unit: PerColumn<String>,
     /// Factors by signal, beside that of the unit.
     pub scale: PerColumn<f64>,
+    /// Columns of further signals, by the name that effects of the user's own call them by.
+    pub auxiliary: BTreeMap<String, ColumnName>,
 }
 
 /// The signals of a record in the program's units.
@@ -30,6 +34,8 @@ pub struct Signals {
     pub t_of_y_s: Option<Vec<f64>>,
     /// Force, N.
     pub force_n: Option<Vec<f64>>,
+    /// Further signals, as the file has them.
+    pub auxiliary: Vec<AuxiliarySignal>,
     /// What was assumed.
     pub notes: Vec<String>,
 }
@@ -114,35 +120,33 @@ impl Choice<'_> {
     /// What was said about a column.
     fn said(&self, quantity: Quantity, wanted: Option<&ColumnName>) -> Result<Option<Found>> {
         let key = quantity.key();
-        let at = match wanted {
-            None => return Ok(None),
-            Some(ColumnName::Number(n)) => self.table.columns.iter().position(|c| c.number == *n).ok_or_else(|| {
+        let Some(wanted) = wanted else { return Ok(None) };
+        let at = self.place_of(wanted, &format!("--columns or [record.columns] {key}"))?;
+        if let Some(other) = self.found.iter().position(|found| found.is_some_and(|f| f.at == at)) {
+            let other = Quantity::ALL[other].key();
+            return Err(self.wrong(format!("{} is said to be both {other} and {key}", self.column(at).called())));
+        }
+        Ok(Some(Found { at, how: How::Said }))
+    }
+
+    /// The column of this name or number; `said` is where it was asked for.
+    fn place_of(&self, wanted: &ColumnName, said: &str) -> Result<usize> {
+        match wanted {
+            ColumnName::Number(n) => self.table.columns.iter().position(|c| c.number == *n).ok_or_else(|| {
                 let numbers: Vec<String> = self.table.columns.iter().map(|c| c.number.to_string()).collect();
-                self.wrong(format!(
-                    "--columns or [record.columns] {key} = {n}: no such column of numbers; there are {}, counted from 1",
-                    numbers.join(", ")
-                ))
-            })?,
-            Some(ColumnName::Name(name)) => {
+                self.wrong(format!("{said} = {n}: no such column of numbers; there are {}, counted from 1", numbers.join(", ")))
+            }),
+            ColumnName::Name(name) => {
                 let (bare, _) = super::units::split_name(name);
                 let full = |c: &Column| c.unit.as_ref().map_or(c.name.clone(), |unit| format!("{} [{unit}]", c.name));
                 let exact = self.table.columns.iter().position(|c| c.name == *name || full(c) == *name);
                 let alike = || self.table.columns.iter().position(|c| c.name.eq_ignore_ascii_case(&bare));
                 exact.or_else(alike).ok_or_else(|| {
                     let names = self.table.names();
-                    self.wrong(format!(
-                        "--columns or [record.columns] {key} = \"{name}\" is not in the header ({}){}",
-                        names.join(", "),
-                        nearest(name, &names)
-                    ))
-                })?
+                    self.wrong(format!("{said} = \"{name}\" is not in the header ({}){}", names.join(", "), nearest(name, &names)))
+                })
             }
-        };
-        if let Some(other) = self.found.iter().position(|found| found.is_some_and(|f| f.at == at)) {
-            let other = Quantity::ALL[other].key();
-            return Err(self.wrong(format!("{} is said to be both {other} and {key}", self.column(at).called())));
         }
-        Ok(Some(Found { at, how: How::Said }))
     }
 
     /// Columns that could be a quantity by name and unit, the likeliest first; those that are as likely follow in the order of the file.
@@ -330,7 +334,20 @@ impl Choice<'_> {
     /// A column in the program's unit.
     fn scaled(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<Vec<f64>> {
         let factor = self.factor(quantity, at, wanted)?;
-        Ok(self.column(at).values.iter().map(|v| v * factor).collect())
+        let column = self.column(at);
+        let values: Vec<f64> = column.values.iter().map(|v| v * factor).collect();
+        let limit = quantity.largest();
+        match values.iter().position(|v| v.is_nan() || v.abs() > limit) {
+            None => Ok(values),
+            Some(row) => Err(self.wrong(format!(
+                "row {}, {}: {:e} {unit} for the {}; expected at most {limit:e} {unit}: are column and unit right?",
+                self.table.line_of(row),
+                column.called(),
+                values[row],
+                quantity.words(),
+                unit = quantity.unit()
+            ))),
+        }
     }
 
     fn factor(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<f64> {
@@ -338,6 +355,12 @@ impl Choice<'_> {
         let scale = wanted.scale.get(quantity).copied();
         let unit = wanted.unit.get(quantity);
         let of_unit = match (unit, &column.unit, scale) {
+            (Some(unit), Some(own), _) if is_of_counts(unit) => {
+                return Err(self.wrong(format!(
+                    "{}: \"{unit}\" said of a column in {own}; expected a unit, or a sensitivity such as {unit}/V of a sensor in volts",
+                    column.called()
+                )));
+            }
             (Some(unit), ..) => factor(quantity, unit, &self.table.place, &column.called())?,
             // A factor alone brings any unit to the program's.
             (None, Some(unit), Some(_)) => factor(quantity, unit, &self.table.place, &column.called()).unwrap_or(1.0),
@@ -382,7 +405,13 @@ impl Choice<'_> {
         let t_of_y_s = self.second_time(y.at, wanted)?;
         let t_s = self.of(Quantity::Time).map(|t| self.scaled(Quantity::Time, t.at, wanted)).transpose()?;
         let force_n = self.of(Quantity::Force).map(|f| self.scaled(Quantity::Force, f.at, wanted)).transpose()?;
+        let auxiliary = |(name, column): (&String, &ColumnName)| {
+            let at = self.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
+            Ok(AuxiliarySignal { name: name.clone(), values: self.column(at).values.clone() })
+        };
+        let auxiliary = wanted.auxiliary.iter().map(auxiliary).collect::<Result<Vec<_>>>()?;
         let signals = Signals {
+            auxiliary,
             u_v: self.scaled(Quantity::Drive, u.at, wanted)?,
             y_um: self.scaled(Quantity::Displacement, y.at, wanted)?,
             t_s,
@@ -431,6 +460,9 @@ impl Choice<'_> {
             (Quantity::Displacement, signals.t_of_y_s.is_none().then_some(signals.y_um.len())),
             (Quantity::Force, signals.force_n.as_ref().map(Vec::len)),
         ];
+        if let Some(signal) = signals.auxiliary.iter().find(|signal| signal.values.len() != samples) {
+            return Err(self.wrong(format!("the drive has {samples} numbers, {} {}; expected as many", signal.name, signal.values.len())));
+        }
         for (quantity, length) in lengths {
             if let Some(length) = length.filter(|length| *length != samples) {
                 return Err(self.wrong(format!(

@@ -2,6 +2,7 @@
 
 use crate::statistics::peak_to_peak;
 use hysteron_sim::chain::{Drive, InitialState};
+use hysteron_sim::effect::AuxiliarySignal;
 use std::ops::Range;
 
 /// What a record is for.
@@ -69,6 +70,8 @@ pub struct Record {
     pub displacement_um: Vec<f64>,
     /// Measured external force, N.
     pub force_n: Option<Vec<f64>>,
+    /// Further signals, for effects of the user's own.
+    pub auxiliary: Vec<AuxiliarySignal>,
 }
 
 impl Record {
@@ -89,6 +92,7 @@ impl Record {
             drive_v,
             displacement_um,
             force_n: None,
+            auxiliary: Vec::new(),
         }
     }
 
@@ -113,7 +117,13 @@ impl Record {
     /// Drive as the chain takes it.
     #[must_use]
     pub fn drive(&self) -> Drive<'_> {
-        Drive { drive_v: &self.drive_v, force_n: self.force_n.as_deref(), dt_s: self.dt_s(), initial_state: self.initial_state }
+        Drive {
+            drive_v: &self.drive_v,
+            force_n: self.force_n.as_deref(),
+            auxiliary: &self.auxiliary,
+            dt_s: self.dt_s(),
+            initial_state: self.initial_state,
+        }
     }
 
     /// Peak-to-peak displacement inside the window, um.

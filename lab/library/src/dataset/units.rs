@@ -52,6 +52,18 @@ impl Quantity {
         }
     }
 
+    /// The largest magnitude that a signal of an actuator may have, in the program's unit; beyond it columns or units are mistaken. Time may
+    /// count from 1970.
+    #[must_use]
+    pub fn largest(self) -> f64 {
+        match self {
+            Self::Time => 1e11,
+            Self::Drive => 1e6,
+            Self::Displacement => 1e7,
+            Self::Force => 1e9,
+        }
+    }
+
     fn dimension(self) -> Dimension {
         match self {
             Self::Time => Dimension::Time,
@@ -227,6 +239,12 @@ pub fn split_name(name: &str) -> (String, Option<String>) {
         }
     }
     (name.to_owned(), None)
+}
+
+/// Whether a text says what one count of a column without a unit means (`50V` of a full scale), which contradicts a column that has one.
+#[must_use]
+pub fn is_of_counts(unit: &str) -> bool {
+    unit.trim().starts_with(|c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+')) && !unit.contains('/')
 }
 
 /// The factor that brings a column into the program's unit: of a unit (`mV`), or of a sensitivity (`5 um/V`: one unit of the column is 5 um).

@@ -1,11 +1,13 @@
 //! Models judged on records: errors, by how much one is better than another, and which records are fitted at all.
 
-use crate::dataset::{Dataset, Role};
+use crate::dataset::{Dataset, Record, Role};
 use crate::error::{Error, Result};
 use crate::identification::fit::{blocks, dot, rms};
 use crate::identification::linearisation::{Rows, residual_at};
 use crate::parallel;
 use hysteron_sim::chain::{Drive, Model};
+use hysteron_sim::effect::Effect;
+use std::sync::Arc;
 
 /// Which records are fitted and which judge.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -107,11 +109,35 @@ pub fn first_not_finite(model: &Model, drive: &Drive) -> Option<(String, usize)>
     Some((effect, sample))
 }
 
+/// Every record has the signals, beside drive and force, that effects of the user's own take part of.
+///
+/// # Errors
+/// The record that lacks one, and which.
+pub fn require_signals(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
+    for (effect, name) in effects.iter().flat_map(|e| e.auxiliary().iter().map(move |name| (e, name))) {
+        let lacks = |record: &&Record| record.auxiliary.iter().all(|signal| signal.name != *name);
+        if let Some(record) = dataset.records.iter().find(lacks) {
+            return Err(Error::new(
+                &record.source,
+                format!(
+                    "record {} has no signal {name}, which {} takes part of; expected --auxiliary {name}=COLUMN, or [record.auxiliary] {name} = \
+                     \"COLUMN\" in dataset.toml",
+                    record.name,
+                    effect.declaration().id
+                ),
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Fails on the first thing that is no number in what a model reads, with the effect behind which it appears.
 ///
 /// # Errors
 /// [`Error::NotFinite`].
 pub fn require_finite(model: &Model, dataset: &Dataset, records: &[usize]) -> Result<()> {
+    let effects: Vec<Arc<dyn Effect>> = model.effects.iter().map(|instance| instance.effect.clone()).collect();
+    require_signals(&effects, dataset)?;
     for record in records.iter().map(|i| &dataset.records[*i]) {
         if let Some((effect, sample)) = first_not_finite(model, &record.drive()) {
             return Err(Error::NotFinite { effect, record: record.name.clone(), sample: sample + 1 });

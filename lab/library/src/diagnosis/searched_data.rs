@@ -26,7 +26,7 @@ pub(super) fn for_search(dataset: &Dataset, walked_samples: usize) -> Dataset {
 }
 
 fn without_rest_before(record: &mut Record) {
-    if record.initial_state != InitialState::Unknown || record.force_n.is_some() {
+    if record.initial_state != InitialState::Unknown || record.force_n.is_some() || !record.auxiliary.is_empty() {
         return;
     }
     let first = record.drive_v[0];
@@ -46,6 +46,7 @@ fn shorten(record: &mut Record, share: f64) {
     if let Some(force) = &mut record.force_n {
         force.truncate(end);
     }
+    record.auxiliary.iter_mut().for_each(|signal| signal.values.truncate(end));
     record.window.end = end;
     record.periods = None;
 }

@@ -12,7 +12,7 @@ use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, condition, follow};
 use hysteron_sim::converter_scale::ConverterScale;
-use hysteron_sim::effect::{Place, Setting, Stage};
+use hysteron_sim::effect::{Place, Setting, Signals, Stage};
 use hysteron_sim::waveform;
 use serde::Serialize;
 
@@ -176,7 +176,7 @@ impl<'a> ChainPlant<'a> {
         let setting = Setting {
             dt_s: SAMPLING_PERIOD_S / SUBSTEPS as f64,
             substeps: SUBSTEPS,
-            force_n: None,
+            signals: Signals::default(),
             drive_min_v: chain.drive_min_v,
             drive_max_v: chain.drive_max_v,
         };

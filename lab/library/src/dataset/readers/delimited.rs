@@ -13,6 +13,8 @@ use crate::error::{Error, Result};
 const SAMPLE: usize = 101;
 /// A column of numbers has one in at least this share of the rows: of two channels, one may be shorter.
 const NUMBERS_MIN: f64 = 0.25;
+/// As many lines of numbers alone above the rows are no header.
+const NUMBERS_ABOVE_MAX: usize = 3;
 
 /// How the rows of a text are made.
 struct Form {
@@ -34,7 +36,14 @@ pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
     let lines: Vec<Line> = text.lines().enumerate().map(|(i, line)| (i + 1, line)).skip(hints.skip_rows).collect();
     let mut filled: Vec<Line> = lines.iter().copied().filter(|(_, line)| !line.trim().is_empty()).collect();
     if filled.is_empty() {
-        return Err(Error::new(place, "is empty; expected rows of numbers"));
+        let all = text.lines().count();
+        return Err(Error::new(
+            place,
+            match hints.skip_rows {
+                0 => "is empty; expected rows of numbers".to_owned(),
+                skipped => format!("has {all} lines, of which the first {skipped} are to be skipped; expected rows of numbers behind them"),
+            },
+        ));
     }
     let form = Form::of(&filled).ok_or_else(|| {
         let (line, text) = filled[filled.len() - 1];
@@ -48,6 +57,7 @@ pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
     // LabVIEW says where its headers end, and has numbers in them.
     let header_end = filled.iter().rposition(|(_, line)| line.starts_with("***End_of_Header***")).map_or(0, |at| at + 1);
     let first = filled[header_end..].iter().position(|(_, line)| form.is_row(line)).map_or(filled.len(), |at| at + header_end);
+    form.refuse_other_notation(place, &filled[header_end.min(first)..first], filled.get(first).copied())?;
     let header = header::read(place, &filled[..first], form.separator, form.width, &form.numbers)?;
     let mut table = rows(place, &filled[first..], &form, &header)?;
     table.notes.extend(assumed);
@@ -89,6 +99,34 @@ impl Form {
         let length = |line: &str| self.separator.cells(line).get(self.width - 1).map(|cell| cell.len());
         let longest = before.iter().rev().take(SAMPLE).filter_map(|(_, line)| length(line)).max()?;
         (self.numbers.last() == Some(&(self.width - 1)) && length(last)? < longest).then_some(*line)
+    }
+
+    /// Rows that are written in another way than the rest stand in front of it like a header, and would be lost with it.
+    fn refuse_other_notation(&self, place: &str, above: &[Line], first_row: Option<Line>) -> Result<()> {
+        let numbers_in = |text: &str| {
+            let separator = separator_of(&[text]);
+            let cells = separator.cells(text);
+            let filled = cells.iter().filter(|cell| !cell.is_empty());
+            if filled.clone().all(|cell| number(cell, separator).is_some()) { filled.count() } else { 0 }
+        };
+        let of_numbers: Vec<Line> = above.iter().copied().filter(|(_, text)| numbers_in(text) >= 2).collect();
+        let is_row = of_numbers.last().is_some_and(|(_, text)| numbers_in(text) == self.numbers.len() && self.numbers.len() > 1);
+        match (of_numbers.first(), first_row) {
+            (Some((line, text)), Some((row, other))) if is_row || of_numbers.len() >= NUMBERS_ABOVE_MAX => {
+                let shown = |text: &str| text.chars().take(40).collect::<String>();
+                Err(Error::new(
+                    place,
+                    format!(
+                        "row {line} (\"{}\") is written in another way than row {row} (\"{}\") and the rows that follow; expected one decimal \
+                         sign, one separator and as many columns throughout, or --skip-rows {} where what stands above is none of the record",
+                        shown(text),
+                        shown(other),
+                        row - 1
+                    ),
+                ))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn is_row(&self, line: &str) -> bool {
