@@ -8,6 +8,8 @@ use devtools::{Page, browser};
 use hysteron::dataset::folder;
 use hysteron::explain::{Options, Start, explain};
 use hysteron::model_file;
+use hysteron::servo::commands::follow;
+use hysteron::servo::order::{self, Order};
 use hysteron::watch::Unwatched;
 use hysteron_browser::served::OnDisk;
 use hysteron_browser::server::Server;
@@ -111,6 +113,27 @@ fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line()
     page.click("#save > summary");
     page.click("[data-save=report]");
     assert!(page.saved(&out.path().join("report.html")).contains(found.diagnosis.sentence.as_str()));
+    // On to the servo: the same files as on the command line.
+    page.click("#design");
+    page.wait_for(&format!("servo.designed && {LEFT_ALONE}"));
+    let order = Order { recording: Some(&dataset), ..Order::default() };
+    let designed = order::design(&found.model, &order).expect("a servo");
+    page.click("#save-servo");
+    let saved: toml::Value = toml::from_str(&page.saved(&out.path().join("servo.toml"))).expect("TOML");
+    let expected: toml::Value = toml::from_str(&toml::to_string_pretty(&designed).expect("TOML")).expect("TOML");
+    for key in ["scheme", "model", "delayed"] {
+        require_alike(&saved[key], &expected[key], key);
+    }
+    page.click("#follow");
+    page.wait_for(&format!("servo.followed && {LEFT_ALONE}"));
+    let nm = |page: &mut Page, key: &str| 1e3 * page.value(&format!("servo.followed.{key}")).as_f64().expect("a number");
+    let amplitude_um = page.value("servo.amplitude_um").as_f64().expect("a number");
+    let followed = follow(&found.model, &designed, &format!("sine:50:{amplitude_um}"), None).expect("it is followed");
+    assert!((nm(&mut page, "true_rms_um") / (1e3 * followed.truth.rms_um) - 1.0).abs() < 1e-3);
+    page.click("#save-block");
+    let commands = page.saved(&out.path().join("servo.block.commands"));
+    assert!(commands.lines().count() > 10, "{commands}");
+
     page.click("#undo");
     page.wait_for(&format!("lab.step === 0 && {LEFT_ALONE}"));
     assert!((number(&mut page, "heldOutNm") / before_nm - 1.0).abs() < 1e-9, "undo brings the model before back");

@@ -6,6 +6,7 @@
 //! * [`session`]: the data, the model and the last explanation, and what is asked of them;
 //! * [`recording`]: a data set from whatever files were dropped, with the roles that a person gave its records;
 //! * [`answers`]: what the page is told, as plain structs;
+//! * `servo`: design, margins and a reference followed, of the model at hand;
 //! * [`asker`]: who is told of every step and may take a question back; [`served`]: the data set that a program was started with;
 //! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports any;
 //! * `server` (elsewhere): the same questions over HTTP, for `hysteron lab`.
@@ -20,6 +21,7 @@ pub mod recording;
 pub mod served;
 #[cfg(not(target_family = "wasm"))]
 pub mod server;
+mod servo;
 pub mod session;
 
 pub use session::Session;

@@ -4,11 +4,13 @@ use crate::answers::{self, Answer};
 use crate::asker::{Asker, Teller};
 use crate::recording::{self, Recording, Said};
 use crate::served::Served;
+use crate::servo::{self, ServoQuestion};
 use hysteron::diagnosis::judgement::{Split, require_finite};
 use hysteron::explain::{Explanation, Options, Start, explain, fit_figures, step_figures};
 use hysteron::identification::fit::{dot, residual, rms};
 use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identify::{Identification, add, identify};
+use hysteron::servo::design::ServoDesign;
 use hysteron::spectrum::amplitude_density;
 use hysteron::synthetic::case::{Order, simulate_case};
 use hysteron::{Error, Result, model_file};
@@ -72,6 +74,8 @@ enum Question {
     Take { step: usize },
     /// Adds an effect and fits again.
     Add { effect: String },
+    /// From the model to a servo.
+    Servo { about: ServoQuestion },
     /// The model as text.
     Save {},
     /// A model from text.
@@ -97,6 +101,7 @@ pub struct Session {
     data: Option<Data>,
     model: Option<Model>,
     found: Option<Explanation>,
+    servo: Option<ServoDesign>,
     served: Option<Arc<dyn Served>>,
 }
 
@@ -165,6 +170,11 @@ impl Session {
                 let last = found.steps.len() - 1;
                 let model = if step >= last { found.model.clone() } else { found.steps[step].judged.model.clone() };
                 Ok(Answer::of(answers::model(self.model.insert(model))))
+            }
+            Question::Servo { about } => {
+                let model = self.model.as_ref().ok_or_else(no_model)?;
+                let data = self.data.as_ref().ok_or_else(no_data)?;
+                unless_taken_back(servo::answer(&about, &mut self.servo, model, &data.recording.dataset)?, asker)
             }
             Question::Save {} => {
                 let model = self.model.as_ref().ok_or_else(no_model)?;

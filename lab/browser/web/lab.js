@@ -302,6 +302,7 @@ async function setModel(answer, keepOff = false) {
   if (!keepOff) lab.off.clear();
   lab.ofSearch = false;
   showModel();
+  forgetServo();
   await compare();
 }
 
@@ -403,6 +404,7 @@ function keep() {
     json.effects.forEach((effect, i) => effect.parameters.forEach((parameter, j) => (parameter.fitted = fitted[i][j])));
     lab.text = (await ask({ ask: "save" })).json.text;
     lab.ofSearch = false;
+    forgetServo();
     // What a search starts from stays the list of effects; only a model from a file is searched from as it is.
   });
 }

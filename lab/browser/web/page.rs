@@ -6,8 +6,13 @@ const STYLE: &str = include_str!("lab.css");
 /// How questions and answers are written as bytes; the worker needs it too.
 const MESSAGES: &str = include_str!("messages.js");
 const WORKER: &str = include_str!("worker.js");
-const SCRIPTS: [&str; 4] =
-    [include_str!("worker_engine.js"), include_str!("served_engine.js"), include_str!("plot.js"), include_str!("lab.js")];
+const SCRIPTS: [&str; 5] = [
+    include_str!("worker_engine.js"),
+    include_str!("served_engine.js"),
+    include_str!("plot.js"),
+    include_str!("servo_panel.js"),
+    include_str!("lab.js"),
+];
 /// What a page from disk may connect to, in its content security policy.
 const NO_CONNECTION: &str = "connect-src 'none'";
 

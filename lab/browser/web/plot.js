@@ -288,6 +288,12 @@ class Plot {
     const [begin, end] = this.range(y.length);
     if (end <= begin) return false;
     pen.strokeStyle = pen.fillStyle = css(colour);
+    if (y.length === 1) {
+      pen.beginPath();
+      pen.arc(this.pixelX(x[0]), this.pixelY(y[0]), 5, 0, 2 * Math.PI);
+      pen.fill();
+      return true;
+    }
     pen.globalAlpha = thick ? 0.45 : 1;
     if (end - begin <= 20000) {
       pen.lineWidth = thick ? 3 : 1.2;

@@ -5,7 +5,7 @@ use crate::desk::{Desk, wrong};
 use hysteron::error::line_of;
 use hysteron::servo::commands::{self, CheckResult};
 use hysteron::servo::design::{SCHEMA, ServoDesign};
-use hysteron::servo::loop_margins::LoopMargins;
+use hysteron::servo::words;
 use hysteron::{Error, Result};
 use hysteron_report::{Block, Page, Section, nyquist, sensitivity};
 use std::path::Path;
@@ -39,7 +39,7 @@ pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs
         (false, false) => println!("{}: UNSTABLE, largest sampled eigenvalue {largest:.4}", found.scheme),
     }
     if let Some(m) = &found.margins {
-        for line in in_words(m) {
+        for line in words::margins(m) {
             println!("  {line}");
         }
     }
@@ -54,53 +54,13 @@ pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs
     Ok(found.stable)
 }
 
-/// Margins as sentences.
-fn in_words(m: &LoopMargins) -> Vec<String> {
-    let value = |value: Option<f64>, scale: f64, digits: usize, unit: &str| {
-        value.map_or_else(|| "none found".to_owned(), |v| format!("{:.digits$}{unit}", scale * v))
-    };
-    let first = &m.first_unstable;
-    let [least, mean, most] = m.gain_ratio;
-    let mut lines = vec![
-        format!("worst case: {}", m.worst_case),
-        format!(
-            "the actuator's gain over the one that the law inverts: {least:.2} to {most:.2}, {mean:.2} over the range; largest eigenvalue there {:.4}, {:.4}, {:.4}",
-            m.spectral_radius[0], m.spectral_radius[2], m.spectral_radius[1]
-        ),
-    ];
-    if m.spectral_radius[1] < 1.0 {
-        lines.push(format!(
-            "gain margin {}, phase margin {}, bandwidth {}, peak sensitivity {:.2} at {:.0} Hz, {:.2} of the sensor's noise becomes motion",
-            value(m.gain_margin, 1.0, 2, ""),
-            value(m.phase_margin_deg, 1.0, 0, " degrees"),
-            value(m.bandwidth_hz, 1.0, 0, " Hz"),
-            m.sensitivity_peak,
-            m.sensitivity_peak_hz,
-            m.noise_transmission
-        ));
-        let mode = first.mode.map_or_else(
-            || "none found".to_owned(),
-            |u| format!("{:.2} % at {:.0} Hz (damping {})", 100.0 * u.share, u.frequency_hz, u.damping_ratio),
-        );
-        lines.push(format!(
-            "first unstable: gain {} and {}; mass {} and {}; delay {}; unknown mode {mode}",
-            value(first.gain_down, 1.0, 3, ""),
-            value(first.gain_up, 1.0, 3, ""),
-            value(first.mass_down, 1.0, 3, ""),
-            value(first.mass_up, 1.0, 3, ""),
-            value(first.delay_s, 1e6, 1, " us")
-        ));
-    }
-    lines
-}
-
 fn page(found: &CheckResult, largest: f64) -> Page {
     let verdict = match (found.sampled_poles.is_empty(), found.stable) {
         (true, _) => "is not judged".to_owned(),
         (false, true) => format!("is stable on this actuator: largest sampled eigenvalue {largest:.4}"),
         (false, false) => format!("is UNSTABLE on this actuator: largest sampled eigenvalue {largest:.4}"),
     };
-    let words = found.margins.as_ref().map(in_words).unwrap_or_default();
+    let words = found.margins.as_ref().map(words::margins).unwrap_or_default();
     let blocks = found.margins.as_ref().map(|m| vec![Block::Plot(sensitivity(m)), Block::Plot(nyquist(m))]);
     Page {
         title: format!("Check of {}", found.scheme),

@@ -33,3 +33,4 @@ pub mod thesis_schemes;
 pub mod track;
 mod value_ranges;
 pub mod window_fit;
+pub mod words;

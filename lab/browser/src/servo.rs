@@ -1,0 +1,122 @@
+//! From the model to a servo: design, margins, a reference followed in simulation, the files for the amplifier.
+
+use crate::answers::Answer;
+use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, upload_lines};
+use hysteron::servo::commands;
+use hysteron::servo::design::ServoDesign;
+use hysteron::servo::order::{self, Order};
+use hysteron::servo::words;
+use hysteron::{Dataset, Error, Result};
+use hysteron_sim::chain::Model;
+use serde::Deserialize;
+use serde_json::json;
+
+/// Share of the travel that a reference goes over where nothing is said.
+const SHOWN_SHARE: f64 = 0.35;
+
+/// What is asked about a servo.
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ServoQuestion {
+    /// A servo for the model, by what the recording leaves possible.
+    Design {
+        /// Highest frequency of references, Hz.
+        reference_hz: f64,
+    },
+    /// A sine followed in simulation.
+    Follow {
+        /// Frequency, Hz.
+        hz: f64,
+        /// Amplitude, um.
+        amplitude_um: f64,
+    },
+    /// The servo as a file.
+    Save {},
+    /// The parameter block of the servo for an amplifier with the usual wiring, and its lines for a running target.
+    Block {
+        /// Highest frequency of references, Hz.
+        reference_hz: f64,
+    },
+}
+
+fn refused(message: String) -> Error {
+    Error::new("servo", message)
+}
+
+fn order(dataset: &Dataset, reference_hz: f64) -> Order<'_> {
+    Order { reference_hz, recording: Some(dataset), ..Order::default() }
+}
+
+/// Answers a question about a servo; `servo` is the one at hand.
+///
+/// # Errors
+/// Why there can be none, or that there is none yet.
+pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: &Model, dataset: &Dataset) -> Result<Answer> {
+    let at_hand = |servo: &Option<ServoDesign>| servo.clone().ok_or_else(|| refused("there is none yet; design one first".into()));
+    match *question {
+        ServoQuestion::Design { reference_hz } => {
+            *servo = None;
+            let design = order::design(model, &order(dataset, reference_hz)).map_err(refused)?;
+            let answer = designed(&design, model)?;
+            *servo = Some(design);
+            Ok(answer)
+        }
+        ServoQuestion::Follow { hz, amplitude_um } => follow(&at_hand(servo)?, model, hz, amplitude_um),
+        ServoQuestion::Save {} => {
+            let text = toml::to_string_pretty(&at_hand(servo)?).map_err(|e| refused(e.to_string()))?;
+            Ok(Answer::of(json!({ "text": text })))
+        }
+        ServoQuestion::Block { reference_hz } => {
+            let front_end = FrontEnd::default();
+            let ordered = Order { front_end: Some(&front_end), ..order(dataset, reference_hz) };
+            let design = order::design(model, &ordered).map_err(refused)?;
+            let bytes = block(&amplifier_parameters(&design, &front_end)?)?;
+            Ok(Answer::of(json!({ "commands": upload_lines(&bytes)?, "bytes": bytes })))
+        }
+    }
+}
+
+/// A design with its margins on the model.
+fn designed(design: &ServoDesign, model: &Model) -> Result<Answer> {
+    let checked = commands::check(design, model).map_err(refused)?;
+    let response = checked.margins.as_ref().map(|m| m.response.as_slice()).unwrap_or_default();
+    let over = |value: &dyn Fn(&hysteron::servo::loop_margins::LoopPoint) -> f64| response.iter().map(value).collect::<Vec<f64>>();
+    let chosen = design.trade_off.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um()));
+    Ok(Answer {
+        json: json!({
+            "explanation": design.explanation,
+            "stable": checked.stable,
+            "margins": checked.margins.as_ref().map(words::margins),
+            "amplitude_um": SHOWN_SHARE * design.model.reach_um(),
+        }),
+        columns: vec![
+            over(&|p| p.hz),
+            over(&|p| p.sensitivity),
+            over(&|p| p.complementary),
+            design.trade_off.iter().map(|a| a.noise_um).collect(),
+            design.trade_off.iter().map(|a| a.disturbance_um).collect(),
+            chosen.map_or_else(Vec::new, |a| vec![a.noise_um, a.disturbance_um]),
+        ],
+    })
+}
+
+/// The integer servo on the simulated model.
+fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Result<Answer> {
+    let found = commands::follow(model, design, &format!("sine:{hz}:{amplitude_um}"), None).map_err(refused)?;
+    let error_um = found.sensor_um.iter().zip(&found.reference_um).map(|(y, r)| y - r).collect();
+    Ok(Answer {
+        json: json!({
+            "true_rms_um": found.truth.rms_um, "true_max_um": found.truth.max_um,
+            "read_rms_um": found.sensor.rms_um, "trouble": found.trouble(),
+            "from_s": found.time_s.first(), "rate_hz": rate_hz(&found.time_s),
+        }),
+        columns: vec![found.reference_um, found.sensor_um, error_um, found.drive_v],
+    })
+}
+
+fn rate_hz(time_s: &[f64]) -> Option<f64> {
+    match time_s {
+        [first, .., last] if last > first => Some((time_s.len() - 1) as f64 / (last - first)),
+        _ => None,
+    }
+}
