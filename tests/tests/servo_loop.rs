@@ -37,6 +37,7 @@ fn predictor() -> ServoDesign {
     ServoDesign::new(
         Scheme::Predictor {
             tuning: PredictorTuning {
+                fast_noise_um: 0.0,
                 effort_weight: 0.1,
                 unknown_change_um: 0.002,
                 unknown_slope_change_um: 0.0,

@@ -114,6 +114,7 @@ pub fn design() -> Option<(ServoDesign, PredictorTuning, f64)> {
         for unknown_change_um in [0.003, 0.01, 0.03, 0.1, 0.3] {
             for slope in [0.0, 0.02] {
                 candidates.push(PredictorTuning {
+                    fast_noise_um: 0.0,
                     effort_weight,
                     unknown_change_um,
                     unknown_slope_change_um: slope * unknown_change_um,

@@ -34,12 +34,25 @@ pub struct PredictorTuning {
     pub force_noise_um: f64,
     /// Noise of the sensor, um RMS.
     pub sensor_noise_um: f64,
+    /// Noise of the reading about half the sampling rate that the observer reckons with beside the white one, um RMS: the more, the less the law
+    /// answers there. Zero for none; it takes one of the law's states, and where none is free it is left out.
+    #[serde(default)]
+    pub fast_noise_um: f64,
 }
+
+/// Pole of the noise about half the sampling rate: some 1.1 kHz wide.
+const FAST_NOISE_POLE: f64 = -0.7;
 
 impl PredictorTuning {
     /// Where the scan begins.
-    pub const START: Self =
-        Self { effort_weight: 1.0, unknown_change_um: 0.002, unknown_slope_change_um: 0.0, force_noise_um: 0.003, sensor_noise_um: 0.001 };
+    pub const START: Self = Self {
+        effort_weight: 1.0,
+        unknown_change_um: 0.002,
+        unknown_slope_change_um: 0.0,
+        force_noise_um: 0.003,
+        sensor_noise_um: 0.001,
+        fast_noise_um: 0.0,
+    };
 }
 
 /// The law in f64: what is quantised, and what the eigenvalues are taken of.
@@ -128,8 +141,16 @@ impl PredictorDesign {
         let mut q = &b * b.transpose() * tuning.force_noise_um.powi(2);
         q[(unknown, unknown)] += tuning.unknown_change_um.powi(2);
         q[(slope, slope)] += tuning.unknown_slope_change_um.powi(2);
+        let mut used = n;
+        if tuning.fast_noise_um > 0.0 && n < predictor_law::STATES {
+            // Its state is the noise itself, read beside the position.
+            a[(n, n)] = FAST_NOISE_POLE;
+            c[n] = 1.0;
+            q[(n, n)] = tuning.fast_noise_um.powi(2) * (1.0 - FAST_NOISE_POLE.powi(2));
+            used += 1;
+        }
         let mut l = kalman_predictor(&a, &c, &q, tuning.sensor_noise_um.powi(2));
-        for i in n..STATES {
+        for i in used..STATES {
             if i < slope || (i == slope && !with_slope) {
                 l[i] = 0.0;
             }
@@ -397,6 +418,7 @@ pub fn tune(linear: &LinearModel, demands: &Demands) -> Vec<Assessment> {
                         unknown_slope_change_um: slope * unknown_change_um,
                         force_noise_um,
                         sensor_noise_um: demands.sensor_noise_um.max(1e-4),
+                        fast_noise_um: 0.0,
                     });
                 }
             }

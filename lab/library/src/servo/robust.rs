@@ -32,6 +32,35 @@ pub const LEAST_FREQUENCY_SPREAD: f64 = 0.02;
 /// A damping ratio is never taken to be known better than this.
 pub const LEAST_DAMPING_SPREAD: f64 = 0.2;
 
+/// Factor of the first steps from a candidate to a better one.
+const FIRST_STEP: f64 = 3.0;
+/// Below this factor no smaller steps are tried.
+const LAST_STEP: f64 = 1.2;
+/// Steps at most.
+const MOST_STEPS: usize = 40;
+/// A step must bring the expected error below this share.
+const LEAST_GAIN: f64 = 0.995;
+
+/// Numbers of a tuning that are moved.
+const TUNED: usize = 5;
+
+/// A tuning with one of its numbers multiplied; a noise about half the sampling rate that is not there yet begins at the sensor's.
+fn stepped(tuning: &PredictorTuning, number: usize, by: f64) -> PredictorTuning {
+    let mut out = *tuning;
+    match number {
+        0 => out.effort_weight *= by,
+        1 => {
+            out.unknown_change_um *= by;
+            out.unknown_slope_change_um *= by;
+        }
+        2 => out.unknown_slope_change_um *= by,
+        3 => out.force_noise_um *= by,
+        _ if out.fast_noise_um > 0.0 => out.fast_noise_um *= by,
+        _ => out.fast_noise_um = by * out.sensor_noise_um,
+    }
+    out
+}
+
 /// How well the values of a mode are known: relative spreads that are reckoned with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModeSpread {
@@ -265,6 +294,7 @@ impl Task<'_> {
                             unknown_slope_change_um: slope * change * noise_um,
                             force_noise_um: force * noise_um,
                             sensor_noise_um: noise_um,
+                            fast_noise_um: 0.0,
                         });
                     }
                 }
@@ -272,7 +302,41 @@ impl Task<'_> {
         }
         let mut candidates = parallel::map(&tunings, |tuning| judge(&self.linear, tuning, &conditions));
         candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
+        // The best of the grid made better between its points.
+        if let Some(best) = candidates.iter().find(|c| c.broken.is_none()).cloned() {
+            candidates.extend(self.refined(best, &conditions));
+        }
+        candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
         Scan { candidates }
+    }
+
+    /// Goes from a good candidate to better ones, one or two numbers of the tuning at a time (along an edge of what is allowed two have to move
+    /// together) and in ever smaller steps; all good ones on the way.
+    fn refined(&self, start: Candidate, conditions: &Conditions) -> Vec<Candidate> {
+        let (mut here, mut factor) = (start, FIRST_STEP);
+        let mut found = Vec::new();
+        for _ in 0..MOST_STEPS {
+            let mut near = Vec::new();
+            for first in 0..TUNED {
+                for by in [factor, 1.0 / factor] {
+                    let one = stepped(&here.tuning, first, by);
+                    near.push(one);
+                    for second in 0..first {
+                        near.extend([factor, 1.0 / factor].map(|by| stepped(&one, second, by)));
+                    }
+                }
+            }
+            let judged = parallel::map(&near, |tuning| judge(&self.linear, tuning, conditions));
+            let better: Vec<Candidate> =
+                judged.into_iter().filter(|c| c.broken.is_none() && c.expected_um() < LEAST_GAIN * here.expected_um()).collect();
+            match better.iter().min_by(|x, y| x.expected_um().total_cmp(&y.expected_um())) {
+                Some(best) => here = best.clone(),
+                None if factor < LAST_STEP => break,
+                None => factor = factor.sqrt(),
+            }
+            found.extend(better);
+        }
+        found
     }
 
     /// A candidate as the file of a design keeps it.
