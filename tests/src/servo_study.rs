@@ -7,7 +7,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::{ModeModel, actuator_model};
 use hysteron::servo::order::{self, Order};
-use hysteron::servo::predictor::Demands;
+use hysteron::servo::predictor::{Demands, PredictorTuning};
 use hysteron::servo::robust::{ModeSpread, Task};
 use hysteron::watch::Unwatched;
 use hysteron_core::servo_tick::ServoTick;
@@ -28,7 +28,7 @@ pub enum Recording {
     Usual,
     /// What the target's `identify` plays: four tones up to 907 Hz over the whole range.
     FourTones,
-    /// As the usual one, with a multisine to 8 kHz.
+    /// As the usual one, with the multisine that a design recommends.
     Wideband,
 }
 
@@ -93,7 +93,7 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
                 let amplitude_v = top_v * if hz < 60.0 { 0.42 } else { 0.17 };
                 sines.extend(waveform::sine_burst(RATE_HZ, hz, amplitude_v, 0.45 * top_v, (3.0 / hz).clamp(0.03, 0.25)));
             }
-            let highest_hz = if recording == Recording::Usual { 1500.0 } else { 8000.0 };
+            let highest_hz = if recording == Recording::Usual { 1500.0 } else { order::RECOMMENDED_MULTISINE_HZ };
             let period = 4000;
             let line_hz = RATE_HZ / f64::from(period);
             let lines: Vec<usize> = (1..=(highest_hz / line_hz) as usize).step_by(3).collect();
@@ -227,8 +227,8 @@ pub fn rest_um(truth: &Truth, change: Change, design: &ServoDesign) -> f64 {
     (tail.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / tail.len() as f64).sqrt()
 }
 
-/// The servo of a designer who knows the stage's modes: the same structure and candidates, hysteresis as identified, and nothing unknown
-/// to be reckoned with.
+/// The servo of a designer who knows the stage's modes: the same structure and candidates, hysteresis as identified, nothing unknown to be reckoned
+/// with, and of the best tunings on the grid and between its points the one that does better on the stage itself.
 #[must_use]
 pub fn designed_with_the_truth(truth: &Truth, chain: &Model) -> Option<ServoDesign> {
     let (mut model, _) = actuator_model(chain)?.for_the_tick();
@@ -238,10 +238,15 @@ pub fn designed_with_the_truth(truth: &Truth, chain: &Model) -> Option<ServoDesi
     let exact = ModeSpread { frequency: 0.0, damping: 0.0 };
     let demands = Demands { sensor_noise_um: truth.noise_um, ..Demands::default() };
     let task = Task { linear: model.linear, first: exact, second: Some(exact), delay_s: 0.0, recording: None, demands };
-    let tuning = task.scan().best_if_recorded()?.tuning;
-    let mut design = ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: true }, &model, true);
-    design.noise_shaping = true;
-    Some(design)
+    let design = |tuning: PredictorTuning| {
+        let mut design = ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: true }, &model, true);
+        design.noise_shaping = true;
+        design
+    };
+    let designs: Vec<ServoDesign> =
+        [task.coarse_scan(), task.scan()].iter().filter_map(|scan| scan.best_if_recorded()).map(|c| design(c.tuning)).collect();
+    let worst_um = |design: &ServoDesign| at_work(truth, Change::NONE, design).worst_um();
+    designs.into_iter().min_by(|a, b| worst_um(a).total_cmp(&worst_um(b)))
 }
 
 /// The design from a chain and its recording, as `hysteron design --data` makes it.

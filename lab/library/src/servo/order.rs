@@ -58,9 +58,13 @@ const WORTH_RECORDING: f64 = 0.8;
 /// Surfaces for the tick may differ from the model's by this share of the travel.
 const PROJECTION_ALLOWED: f64 = 0.005;
 
+/// Highest line of the multisine that is recommended, Hz: a mode between it and half the sampling rate, which nothing would show, has to be
+/// stood by every servo.
+pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.48 / SAMPLING_PERIOD_S;
+
 /// In words, for a refusal or a recommendation.
 fn missing_drive() -> String {
-    format!("record a multisine to {:.0} Hz at {:.0} Hz, 2 s, beside the other records", 0.4 / SAMPLING_PERIOD_S, 1.0 / SAMPLING_PERIOD_S)
+    format!("record a multisine to {RECOMMENDED_MULTISINE_HZ:.0} Hz at {:.0} Hz, 2 s, beside the other records", 1.0 / SAMPLING_PERIOD_S)
 }
 
 /// Relative standard deviation of a value; infinite where it has none.

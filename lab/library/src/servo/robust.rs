@@ -13,7 +13,8 @@
 //!    ([`UNKNOWN_MODE_PEAK`]), times the spread of the gain.
 //!
 //! Of those that do, the one with the least expected error is taken: noise passed on, and the error of the hysteresis model at the highest
-//! frequency of references and at a tenth of it. What the third condition costs is found by leaving it out, and told.
+//! frequency of references and at a tenth of it. From there the tuning is refined between the points of the scan, with the fast noise of
+//! [`PredictorTuning::fast_noise_um`] as one number more. What the third condition costs is found by leaving it out, and told.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::plant_set::Variation;
@@ -138,6 +139,16 @@ impl Candidate {
     }
 }
 
+/// Whether a candidate breaks nothing.
+fn holds(candidate: &Candidate) -> bool {
+    candidate.broken.is_none()
+}
+
+/// Whether it breaks at most the condition on what the recording does not exclude.
+fn holds_if_recorded(candidate: &Candidate) -> bool {
+    matches!(candidate.broken, None | Some(Broken::Unknown { .. }))
+}
+
 /// Outcome of a scan.
 #[derive(Clone, Debug)]
 pub struct Scan {
@@ -149,13 +160,13 @@ impl Scan {
     /// The best of those that break nothing.
     #[must_use]
     pub fn best(&self) -> Option<&Candidate> {
-        self.candidates.iter().find(|c| c.broken.is_none())
+        self.candidates.iter().find(|c| holds(c))
     }
 
     /// The best of those that break at most the condition on what the recording does not exclude.
     #[must_use]
     pub fn best_if_recorded(&self) -> Option<&Candidate> {
-        self.candidates.iter().find(|c| matches!(c.broken, None | Some(Broken::Unknown { .. })))
+        self.candidates.iter().find(|c| holds_if_recorded(c))
     }
 }
 
@@ -278,10 +289,28 @@ impl Task<'_> {
         judge(&self.linear, tuning, &self.conditions())
     }
 
-    /// Judges all tunings.
+    /// Judges the tunings of a grid, and those between its points that are better than the best of them.
     #[must_use]
     pub fn scan(&self) -> Scan {
         let conditions = self.conditions();
+        let mut candidates = self.grid(&conditions);
+        // The one that is taken, and the one that a better recording would allow.
+        for good in [holds, holds_if_recorded] {
+            if let Some(best) = candidates.iter().find(|c| good(c)).cloned() {
+                candidates.extend(self.refined(best, good, &conditions));
+                candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
+            }
+        }
+        Scan { candidates }
+    }
+
+    /// The grid alone.
+    #[must_use]
+    pub fn coarse_scan(&self) -> Scan {
+        Scan { candidates: self.grid(&self.conditions()) }
+    }
+
+    fn grid(&self, conditions: &Conditions) -> Vec<Candidate> {
         let noise_um = self.demands.sensor_noise_um;
         let mut tunings = Vec::new();
         for effort_weight in [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4] {
@@ -300,19 +329,14 @@ impl Task<'_> {
                 }
             }
         }
-        let mut candidates = parallel::map(&tunings, |tuning| judge(&self.linear, tuning, &conditions));
+        let mut candidates = parallel::map(&tunings, |tuning| judge(&self.linear, tuning, conditions));
         candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
-        // The best of the grid made better between its points.
-        if let Some(best) = candidates.iter().find(|c| c.broken.is_none()).cloned() {
-            candidates.extend(self.refined(best, &conditions));
-        }
-        candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
-        Scan { candidates }
+        candidates
     }
 
     /// Goes from a good candidate to better ones, one or two numbers of the tuning at a time (along an edge of what is allowed two have to move
     /// together) and in ever smaller steps; all good ones on the way.
-    fn refined(&self, start: Candidate, conditions: &Conditions) -> Vec<Candidate> {
+    fn refined(&self, start: Candidate, good: fn(&Candidate) -> bool, conditions: &Conditions) -> Vec<Candidate> {
         let (mut here, mut factor) = (start, FIRST_STEP);
         let mut found = Vec::new();
         for _ in 0..MOST_STEPS {
@@ -328,7 +352,7 @@ impl Task<'_> {
             }
             let judged = parallel::map(&near, |tuning| judge(&self.linear, tuning, conditions));
             let better: Vec<Candidate> =
-                judged.into_iter().filter(|c| c.broken.is_none() && c.expected_um() < LEAST_GAIN * here.expected_um()).collect();
+                judged.into_iter().filter(|c| good(c) && c.expected_um() < LEAST_GAIN * here.expected_um()).collect();
             match better.iter().min_by(|x, y| x.expected_um().total_cmp(&y.expected_um())) {
                 Some(best) => here = best.clone(),
                 None if factor < LAST_STEP => break,
@@ -419,4 +443,60 @@ fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions
 #[must_use]
 pub fn within_nyquist(mode: &ModeModel) -> bool {
     mode.natural_frequency_rad_s * SAMPLING_PERIOD_S < PI
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn linear(lags: bool) -> LinearModel {
+        LinearModel {
+            first_mode: ModeModel { natural_frequency_rad_s: TAU * 900.0, damping_ratio: 0.3 },
+            second_mode: Some((0.03, ModeModel { natural_frequency_rad_s: TAU * 4300.0, damping_ratio: 0.02 })),
+            amplifier_bandwidth_hz: lags.then_some(5000.0),
+            sensor_bandwidth_hz: lags.then_some(9000.0),
+        }
+    }
+
+    #[test]
+    fn noise_near_half_the_sampling_rate_quietens_the_law_there_and_takes_a_free_state() {
+        let quiet = PredictorTuning { fast_noise_um: 0.01, ..PredictorTuning::START };
+        let at = |lags: bool, tuning: &PredictorTuning, hz: f64| law_response(&PredictorDesign::new(&linear(lags), tuning), hz).norm();
+        for hz in [9_000.0, 9_900.0] {
+            let (with, without) = (at(false, &quiet, hz), at(false, &PredictorTuning::START, hz));
+            assert!(with < 0.5 * without, "{hz} Hz: {with} {without}");
+        }
+        let (with, without) = (at(false, &quiet, 100.0), at(false, &PredictorTuning::START, 100.0));
+        assert!(with > 0.5 * without, "what is slow is followed: {with} {without}");
+        assert!(PredictorDesign::new(&linear(false), &quiet).quantised().is_ok());
+        // Two modes and two lags: all states are taken.
+        let (full, plain) = (PredictorDesign::new(&linear(true), &quiet), PredictorDesign::new(&linear(true), &PredictorTuning::START));
+        assert_eq!((full.l, full.a), (plain.l, plain.a));
+    }
+
+    #[test]
+    #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+    fn a_refined_tuning_is_better_than_every_point_of_the_scan_and_as_stable() {
+        let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
+        let task =
+            Task { linear: linear(false), first: spread, second: Some(spread), delay_s: 0.0, recording: None, demands: Demands::default() };
+        let scan = task.scan();
+        let best = scan.best().expect("some hold");
+        let coarse = task.coarse_scan();
+        let scanned = coarse.best().expect("some hold");
+        assert!(best.expected_um() < 0.98 * scanned.expected_um(), "{} {}", best.expected_um(), scanned.expected_um());
+        // By the eigenvalues of the loop itself, beside how the candidates are judged.
+        let law = PredictorDesign::new(&task.linear, &best.tuning);
+        let plant = task.linear.sampled(SAMPLING_PERIOD_S);
+        for (gain, extra_delay) in [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)] {
+            assert!(law.spectral_radius(&plant, gain, extra_delay) < 1.0, "{gain} {extra_delay}");
+        }
+        // And by the small gain of a mode that nothing excludes: at every frequency from the first mode to half the sampling rate.
+        for hz in (1000..10_000).step_by(37).map(f64::from) {
+            let p = frequency_response(&plant, TAU * hz);
+            let k = law_response(&law, hz);
+            let answer = (k / (Complex::new(1.0, 0.0) + p * k)).norm();
+            assert!(answer * GAIN_SPREAD * UNKNOWN_MODE_PEAK < 1.05, "{hz} Hz: {answer}");
+        }
+    }
 }

@@ -22,6 +22,7 @@ fn of_tuning(t: &PredictorTuning) -> Vec<Bounded<'static>> {
         ("unknown_slope_change_um", t.unknown_slope_change_um, 0.0..=FARTHEST_UM),
         ("force_noise_um", t.force_noise_um, 0.0..=FARTHEST_UM),
         ("sensor_noise_um", t.sensor_noise_um, ABOVE_ZERO..=FARTHEST_UM),
+        ("fast_noise_um", t.fast_noise_um, 0.0..=FARTHEST_UM),
     ]
 }
 
@@ -75,7 +76,7 @@ mod tests {
     #[test]
     fn every_value_that_cannot_be_is_named() {
         assert_eq!(design().impossible_value(), None);
-        let broken: [(&str, Set); 6] = [
+        let broken: [(&str, Set); 7] = [
             ("drive_max_v", |d, v| d.model.drive_max_v = v),
             ("natural_frequency_rad_s", |d, v| d.model.linear.first_mode.natural_frequency_rad_s = v),
             ("damping_ratio", |d, v| d.model.linear.first_mode.damping_ratio = v),
@@ -86,6 +87,10 @@ mod tests {
                     tuning: PredictorTuning { sensor_noise_um: v, ..PredictorTuning::START },
                     hysteresis_inverse: true,
                 };
+            }),
+            ("fast_noise_um", |d, v| {
+                d.scheme =
+                    Scheme::Predictor { tuning: PredictorTuning { fast_noise_um: v, ..PredictorTuning::START }, hysteresis_inverse: true };
             }),
         ];
         for (name, set) in broken {
