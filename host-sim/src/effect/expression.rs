@@ -96,6 +96,10 @@ pub struct ExpressionEffect {
 const GIVEN: [&str; 5] = ["x", "dx", "t", "u", "force"];
 /// The rate of the fastest state times the length of a part of an interval is at most this: well inside what the method keeps stable.
 const RATE_TIMES_PART_MAX: f64 = 0.25;
+/// Beyond this the method is about to become unstable: where a signal makes a state this fast, the interval is taken again in more parts.
+const RATE_TIMES_PART_UNSTABLE: f64 = 2.0;
+/// Differences below this share of the states are rounding and tell no rate.
+const ROUNDING: f64 = 1e-7;
 /// Most parts of an interval; a state that is faster yet is given up.
 const PARTS_MAX: f64 = 256.0;
 
@@ -173,9 +177,17 @@ struct ExpressionStage<'a> {
     states: std::ops::Range<usize>,
     input: f64,
     setting: Setting<'a>,
+    /// In how many parts an interval is taken.
+    parts: usize,
     /// Signals by their place among the values.
     signals: Vec<(usize, &'a [f64])>,
     room: Vec<f64>,
+}
+
+/// The least power of two of parts, so that few values of a parameter change their number; `None` beyond what is followed.
+fn parts_for(rate_times_interval: f64) -> Option<usize> {
+    let parts = (rate_times_interval / RATE_TIMES_PART_MAX).max(1.0);
+    (parts <= PARTS_MAX).then(|| (parts.ceil() as usize).next_power_of_two())
 }
 
 impl ExpressionStage<'_> {
@@ -187,21 +199,51 @@ impl ExpressionStage<'_> {
         effect.derivatives.iter().map(|d| d.evaluate(values, room)).collect()
     }
 
-    /// One interval, in parts where a state is fast.
+    /// One interval, in as many parts as the values ask for; in more where the signal makes a state faster yet. Fits take differences of
+    /// what comes out, so that the number of parts must not follow the signal without need.
     fn advance(&mut self, k: usize, input: f64) {
         let start = self.values[self.states.clone()].to_vec();
-        let rate = self.runge_kutta(k, input, 1, 0, &start);
-        let parts = (rate * self.setting.dt_s / RATE_TIMES_PART_MAX).ceil();
-        if parts > PARTS_MAX {
-            self.values[self.states.clone()].fill(f64::NAN);
-        } else if parts > 1.0 {
-            let parts = parts as usize;
-            let mut states = start;
-            for part in 0..parts {
-                self.runge_kutta(k, input, parts, part, &states);
-                states.copy_from_slice(&self.values[self.states.clone()]);
+        let rate = self.in_parts(k, input, self.parts, &start);
+        if rate * self.setting.dt_s / self.parts as f64 > RATE_TIMES_PART_UNSTABLE {
+            match parts_for(rate * self.setting.dt_s) {
+                Some(parts) => {
+                    self.in_parts(k, input, parts, &start);
+                }
+                None => self.values[self.states.clone()].fill(f64::NAN),
             }
         }
+    }
+
+    /// The interval in equal parts; gives the largest rate that was met.
+    fn in_parts(&mut self, k: usize, input: f64, parts: usize, start: &[f64]) -> f64 {
+        let (mut states, mut fastest) = (start.to_vec(), 0.0_f64);
+        for part in 0..parts {
+            fastest = fastest.max(self.runge_kutta(k, input, parts, part, &states));
+            states.copy_from_slice(&self.values[self.states.clone()]);
+        }
+        fastest
+    }
+
+    /// The rate of the fastest state, 1/s, at the beginning: the largest row sum of the derivatives by the states, at rest with inputs 0 and 1.
+    fn rate_at_rest(&mut self) -> f64 {
+        let start = self.values[self.states.clone()].to_vec();
+        let mut fastest = 0.0_f64;
+        for x in [0.0, 1.0] {
+            let mut rows = vec![0.0; start.len()];
+            for (j, state) in start.iter().enumerate() {
+                let step = 1e-6 * (1.0 + state.abs());
+                let mut moved = start.clone();
+                moved[j] = state + step;
+                let up = self.derivatives(&moved, x, 0.0);
+                moved[j] = state - step;
+                let down = self.derivatives(&moved, x, 0.0);
+                rows.iter_mut().zip(up.iter().zip(&down)).for_each(|(row, (up, down))| *row += (up - down).abs() / (2.0 * step));
+            }
+            // What has no value there says nothing.
+            fastest = rows.into_iter().filter(|row| row.is_finite()).fold(fastest, f64::max);
+        }
+        self.values[self.states.clone()].copy_from_slice(&start);
+        fastest
     }
 
     /// One part of an interval; gives the rate of the fastest state, 1/s, as far as the steps of the method show it (L. F. Shampine,
@@ -221,7 +263,8 @@ impl ExpressionStage<'_> {
         }
         let farthest = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
         let (apart, answers) = (0.5 * h * farthest(&k2, &k1), farthest(&k3, &k2));
-        if apart > 0.0 { answers / apart } else { 0.0 }
+        let size = start.iter().zip(&k1).fold(0.0_f64, |m, (s, d)| m.max(s.abs()).max(h * d.abs()));
+        if apart > ROUNDING * size { answers / apart } else { 0.0 }
     }
 
     /// What was recorded, on this interval.
@@ -283,15 +326,22 @@ impl Effect for ExpressionEffect {
         all.extend_from_slice(values);
         let states = all.len()..all.len() + self.initial.len();
         all.extend_from_slice(&self.initial);
-        Some(Box::new(ExpressionStage {
+        let mut stage = ExpressionStage {
             effect: self.clone(),
             values: all,
             states,
             input: 0.0,
             setting: *setting,
+            parts: 1,
             signals,
             room: Vec::new(),
-        }))
+        };
+        match parts_for(stage.rate_at_rest() * setting.dt_s) {
+            Some(parts) => stage.parts = parts,
+            // Given up at the first step, where the record can be named.
+            None => stage.values[stage.states.clone()].fill(f64::NAN),
+        }
+        Some(Box::new(stage))
     }
 }
 

@@ -5,7 +5,10 @@
 
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
-use crate::{add, board, capture, check, compare, design, diagnose, explain, identify, lab, plant, reproduce, score, simulate, track};
+use crate::{
+    add, board, capture, check, compare, design, diagnose, drives, effects, explain, identify, lab, plant, reproduce, score, simulate,
+    track,
+};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::{Error, Result};
@@ -118,6 +121,9 @@ enum Command {
         /// Tell every step of the search, with its error
         #[arg(long, short)]
         verbose: bool,
+        /// Write the error falling, step by step, as an SVG that moves
+        #[arg(long, value_name = "FILE")]
+        animation: Option<PathBuf>,
         #[command(flatten)]
         reading: ReadArguments,
         #[command(flatten)]
@@ -313,6 +319,28 @@ enum Command {
         #[command(flatten)]
         outputs: Outputs,
     },
+    /// Every effect of the library: its physics, what it does to a reading, what looks like it
+    #[command(after_help = "Example:\n  hysteron effects --report effects.html")]
+    Effects {
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Drives that show what there is to see, as files to play, and the manifest for their recordings
+    #[command(after_help = "Example:\n  hysteron drives --drive-max-v 100 --out my_stage")]
+    Drives {
+        /// Least drive of the actuator, V
+        #[arg(long, default_value_t = 0.0)]
+        drive_min_v: f64,
+        /// Greatest drive of the actuator, V
+        #[arg(long)]
+        drive_max_v: f64,
+        /// Folder to write
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
     /// Write a script that lets your shell complete commands, options and files
     #[command(
         after_help = "Examples:\n  hysteron completions bash > ~/.local/share/bash-completion/completions/hysteron\n  hysteron completions zsh > ~/.zfunc/_hysteron\n  hysteron completions fish > ~/.config/fish/completions/hysteron.fish"
@@ -354,8 +382,9 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<bool> {
     match command {
-        Command::Explain { dataset, from, own, verbose, reading, outputs } => {
-            explain::explain(&dataset, &from, &own, verbose, &reading, &outputs)
+        Command::Explain { dataset, from, own, verbose, animation, reading, outputs } => {
+            let wanted = explain::Wanted { from: &from, own: &own, verbose, animation: animation.as_deref() };
+            explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
             identify::identify(&dataset, &effects, hysteresis.as_deref(), &reading, &outputs)
@@ -380,6 +409,8 @@ fn dispatch(command: Command) -> Result<bool> {
         }
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
+        Command::Effects { outputs } => effects::effects(&outputs),
+        Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "hysteron", &mut script);

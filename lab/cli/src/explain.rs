@@ -1,18 +1,31 @@
 //! `explain`.
 
 use crate::command_line::{Outputs, StudyOutputs, as_typed};
-use crate::desk::Desk;
+use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{print_notes, print_records, print_steps, say_candidates, say_next, say_stopped};
 use hysteron::Result;
 use hysteron::explain::{self, Explanation, Options, Start};
-use hysteron_report::{explain_page, explain_report};
+use hysteron_report::{explain_page, explain_report, falling_error_svg};
 use std::path::Path;
 use std::time::Instant;
 
+/// What is asked of a run beside the data.
+pub struct Wanted<'a> {
+    /// Effects to start from.
+    pub from: &'a str,
+    /// Effects of the user's own.
+    pub own: &'a str,
+    /// Every step is told.
+    pub verbose: bool,
+    /// The picture that moves.
+    pub animation: Option<&'a Path>,
+}
+
 /// The main job.
-pub fn explain(path: &Path, from: &str, own: &str, verbose: bool, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
+pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
+    let Wanted { from, own, verbose, animation } = *wanted;
     let started = Instant::now();
     let desk = Desk::new(outputs.files.force);
     let effects = desk.effects(from)?;
@@ -20,6 +33,7 @@ pub fn explain(path: &Path, from: &str, own: &str, verbose: bool, reading: &Read
     let dataset = desk.dataset(path, reading)?;
     outputs.check(&desk)?;
     desk.target(outputs.files.next_drive().as_deref())?;
+    desk.target(animation)?;
     let progress = Progress::of_search(verbose);
     let found = explain::explain(&dataset, Start::Effects(&effects), &options, &progress)?;
     drop(progress);
@@ -40,6 +54,11 @@ pub fn explain(path: &Path, from: &str, own: &str, verbose: bool, reading: &Read
     desk.write_model(outputs.out.as_deref(), &found.model, &dataset.name)?;
     desk.write_json(outputs.files.json.as_deref(), &figures)?;
     desk.write_page(outputs.files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
+    if let Some(path) = animation {
+        let report = explain_report(&found, &dataset, as_typed());
+        let svg = falling_error_svg(&report).ok_or_else(|| wrong(path, "no record was judged; there is nothing to show"))?;
+        desk.write(path, svg.as_bytes())?;
+    }
     let model = outputs.out.as_ref().map_or_else(|| "Keep the model with --out model.toml.".into(), |p| format!("Model: {}", p.display()));
     println!("{:.1} s. {model}", figures.seconds);
     say_next(&outputs.files, path);

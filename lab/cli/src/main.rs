@@ -9,6 +9,8 @@ mod compare;
 mod design;
 mod desk;
 mod diagnose;
+mod drives;
+mod effects;
 mod explain;
 mod identify;
 mod lab;

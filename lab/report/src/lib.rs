@@ -49,13 +49,16 @@
 //! - `decimate`: fewer points, the same picture (extremes of each stretch are kept);
 //! - `encode`: numbers as compact columns inside the page, equal columns stored once;
 //! - `html`: text, tables and figures' frames as HTML; the drawing itself is `assets/page.js`, which depends on nothing;
-//! - `explain_report` and `explain_page`: what an explanation has to show, and how; `of_findings` fills the one from what the library found.
+//! - `explain_report` and `explain_page`: what an explanation has to show, and how; `of_findings` fills the one from what the library found;
+//! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture that moves.
 
 mod decimate;
+mod effects_page;
 mod encode;
 mod evidence;
 mod explain_page;
 mod explain_report;
+mod falling_error;
 mod html;
 mod of_findings;
 mod page;
@@ -63,11 +66,13 @@ mod servo_plots;
 mod text;
 
 pub use decimate::extreme_indices;
+pub use effects_page::effects_page;
 pub use explain_page::explain_page;
 pub use explain_report::{
     CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
     StepReport,
 };
+pub use falling_error::falling_error_svg;
 pub use of_findings::{comparison_report, explain_report};
 pub use page::{
     Axis, Band, Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall,

@@ -4,6 +4,7 @@
 //! as finely as the fastest record, so that a model identified from the records does not share the discretisation of its truth. Its hysteresis may have
 //! another structure than the surfaces that are fitted, and it may have effects that no library knows ([`outside_library`]).
 
+use super::drives::{DriveOfRecord, drives, manifest};
 use crate::dataset::reading_grid::rounding_noise_um;
 use crate::error::{Error, Result};
 use crate::model_file::effect_named;
@@ -12,7 +13,6 @@ use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::hysteresis::{self, Hysteresis};
 use hysteron_sim::effect::{Declaration, Effect, Overview, Place, SimulatedStage, by_id, gain};
 use hysteron_sim::hysteresis_surface::{Surfaces, loop_terms, shifted_legendre};
-use hysteron_sim::waveform;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
@@ -93,116 +93,32 @@ fn other_hysteresis(id: &str, overview: &Overview, random: &mut Pcg64Mcg) -> Opt
     Some((effect, values))
 }
 
-struct Planned {
-    name: &'static str,
-    role: &'static str,
-    rate_hz: f64,
-    drive_v: Vec<f64>,
-    period_s: Option<(f64, f64)>,
-}
-
-/// One cycle over the range and a rest, so that the loops that follow are settled.
-fn conditioned(rate_hz: f64, peak_v: f64, seconds: f64, then: Vec<f64>) -> Vec<f64> {
-    let mut out = waveform::raised_cosine(rate_hz, 1.0 / seconds, 0.0, peak_v, 1);
-    out.extend(waveform::hold(rate_hz, 0.0, 0.6 * seconds));
-    out.extend(then);
-    out
-}
-
-fn plan(peak_v: f64, seed: u64) -> Vec<Planned> {
-    let stair = |tops: &[f64]| {
-        let mut vertices = vec![0.0];
-        vertices.extend(tops.iter().map(|t| t * peak_v / 70.0));
-        waveform::triangles(2000.0, 200.0, &vertices)
-    };
-    let bursts = {
-        let mut out = Vec::new();
-        for hz in [5.0_f64, 20.0, 50.0, 100.0, 200.0, 400.0] {
-            let amplitude = peak_v * if hz < 60.0 { 0.42 } else { 0.17 };
-            let seconds = (3.0 / hz).clamp(0.03, 0.25);
-            out.extend(waveform::sine_burst(20_000.0, hz, amplitude, 0.45 * peak_v, seconds));
-        }
-        out
-    };
-    let period = 3800;
-    let lines: Vec<usize> = (1..=285).step_by(3).collect();
-    let multisine = waveform::multisine(period, &lines, 0.09 * peak_v, 0.43 * peak_v, 6, seed);
-    let several: Vec<f64> = (0..11_000)
-        .map(|k| {
-            let t = f64::from(k) / 20_000.0;
-            let ramp = (t / 0.03).min(1.0);
-            let tau = std::f64::consts::TAU;
-            ramp * peak_v * (0.46 + 0.21 * (tau * 13.0 * t).sin() + 0.12 * (tau * 47.0 * t + 1.0).sin() + 0.06 * (tau * 131.0 * t).sin())
-        })
-        .collect();
-    vec![
-        Planned {
-            name: "stair",
-            role: "identify",
-            rate_hz: 2000.0,
-            drive_v: stair(&[
-                20.0, 5.0, 35.0, 10.0, 50.0, 20.0, 45.0, 25.0, 60.0, 0.0, 70.0, 0.0, 65.0, 10.0, 55.0, 20.0, 45.0, 30.0, 40.0, 0.0,
-            ]),
-            period_s: None,
-        },
-        Planned {
-            name: "stair2",
-            role: "validate",
-            rate_hz: 2000.0,
-            drive_v: stair(&[15.0, 3.0, 42.0, 18.0, 55.0, 8.0, 38.0, 14.0, 66.0, 30.0, 58.0, 22.0, 47.0, 0.0]),
-            period_s: None,
-        },
-        Planned { name: "sines", role: "identify", rate_hz: 20_000.0, drive_v: conditioned(20_000.0, peak_v, 0.1, bursts), period_s: None },
-        Planned {
-            name: "multisine",
-            role: "identify",
-            rate_hz: 20_000.0,
-            drive_v: conditioned(20_000.0, peak_v, 0.1, multisine),
-            period_s: Some((0.19, 0.35)),
-        },
-        Planned {
-            name: "hold",
-            role: "identify",
-            rate_hz: 200.0,
-            drive_v: conditioned(
-                200.0,
-                peak_v,
-                1.0,
-                waveform::steps(200.0, &[(0.43 * peak_v, 12.0), (0.79 * peak_v, 12.0), (0.21 * peak_v, 12.0)]),
-            ),
-            period_s: None,
-        },
-        Planned {
-            name: "hold2",
-            role: "validate",
-            rate_hz: 200.0,
-            drive_v: conditioned(
-                200.0,
-                peak_v,
-                1.0,
-                waveform::steps(200.0, &[(0.64 * peak_v, 9.0), (0.29 * peak_v, 9.0), (0.86 * peak_v, 9.0)]),
-            ),
-            period_s: None,
-        },
-        Planned { name: "rest", role: "noise", rate_hz: 20_000.0, drive_v: vec![0.0; 12_000], period_s: None },
-        Planned {
-            name: "validation",
-            role: "validate",
-            rate_hz: 20_000.0,
-            drive_v: conditioned(20_000.0, peak_v, 0.1, several),
-            period_s: None,
-        },
-    ]
-}
-
 /// The reference actuator with random values, with these effects.
 struct Plant {
     model: Model,
     noise_um: f64,
 }
 
+/// What is known of the data that are simulated.
+pub(super) fn reference_overview(drive_max_v: f64) -> Overview {
+    Overview {
+        drive_min_v: 0.0,
+        drive_max_v,
+        drive_peak_v: drive_max_v,
+        sample_rate_max_hz: 20_000.0,
+        sample_rate_min_hz: 200.0,
+        duration_s: 40.0,
+        range_um: 11.0,
+        slope_max_v_s: 3e4,
+        has_force: true,
+        gain_um_v: 0.15,
+        sensor_bandwidth_hz: None,
+        several_speeds: true,
+    }
+}
+
 /// Legendre coefficients of the bench's surfaces, times a factor.
-fn reference_surfaces(drive_max_v: f64, factor: f64) -> Result<(Vec<f64>, Vec<f64>)> {
+pub(super) fn reference_surfaces(drive_max_v: f64, factor: f64) -> Result<(Vec<f64>, Vec<f64>)> {
     let bench = Bench::reference().map_err(|e| Error::new("bench.toml", e))?;
     let surfaces = Surfaces::from_thesis_powers(&bench.hysteresis.f, &bench.hysteresis.g, drive_max_v);
     // The surfaces are polynomials of the same space: solve for the coefficients at as many points as there are.
@@ -248,20 +164,7 @@ pub fn simulate_case(order: &Order, name: &str) -> Result<SyntheticCase> {
     let seed = *seed;
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let drive_max_v = 70.0;
-    let overview = Overview {
-        drive_min_v: 0.0,
-        drive_max_v,
-        drive_peak_v: drive_max_v,
-        sample_rate_max_hz: 20_000.0,
-        sample_rate_min_hz: 200.0,
-        duration_s: 40.0,
-        range_um: 11.0,
-        slope_max_v_s: 3e4,
-        has_force: true,
-        gain_um_v: 0.15,
-        sensor_bandwidth_hz: None,
-        several_speeds: true,
-    };
+    let overview = reference_overview(drive_max_v);
     let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
     let natural_frequency_rad_s = uniform(3000.0, 7000.0);
     let damping_ratio = uniform(0.25, 0.8);
@@ -316,26 +219,19 @@ pub fn simulate_case(order: &Order, name: &str) -> Result<SyntheticCase> {
         effect_rms_um: Vec::new(),
     };
     let mut files = BTreeMap::new();
-    let mut manifest = format!("name = \"{name}\"\ndrive_min_v = 0.0\ndrive_max_v = {drive_max_v:?}\ntiming = \"hold_after_sample\"\n");
-    for planned in plan(drive_max_v, seed) {
+    let planned_drives = drives(drive_max_v, seed);
+    for planned in &planned_drives {
         let force = with_force.then(|| square_force(planned.drive_v.len(), planned.rate_hz));
-        let clean = finely(&plant.model, &planned, force.as_deref());
-        let bare = finely(&without, &planned, force.as_deref());
+        let clean = finely(&plant.model, planned, force.as_deref());
+        let bare = finely(&without, planned, force.as_deref());
         let rounded = |y: &f64| Converter { noise_um: 0.0, lsb_um }.read(*y);
         let difference: Vec<f64> = clean.iter().zip(&bare).map(|(a, b)| rounded(a) - b).collect();
         truth.effect_rms_um.push((planned.name.into(), crate::identification::fit::rms(&difference)));
         let converter = Converter { noise_um: plant.noise_um, lsb_um };
-        let record = record_csv(&planned, &clean, force.as_deref(), &converter, &mut random);
+        let record = record_csv(planned, &clean, force.as_deref(), &converter, &mut random);
         files.insert(format!("{}.csv", planned.name), record.into_bytes());
-        manifest.push_str(&format!(
-            "\n[[record]]\nfile = \"{}.csv\"\nsample_rate_hz = {:?}\nrole = \"{}\"\ninitial_state = \"virgin\"\n",
-            planned.name, planned.rate_hz, planned.role
-        ));
-        if let Some((period_s, from_s)) = planned.period_s {
-            manifest.push_str(&format!("period_s = {period_s}\nperiodic_from_s = {from_s}\n"));
-        }
     }
-    files.insert("dataset.toml".into(), manifest.into_bytes());
+    files.insert("dataset.toml".into(), manifest(name, 0.0, drive_max_v, &planned_drives).into_bytes());
     files.insert("base_effects.txt".into(), (base.join("\n") + "\n").into_bytes());
     files.insert("truth.json".into(), truths_json(std::slice::from_ref(&truth))?);
     Ok(SyntheticCase { truth, files })
@@ -350,11 +246,11 @@ pub fn truths_json(truths: &[Truth]) -> Result<Vec<u8>> {
     Ok((json + "\n").into_bytes())
 }
 
-fn square_force(samples: usize, rate_hz: f64) -> Vec<f64> {
+pub(super) fn square_force(samples: usize, rate_hz: f64) -> Vec<f64> {
     (0..samples).map(|k| if (k as f64 / rate_hz).rem_euclid(0.77) > 0.36 { 10.0 } else { 0.0 }).collect()
 }
 
-fn finely(model: &Model, planned: &Planned, force_n: Option<&[f64]>) -> Vec<f64> {
+fn finely(model: &Model, planned: &DriveOfRecord, force_n: Option<&[f64]>) -> Vec<f64> {
     let dt_s = 1.0 / planned.rate_hz;
     let drive = Drive { drive_v: &planned.drive_v, force_n, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
     model.simulate_finely(&drive, (dt_s / PLANT_STEP_S).round() as usize)
@@ -372,7 +268,7 @@ impl Converter {
     }
 }
 
-fn record_csv(planned: &Planned, clean: &[f64], force_n: Option<&[f64]>, converter: &Converter, random: &mut Pcg64Mcg) -> String {
+fn record_csv(planned: &DriveOfRecord, clean: &[f64], force_n: Option<&[f64]>, converter: &Converter, random: &mut Pcg64Mcg) -> String {
     use rand_distr::{Distribution, StandardNormal};
     let mut text = String::from(if force_n.is_some() { "t_s,u_v,y_um,force_n\n" } else { "t_s,u_v,y_um\n" });
     for (k, (u, y)) in planned.drive_v.iter().zip(clean).enumerate() {

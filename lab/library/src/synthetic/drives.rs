@@ -1,0 +1,187 @@
+//! Drives that show what there is to see: those of every simulated data set, and those that are recommended for a recording.
+
+use hysteron_sim::waveform;
+
+/// Seed of the phases of the recommended multisines.
+const SEED: u64 = 1;
+/// Sampling rate of the servo, Hz.
+const SERVO_RATE_HZ: f64 = 20_000.0;
+
+/// The drive of one record, and what the record is for.
+#[derive(Clone, Debug)]
+pub struct DriveOfRecord {
+    /// Name of its file.
+    pub name: &'static str,
+    /// `identify`, `validate` or `noise`.
+    pub role: &'static str,
+    /// Sampling rate, Hz.
+    pub rate_hz: f64,
+    /// Drive, V.
+    pub drive_v: Vec<f64>,
+    /// Length of a steady-state period, and the time from which there are some, s.
+    pub period_s: Option<(f64, f64)>,
+}
+
+/// One cycle over the range and a rest, so that the loops that follow are settled.
+fn conditioned(rate_hz: f64, peak_v: f64, seconds: f64, then: Vec<f64>) -> Vec<f64> {
+    let mut out = waveform::raised_cosine(rate_hz, 1.0 / seconds, 0.0, peak_v, 1);
+    out.extend(waveform::hold(rate_hz, 0.0, 0.6 * seconds));
+    out.extend(then);
+    out
+}
+
+/// Drives from 0 V to a peak that show every effect of the library, with held-out ones of other shapes: nested triangles (loops and the first
+/// rise), sine bursts of rising frequency and a multisine in repeated periods (dynamics), holds (creep and drift), rest (noise).
+#[must_use]
+pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
+    let stair = |tops: &[f64]| {
+        let mut vertices = vec![0.0];
+        vertices.extend(tops.iter().map(|t| t * peak_v / 70.0));
+        waveform::triangles(2000.0, 200.0, &vertices)
+    };
+    let bursts = {
+        let mut out = Vec::new();
+        for hz in [5.0_f64, 20.0, 50.0, 100.0, 200.0, 400.0] {
+            let amplitude = peak_v * if hz < 60.0 { 0.42 } else { 0.17 };
+            let seconds = (3.0 / hz).clamp(0.03, 0.25);
+            out.extend(waveform::sine_burst(20_000.0, hz, amplitude, 0.45 * peak_v, seconds));
+        }
+        out
+    };
+    let period = 3800;
+    let lines: Vec<usize> = (1..=285).step_by(3).collect();
+    let multisine = waveform::multisine(period, &lines, 0.09 * peak_v, 0.43 * peak_v, 6, seed);
+    let several: Vec<f64> = (0..11_000)
+        .map(|k| {
+            let t = f64::from(k) / 20_000.0;
+            let ramp = (t / 0.03).min(1.0);
+            let tau = std::f64::consts::TAU;
+            ramp * peak_v * (0.46 + 0.21 * (tau * 13.0 * t).sin() + 0.12 * (tau * 47.0 * t + 1.0).sin() + 0.06 * (tau * 131.0 * t).sin())
+        })
+        .collect();
+    vec![
+        DriveOfRecord {
+            name: "stair",
+            role: "identify",
+            rate_hz: 2000.0,
+            drive_v: stair(&[
+                20.0, 5.0, 35.0, 10.0, 50.0, 20.0, 45.0, 25.0, 60.0, 0.0, 70.0, 0.0, 65.0, 10.0, 55.0, 20.0, 45.0, 30.0, 40.0, 0.0,
+            ]),
+            period_s: None,
+        },
+        DriveOfRecord {
+            name: "stair2",
+            role: "validate",
+            rate_hz: 2000.0,
+            drive_v: stair(&[15.0, 3.0, 42.0, 18.0, 55.0, 8.0, 38.0, 14.0, 66.0, 30.0, 58.0, 22.0, 47.0, 0.0]),
+            period_s: None,
+        },
+        DriveOfRecord {
+            name: "sines",
+            role: "identify",
+            rate_hz: 20_000.0,
+            drive_v: conditioned(20_000.0, peak_v, 0.1, bursts),
+            period_s: None,
+        },
+        DriveOfRecord {
+            name: "multisine",
+            role: "identify",
+            rate_hz: 20_000.0,
+            drive_v: conditioned(20_000.0, peak_v, 0.1, multisine),
+            period_s: Some((0.19, 0.35)),
+        },
+        DriveOfRecord {
+            name: "hold",
+            role: "identify",
+            rate_hz: 200.0,
+            drive_v: conditioned(
+                200.0,
+                peak_v,
+                1.0,
+                waveform::steps(200.0, &[(0.43 * peak_v, 12.0), (0.79 * peak_v, 12.0), (0.21 * peak_v, 12.0)]),
+            ),
+            period_s: None,
+        },
+        DriveOfRecord {
+            name: "hold2",
+            role: "validate",
+            rate_hz: 200.0,
+            drive_v: conditioned(
+                200.0,
+                peak_v,
+                1.0,
+                waveform::steps(200.0, &[(0.64 * peak_v, 9.0), (0.29 * peak_v, 9.0), (0.86 * peak_v, 9.0)]),
+            ),
+            period_s: None,
+        },
+        DriveOfRecord { name: "rest", role: "noise", rate_hz: 20_000.0, drive_v: vec![0.0; 12_000], period_s: None },
+        DriveOfRecord {
+            name: "validation",
+            role: "validate",
+            rate_hz: 20_000.0,
+            drive_v: conditioned(20_000.0, peak_v, 0.1, several),
+            period_s: None,
+        },
+    ]
+}
+
+/// The same between two limits, and beside them the drive that a servo is designed from: a small multisine over 0.4 of the sampling rate.
+#[must_use]
+pub fn recommended_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
+    let range_v = high_v - low_v;
+    let period = 4000;
+    let lines: Vec<usize> = (1..=1600).step_by(3).collect();
+    let wideband = waveform::multisine(period, &lines, 0.05 * range_v, 0.5 * range_v, 10, SEED);
+    let mut out = drives(range_v, SEED);
+    out.push(DriveOfRecord {
+        name: "wideband",
+        role: "identify",
+        rate_hz: SERVO_RATE_HZ,
+        drive_v: conditioned(SERVO_RATE_HZ, range_v, 0.1, wideband),
+        period_s: Some((0.2, 0.36)),
+    });
+    for drive in &mut out {
+        // The last bit of a product must not lead beyond the limit.
+        drive.drive_v.iter_mut().for_each(|u| *u = (*u + low_v).clamp(low_v, high_v));
+    }
+    out
+}
+
+/// The manifest for recordings that have the names of their drives.
+#[must_use]
+pub fn manifest(name: &str, low_v: f64, high_v: f64, drives: &[DriveOfRecord]) -> String {
+    let mut text = format!("name = \"{name}\"\ndrive_min_v = {low_v:?}\ndrive_max_v = {high_v:?}\ntiming = \"hold_after_sample\"\n");
+    for drive in drives {
+        text.push_str(&format!(
+            "\n[[record]]\nfile = \"{}.csv\"\nsample_rate_hz = {:?}\nrole = \"{}\"\ninitial_state = \"virgin\"\n",
+            drive.name, drive.rate_hz, drive.role
+        ));
+        if let Some((period_s, from_s)) = drive.period_s {
+            text.push_str(&format!("period_s = {period_s}\nperiodic_from_s = {from_s}\n"));
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_recommended_drives_stay_within_their_limits_and_repeat_as_they_say() {
+        for (low, high) in [(0.0, 70.0), (-20.0, 130.0)] {
+            let all = recommended_drives(low, high);
+            for drive in &all {
+                assert!(drive.drive_v.iter().all(|u| (low..=high).contains(u)), "{} within {low}..{high}", drive.name);
+                assert_eq!(drive.drive_v[0], low, "{} begins at rest", drive.name);
+                if let Some((period_s, from_s)) = drive.period_s {
+                    let (period, from) = ((period_s * drive.rate_hz).round() as usize, (from_s * drive.rate_hz).round() as usize);
+                    let repeats = (from..drive.drive_v.len() - period).all(|k| (drive.drive_v[k] - drive.drive_v[k + period]).abs() < 1e-9);
+                    assert!(repeats && drive.drive_v.len() > from + 3 * period, "{}", drive.name);
+                }
+            }
+            let widest = all.iter().map(|d| d.drive_v.iter().fold(low, |m, u| m.max(*u))).fold(low, f64::max);
+            assert!(widest > low + 0.99 * (high - low), "the loops go over the whole range");
+        }
+    }
+}
