@@ -1,11 +1,15 @@
 //! Drives that show what there is to see: those of every simulated data set, and those that are recommended for a recording.
 
+use crate::servo::model::SAMPLING_PERIOD_S;
+use crate::servo::order::RECOMMENDED_MULTISINE_HZ;
 use hysteron_sim::waveform;
 
 /// Seed of the phases of the recommended multisines.
 const SEED: u64 = 1;
 /// Sampling rate of the servo, Hz.
-const SERVO_RATE_HZ: f64 = 20_000.0;
+const SERVO_RATE_HZ: f64 = 1.0 / SAMPLING_PERIOD_S;
+/// Samples in a period of the multisine that a servo is designed from.
+const WIDEBAND_PERIOD: usize = 4000;
 
 /// The drive of one record, and what the record is for.
 #[derive(Clone, Debug)]
@@ -125,13 +129,14 @@ pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
     ]
 }
 
-/// The same between two limits, and beside them the drive that a servo is designed from: a small multisine over 0.4 of the sampling rate.
+/// The same between two limits, and beside them the drive that a servo is designed from: a small multisine that goes nearly to half its sampling
+/// rate.
 #[must_use]
 pub fn recommended_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     let range_v = high_v - low_v;
-    let period = 4000;
-    let lines: Vec<usize> = (1..=1600).step_by(3).collect();
-    let wideband = waveform::multisine(period, &lines, 0.05 * range_v, 0.5 * range_v, 10, SEED);
+    let last = (RECOMMENDED_MULTISINE_HZ * SAMPLING_PERIOD_S * WIDEBAND_PERIOD as f64) as usize;
+    let lines: Vec<usize> = (1..=last).step_by(3).collect();
+    let wideband = waveform::multisine(WIDEBAND_PERIOD, &lines, 0.05 * range_v, 0.5 * range_v, 10, SEED);
     let mut out = drives(range_v, SEED);
     out.push(DriveOfRecord {
         name: "wideband",
