@@ -10,6 +10,7 @@ use crate::amplifier::{Amplifier, Command};
 use crate::creep_inverse::CreepInverseParameters;
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
+use crate::learned_feedforward::{LEAST_PERIOD_TICKS, LearningParameters, ROBUSTNESS_TAPS, SETTLING_TICKS};
 use crate::one_sided_hysteresis::SurfaceCoefficients;
 use crate::parameter_block::tests::example;
 use crate::parameter_block::{AmplifierParameters, BlockError, verify};
@@ -58,6 +59,18 @@ fn law() -> impl Strategy<Value = LawParameters> {
         },
     );
     prop_oneof![Just(LawParameters::Hold), regulator, sliding, predictor]
+}
+
+/// Filters of a learned correction near and beyond the largest that are accepted.
+fn learning() -> impl Strategy<Value = LearningParameters> {
+    let limits = (1..=i32::MAX, 1..=i16::MAX, 1u8..4, 0u8..16);
+    (row(), row(), limits).prop_map(|(learning, mut robustness, (error_limit, point_limit, periods_per_halving, most_halvings))| {
+        robustness.coefficients[0] = 0;
+        for tap in 1..ROBUSTNESS_TAPS / 2 {
+            robustness.coefficients[ROBUSTNESS_TAPS - tap] = robustness.coefficients[tap];
+        }
+        LearningParameters { learning, robustness, error_limit, point_limit, periods_per_halving, most_halvings }
+    })
 }
 
 /// Lowest drive and range of the actuator, V.
@@ -111,8 +124,8 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
         (Just(c), Just((low_v, high_v)), actuator(low_v, (high_v - low_v).max(1e-3)))
     };
     let guard = (any::<u16>(), 1u16..300, any::<[u16; 3]>());
-    (converters().prop_flat_map(with_actuator), law(), guard, any::<bool>()).prop_map(
-        |((c, (low_v, high_v), actuator), law, guard, delayed)| {
+    (converters().prop_flat_map(with_actuator), law(), guard, any::<bool>(), prop::option::of(learning())).prop_map(
+        |((c, (low_v, high_v), actuator), law, guard, delayed, learning)| {
             let mut parameters = example();
             let (rest, ramp_codes, [jump_codes, tracking_ticks, healthy_ticks]) = guard;
             parameters.physical.drive_min_mv = (low_v * 1000.0) as i32;
@@ -123,6 +136,7 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
             parameters.servo.actuator = actuator;
             parameters.servo.law = law;
             parameters.servo.delayed = delayed;
+            parameters.servo.learning = learning;
             parameters.guard = GuardParameters {
                 adc_code_min: 0,
                 adc_code_max: u16::MAX,
@@ -188,6 +202,14 @@ fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseEr
             Some(Command::Reference { waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: i32::MIN }, offset: 0 }),
         ),
         (80, None),
+        // A period that is learned, until points are written and played.
+        (
+            4 * LEAST_PERIOD_TICKS + SETTLING_TICKS,
+            Some(Command::Reference {
+                waveform: Waveform::RoundedTriangle { increment: u32::MAX / LEAST_PERIOD_TICKS + 1, amplitude: asked.reference.0 },
+                offset: asked.reference.1,
+            }),
+        ),
         (100, Some(Command::Disable)),
     ];
     let mut before = parameters.guard.rest_code;

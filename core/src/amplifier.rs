@@ -103,10 +103,10 @@ pub enum Refusal {
 }
 
 /// The amplifier with all its state.
+// In this order: the servo holds what it has learned, and what stands behind that is beyond the reach of an instruction.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Amplifier {
-    parameters: AmplifierParameters,
-    servo: ServoTick,
     guard: Guard,
     mode: Mode,
     fault: Option<Fault>,
@@ -122,6 +122,8 @@ pub struct Amplifier {
     zeroed: bool,
     code: u16,
     tick: u32,
+    parameters: AmplifierParameters,
+    servo: ServoTick,
 }
 
 impl Amplifier {
@@ -250,6 +252,7 @@ impl Amplifier {
     fn begin_reference(&mut self) {
         let (waveform, offset) = self.reference;
         self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
+        self.servo.repeat(waveform.period_ticks());
         self.servo.enable();
     }
 

@@ -16,6 +16,7 @@ pub mod creep_inverse;
 pub mod extrema_stack;
 pub mod guard;
 pub mod integer_row;
+pub mod learned_feedforward;
 pub mod one_sided_hysteresis;
 pub mod parameter_block;
 pub mod pid_regulator;

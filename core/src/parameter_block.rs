@@ -3,13 +3,14 @@
 //! # How it works
 //! Little-endian: `HYST`, version (3), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
 //! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
-//! field by field in the order of [`Wire`]'s implementations. [`read`] refuses what is damaged, of another version, made for another
+//! field by field in the order of [`Wire`]'s implementations; last, and only where a periodic reference is learned, the filters for it. [`read`] refuses what is damaged, of another version, made for another
 //! sampling rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
 
 use crate::checksum::crc32;
 use crate::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
+use crate::learned_feedforward::LearningParameters;
 use crate::one_sided_hysteresis::{SURFACE_FRACTION_BITS, SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients};
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
@@ -158,7 +159,7 @@ macro_rules! wire_integers {
         }
     )*};
 }
-wire_integers!(u8, u16, u32, i32, i64);
+wire_integers!(u8, u16, i16, u32, i32, i64);
 
 impl Wire for bool {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
@@ -219,7 +220,7 @@ wire_struct!(PidParameters { proportional_derivative, integral, feedforward, cre
 wire_struct!(EstimatorParameters { rows, unknown_input });
 wire_struct!(SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching });
 wire_struct!(PredictorParameters { state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward });
-wire_struct!(ServoParameters { converters, actuator, law, delayed });
+wire_struct!(LearningParameters { learning, robustness, error_limit, point_limit, periods_per_halving, most_halvings });
 wire_struct!(GuardParameters {
     adc_code_min,
     adc_code_max,
@@ -240,7 +241,34 @@ wire_struct!(PhysicalDescription {
     sensor_span_nm,
     spectral_radius_millionths
 });
-wire_struct!(AmplifierParameters { physical, servo, guard });
+
+impl Wire for AmplifierParameters {
+    fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        let Self { physical, servo: ServoParameters { converters, actuator, law, delayed, learning }, guard } = self;
+        physical.write(to)?;
+        converters.write(to)?;
+        actuator.write(to)?;
+        law.write(to)?;
+        delayed.write(to)?;
+        guard.write(to)?;
+        learning.as_ref().map_or(Ok(()), |learning| learning.write(to))
+    }
+    fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+        let physical = Wire::read(from)?;
+        let mut servo = ServoParameters {
+            converters: Wire::read(from)?,
+            actuator: Wire::read(from)?,
+            law: Wire::read(from)?,
+            delayed: Wire::read(from)?,
+            learning: None,
+        };
+        let guard = Wire::read(from)?;
+        if !from.rest.is_empty() {
+            servo.learning = Some(Wire::read(from)?);
+        }
+        Ok(Self { physical, servo, guard })
+    }
+}
 
 impl Wire for Reaching {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
@@ -529,6 +557,9 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
     if !parameters.servo.law.bounded() {
         return Err(BlockError::Range("a coefficient of the law is beyond its format"));
     }
+    if parameters.servo.learning.as_ref().is_some_and(|learning| !learning.accepted()) {
+        return Err(BlockError::Range("the filters of the learned correction are beyond their format"));
+    }
     // V per tick with 38 fraction bits.
     let slew = (i64::from(physical.slew_limit_v_s.min(MOST_SLEW_V_S)) << 38) / i64::from(sample_rate_hz);
     if c.slew_codes == 0 || i64::from(c.slew_codes) * c.dac_step > slew {
@@ -590,6 +621,7 @@ pub(crate) mod tests {
                     notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
                 }),
                 delayed: true,
+                learning: None,
             },
             guard: GuardParameters {
                 adc_code_min: 16,
@@ -640,8 +672,18 @@ pub(crate) mod tests {
             parameters.servo.actuator,
             ActuatorParameters::OneSidedHysteresis { surfaces, drive_min: 0, drive_range: 80 << 22, share_per_volt: (1 << 32) / 80 },
         ];
-        for law in laws {
+        let taps = |scale: i32| core::array::from_fn(|k| if k == 0 { 0 } else { (32 - (k as i32 - 32).abs()) * scale });
+        let learning = LearningParameters {
+            learning: Row { coefficients: taps(-77) },
+            robustness: Row { coefficients: taps(9) },
+            error_limit: 1 << 22,
+            point_limit: 3000,
+            periods_per_halving: 2,
+            most_halvings: 3,
+        };
+        for (nth, law) in laws.into_iter().enumerate() {
             for actuator in actuators {
+                parameters.servo.learning = (nth % 2 == 1).then_some(learning);
                 parameters.servo.law = law;
                 parameters.servo.actuator = actuator;
                 let mut bytes = [0xff; BLOCK_BYTES];

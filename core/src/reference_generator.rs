@@ -68,6 +68,35 @@ pub enum Waveform {
     Table(WaveTable),
 }
 
+impl Waveform {
+    /// Samples after which it repeats, but for what a phase increment loses to rounding or cutting off; `None` where it does not.
+    #[must_use]
+    pub fn period_ticks(&self) -> Option<u32> {
+        match self {
+            Self::Multisine { tones } => {
+                let sounding = || tones.iter().filter(|(_, amplitude, _)| *amplitude != 0).map(|(increment, ..)| *increment);
+                let period = whole_period(sounding().min()?)?;
+                sounding().all(|increment| returns_after(increment, period)).then_some(period)
+            }
+            Self::RoundedTriangle { increment, .. } => whole_period(*increment).filter(|period| returns_after(*increment, *period)),
+            Self::Table(table) => table.period_ticks(),
+            Self::Constant | Self::Chirp { .. } | Self::QuasiStep { .. } => None,
+        }
+    }
+}
+
+/// Samples in a turn, rounded.
+fn whole_period(increment: u32) -> Option<u32> {
+    let turn = (1u64 << 32).checked_add(u64::from(increment / 2))?;
+    turn.checked_div(u64::from(increment)).and_then(|period| u32::try_from(period).ok())
+}
+
+/// Whether so many samples are whole turns but for a last place of the increment.
+fn returns_after(increment: u32, period_ticks: u32) -> bool {
+    let phase = increment.wrapping_mul(period_ticks);
+    phase.min(phase.wrapping_neg()) <= period_ticks
+}
+
 /// Largest amplitude: a sine is wrong by up to 2e-8 of it, and must not leave the format.
 const MOST_AMPLITUDE: i32 = i32::MAX - 1024;
 
@@ -192,6 +221,27 @@ mod tests {
         let t = 0.11f64;
         let printed = 9.60e7 * t.powi(5) - 6.00e7 * t.powi(4) + 1.48e7 * t.powi(3) - 1.80e6 * t * t + 1.08e5 * t - 2.56e3;
         assert!((samples[2200] - printed).abs() < 1e-4, "{} {printed}", samples[2200]);
+    }
+
+    #[test]
+    fn what_repeats_says_after_how_many_samples() {
+        let increment = |hz: f64| (hz / 20_000.0 * 4_294_967_296.0).round() as u32;
+        let sines =
+            |hz: [f64; 2]| Waveform::Multisine { tones: [(increment(hz[0]), 5, 0), (increment(hz[1]), 5, 7), (77, 0, 0), (0, 0, 0)] };
+        for (waveform, period) in [
+            (sines([100.0, 300.0]), Some(200)),
+            (sines([200.0, 100.0]), Some(200)),
+            (sines([100.0, 150.0]), None),
+            (sines([150.0, 150.0]), None),
+            (Waveform::RoundedTriangle { increment: increment(12.5), amplitude: 1 }, Some(1600)),
+            (Waveform::RoundedTriangle { increment: 0, amplitude: 1 }, None),
+            (Waveform::Multisine { tones: [(0, 0, 0); 4] }, None),
+            // Cut off, as commands make it.
+            (Waveform::RoundedTriangle { increment: 26_843_545, amplitude: 1 }, Some(160)),
+            (Waveform::Constant, None),
+        ] {
+            assert_eq!(waveform.period_ticks(), period, "{waveform:?}");
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //!
 //! The formats are those of [`crate::signal`]; where a number has another one, its field says so.
 
+use crate::learned_feedforward::LearningParameters;
 use crate::one_sided_hysteresis::SurfaceCoefficients;
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
@@ -95,6 +96,7 @@ pub enum LawParameters {
 
 /// All parameters of the tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct ServoParameters {
     /// Converters and limits.
     pub converters: ConverterParameters,
@@ -104,4 +106,6 @@ pub struct ServoParameters {
     pub law: LawParameters,
     /// True if a code acts one period after the reading that it was computed from, as on the target; false if at once.
     pub delayed: bool,
+    /// How the correction of a periodic reference is learned; `None`: it is not.
+    pub learning: Option<LearningParameters>,
 }

@@ -10,9 +10,14 @@
 //! so that its first output is that drive, and a difference between reference and position becomes a decaying offset.
 //! Every drive that is applied while the servo is off must pass [`ServoTick::open_loop`], so that the memory of the hysteresis is kept.
 //!
+//! # Periodic references
+//! With [`ServoParameters::learning`] a reference whose period was told ([`ServoTick::repeat`]) gets a learned correction
+//! ([`crate::learned_feedforward`]). What the tick reports as the reference is the one that was asked for.
+//!
 //! # What is counted
 //! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left their format.
 
+use crate::learned_feedforward::LearnedFeedforward;
 use crate::one_sided_hysteresis::OneSidedHysteresis;
 use crate::pid_regulator::PidRegulator;
 use crate::predictor_law::PredictorLaw;
@@ -43,12 +48,10 @@ enum LawState {
 }
 
 /// The servo with all its state.
+// In this order: what every tick reads is near the beginning, where an instruction reaches it; what is learned takes kilobytes and stands last.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct ServoTick {
-    parameters: ServoParameters,
-    law: LawState,
-    window: ReferenceWindow,
-    hysteresis: Option<OneSidedHysteresis>,
     /// Codes of the last two ticks, newest first, and their drives, V.
     code: u16,
     drives: [i32; 2],
@@ -61,6 +64,11 @@ pub struct ServoTick {
     slewing: bool,
     reading: i32,
     counters: Counters,
+    law: LawState,
+    window: ReferenceWindow,
+    parameters: ServoParameters,
+    hysteresis: Option<OneSidedHysteresis>,
+    learner: LearnedFeedforward,
 }
 
 impl ServoTick {
@@ -75,6 +83,7 @@ impl ServoTick {
             parameters,
             law: LawState::Off,
             window: ReferenceWindow::at_rest(0),
+            learner: LearnedFeedforward::off(),
             hysteresis,
             code: parameters.converters.dac_code_min,
             drives: [0; 2],
@@ -99,6 +108,13 @@ impl ServoTick {
     /// Lets the law take over at the next tick, from the drive and the position that it finds.
     pub fn enable(&mut self) {
         self.law = LawState::Fresh;
+        self.learner.restart();
+    }
+
+    /// Tells the period of the references from the next [`Self::enable`] on, ticks; `None`: they do not repeat. Without parameters for it nothing
+    /// is learned.
+    pub fn repeat(&mut self, period_ticks: Option<u32>) {
+        self.learner.begin(period_ticks.filter(|_| self.parameters.learning.is_some()));
     }
 
     /// Changes all parameters; a running law takes over at the next tick. Evaluates the memory of the hysteresis again if its surfaces
@@ -114,22 +130,45 @@ impl ServoTick {
         let running = !matches!(self.law, LawState::Off);
         self.parameters = parameters;
         self.note(self.code);
+        if self.parameters.learning.is_none() {
+            self.learner.begin(None);
+        }
         if running {
-            self.law = LawState::Fresh;
+            self.enable();
         }
     }
 
     /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
     /// Returns the code to apply.
-    // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it widens them and reloads every address.
     #[inline(never)]
     pub fn tick(&mut self, adc_code: u16, reference_ahead: Micrometres) -> u16 {
+        let ahead = reference_ahead.to_bits();
+        if self.learner.period_ticks().is_some() { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead) }
+    }
+
+    /// [`Self::follow`] with the correction of a periodic reference: apart, so that a tick that learns nothing pays for the question only.
+    #[inline(never)]
+    fn tick_and_learn(&mut self, adc_code: u16, ahead: i32) -> u16 {
+        let entering = self.learner.enter();
+        let code = self.follow(adc_code, ahead.saturating_add(entering));
+        if let Some(learning) = &self.parameters.learning {
+            let asked = self.window.now().saturating_sub(self.learner.present());
+            let trusted = self.limited == 0 && !self.slewing;
+            self.learner.learn(learning, asked.saturating_sub(self.reading), trusted, &mut self.counters.saturated_values);
+        }
+        code
+    }
+
+    /// One period towards a reference.
+    // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it widens them and reloads every address.
+    #[inline(never)]
+    fn follow(&mut self, adc_code: u16, ahead: i32) -> u16 {
         let reading = self.parameters.converters.position(adc_code);
         self.reading = reading;
         if matches!(self.law, LawState::Fresh) {
             self.window = ReferenceWindow::at_rest(reading);
         }
-        self.window.push(reference_ahead.to_bits());
+        self.window.push(ahead);
         let Some(command) = self.run_law(reading) else {
             self.note(self.code);
             return self.code;
@@ -238,10 +277,16 @@ impl ServoTick {
         Micrometres::from_bits(self.reading)
     }
 
-    /// Reference at the last tick.
+    /// Reference at the last tick, without what was learned.
     #[must_use]
     pub fn reference(&self) -> Micrometres {
-        Micrometres::from_bits(self.window.now())
+        Micrometres::from_bits(self.window.now().saturating_sub(self.learner.present()))
+    }
+
+    /// What the correction of the reference has learned.
+    #[must_use]
+    pub fn learner(&self) -> &LearnedFeedforward {
+        &self.learner
     }
 
     /// Drive of the newest code.

@@ -27,6 +27,13 @@ impl WaveTable {
         Self { points, ticks_per_point, slope, cycles }
     }
 
+    /// Ticks after which it repeats; `None` where it is played once, is empty, or is too long to count.
+    #[must_use]
+    pub fn period_ticks(&self) -> Option<u32> {
+        let points = u32::try_from(self.points.len()).ok().filter(|points| *points > 0 && self.cycles != 1)?;
+        points.checked_mul(self.ticks_per_point)
+    }
+
     fn point(&self, nth: usize) -> i32 {
         self.points.get(nth).map_or(0, |point| point.load(Ordering::Relaxed))
     }
@@ -118,6 +125,13 @@ mod tests {
             assert!((f64::from(*value) - exact).abs() <= 1.0, "{joined:?}");
         }
         assert_eq!(play(WaveTable::new(points, 4, true, 1), 20)[8..], [-100; 12], "the end joins nothing");
+    }
+
+    #[test]
+    fn a_table_that_is_cycled_has_a_period() {
+        let table = |points: &[i32], ticks, cycles| WaveTable::new(memory(points), ticks, true, cycles).period_ticks();
+        assert_eq!((table(&[1, 2], 100, 0), table(&[1, 2, 3], 7, 5)), (Some(200), Some(21)));
+        assert_eq!((table(&[1, 2], 100, 1), table(&[], 100, 0), table(&[1, 2], u32::MAX, 0)), (None, None, None));
     }
 
     #[test]

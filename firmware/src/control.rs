@@ -77,11 +77,11 @@ pub struct Reply {
 }
 
 /// Everything that the interrupt owns.
+// In this order: the amplifier is long, and what stands behind it is beyond the reach of an instruction.
+#[repr(C)]
 pub struct Control {
     /// Converters.
     pub front_end: ChosenFrontEnd,
-    /// Servo, guard and modes.
-    pub amplifier: Amplifier,
     /// To the trace task.
     pub samples: Producer<TraceSample, SAMPLE_QUEUE>,
     /// From the command task.
@@ -100,6 +100,8 @@ pub struct Control {
     pub late_cycles: u32,
     /// The cycle counter at the last tick; `None` before the first.
     pub last_cycles: Option<u32>,
+    /// Servo, guard and modes.
+    pub amplifier: Amplifier,
 }
 
 impl Control {

@@ -32,13 +32,14 @@ use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use hysteron_core::amplifier::Amplifier;
 use hysteron_core::command_schedule::CommandSchedule;
 use hysteron_core::guard::Fault;
+use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::TraceSample;
 use rtt_target::{ChannelMode, rtt_init};
 use static_cell::StaticCell;
 
 use control::{COMMAND_QUEUE, ChosenFrontEnd, Control, Reply, SAMPLE_QUEUE, Scheduled};
 use front_end::FrontEnd;
-use ring::Ring;
+use ring::{Consumer, Producer, Ring};
 use sample_clock::SAMPLE_RATE_HZ;
 
 static SAMPLES: StaticCell<Ring<TraceSample, SAMPLE_QUEUE>> = StaticCell::new();
@@ -80,6 +81,42 @@ async fn main(spawner: Spawner) {
         c.dac_code_max,
         SAMPLE_RATE_HZ
     );
+    let mut front_end = ChosenFrontEnd::new();
+    front_end.start(parameters.guard.rest_code);
+    fault::remember_rest(parameters.guard.rest_code);
+
+    let (sample_producer, sample_consumer) = SAMPLES.init(Ring::new()).split();
+    let (command_producer, command_consumer) = COMMANDS.init(Ring::new()).split();
+    let (reply_producer, reply_consumer) = REPLIES.init(Ring::new()).split();
+    hand_over(
+        parameters,
+        refused,
+        Ends { front_end, samples: sample_producer, commands: command_consumer, replies: reply_producer },
+        clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
+    );
+    command_port::open(command_producer);
+    telemetry::begin(&parameters.servo.converters);
+    serial_port::open(spawner, peripherals.USART3, peripherals.PD9, peripherals.PD8, parameters);
+    spawn(spawner, trace_tasks::trace(sample_consumer));
+    spawn(spawner, trace_tasks::read_out());
+    spawn(spawner, command_tasks::commands(channels.down.0));
+    spawn(spawner, command_tasks::reports(reply_consumer));
+    spawn(spawner, settings::keeper(SAMPLE_RATE_HZ));
+    sample_clock::start(clocks.timer_hz, ChosenFrontEnd::INTERRUPT_AFTER_NS);
+    fault::watch().await;
+}
+
+/// What the interrupt gets beside the amplifier.
+struct Ends {
+    front_end: ChosenFrontEnd,
+    samples: Producer<TraceSample, SAMPLE_QUEUE>,
+    commands: Consumer<Scheduled, COMMAND_QUEUE>,
+    replies: Producer<Reply, COMMAND_QUEUE>,
+}
+
+/// Makes the amplifier and hands it to the interrupt. Not a part of the task above: an amplifier takes 13 KiB, and what a task holds is static.
+#[inline(never)]
+fn hand_over(parameters: AmplifierParameters, refused: bool, ends: Ends, late_cycles: u32) {
     let mut amplifier = Amplifier::new(parameters);
     if let Some(cause) = fault::cause_of_last_restart() {
         defmt::error!("last restart: {=str}", cause.name());
@@ -92,36 +129,20 @@ async fn main(spawner: Spawner) {
         defmt::error!("the cycle counter does not run: ticks that are skipped cannot be found");
         amplifier.refuse(Fault::Overrun);
     }
-    let mut front_end = ChosenFrontEnd::new();
-    front_end.start(parameters.guard.rest_code);
-    fault::remember_rest(parameters.guard.rest_code);
-
-    let (sample_producer, sample_consumer) = SAMPLES.init(Ring::new()).split();
-    let (command_producer, command_consumer) = COMMANDS.init(Ring::new()).split();
-    let (reply_producer, reply_consumer) = REPLIES.init(Ring::new()).split();
+    let Ends { front_end, samples, commands, replies } = ends;
     control::hand_over(Control {
         front_end,
         amplifier,
-        samples: sample_producer,
-        commands: command_consumer,
-        replies: reply_producer,
+        samples,
+        commands,
+        replies,
         recorder: recorder::Recorder::new(),
         schedule: CommandSchedule::default(),
         tick: 0,
         overrun: false,
-        late_cycles: clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
+        late_cycles,
         last_cycles: None,
     });
-    command_port::open(command_producer);
-    telemetry::begin(&parameters.servo.converters);
-    serial_port::open(spawner, peripherals.USART3, peripherals.PD9, peripherals.PD8, parameters);
-    spawn(spawner, trace_tasks::trace(sample_consumer));
-    spawn(spawner, trace_tasks::read_out());
-    spawn(spawner, command_tasks::commands(channels.down.0));
-    spawn(spawner, command_tasks::reports(reply_consumer));
-    spawn(spawner, settings::keeper(SAMPLE_RATE_HZ));
-    sample_clock::start(clocks.timer_hz, ChosenFrontEnd::INTERRUPT_AFTER_NS);
-    fault::watch().await;
 }
 
 /// Spawns a task.

@@ -166,6 +166,7 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
             actuator: ActuatorParameters::Direct,
             law: LawParameters::Hold,
             delayed: true,
+            learning: None,
         },
         guard: GuardParameters {
             adc_code_min: 0,

@@ -1,6 +1,7 @@
 //! Tests that cross the rooms of Hysteron, and what they share.
 
 pub mod independent_stage;
+pub mod learning_study;
 pub mod measured;
 pub mod other_actuators;
 pub mod servo_study;

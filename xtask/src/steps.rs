@@ -187,7 +187,8 @@ fn firmware_images() -> Result<(), String> {
 /// What the image may take; a change that needs more says so by changing these numbers.
 const MOST_CONTROL_CODE_BYTES: u64 = 21 * 1024;
 const MOST_FLASH_BYTES: u64 = 160 * 1024;
-const MOST_RAM_BYTES: u64 = 60 * 1024;
+/// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors, 1 of its filters, twice.
+const MOST_RAM_BYTES: u64 = 70 * 1024;
 
 fn control_code() -> Result<(), String> {
     check_image("SPI converters", &toolchain::image())?;

@@ -52,6 +52,7 @@ pub fn parameters() -> AmplifierParameters {
                 notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
             }),
             delayed: true,
+            learning: None,
         },
         guard: GuardParameters {
             adc_code_min: 16,

@@ -16,6 +16,8 @@ use core::hint::black_box;
 use cortex_m::peripheral::DWT;
 use embassy_stm32 as _; // the vector table
 use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::integer_row::Row;
+use hysteron_core::learned_feedforward::{LearningParameters, SETTLING_TICKS};
 use hysteron_core::one_sided_hysteresis::STACK_CAPACITY;
 use hysteron_core::parameter_block::read;
 use hysteron_core::reference_generator::Waveform;
@@ -142,6 +144,16 @@ fn main() -> ! {
     }
 }
 
+/// Filters whose products are none of them nothing: what they are made for does not change the count.
+const LEARNING: LearningParameters = LearningParameters {
+    learning: Row { coefficients: [1 << 15; 64] },
+    robustness: Row { coefficients: [1 << 22; 64] },
+    error_limit: 1 << 24,
+    point_limit: 1 << 14,
+    periods_per_halving: 2,
+    most_halvings: 3,
+};
+
 /// Two turns more than there is room for, so that the memory is full whatever the direction.
 const TURNS: u16 = 2 * STACK_CAPACITY as u16 + 2;
 
@@ -167,21 +179,30 @@ fn measure(fresh: ServoTick) {
     }
     typical.say("follow", &servo);
 
-    // One tick from the full memory to far beyond it, up and down, and every step between.
-    let mut jump = Cost::NONE;
-    for k in 0..64i32 {
-        let mut servo = fresh.clone();
-        fill(&mut servo, TURNS - (k as u16 & 1));
-        servo.enable();
-        let middle = servo.applied().to_bits();
-        servo.tick(code_at(middle), Micrometres::from_bits(middle));
-        servo.tick(code_at(middle), Micrometres::from_bits(middle));
-        let away = (k / 2 - 16) << 20;
-        for _ in 0..12 {
-            jump.tick(&mut servo, code_at(middle - 8 * away), middle + 4 * away, empty);
+    // The same with the triangle's correction learned, from the third period on.
+    let mut parameters = *fresh.parameters();
+    parameters.learning = Some(LEARNING);
+    let mut servo = ServoTick::new(parameters);
+    fill(&mut servo, TURNS);
+    servo.repeat(Some(200));
+    servo.enable();
+    let mut learning = Cost::NONE;
+    let middle = servo.applied().to_bits();
+    let mut plant = Mode { position: middle, velocity: 0 };
+    for k in 0..1200u32 {
+        let phase = (k % 200) as i32;
+        let reference = middle + (phase.min(200 - phase) - 50) * 16_777;
+        let applied = servo.applied().to_bits();
+        if k == 600 {
+            learning = Cost::NONE;
         }
+        learning.tick(&mut servo, plant.code(&c, k), reference, empty);
+        plant.step(applied);
     }
-    jump.say("jump", &servo);
+    learning.say("learn", &servo);
+
+    jump(&fresh, None, empty).say("jump", &servo);
+    jump(&fresh, Some(LEARNING), empty).say("jump while learning", &servo);
 
     // A reversal at every tick: the stack closes a pair, and drops one, each time.
     let mut servo = fresh.clone();
@@ -194,6 +215,31 @@ fn measure(fresh: ServoTick) {
         chatter.tick(&mut servo, code_at(middle + away), middle, empty);
     }
     chatter.say("chatter", &servo);
+}
+
+/// One tick from the full memory to far beyond it, up and down, and every step between.
+fn jump(fresh: &ServoTick, learning: Option<LearningParameters>, empty: u32) -> Cost {
+    let mut parameters = *fresh.parameters();
+    parameters.learning = learning;
+    let c = parameters.converters;
+    let code_at = |position: i32| code_at(&c, position);
+    let mut cost = Cost::NONE;
+    for k in 0..64i32 {
+        let mut servo = ServoTick::new(parameters);
+        fill(&mut servo, TURNS - (k as u16 & 1));
+        servo.repeat(learning.map(|_| 200));
+        servo.enable();
+        let middle = servo.applied().to_bits();
+        let rest_ticks = if learning.is_some() { 200 + SETTLING_TICKS + 2 } else { 2 };
+        for _ in 0..rest_ticks {
+            servo.tick(code_at(middle), Micrometres::from_bits(middle));
+        }
+        let away = (k / 2 - 16) << 20;
+        for _ in 0..12 {
+            cost.tick(&mut servo, code_at(middle - 8 * away), middle + 4 * away, empty);
+        }
+    }
+    cost
 }
 
 /// The whole of what the control interrupt does between its converters, following a sine of 5 um at 150 Hz.

@@ -264,6 +264,9 @@ enum Command {
         /// Largest sensitivity that is accepted
         #[arg(long, default_value_t = 2.5)]
         sensitivity_peak: f64,
+        /// Let the servo learn the correction of a periodic reference
+        #[arg(long)]
+        learning: bool,
         /// Parameter block for the amplifier to write; beside it the commands that bring it to a running target
         #[arg(long, value_name = "FILE")]
         block: Option<PathBuf>,
@@ -294,7 +297,7 @@ enum Command {
         model: PathBuf,
         /// Servo file
         servo: PathBuf,
-        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`
+        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers
         #[arg(long)]
         reference: String,
         /// Another scheme for the same model
@@ -397,8 +400,8 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Plant(wanted) => plant::plant(&wanted),
         Command::Board { .. } => Ok(true),
         Command::Capture { elf, raw, out, force } => capture::capture(&elf, &raw, &out, force),
-        Command::Design { model, out, reference_hz, sensor_noise_um, data, sensitivity_peak, block, front_end, outputs } => {
-            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak };
+        Command::Design { model, out, reference_hz, sensor_noise_um, data, sensitivity_peak, learning, block, front_end, outputs } => {
+            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
             design::design(&files, &wanted, &outputs)

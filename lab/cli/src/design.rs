@@ -8,7 +8,7 @@ use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upl
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::predictor::Assessment;
-use hysteron_report::{Block, Page, Section, trade_off};
+use hysteron_report::{Block, Page, Section, learning as convergence, trade_off};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -48,6 +48,8 @@ pub struct Wanted {
     pub sensor_noise_um: Option<f64>,
     /// Largest sensitivity.
     pub sensitivity_peak: f64,
+    /// A periodic reference's correction is to be learned.
+    pub learning: bool,
 }
 
 /// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end front_end.toml]`.
@@ -66,8 +68,9 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
     desk.target(block)?;
     desk.target(commands_file.as_deref())?;
     outputs.check(&desk)?;
-    let Wanted { reference_hz, sensor_noise_um, sensitivity_peak } = *wanted;
-    let order = Order { reference_hz, sensor_noise_um, sensitivity_peak, recording: recording.as_ref(), front_end: front_end.as_ref() };
+    let Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning } = *wanted;
+    let order =
+        Order { reference_hz, sensor_noise_um, sensitivity_peak, recording: recording.as_ref(), front_end: front_end.as_ref(), learning };
     let design = order::design(&chain, &order).map_err(|m| wrong(model, m))?;
     // What a target cannot take is no design: it fails before anything is written.
     let block_bytes = match (block, &front_end) {
@@ -81,7 +84,10 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
         sections: vec![Section {
             heading: "Why this one".into(),
             text: design.explanation.join("\n\n"),
-            blocks: vec![Block::Plot(trade_off(&design.trade_off))],
+            blocks: std::iter::once(trade_off(&design.trade_off))
+                .chain(design.learning.as_ref().map(convergence))
+                .map(Block::Plot)
+                .collect(),
         }],
         ..Page::default()
     };

@@ -78,4 +78,4 @@ pub use page::{
     Axis, Band, Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall,
     WaterfallStep, When, Width,
 };
-pub use servo_plots::{nyquist, sensitivity, trade_off};
+pub use servo_plots::{learning, nyquist, sensitivity, trade_off};

@@ -1,6 +1,7 @@
 //! Pictures of a servo design.
 
 use crate::page::{Plot, Role, Series};
+use hysteron::servo::learned_feedforward::{ConvergencePoint, LearningDesign};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::predictor::Assessment;
 
@@ -36,6 +37,20 @@ pub fn sensitivity(margins: &LoopMargins) -> Plot {
         .caption("On the actuator that was checked, at its mean gain. Above 0 dB the loop makes a disturbance larger.")
         .with(Series::line("sensitivity", Role::Residual, hz.clone(), of(&|p| p.sensitivity)))
         .with(Series::line("complementary sensitivity", Role::Model, hz, of(&|p| p.complementary)))
+}
+
+/// What an error of a periodic reference becomes from period to period, over frequency: below one the correction converges.
+#[must_use]
+pub fn learning(design: &LearningDesign) -> Plot {
+    let hz: Vec<f64> = design.convergence.iter().map(|p| p.hz).collect();
+    let of = |value: fn(&ConvergencePoint) -> f64| design.convergence.iter().map(|p| value(p).min(2.0)).collect::<Vec<f64>>();
+    Plot::new("Convergence of learning")
+        .x_axis("frequency", "Hz")
+        .y_axis("error over that of the period before", "1")
+        .caption("At worst: over the set of plants, with any missing response that the recording does not exclude. Q closes where 1 - L T is not below one.")
+        .with(Series::line("|Q (1 - L T)| at worst", Role::Residual, hz.clone(), of(ConvergencePoint::contraction)))
+        .with(Series::line("|1 - L T| at worst (cut off at 2)", Role::Measured, hz.clone(), of(|p| p.worst)))
+        .with(Series::line("Q", Role::Model, hz, of(|p| p.robustness)))
 }
 
 /// The open loop in the complex plane, near the point -1.

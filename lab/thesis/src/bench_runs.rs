@@ -10,6 +10,8 @@ use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::quantise::QuantisationError;
 use hysteron::servo::thesis_schemes::{Estimator, ReachingGains};
+use hysteron::servo::track::period_ticks;
+use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::bench::{Bench, Completeness, Variant};
 use hysteron_sim::closed_loop::{Experiment, Trace};
 use hysteron_sim::waveform;
@@ -61,10 +63,23 @@ pub fn quasi_step_um(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
 /// # Errors
 /// If the design does not fit the tick's formats.
 pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: &[f64], seed: u64) -> Result<Trace, QuantisationError> {
-    let parameters = design.parameters(bench.converter_scale().parameters())?;
+    run_repeating(bench, variant, design, reference_um, None, seed)
+}
+
+/// The same with a reference of which the servo is told that it repeats after so many ticks.
+fn run_repeating(
+    bench: &Bench,
+    variant: Variant,
+    design: &ServoDesign,
+    reference_um: &[f64],
+    period_ticks: Option<u32>,
+    seed: u64,
+) -> Result<Trace, QuantisationError> {
     let mut experiment = Experiment::new(bench, variant, seed);
     experiment.substeps = SUBSTEPS;
-    Ok(experiment.follow(&parameters, reference_um))
+    let mut servo = ServoTick::new(design.parameters(bench.converter_scale().parameters())?);
+    servo.repeat(period_ticks);
+    Ok(experiment.follow_with(servo, reference_um))
 }
 
 /// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data sheet.
@@ -102,7 +117,7 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
 
 pub fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
     let (reference, from) = sine_reference_um(bench, hz, amplitude_um);
-    match run(bench, variant, design, &reference, 7) {
+    match run_repeating(bench, variant, design, &reference, period_ticks(hz), 7) {
         Ok(trace) => row_um(id, trace.sensor_error(from).rms_um, note_of(&trace, from, condition)),
         Err(e) => row_um(id, f64::NAN, e.to_string()),
     }

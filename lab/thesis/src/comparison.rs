@@ -101,6 +101,18 @@ pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>
                 condition: format!("{hz} Hz, {load}, full bench, the best design for a model without the second mode that was identified"),
             }));
         }
+        // What repeats after a whole number of ticks, in a period that the memory holds.
+        match with_scheme(&c.design, "predictor-learning") {
+            Ok(design) => jobs.extend([5.0, 10.0, 50.0, 100.0].map(|hz| Job {
+                id: format!("ch7.compare.predictor-learning.{hz}hz.{load}.rms"),
+                bench,
+                variant,
+                design: design.clone(),
+                hz,
+                condition: format!("{hz} Hz, {load}, full bench, the best design with the correction of a periodic reference learned"),
+            })),
+            Err(reason) => rows.push(row_um(format!("ch7.compare.predictor-learning.{load}.rms"), f64::NAN, reason)),
+        }
         let unshaped = ServoDesign { noise_shaping: false, ..c.design.clone() };
         jobs.extend([1.0, 50.0].map(|hz| Job {
             id: format!("ch7.best.{hz}hz.{load}.full.dac12_unshaped.rms"),

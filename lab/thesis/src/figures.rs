@@ -337,6 +337,7 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
                 rows,
                 &[
                     ("best design", "ch7.best.", "hz.none.full.rms", Role::Measured),
+                    ("correction learned", "ch7.compare.predictor-learning.", "hz.none.rms", Role::Residual),
                     ("without hysteresis model", "ch7.compare.predictor-linear.", "hz.none.rms", Role::Model),
                     ("disturbance observer", "ch7.compare.disturbance-observer.", "hz.none.rms", Role::Other1),
                     ("feedforward alone", "ch7.compare.feedforward.", "hz.none.rms", Role::Other2),

@@ -10,15 +10,16 @@ use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
 use super::regulator_loop;
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
-use super::track::{SineReference, TrackResult, track};
+use super::track::{PeriodicReference, TrackResult, track};
 use crate::statistics::extremes;
 use hysteron_sim::chain::Model;
 use nalgebra::Complex;
 use serde::Serialize;
 
 /// Names of the schemes that `track --scheme` takes besides the one of the design.
-pub const SCHEMES: [&str; 15] = [
+pub const SCHEMES: [&str; 16] = [
     "predictor",
+    "predictor-learning",
     "predictor-linear",
     "disturbance-observer",
     "disturbance-observer-inverse",
@@ -86,6 +87,17 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
             judge_law(&PredictorDesign::new(&design.model.linear, tuning), &model, delay_s, ratio, &mut out);
             out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
+            if let Some(learning) = &design.learning {
+                let law = PredictorDesign::new(&design.model.linear, tuning);
+                let on_it = ratio.map(|gain| learning.contraction_on(&law, &model.linear, gain, delay_s));
+                let (contraction, hz) = on_it.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0));
+                let verdict = if contraction < 1.0 { "converges" } else { "DIVERGES" };
+                out.stable &= contraction < 1.0;
+                out.remarks.push(format!(
+                    "Learning {verdict} on this actuator: an error becomes at most {contraction:.2} times itself from period to period (at {hz:.0} Hz)."
+                ));
+                out.remarks.push(learning.in_words());
+            }
         }
         Scheme::SlidingMode { nominal, estimator, controller, reaching: ReachingGains::Pid } => {
             let found = check::sliding_mode(nominal, estimator, controller, design.delayed);
@@ -196,18 +208,18 @@ pub fn follow(chain: &Model, design: &ServoDesign, reference: &str, scheme: Opti
             own.id
         ));
     }
-    let sine = SineReference::parse(reference)?;
+    let periodic = PeriodicReference::parse(reference)?;
     let mut chosen = design.clone();
     if let Some(name) = scheme {
         chosen = with_scheme(design, name)?;
     }
     // What the actuator reaches counts, not what the servo's own model believes.
     let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
-    let (low_um, high_um) = extremes(&sine.samples_um().0);
+    let (low_um, high_um) = extremes(&periodic.samples_um().0);
     if low_um < 0.0 || high_um > reach_um {
         return Err(format!("the reference goes from {low_um:.2} to {high_um:.2} um; the drive reaches 0 to {reach_um:.2} um"));
     }
-    track(chain, &chosen, &sine, reference, 0.001, 1).map_err(|e| e.to_string())
+    track(chain, &chosen, &periodic, reference, 0.001, 1).map_err(|e| e.to_string())
 }
 
 /// The same model under another scheme.
@@ -222,8 +234,11 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
     };
     let mut out = design.clone();
     out.schema = SCHEMA.into();
+    if name != "predictor-learning" {
+        out.learning = None;
+    }
     (out.scheme, out.delayed) = match name {
-        "predictor" => (Scheme::Predictor { tuning, hysteresis_inverse: true }, true),
+        "predictor" | "predictor-learning" => (Scheme::Predictor { tuning, hysteresis_inverse: true }, true),
         "predictor-linear" => (Scheme::Predictor { tuning, hysteresis_inverse: false }, true),
         "feedforward" => (Scheme::Feedforward { gains, notch: None, creep_inverse: true }, true),
         "feedforward-without-creep" => (Scheme::Feedforward { gains, notch: None, creep_inverse: false }, true),
@@ -243,5 +258,8 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
             None => return Err(format!("scheme `{name}` is not known: choose from {}", SCHEMES.join(", "))),
         },
     };
+    if name == "predictor-learning" && out.learning.is_none() {
+        out.learning = Some(order::learning_without_recording(&out)?);
+    }
     Ok(out)
 }

@@ -1,6 +1,7 @@
 //! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains, and why.
 
 use super::disturbance_observer::{self, DisturbanceObserverGains};
+use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
 use super::quantise::{self, QuantisationError, Unit};
@@ -85,6 +86,9 @@ pub struct ServoDesign {
     /// What the scan weighed: for the trade-off curve (of a predictor).
     #[serde(default)]
     pub trade_off: Vec<Assessment>,
+    /// How the correction of a periodic reference is learned; none: it is not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learning: Option<LearningDesign>,
 }
 
 /// Name of the file format.
@@ -102,6 +106,7 @@ impl ServoDesign {
             scheme,
             model: model.clone(),
             trade_off: Vec::new(),
+            learning: None,
         }
     }
 
@@ -151,6 +156,7 @@ impl ServoDesign {
     #[must_use]
     pub fn scheme_name(&self) -> &'static str {
         match &self.scheme {
+            Scheme::Predictor { .. } if self.learning.is_some() => "predictor-learning",
             Scheme::Predictor { hysteresis_inverse: true, .. } => "predictor",
             Scheme::Predictor { .. } => "predictor-linear",
             Scheme::SlidingMode { estimator, reaching, .. } => match (estimator, reaching) {
@@ -211,7 +217,8 @@ impl ServoDesign {
                 (quantise::hysteresis(&self.model)?, regulator(gains, &feedforward, notch.as_ref(), Unit::Micrometre)?)
             }
         };
-        Ok(ServoParameters { converters, actuator, law, delayed: self.delayed })
+        let learning = self.learning.as_ref().map(LearningDesign::quantised).transpose()?;
+        Ok(ServoParameters { converters, actuator, law, delayed: self.delayed, learning })
     }
 }
 

@@ -7,6 +7,7 @@
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
 //! * [`order`]: a servo for an identified chain, or the refusal; [`recording`]: what the data exclude; [`robust`]: the design for all that is
 //!   left possible; [`plant_set`]: plants that are not the model;
+//! * [`learned_feedforward`]: the filters by which a periodic reference's correction is learned, and the proof that it converges;
 //! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
 //! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
 //! * `value_ranges`: what a value of a servo file may be;
@@ -20,6 +21,7 @@ pub mod check;
 pub mod commands;
 pub mod design;
 pub mod disturbance_observer;
+pub mod learned_feedforward;
 pub mod loop_margins;
 pub mod model;
 pub mod order;

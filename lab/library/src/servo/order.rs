@@ -2,8 +2,9 @@
 
 use super::amplifier_block::FrontEnd;
 use super::design::{Scheme, ServoDesign, undominated};
+use super::learned_feedforward::{self, LearningDesign};
 use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, actuator_model};
-use super::predictor::Demands;
+use super::predictor::{Demands, PredictorDesign};
 use super::recording::Recording;
 use super::robust::{Broken, ModeSpread, Scan, Task, within_nyquist};
 use crate::dataset::Dataset;
@@ -27,6 +28,8 @@ pub struct Order<'a> {
     pub recording: Option<&'a Dataset>,
     /// How the converters are wired; without it they fit the actuator.
     pub front_end: Option<&'a FrontEnd>,
+    /// The correction of a periodic reference is to be learned.
+    pub learning: bool,
 }
 
 /// Noise of a sensor of which nothing is known, um RMS.
@@ -35,7 +38,7 @@ pub const ASSUMED_NOISE_UM: f64 = 0.001;
 impl Default for Order<'_> {
     fn default() -> Self {
         let Demands { reference_hz, sensitivity_peak, .. } = Demands::default();
-        Self { reference_hz, sensor_noise_um: None, sensitivity_peak, recording: None, front_end: None }
+        Self { reference_hz, sensor_noise_um: None, sensitivity_peak, recording: None, front_end: None, learning: false }
     }
 }
 
@@ -296,8 +299,9 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let rounding_um = scale.adc_lsb_um / 12f64.sqrt();
     let sensor_noise_um =
         order.sensor_noise_um.or(recording.as_ref().and_then(|r| r.noise_um)).unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
-    let demands =
-        Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak: order.sensitivity_peak, ..Demands::default() };
+    let largest = if order.learning { learned_feedforward::SENSITIVITY_PEAK } else { f64::INFINITY };
+    let sensitivity_peak = order.sensitivity_peak.min(largest);
+    let demands = Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
     let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), demands, delay_s: known_delay_s(chain) };
     let scan = task.scan();
     let chosen = scan.best().ok_or_else(|| refusal(&scan))?;
@@ -353,8 +357,28 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     if !left.is_empty() {
         design.explanation.push(format!("Left to the unknown input: {}.", left.join(", ")));
     }
+    if order.learning {
+        let learning = LearningDesign::new(&PredictorDesign::new(&model.linear, &chosen.tuning), &task, model.reach_um())?;
+        design.explanation.push(learning.in_words());
+        design.learning = Some(learning);
+        design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
+    }
     design.trade_off = trade_off(&task, &scan);
     Ok(design)
+}
+
+/// How a predictor learns where no recording stands behind its model: an unknown mode is reckoned with everywhere from the first mode on.
+///
+/// # Errors
+/// If the design is another scheme, or nothing can be learned.
+pub fn learning_without_recording(design: &ServoDesign) -> Result<LearningDesign, String> {
+    let Scheme::Predictor { tuning, .. } = &design.scheme else {
+        return Err("a correction is learned with the predictor scheme only".into());
+    };
+    let linear = design.model.linear;
+    let second = linear.second_mode.map(|_| UNCONFIRMED);
+    let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, demands: Demands::default() };
+    LearningDesign::new(&PredictorDesign::new(&linear, tuning), &task, design.model.reach_um())
 }
 
 /// The good candidates that no other one beats in both noise and error let through, by rising noise.

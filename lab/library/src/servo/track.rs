@@ -22,9 +22,21 @@ pub const SUBSTEPS: usize = 10;
 /// Two periods of a slower reference would take minutes to simulate, and more memory than there is.
 const LOWEST_FREQUENCY_HZ: f64 = 0.01;
 
-/// A reference: `offset + amplitude sin(2 pi f t + phase)`.
+/// How a reference goes from its lowest to its highest point and back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shape {
+    /// `offset + amplitude sin(2 pi f t + phase)`.
+    Sine,
+    /// In straight lines with sharp corners, where the sine would have its extremes.
+    Triangle,
+}
+
+/// A reference that repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct SineReference {
+pub struct PeriodicReference {
+    /// Shape.
+    pub shape: Shape,
     /// Frequency, Hz.
     pub frequency_hz: f64,
     /// Amplitude, um.
@@ -35,18 +47,20 @@ pub struct SineReference {
     pub phase_deg: f64,
 }
 
-impl SineReference {
-    /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`. Without an offset the sine stands on 1.12 times its amplitude, which leaves
-    /// room for the remnant and for creep; without a phase it begins at its lowest point.
+impl PeriodicReference {
+    /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers. Without an offset it stands on 1.12 times its
+    /// amplitude, which leaves room for the remnant and for creep; without a phase it begins at its lowest point.
     ///
     /// # Errors
     /// A message that names the field.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let expected = "expected sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]";
+        let expected = "expected sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]] or triangle: with the same numbers";
         let mut fields = text.split(':');
-        if fields.next() != Some("sine") {
-            return Err(format!("reference `{text}`: {expected}"));
-        }
+        let shape = match fields.next() {
+            Some("sine") => Shape::Sine,
+            Some("triangle") => Shape::Triangle,
+            _ => return Err(format!("reference `{text}`: {expected}")),
+        };
         let numbers: Vec<f64> = fields
             .map(|f| {
                 f.parse::<f64>()
@@ -69,6 +83,7 @@ impl SineReference {
             return Err(format!("reference `{text}`: the amplitude must not be negative"));
         }
         Ok(Self {
+            shape,
             frequency_hz,
             amplitude_um,
             offset_um: numbers.get(2).copied().unwrap_or(1.12 * amplitude_um),
@@ -81,11 +96,33 @@ impl SineReference {
     pub fn samples_um(&self) -> (Vec<f64>, usize) {
         let fs = 1.0 / SAMPLING_PERIOD_S;
         let duration_s = 0.5 + (2.0 / self.frequency_hz).max(1.0);
-        let phase_rad = self.phase_deg.to_radians();
-        let mut samples = waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, phase_rad, duration_s);
+        let mut samples = match self.shape {
+            Shape::Sine => {
+                waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, self.phase_deg.to_radians(), duration_s)
+            }
+            Shape::Triangle => (0..waveform::samples_in(fs, duration_s))
+                .map(|k| {
+                    let turns = (self.frequency_hz * k as f64 / fs + (self.phase_deg + 90.0) / 360.0).rem_euclid(1.0);
+                    self.offset_um + self.amplitude_um * (1.0 - 4.0 * (turns - 0.5).abs())
+                })
+                .collect(),
+        };
         waveform::grow_from_zero(&mut samples, fs);
         (samples, waveform::samples_in(fs, 0.5))
     }
+
+    /// Ticks after which it repeats; `None` where these are no whole number.
+    #[must_use]
+    pub fn period_ticks(&self) -> Option<u32> {
+        period_ticks(self.frequency_hz)
+    }
+}
+
+/// Ticks after which something of a frequency repeats; `None` where these are no whole number.
+#[must_use]
+pub fn period_ticks(frequency_hz: f64) -> Option<u32> {
+    let ticks = 1.0 / (frequency_hz * SAMPLING_PERIOD_S);
+    ((ticks - ticks.round()).abs() < 1e-9 * ticks && ticks < f64::from(u32::MAX)).then_some(ticks.round() as u32)
 }
 
 /// RMS and largest error.
@@ -220,7 +257,7 @@ impl Plant for ChainPlant<'_> {
 pub fn track(
     chain: &Model,
     design: &ServoDesign,
-    reference: &SineReference,
+    reference: &PeriodicReference,
     reference_name: &str,
     noise_um: f64,
     seed: u64,
@@ -241,6 +278,7 @@ pub fn track(
         displacement_zero_um: plant.displacement_um,
     };
     servo.take_scale(&around.scale);
+    servo.repeat(reference.period_ticks());
     let (reference_um, from) = reference.samples_um();
     let trace = follow(&mut plant, &mut servo, &around, &reference_um);
     let samples = trace.sensor_um.len();
@@ -259,4 +297,22 @@ pub fn track(
         sensor_um: trace.sensor_um,
         drive_v: trace.drive_v,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_triangle_goes_in_straight_lines_between_its_ends_and_repeats() {
+        let triangle = PeriodicReference::parse("triangle:100:3:5").unwrap();
+        assert_eq!(triangle.period_ticks(), Some(200));
+        let (samples, from) = triangle.samples_um();
+        for (k, expected) in [(0, 2.0), (50, 5.0), (100, 8.0), (125, 6.5), (199, 2.06), (200, 2.0)] {
+            assert!((samples[from + k] - expected).abs() < 1e-9, "{k}: {}", samples[from + k]);
+        }
+        let ticks = |text: &str| PeriodicReference::parse(text).unwrap().period_ticks();
+        assert_eq!((ticks("sine:150:1"), ticks("sine:0.3:1"), ticks("sine:12.5:1")), (None, None, Some(1600)));
+        assert!(PeriodicReference::parse("square:100:3").unwrap_err().contains("triangle:"));
+    }
 }
