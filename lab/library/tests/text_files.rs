@@ -300,3 +300,13 @@ fn signals_that_no_actuator_has_are_refused() {
     let message = from_file_as("um.csv", format!("t [s],u [V],y [um]\n{}", plain(",")).as_bytes(), &said).unwrap_err().to_string();
     assert!(message.contains("5um/V"), "{message}");
 }
+
+#[test]
+fn a_signal_that_rises_like_time_is_what_it_is_said_to_be() {
+    let text = rows(|[t, u, y]| format!("{t:.4},{u:.6},{y:.6},{:.5}", 22.0 + 3.0 * t));
+    let auxiliary = BTreeMap::from([("temperature_c".to_owned(), ColumnName::Name("chamber".into()))]);
+    let said = Instructions { wanted: Wanted { auxiliary, ..Wanted::default() }, ..Instructions::default() };
+    let dataset = gives_as("warm.csv", format!("t,u,y,chamber\n{text}").as_bytes(), &said, &[]);
+    let signal = &dataset.records.last().unwrap().auxiliary[0];
+    assert!(signal.name == "temperature_c" && (signal.values[SAMPLES - 1] - 22.0 - 3.0 * (SAMPLES - 1) as f64 / RATE_HZ).abs() < 1e-4);
+}

@@ -98,6 +98,30 @@ class Package(unittest.TestCase):
         program("identify", EXAMPLE, "--effects", f"hysteresis,{own}", "--json", self.folder / "own.json")
         self.same(hysteron.identify(self.dataset, ["hysteresis", own]).figures, "own.json")
 
+    def test_a_recorded_signal_takes_part_as_with_the_program(self):
+        record = next(r for r in self.dataset.records if r.role == "validate")
+        samples = len(record.drive_v)
+        temperature = 22.0 + np.linspace(0.0, 1.0, samples)
+        own, file = self.folder / "warm.toml", self.folder / "warm.csv"
+        own.write_text(
+            'id = "warm"\nplace = "drift"\nauxiliary = ["temperature_c"]\noutput = "x + um_per_k * (temperature_c - 22)"\n'
+            '[[parameter]]\nname = "um_per_k"\nunit = "um/K"\nlower = -10.0\nupper = 10.0\nstarts = [0.01]\n'
+        )
+        columns = [np.arange(samples) / record.sample_rate_hz, record.drive_v, record.displacement_um + 0.2 * (temperature - 22.0), temperature]
+        np.savetxt(file, np.column_stack(columns), fmt="%.9e", delimiter=",", header="t,u,y,chamber", comments="")
+        program("identify", file, "--effects", f"hysteresis,{own}", "--auxiliary", "temperature_c=chamber", "--json", self.folder / "warm.json")
+        loaded = hysteron.load(file, auxiliary={"temperature_c": "chamber"})
+        fit = hysteron.identify(loaded, ["hysteresis", own])
+        self.same(fit.figures, "warm.json")
+        # Handed over as arrays, and into a simulation, it is the same signal.
+        again = hysteron.Dataset(loaded.records, name=loaded.name)
+        np.testing.assert_array_equal(again.records[-1].auxiliary["temperature_c"], loaded.records[-1].auxiliary["temperature_c"])
+        rate = loaded.records[-1].sample_rate_hz
+        self.assertRaises(hysteron.HysteronError, lambda: fit.model.simulate(np.zeros(100), rate))
+        read = fit.model.simulate(np.zeros(100), rate, auxiliary={"temperature_c": np.full(100, 23.0)})
+        self.assertAlmostEqual(read[-1] - fit.model.simulate(np.zeros(100), rate, auxiliary={"temperature_c": np.full(100, 22.0)})[-1],
+                               next(p.value for p in fit.model.parameters if p.name == "um_per_k"))
+
     def test_identify_add_compare_and_diagnose_are_the_programs(self):
         start, better = self.folder / "start.toml", self.folder / "better.toml"
         program("identify", EXAMPLE, "--effects", START, "--out", start, "--json", self.folder / "identify.json")
@@ -108,6 +132,8 @@ class Package(unittest.TestCase):
         self.same(added.figures, "add.json")
         program("compare", better, EXAMPLE, "--json", self.folder / "compare.json")
         self.same(hysteron.compare(hysteron.Model.load(better), self.dataset).figures, "compare.json")
+        program("diagnose", start, EXAMPLE, "--json", self.folder / "diagnose.json")
+        self.same(hysteron.diagnose(hysteron.Model.load(start), self.dataset).figures["diagnosis"], "diagnose.json")
 
     def test_a_model_simulates_what_its_residual_says(self):
         record = next(r for r in self.dataset.records if r.role == "validate")

@@ -62,7 +62,11 @@ const OTHERWISE: &str = "to say it otherwise: --columns t=1,u=2,y=3 --units t=ms
 /// # Errors
 /// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be told apart.
 pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
-    let mut choice = Choice { table, found: [None; 4], notes: table.notes.clone() };
+    let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
+    for (name, column) in &wanted.auxiliary {
+        let at = choice.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
+        choice.auxiliary.push(at);
+    }
     for quantity in Quantity::ALL {
         choice.found[quantity as usize] = choice.said(quantity, wanted.columns.get(quantity))?;
     }
@@ -77,7 +81,7 @@ pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
 /// # Errors
 /// When either column is missing.
 pub fn time_and_drive(table: &Table, wanted: &Wanted) -> Result<(Vec<f64>, Vec<f64>)> {
-    let mut choice = Choice { table, found: [None; 4], notes: Vec::new() };
+    let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: Vec::new() };
     for quantity in Quantity::ALL {
         choice.found[quantity as usize] = choice.said(quantity, wanted.columns.get(quantity))?;
     }
@@ -97,6 +101,8 @@ pub fn time_and_drive(table: &Table, wanted: &Wanted) -> Result<(Vec<f64>, Vec<f
 struct Choice<'a> {
     table: &'a Table,
     found: [Option<Found>; 4],
+    /// Columns that were said to be further signals, in the order of their names.
+    auxiliary: Vec<usize>,
     notes: Vec<String>,
 }
 
@@ -114,7 +120,7 @@ impl Choice<'_> {
     }
 
     fn is_used(&self, at: usize) -> bool {
-        self.found.iter().flatten().any(|found| found.at == at)
+        self.auxiliary.contains(&at) || self.found.iter().flatten().any(|found| found.at == at)
     }
 
     /// What was said about a column.
@@ -405,11 +411,8 @@ impl Choice<'_> {
         let t_of_y_s = self.second_time(y.at, wanted)?;
         let t_s = self.of(Quantity::Time).map(|t| self.scaled(Quantity::Time, t.at, wanted)).transpose()?;
         let force_n = self.of(Quantity::Force).map(|f| self.scaled(Quantity::Force, f.at, wanted)).transpose()?;
-        let auxiliary = |(name, column): (&String, &ColumnName)| {
-            let at = self.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
-            Ok(AuxiliarySignal { name: name.clone(), values: self.column(at).values.clone() })
-        };
-        let auxiliary = wanted.auxiliary.iter().map(auxiliary).collect::<Result<Vec<_>>>()?;
+        let named = wanted.auxiliary.keys().zip(&self.auxiliary);
+        let auxiliary = named.map(|(name, at)| AuxiliarySignal { name: name.clone(), values: self.column(*at).values.clone() }).collect();
         let signals = Signals {
             auxiliary,
             u_v: self.scaled(Quantity::Drive, u.at, wanted)?,
