@@ -100,6 +100,14 @@ const RATE_TIMES_PART_MAX: f64 = 0.25;
 const RATE_TIMES_PART_UNSTABLE: f64 = 2.0;
 /// Differences below this share of the states are rounding and tell no rate.
 const ROUNDING: f64 = 1e-7;
+/// Whether every expression knows a name.
+#[must_use]
+pub fn is_given(name: &str) -> bool {
+    GIVEN.contains(&name)
+}
+
+/// Most combinations of the starts of all parameters: each is a direction in which the effect is looked for.
+const DIRECTIONS_MAX: usize = 256;
 /// Most parts of an interval; a state that is faster yet is given up.
 const PARTS_MAX: f64 = 256.0;
 
@@ -115,6 +123,11 @@ impl ExpressionEffect {
             .find(|(name, _)| *name == file.place)
             .map(|(_, place)| *place)
             .ok_or_else(|| format!("place: \"{}\" is none of {}", file.place, Place::NAMES.map(|(name, _)| name).join(", ")))?;
+        let mut characters = file.id.chars();
+        let begins = characters.next().is_some_and(|c| c.is_alphabetic() || c == '_');
+        if !begins || characters.any(|c| !(c.is_alphanumeric() || c == '_')) {
+            return Err(format!("id: \"{}\"; expected letters, digits and _, as in self_heating", file.id));
+        }
         if super::by_id(&file.id).is_some() {
             return Err(format!("id: \"{}\" is a built-in effect; choose another name", file.id));
         }
@@ -139,6 +152,12 @@ impl ExpressionEffect {
             let step = 0.02 * if size > 0.0 { size } else { entry.upper - entry.lower };
             let parameter = Parameter::linear(&entry.name, &entry.unit, entry.lower, entry.upper, step);
             parameters.push(if entry.fixed { parameter.fixed() } else { parameter });
+            if starts.len().saturating_mul(entry.starts.len()) > DIRECTIONS_MAX {
+                return Err(format!(
+                    "parameter {}: the starts of all parameters make more than {DIRECTIONS_MAX} combinations; expected fewer starts",
+                    entry.name
+                ));
+            }
             starts = starts
                 .iter()
                 .flat_map(|head: &Vec<f64>| entry.starts.iter().map(move |s| head.iter().copied().chain([*s]).collect()))
@@ -389,6 +408,16 @@ mod tests {
 
     #[test]
     fn errors_name_the_field() {
+        let many: String = ["a", "b", "c"]
+            .map(|name| {
+                format!("[[parameter]]\nname = \"{name}\"\nlower = 0.0\nupper = 9.0\nstarts = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]\n")
+            })
+            .concat();
+        let message =
+            ExpressionEffect::from_toml(&format!("id = \"m\"\nplace = \"drift\"\noutput = \"x + a * b * c\"\n{many}")).unwrap_err();
+        assert!(message.contains("parameter c") && message.contains("256"), "{message}");
+        let message = ExpressionEffect::from_toml("id = \"my, effect\"\nplace = \"drift\"\noutput = \"x\"\n").unwrap_err();
+        assert!(message.contains("letters"), "{message}");
         let message = ExpressionEffect::from_toml("id = \"a\"\nplace = \"nowhere\"\noutput = \"x\"\n").unwrap_err();
         assert!(message.contains("nowhere") && message.contains("vibration"));
         let message = ExpressionEffect::from_toml("id = \"a\"\nplace = \"drift\"\noutput = \"x + q\"\n").unwrap_err();

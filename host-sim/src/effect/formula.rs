@@ -35,7 +35,7 @@ type OfTwo = fn(f64, f64) -> f64;
 /// Functions of one number.
 const OF_ONE: [(&str, OfOne); 28] = [
     ("abs", f64::abs),
-    ("signum", f64::signum),
+    ("signum", |x| if x == 0.0 { 0.0 } else { x.signum() }),
     ("sqrt", f64::sqrt),
     ("cbrt", f64::cbrt),
     ("exp", f64::exp),
@@ -158,13 +158,19 @@ impl Formula {
 
     fn take(&mut self, pairs: Pairs<'_, Rule>, text: &str, names: &[String]) -> Result<(), String> {
         // What the operators have put together, as lists of steps: the parser builds from inside out.
-        let steps = OPERATORS
-            .map_primary(|pair| steps_of(pair, text, names))
-            .map_prefix(|_, of| of.map(|steps| with(steps, Step::OfOne(|x| -x))))
+        // A comparison says of itself that it is one: `1 < x < 3` would compare a truth with 3.
+        let (steps, _) = OPERATORS
+            .map_primary(|pair| Ok((steps_of(pair, text, names)?, false)))
+            .map_prefix(|_, of: Result<(Vec<Step>, bool), String>| of.map(|(steps, _)| (with(steps, Step::OfOne(|x| -x)), false)))
             .map_infix(|left, operator, right| {
-                let mut steps = left?;
-                steps.extend(right?);
-                Ok(with(steps, Step::OfTwo(function_of(operator.as_rule()))))
+                let ((mut steps, of_truth), (more, _)) = (left?, right?);
+                let compares = is_comparison(operator.as_rule());
+                if of_truth && compares {
+                    let at = operator.as_span().start();
+                    return Err(pointing(text, at, "comparisons do not follow each other; expected and(1 < x, x < 3)"));
+                }
+                steps.extend(more);
+                Ok((with(steps, Step::OfTwo(function_of(operator.as_rule()))), compares))
             })
             .parse(pairs)?;
         self.steps.extend(steps);
@@ -175,6 +181,10 @@ impl Formula {
 fn with(mut steps: Vec<Step>, last: Step) -> Vec<Step> {
     steps.push(last);
     steps
+}
+
+fn is_comparison(operator: Rule) -> bool {
+    matches!(operator, Rule::less | Rule::at_most | Rule::greater | Rule::at_least | Rule::equal | Rule::unequal)
 }
 
 fn function_of(operator: Rule) -> OfTwo {
@@ -212,7 +222,7 @@ fn steps_of(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<St
             let constant = || CONSTANTS.iter().find(|(known, _)| *known == name).map(|(_, value)| Step::Number(*value));
             let step = value.or_else(constant).ok_or_else(|| {
                 let hint = if is_function(name) { format!(": {name} is a function and needs brackets") } else { String::new() };
-                pointing(text, at, &format!("unknown name \"{name}\"{hint}; known are {}", names.join(", ")))
+                pointing(text, at, &format!("unknown name \"{name}\"{hint}; known are {}, pi, E", names.join(", ")))
             })?;
             Ok(vec![step])
         }
@@ -305,6 +315,8 @@ mod tests {
             ("and(x >= 2, x != 3, not(x == 5))", 1.0),
             ("sin(pi / 2) + 0 * E", 1.0),
             ("-x * -x", 4.0),
+            ("signum(0) + signum(-x)", -1.0),
+            ("(1 < x) == (x < 3)", 1.0),
             ("x\n + 1", 3.0),
         ] {
             assert!((value(text) - expected).abs() < 1e-12, "{text}: {}", value(text));
@@ -329,6 +341,7 @@ mod tests {
             ("1 + atan2(x)", 5, "atan2 takes two numbers, not 1"),
             ("2 * sin", 5, "needs brackets"),
             ("1e999", 1, "too large"),
+            ("1 < x < 3", 7, "and("),
             ("\u{b5} + \u{3b1} ? x", 7, "found \"?\""),
         ] {
             let message = Formula::read(text, &names).unwrap_err();

@@ -173,7 +173,7 @@ impl Dataset {
             if record.displacement_um[record.window.clone()].iter().all(|y| *y == y0) {
                 return Err(Error::new(
                     place,
-                    format!("the displacement is constant ({y0} um); is the sensor connected, the column right?"),
+                    format!("the displacement is constant ({y0} um) in record {}; is the sensor connected, the column right?", record.name),
                 ));
             }
         }

@@ -54,6 +54,8 @@ struct Found {
     how: How,
 }
 
+/// The largest magnitude of a signal whose unit nobody knows.
+const LARGEST_SIGNAL: f64 = 1e12;
 /// What is told how to say it otherwise, once in a file's notes.
 const OTHERWISE: &str = "to say it otherwise: --columns t=1,u=2,y=3 --units t=ms,u=mV,y=nm, or columns and unit in dataset.toml";
 
@@ -65,6 +67,19 @@ pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
     for (name, column) in &wanted.auxiliary {
         let at = choice.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
+        if hysteron_sim::effect::expression::is_given(name) {
+            return Err(
+                choice.wrong(format!("--auxiliary or [record.auxiliary] {name}: expressions know that name already; expected another"))
+            );
+        }
+        if let Some(row) = table.columns[at].values.iter().position(|v| v.abs() > LARGEST_SIGNAL) {
+            return Err(choice.wrong(format!(
+                "row {}, {}: {:e}; expected at most {LARGEST_SIGNAL:e}",
+                table.line_of(row),
+                table.columns[at].called(),
+                table.columns[at].values[row]
+            )));
+        }
         choice.auxiliary.push(at);
     }
     for quantity in Quantity::ALL {
@@ -128,6 +143,9 @@ impl Choice<'_> {
         let key = quantity.key();
         let Some(wanted) = wanted else { return Ok(None) };
         let at = self.place_of(wanted, &format!("--columns or [record.columns] {key}"))?;
+        if self.auxiliary.contains(&at) {
+            return Err(self.wrong(format!("{} is said to be both {key} and auxiliary", self.column(at).called())));
+        }
         if let Some(other) = self.found.iter().position(|found| found.is_some_and(|f| f.at == at)) {
             let other = Quantity::ALL[other].key();
             return Err(self.wrong(format!("{} is said to be both {other} and {key}", self.column(at).called())));
@@ -327,13 +345,17 @@ impl Choice<'_> {
     }
 
     fn missing(&self, quantity: Quantity) -> Error {
-        let names = self.table.names();
+        let names: Vec<String> = self.table.columns.iter().map(Column::called).collect();
+        // What holds text in places is left aside, and may be the one.
+        let aside: Vec<&str> = self.notes.iter().filter(|note| note.contains("holds no numbers")).map(String::as_str).collect();
         self.wrong(format!(
-            "no column for {} ({}) found among {} of numbers ({}); say which: --columns t=1,u=2,y=3, or [record.columns] in dataset.toml",
+            "no column for {} ({}) found among {} of numbers ({}){}{}; say which: --columns t=1,u=2,y=3, or [record.columns] in dataset.toml",
             quantity.key(),
             quantity.words(),
             names.len(),
-            names.join(", ")
+            names.join(", "),
+            if aside.is_empty() { "" } else { "; " },
+            aside.join("; ")
         ))
     }
 

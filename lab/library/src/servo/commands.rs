@@ -202,12 +202,7 @@ fn judge_law(law: &PredictorDesign, actuator: &ActuatorModel, delay_s: f64, rati
 /// # Errors
 /// A message that names the field, or the number that does not fit the servo's formats.
 pub fn follow(chain: &Model, design: &ServoDesign, reference: &str, scheme: Option<&str>) -> Result<TrackResult, String> {
-    if let Some(own) = chain.effects.iter().find(|e| e.effect.follows_record()) {
-        return Err(format!(
-            "{} takes part of what was recorded (the drive, or an auxiliary signal), which no simulated loop knows",
-            own.id
-        ));
-    }
+    order::require_known_in_a_loop(chain)?;
     let periodic = PeriodicReference::parse(reference)?;
     let mut chosen = design.clone();
     if let Some(name) = scheme {

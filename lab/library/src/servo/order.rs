@@ -97,6 +97,20 @@ fn without_second_mode(chain: &Model) -> Model {
     reduced
 }
 
+/// Every effect of a chain is known in a loop: none takes part of what was recorded.
+///
+/// # Errors
+/// The effect that does.
+pub(super) fn require_known_in_a_loop(chain: &Model) -> Result<(), String> {
+    match chain.effects.iter().find(|e| e.effect.follows_record()) {
+        Some(own) => Err(format!(
+            "{} takes part of what was recorded (the drive, or an auxiliary signal), which no loop knows beforehand; fit a model without it",
+            own.id
+        )),
+        None => Ok(()),
+    }
+}
+
 /// Checks what is asked.
 fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
     let fastest_hz = 0.5 / SAMPLING_PERIOD_S;
@@ -287,6 +301,7 @@ fn refusal(scan: &Scan) -> String {
 /// # Errors
 /// A message that says what the model or the recording lacks, or which demand cannot be met.
 pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
+    require_known_in_a_loop(chain)?;
     let model = actuator_model(chain).ok_or(
         "the model needs the effects `hysteresis` and `vibration` for a servo design: identify it with --effects hysteresis,initial_curve,vibration,creep",
     )?;

@@ -24,6 +24,10 @@ pub struct DriveOfRecord {
     pub drive_v: Vec<f64>,
     /// Length of a steady-state period, and the time from which there are some, s.
     pub period_s: Option<(f64, f64)>,
+    /// State at the first sample, as manifests call it.
+    pub initial_state: &'static str,
+    /// Where what counts begins, s.
+    pub from_s: Option<f64>,
 }
 
 /// One cycle over the range and a rest, so that the loops that follow are settled.
@@ -38,6 +42,19 @@ fn conditioned(rate_hz: f64, peak_v: f64, seconds: f64, then: Vec<f64>) -> Vec<f
 /// rise), sine bursts of rising frequency and a multisine in repeated periods (dynamics), holds (creep and drift), rest (noise).
 #[must_use]
 pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
+    let begun = |drive: DriveOfRecord| {
+        let seconds = match drive.name {
+            "sines" | "multisine" | "validation" => 0.1,
+            "hold" | "hold2" => 1.0,
+            _ => return drive,
+        };
+        DriveOfRecord { drive_v: conditioned(drive.rate_hz, peak_v, seconds, drive.drive_v), ..drive }
+    };
+    bare_drives(peak_v, seed).into_iter().map(begun).collect()
+}
+
+/// The shapes, without what prepares the actuator for them.
+fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
     let stair = |tops: &[f64]| {
         let mut vertices = vec![0.0];
         vertices.extend(tops.iter().map(|t| t * peak_v / 70.0));
@@ -72,6 +89,8 @@ pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
                 20.0, 5.0, 35.0, 10.0, 50.0, 20.0, 45.0, 25.0, 60.0, 0.0, 70.0, 0.0, 65.0, 10.0, 55.0, 20.0, 45.0, 30.0, 40.0, 0.0,
             ]),
             period_s: None,
+            initial_state: "virgin",
+            from_s: None,
         },
         DriveOfRecord {
             name: "stair2",
@@ -79,6 +98,8 @@ pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             rate_hz: 2000.0,
             drive_v: stair(&[15.0, 3.0, 42.0, 18.0, 55.0, 8.0, 38.0, 14.0, 66.0, 30.0, 58.0, 22.0, 47.0, 0.0]),
             period_s: None,
+            initial_state: "virgin",
+            from_s: None,
         },
         DriveOfRecord {
             name: "sines",
@@ -86,65 +107,107 @@ pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
             rate_hz: 20_000.0,
             drive_v: conditioned(20_000.0, peak_v, 0.1, bursts),
             period_s: None,
+            initial_state: "virgin",
+            from_s: None,
         },
         DriveOfRecord {
             name: "multisine",
             role: "identify",
             rate_hz: 20_000.0,
-            drive_v: conditioned(20_000.0, peak_v, 0.1, multisine),
+            drive_v: multisine,
             period_s: Some((0.19, 0.35)),
+            initial_state: "virgin",
+            from_s: None,
         },
         DriveOfRecord {
             name: "hold",
             role: "identify",
             rate_hz: 200.0,
-            drive_v: conditioned(
-                200.0,
-                peak_v,
-                1.0,
-                waveform::steps(200.0, &[(0.43 * peak_v, 12.0), (0.79 * peak_v, 12.0), (0.21 * peak_v, 12.0)]),
-            ),
+            drive_v: waveform::steps(200.0, &[(0.43 * peak_v, 12.0), (0.79 * peak_v, 12.0), (0.21 * peak_v, 12.0)]),
             period_s: None,
+            initial_state: "virgin",
+            from_s: None,
         },
         DriveOfRecord {
             name: "hold2",
             role: "validate",
             rate_hz: 200.0,
-            drive_v: conditioned(
-                200.0,
-                peak_v,
-                1.0,
-                waveform::steps(200.0, &[(0.64 * peak_v, 9.0), (0.29 * peak_v, 9.0), (0.86 * peak_v, 9.0)]),
-            ),
+            drive_v: waveform::steps(200.0, &[(0.64 * peak_v, 9.0), (0.29 * peak_v, 9.0), (0.86 * peak_v, 9.0)]),
             period_s: None,
+            initial_state: "virgin",
+            from_s: None,
         },
-        DriveOfRecord { name: "rest", role: "noise", rate_hz: 20_000.0, drive_v: vec![0.0; 12_000], period_s: None },
+        DriveOfRecord {
+            name: "rest",
+            role: "noise",
+            rate_hz: 20_000.0,
+            drive_v: vec![0.0; 12_000],
+            period_s: None,
+            initial_state: "virgin",
+            from_s: None,
+        },
         DriveOfRecord {
             name: "validation",
             role: "validate",
             rate_hz: 20_000.0,
-            drive_v: conditioned(20_000.0, peak_v, 0.1, several),
+            drive_v: several,
             period_s: None,
+            initial_state: "virgin",
+            from_s: None,
         },
     ]
 }
 
-/// The same between two limits, and beside them the drive that a servo is designed from: a small multisine that goes nearly to half its sampling
-/// rate.
+/// Length of the smooth way to where a drive begins and back to rest from where it ends, s.
+const WAY_S: f64 = 0.05;
+
+/// What a drive is in a session: after whatever came before, a cycle over the range wipes out the memory of the loops, a rest follows, and the
+/// drive begins and ends smoothly at the lower limit. What counts begins after the rest, from a state that nobody knows.
+fn in_a_session(drive: DriveOfRecord, range_v: f64) -> DriveOfRecord {
+    let rate_hz = drive.rate_hz;
+    let seconds = if rate_hz > 1000.0 { 0.2 } else { 2.0 };
+    let way = |from: f64, to: f64| {
+        let samples = waveform::samples_in(rate_hz, WAY_S).max(2);
+        (0..samples)
+            .map(move |k| from + (to - from) * 0.5 * (1.0 - (std::f64::consts::PI * k as f64 / samples as f64).cos()))
+            .collect::<Vec<f64>>()
+    };
+    let mut drive_v = conditioned(rate_hz, range_v, seconds, Vec::new());
+    let from_s = drive_v.len() as f64 / rate_hz;
+    let (first, last) = (drive.drive_v[0], drive.drive_v[drive.drive_v.len() - 1]);
+    drive_v.extend(way(0.0, first));
+    let begins_s = drive_v.len() as f64 / rate_hz;
+    drive_v.extend(&drive.drive_v);
+    drive_v.extend(way(last, 0.0));
+    drive_v.push(0.0);
+    // The first period still carries what came before it.
+    let period_s = drive.period_s.map(|(period_s, _)| (period_s, begins_s + period_s));
+    DriveOfRecord { drive_v, period_s, initial_state: "unknown", from_s: Some(from_s), ..drive }
+}
+
+/// Drives for a recording between two limits, in the order in which they are played: first nested triangles from a state in which nothing was
+/// driven yet, then the others, each as in [`in_a_session`], and the drive that a servo is designed from: a small multisine that goes nearly to
+/// half its sampling rate.
 #[must_use]
 pub fn recommended_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     let range_v = high_v - low_v;
     let last = (RECOMMENDED_MULTISINE_HZ * SAMPLING_PERIOD_S * WIDEBAND_PERIOD as f64) as usize;
     let lines: Vec<usize> = (1..=last).step_by(3).collect();
-    let wideband = waveform::multisine(WIDEBAND_PERIOD, &lines, 0.05 * range_v, 0.5 * range_v, 10, SEED);
-    let mut out = drives(range_v, SEED);
-    out.push(DriveOfRecord {
+    let wideband = DriveOfRecord {
         name: "wideband",
         role: "identify",
         rate_hz: SERVO_RATE_HZ,
-        drive_v: conditioned(SERVO_RATE_HZ, range_v, 0.1, wideband),
-        period_s: Some((0.2, 0.36)),
-    });
+        drive_v: waveform::multisine(WIDEBAND_PERIOD, &lines, 0.05 * range_v, 0.5 * range_v, 10, SEED),
+        period_s: Some((WIDEBAND_PERIOD as f64 * SAMPLING_PERIOD_S, 0.0)),
+        initial_state: "unknown",
+        from_s: None,
+    };
+    let prepared = |drive: DriveOfRecord| match drive.name {
+        "stair" => drive,
+        "rest" => DriveOfRecord { initial_state: "unknown", ..drive },
+        _ => in_a_session(drive, range_v),
+    };
+    let mut out: Vec<DriveOfRecord> = bare_drives(range_v, SEED).into_iter().chain([wideband]).map(prepared).collect();
     for drive in &mut out {
         // The last bit of a product must not lead beyond the limit.
         drive.drive_v.iter_mut().for_each(|u| *u = (*u + low_v).clamp(low_v, high_v));
@@ -158,11 +221,14 @@ pub fn manifest(name: &str, low_v: f64, high_v: f64, drives: &[DriveOfRecord]) -
     let mut text = format!("name = \"{name}\"\ndrive_min_v = {low_v:?}\ndrive_max_v = {high_v:?}\ntiming = \"hold_after_sample\"\n");
     for drive in drives {
         text.push_str(&format!(
-            "\n[[record]]\nfile = \"{}.csv\"\nsample_rate_hz = {:?}\nrole = \"{}\"\ninitial_state = \"virgin\"\n",
-            drive.name, drive.rate_hz, drive.role
+            "\n[[record]]\nfile = \"{}.csv\"\nsample_rate_hz = {:?}\nrole = \"{}\"\ninitial_state = \"{}\"\n",
+            drive.name, drive.rate_hz, drive.role, drive.initial_state
         ));
+        if let Some(from_s) = drive.from_s {
+            text.push_str(&format!("from_s = {from_s:?}\n"));
+        }
         if let Some((period_s, from_s)) = drive.period_s {
-            text.push_str(&format!("period_s = {period_s}\nperiodic_from_s = {from_s}\n"));
+            text.push_str(&format!("period_s = {period_s:?}\nperiodic_from_s = {from_s:?}\n"));
         }
     }
     text
@@ -178,7 +244,11 @@ mod tests {
             let all = recommended_drives(low, high);
             for drive in &all {
                 assert!(drive.drive_v.iter().all(|u| (low..=high).contains(u)), "{} within {low}..{high}", drive.name);
-                assert_eq!(drive.drive_v[0], low, "{} begins at rest", drive.name);
+                let last = drive.drive_v[drive.drive_v.len() - 1];
+                assert!(drive.drive_v[0] == low && last == low, "{} begins and ends at rest", drive.name);
+                let jump = drive.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+                // Holds are steps, and bursts of 400 Hz are fast.
+                assert!(drive.name.starts_with("hold") || jump < 0.07 * (high - low), "{} jumps by {jump} V", drive.name);
                 if let Some((period_s, from_s)) = drive.period_s {
                     let (period, from) = ((period_s * drive.rate_hz).round() as usize, (from_s * drive.rate_hz).round() as usize);
                     let repeats = (from..drive.drive_v.len() - period).all(|k| (drive.drive_v[k] - drive.drive_v[k + period]).abs() < 1e-9);

@@ -27,6 +27,10 @@ const LAGS_MAX: usize = 12;
 
 /// What the periods of a record show: those that its manifest names, or those that its drive has.
 pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> {
+    // A signal of the user's own need not repeat with the drive, and what follows it is no noise.
+    if !record.auxiliary.is_empty() {
+        return None;
+    }
     let periods = record.periods.filter(|p| p.count >= 2).or_else(|| find_periods(record, span_v))?;
     let from = periods.from.max(1);
     let end = periods.from + (periods.count - 1) * periods.length;
@@ -53,7 +57,8 @@ pub(super) fn of_pairs(dataset: &Dataset) -> Vec<FloorEstimate> {
 }
 
 fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<FloorEstimate> {
-    if first.sample_rate_hz != second.sample_rate_hz || first.force_n.is_some() || second.force_n.is_some() {
+    let takes_part = |record: &Record| record.force_n.is_some() || !record.auxiliary.is_empty();
+    if first.sample_rate_hz != second.sample_rate_hz || takes_part(first) || takes_part(second) {
         return None;
     }
     // The same from the end on backwards as far as it goes: what came before may differ.
