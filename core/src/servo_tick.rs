@@ -130,9 +130,6 @@ impl ServoTick {
         let running = !matches!(self.law, LawState::Off);
         self.parameters = parameters;
         self.note(self.code);
-        if self.parameters.learning.is_none() {
-            self.learner.begin(None);
-        }
         if running {
             self.enable();
         }

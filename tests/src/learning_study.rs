@@ -1,14 +1,14 @@
 //! A periodic reference on [`IndependentStage`], its correction learned in several ways: what the learned feedforward is judged by.
 
-use crate::independent_stage::{Change, IndependentStage, Truth};
-use crate::servo_study::RATE_HZ;
+use crate::independent_stage::{Change, Truth};
+use crate::servo_study::{RATE_HZ, prepared};
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::learned_feedforward::{LearningDesign, from_correction};
 use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::predictor::{PredictorDesign, frequency_response};
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::servo_tick::{Counters, ServoTick};
-use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, Trace, condition, follow};
+use hysteron_sim::closed_loop::{Controller, ErrorFigures, Surroundings, Trace, follow};
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::waveform;
 use std::f64::consts::TAU;
@@ -202,21 +202,7 @@ pub fn learned(truth: &Truth, change: Change, design: &ServoDesign, way: Way, pe
     if way != Way::EveryTick {
         used.learning = None;
     }
-    let scale = truth.converters();
-    let mut stage = IndependentStage::virgin(truth, change);
-    let mut servo = ServoTick::new(used.parameters(scale.parameters()).expect("fits"));
-    let drive = waveform::concatenate(&[waveform::raised_cosine(RATE_HZ, 10.0, 0.0, truth.drive_max_v, 1), vec![0.0; 10_000]]);
-    condition(&mut stage, &mut servo, &scale, &drive);
-    let zero_um = stage.sensor_um();
-    let around = Surroundings {
-        scale: scale.zeroed_at(zero_um),
-        noise_um: truth.noise_um,
-        seed: truth.seed ^ 0x1ea1,
-        external_um: &[],
-        sensor_zero_um: zero_um,
-        displacement_zero_um: zero_um,
-    };
-    servo.take_scale(&around.scale);
+    let (mut stage, mut servo, around) = prepared(truth, change, &used, 0x1ea1);
     let triangle = triangle_um(truth, periods);
     let mut approach = vec![triangle[0]; 20_000];
     waveform::grow_from_zero(&mut approach, RATE_HZ);

@@ -151,12 +151,12 @@ fn sine_um(frequency_hz: f64, amplitude_um: f64) -> (Vec<f64>, usize) {
     (reference, waveform::samples_in(RATE_HZ, settle_s))
 }
 
-/// Runs a design on the stage, conditioned and zeroed; errors are counted from the sample on.
+/// A design on the stage, conditioned and zeroed, before it follows anything.
 ///
 /// # Panics
 /// If the design does not fit the tick's formats, which is what designing has to see to.
 #[must_use]
-pub fn run(truth: &Truth, change: Change, design: &ServoDesign, reference_um: &[f64]) -> Trace {
+pub fn prepared(truth: &Truth, change: Change, design: &ServoDesign, seed: u64) -> (IndependentStage, ServoTick, Surroundings<'static>) {
     let scale = truth.converters();
     let mut stage = IndependentStage::virgin(truth, change);
     let mut servo = ServoTick::new(design.parameters(scale.parameters()).expect("fits"));
@@ -166,12 +166,22 @@ pub fn run(truth: &Truth, change: Change, design: &ServoDesign, reference_um: &[
     let around = Surroundings {
         scale: scale.zeroed_at(zero_um),
         noise_um: truth.noise_um,
-        seed: truth.seed ^ 0x5e70,
+        seed: truth.seed ^ seed,
         external_um: &[],
         sensor_zero_um: zero_um,
         displacement_zero_um: zero_um,
     };
     servo.take_scale(&around.scale);
+    (stage, servo, around)
+}
+
+/// Runs a design on the stage, conditioned and zeroed; errors are counted from the sample on.
+///
+/// # Panics
+/// As [`prepared`].
+#[must_use]
+pub fn run(truth: &Truth, change: Change, design: &ServoDesign, reference_um: &[f64]) -> Trace {
+    let (mut stage, mut servo, around) = prepared(truth, change, design, 0x5e70);
     follow(&mut stage, &mut servo, &around, reference_um)
 }
 

@@ -121,11 +121,9 @@ impl Formula {
             let (InputLocation::Pos(at) | InputLocation::Span((at, _))) = error.location;
             pointing(text, at, &expected(&error.variant, text, at))
         })?;
-        let mut formula = Self { steps: Vec::new() };
-        for pair in read.filter(|pair| pair.as_rule() == Rule::sum_of_terms) {
-            formula.take(pair.into_inner(), text, names)?;
-        }
-        Ok(formula)
+        let whole = read.into_iter().find(|pair| pair.as_rule() == Rule::sum_of_terms);
+        let steps = whole.map_or(Ok(Vec::new()), |pair| steps_of(pair, text, names))?;
+        Ok(Self { steps })
     }
 
     /// Whether the value at this place takes part.
@@ -155,27 +153,26 @@ impl Formula {
         }
         stack.pop().unwrap_or(f64::NAN)
     }
+}
 
-    fn take(&mut self, pairs: Pairs<'_, Rule>, text: &str, names: &[String]) -> Result<(), String> {
-        // What the operators have put together, as lists of steps: the parser builds from inside out.
-        // A comparison says of itself that it is one: `1 < x < 3` would compare a truth with 3.
-        let (steps, _) = OPERATORS
-            .map_primary(|pair| Ok((steps_of(pair, text, names)?, false)))
-            .map_prefix(|_, of: Result<(Vec<Step>, bool), String>| of.map(|(steps, _)| (with(steps, Step::OfOne(|x| -x)), false)))
-            .map_infix(|left, operator, right| {
-                let ((mut steps, of_truth), (more, _)) = (left?, right?);
-                let compares = is_comparison(operator.as_rule());
-                if of_truth && compares {
-                    let at = operator.as_span().start();
-                    return Err(pointing(text, at, "comparisons do not follow each other; expected and(1 < x, x < 3)"));
-                }
-                steps.extend(more);
-                Ok((with(steps, Step::OfTwo(function_of(operator.as_rule()))), compares))
-            })
-            .parse(pairs)?;
-        self.steps.extend(steps);
-        Ok(())
-    }
+/// The steps of terms with operators between them.
+fn steps_of_terms(pairs: Pairs<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<Step>, String> {
+    // A comparison says of itself that it is one: `1 < x < 3` would compare a truth with 3.
+    let (steps, _) = OPERATORS
+        .map_primary(|pair| Ok((steps_of(pair, text, names)?, false)))
+        .map_prefix(|_, of: Result<(Vec<Step>, bool), String>| of.map(|(steps, _)| (with(steps, Step::OfOne(|x| -x)), false)))
+        .map_infix(|left, operator, right| {
+            let ((mut steps, of_truth), (more, _)) = (left?, right?);
+            let compares = is_comparison(operator.as_rule());
+            if of_truth && compares {
+                let at = operator.as_span().start();
+                return Err(pointing(text, at, "comparisons do not follow each other; expected and(1 < x, x < 3)"));
+            }
+            steps.extend(more);
+            Ok((with(steps, Step::OfTwo(function_of(operator.as_rule()))), compares))
+        })
+        .parse(pairs)?;
+    Ok(steps)
 }
 
 fn with(mut steps: Vec<Step>, last: Step) -> Vec<Step> {
@@ -208,7 +205,7 @@ fn power(base: f64, exponent: f64) -> f64 {
     if exponent == 2.0 { base * base } else { base.powf(exponent) }
 }
 
-/// The steps of a number, a name, a function or a bracket.
+/// The steps of a number, a name, a function, or of what stands in brackets.
 fn steps_of(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<Step>, String> {
     let at = pair.as_span().start();
     match pair.as_rule() {
@@ -227,11 +224,7 @@ fn steps_of(pair: Pair<'_, Rule>, text: &str, names: &[String]) -> Result<Vec<St
             Ok(vec![step])
         }
         Rule::call => call(pair, text, names),
-        _ => {
-            let mut inside = Formula { steps: Vec::new() };
-            inside.take(pair.into_inner(), text, names)?;
-            Ok(inside.steps)
-        }
+        _ => steps_of_terms(pair.into_inner(), text, names),
     }
 }
 

@@ -304,6 +304,14 @@ pub struct AuxiliarySignal {
     pub values: Vec<f64>,
 }
 
+impl AuxiliarySignal {
+    /// The same signal with other values in the place of these.
+    #[must_use]
+    pub fn with(&self, values: impl FnOnce(&[f64]) -> Vec<f64>) -> Self {
+        Self { name: self.name.clone(), values: values(&self.values) }
+    }
+}
+
 /// What was recorded beside the displacement, at every sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Signals<'a> {

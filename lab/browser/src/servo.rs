@@ -5,6 +5,7 @@ use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, up
 use hysteron::servo::commands;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
+use hysteron::servo::predictor::least_expected;
 use hysteron::servo::words;
 use hysteron::{Dataset, Error, Result};
 use hysteron_sim::chain::Model;
@@ -81,7 +82,7 @@ fn designed(design: &ServoDesign, model: &Model) -> Result<Answer> {
     let checked = commands::check(design, model).map_err(refused)?;
     let response = checked.margins.as_ref().map(|m| m.response.as_slice()).unwrap_or_default();
     let over = |value: &dyn Fn(&hysteron::servo::loop_margins::LoopPoint) -> f64| response.iter().map(value).collect::<Vec<f64>>();
-    let chosen = design.trade_off.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um()));
+    let chosen = least_expected(&design.trade_off);
     Ok(Answer {
         json: json!({
             "explanation": design.explanation,

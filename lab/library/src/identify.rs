@@ -7,12 +7,13 @@ use crate::diagnosis::policy::Policy;
 use crate::diagnosis::study::Study;
 use crate::error::{Error, Result};
 use crate::explain::{FitFigures, fit_figures, step_figures};
+use crate::identification::finer_hysteresis::main_effect;
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::{Effect, Place};
+use hysteron_sim::effect::{Effect, gain};
 use std::sync::Arc;
 
 /// A model that was fitted, and how.
@@ -63,9 +64,8 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     if model.effect(&id).is_some() {
         return Err(Error::new("effect", format!("{id} is in the model already")));
     }
-    if id == "gain"
-        && let Some(loops) =
-            model.effects.iter().map(|e| e.effect.declaration()).find(|d| d.place == Place::Hysteresis && d.modifies.is_none())
+    if id == gain::ID
+        && let Some(loops) = main_effect(&model)
     {
         return Err(Error::new("effect", format!("gain would take the place of {}, which has a gain of its own", loops.id)));
     }

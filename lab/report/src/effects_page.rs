@@ -1,7 +1,7 @@
 //! A page about every effect of the library, from what each declares and what it does to a simulated reading.
 
 use crate::page::{Block, Page, Plot, Role, Section, Series, Table};
-use crate::text::figure;
+use crate::text::{effect_words, figure};
 use hysteron::synthetic::signatures::{Signature, SignatureOnRecord};
 use hysteron_sim::effect::Place;
 
@@ -25,7 +25,7 @@ pub fn effects_page(signatures: &[Signature]) -> Page {
 fn section(signature: &Signature) -> Section {
     let declaration = &signature.declaration;
     let place = Place::NAMES.iter().find(|(_, place)| *place == declaration.place).map_or("", |(name, _)| name);
-    let alike: Vec<String> = signature.alike.iter().map(|(id, cosine)| format!("{} ({cosine:+.2})", spoken(id))).collect();
+    let alike: Vec<String> = signature.alike.iter().map(|(id, cosine)| format!("{} ({cosine:+.2})", effect_words(id))).collect();
     let mut text = vec![declaration.physics.clone()];
     text.push(match &alike[..] {
         [] => "On these drives no other effect looks like it.".to_owned(),
@@ -34,7 +34,7 @@ fn section(signature: &Signature) -> Section {
     if !declaration.experiment.is_empty() {
         text.push(format!("Shown best by: {}.", declaration.experiment.trim_end_matches('.')));
     }
-    text.push(format!("Place in the chain: {}. Reference: {}.", spoken(place), declaration.reference.trim_end_matches('.')));
+    text.push(format!("Place in the chain: {}. Reference: {}.", effect_words(place), declaration.reference.trim_end_matches('.')));
     let rows = signature.parameters.iter().map(|(parameter, value)| {
         vec![parameter.name.clone(), parameter.unit.clone(), figure(*value), figure(parameter.lower), figure(parameter.upper)]
     });
@@ -44,11 +44,7 @@ fn section(signature: &Signature) -> Section {
         rows: rows.collect(),
         ..Table::default()
     }));
-    Section { heading: spoken(&declaration.id), text: text.join("\n\n"), blocks }
-}
-
-fn spoken(id: &str) -> String {
-    id.replace('_', " ")
+    Section { heading: effect_words(&declaration.id), text: text.join("\n\n"), blocks }
 }
 
 /// The signature over time and over the drive, in the record in which it is largest.

@@ -3,7 +3,8 @@
 
 use crate::explain_report::{ExplainReport, RecordReport, StepReport};
 use crate::html::escape;
-use crate::text::figure;
+use crate::text::{effect_words, figure};
+use hysteron::identification::fit::rms;
 use std::fmt::Write;
 
 const WIDTH: f64 = 880.0;
@@ -21,8 +22,7 @@ const MOVING: f64 = 0.35;
 /// The picture; `None` without a record that was judged or without steps.
 #[must_use]
 pub fn falling_error_svg(report: &ExplainReport) -> Option<String> {
-    let largest =
-        |record: &&RecordReport| record.residual_um.first().map_or(0.0, |r| r.iter().map(|e| e * e).sum::<f64>() / r.len().max(1) as f64);
+    let largest = |record: &&RecordReport| record.residual_um.first().map_or(0.0, |r| rms(r));
     let of_role = |role: &'static str| report.records.iter().filter(move |r| r.role == role);
     let judged = of_role("validate").max_by(|a, b| largest(a).total_cmp(&largest(b)));
     let record = judged.or_else(|| of_role("identify").max_by(|a, b| largest(a).total_cmp(&largest(b))))?;
@@ -83,7 +83,7 @@ pub fn falling_error_svg(report: &ExplainReport) -> Option<String> {
     let mut title = String::from("start");
     for (i, step) in steps.iter().enumerate() {
         if i > 0 {
-            title = step.added.as_ref().map_or_else(|| "fitted again".into(), |added| format!("+ {}", added.replace('_', " ")));
+            title = step.added.as_ref().map_or_else(|| "fitted again".into(), |added| format!("+ {}", effect_words(added)));
         }
         let said = format!("{title}: {} nm", figure(error_nm(step)));
         // Where nothing moves, the last one is seen.

@@ -3,7 +3,7 @@
 use crate::page::{Plot, Role, Series};
 use hysteron::servo::learned_feedforward::{ConvergencePoint, LearningDesign};
 use hysteron::servo::loop_margins::LoopMargins;
-use hysteron::servo::predictor::Assessment;
+use hysteron::servo::predictor::{Assessment, least_expected};
 
 /// Noise passed on against disturbance let through: the tunings that keep every margin and that no other one beats in both.
 #[must_use]
@@ -15,7 +15,7 @@ pub fn trade_off(assessments: &[Assessment]) -> Plot {
         .y_axis("hysteresis model error let through", "nm")
         .caption("Every point keeps all margins, and no other tuning beats it in both; the chosen one is nearest to the origin.")
         .with(Series::line("tunings", Role::Model, x, y));
-    if let Some(chosen) = assessments.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um())) {
+    if let Some(chosen) = least_expected(assessments) {
         let (x, y) = point(chosen);
         plot = plot.with(Series::points("chosen", Role::Measured, vec![x], vec![y]));
     }

@@ -7,7 +7,6 @@
 use super::reading::Even;
 use super::{Record, Role};
 use crate::statistics::peak_to_peak;
-use hysteron_sim::effect::AuxiliarySignal;
 use std::ops::Range;
 
 /// Shortest rest that shows noise, in samples and s.
@@ -216,11 +215,7 @@ pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Ve
                 role: *role,
                 window: window.start - from..to - from,
                 force_n: even.force_n.as_ref().map(|f| f[from..to].to_vec()),
-                auxiliary: even
-                    .auxiliary
-                    .iter()
-                    .map(|signal| AuxiliarySignal { name: signal.name.clone(), values: signal.values[from..to].to_vec() })
-                    .collect(),
+                auxiliary: even.auxiliary.iter().map(|signal| signal.with(|values| values[from..to].to_vec())).collect(),
                 ..Record::new(
                     format!("{name}_{word}{number}"),
                     even.sample_rate_hz,

@@ -166,11 +166,7 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
         u_v: axis.apply(signals.u_v),
         y_um: axis.apply(signals.y_um),
         force_n: signals.force_n.map(|force_n| axis.apply(force_n)),
-        auxiliary: signals
-            .auxiliary
-            .into_iter()
-            .map(|signal| AuxiliarySignal { name: signal.name, values: axis.apply(signal.values) })
-            .collect(),
+        auxiliary: signals.auxiliary.iter().map(|signal| signal.with(|values| axis.apply(values.to_vec()))).collect(),
         notes,
     })
 }

@@ -113,8 +113,8 @@ pub fn first_not_finite(model: &Model, drive: &Drive) -> Option<(String, usize)>
 ///
 /// # Errors
 /// The record that lacks one, and which.
-pub fn require_signals(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
-    for (effect, name) in effects.iter().flat_map(|e| e.auxiliary().iter().map(move |name| (e, name))) {
+pub fn require_signals<'e>(effects: impl IntoIterator<Item = &'e Arc<dyn Effect>>, dataset: &Dataset) -> Result<()> {
+    for (effect, name) in effects.into_iter().flat_map(|e| e.auxiliary().iter().map(move |name| (e, name))) {
         let lacks = |record: &&Record| record.auxiliary.iter().all(|signal| signal.name != *name);
         if let Some(record) = dataset.records.iter().find(lacks) {
             return Err(Error::new(
@@ -136,8 +136,7 @@ pub fn require_signals(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result
 /// # Errors
 /// [`Error::NotFinite`].
 pub fn require_finite(model: &Model, dataset: &Dataset, records: &[usize]) -> Result<()> {
-    let effects: Vec<Arc<dyn Effect>> = model.effects.iter().map(|instance| instance.effect.clone()).collect();
-    require_signals(&effects, dataset)?;
+    require_signals(model.effects.iter().map(|instance| &instance.effect), dataset)?;
     for record in records.iter().map(|i| &dataset.records[*i]) {
         if let Some((effect, sample)) = first_not_finite(model, &record.drive()) {
             return Err(Error::NotFinite { effect, record: record.name.clone(), sample: sample + 1 });

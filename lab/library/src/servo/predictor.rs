@@ -285,6 +285,12 @@ impl Assessment {
     }
 }
 
+/// Of tunings the one with the smallest expected error.
+#[must_use]
+pub fn least_expected(assessments: &[Assessment]) -> Option<&Assessment> {
+    assessments.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um()))
+}
+
 /// What the scan designs for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -166,11 +166,11 @@ const WAY_S: f64 = 0.05;
 fn in_a_session(drive: DriveOfRecord, range_v: f64) -> DriveOfRecord {
     let rate_hz = drive.rate_hz;
     let seconds = if rate_hz > 1000.0 { 0.2 } else { 2.0 };
+    // Without its last sample, which is the first of what follows.
     let way = |from: f64, to: f64| {
-        let samples = waveform::samples_in(rate_hz, WAY_S).max(2);
-        (0..samples)
-            .map(move |k| from + (to - from) * 0.5 * (1.0 - (std::f64::consts::PI * k as f64 / samples as f64).cos()))
-            .collect::<Vec<f64>>()
+        let mut way = waveform::half_cosines(rate_hz, WAY_S, &[from, to]);
+        way.pop();
+        way
     };
     let mut drive_v = conditioned(rate_hz, range_v, seconds, Vec::new());
     let from_s = drive_v.len() as f64 / rate_hz;
