@@ -310,3 +310,18 @@ fn a_signal_that_rises_like_time_is_what_it_is_said_to_be() {
     let signal = &dataset.records.last().unwrap().auxiliary[0];
     assert!(signal.name == "temperature_c" && (signal.values[SAMPLES - 1] - 22.0 - 3.0 * (SAMPLES - 1) as f64 / RATE_HZ).abs() < 1e-4);
 }
+
+#[test]
+fn what_was_recorded_beside_the_drive_is_cut_with_it_where_the_displacement_begins_later() {
+    // The displacement's clock begins ten samples after that of the drive.
+    let later = 10.0 / RATE_HZ;
+    let text = rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.4},{y:.6},{:.4},{:.4}", t + later, 100.0 * t, 22.0 + 10.0 * t));
+    let auxiliary = BTreeMap::from([("temperature_c".to_owned(), ColumnName::Name("chamber".into()))]);
+    let said = Instructions { wanted: Wanted { auxiliary, ..Wanted::default() }, ..Instructions::default() };
+    let dataset = from_file_as("two_clocks.csv", format!("t,u,t2,y,force [N],chamber\n{text}").as_bytes(), &said).unwrap();
+    let record = dataset.records.last().unwrap();
+    assert!(dataset.notes.iter().any(|note| note.contains("two columns of time")), "{:?}", dataset.notes);
+    assert!((record.drive_v[0] - recording()[10][1]).abs() < 2e-5, "{}", record.drive_v[0]);
+    let (force_n, temperature_c) = (record.force_n.as_ref().unwrap()[0], record.auxiliary[0].values[0]);
+    assert!((force_n - 100.0 * later).abs() < 1e-3 && (temperature_c - 22.0 - 10.0 * later).abs() < 1e-3, "{force_n} N, {temperature_c}");
+}

@@ -12,6 +12,7 @@ use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::AuxiliarySignal;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Where the files that a manifest names come from: a folder, an archive, what somebody dropped on a page.
 pub trait Files {
@@ -138,11 +139,11 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
     let known = Known { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
     let mut notes = std::mem::take(&mut signals.notes);
     if let (Some(t_s), Some(t_of_y_s)) = (&mut signals.t_s, &signals.t_of_y_s) {
-        interpolate_to(t_s, &mut signals.u_v, t_of_y_s, &mut signals.y_um, table)?;
-        if let Some(force_n) = &mut signals.force_n {
-            force_n.truncate(t_s.len());
+        let common = interpolate_to(t_s, t_of_y_s, &mut signals.y_um, table)?;
+        let beside = signals.force_n.iter_mut().chain(signals.auxiliary.iter_mut().map(|signal| &mut signal.values));
+        for signal in [t_s, &mut signals.u_v].into_iter().chain(beside) {
+            *signal = signal[common.clone()].to_vec();
         }
-        signals.auxiliary.iter_mut().for_each(|signal| signal.values.truncate(t_s.len()));
     }
     let axis = match (&signals.t_s, sample_rate_hz.or(table.sample_rate_hz)) {
         (Some(t_s), _) => TimeAxis::from_stamps(t_s, &known)?,
@@ -171,8 +172,8 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
     })
 }
 
-/// Brings the displacement to the instants of the drive, as far as both were recorded.
-fn interpolate_to(t_s: &mut Vec<f64>, u_v: &mut Vec<f64>, t_of_y_s: &[f64], y_um: &mut Vec<f64>, table: &Table) -> Result<()> {
+/// Brings the displacement to the instants of the drive, as far as both were recorded: the samples of the drive for which that is so.
+fn interpolate_to(t_s: &[f64], t_of_y_s: &[f64], y_um: &mut Vec<f64>, table: &Table) -> Result<Range<usize>> {
     let rising = |t: &[f64]| t.windows(2).position(|w| w[1] <= w[0]);
     if let Some(row) = rising(t_of_y_s) {
         return Err(Error::new(&table.place, format!("row {}: the time of the displacement does not increase", table.line_of(row + 1))));
@@ -191,9 +192,7 @@ fn interpolate_to(t_s: &mut Vec<f64>, u_v: &mut Vec<f64>, t_of_y_s: &[f64], y_um
         y_um[after - 1] + (t - before) / (next - before) * (y_um[after] - y_um[after - 1])
     });
     *y_um = interpolated.collect();
-    *t_s = t_s[begin..end].to_vec();
-    *u_v = u_v[begin..end].to_vec();
-    Ok(())
+    Ok(begin..end)
 }
 
 /// One file without a manifest: its drive says which parts are fitted, held out, or show the noise ([`one_recording`]).
