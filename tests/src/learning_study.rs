@@ -1,4 +1,4 @@
-//! A periodic reference on [`IndependentStage`], its correction learned in several ways: what the learned feedforward is judged by.
+//! A periodic reference on [`IndependentStage`](crate::independent_stage::IndependentStage), its correction learned in several ways: what the learned feedforward is judged by.
 
 use crate::independent_stage::{Change, Truth};
 use crate::servo_study::{RATE_HZ, prepared};
