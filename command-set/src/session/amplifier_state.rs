@@ -1,0 +1,68 @@
+//! What is known of the amplifier: position, reference, range, and what is under way.
+
+use hysteron_core::amplifier::Mode;
+use hysteron_core::servo_parameters::ConverterParameters;
+
+use super::{Generator, Session};
+use crate::device::{Device, View};
+
+impl<D: Device + 'static> Session<D> {
+    pub(super) fn converters(&self, view: &View) -> ConverterParameters {
+        ConverterParameters { adc_zero: view.adc_zero, ..self.parameters.servo.converters }
+    }
+
+    pub(super) fn position_now(&self, view: &View) -> i32 {
+        self.converters(view).position(view.adc_code)
+    }
+
+    /// The reference now. The sample that is known may be from before the last command, hence not beyond the way to the target.
+    pub(super) fn reference_now(&self, view: &View) -> i32 {
+        if self.runs() {
+            return view.reference;
+        }
+        view.reference.max(self.from.min(self.target)).min(self.from.max(self.target))
+    }
+
+    /// The lowest and highest position that the sensor can honestly give, um with 24 fraction bits.
+    pub(super) fn range(&self, view: &View) -> (i32, i32) {
+        let (c, guard) = (self.converters(view), &self.parameters.guard);
+        (c.position(guard.adc_code_min), c.position(guard.adc_code_max))
+    }
+
+    pub(super) fn is_within_range(&self, position: i32) -> bool {
+        let (lowest, highest) = self.range(&self.device.view());
+        (lowest..=highest).contains(&position)
+    }
+
+    pub(super) fn closed(&self) -> bool {
+        self.device.view().mode == Mode::Closed
+    }
+
+    /// Whether the wave generator runs.
+    pub(super) fn runs(&self) -> bool {
+        let view = self.device.view();
+        view.mode == Mode::Closed
+            && match self.generator {
+                Generator::Off => false,
+                Generator::Endless => true,
+                Generator::Until(tick) => is_before(view.tick, tick),
+            }
+    }
+
+    pub(super) fn moves(&self) -> bool {
+        let view = self.device.view();
+        let under_way = self.moving_until.is_some_and(|until| is_before(view.tick, until));
+        self.runs() || !self.is_ready() || (under_way && matches!(view.mode, Mode::Closed | Mode::Playing))
+    }
+
+    /// Not while a conditioning or an identification is played.
+    pub(super) fn is_ready(&self) -> bool {
+        self.device.view().mode != Mode::Playing || self.moving_until.is_some()
+    }
+}
+
+/// Whether a tick comes before another, for a counter that begins again.
+fn is_before(tick: u32, other: u32) -> bool {
+    let ahead = other.wrapping_sub(tick);
+    ahead != 0 && ahead < 1 << 31
+}

@@ -1,0 +1,81 @@
+//! The parameters of `SPA` and `SPA?`.
+
+use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
+
+use super::{Session, WAVE_POINTS, WAVE_TABLES, micrometres};
+use crate::data_array::MOST_COLUMNS;
+use crate::decimal::{Decimal, ONE, to_fixed};
+use crate::device::Device;
+use crate::error_code::ErrorCode;
+use crate::parameters::Parameter;
+use crate::words::Words;
+
+impl<D: Device + 'static> Session<D> {
+    /// A parameter of the axis named by two words.
+    pub(super) fn named_parameter(words: &mut Words<'_>) -> Result<(Parameter, u32), ErrorCode> {
+        words.axis()?;
+        let number = words.whole()?;
+        Parameter::of_number(number).map(|parameter| (parameter, number)).ok_or(ErrorCode::UnknownParameter)
+    }
+
+    pub(super) fn set_parameter(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        loop {
+            let (parameter, _) = Self::named_parameter(words)?;
+            let value = words.number()?;
+            match parameter {
+                Parameter::Velocity => self.take_velocity(value)?,
+                Parameter::Tolerance => {
+                    let tolerance = to_fixed(value, MICROMETRE_FRACTION_BITS).filter(|tolerance| *tolerance > 0);
+                    self.tolerance = tolerance.ok_or(ErrorCode::Range)?;
+                    self.device.set_tolerance(self.tolerance);
+                }
+                Parameter::SettlingTime => {
+                    if !(0..=10 * ONE).contains(&value) {
+                        return Err(ErrorCode::Range);
+                    }
+                    let ticks = value / 1000 * i64::from(self.parameters.physical.sample_rate_hz) / (ONE / 1000);
+                    self.settling_ticks = u32::try_from(ticks).unwrap_or(u32::MAX);
+                }
+                _ => return Err(ErrorCode::ReadOnly),
+            }
+            if !words.more() {
+                return Ok(());
+            }
+        }
+    }
+
+    pub(super) fn parameter(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        if !words.more() {
+            for (parameter, number, _, _) in Parameter::ALL {
+                self.say_parameter(parameter, number)?;
+            }
+        }
+        while words.more() {
+            let (parameter, number) = Self::named_parameter(words)?;
+            self.say_parameter(parameter, number)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn say_parameter(&mut self, parameter: Parameter, number: u32) -> Result<(), ErrorCode> {
+        let (lowest, highest) = self.range(&self.device.view());
+        let rate = i64::from(self.parameters.physical.sample_rate_hz.max(1));
+        let seconds = |ticks: u32| Decimal { billionths: i64::from(ticks) * ONE / rate, digits: 9 };
+        let value = match parameter {
+            Parameter::RangeMinimum => micrometres(lowest),
+            Parameter::RangeMaximum => micrometres(highest),
+            Parameter::Velocity => self.velocity_value(),
+            Parameter::Tolerance => micrometres(self.tolerance),
+            Parameter::SettlingTime => seconds(self.settling_ticks),
+            Parameter::ServoPeriod => seconds(1),
+            Parameter::WavePoints => return self.say(format_args!("1 {number:#x}={WAVE_POINTS}")),
+            Parameter::WaveTables => return self.say(format_args!("1 {number:#x}={WAVE_TABLES}")),
+            Parameter::RecorderTables => return self.say(format_args!("1 {number:#x}={MOST_COLUMNS}")),
+            Parameter::RecorderPoints => {
+                let points = self.device.recorder_room() * MOST_COLUMNS as u32;
+                return self.say(format_args!("1 {number:#x}={points}"));
+            }
+        };
+        self.say(format_args!("1 {number:#x}={value}"))
+    }
+}

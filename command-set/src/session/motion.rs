@@ -1,0 +1,161 @@
+//! Moves, the servo, the open-loop drive, conditioning, and every way to stop.
+
+use hysteron_core::amplifier::{Command, Mode};
+use hysteron_core::reference_generator::Waveform;
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+
+use super::{Generator, Meaning, Pending, Session, Trigger};
+use crate::decimal::{ONE, to_fixed};
+use crate::device::Device;
+use crate::error_code::ErrorCode;
+use crate::words::Words;
+
+/// A conditioning cycle takes the tenth part of a second.
+const CONDITIONING_HZ: u32 = 10;
+
+/// The longest move, ticks.
+const LONGEST_MOVE_TICKS: i64 = 1 << 24;
+
+impl<D: Device + 'static> Session<D> {
+    pub(super) fn command(&mut self, first: Command, then: Option<Command>, meaning: Meaning) {
+        self.pending = Pending::Commands { first, then, meaning };
+    }
+
+    /// Starts the recorder where a command that changes the target does so.
+    pub(super) fn begin_motion(&mut self) {
+        if self.trigger == Trigger::Target {
+            self.device.record(self.record_every);
+        }
+    }
+
+    pub(super) fn stopped(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        self.generator = Generator::Off;
+        self.moving_until = None;
+        self.error = ErrorCode::Stopped as u16;
+        Ok(())
+    }
+
+    pub(super) fn halt(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.queried_axis()?;
+        self.stay();
+        self.error = ErrorCode::Stopped as u16;
+        Ok(())
+    }
+
+    /// Stays where it is.
+    pub(super) fn stay(&mut self) {
+        let view = self.device.view();
+        match view.mode {
+            Mode::Closed => {
+                let here = self.reference_now(&view);
+                let stay = Command::Reference { waveform: Waveform::Constant, offset: here };
+                self.command(stay, None, Meaning::Move { from: here, target: here, ticks: 0 });
+            }
+            Mode::Playing => self.command(Command::Hold { drive: None }, None, Meaning::Drive { drive: None, ticks: 0 }),
+            Mode::Rest | Mode::Fault => {}
+        }
+    }
+
+    pub(super) fn set_servo(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let wanted = words.of_axis(Words::switch)?;
+        let view = self.device.view();
+        match (wanted, view.mode == Mode::Closed) {
+            (true, false) => {
+                let (lowest, highest) = self.range(&view);
+                let here = self.position_now(&view).max(lowest).min(highest);
+                let stay = Command::Reference { waveform: Waveform::Constant, offset: here };
+                self.command(stay, Some(Command::Enable), Meaning::Move { from: here, target: here, ticks: 0 });
+            }
+            (false, true) => {
+                let drive = self.parameters.servo.converters.drive(view.dac_code);
+                self.command(Command::Hold { drive: None }, None, Meaning::Drive { drive: Some(drive), ticks: 0 });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    pub(super) fn move_to(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let target = words.of_axis(|words| words.micrometres(ErrorCode::Position))?;
+        self.go(target)
+    }
+
+    pub(super) fn move_by(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let distance = words.of_axis(|words| words.micrometres(ErrorCode::Position))?;
+        self.go(self.target.checked_add(distance).ok_or(ErrorCode::Position)?)
+    }
+
+    pub(super) fn go(&mut self, target: i32) -> Result<(), ErrorCode> {
+        if !self.closed() {
+            return Err(ErrorCode::ServoIsOff);
+        }
+        if self.runs() {
+            return Err(ErrorCode::GeneratorRuns);
+        }
+        if !self.is_within_range(target) {
+            return Err(ErrorCode::Position);
+        }
+        let from = if self.moves() { self.reference_now(&self.device.view()) } else { self.target };
+        let height = target.checked_sub(from).ok_or(ErrorCode::Position)?;
+        // The quintic is 15/8 as fast as its mean at its middle.
+        let rate = i64::from(self.parameters.physical.sample_rate_hz);
+        let ticks = (i64::from(height).abs() * 15 * rate / 8).checked_div(self.velocity).unwrap_or(LONGEST_MOVE_TICKS);
+        let ticks = ticks.clamp(1, LONGEST_MOVE_TICKS) as u32;
+        let waveform = Waveform::QuasiStep { height, delay_ticks: 0, duration_ticks: ticks };
+        self.begin_motion();
+        self.command(Command::Reference { waveform, offset: from }, None, Meaning::Move { from, target, ticks });
+        Ok(())
+    }
+
+    pub(super) fn set_drive(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let drive = words.of_axis(Words::volts)?;
+        let view = self.device.view();
+        if view.mode == Mode::Closed {
+            return Err(ErrorCode::ServoIsOn);
+        }
+        let limit = |millivolts: i32| to_fixed(i64::from(millivolts) * 1_000_000, VOLT_FRACTION_BITS).unwrap_or(0);
+        let physical = &self.parameters.physical;
+        if !(limit(physical.drive_min_mv)..=limit(physical.drive_max_mv)).contains(&drive) {
+            return Err(ErrorCode::Voltage);
+        }
+        let c = &self.parameters.servo.converters;
+        let distance = i64::from(drive.saturating_sub(c.drive(view.dac_code)));
+        let codes = (distance.abs() * i64::from(c.dac_codes_per_volt)) >> 42;
+        let ticks = codes / i64::from(self.parameters.guard.ramp_codes.max(1)) + 1;
+        self.begin_motion();
+        let meaning = Meaning::Drive { drive: Some(drive), ticks: ticks.min(LONGEST_MOVE_TICKS) as u32 };
+        self.command(Command::Hold { drive: Some(drive) }, None, meaning);
+        Ok(())
+    }
+
+    pub(super) fn set_velocity(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let velocity = words.of_axis(Words::number)?;
+        self.take_velocity(velocity)
+    }
+
+    /// Takes a velocity in billionths of um/s: up to the whole span in a tick.
+    pub(super) fn take_velocity(&mut self, billionths: i64) -> Result<(), ErrorCode> {
+        let physical = &self.parameters.physical;
+        let most = i64::from(physical.sensor_span_nm).saturating_mul(1_000_000).saturating_mul(i64::from(physical.sample_rate_hz));
+        if billionths <= 0 || billionths > most {
+            return Err(ErrorCode::Velocity);
+        }
+        // Whole um/s and the rest apart, so that both have room.
+        let (whole, part) = (billionths / ONE, billionths % ONE);
+        self.velocity = (whole << MICROMETRE_FRACTION_BITS) + (part << MICROMETRE_FRACTION_BITS) / ONE;
+        Ok(())
+    }
+
+    pub(super) fn auto_zero(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        if words.more() {
+            words.axis()?;
+        }
+        // A lowest voltage is not needed: the whole range is driven.
+        let _ = words.optional();
+        words.end()?;
+        let rate = self.parameters.physical.sample_rate_hz;
+        self.command(Command::Condition { cycle_ticks: rate / CONDITIONING_HZ, rest_ticks: rate }, None, Meaning::Conditioning);
+        Ok(())
+    }
+}

@@ -1,0 +1,125 @@
+//! Queries of the axis, the drive and the controller itself.
+
+use hysteron_core::amplifier::Mode;
+use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
+
+use super::{Pending, Session, micrometres, volts};
+use crate::decimal::{Decimal, ONE};
+use crate::device::Device;
+use crate::error_code::ErrorCode;
+use crate::words::Words;
+
+impl<D: Device + 'static> Session<D> {
+    pub(super) fn identification(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        self.say(format_args!("(c)2026 Hysteron, HYSTERON, 0, {}", env!("CARGO_PKG_VERSION")))
+    }
+
+    pub(super) fn syntax_version(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        self.say(format_args!("2.0"))
+    }
+
+    pub(super) fn version(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        self.say(format_args!("FW_CORE: Hysteron {}", env!("CARGO_PKG_VERSION")))
+    }
+
+    pub(super) fn last_error(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        let error = core::mem::take(&mut self.error);
+        self.say(format_args!("{error}"))
+    }
+
+    pub(super) fn axes(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        if words.more() && !words.word()?.eq_ignore_ascii_case("ALL") {
+            return Err(ErrorCode::Syntax);
+        }
+        words.end()?;
+        self.say(format_args!("1"))
+    }
+
+    pub(super) fn stage(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let name = self.parameters.physical.name;
+        let end = name.iter().position(|byte| !byte.is_ascii_graphic()).unwrap_or(name.len());
+        let name = name.get(..end).and_then(|name| core::str::from_utf8(name).ok()).filter(|name| !name.is_empty());
+        self.say_axis(words, name.unwrap_or("NOSTAGE"))
+    }
+
+    pub(super) fn servo(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let closed = u8::from(self.closed());
+        self.say_axis(words, closed)
+    }
+
+    pub(super) fn target(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let target = self.target;
+        self.say_axis(words, micrometres(target))
+    }
+
+    pub(super) fn position(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let position = self.position_now(&self.device.view());
+        self.say_axis(words, micrometres(position))
+    }
+
+    pub(super) fn voltage(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let drive = self.parameters.servo.converters.drive(self.device.view().dac_code);
+        self.say_axis(words, volts(drive))
+    }
+
+    pub(super) fn open_loop_drive(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let drive = self.drive;
+        self.say_axis(words, volts(drive))
+    }
+
+    pub(super) fn on_target(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let view = self.device.view();
+        let reached = view.mode == Mode::Closed && !self.moves() && view.on_target_ticks >= self.settling_ticks;
+        self.say_axis(words, u8::from(reached))
+    }
+
+    pub(super) fn overflow(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let (view, c) = (self.device.view(), self.parameters.servo.converters);
+        let at_limit = view.mode == Mode::Closed && (view.dac_code <= c.dac_code_min || view.dac_code >= c.dac_code_max);
+        self.say_axis(words, u8::from(at_limit))
+    }
+
+    pub(super) fn lowest(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let (lowest, _) = self.range(&self.device.view());
+        self.say_axis(words, micrometres(lowest))
+    }
+
+    pub(super) fn highest(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let (_, highest) = self.range(&self.device.view());
+        self.say_axis(words, micrometres(highest))
+    }
+
+    pub(super) fn velocity(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let velocity = self.velocity_value();
+        self.say_axis(words, velocity)
+    }
+
+    pub(super) fn velocity_value(&self) -> Decimal {
+        let (whole, part) = (self.velocity >> MICROMETRE_FRACTION_BITS, self.velocity & ((1 << MICROMETRE_FRACTION_BITS) - 1));
+        Decimal { billionths: whole.saturating_mul(ONE).saturating_add((part * ONE) >> MICROMETRE_FRACTION_BITS), digits: 6 }
+    }
+
+    pub(super) fn auto_zeroed(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let zeroed = u8::from(self.device.view().zeroed);
+        self.say_axis(words, zeroed)
+    }
+
+    pub(super) fn command_help(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        self.pending = Pending::Help(0);
+        words.end()
+    }
+
+    pub(super) fn parameter_help(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        self.pending = Pending::ParameterHelp(0);
+        words.end()
+    }
+
+    pub(super) fn recorder_help(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        self.pending = Pending::RecorderHelp(0);
+        words.end()
+    }
+}

@@ -1,0 +1,268 @@
+//! Wave tables and the generator that plays them.
+
+use core::sync::atomic::{AtomicI32, Ordering};
+
+use hysteron_core::amplifier::Command;
+use hysteron_core::reference_generator::Waveform;
+use hysteron_core::wave_table::WaveTable;
+
+use super::{Meaning, Pending, Session, Step, Trigger, WAVE_POINTS, WAVE_TABLES, micrometres};
+use crate::decimal::Decimal;
+use crate::device::Device;
+use crate::error_code::ErrorCode;
+use crate::waveform::{Segment, Shape};
+use crate::words::Words;
+
+/// Points of a waveform that are computed in one piece of work.
+const POINTS_AT_ONCE: u32 = 32;
+
+impl<D: Device + 'static> Session<D> {
+    /// A wave table named by a word, from 0.
+    pub(super) fn table(&self, words: &mut Words<'_>) -> Result<usize, ErrorCode> {
+        let table = words.whole()?;
+        if (1..=WAVE_TABLES as u32).contains(&table) { Ok(table as usize - 1) } else { Err(ErrorCode::Range) }
+    }
+
+    pub(super) fn points_of(&self, table: usize) -> &'static [AtomicI32] {
+        self.waves.get(table * WAVE_POINTS..(table + 1) * WAVE_POINTS).unwrap_or(&[])
+    }
+
+    pub(super) fn length_of(&self, table: usize) -> u32 {
+        self.wave_lengths.get(table).copied().unwrap_or(0)
+    }
+
+    pub(super) fn set_length(&mut self, table: usize, length: usize) {
+        if let Some(place) = self.wave_lengths.get_mut(table) {
+            *place = length as u32;
+        }
+    }
+
+    /// Not while the table is played.
+    pub(super) fn may_change(&self, table: usize) -> Result<(), ErrorCode> {
+        if self.runs() && self.wave_selected as usize == table + 1 { Err(ErrorCode::GeneratorRuns) } else { Ok(()) }
+    }
+
+    pub(super) fn define_wave(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let table = self.table(words)?;
+        self.may_change(table)?;
+        let at = match words.word()? {
+            "X" | "x" => 0,
+            "&" => self.length_of(table) as usize,
+            _ => return Err(ErrorCode::Syntax),
+        };
+        let shape = match words.word()? {
+            "PNT" | "pnt" => return self.define_points(table, at, words),
+            "SIN_P" | "sin_p" => Shape::Sine,
+            "RAMP" | "ramp" => Shape::Ramp,
+            "LIN" | "lin" => Shape::Line,
+            _ => return Err(ErrorCode::WaveType),
+        };
+        let segment = read_segment(shape, words)?;
+        if !segment.is_consistent() {
+            return Err(ErrorCode::WaveLimit);
+        }
+        if at + segment.length as usize > WAVE_POINTS {
+            return Err(ErrorCode::WaveTooLong);
+        }
+        let end = segment.offset.checked_add(segment.amplitude).ok_or(ErrorCode::WaveLimit)?;
+        if !self.is_within_range(segment.offset) || !self.is_within_range(end) {
+            return Err(ErrorCode::WaveLimit);
+        }
+        self.pending = Pending::Build { table, at, segment, done: 0 };
+        Ok(())
+    }
+
+    /// Points from the line: their place in the segment, their number, and themselves.
+    pub(super) fn define_points(&mut self, table: usize, at: usize, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let missing = |error| if error == ErrorCode::Missing { ErrorCode::WaveParameters } else { error };
+        let first = words.whole().map_err(missing)? as usize;
+        let count = words.whole().map_err(missing)? as usize;
+        // The start point counts in the segment; behind `&` others count in the table, which is the same place.
+        let begin = if at == 0 { first.checked_sub(1).ok_or(ErrorCode::WaveIndex)? } else { at };
+        let end = begin.checked_add(count).filter(|end| *end <= WAVE_POINTS).ok_or(ErrorCode::WaveTooLong)?;
+        let mut given = words.clone();
+        for _ in 0..count {
+            let point = given.micrometres(ErrorCode::WaveLimit).map_err(missing)?;
+            if !self.is_within_range(point) {
+                return Err(ErrorCode::WaveLimit);
+            }
+        }
+        given.end().map_err(|_| ErrorCode::WaveParameters)?;
+        for place in self.points_of(table).get(begin..end).unwrap_or(&[]) {
+            place.store(words.micrometres(ErrorCode::WaveLimit)?, Ordering::Relaxed);
+        }
+        self.set_length(table, end);
+        Ok(())
+    }
+
+    /// Some points of a segment.
+    pub(super) fn build(&mut self, table: usize, at: usize, segment: Segment, done: u32) -> Step {
+        let until = (done + POINTS_AT_ONCE).min(segment.length);
+        let places = self.points_of(table);
+        for nth in done..until {
+            if let Some(place) = places.get(at + nth as usize) {
+                place.store(segment.point(nth), Ordering::Relaxed);
+            }
+        }
+        if until == segment.length {
+            self.set_length(table, at + segment.length as usize);
+        } else {
+            self.pending = Pending::Build { table, at, segment, done: until };
+        }
+        Step::Work
+    }
+
+    pub(super) fn wave_length(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let all = !words.more();
+        let wanted = if all { 0..WAVE_TABLES } else { self.table(words).map(|table| table..table + 1)? };
+        if words.optional_whole()?.is_some_and(|parameter| parameter != 1) {
+            return Err(ErrorCode::Range);
+        }
+        words.end()?;
+        for table in wanted {
+            let length = self.length_of(table);
+            self.say(format_args!("{} 1={length}.0", table + 1))?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn clear_wave(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        loop {
+            let table = self.table(words)?;
+            self.may_change(table)?;
+            self.set_length(table, 0);
+            if !words.more() {
+                return Ok(());
+            }
+        }
+    }
+
+    pub(super) fn select_wave(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let table = words.of_axis(Words::whole)?;
+        if table as usize > WAVE_TABLES {
+            return Err(ErrorCode::Range);
+        }
+        if self.runs() {
+            return Err(ErrorCode::GeneratorRuns);
+        }
+        self.wave_selected = table;
+        Ok(())
+    }
+
+    pub(super) fn selected_wave(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let table = self.wave_selected;
+        self.say_axis(words, table)
+    }
+
+    pub(super) fn set_cycles(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let cycles = words.of_axis(Words::whole)?;
+        self.wave_cycles = cycles;
+        Ok(())
+    }
+
+    pub(super) fn cycles(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let cycles = self.wave_cycles;
+        self.say_axis(words, cycles)
+    }
+
+    pub(super) fn set_wave_rate(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        // Generator 0 means all of them.
+        if words.whole()? > 1 {
+            return Err(ErrorCode::Axis);
+        }
+        let (rate, joined) = (words.whole()?, words.switch()?);
+        words.end()?;
+        if !(1..=0xffff).contains(&rate) {
+            return Err(ErrorCode::Range);
+        }
+        (self.wave_rate, self.wave_joined) = (rate, joined);
+        Ok(())
+    }
+
+    pub(super) fn wave_rate(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let (rate, joined) = (self.wave_rate, u8::from(self.wave_joined));
+        self.say_axis(words, format_args!("{rate} {joined}"))
+    }
+
+    pub(super) fn generate(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let mode = words.of_axis(Words::whole)?;
+        match mode {
+            0 => {
+                if self.runs() {
+                    self.stay();
+                }
+                Ok(())
+            }
+            1 => self.start_generator(),
+            _ => Err(ErrorCode::GeneratorMode),
+        }
+    }
+
+    pub(super) fn start_generator(&mut self) -> Result<(), ErrorCode> {
+        if !self.closed() {
+            return Err(ErrorCode::ServoIsOff);
+        }
+        let table = (self.wave_selected as usize).checked_sub(1).ok_or(ErrorCode::NoWaveSelected)?;
+        let length = self.length_of(table);
+        let points = self.points_of(table).get(..length as usize).unwrap_or(&[]);
+        let last = points.last().ok_or(ErrorCode::WaveNotDefined)?.load(Ordering::Relaxed);
+        let all = u64::from(length) * u64::from(self.wave_rate) * u64::from(self.wave_cycles);
+        let ticks = u32::try_from(all).ok().filter(|ticks| *ticks < 1 << 31).ok_or(ErrorCode::Range)?;
+        if matches!(self.trigger, Trigger::Generator | Trigger::Target) {
+            self.device.record(self.record_every);
+        }
+        let table = WaveTable::new(points, self.wave_rate, self.wave_joined, self.wave_cycles);
+        let meaning = Meaning::Wave { last, ticks: (self.wave_cycles > 0).then_some(ticks) };
+        self.command(Command::Reference { waveform: Waveform::Table(table), offset: 0 }, None, meaning);
+        Ok(())
+    }
+
+    pub(super) fn generates(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let runs = u8::from(self.runs());
+        self.say_axis(words, runs)
+    }
+
+    pub(super) fn wave_generators(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        self.say(format_args!("1"))
+    }
+
+    pub(super) fn wave_data(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let asked = words.more();
+        let mut array = self.read_array(words, WAVE_TABLES, self.wave_rate)?;
+        if array.tables.is_empty() {
+            for (nth, _) in (1u8..).zip(&self.wave_lengths).filter(|(_, length)| **length > 0) {
+                let _ = array.tables.push(nth);
+            }
+        }
+        let shortest = array.tables.iter().map(|table| self.length_of(usize::from(*table) - 1)).min().unwrap_or(0);
+        if !asked {
+            array.count = shortest;
+        }
+        if array.count == 0 || array.first.saturating_add(array.count) > shortest {
+            return Err(ErrorCode::WaveIndex);
+        }
+        self.pending = Pending::Wave(array);
+        Ok(())
+    }
+
+    pub(super) fn wave_value(&self, table: u8, nth: u32) -> Option<Decimal> {
+        let point = self.points_of(usize::from(table).checked_sub(1)?).get(nth as usize)?;
+        Some(micrometres(point.load(Ordering::Relaxed)))
+    }
+}
+
+/// `<segment length> <amplitude> <offset> <curve length> <start point>`, then what the shape needs.
+fn read_segment(shape: Shape, words: &mut Words<'_>) -> Result<Segment, ErrorCode> {
+    let mut read = || -> Result<Segment, ErrorCode> {
+        let length = words.whole()?;
+        let (amplitude, offset) = (words.micrometres(ErrorCode::WaveLimit)?, words.micrometres(ErrorCode::WaveLimit)?);
+        let (curve_length, start) = (words.whole()?, words.whole()?);
+        let speed_up = if shape == Shape::Sine { 0 } else { words.whole()? };
+        let centre = if shape == Shape::Line { curve_length } else { words.whole()? };
+        Ok(Segment { shape, length, start, curve_length, centre, speed_up, amplitude, offset })
+    };
+    let segment = read().map_err(|error| if error == ErrorCode::Missing { ErrorCode::WaveParameters } else { error })?;
+    words.end().map_err(|_| ErrorCode::WaveParameters)?;
+    Ok(segment)
+}
