@@ -7,10 +7,10 @@ mod devtools;
 use devtools::{Page, browser};
 use hysteron::dataset::folder;
 use hysteron::explain::{Options, Start, explain};
-use hysteron::model_file;
 use hysteron::servo::commands::follow;
 use hysteron::servo::order::{self, Order};
 use hysteron::watch::Unwatched;
+use hysteron::{model_file, series};
 use hysteron_browser::served::OnDisk;
 use hysteron_browser::server::Server;
 use std::path::PathBuf;
@@ -113,6 +113,16 @@ fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line()
     page.click("#save > summary");
     page.click("[data-save=report]");
     assert!(page.saved(&out.path().join("report.html")).contains(found.diagnosis.sentence.as_str()));
+    page.click("#save > summary");
+    page.click("[data-save=series]");
+    let shown = page.value("lab.shown").as_u64().and_then(|index| dataset.records.get(index as usize)).expect("a record");
+    let numbers = |text: &str| -> Vec<f64> {
+        text.lines().skip(1).flat_map(|line| line.split(',').map(|cell| cell.parse().expect("a number"))).collect()
+    };
+    let saved = numbers(&page.saved(&out.path().join(series::file_name(shown))));
+    let expected = numbers(&series::csv(shown, &[("modelled", &found.model)]));
+    assert_eq!(saved.len(), expected.len());
+    assert!(saved.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 2e-6), "the signals differ from those of the command line");
     // On to the servo: the same files as on the command line.
     page.click("#design");
     page.wait_for(&format!("servo.designed && {LEFT_ALONE}"));

@@ -2,8 +2,10 @@
 //!
 //! With a `dataset.toml` among them the manifest says what is what. One file alone is cut by what its drive does, as on the command line.
 //! Several files without a manifest are taken as whole records of one actuator: those at rest show the noise, the last that moves is held
-//! out, the others are fitted; the manifest that says so is written here, so that the command line comes to the same data set.
+//! out, the others are fitted; the manifest that says so is written here, so that the command line comes to the same data set. An amplifier's
+//! image with its log is decoded as `hysteron capture` does.
 
+use hysteron::capture::capture;
 use hysteron::dataset::manifest::PerColumn;
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::reading::{Instructions, from_file_as, from_manifest_as};
@@ -92,6 +94,9 @@ fn base_name(path: &str) -> &str {
 /// # Errors
 /// One message with file, row or field, and what was expected.
 pub fn read(files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Recording> {
+    if let Some((image, log)) = trace_of(files)? {
+        return from_trace(image, log, said);
+    }
     let manifest =
         files.keys().find(|name| base_name(name) == "dataset.toml").or_else(|| files.keys().find(|name| name.ends_with(".toml")));
     let recordings: Vec<(&String, &Vec<u8>)> = files.iter().filter(|(name, _)| !name.ends_with(".toml")).collect();
@@ -118,6 +123,33 @@ pub fn read(files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Recording>
         }
     };
     Recording::of(dataset, written, shown.as_ref(), said)
+}
+
+/// First bytes of an executable image.
+const ELF: &[u8] = b"\x7fELF";
+
+/// The image of an amplifier and the log that it wrote, where somebody dropped those two.
+fn trace_of(files: &BTreeMap<String, Vec<u8>>) -> Result<Option<(&[u8], &[u8])>> {
+    let (images, others): (Vec<_>, Vec<_>) = files.iter().partition(|(_, bytes)| bytes.starts_with(ELF));
+    match (&images[..], &others[..]) {
+        ([], _) => Ok(None),
+        ([(_, image)], [(_, log)]) => Ok(Some((image, log))),
+        ([(name, _), ..], _) => Err(Error::new(
+            name,
+            format!("is an image; expected one image and one log beside it, got {} and {}", images.len(), others.len()),
+        )),
+    }
+}
+
+/// The trace in a log as a data set.
+fn from_trace(image: &[u8], log: &[u8], said: &Said) -> Result<Recording> {
+    let (found, files) = capture(image, log)?;
+    let mut recording = read(&files.into_iter().collect(), said)?;
+    recording.dataset.notes.push(format!(
+        "decoded from the log of an amplifier: {} ticks lost on the target, {} gaps, {} damaged blocks",
+        found.lost_on_target, found.gaps, found.damaged
+    ));
+    Ok(recording)
 }
 
 fn columns_of(table: &Table) -> Vec<ColumnChoice> {

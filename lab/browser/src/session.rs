@@ -13,7 +13,7 @@ use hysteron::identify::{Identification, add, identify};
 use hysteron::servo::design::ServoDesign;
 use hysteron::spectrum::amplitude_density;
 use hysteron::synthetic::case::{Order, simulate_case};
-use hysteron::{Error, Result, model_file};
+use hysteron::{Error, Record, Result, model_file, series};
 use hysteron_report::{comparison_report, explain_page, explain_report};
 use hysteron_sim::chain::Model;
 use serde::Deserialize;
@@ -63,6 +63,12 @@ enum Question {
         trial: Trial,
         #[serde(default)]
         quick: bool,
+    },
+    /// Measured and modelled signals of a record as a table, as the command line writes them.
+    Series {
+        record: usize,
+        #[serde(default)]
+        trial: Trial,
     },
     /// Takes a trial as the model.
     Keep { trial: Trial },
@@ -144,11 +150,13 @@ impl Session {
                 let case = simulate_case(&Order { hidden, base, hysteresis: "hysteresis".into(), seed }, "hidden")?;
                 self.read(&case.files, &Said::default())
             }
-            Question::Signals { record } => {
-                let records = &self.data()?.recording.dataset.records;
-                records.get(record).map(answers::signals).ok_or_else(|| Error::new("record", "there is no such record"))
-            }
+            Question::Signals { record } => Ok(answers::signals(self.record(record)?)),
             Question::Compare { record, trial, quick } => self.compare(record, &trial, quick),
+            Question::Series { record, trial } => {
+                let (record, model) = (self.record(record)?, self.tried(&trial)?);
+                let text = series::csv(record, &[("modelled", &model)]);
+                Ok(Answer::of(json!({ "text": text, "name": series::file_name(record) })))
+            }
             Question::Keep { trial } => {
                 let model = self.tried(&trial)?;
                 Ok(Answer::of(answers::model(self.model.insert(model))))
@@ -223,6 +231,10 @@ impl Session {
         self.data.as_ref().ok_or_else(no_data)
     }
 
+    fn record(&self, index: usize) -> Result<&Record> {
+        self.data()?.recording.dataset.records.get(index).ok_or_else(|| Error::new("record", "there is no such record"))
+    }
+
     fn read(&mut self, files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Answer> {
         let recording = recording::read(files, said)?;
         Ok(self.opened(recording))
@@ -253,8 +265,7 @@ impl Session {
 
     fn compare(&self, shown: usize, trial: &Trial, quick: bool) -> Result<Answer> {
         let (data, model) = (self.data()?, self.tried(trial)?);
-        let dataset = &data.recording.dataset;
-        let record = dataset.records.get(shown).ok_or_else(|| Error::new("record", "there is no such record"))?;
+        let (dataset, record) = (&data.recording.dataset, self.record(shown)?);
         let residuals: Vec<Vec<f64>> = dataset.records.iter().map(|r| residual(&model, r)).collect();
         if residuals.iter().flatten().any(|e| !e.is_finite()) {
             require_finite(&model, dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;

@@ -670,6 +670,10 @@ const SAVED = {
   model: async () => save("model.toml", (await ask({ ask: "save" })).json.text, "text/plain"),
   report: async () => save("report.html", (await ask({ ask: "report", of_search: lab.ofSearch })).json.text, "text/html"),
   figures: async () => save("figures.json", (await ask({ ask: "figures", seconds: lab.seconds, of_search: lab.ofSearch })).json.text, "application/json"),
+  series: async () => {
+    const { json } = await ask({ ask: "series", record: lab.shown, trial: { values: values(), off: [...lab.off] } });
+    save(json.name, json.text, "text/csv");
+  },
   manifest: async () => save("dataset.toml", lab.data.manifest, "text/plain"),
   picture: () => {
     const shown = Object.values(plots);

@@ -1,6 +1,6 @@
 //! `add`.
 
-use crate::command_line::Outputs;
+use crate::command_line::RecordingOutputs;
 use crate::compare::write_fit;
 use crate::desk::Desk;
 use crate::progress::Progress;
@@ -11,15 +11,15 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Adds one effect and fits again.
-pub fn add(effect: &str, model: &Path, path: &Path, out: &Path, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
+pub fn add(effect: &str, model: &Path, path: &Path, out: &Path, reading: &ReadArguments, outputs: &RecordingOutputs) -> Result<bool> {
     let started = Instant::now();
-    let desk = Desk::new(outputs.force);
+    let desk = Desk::new(outputs.files.force);
     let requested = desk.effects(effect)?;
     let [effect] = &requested[..] else { return Err(Error::new("effect", format!("expected one effect, got {}", requested.len()))) };
     let model = desk.model(model)?;
     let dataset = desk.dataset(path, reading)?;
     desk.target(Some(out))?;
-    outputs.check(&desk)?;
+    outputs.check(&desk, &dataset)?;
     let progress = Progress::of_search(false);
     let found = hysteron::identify::add(effect, model, &dataset, &progress)?;
     drop(progress);

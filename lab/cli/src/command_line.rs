@@ -11,7 +11,7 @@ use crate::{
 };
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
-use hysteron::{Error, Result};
+use hysteron::{Dataset, Error, Result, series};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -50,6 +50,36 @@ impl Outputs {
     }
 }
 
+/// Files that a command which holds a model against recordings may write.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct RecordingOutputs {
+    /// Write what was measured and what the model says, one CSV file for each record
+    #[arg(long, value_name = "DIR")]
+    pub series: Option<PathBuf>,
+    /// The others
+    #[command(flatten)]
+    pub files: Outputs,
+}
+
+impl RecordingOutputs {
+    /// Takes the files as targets.
+    pub fn check(&self, desk: &Desk, dataset: &Dataset) -> Result<()> {
+        let names: Vec<String> = dataset.records.iter().map(series::file_name).collect();
+        self.series.as_ref().map_or(Ok(()), |folder| desk.folder(folder, &names))?;
+        self.files.check(desk)
+    }
+
+    /// Writes the signals, if they are wanted, beside those of models by name.
+    pub fn write_series(&self, desk: &Desk, dataset: &Dataset, models: &[series::Named]) -> Result<()> {
+        let Some(folder) = &self.series else { return Ok(()) };
+        for record in &dataset.records {
+            desk.write(&folder.join(series::file_name(record)), series::csv(record, models).as_bytes())?;
+        }
+        println!("Signals of {} records: {}", dataset.records.len(), folder.display());
+        Ok(())
+    }
+}
+
 /// Files that a command which makes a model may write.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct StudyOutputs {
@@ -58,14 +88,14 @@ pub struct StudyOutputs {
     pub out: Option<PathBuf>,
     /// The others
     #[command(flatten)]
-    pub files: Outputs,
+    pub recordings: RecordingOutputs,
 }
 
 impl StudyOutputs {
     /// Takes the files as targets.
-    pub fn check(&self, desk: &Desk) -> Result<()> {
+    pub fn check(&self, desk: &Desk, dataset: &Dataset) -> Result<()> {
         desk.target(self.out.as_deref())?;
-        self.files.check(desk)
+        self.recordings.check(desk, dataset)
     }
 }
 
@@ -155,7 +185,7 @@ enum Command {
         #[command(flatten)]
         reading: ReadArguments,
         #[command(flatten)]
-        outputs: Outputs,
+        outputs: RecordingOutputs,
     },
     /// Say which physical effect a model misses on a data set
     #[command(after_help = "Example:\n  hysteron diagnose model.toml other_day.csv --json diagnosis.json")]
@@ -170,7 +200,7 @@ enum Command {
         #[command(flatten)]
         reading: ReadArguments,
         #[command(flatten)]
-        outputs: Outputs,
+        outputs: RecordingOutputs,
     },
     /// Add an effect to a model and fit it again
     #[command(after_help = "Example:\n  hysteron add creep model.toml my_stage --out better.toml")]
@@ -187,7 +217,7 @@ enum Command {
         #[command(flatten)]
         reading: ReadArguments,
         #[command(flatten)]
-        outputs: Outputs,
+        outputs: RecordingOutputs,
     },
     /// What a model's sensor would read under a drive
     #[command(after_help = "Example:\n  hysteron simulate model.toml --drive triangle:200:60:2 --out simulated.csv")]

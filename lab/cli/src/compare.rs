@@ -1,6 +1,6 @@
 //! `compare`.
 
-use crate::command_line::{Outputs, as_typed};
+use crate::command_line::{RecordingOutputs, as_typed};
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{print_notes, print_records, say_next};
@@ -15,12 +15,12 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Compares a model as it is.
-pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
+pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &RecordingOutputs) -> Result<bool> {
     let started = Instant::now();
-    let desk = Desk::new(outputs.force);
+    let desk = Desk::new(outputs.files.force);
     let model = desk.model(model)?;
     let dataset = desk.dataset(path, reading)?;
-    outputs.check(&desk)?;
+    outputs.check(&desk, &dataset)?;
     require_finite(&model, &dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
     let floor = noise_floor(&dataset);
     let figures = fit_figures(&model, &dataset, &floor, Vec::new(), &[], started.elapsed().as_secs_f64());
@@ -31,13 +31,21 @@ pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &Out
     }
     print_notes(&figures);
     write_fit(&desk, &model, &figures, &dataset, None, outputs)?;
-    say_next(outputs, path);
+    say_next(&outputs.files, path);
     Ok(true)
 }
 
 /// Writes a model with its figures and its page, as far as they are wanted.
-pub fn write_fit(desk: &Desk, model: &Model, figures: &FitFigures, dataset: &Dataset, out: Option<&Path>, outputs: &Outputs) -> Result<()> {
+pub fn write_fit(
+    desk: &Desk,
+    model: &Model,
+    figures: &FitFigures,
+    dataset: &Dataset,
+    out: Option<&Path>,
+    outputs: &RecordingOutputs,
+) -> Result<()> {
     desk.write_model(out, model, &dataset.name)?;
-    desk.write_json(outputs.json.as_deref(), figures)?;
-    desk.write_page(outputs.report.as_deref(), || explain_page(&comparison_report(model, dataset, figures, as_typed())))
+    desk.write_json(outputs.files.json.as_deref(), figures)?;
+    outputs.write_series(desk, dataset, &[("modelled", model)])?;
+    desk.write_page(outputs.files.report.as_deref(), || explain_page(&comparison_report(model, dataset, figures, as_typed())))
 }

@@ -114,9 +114,12 @@ impl Desk {
         Ok(())
     }
 
-    /// Takes a folder as the place of new files: none of them may exist already, unless they may be replaced.
+    /// Takes a folder as the place of new files: none of them may exist already, unless they may be replaced. The folder around it has to be there.
     pub fn folder(&self, path: &Path, files: &[String]) -> Result<()> {
-        std::fs::create_dir_all(path).map_err(|e| wrong(path, format!("cannot be made: {e}")))?;
+        if !path.is_dir() {
+            std::fs::create_dir(path)
+                .map_err(|e| wrong(path, format!("cannot be made: {e}; expected a new name in a folder that exists")))?;
+        }
         files.iter().try_for_each(|name| self.target(Some(&path.join(name))))
     }
 

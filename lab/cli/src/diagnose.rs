@@ -1,6 +1,6 @@
 //! `diagnose`.
 
-use crate::command_line::{Outputs, as_typed};
+use crate::command_line::{RecordingOutputs, as_typed};
 use crate::desk::Desk;
 use crate::explain::write_next_experiment;
 use crate::progress::Progress;
@@ -13,13 +13,14 @@ use hysteron_report::{explain_page, explain_report};
 use std::path::Path;
 
 /// Says what a model misses.
-pub fn diagnose(model: &Path, path: &Path, own: &str, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
-    let desk = Desk::new(outputs.force);
+pub fn diagnose(model: &Path, path: &Path, own: &str, reading: &ReadArguments, outputs: &RecordingOutputs) -> Result<bool> {
+    let desk = Desk::new(outputs.files.force);
     let options = Options { own: desk.effects(own)?, ..Options::default() };
     let model = desk.model(model)?;
     let dataset = desk.dataset(path, reading)?;
-    outputs.check(&desk)?;
-    desk.target(outputs.next_drive().as_deref())?;
+    outputs.check(&desk, &dataset)?;
+    let files = &outputs.files;
+    desk.target(files.next_drive().as_deref())?;
     let progress = Progress::of_search(false);
     let found = explain::explain(&dataset, Start::Model(model), &options, &progress)?;
     drop(progress);
@@ -39,9 +40,11 @@ pub fn diagnose(model: &Path, path: &Path, own: &str, reading: &ReadArguments, o
         );
     }
     say_candidates(d);
-    write_next_experiment(&desk, &found, outputs)?;
-    desk.write_json(outputs.json.as_deref(), d)?;
-    desk.write_page(outputs.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
-    say_next(outputs, path);
+    write_next_experiment(&desk, &found, files)?;
+    desk.write_json(files.json.as_deref(), d)?;
+    desk.write_page(files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
+    let start = found.steps.first().map(|step| ("modelled", &step.judged.model));
+    outputs.write_series(&desk, &dataset, &start.into_iter().collect::<Vec<_>>())?;
+    say_next(files, path);
     Ok(true)
 }

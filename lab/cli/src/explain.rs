@@ -27,12 +27,13 @@ pub struct Wanted<'a> {
 pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
     let Wanted { from, own, verbose, animation } = *wanted;
     let started = Instant::now();
-    let desk = Desk::new(outputs.files.force);
+    let desk = Desk::new(outputs.recordings.files.force);
     let effects = desk.effects(from)?;
     let options = Options { own: desk.effects(own)?, ..Options::default() };
     let dataset = desk.dataset(path, reading)?;
-    outputs.check(&desk)?;
-    desk.target(outputs.files.next_drive().as_deref())?;
+    outputs.check(&desk, &dataset)?;
+    let files = &outputs.recordings.files;
+    desk.target(files.next_drive().as_deref())?;
     desk.target(animation)?;
     let progress = Progress::of_search(verbose);
     let found = explain::explain(&dataset, Start::Effects(&effects), &options, &progress)?;
@@ -50,10 +51,13 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
         }
     }
     say_candidates(&found.diagnosis);
-    write_next_experiment(&desk, &found, &outputs.files)?;
+    write_next_experiment(&desk, &found, files)?;
     desk.write_model(outputs.out.as_deref(), &found.model, &dataset.name)?;
-    desk.write_json(outputs.files.json.as_deref(), &figures)?;
-    desk.write_page(outputs.files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
+    desk.write_json(files.json.as_deref(), &figures)?;
+    desk.write_page(files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;
+    let start = found.steps.first().map(|step| ("modelled_at_start", &step.judged.model));
+    let models: Vec<_> = [("modelled", &found.model)].into_iter().chain(start).collect();
+    outputs.recordings.write_series(&desk, &dataset, &models)?;
     if let Some(path) = animation {
         let report = explain_report(&found, &dataset, as_typed());
         let svg = falling_error_svg(&report).ok_or_else(|| wrong(path, "no record was judged; there is nothing to show"))?;
@@ -61,7 +65,7 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
     }
     let model = outputs.out.as_ref().map_or_else(|| "Keep the model with --out model.toml.".into(), |p| format!("Model: {}", p.display()));
     println!("{:.1} s. {model}", figures.seconds);
-    say_next(&outputs.files, path);
+    say_next(files, path);
     Ok(true)
 }
 

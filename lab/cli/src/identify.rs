@@ -39,10 +39,10 @@ fn with_kind(effects: Vec<Arc<dyn Effect>>, kind: Option<&str>) -> Result<Vec<Ar
 /// Fits a list of effects.
 pub fn identify(path: &Path, effects: &str, kind: Option<&str>, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
     let started = Instant::now();
-    let desk = Desk::new(outputs.files.force);
+    let desk = Desk::new(outputs.recordings.files.force);
     let effects = with_kind(desk.effects(effects)?, kind)?;
     let dataset = desk.dataset(path, reading)?;
-    outputs.check(&desk)?;
+    outputs.check(&desk, &dataset)?;
     let progress = Progress::of_search(false);
     let found = hysteron::identify::identify(&dataset, &effects, &progress)?;
     drop(progress);
@@ -51,7 +51,7 @@ pub fn identify(path: &Path, effects: &str, kind: Option<&str>, reading: &ReadAr
     println!("{}: {}", dataset.name, figures.effects.join(", "));
     print_records(&figures);
     print_notes(&figures);
-    write_fit(&desk, &found.model, &figures, &dataset, outputs.out.as_deref(), &outputs.files)?;
+    write_fit(&desk, &found.model, &figures, &dataset, outputs.out.as_deref(), &outputs.recordings)?;
     let next = outputs.out.as_ref().map_or_else(
         || "Keep the model with --out model.toml.".into(),
         |p| format!("Next: hysteron diagnose {} {}", p.display(), path.display()),

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{folder_with_model, good_rows, hysteron, says};
+use common::{folder_to_search, folder_with_model, good_rows, hysteron, says};
 use std::path::Path;
 
 fn bytes(folder: &Path, file: &str) -> Vec<u8> {
@@ -71,4 +71,34 @@ fn a_target_that_cannot_be_written_is_known_before_the_work_begins() {
     says(&twice, folder.path(), "written twice");
     let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     assert!(left.iter().all(|name| !name.contains("trial") && !name.contains("part")), "{left:?}");
+}
+
+/// What is written as a table is what the figures are of: the residual's RMS is that of the JSON, measured is what was recorded, and the
+/// table is a recording again.
+#[test]
+fn signals_are_written_as_tables_that_fit_the_figures() {
+    let folder = folder_to_search();
+    let explained = hysteron(&["explain", ".", "--series", "signals", "--json", "figures.json"], folder.path());
+    assert!(explained.status.success(), "{}", String::from_utf8_lossy(&explained.stderr));
+    let figures: serde_json::Value = serde_json::from_slice(&bytes(folder.path(), "figures.json")).unwrap();
+    for record in figures["records"].as_array().unwrap() {
+        let name = record["file"].as_str().unwrap();
+        let text = String::from_utf8(bytes(folder.path(), &format!("signals/{}.csv", name.trim_end_matches(".csv")))).unwrap();
+        let mut lines = text.lines();
+        assert_eq!(lines.next(), Some("t_s,u_v,y_um,modelled_um,modelled_residual_um,modelled_at_start_um,modelled_at_start_residual_um"));
+        let rows: Vec<Vec<f64>> = lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect();
+        let rms_um = |column: usize| (rows.iter().map(|r| r[column] * r[column]).sum::<f64>() / rows.len() as f64).sqrt();
+        assert!((rms_um(4) - record["rms_um"].as_f64().unwrap()).abs() < 1e-6, "{name}: {} {}", rms_um(4), record["rms_um"]);
+        assert!(rms_um(6) > 3.0 * rms_um(4), "{name}: the start is no better than the end");
+        assert!(rows.iter().all(|r| (r[2] - r[3] - r[4]).abs() < 2e-6 && (r[2] - r[5] - r[6]).abs() < 2e-6));
+        let recorded = String::from_utf8(bytes(folder.path(), &format!("{}.csv", name.trim_end_matches(".csv")))).unwrap();
+        for (row, line) in rows.iter().zip(recorded.lines().skip(1)) {
+            let was: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+            assert!(row.iter().zip(&was).all(|(now, was)| (now - was).abs() < 1e-5), "{row:?} {was:?}");
+        }
+    }
+    says(&["explain", ".", "--series", "signals"], folder.path(), "--force");
+    says(&["explain", ".", "--series", "not/there"], folder.path(), "expected a new name in a folder that exists");
+    let again = hysteron(&["identify", "signals/a.csv", "--effects", "gain"], folder.path());
+    assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
 }

@@ -45,6 +45,7 @@ pub mod identification;
 pub mod identify;
 pub mod model_file;
 mod parallel;
+pub mod series;
 pub mod servo;
 pub mod simulate;
 pub mod spectrum;

@@ -90,6 +90,9 @@ frame.to_parquet(here / "frame.parquet", index=False)
 stamped = pa.table({"timestamp": pa.array(np.datetime64("2026-01-01", "us") + (t * 1e6).astype("timedelta64[us]")), "u_mv": (u * 1e3).round().astype(np.int64), "y_um": y})
 pq.write_table(stamped, here / "stamped.parquet", compression="gzip", row_group_size=100)
 pq.write_table(stamped, here / "zstd.parquet", compression="zstd")
+pq.write_table(stamped, here / "second_pages.parquet", compression="zstd", data_page_version="2.0", data_page_size=400)
+pq.write_table(stamped, here / "lz4.parquet", compression="lz4")
+pq.write_table(stamped, here / "brotli.parquet", compression="brotli")
 
 # Spreadsheet
 with pd.ExcelWriter(here / "book.xlsx") as book:

@@ -17,6 +17,8 @@ mod spreadsheet;
 mod tdms;
 mod text_encoding;
 mod wav;
+#[cfg(feature = "parquet")]
+mod zstandard_pages;
 
 use super::table::Table;
 use crate::error::{Error, Result};

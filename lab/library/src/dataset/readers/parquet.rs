@@ -1,11 +1,14 @@
-//! Parquet, without the compressions that need a C library.
+//! Parquet.
 
+use super::zstandard_pages::ZstandardPages;
 use crate::dataset::table::{Column, Table};
 use crate::error::{Error, Result};
-use parquet::basic::Type;
-use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use ::bytes::Bytes;
+use parquet::basic::{Compression, Type};
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl, get_column_reader};
 use parquet::data_type::DataType;
 use parquet::file::reader::{FileReader, SerializedFileReader};
+use std::sync::Arc;
 
 /// Most columns that are read.
 const COLUMNS_MAX: usize = 256;
@@ -15,7 +18,8 @@ const BATCH: usize = 1 << 16;
 /// Reads all columns of numbers.
 pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
     let fail = |e: &dyn std::fmt::Display| Error::new(place, format!("cannot be read as Parquet: {e}; is it cut off or damaged?"));
-    let file = SerializedFileReader::new(::bytes::Bytes::copy_from_slice(bytes)).map_err(|e| fail(&e))?;
+    let bytes = Arc::new(Bytes::copy_from_slice(bytes));
+    let file = SerializedFileReader::new(Bytes::clone(&bytes)).map_err(|e| fail(&e))?;
     let described = file.metadata().file_metadata().schema_descr_ptr();
     if described.num_columns() > COLUMNS_MAX {
         return Err(Error::new(place, format!("has {} columns; expected at most {COLUMNS_MAX}", described.num_columns())));
@@ -34,9 +38,16 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         let mut rows = 0_usize;
         for group in 0..file.num_row_groups() {
             let group = file.get_row_group(group).map_err(|e| fail(&e))?;
-            rows = rows.saturating_add(usize::try_from(group.metadata().num_rows()).unwrap_or(usize::MAX));
+            let rows_of_group = usize::try_from(group.metadata().num_rows()).unwrap_or(usize::MAX);
+            rows = rows.saturating_add(rows_of_group);
             let wrong = |e: &dyn std::fmt::Display| fail(&format!("column `{name}`: {e}"));
-            let read = match group.get_column_reader(c).map_err(|e| wrong(&e))? {
+            let chunk = group.metadata().column(c);
+            let reader = if matches!(chunk.compression(), Compression::ZSTD(_)) {
+                ZstandardPages::of(&bytes, chunk, rows_of_group).map(|pages| get_column_reader(described.column(c), Box::new(pages)))
+            } else {
+                group.get_column_reader(c)
+            };
+            let read = match reader.map_err(|e| wrong(&e))? {
                 ColumnReader::Int32ColumnReader(reader) => append(reader, &mut values, |v| f64::from(*v)),
                 ColumnReader::Int64ColumnReader(reader) => append(reader, &mut values, |v| *v as f64),
                 ColumnReader::FloatColumnReader(reader) => append(reader, &mut values, |v| f64::from(*v)),
