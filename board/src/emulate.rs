@@ -1,12 +1,15 @@
-//! `emulate`: the emulated board with its serial port on a socket.
+//! `emulate`: the emulated board with its serial port on a socket, and what stands behind its converters.
 
-use std::io::Write;
+use std::io::{BufWriter, Write};
 use std::net::{SocketAddr, TcpListener};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use hysteron::model_file;
+use hysteron::servo::amplifier_block::FrontEnd;
+use hysteron::servo::chain_plant::ChainPlant;
 use hysteron_core::parameter_block::read;
 use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::converters::World;
+use hysteron_emulator::converters::{Witness, World};
 use hysteron_emulator::live_run::run_live;
 use hysteron_emulator::serial_line::SharedLine;
 use hysteron_sim::bench::{Bench, Variant};
@@ -15,23 +18,50 @@ use crate::serial_socket;
 
 /// Ticks per second that the image is made for.
 const SAMPLE_RATE_HZ: u32 = 20_000;
-/// The block that was designed for the simulated stage.
+/// The block that was designed for the simulated bench.
 const BENCH_BLOCK: &[u8] = include_bytes!("../../emulator/tests/p753.block");
 /// Seed of the sensor's noise.
 const SEED: u64 = 1;
+/// Noise of the sensor in front of a stage from a file, um RMS.
+const STAGE_NOISE_UM: f64 = 0.002;
+/// Lines of the true motion that are written at once.
+const LINES_AT_ONCE: u32 = 1000;
 
 /// What `emulate` is told.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 pub struct Options {
     address: SocketAddr,
     image: Option<PathBuf>,
-    block: Option<PathBuf>,
+    block: Block,
+    stage: Option<PathBuf>,
+    front_end: Option<PathBuf>,
+    noise_um: f64,
+    truth: Option<PathBuf>,
+}
+
+/// What the flash holds.
+#[derive(Debug, PartialEq, Eq)]
+enum Block {
+    /// What fits the stage: the bench's block for the bench, nothing for a stage from a file.
+    Fitting,
+    /// Nothing.
+    Empty,
+    /// A file's bytes.
+    File(PathBuf),
 }
 
 impl Options {
     /// From the words behind `emulate`.
     pub fn read(words: &[&str]) -> Result<Self, String> {
-        let mut options = Self { address: SocketAddr::from(([127, 0, 0, 1], 50_000)), image: None, block: None };
+        let mut options = Self {
+            address: SocketAddr::from(([127, 0, 0, 1], 50_000)),
+            image: None,
+            block: Block::Fitting,
+            stage: None,
+            front_end: None,
+            noise_um: STAGE_NOISE_UM,
+            truth: None,
+        };
         let mut words = words.iter();
         while let Some(word) = words.next() {
             let mut value = || words.next().copied().ok_or_else(|| format!("`{word}` needs a value"));
@@ -41,9 +71,24 @@ impl Options {
                     options.address = text.parse().map_err(|_| format!("--tcp {text}: expected an address like 127.0.0.1:50000"))?;
                 }
                 "--image" => options.image = Some(value()?.into()),
-                "--block" => options.block = Some(value()?.into()),
-                other => return Err(format!("`{other}`: expected --tcp, --image or --block")),
+                "--block" => options.block = Block::File(value()?.into()),
+                "--empty" => options.block = Block::Empty,
+                "--stage" => options.stage = Some(value()?.into()),
+                "--front-end" => options.front_end = Some(value()?.into()),
+                "--noise-nm" => {
+                    let text = value()?;
+                    let nanometres = text.parse::<f64>().ok().filter(|nm| (0.0..=1000.0).contains(nm));
+                    options.noise_um = 1e-3 * nanometres.ok_or_else(|| format!("--noise-nm {text}: expected a number from 0 to 1000"))?;
+                }
+                "--truth" => options.truth = Some(value()?.into()),
+                other => {
+                    let known = "--tcp, --image, --block, --empty, --stage, --front-end, --noise-nm or --truth";
+                    return Err(format!("`{other}`: expected {known}"));
+                }
             }
+        }
+        if options.stage.is_none() && options.front_end.is_some() {
+            return Err("--front-end: the wiring of the simulated bench is fixed; it goes with --stage".into());
         }
         Ok(options)
     }
@@ -62,17 +107,71 @@ fn image(options: &Options) -> Result<PathBuf, String> {
     }
 }
 
-fn block(options: &Options) -> Result<Vec<u8>, String> {
-    let Some(path) = &options.block else { return Ok(BENCH_BLOCK.to_vec()) };
+fn block(options: &Options) -> Result<Option<Vec<u8>>, String> {
+    let path = match &options.block {
+        Block::Fitting => return Ok(options.stage.is_none().then(|| BENCH_BLOCK.to_vec())),
+        Block::Empty => return Ok(None),
+        Block::File(path) => path,
+    };
     let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     read(&bytes, SAMPLE_RATE_HZ).map_err(|error| format!("{}: {}", path.display(), error.reason()))?;
-    Ok(bytes)
+    Ok(Some(bytes))
+}
+
+fn text(path: &Path) -> Result<String, String> {
+    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// What stands behind the converters.
+fn world(options: &Options) -> Result<World, String> {
+    let Some(stage) = &options.stage else {
+        let bench = Bench::reference().map_err(|error| format!("the simulated bench: {error}"))?;
+        return Ok(World::new(&bench, Variant::FULL, SEED));
+    };
+    let chain = model_file::from_toml(&text(stage)?, &stage.display().to_string()).map_err(|error| error.to_string())?;
+    let front_end = match &options.front_end {
+        Some(path) => FrontEnd::from_toml(&text(path)?, &path.display().to_string()).map_err(|error| error.to_string())?,
+        None => FrontEnd::default(),
+    };
+    let scale = front_end.scale(chain.drive_min_v, chain.drive_max_v);
+    if scale.drive_v(0) > chain.drive_min_v || scale.drive_v(scale.dac_code_max) < chain.drive_max_v {
+        let (low_v, high_v) = (scale.drive_v(0), scale.drive_v(scale.dac_code_max));
+        let stage_v = format!("{} to {} V", chain.drive_min_v, chain.drive_max_v);
+        return Err(format!(
+            "{}: its drive is {stage_v}, the wiring gives {low_v} to {high_v:.3} V; expected --front-end",
+            stage.display()
+        ));
+    }
+    Ok(World::with(Box::new(ChainPlant::at_rest(&chain, chain.drive_min_v)), scale, options.noise_um, SEED))
+}
+
+/// Writes the true motion as lines of text.
+fn witness(path: &Path) -> Result<Witness, String> {
+    let file = std::fs::File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let mut file = BufWriter::new(file);
+    let named = path.display().to_string();
+    writeln!(file, "sensor_code,drive_code,position_um").map_err(|error| format!("{named}: {error}"))?;
+    let (mut lines, mut failed) = (0, false);
+    Ok(Box::new(move |sensor, drive, position_um| {
+        lines += 1;
+        let mut written = writeln!(file, "{sensor},{drive},{position_um:.7}");
+        if lines % LINES_AT_ONCE == 0 {
+            // The process ends by being interrupted; whole bunches are there then.
+            written = written.and_then(|()| file.flush());
+        }
+        if let (Err(error), false) = (written, failed) {
+            failed = true;
+            eprintln!("hysteron board: {named}: {error}; the true motion is not written any more");
+        }
+    }))
 }
 
 /// Runs the board until the process is interrupted.
 pub fn run(options: Options) -> Result<(), String> {
     let (image, block) = (image(&options)?, block(&options)?);
-    let bench = Bench::reference().map_err(|error| format!("the simulated stage: {error}"))?;
+    let mut world = world(&options)?;
+    world.keeps_codes = false;
+    world.witness = options.truth.as_deref().map(witness).transpose()?;
     let listener = TcpListener::bind(options.address).map_err(|error| format!("{}: {error}", options.address))?;
     let address = listener.local_addr().map_err(|error| error.to_string())?;
     println!("the serial port is {address}");
@@ -80,12 +179,9 @@ pub fn run(options: Options) -> Result<(), String> {
 
     let line = SharedLine::default();
     serial_socket::serve(listener, &line);
-    let world = World::new(&bench, Variant::FULL, SEED).shared();
-    if let Ok(mut world) = world.lock() {
-        world.keeps_codes = false;
-    }
+    let world = world.shared();
     let board = NucleoBoard::with_plant(&world).map_err(|error| error.to_string())?;
-    run_live(&image, board, Some(&block), &line, |level, text| {
+    run_live(&image, board, block.as_deref(), &line, |level, text| {
         // The running trace is for programs that decode it.
         if !text.starts_with("trace [") {
             println!("{level:>5} {text}");
@@ -102,8 +198,14 @@ mod tests {
     #[test]
     fn options_are_understood_or_the_word_is_named() {
         let options = Options::read(&["--tcp", "127.0.0.1:0", "--image", "a.elf"]).expect("options");
-        assert_eq!((options.address.port(), options.image, options.block), (0, Some(PathBuf::from("a.elf")), None));
-        for (words, named) in [(&["--tcp"][..], "--tcp"), (&["--tcp", "here"], "here"), (&["--fast"], "--fast")] {
+        assert_eq!((options.address.port(), options.image, options.block), (0, Some(PathBuf::from("a.elf")), Block::Fitting));
+        for (words, named) in [
+            (&["--tcp"][..], "--tcp"),
+            (&["--tcp", "here"], "here"),
+            (&["--fast"], "--fast"),
+            (&["--noise-nm", "-1"], "--noise-nm"),
+            (&["--front-end", "a"], "--stage"),
+        ] {
             assert!(Options::read(words).expect_err("refused").contains(named), "{words:?}");
         }
     }
@@ -113,5 +215,9 @@ mod tests {
         let options = Options::read(&["--block", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")]).expect("options");
         assert!(block(&options).expect_err("refused").contains("Cargo.toml"));
         assert!(read(BENCH_BLOCK, SAMPLE_RATE_HZ).is_ok());
+        let options = |words: &[&str]| Options::read(words).expect("options");
+        assert_eq!(block(&options(&["--stage", "a.toml"])), Ok(None), "a block for another stage fits none");
+        assert_eq!(block(&options(&["--empty"])), Ok(None));
+        assert_eq!(block(&options(&[])).map(|block| block.map(|block| block.len())), Ok(Some(BENCH_BLOCK.len())));
     }
 }

@@ -1,6 +1,7 @@
 //! What a session needs of whatever carries the amplifier.
 
 use hysteron_core::amplifier::Mode;
+use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
 
@@ -27,6 +28,38 @@ pub struct View {
     pub on_target_ticks: u32,
 }
 
+/// What has become of the parameter block that was brought last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Brought {
+    /// None was brought since the start, or not all of it yet.
+    Nothing,
+    /// It is being verified and kept.
+    Busy,
+    /// It is kept, and a restart takes it.
+    Kept,
+    /// It was refused for this reason.
+    Refused(&'static str),
+}
+
+/// Counts since the start, and the block in use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Diagnosis {
+    /// Ticks at which the sensor's code was at or beyond the limits of the sensor.
+    pub railed_ticks: u32,
+    /// Ticks of the closed loop at which the drive was at a limit.
+    pub limited_ticks: u32,
+    /// Values of the law that left their format and were cut.
+    pub saturated_values: u32,
+    /// Ticks that came late.
+    pub overruns: u32,
+    /// Samples that found no room on their way from the control tick.
+    pub lost_samples: u32,
+    /// Generation of the block in use.
+    pub block_generation: u32,
+    /// Its checksum; 0 without a block.
+    pub block_checksum: u32,
+}
+
 /// What carries the amplifier.
 pub trait Device {
     /// The amplifier's state.
@@ -41,6 +74,10 @@ pub trait Device {
     /// Begins to record every so many ticks; what was recorded before is forgotten.
     fn record(&mut self, every_ticks: u32);
 
+    /// Begins to record every so many ticks, at the tick behind the one at which the next command acts; what was recorded before is forgotten. So a
+    /// drive that is held for as many ticks does not change between two samples.
+    fn record_from_command(&mut self, every_ticks: u32);
+
     /// Samples recorded so far.
     fn recorded(&self) -> u32;
 
@@ -49,4 +86,44 @@ pub trait Device {
 
     /// A recorded sample, oldest first; `None` beyond the last, or before the recording has ended.
     fn sample(&self, nth: u32) -> Option<TraceSample>;
+
+    /// A parameter block of so many bytes follows.
+    ///
+    /// # Errors
+    /// Why not.
+    fn begin_block(&mut self, bytes: u32) -> Result<(), &'static str>;
+
+    /// Takes a piece of it; pieces come in order.
+    ///
+    /// # Errors
+    /// Why not.
+    fn take_block(&mut self, piece: &BlockPiece) -> Result<(), &'static str>;
+
+    /// Lets the block be verified and kept, which takes seconds.
+    ///
+    /// # Errors
+    /// The drive does not rest.
+    fn keep_block(&mut self) -> Result<(), Moving>;
+
+    /// What has become of it.
+    fn brought(&self) -> Brought;
+
+    /// Restarts with the newest valid block, once what is being sent has gone.
+    ///
+    /// # Errors
+    /// The drive does not rest, or a block is being kept.
+    fn restart(&mut self) -> Result<(), Moving>;
+
+    /// The line's speed, bit/s.
+    fn baud(&self) -> u32;
+
+    /// Changes it once what is being sent has gone.
+    fn set_baud(&mut self, baud: u32);
+
+    /// Counts since the start, and the block in use.
+    fn diagnosis(&self) -> Diagnosis;
 }
+
+/// The drive does not rest, and that is only done at rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Moving;

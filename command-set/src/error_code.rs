@@ -55,7 +55,9 @@ pub enum ErrorCode {
     AnswerTooLong = 301,
     /// The drive is out of limits.
     Voltage = 302,
-    /// A fault is latched; the log says which.
+    /// What was brought is no parameter block for this target; `BLK?` says why.
+    InvalidBlock = 311,
+    /// A fault is latched; `DIA?` says which.
     Fault = 333,
     /// A point of a wave table is out of its range.
     WaveIndex = 400,

@@ -25,3 +25,19 @@ pub const RECORDER: &[&str] = &[
 pub const PARAMETERS: &str = "#Valid parameters: identifier, command level, items, data type, group, description";
 /// The first line of `HLP?`.
 pub const COMMANDS: &str = "The following commands are valid:";
+
+/// The first line of `HDI?`.
+pub const DIAGNOSIS_HEAD: &str = "#Diagnosis: identifier and description";
+/// What `DIA?` answers under 1, 2, and so on.
+pub const DIAGNOSIS: [&str; 10] = [
+    "mode: 0 rest, 1 open loop, 2 closed loop, 3 fault",
+    "latched fault, 0: none (the numbers are in the manual)",
+    "ticks with the sensor at or beyond its limits",
+    "ticks of the closed loop with the drive at a limit",
+    "values of the law that were cut to their format",
+    "ticks that came late",
+    "samples that were lost on their way to the recorder's task",
+    "generation of the parameter block in use",
+    "checksum of the parameter block in use, 0: none",
+    "ticks since the start",
+];

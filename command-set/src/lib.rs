@@ -12,6 +12,7 @@
 //! command chapters of its controllers' manuals, E-727 among them). Axis, output channel and wave generator are `1`; units are um, V and s.
 #![no_std]
 
+pub mod code_lines;
 pub mod data_array;
 pub mod decimal;
 pub mod device;

@@ -1,4 +1,5 @@
-//! The parameters of `SPA` and `SPA?`, with the numbers that PI's controllers give them.
+//! The parameters of `SPA` and `SPA?`, with the numbers that PI's controllers give them; from 0x7F000000 on they are this target's own: the scale
+//! of its codes ([`crate::code_lines`]).
 
 /// A parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,6 +14,18 @@ pub enum Parameter {
     Tolerance,
     /// For so long it must not be larger, s.
     SettlingTime,
+    /// Position at the sensor's code 0, um.
+    SensorAtCode0,
+    /// Positions of 65,536 codes of the sensor, um.
+    SensorSpan,
+    /// Drive at code 0, V.
+    DriveAtCode0,
+    /// Drives of 65,536 codes, V.
+    DriveSpan,
+    /// Lowest drive, V.
+    DriveMinimum,
+    /// Highest drive, V.
+    DriveMaximum,
     /// Period of the servo, s.
     ServoPeriod,
     /// Points of a wave table.
@@ -27,12 +40,18 @@ pub enum Parameter {
 
 impl Parameter {
     /// Every one with its number, its type, and what it is.
-    pub const ALL: [(Self, u32, &'static str, &'static str); 10] = [
+    pub const ALL: [(Self, u32, &'static str, &'static str); 16] = [
         (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),
         (Self::RangeMaximum, 0x0700_0001, "FLOAT", "Range_Limit_Max_(um)"),
         (Self::Velocity, 0x0700_0200, "FLOAT", "Servo_Loop_Slew-Rate_(um/s)"),
         (Self::Tolerance, 0x0700_0900, "FLOAT", "ON_Target_Tolerance_(um)"),
         (Self::SettlingTime, 0x0700_0901, "FLOAT", "Settling_Time_(s)"),
+        (Self::SensorAtCode0, 0x7F00_0000, "FLOAT", "Position_at_Sensor_Code_0_(um)"),
+        (Self::SensorSpan, 0x7F00_0001, "FLOAT", "Span_of_Sensor_(um)"),
+        (Self::DriveAtCode0, 0x7F00_0002, "FLOAT", "Drive_at_Code_0_(V)"),
+        (Self::DriveSpan, 0x7F00_0003, "FLOAT", "Span_of_Drive_(V)"),
+        (Self::DriveMinimum, 0x7F00_0004, "FLOAT", "Lowest_Drive_(V)"),
+        (Self::DriveMaximum, 0x7F00_0005, "FLOAT", "Highest_Drive_(V)"),
         (Self::ServoPeriod, 0x0E00_0200, "FLOAT", "Servo_Update_Time_(s)"),
         (Self::WavePoints, 0x1300_0004, "INT", "Max_Wave_Points"),
         (Self::WaveTables, 0x1300_010A, "INT", "Number_of_Waves"),

@@ -9,13 +9,16 @@
 //! * `STP` and `#24` bring the drive to rest, servo off: they take the path that nothing delays. `HLT` stays where it is, servo on.
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
 //! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
+//! * The wave generator plays positions with the servo on; with the servo off it plays drives, V, from rest, and goes to rest when it has ended.
 //! * The data recorder writes all its tables at the same ticks; `DRC` chooses what is read from each.
 
 mod amplifier_state;
 mod axis_parameters;
 mod command_table;
 mod data_recorder;
+mod diagnosis;
 mod motion;
+mod parameter_block;
 mod queries;
 mod wave_generator;
 
@@ -86,6 +89,8 @@ enum Meaning {
     Conditioning,
     /// The wave generator has begun; it ends on `last` after so many ticks (`None`: never).
     Wave { last: i32, ticks: Option<u32> },
+    /// The wave generator plays a drive, for so many ticks (`None`: until it is stopped), and goes to rest then.
+    DriveWave { ticks: Option<u32> },
 }
 
 /// What follows from the line that was obeyed.
@@ -96,7 +101,9 @@ enum Pending {
     Help(usize),
     ParameterHelp(usize),
     RecorderHelp(usize),
+    DiagnosisHelp(usize),
     Recorded(DataArray),
+    Codes { first: u32, count: u32 },
     Wave(DataArray),
     Build { table: usize, at: usize, segment: Segment, done: u32 },
     Commands { first: Command, then: Option<Command>, meaning: Meaning },
@@ -311,6 +318,15 @@ impl<D: Device + 'static> Session<D> {
                 };
                 self.sent(written, if nth > 0 && entry.is_none() { Pending::Nothing } else { Pending::ParameterHelp(nth + 1) })
             }
+            Pending::DiagnosisHelp(nth) => {
+                let entry = nth.checked_sub(1).and_then(|at| help::DIAGNOSIS.get(at));
+                let written = match (nth, entry) {
+                    (0, _) => writeln!(piece, "{} ", help::DIAGNOSIS_HEAD),
+                    (_, Some(what)) => writeln!(piece, "{nth}={what} "),
+                    _ => writeln!(piece, "{}", help::END),
+                };
+                self.sent(written, if nth > 0 && entry.is_none() { Pending::Nothing } else { Pending::DiagnosisHelp(nth + 1) })
+            }
             Pending::RecorderHelp(nth) => {
                 let line = help::RECORDER.get(nth).copied().unwrap_or(help::END);
                 let last = nth + 1 >= help::RECORDER.len();
@@ -318,6 +334,7 @@ impl<D: Device + 'static> Session<D> {
                 self.sent(written, if last { Pending::Nothing } else { Pending::RecorderHelp(nth + 1) })
             }
             Pending::Recorded(array) => self.send_array(array, piece, Pending::Recorded, Self::recorded_value, Self::recorded_name),
+            Pending::Codes { first, count } => self.send_codes(first, count, piece),
             Pending::Wave(array) => self.send_array(array, piece, Pending::Wave, Self::wave_value, |_, _| "Wave table"),
             Pending::Build { table, at, segment, done } => self.build(table, at, segment, done),
             Pending::Commands { first, then, meaning } => {
@@ -371,6 +388,10 @@ impl<D: Device + 'static> Session<D> {
             Meaning::Wave { last, ticks } => {
                 (self.from, self.target) = (last, last);
                 self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(until(ticks)));
+                self.moving_until = None;
+            }
+            Meaning::DriveWave { ticks } => {
+                self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(tick.wrapping_add(ticks)));
                 self.moving_until = None;
             }
         }

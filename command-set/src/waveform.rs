@@ -36,9 +36,9 @@ pub struct Segment {
     pub centre: u32,
     /// Points of a speed-up or slow-down.
     pub speed_up: u32,
-    /// Height of the curve, um with 24 fraction bits.
+    /// Height of the curve, as a point of a wave table.
     pub amplitude: i32,
-    /// Where it begins, um with 24 fraction bits.
+    /// Where it begins, as a point of a wave table.
     pub offset: i32,
 }
 
@@ -62,7 +62,7 @@ impl Segment {
         (1..MOST_POINTS).contains(&self.length) && self.curve_length > 0 && self.centre <= self.curve_length && fits && sides
     }
 
-    /// A point, um with 24 fraction bits.
+    /// A point of the table.
     #[must_use]
     pub fn point(&self, nth: u32) -> i32 {
         let Some(along) = nth.checked_sub(self.start) else { return self.offset };

@@ -1,6 +1,7 @@
 //! The words behind a command's mnemonic, and what they may be.
 
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::wave_table::POINT_FRACTION_BITS;
 
 use crate::decimal::{billionths, to_fixed};
 use crate::error_code::ErrorCode;
@@ -103,6 +104,14 @@ impl<'a> Words<'a> {
     /// The word is missing or is no number, or it has no room.
     pub fn volts(&mut self) -> Result<i32, ErrorCode> {
         to_fixed(self.number()?, VOLT_FRACTION_BITS).ok_or(ErrorCode::Voltage)
+    }
+
+    /// A point of a wave table, um or V.
+    ///
+    /// # Errors
+    /// The word is missing or is no number, or it has no room.
+    pub fn wave_point(&mut self) -> Result<i32, ErrorCode> {
+        to_fixed(self.number()?, POINT_FRACTION_BITS).ok_or(ErrorCode::WaveLimit)
     }
 
     /// The one axis, channel or generator, `1`.

@@ -4,10 +4,11 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::atomic::AtomicI32;
 
-use hysteron_command_set::device::{Device, View};
+use hysteron_command_set::device::{Brought, Device, Diagnosis, Moving, View};
 use hysteron_command_set::session::{Outcome, Piece, Session, Step, WAVE_MEMORY};
 use hysteron_command_set::{DIALECT, Lines};
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
+use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
@@ -26,6 +27,10 @@ struct Rig {
     recording: Option<u32>,
     samples: Vec<TraceSample>,
     sensor_is_there: bool,
+    block: Vec<u8>,
+    brought: Brought,
+    restarts: u32,
+    baud: u32,
 }
 
 const ROOM: u32 = 3000;
@@ -89,6 +94,46 @@ impl Device for Shared {
         let rig = self.0.borrow();
         if rig.recording.is_some() { None } else { rig.samples.get(nth as usize).copied() }
     }
+    fn record_from_command(&mut self, every_ticks: u32) {
+        self.record(every_ticks);
+    }
+    fn begin_block(&mut self, bytes: u32) -> Result<(), &'static str> {
+        self.0.borrow_mut().block.clear();
+        if bytes > 4000 { Err("larger than any block") } else { Ok(()) }
+    }
+    fn take_block(&mut self, piece: &BlockPiece) -> Result<(), &'static str> {
+        let mut rig = self.0.borrow_mut();
+        if piece.offset() != rig.block.len() {
+            return Err("a piece is missing or too much");
+        }
+        rig.block.extend_from_slice(piece.bytes());
+        Ok(())
+    }
+    fn keep_block(&mut self) -> Result<(), Moving> {
+        let mut rig = self.0.borrow_mut();
+        if !rig.amplifier.drive_rests() {
+            return Err(Moving);
+        }
+        rig.brought = read(&rig.block, 20_000).map_or_else(|error| Brought::Refused(error.reason()), |_| Brought::Kept);
+        Ok(())
+    }
+    fn brought(&self) -> Brought {
+        self.0.borrow().brought
+    }
+    fn restart(&mut self) -> Result<(), Moving> {
+        let mut rig = self.0.borrow_mut();
+        rig.restarts += u32::from(rig.amplifier.drive_rests());
+        if rig.amplifier.drive_rests() { Ok(()) } else { Err(Moving) }
+    }
+    fn baud(&self) -> u32 {
+        self.0.borrow().baud
+    }
+    fn set_baud(&mut self, baud: u32) {
+        self.0.borrow_mut().baud = baud;
+    }
+    fn diagnosis(&self) -> Diagnosis {
+        Diagnosis { railed_ticks: 7, block_checksum: 0xdead_beef, ..Diagnosis::default() }
+    }
 }
 
 /// A session, what is behind it, and what is in front of it.
@@ -119,6 +164,10 @@ impl Table {
             recording: None,
             samples: Vec::new(),
             sensor_is_there: true,
+            block: Vec::new(),
+            brought: Brought::Nothing,
+            restarts: 0,
+            baud: 115_200,
         })));
         rig.0.borrow_mut().run(100);
         let waves: Vec<AtomicI32> = (0..WAVE_MEMORY).map(|_| AtomicI32::new(i32::MIN)).collect();
@@ -380,8 +429,10 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x0E000200 1", 64);
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
-    assert_eq!(table.ask("SPA?").lines().count(), 10);
-    assert_eq!(table.ask("HPA?").lines().count(), 12);
+    assert_eq!(table.ask("SPA?").lines().count(), 16);
+    assert_eq!(table.ask("HPA?").lines().count(), 18);
+    assert_eq!(table.ask("SPA? 1 0x7F000001"), "1 0x7f000001=15.000000000\n");
+    assert_eq!(table.ask("SPA? 1 0x7F000002"), "1 0x7f000002=-20.000000000\n");
     table.tell("VEL 1 0", 8);
     table.tell("VEL 1 1e9", 8);
     table.tell("VEL 1 250.5", 0);
@@ -443,6 +494,105 @@ fn the_recorder_begins_when_it_is_told_to() {
     assert_eq!(table.ask("DRR? 1 5").matches("NAME").count(), 3, "a table that records nothing is not read");
 }
 
+#[test]
+fn with_the_servo_off_a_wave_is_a_drive_that_begins_and_ends_at_rest() {
+    let mut table = Table::new();
+    table.tell("WAV 1 X LIN 100 60 0 100 0 0", 0);
+    table.tell("WAV 1 & LIN 100 -60 60 100 0 0", 0);
+    table.tell("WAV 2 X PNT 1 2 1 79", 0);
+    table.tell("WSL 1 1", 0);
+    table.tell("WGC 1 1", 0);
+    table.tell("WTR 1 10 0", 0);
+    table.tell("RTR 10", 0);
+    table.tell("WGO 1 1", 0);
+    assert_eq!((table.ask("WGO?").as_str(), table.ask("SVO?").as_str()), ("1=1\n", "1=0\n"));
+    assert_eq!(table.send(b"\x07"), b"\xB1\n");
+    table.tell("WGO 1 1", 93);
+    table.run(3000);
+    assert_eq!(table.ask("WGO?"), "1=0\n");
+    assert!(table.rig.0.borrow().amplifier.drive_rests());
+    let codes = table.ask("DRB? 1 190");
+    assert_eq!(codes.lines().count(), 3, "90 samples in a line");
+    assert!(codes.lines().take(2).all(|line| line.ends_with("= ") || line.len() == 489), "{codes}");
+    table.tell("DRB? 1 5000", 77);
+    // The drive that was recorded is the wave.
+    let highest = table.rig.0.borrow().samples.iter().map(|sample| sample.dac_code).max().expect("samples");
+    let highest_v = f64::from(parameters().servo.converters.drive(highest)) / 4_194_304.0;
+    assert!((highest_v - 60.0).abs() < 0.01, "{highest_v} V");
+    // What is a drive is no position, and the other way round.
+    table.tell("WSL 1 2", 0);
+    table.tell("SVO 1 1", 0);
+    table.tell("WGO 1 1", 405);
+    table.tell("SVO 1 0", 0);
+    table.tell("WGO 1 1", 93);
+    // Without an end it is played until it is stopped.
+    table.send(b"STP\n");
+    table.ask("ERR?");
+    table.run(3000);
+    table.tell("WGC 1 0", 0);
+    table.tell("WGO 1 1", 0);
+    table.run(3000);
+    assert!(!table.rig.0.borrow().amplifier.drive_rests());
+    table.tell("WGO 1 0", 0);
+    table.run(3000);
+    assert!(table.rig.0.borrow().amplifier.drive_rests());
+}
+
+#[test]
+fn a_block_is_brought_and_taken_by_a_restart() {
+    let mut table = Table::new();
+    assert_eq!(table.ask("BLK?"), "NOTHING\n");
+    let block = include_bytes!("../../emulator/tests/p753.block");
+    table.tell(&format!("BLK BEGIN {}", block.len()), 0);
+    for (nth, piece) in block.chunks(32).enumerate() {
+        let digits: String = piece.iter().map(|byte| format!("{byte:02x}")).collect();
+        table.tell(&format!("BLK DATA {} {digits}", 32 * nth), 0);
+    }
+    table.tell("BLK DATA 0 00", 311);
+    table.tell("BLK DATA 0 0", 1);
+    table.tell("BLK BEGIN 5000", 311);
+    table.tell("BLK KEEP", 1);
+    let upload = |table: &mut Table, bytes: &[u8]| {
+        table.tell(&format!("BLK BEGIN {}", bytes.len()), 0);
+        table.rig.0.borrow_mut().block = bytes.to_vec();
+        table.tell("BLK COMMIT", 0);
+    };
+    upload(&mut table, &block[..]);
+    assert_eq!(table.ask("BLK?"), "KEPT\n");
+    upload(&mut table, &block[1..]);
+    assert!(table.ask("BLK?").starts_with("REFUSED "), "with its reason");
+    table.tell("SVA 1 20", 0);
+    table.run(3000);
+    for line in ["BLK COMMIT", "RBT"] {
+        table.tell(line, 93);
+    }
+    assert_eq!(table.rig.0.borrow().restarts, 0);
+    table.send(b"STP\n");
+    table.run(3000);
+    table.ask("ERR?");
+    table.tell("RBT", 0);
+    assert_eq!(table.rig.0.borrow().restarts, 1);
+}
+
+#[test]
+fn it_says_how_it_is_and_a_fault_is_cleared() {
+    let mut table = Table::ready();
+    assert_eq!(table.ask("DIA? 1 3 9"), "1=2 \n3=7 \n9=3735928559\n");
+    assert_eq!(table.ask("DIA?").lines().count() + 2, table.ask("HDI?").lines().count());
+    table.tell("DIA? 11", 54);
+    table.tell("IFC RSBAUD 921600", 0);
+    assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
+    table.tell("IFC RSBAUD 9000000", 17);
+    table.rig.0.borrow_mut().sensor_is_there = false;
+    table.run(10);
+    assert_eq!(table.ask("DIA? 1 2"), "1=3 \n2=1\n");
+    table.tell("INI 1", 333);
+    table.rig.0.borrow_mut().sensor_is_there = true;
+    table.run(5000);
+    table.tell("INI 1", 0);
+    assert_eq!(table.ask("DIA? 1 2"), "1=0 \n2=0\n");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
@@ -459,8 +609,8 @@ proptest! {
     /// Words of the protocol in any order, which reach further than bytes do.
     #[test]
     fn no_words_do_harm(lines in proptest::collection::vec(
-        ("(MOV|MVR|SVO|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?)",
-         proptest::collection::vec("(1|0|2|4|7|X|&|PNT|SIN_P|RAMP|LIN|100|-3|1e-3|4294967295|9e9|-9e9|0x7000900|0x7000200|[0-9.eE+-]{1,6})", 0..8)), 1..25)) {
+        ("(MOV|MVR|SVO|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?|BLK|INI|RBT|IFC|DIA\\?|DRB\\?)",
+         proptest::collection::vec("(1|0|2|4|7|X|&|BEGIN|DATA|COMMIT|00ff|RSBAUD|PNT|SIN_P|RAMP|LIN|100|-3|1e-3|4294967295|9e9|-9e9|0x7000900|0x7000200|[0-9.eE+-]{1,6})", 0..8)), 1..25)) {
         let mut table = Table::new();
         for (mnemonic, words) in lines {
             table.send(format!("{mnemonic} {}\n", words.join(" ")).as_bytes());

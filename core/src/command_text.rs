@@ -91,9 +91,12 @@ impl BlockPiece {
         self.bytes.get(..self.count).unwrap_or(&[])
     }
 
-    fn parse(offset: i32, text: &str) -> Result<Self, &'static str> {
+    /// Up to [`PIECE_BYTES`] bytes in hexadecimal that belong at an offset.
+    ///
+    /// # Errors
+    /// What was expected instead.
+    pub fn parse(offset: u32, text: &str) -> Result<Self, &'static str> {
         const EXPECTED: &str = "expected up to 32 bytes in hexadecimal";
-        let offset = u32::try_from(offset).map_err(|_| "an offset is negative")?;
         let mut piece = Self { offset, bytes: [0; PIECE_BYTES], count: text.len() / 2 };
         if piece.count == 0 || piece.count > PIECE_BYTES || !text.len().is_multiple_of(2) {
             return Err(EXPECTED);
@@ -215,7 +218,8 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("block"), Some("begin")) => return Ok(Line::BlockBegin(ticks(number()?).map_err(|_| "a length is negative")?)),
         (Some("block"), Some("data")) => {
             let hexadecimal = verbs.nth(1).ok_or("the bytes are missing")?;
-            return Ok(Line::BlockData(BlockPiece::parse(number()?, hexadecimal)?));
+            let offset = u32::try_from(number()?).map_err(|_| "an offset is negative")?;
+            return Ok(Line::BlockData(BlockPiece::parse(offset, hexadecimal)?));
         }
         (Some("block"), Some("commit")) => return Ok(Line::BlockCommit),
         (Some("restart"), None) => return Ok(Line::Restart),

@@ -422,6 +422,14 @@ pub fn generation(bytes: &[u8]) -> u16 {
     }
 }
 
+/// What tells one block from another whatever its generation: the CRC-32 of its content; `None` if that is not all there.
+#[must_use]
+pub fn fingerprint(bytes: &[u8]) -> Option<u32> {
+    let content = bytes.get(8..HEADER_BYTES)?.first_chunk().map(|length| u32::from_le_bytes(*length))?;
+    let end = HEADER_BYTES.checked_add(content as usize)?;
+    bytes.get(HEADER_BYTES..end).map(crc32)
+}
+
 /// Gives a whole block (without anything behind it) another generation, and its checksum with it.
 ///
 /// # Errors
@@ -703,6 +711,9 @@ pub(crate) mod tests {
         set_generation(&mut bytes[..length], 65_535).expect("a block");
         assert_eq!((generation(&bytes), read(&bytes, 20_000)), (65_535, Ok(example())));
         assert_eq!(set_generation(&mut [0; 3], 1), Err(BlockError::Length));
+        let print = fingerprint(&bytes);
+        set_generation(&mut bytes[..length], 3).expect("a block");
+        assert!(print.is_some() && fingerprint(&bytes) == print && fingerprint(&bytes[..length - 5]).is_none());
     }
 
     #[test]

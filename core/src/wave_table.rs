@@ -8,10 +8,18 @@
 
 use core::sync::atomic::{AtomicI32, Ordering};
 
+/// The largest difference of the two formats: [`crate::signal`] has 22 and 24 bits.
+const MOST_SHIFT: u32 = 2;
+
+/// Fraction bits of a point, um where a reference is played and V where a drive is: as many as a drive has, which reaches further.
+pub const POINT_FRACTION_BITS: u32 = 22;
+
 /// A table as it is played.
 #[derive(Clone, Copy, Debug)]
 pub struct WaveTable {
     points: &'static [AtomicI32],
+    /// From the bits of a point to those of what is played.
+    shift: u32,
     ticks_per_point: u32,
     /// `2^30 / ticks_per_point` where points are joined by lines; 0 where they stay.
     slope: u32,
@@ -19,12 +27,13 @@ pub struct WaveTable {
 }
 
 impl WaveTable {
-    /// These points, um with 24 fraction bits, each for so many ticks (at least 1), joined by lines or not, so many times (0: for ever).
+    /// These points, each with [`POINT_FRACTION_BITS`], for so many ticks (at least 1), joined by lines or not, so many times (0: for ever). They
+    /// are played with `fraction_bits`: those of a position or of a drive. Every point must lie within its format, or it is cut to it.
     #[must_use]
-    pub fn new(points: &'static [AtomicI32], ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
+    pub fn new(points: &'static [AtomicI32], fraction_bits: u32, ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
         let ticks_per_point = ticks_per_point.max(1);
         let slope = if joined && ticks_per_point > 1 { (1 << 30) / ticks_per_point } else { 0 };
-        Self { points, ticks_per_point, slope, cycles }
+        Self { points, shift: fraction_bits.saturating_sub(POINT_FRACTION_BITS).min(MOST_SHIFT), ticks_per_point, slope, cycles }
     }
 
     /// Ticks after which it repeats; `None` where it is played once, is empty, or is too long to count.
@@ -35,14 +44,16 @@ impl WaveTable {
     }
 
     fn point(&self, nth: usize) -> i32 {
-        self.points.get(nth).map_or(0, |point| point.load(Ordering::Relaxed))
+        let point = self.points.get(nth).map_or(0, |point| point.load(Ordering::Relaxed));
+        point.max(i32::MIN >> self.shift).min(i32::MAX >> self.shift) << self.shift
     }
 }
 
 impl PartialEq for WaveTable {
     fn eq(&self, other: &Self) -> bool {
         core::ptr::eq(self.points, other.points)
-            && (self.ticks_per_point, self.slope, self.cycles) == (other.ticks_per_point, other.slope, other.cycles)
+            && (self.shift, self.ticks_per_point, self.slope, self.cycles)
+                == (other.shift, other.ticks_per_point, other.slope, other.cycles)
     }
 }
 
@@ -58,7 +69,7 @@ pub struct TablePlayer {
 }
 
 impl TablePlayer {
-    /// The reference at the next tick, um with 24 fraction bits; 0 of a table without points.
+    /// What is played at the next tick, with the fraction bits that the table is played with; 0 of a table without points.
     pub fn next_point(&mut self, table: &WaveTable) -> i32 {
         let here = table.point(self.point);
         if self.ended {
@@ -115,34 +126,41 @@ mod tests {
     #[test]
     fn points_are_played_joined_or_not_so_many_times_and_the_last_one_stays() {
         let points = memory(&[0, 100, -100]);
-        assert_eq!(play(WaveTable::new(points, 1, true, 2), 8), [0, 100, -100, 0, 100, -100, -100, -100]);
-        assert_eq!(play(WaveTable::new(points, 2, false, 1), 8), [0, 0, 100, 100, -100, -100, -100, -100]);
-        assert_eq!(play(WaveTable::new(points, 1, false, 0), 301)[300], 0, "for ever");
+        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 1, true, 2), 8), [0, 100, -100, 0, 100, -100, -100, -100]);
+        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 2, false, 1), 8), [0, 0, 100, 100, -100, -100, -100, -100]);
+        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 1, false, 0), 301)[300], 0, "for ever");
         // Straight lines; the shares 1/4, 1/2 and 3/4 are a little short of themselves.
-        let joined = play(WaveTable::new(points, 4, true, 0), 13);
+        let joined = play(WaveTable::new(points, POINT_FRACTION_BITS, 4, true, 0), 13);
         let exact = [0.0, 25.0, 50.0, 75.0, 100.0, 50.0, 0.0, -50.0, -100.0, -75.0, -50.0, -25.0, 0.0];
         for (value, exact) in joined.iter().zip(exact) {
             assert!((f64::from(*value) - exact).abs() <= 1.0, "{joined:?}");
         }
-        assert_eq!(play(WaveTable::new(points, 4, true, 1), 20)[8..], [-100; 12], "the end joins nothing");
+        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 4, true, 1), 20)[8..], [-100; 12], "the end joins nothing");
     }
 
     #[test]
     fn a_table_that_is_cycled_has_a_period() {
-        let table = |points: &[i32], ticks, cycles| WaveTable::new(memory(points), ticks, true, cycles).period_ticks();
+        let table = |points: &[i32], ticks, cycles| WaveTable::new(memory(points), POINT_FRACTION_BITS, ticks, true, cycles).period_ticks();
         assert_eq!((table(&[1, 2], 100, 0), table(&[1, 2, 3], 7, 5)), (Some(200), Some(21)));
         assert_eq!((table(&[1, 2], 100, 1), table(&[], 100, 0), table(&[1, 2], u32::MAX, 0)), (None, None, None));
     }
 
     #[test]
+    fn a_position_has_two_bits_more_than_a_drive_and_never_wraps() {
+        let points = memory(&[3 << 22, -5, i32::MAX, i32::MIN]);
+        assert_eq!(play(WaveTable::new(points, 22, 1, false, 1), 4), [3 << 22, -5, i32::MAX, i32::MIN]);
+        assert_eq!(play(WaveTable::new(points, 24, 1, false, 1), 4), [3 << 24, -20, i32::MAX - 3, i32::MIN]);
+    }
+
+    #[test]
     fn a_table_without_points_is_zero() {
-        assert_eq!(play(WaveTable::new(&[], 3, true, 0), 5), [0; 5]);
+        assert_eq!(play(WaveTable::new(&[], POINT_FRACTION_BITS, 3, true, 0), 5), [0; 5]);
     }
 
     proptest! {
         #[test]
         fn a_line_never_leaves_its_two_points(a in any::<i32>(), b in any::<i32>(), ticks in 1u32..5000, joined: bool) {
-            let values = play(WaveTable::new(memory(&[a, b]), ticks, joined, 0), 2 * ticks as usize);
+            let values = play(WaveTable::new(memory(&[a, b]), POINT_FRACTION_BITS, ticks, joined, 0), 2 * ticks as usize);
             prop_assert!(values.iter().all(|value| (a.min(b)..=a.max(b)).contains(value)));
         }
     }

@@ -12,7 +12,10 @@
 
 use std::sync::{Arc, Mutex};
 
-use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
+use hysteron_sim::bench::{Bench, Variant};
+use hysteron_sim::closed_loop::Plant;
+use hysteron_sim::converter_scale::ConverterScale;
+use hysteron_sim::noise::WhiteNoise;
 use rigless::chip::Timeline;
 use rigless::chip::spi::Peer;
 
@@ -47,11 +50,10 @@ pub enum Trouble {
 }
 
 /// Plant, sensor and the codes between them and the target.
-#[derive(Debug)]
 pub struct World {
-    bench: Bench,
-    plant: Plant,
-    sensor: Sensor,
+    scale: ConverterScale,
+    plant: Box<dyn Plant + Send>,
+    noise: WhiteNoise,
     acting_code: u16,
     written_code: u16,
     /// The drive's output is clamped to ground, which is this code.
@@ -74,6 +76,17 @@ pub struct World {
     pub codes: Vec<(u16, u16)>,
     /// Whether `codes` are kept: not in a run without an end.
     pub keeps_codes: bool,
+    /// Is told of every edge: the sensor's code, the code that acts from it on, and the true position, um.
+    pub witness: Option<Witness>,
+}
+
+/// Who is told of every edge.
+pub type Witness = Box<dyn FnMut(u16, u16, f64) + Send>;
+
+impl std::fmt::Debug for World {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("World").field("edges", &self.edges).field("acting_code", &self.acting_code).finish_non_exhaustive()
+    }
 }
 
 /// The world as the converters and the test share it.
@@ -83,15 +96,21 @@ impl World {
     /// A virgin actuator of the bench, its drive at rest, with this seed of noise.
     #[must_use]
     pub fn new(bench: &Bench, variant: Variant, seed: u64) -> Self {
-        let rest = bench.converter_scale().dac_code(bench.drive_min_v);
+        Self::with(Box::new(bench.plant(variant)), bench.converter_scale(), bench.converters.sensor_noise_um, seed)
+    }
+
+    /// Any plant at rest between converters of this scale, with this noise of the sensor, um RMS.
+    #[must_use]
+    pub fn with(plant: Box<dyn Plant + Send>, scale: ConverterScale, noise_um: f64, seed: u64) -> Self {
+        let rest = scale.dac_code(scale.drive_min_v);
         Self {
-            plant: bench.plant(variant),
-            sensor: Sensor::new(bench, 0.0, seed),
-            bench: bench.clone(),
+            plant,
+            noise: WhiteNoise::new(noise_um, seed),
+            scale,
             acting_code: rest,
             written_code: rest,
             clamped: false,
-            ground_code: bench.converter_scale().dac_code(0.0),
+            ground_code: ConverterScale { drive_min_v: f64::NEG_INFINITY, drive_max_v: f64::INFINITY, ..scale }.dac_code(0.0),
             waiting_for_beat: true,
             first_edge_ns: None,
             began_ns: None,
@@ -103,6 +122,7 @@ impl World {
             troubles: Vec::new(),
             codes: Vec::new(),
             keeps_codes: true,
+            witness: None,
         }
     }
 
@@ -115,11 +135,11 @@ impl World {
     /// One edge of the sample clock: the period before it ends, the code written in it begins to act, the sensor is sampled.
     pub fn edge(&mut self) -> u16 {
         if self.edges > 0 {
-            self.plant.tick(self.bench.converter_scale().drive_v(self.acting_code));
+            self.plant.advance(self.scale.drive_v(self.acting_code), 0.0);
         }
         let next = if self.clamped { self.ground_code } else { self.written_code };
         let acted = std::mem::replace(&mut self.acting_code, next);
-        let honest = if self.wire { acted } else { self.sensor.read_code(&self.plant) };
+        let honest = if self.wire { acted } else { self.scale.adc_code(self.plant.sensor_um() + self.noise.next_um()) };
         let now = self.edges;
         let trouble = self.troubles.iter().find(|trouble| (trouble.from..trouble.to).contains(&now));
         let code = match trouble.map(|trouble| trouble.kind) {
@@ -130,6 +150,9 @@ impl World {
         self.last_code = code;
         if self.keeps_codes {
             self.codes.push((code, self.acting_code));
+        }
+        if let Some(witness) = &mut self.witness {
+            witness(code, self.acting_code, self.plant.displacement_um());
         }
         self.edges += 1;
         code

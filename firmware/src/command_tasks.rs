@@ -1,6 +1,6 @@
 //! The tasks that take lines of text from the probe, obey them, and say what changes.
 
-use hysteron_core::amplifier::{Command, Mode, Refusal};
+use hysteron_core::amplifier::{Command, Refusal};
 use hysteron_core::command_lines::{CommandLines, LINE_BYTES, WaitingLine};
 use hysteron_core::command_schedule::CannotWait;
 use hysteron_core::command_text::{Line, parse};
@@ -11,7 +11,7 @@ use rtt_target::DownChannel;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
 use crate::sample_clock::SAMPLE_RATE_HZ;
-use crate::{command_port, recorder, serial_port, settings, stack, task_clock, trace_tasks};
+use crate::{command_port, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
 #[embassy_executor::task]
@@ -117,11 +117,8 @@ fn answer(what: &'static str, result: Result<(), &'static str>) {
     }
 }
 
-/// At rest or stopped by a fault, the ramp to rest ended: the drive does not move.
 fn drive_rests() -> Result<(), &'static str> {
-    let mode = control::flags() as u8;
-    let rests = mode == Mode::Rest as u8 || mode == Mode::Fault as u8;
-    if rests && control::drive_rests() { Ok(()) } else { Err("only at rest") }
+    if control::drive_rests() { Ok(()) } else { Err("only at rest") }
 }
 
 fn submit(at: Option<u32>, command: Command) {
@@ -147,6 +144,15 @@ fn obey(line: &WaitingLine) {
             let (used, size) = stack::high_water_bytes();
             defmt::info!("status {}", control::report());
             defmt::info!("stack {=u32} of {=u32} bytes", used, size);
+            let (railed, limited) = telemetry::railed_and_limited_ticks();
+            defmt::info!(
+                "sensor railed in {=u32} ticks, drive limited in {=u32}, {=u32} values cut",
+                railed,
+                limited,
+                control::saturated_values()
+            );
+            let (generation, fingerprint) = settings::in_use();
+            defmt::info!("block generation {=u32}, content {=u32:#010x}", generation, fingerprint);
         }
         Ok(Line::Capture(trigger, before, after)) => answer("capture is armed", recorder::arm(trigger, before, after)),
         Ok(Line::CaptureSend) => answer("capture follows", trace_tasks::begin_read_out()),
@@ -164,6 +170,7 @@ fn obey(line: &WaitingLine) {
             Ok(()) => settings::keep(),
             Err(reason) => defmt::warn!("refused: block: {=str}", reason),
         },
+        Ok(Line::Restart) if settings::is_keeping() => defmt::warn!("refused: a block is being kept"),
         Ok(Line::Restart) => match drive_rests() {
             Ok(()) => cortex_m::peripheral::SCB::sys_reset(),
             Err(reason) => defmt::warn!("refused: {=str}", reason),

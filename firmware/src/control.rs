@@ -139,6 +139,7 @@ impl Control {
     #[unsafe(link_section = ".itcm.control")]
     fn act(&mut self, from: Source, command: Command) {
         let outcome = self.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done);
+        self.recorder.command_acted();
         self.answer(from, outcome);
     }
 }
@@ -160,6 +161,7 @@ static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
 static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static FLAGS: AtomicU32 = AtomicU32::new(0);
+static SATURATED_VALUES: AtomicU32 = AtomicU32::new(0);
 static DRIVE_RESTS: AtomicBool = AtomicBool::new(true);
 static ADC_ZERO: AtomicI32 = AtomicI32::new(0);
 static ZEROED: AtomicBool = AtomicBool::new(false);
@@ -209,9 +211,20 @@ pub fn flags() -> u32 {
     FLAGS.load(Ordering::Relaxed)
 }
 
-/// Whether the drive is at its rest code.
+/// Whether the drive does not move: at rest or stopped by a fault, the ramp to rest ended.
 pub fn drive_rests() -> bool {
-    DRIVE_RESTS.load(Ordering::Relaxed)
+    let mode = flags() as u8;
+    (mode == Mode::Rest as u8 || mode == Mode::Fault as u8) && DRIVE_RESTS.load(Ordering::Relaxed)
+}
+
+/// Values of the law that left their format and were cut.
+pub fn saturated_values() -> u32 {
+    SATURATED_VALUES.load(Ordering::Relaxed)
+}
+
+/// Ticks that ended late.
+pub fn overruns() -> u32 {
+    OVERRUNS.load(Ordering::Relaxed)
 }
 
 /// Position at the sensor's code 0 as it is now, um with 24 fraction bits, and whether a conditioning has found it.
@@ -294,6 +307,7 @@ extern "C" fn TIM2() {
     TICKS.store(control.tick, Ordering::Relaxed);
     FLAGS.store(u32::from(sample.flags), Ordering::Relaxed);
     DRIVE_RESTS.store(control.amplifier.drive_rests(), Ordering::Relaxed);
+    SATURATED_VALUES.store(control.amplifier.servo().counters().saturated_values, Ordering::Relaxed);
     ADC_ZERO.store(control.amplifier.parameters().servo.converters.adc_zero, Ordering::Relaxed);
     ZEROED.store(control.amplifier.zeroed(), Ordering::Relaxed);
     keep_largest(&LATEST_ENTRY_COUNTS, entry);

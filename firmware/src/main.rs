@@ -95,7 +95,7 @@ async fn main(spawner: Spawner) {
         clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
     );
     command_port::open(command_producer);
-    telemetry::begin(&parameters.servo.converters);
+    telemetry::begin(&parameters);
     serial_port::open(spawner, peripherals.USART3, peripherals.PD9, peripherals.PD8, parameters);
     spawn(spawner, trace_tasks::trace(sample_consumer));
     spawn(spawner, trace_tasks::read_out());

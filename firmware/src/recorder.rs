@@ -16,6 +16,9 @@ use hysteron_core::trace_frame::TraceSample;
 /// Samples that fit: 0.8 s.
 pub const ROOM: u32 = 1 << 14;
 
+/// The trigger of [`begin_from_command`], beside those of the probe's text.
+const ON_COMMAND: u8 = 0xff;
+
 /// Whose the memory is.
 #[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -73,11 +76,21 @@ pub fn begin(every_ticks: u32) {
     arm_every(every_ticks, Trigger::Now, 0, ROOM - 1);
 }
 
+/// Begins to record every so many ticks at the tick behind the one at which the next command acts; forgets what was there.
+pub fn begin_from_command(every_ticks: u32) {
+    disarm();
+    arm_every_on(every_ticks, ON_COMMAND, 0, ROOM - 1);
+}
+
 fn arm_every(every_ticks: u32, trigger: Trigger, before: u32, after: u32) {
+    arm_every_on(every_ticks, trigger as u8, before, after);
+}
+
+fn arm_every_on(every_ticks: u32, trigger: u8, before: u32, after: u32) {
     EVERY.store(every_ticks.max(1), Ordering::Relaxed);
     WRITTEN.store(0, Ordering::Relaxed);
     CAPTURE.store(CAPTURE.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
-    TRIGGER.store(trigger as u8, Ordering::Relaxed);
+    TRIGGER.store(trigger, Ordering::Relaxed);
     BEFORE.store(before, Ordering::Relaxed);
     AFTER.store(after, Ordering::Relaxed);
     STATE.store(State::Armed as u8, Ordering::Release);
@@ -126,12 +139,22 @@ pub struct Recorder {
     skip: u32,
     remaining: Option<u32>,
     mode: u8,
+    /// A command acted in this tick.
+    command_acts: bool,
+    /// The recording that waits for a command has begun.
+    begun: bool,
 }
 
 impl Recorder {
     /// Nothing is armed.
     pub const fn new() -> Self {
-        Self { capture: 0, written: 0, skip: 0, remaining: None, mode: 0 }
+        Self { capture: 0, written: 0, skip: 0, remaining: None, mode: 0, command_acts: false, begun: false }
+    }
+
+    /// A command acts in the tick whose sample comes next.
+    #[inline(always)]
+    pub fn command_acted(&mut self) {
+        self.command_acts = true;
     }
 
     /// Takes the sample of a tick.
@@ -139,12 +162,17 @@ impl Recorder {
     pub fn take(&mut self, sample: &TraceSample) {
         let mode = sample.flags as u8;
         let before = core::mem::replace(&mut self.mode, mode);
+        let command_acts = core::mem::replace(&mut self.command_acts, false);
         if STATE.load(Ordering::Acquire) != State::Armed as u8 {
             return;
         }
         let capture = CAPTURE.load(Ordering::Relaxed);
         if self.capture != capture {
-            *self = Self { capture, written: 0, skip: 0, remaining: None, mode };
+            *self = Self { capture, mode, ..Self::new() };
+        }
+        if TRIGGER.load(Ordering::Relaxed) == ON_COMMAND && !self.begun {
+            self.begun = command_acts;
+            return;
         }
         if self.skip > 0 {
             self.skip -= 1;
@@ -163,7 +191,8 @@ impl Recorder {
             Some(remaining) => remaining - 1,
             None => {
                 let trigger = TRIGGER.load(Ordering::Relaxed);
-                let happened = (trigger == Trigger::Now as u8 && self.written > BEFORE.load(Ordering::Relaxed))
+                let happened = trigger == ON_COMMAND
+                    || (trigger == Trigger::Now as u8 && self.written > BEFORE.load(Ordering::Relaxed))
                     || (trigger == Trigger::Fault as u8 && changed_to(Mode::Fault))
                     || (trigger == Trigger::Closed as u8 && changed_to(Mode::Closed));
                 if !happened {

@@ -2,13 +2,14 @@
 
 use core::sync::atomic::AtomicI32;
 
-use hysteron_command_set::device::{Device, View};
+use hysteron_command_set::device::{Brought, Device, Diagnosis, Moving, View};
 use hysteron_command_set::session::WAVE_MEMORY;
 use hysteron_core::amplifier::Mode;
+use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
 
-use crate::{control, recorder, telemetry};
+use crate::{control, recorder, serial_port, settings, telemetry};
 
 /// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much of it counts.
 #[unsafe(link_section = ".axisram.waves")]
@@ -60,6 +61,52 @@ impl Device for Target {
 
     fn end_recording(&mut self) {
         recorder::end();
+    }
+
+    fn record_from_command(&mut self, every_ticks: u32) {
+        recorder::begin_from_command(every_ticks);
+    }
+
+    fn begin_block(&mut self, bytes: u32) -> Result<(), &'static str> {
+        settings::begin(bytes)
+    }
+
+    fn take_block(&mut self, piece: &BlockPiece) -> Result<(), &'static str> {
+        settings::take(piece)
+    }
+
+    fn keep_block(&mut self) -> Result<(), Moving> {
+        if control::drive_rests() { Ok(settings::keep()) } else { Err(Moving) }
+    }
+
+    fn brought(&self) -> Brought {
+        settings::brought()
+    }
+
+    fn restart(&mut self) -> Result<(), Moving> {
+        if control::drive_rests() && !settings::is_keeping() { Ok(serial_port::restart()) } else { Err(Moving) }
+    }
+
+    fn baud(&self) -> u32 {
+        serial_port::baud()
+    }
+
+    fn set_baud(&mut self, baud: u32) {
+        serial_port::set_baud(baud);
+    }
+
+    fn diagnosis(&self) -> Diagnosis {
+        let (railed_ticks, limited_ticks) = telemetry::railed_and_limited_ticks();
+        let (block_generation, block_checksum) = settings::in_use();
+        Diagnosis {
+            railed_ticks,
+            limited_ticks,
+            saturated_values: control::saturated_values(),
+            overruns: control::overruns(),
+            lost_samples: control::lost_samples(),
+            block_generation,
+            block_checksum,
+        }
     }
 
     fn sample(&self, nth: u32) -> Option<TraceSample> {

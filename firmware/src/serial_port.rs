@@ -6,10 +6,12 @@
 //! its turn. The port's interrupt is far below the control interrupt.
 
 use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_executor::Spawner;
 use embassy_futures::yield_now;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::pac::USART3 as USART3_REGISTERS;
 use embassy_stm32::peripherals::{PD8, PD9, USART3};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
 use embassy_stm32::{Peri, bind_interrupts, interrupt};
@@ -27,6 +29,7 @@ use crate::control::{self, Reply, Source};
 use crate::serial_device::{Target, WAVES};
 use crate::{command_port, spawn, task_clock};
 
+/// The line's speed after a start, bit/s.
 const BAUD: u32 = 115_200;
 /// Bytes on their way out of and into the port.
 const BUFFER_BYTES: usize = 256;
@@ -43,6 +46,10 @@ static TOO_LONG: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static NO_ROOM: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static REPLY: Signal<ThreadModeRawMutex, Reply> = Signal::new();
 static BUFFERS: StaticCell<[[u8; BUFFER_BYTES]; 2]> = StaticCell::new();
+/// The line's speed, and whether the port has it already.
+static LINE_BAUD: AtomicU32 = AtomicU32::new(BAUD);
+static BAUD_CHANGED: Signal<ThreadModeRawMutex, u32> = Signal::new();
+static RESTART: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static SESSION: StaticCell<Session<Target>> = StaticCell::new();
 
 /// Opens the port.
@@ -66,6 +73,21 @@ pub fn open(
         }
         Err(_) => defmt::error!("the serial port cannot be set up"),
     }
+}
+
+/// The line's speed, bit/s.
+pub fn baud() -> u32 {
+    LINE_BAUD.load(Ordering::Relaxed)
+}
+
+/// Changes it, once what is being sent has gone.
+pub fn set_baud(baud: u32) {
+    BAUD_CHANGED.signal(baud);
+}
+
+/// Restarts the part, once what is being sent has gone.
+pub fn restart() {
+    RESTART.signal(());
 }
 
 /// Takes what became of a command of this port.
@@ -119,6 +141,16 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
                     Step::Work => yield_now().await,
                 }
             }
+            if RESTART.try_take().is_some() {
+                let _ = transmitter.flush().await;
+                // Nothing of this port has moved the drive since; the probe may have.
+                if control::drive_rests() {
+                    cortex_m::peripheral::SCB::sys_reset();
+                }
+            }
+            if let Some(baud) = BAUD_CHANGED.try_take() {
+                change_baud(&mut transmitter, baud).await;
+            }
         }
     }
 }
@@ -131,6 +163,16 @@ async fn send(transmitter: &mut BufferedUartTx<'static>, piece: &[u8]) {
         let _ = transmitter.flush().await;
         let _ = transmitter.write_all(part).await;
     }
+}
+
+/// Another speed, between two bytes: the port takes it while it is off (RM0433, 48.8.5).
+async fn change_baud(transmitter: &mut BufferedUartTx<'static>, baud: u32) {
+    let _ = transmitter.flush().await;
+    USART3_REGISTERS.cr1().modify(|w| w.set_ue(false));
+    if transmitter.set_baudrate(baud).is_ok() {
+        LINE_BAUD.store(baud, Ordering::Relaxed);
+    }
+    USART3_REGISTERS.cr1().modify(|w| w.set_ue(true));
 }
 
 /// Gives a command to the amplifier, unless it was stopped since, and waits for what becomes of it.

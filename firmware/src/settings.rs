@@ -6,13 +6,16 @@
 //! written is only unreadable ([`crate::flash_read`]). So a block that was damaged on its way or in
 //! flash leaves the last good one in force.
 
-use core::sync::atomic::{AtomicU8, AtomicU16, Ordering};
+use core::cell::Cell;
+use core::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, Ordering};
 
+use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
+use hysteron_command_set::device::Brought;
 use hysteron_core::command_text::BlockPiece;
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, generation, read, set_generation};
+use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
 
 use crate::control::ChosenFrontEnd;
 use crate::flash::write_sector;
@@ -28,6 +31,20 @@ const KEPT_BYTES: usize = BLOCK_BYTES + 64;
 /// Which of [`BLOCKS`] is in use; none: 2. And its generation.
 static IN_USE: AtomicU8 = AtomicU8::new(2);
 static GENERATION: AtomicU16 = AtomicU16::new(0);
+/// What tells the block in use from others; none: 0.
+static FINGERPRINT: AtomicU32 = AtomicU32::new(0);
+/// What has become of the block that was brought last.
+static BROUGHT: ThreadModeMutex<Cell<Brought>> = ThreadModeMutex::new(Cell::new(Brought::Nothing));
+
+/// Generation of the block in use, and what tells it from others; zeros without one.
+pub fn in_use() -> (u32, u32) {
+    (u32::from(GENERATION.load(Ordering::Relaxed)), FINGERPRINT.load(Ordering::Relaxed))
+}
+
+/// What has become of the block that was brought last.
+pub fn brought() -> Brought {
+    BROUGHT.lock(Cell::get)
+}
 
 /// A copy of what is kept at an address.
 fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
@@ -49,12 +66,12 @@ fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, Blo
 /// The valid block of the highest generation.
 pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let mut first_error = None;
-    let mut newest: Option<(u8, u16, AmplifierParameters)> = None;
+    let mut newest: Option<(u8, u16, u32, AmplifierParameters)> = None;
     for (nth, (name, address)) in (0..).zip(BLOCKS) {
-        match kept(address).and_then(|bytes| Ok((generation(&bytes), fitting(&bytes, sample_rate_hz)?))) {
-            Ok((this, parameters)) => {
-                if newest.as_ref().is_none_or(|(_, before, _)| this > *before) {
-                    newest = Some((nth, this, parameters));
+        match kept(address).and_then(|bytes| Ok((generation(&bytes), fingerprint(&bytes), fitting(&bytes, sample_rate_hz)?))) {
+            Ok((this, print, parameters)) => {
+                if newest.as_ref().is_none_or(|(_, before, ..)| this > *before) {
+                    newest = Some((nth, this, print.unwrap_or(0), parameters));
                 }
             }
             Err(error) => {
@@ -63,9 +80,10 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
             }
         }
     }
-    let Some((nth, this, parameters)) = newest else { return Err(first_error.unwrap_or(BlockError::Absent)) };
+    let Some((nth, this, print, parameters)) = newest else { return Err(first_error.unwrap_or(BlockError::Absent)) };
     IN_USE.store(nth, Ordering::Relaxed);
     GENERATION.store(this, Ordering::Relaxed);
+    FINGERPRINT.store(print, Ordering::Relaxed);
     defmt::info!("parameter block {=str} taken", BLOCKS.get(usize::from(nth)).map_or("", |(name, _)| name));
     Ok(parameters)
 }
@@ -80,9 +98,15 @@ struct Upload {
     length: usize,
 }
 
+/// Whether a restart would cut off a block that is being kept.
+pub fn is_keeping() -> bool {
+    brought() == Brought::Busy
+}
+
 /// A block of so many bytes follows.
 pub fn begin(length: u32) -> Result<(), &'static str> {
     let mut upload = UPLOAD.try_lock().map_err(|_| BUSY)?;
+    BROUGHT.lock(|brought| brought.set(Brought::Nothing));
     upload.bytes.clear();
     upload.length = length as usize;
     if upload.length > KEPT_BYTES { Err("larger than any block") } else { Ok(()) }
@@ -99,6 +123,7 @@ pub fn take(piece: &BlockPiece) -> Result<(), &'static str> {
 
 /// Lets [`keeper`] verify what came and keep it.
 pub fn keep() {
+    BROUGHT.lock(|brought| brought.set(Brought::Busy));
     KEEP.signal(());
 }
 
@@ -108,10 +133,17 @@ pub async fn keeper(sample_rate_hz: u32) {
     loop {
         KEEP.wait().await;
         let mut upload = UPLOAD.lock().await;
-        match upload.commit(sample_rate_hz).await {
-            Ok(name) => defmt::info!("block kept as {=str}: `restart` takes it", name),
-            Err(reason) => defmt::warn!("refused: block: {=str}", reason),
-        }
+        let brought = match upload.commit(sample_rate_hz).await {
+            Ok(name) => {
+                defmt::info!("block kept as {=str}: `restart` takes it", name);
+                Brought::Kept
+            }
+            Err(reason) => {
+                defmt::warn!("refused: block: {=str}", reason);
+                Brought::Refused(reason)
+            }
+        };
+        BROUGHT.lock(|place| place.set(brought));
     }
 }
 

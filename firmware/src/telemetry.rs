@@ -4,6 +4,7 @@ use core::cell::Cell;
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Mode;
+use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_core::trace_frame::TraceSample;
 
@@ -15,6 +16,9 @@ struct Telemetry {
     latest: TraceSample,
     tolerance: i32,
     on_target_ticks: u32,
+    adc_code_limits: (u16, u16),
+    railed_ticks: u32,
+    limited_ticks: u32,
 }
 
 static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::new(Telemetry {
@@ -22,6 +26,9 @@ static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::
     latest: TraceSample { tick: 0, adc_code: 0, dac_code: 0, reference: 0, applied: 0, unknown_input: 0, flags: 0 },
     tolerance: 0,
     on_target_ticks: 0,
+    adc_code_limits: (0, u16::MAX),
+    railed_ticks: 0,
+    limited_ticks: 0,
 }));
 
 fn change(change: impl FnOnce(&mut Telemetry)) {
@@ -32,9 +39,18 @@ fn change(change: impl FnOnce(&mut Telemetry)) {
     });
 }
 
-/// Takes the scale of the converters.
-pub fn begin(converters: &ConverterParameters) {
-    change(|telemetry| telemetry.converters = Some(*converters));
+/// Takes the scale of the converters and the limits of the sensor.
+pub fn begin(parameters: &AmplifierParameters) {
+    change(|telemetry| {
+        telemetry.converters = Some(parameters.servo.converters);
+        telemetry.adc_code_limits = (parameters.guard.adc_code_min, parameters.guard.adc_code_max);
+    });
+}
+
+/// Ticks since the start at which the sensor's code was at or beyond its limits, and ticks of the closed loop at which the drive was at a limit.
+pub fn railed_and_limited_ticks() -> (u32, u32) {
+    let telemetry = TELEMETRY.lock(Cell::get);
+    (telemetry.railed_ticks, telemetry.limited_ticks)
 }
 
 /// From now on a tracking error up to this is small, um with 24 fraction bits.
@@ -46,7 +62,15 @@ pub fn set_tolerance(tolerance: i32) {
 pub fn observe(sample: &TraceSample) {
     change(|telemetry| {
         telemetry.latest = *sample;
+        let (lowest, highest) = telemetry.adc_code_limits;
+        if sample.adc_code <= lowest || sample.adc_code >= highest {
+            telemetry.railed_ticks = telemetry.railed_ticks.saturating_add(1);
+        }
         let Some(converters) = telemetry.converters else { return };
+        let limited = sample.dac_code <= converters.dac_code_min || sample.dac_code >= converters.dac_code_max;
+        if limited && sample.flags as u8 == Mode::Closed as u8 {
+            telemetry.limited_ticks = telemetry.limited_ticks.saturating_add(1);
+        }
         let converters = ConverterParameters { adc_zero: control::zero().0, ..converters };
         let error = sample.reference.saturating_sub(converters.position(sample.adc_code));
         let small = sample.flags as u8 == Mode::Closed as u8 && error.saturating_abs() <= telemetry.tolerance;

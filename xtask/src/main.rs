@@ -5,9 +5,11 @@
 //! silently: outside CI what is missing is named and the check fails; in CI (`CI=true`) likewise.
 
 mod board;
+mod board_tune;
 mod browser;
 mod control_code;
 mod debian;
+mod emulated_board;
 mod lab_page;
 mod library_alone;
 mod pipython;
@@ -27,6 +29,7 @@ cargo xtask python     the Python package in a fresh environment, and the format
 cargo xtask lab        builds the lab page, target/lab.html
 cargo xtask firmware   builds the firmware's images and checks the binaries
 cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)
+cargo xtask operate    what an operator does with the emulated board: PIPython, `hysteron board tune` (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
@@ -48,6 +51,7 @@ fn main() -> ExitCode {
         ["python"] => steps::python(),
         ["firmware"] => steps::firmware(),
         ["emulate"] => steps::emulator(),
+        ["operate"] => steps::operator(),
         _ => {
             eprintln!("{USAGE}");
             return ExitCode::from(2);

@@ -3,7 +3,10 @@
 use hysteron_core::amplifier::Mode;
 use hysteron_core::servo_parameters::ConverterParameters;
 
+use hysteron_core::signal::VOLT_FRACTION_BITS;
+
 use super::{Generator, Session};
+use crate::decimal::to_fixed;
 use crate::device::{Device, View};
 
 impl<D: Device + 'static> Session<D> {
@@ -34,6 +37,13 @@ impl<D: Device + 'static> Session<D> {
         (lowest..=highest).contains(&position)
     }
 
+    /// Whether a drive, V with 22 fraction bits, is within the limits of the block.
+    pub(super) fn is_drive(&self, drive: i32) -> bool {
+        let limit = |millivolts: i32| to_fixed(i64::from(millivolts) * 1_000_000, VOLT_FRACTION_BITS).unwrap_or(0);
+        let physical = &self.parameters.physical;
+        (limit(physical.drive_min_mv)..=limit(physical.drive_max_mv)).contains(&drive)
+    }
+
     pub(super) fn closed(&self) -> bool {
         self.device.view().mode == Mode::Closed
     }
@@ -41,7 +51,7 @@ impl<D: Device + 'static> Session<D> {
     /// Whether the wave generator runs.
     pub(super) fn runs(&self) -> bool {
         let view = self.device.view();
-        view.mode == Mode::Closed
+        matches!(view.mode, Mode::Closed | Mode::Playing)
             && match self.generator {
                 Generator::Off => false,
                 Generator::Endless => true,
@@ -57,7 +67,7 @@ impl<D: Device + 'static> Session<D> {
 
     /// Not while a conditioning or an identification is played.
     pub(super) fn is_ready(&self) -> bool {
-        self.device.view().mode != Mode::Playing || self.moving_until.is_some()
+        self.device.view().mode != Mode::Playing || self.moving_until.is_some() || self.runs()
     }
 }
 

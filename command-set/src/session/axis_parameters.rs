@@ -1,10 +1,10 @@
 //! The parameters of `SPA` and `SPA?`.
 
-use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
 use super::{Session, WAVE_POINTS, WAVE_TABLES, micrometres};
 use crate::data_array::MOST_COLUMNS;
-use crate::decimal::{Decimal, ONE, to_fixed};
+use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
 use crate::parameters::Parameter;
@@ -61,6 +61,8 @@ impl<D: Device + 'static> Session<D> {
         let (lowest, highest) = self.range(&self.device.view());
         let rate = i64::from(self.parameters.physical.sample_rate_hz.max(1));
         let seconds = |ticks: u32| Decimal { billionths: i64::from(ticks) * ONE / rate, digits: 9 };
+        let c = self.parameters.servo.converters;
+        let exact = |billionths| Decimal { billionths, digits: 9 };
         let value = match parameter {
             Parameter::RangeMinimum => micrometres(lowest),
             Parameter::RangeMaximum => micrometres(highest),
@@ -68,6 +70,13 @@ impl<D: Device + 'static> Session<D> {
             Parameter::Tolerance => micrometres(self.tolerance),
             Parameter::SettlingTime => seconds(self.settling_ticks),
             Parameter::ServoPeriod => seconds(1),
+            Parameter::SensorAtCode0 => exact(from_fixed(self.converters(&self.device.view()).adc_zero, MICROMETRE_FRACTION_BITS)),
+            // 65,536 codes of um with 40 fraction bits: um with 24; likewise V with 38 and 22.
+            Parameter::SensorSpan => exact(from_wide(c.adc_step, MICROMETRE_FRACTION_BITS)),
+            Parameter::DriveAtCode0 => exact(from_fixed(c.dac_zero, VOLT_FRACTION_BITS)),
+            Parameter::DriveSpan => exact(from_wide(c.dac_step, VOLT_FRACTION_BITS)),
+            Parameter::DriveMinimum => exact(from_fixed(c.drive(c.dac_code_min), VOLT_FRACTION_BITS)),
+            Parameter::DriveMaximum => exact(from_fixed(c.drive(c.dac_code_max), VOLT_FRACTION_BITS)),
             Parameter::WavePoints => return self.say(format_args!("1 {number:#x}={WAVE_POINTS}")),
             Parameter::WaveTables => return self.say(format_args!("1 {number:#x}={WAVE_TABLES}")),
             Parameter::RecorderTables => return self.say(format_args!("1 {number:#x}={MOST_COLUMNS}")),

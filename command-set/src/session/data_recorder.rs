@@ -6,6 +6,7 @@ use heapless::Vec;
 use hysteron_core::trace_frame::TraceSample;
 
 use super::{Pending, Piece, Quantity, Session, Step, Trigger, micrometres, volts};
+use crate::code_lines::{SAMPLES_IN_LINE, write_line};
 use crate::data_array::{DataArray, MOST_COLUMNS};
 use crate::decimal::{Decimal, ONE};
 use crate::device::Device;
@@ -153,6 +154,30 @@ impl<D: Device + 'static> Session<D> {
         self.device.end_recording();
         self.pending = Pending::Recorded(array);
         Ok(())
+    }
+
+    /// `[<first> <number>]`: what was recorded, as codes.
+    pub(super) fn recorded_codes(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let recorded = self.device.recorded();
+        let (first, count) =
+            if words.more() { (words.whole()?.checked_sub(1).ok_or(ErrorCode::Range)?, words.whole()?) } else { (0, recorded) };
+        words.end()?;
+        if count == 0 || first.saturating_add(count) > recorded {
+            return Err(ErrorCode::NotEnoughRecorded);
+        }
+        self.device.end_recording();
+        self.pending = Pending::Codes { first, count };
+        Ok(())
+    }
+
+    /// The next line of codes.
+    pub(super) fn send_codes(&mut self, first: u32, count: u32, piece: &mut Piece) -> Step {
+        let here = count.min(SAMPLES_IN_LINE);
+        let samples = (first..first.saturating_add(here)).map_while(|nth| self.device.sample(nth));
+        let ends = if count > here { " \n" } else { "\n" };
+        let written = write_line(samples, piece).ok_or(core::fmt::Error).and_then(|()| piece.write_str(ends));
+        let rest = Pending::Codes { first: first.saturating_add(here), count: count - here };
+        self.sent(written, if count > here { rest } else { Pending::Nothing })
     }
 
     pub(super) fn recorded_value(&self, table: u8, nth: u32) -> Option<Decimal> {

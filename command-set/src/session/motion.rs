@@ -2,10 +2,10 @@
 
 use hysteron_core::amplifier::{Command, Mode};
 use hysteron_core::reference_generator::Waveform;
-use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
 
 use super::{Generator, Meaning, Pending, Session, Trigger};
-use crate::decimal::{ONE, to_fixed};
+use crate::decimal::ONE;
 use crate::device::Device;
 use crate::error_code::ErrorCode;
 use crate::words::Words;
@@ -24,7 +24,7 @@ impl<D: Device + 'static> Session<D> {
     /// Starts the recorder where a command that changes the target does so.
     pub(super) fn begin_motion(&mut self) {
         if self.trigger == Trigger::Target {
-            self.device.record(self.record_every);
+            self.device.record_from_command(self.record_every);
         }
     }
 
@@ -114,9 +114,7 @@ impl<D: Device + 'static> Session<D> {
         if view.mode == Mode::Closed {
             return Err(ErrorCode::ServoIsOn);
         }
-        let limit = |millivolts: i32| to_fixed(i64::from(millivolts) * 1_000_000, VOLT_FRACTION_BITS).unwrap_or(0);
-        let physical = &self.parameters.physical;
-        if !(limit(physical.drive_min_mv)..=limit(physical.drive_max_mv)).contains(&drive) {
+        if !self.is_drive(drive) {
             return Err(ErrorCode::Voltage);
         }
         let c = &self.parameters.servo.converters;

@@ -4,7 +4,7 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
 
 use super::{Pending, Session, micrometres, volts};
-use crate::decimal::{Decimal, ONE};
+use crate::decimal::{Decimal, from_wide};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
 use crate::words::Words;
@@ -99,8 +99,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn velocity_value(&self) -> Decimal {
-        let (whole, part) = (self.velocity >> MICROMETRE_FRACTION_BITS, self.velocity & ((1 << MICROMETRE_FRACTION_BITS) - 1));
-        Decimal { billionths: whole.saturating_mul(ONE).saturating_add((part * ONE) >> MICROMETRE_FRACTION_BITS), digits: 6 }
+        Decimal { billionths: from_wide(self.velocity, MICROMETRE_FRACTION_BITS), digits: 6 }
     }
 
     pub(super) fn auto_zeroed(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

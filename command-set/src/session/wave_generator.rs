@@ -4,10 +4,11 @@ use core::sync::atomic::{AtomicI32, Ordering};
 
 use hysteron_core::amplifier::Command;
 use hysteron_core::reference_generator::Waveform;
-use hysteron_core::wave_table::WaveTable;
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::wave_table::{POINT_FRACTION_BITS, WaveTable};
 
-use super::{Meaning, Pending, Session, Step, Trigger, WAVE_POINTS, WAVE_TABLES, micrometres};
-use crate::decimal::Decimal;
+use super::{Meaning, Pending, Session, Step, Trigger, WAVE_POINTS, WAVE_TABLES};
+use crate::decimal::{Decimal, from_fixed};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
 use crate::waveform::{Segment, Shape};
@@ -65,7 +66,7 @@ impl<D: Device + 'static> Session<D> {
             return Err(ErrorCode::WaveTooLong);
         }
         let end = segment.offset.checked_add(segment.amplitude).ok_or(ErrorCode::WaveLimit)?;
-        if !self.is_within_range(segment.offset) || !self.is_within_range(end) {
+        if !self.can_be_played(segment.offset) || !self.can_be_played(end) {
             return Err(ErrorCode::WaveLimit);
         }
         self.pending = Pending::Build { table, at, segment, done: 0 };
@@ -82,14 +83,14 @@ impl<D: Device + 'static> Session<D> {
         let end = begin.checked_add(count).filter(|end| *end <= WAVE_POINTS).ok_or(ErrorCode::WaveTooLong)?;
         let mut given = words.clone();
         for _ in 0..count {
-            let point = given.micrometres(ErrorCode::WaveLimit).map_err(missing)?;
-            if !self.is_within_range(point) {
+            let point = given.wave_point().map_err(missing)?;
+            if !self.can_be_played(point) {
                 return Err(ErrorCode::WaveLimit);
             }
         }
         given.end().map_err(|_| ErrorCode::WaveParameters)?;
         for place in self.points_of(table).get(begin..end).unwrap_or(&[]) {
-            place.store(words.micrometres(ErrorCode::WaveLimit)?, Ordering::Relaxed);
+            place.store(words.wave_point()?, Ordering::Relaxed);
         }
         self.set_length(table, end);
         Ok(())
@@ -188,8 +189,10 @@ impl<D: Device + 'static> Session<D> {
         let mode = words.of_axis(Words::whole)?;
         match mode {
             0 => {
-                if self.runs() {
+                if self.runs() && self.closed() {
                     self.stay();
+                } else if self.runs() {
+                    self.command(Command::Disable, None, Meaning::Drive { drive: None, ticks: 0 });
                 }
                 Ok(())
             }
@@ -198,22 +201,46 @@ impl<D: Device + 'static> Session<D> {
         }
     }
 
-    pub(super) fn start_generator(&mut self) -> Result<(), ErrorCode> {
-        if !self.closed() {
-            return Err(ErrorCode::ServoIsOff);
-        }
+    /// Whether a point lies within the range of positions.
+    fn is_position(&self, point: i32) -> bool {
+        point.checked_mul(1 << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS)).is_some_and(|position| self.is_within_range(position))
+    }
+
+    /// Whether a point can be a position or a drive; which of them it is, the generator's start says.
+    fn can_be_played(&self, point: i32) -> bool {
+        self.is_position(point) || self.is_drive(point)
+    }
+
+    /// Plays positions with the servo on, and drives from rest with the servo off.
+    fn start_generator(&mut self) -> Result<(), ErrorCode> {
         let table = (self.wave_selected as usize).checked_sub(1).ok_or(ErrorCode::NoWaveSelected)?;
         let length = self.length_of(table);
         let points = self.points_of(table).get(..length as usize).unwrap_or(&[]);
         let last = points.last().ok_or(ErrorCode::WaveNotDefined)?.load(Ordering::Relaxed);
+        let closed = self.closed();
+        let within = |point: &AtomicI32| {
+            let point = point.load(Ordering::Relaxed);
+            if closed { self.is_position(point) } else { self.is_drive(point) }
+        };
+        if !points.iter().all(within) {
+            return Err(ErrorCode::WaveLimit);
+        }
         let all = u64::from(length) * u64::from(self.wave_rate) * u64::from(self.wave_cycles);
         let ticks = u32::try_from(all).ok().filter(|ticks| *ticks < 1 << 31).ok_or(ErrorCode::Range)?;
         if matches!(self.trigger, Trigger::Generator | Trigger::Target) {
-            self.device.record(self.record_every);
+            self.device.record_from_command(self.record_every);
         }
-        let table = WaveTable::new(points, self.wave_rate, self.wave_joined, self.wave_cycles);
-        let meaning = Meaning::Wave { last, ticks: (self.wave_cycles > 0).then_some(ticks) };
-        self.command(Command::Reference { waveform: Waveform::Table(table), offset: 0 }, None, meaning);
+        let play =
+            |fraction_bits| Waveform::Table(WaveTable::new(points, fraction_bits, self.wave_rate, self.wave_joined, self.wave_cycles));
+        let ends_after = (self.wave_cycles > 0).then_some(ticks);
+        if closed {
+            let last = last << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS);
+            let waveform = play(MICROMETRE_FRACTION_BITS);
+            self.command(Command::Reference { waveform, offset: 0 }, None, Meaning::Wave { last, ticks: ends_after });
+        } else {
+            let (waveform, ticks) = (play(VOLT_FRACTION_BITS), ends_after.unwrap_or(u32::MAX));
+            self.command(Command::Play { waveform, offset: 0, ticks }, None, Meaning::DriveWave { ticks: ends_after });
+        }
         Ok(())
     }
 
@@ -248,7 +275,7 @@ impl<D: Device + 'static> Session<D> {
 
     pub(super) fn wave_value(&self, table: u8, nth: u32) -> Option<Decimal> {
         let point = self.points_of(usize::from(table).checked_sub(1)?).get(nth as usize)?;
-        Some(micrometres(point.load(Ordering::Relaxed)))
+        Some(Decimal { billionths: from_fixed(point.load(Ordering::Relaxed), POINT_FRACTION_BITS), digits: 6 })
     }
 }
 
@@ -256,7 +283,7 @@ impl<D: Device + 'static> Session<D> {
 fn read_segment(shape: Shape, words: &mut Words<'_>) -> Result<Segment, ErrorCode> {
     let mut read = || -> Result<Segment, ErrorCode> {
         let length = words.whole()?;
-        let (amplitude, offset) = (words.micrometres(ErrorCode::WaveLimit)?, words.micrometres(ErrorCode::WaveLimit)?);
+        let (amplitude, offset) = (words.wave_point()?, words.wave_point()?);
         let (curve_length, start) = (words.whole()?, words.whole()?);
         let speed_up = if shape == Shape::Sine { 0 } else { words.whole()? };
         let centre = if shape == Shape::Line { curve_length } else { words.whole()? };

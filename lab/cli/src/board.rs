@@ -1,11 +1,217 @@
-//! `board`: hands its words to the program `hysteron-board` beside this one, which needs another compiler and is built apart.
+//! `board`: what an operator does with the amplifier's board.
+//!
+//! Commands that speak with a board's serial port are here, each in a file of its own, on `hysteron_operator`. Everything else goes to the program
+//! `hysteron-board` beside this one, which needs another compiler and is built apart.
 
+mod attach;
+mod record;
+mod status;
+mod tune;
+mod upload;
+
+use clap::{Args, Parser, Subcommand};
+use hysteron::servo::amplifier_block::FrontEnd;
+use hysteron::{Error, Result};
+use hysteron_operator::board::Board;
+use hysteron_operator::port::Address;
 use std::ffi::OsString;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-/// Runs it and ends as it ends.
+use crate::desk::Desk;
+
+/// The line's speed over a cable unless another one is asked for, bit/s.
+const CABLE_BAUD: u32 = 921_600;
+
+/// Work with the amplifier's board over its serial port
+#[derive(Parser)]
+#[command(
+    name = "hysteron board",
+    max_term_width = 100,
+    after_help = "Without a board: `hysteron board emulate` runs the image on an emulated one; `hysteron board emulate --help` says more.\n\nExample:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80"
+)]
+struct BoardArguments {
+    #[command(subcommand)]
+    command: BoardCommand,
+}
+
+#[derive(Subcommand)]
+enum BoardCommand {
+    /// From an empty board to a running servo: condition, record, explain, design, check, upload, verify, one report
+    Tune {
+        /// Folder to write: recording, model, servo, block, report.html, tune.json
+        out: PathBuf,
+        /// What the actuator is
+        #[command(flatten)]
+        wiring: WiringArguments,
+        /// Highest frequency of references, Hz
+        #[arg(long, default_value_t = 50.0, value_name = "HZ")]
+        reference_hz: f64,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
+    /// Condition the actuator, play drives that show what there is to see, and write what came as a data set
+    Record {
+        /// Folder to write, as `hysteron explain` takes it
+        out: PathBuf,
+        /// What the actuator is, for a board without a block
+        #[command(flatten)]
+        wiring: WiringArguments,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
+    /// Bring a parameter block and restart with it
+    Upload {
+        /// The block, from `hysteron design --block`
+        block: PathBuf,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+    },
+    /// Say how the board is
+    Status {
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+    },
+    /// Send commands of the General Command Set and print the answers
+    Send {
+        /// The commands, each in quotes
+        #[arg(required = true)]
+        commands: Vec<String>,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+    },
+    /// Pass what is typed on to the board and print what comes
+    Attach {
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+    },
+}
+
+/// Where the board is.
+#[derive(Args, Clone, Debug)]
+#[group(id = "line", required = true, multiple = true)]
+struct LineArguments {
+    /// Serial port of this machine, /dev/ttyACM0 or COM3
+    #[arg(long, value_name = "PORT", conflicts_with = "tcp")]
+    port: Option<String>,
+    /// A socket: the emulated board, or a serial port behind a bridge
+    #[arg(long, value_name = "HOST:PORT")]
+    tcp: Option<String>,
+    /// Speed of the line, bit/s [default: 921600 over a serial port; over a socket it stays at 115200]
+    #[arg(long, value_name = "BAUD")]
+    baud: Option<u32>,
+}
+
+impl LineArguments {
+    /// The speed to change to.
+    fn baud(&self) -> Option<u32> {
+        self.baud.or(self.port.is_some().then_some(CABLE_BAUD))
+    }
+
+    fn connect(&self) -> Result<Board> {
+        let address = match (&self.port, &self.tcp) {
+            (Some(name), _) => Address::Serial(name.clone()),
+            (None, Some(name)) => Address::Tcp(name.clone()),
+            (None, None) => return Err(Error::new("--port, --tcp", "one of them is needed: where the board is")),
+        };
+        Board::connect(&address, self.baud()).map_err(of_board)
+    }
+}
+
+/// What the actuator and its converters are.
+#[derive(Args, Clone, Debug)]
+struct WiringArguments {
+    /// How the converters are wired, as for `hysteron design` [default: that of the wiring page]
+    #[arg(long, value_name = "FILE")]
+    front_end: Option<PathBuf>,
+    /// Lowest drive of the actuator, V
+    #[arg(long, default_value_t = 0.0, value_name = "V", allow_negative_numbers = true)]
+    drive_min_v: f64,
+    /// Highest drive of the actuator, V
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    drive_max_v: Option<f64>,
+}
+
+impl WiringArguments {
+    fn front_end(&self, desk: &Desk) -> Result<FrontEnd> {
+        match &self.front_end {
+            Some(path) => FrontEnd::from_toml(&desk.text(path, "the wiring of the converters")?, &path.display().to_string()),
+            None => Ok(FrontEnd::default()),
+        }
+    }
+
+    /// The limits of the drive.
+    fn limits_v(&self) -> Result<(f64, f64)> {
+        match self.drive_max_v {
+            Some(high_v) if self.drive_min_v < high_v => Ok((self.drive_min_v, high_v)),
+            Some(high_v) => Err(Error::new("--drive-max-v", format!("{high_v} is not above --drive-min-v {}", self.drive_min_v))),
+            None => {
+                Err(Error::new("--drive-max-v", "is needed: the highest voltage that the actuator stands; nothing on the board knows it"))
+            }
+        }
+    }
+}
+
+/// A conversation's error as the program's.
+fn of_board(problem: hysteron_operator::Error) -> Error {
+    Error::new(problem.place(), problem.message())
+}
+
+/// Commands that this program has itself.
+const OWN: [&str; 6] = ["tune", "record", "upload", "status", "send", "attach"];
+
+/// Runs it.
 pub fn run(words: &[OsString]) -> ExitCode {
+    let first = words.first().and_then(|word| word.to_str()).unwrap_or("--help");
+    if !OWN.contains(&first) && !["--help", "-h", "help"].contains(&first) {
+        return pass_on(words);
+    }
+    let help = [OsString::from("--help")];
+    let words = if words.is_empty() { &help } else { words };
+    let words = std::iter::once(OsString::from("hysteron board")).chain(words.iter().cloned());
+    let arguments = match BoardArguments::try_parse_from(words) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Nobody is left to be told where printing fails.
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+        }
+    };
+    match obey(arguments.command) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
+        Err(problem) => {
+            eprintln!("error: {problem}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn obey(command: BoardCommand) -> Result<bool> {
+    match command {
+        BoardCommand::Tune { out, wiring, reference_hz, line, force } => tune::tune(&out, &wiring, reference_hz, &line, force),
+        BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
+        BoardCommand::Upload { block, line } => upload::upload(&block, &line),
+        BoardCommand::Status { line } => status::status(&line),
+        BoardCommand::Send { commands, line } => attach::send(&commands, &line),
+        BoardCommand::Attach { line } => attach::attach(&line),
+    }
+}
+
+/// Hands the words to `hysteron-board` and ends as it ends.
+fn pass_on(words: &[OsString]) -> ExitCode {
     let name = format!("hysteron-board{}", std::env::consts::EXE_SUFFIX);
     let program = std::env::current_exe().map_or_else(|_| Path::new(&name).to_path_buf(), |this| this.with_file_name(&name));
     match Command::new(&program).args(words).status() {

@@ -253,8 +253,8 @@ enum Command {
         after_help = "Examples:\n  hysteron plant creep=2,delay --out hidden --seed 7\n  hysteron plant all --strengths 1,2,4 --out cases"
     )]
     Plant(PlantArguments),
-    /// Work with the amplifier's board: runs the program `hysteron-board`, which `cargo xtask board` builds
-    #[command(disable_help_flag = true, after_help = "Example:\n  hysteron board emulate --tcp 127.0.0.1:5025")]
+    /// Work with the amplifier's board: tune, record, upload, status, send, attach; emulate runs the program that `cargo xtask board` builds
+    #[command(disable_help_flag = true, after_help = "Example:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80")]
     Board {
         /// What to do: `hysteron board --help` says more
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]

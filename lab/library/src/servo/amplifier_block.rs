@@ -9,7 +9,7 @@
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, verify, write};
-use hysteron_core::servo_parameters::ConverterParameters;
+use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
 use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
 
@@ -121,6 +121,65 @@ fn ticks(seconds: f64) -> u16 {
     (seconds * f64::from(SAMPLE_RATE_HZ)).round().clamp(0.0, 65_535.0) as u16
 }
 
+/// The converters' integers, with the slew limit in codes.
+fn converters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Result<ConverterParameters> {
+    let lowest_v = front_end.drive_at_lowest_code_v;
+    // The last code is one step below.
+    let codes = 2f64.powi(i32::from(front_end.drive_bits));
+    let beyond_v = front_end.drive_beyond_highest_code_v - (front_end.drive_beyond_highest_code_v - lowest_v) / codes;
+    if drive_min_v < lowest_v || drive_max_v > beyond_v {
+        let limits = format!("{drive_min_v} to {drive_max_v} V");
+        return Err(Error::new("front end", format!("gives {lowest_v} to {beyond_v:.3} V; the actuator's drive is {limits}")));
+    }
+    let scale = front_end.scale(drive_min_v, drive_max_v);
+    let slew = front_end.slew_v_s * SAMPLING_PERIOD_S / scale.dac_lsb_v;
+    if slew < 1.0 {
+        let least = scale.dac_lsb_v / SAMPLING_PERIOD_S;
+        return Err(Error::new(
+            "front end",
+            format!("slew_v_s = {}: a code of this converter in a tick is {least:.0} V/s", front_end.slew_v_s),
+        ));
+    }
+    Ok(ConverterParameters { slew_codes: slew.min(65_535.0) as u16, ..scale.parameters() })
+}
+
+/// What the integers stand for; `radius` is the largest magnitude of the closed loop's eigenvalues.
+fn physical(front_end: &FrontEnd, converters: &ConverterParameters, radius: f64) -> PhysicalDescription {
+    let mut name = [0u8; 16];
+    for (to, from) in name.iter_mut().zip(front_end.name.bytes()) {
+        *to = from;
+    }
+    let drive_mv = |code: u16| {
+        let drive_v = (f64::from(converters.dac_zero) + f64::from(code) * converters.dac_step as f64 / 65_536.0) / 2f64.powi(22);
+        (drive_v * 1e3).round() as i32
+    };
+    PhysicalDescription {
+        name,
+        sample_rate_hz: SAMPLE_RATE_HZ,
+        drive_min_mv: drive_mv(converters.dac_code_min),
+        drive_max_mv: drive_mv(converters.dac_code_max),
+        slew_limit_v_s: front_end.slew_v_s.ceil() as u32,
+        sensor_span_nm: (converters.adc_step as f64 / 2f64.powi(40) * 65_536.0 * 1e3).round() as i32,
+        spectral_radius_millionths: (radius * 1e6).ceil().clamp(0.0, f64::from(u32::MAX)) as u32,
+    }
+}
+
+/// The guard's limits; the largest honest change of the sensor, codes, and tracking error, um with 24 fraction bits, are the model's.
+fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u16, tracking_error: i32) -> GuardParameters {
+    let drive_codes = converters.dac_code_max.saturating_sub(converters.dac_code_min);
+    GuardParameters {
+        adc_code_min: RAIL_CODES,
+        adc_code_max: u16::MAX - RAIL_CODES,
+        stuck_ticks: ticks(front_end.stuck_s),
+        jump_codes,
+        tracking_error,
+        tracking_ticks: ticks(front_end.tracking_s),
+        ramp_codes: (drive_codes / ticks(front_end.ramp_s).max(1)).max(1).min(converters.slew_codes),
+        rest_code: converters.dac_code_min,
+        healthy_ticks: ticks(front_end.healthy_s),
+    }
+}
+
 /// A block for a design.
 ///
 /// # Errors
@@ -132,61 +191,40 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
     };
     let model = &design.model;
     let radius = PredictorDesign::new(&model.linear, tuning).spectral_radius(&model.linear.sampled(SAMPLING_PERIOD_S), 1.0, 0);
-    let lowest_v = front_end.drive_at_lowest_code_v;
-    // The last code is one step below.
-    let codes = 2f64.powi(i32::from(front_end.drive_bits));
-    let beyond_v = front_end.drive_beyond_highest_code_v - (front_end.drive_beyond_highest_code_v - lowest_v) / codes;
-    if model.drive_min_v < lowest_v || model.drive_max_v > beyond_v {
-        let limits = format!("{} to {} V", model.drive_min_v, model.drive_max_v);
-        return Err(Error::new("front end", format!("gives {lowest_v} to {beyond_v:.3} V; the actuator's drive is {limits}")));
-    }
-    let scale = front_end.scale(model.drive_min_v, model.drive_max_v);
-    let slew = front_end.slew_v_s * SAMPLING_PERIOD_S / scale.dac_lsb_v;
-    if slew < 1.0 {
-        let least = scale.dac_lsb_v / SAMPLING_PERIOD_S;
-        return Err(Error::new(
-            "front end",
-            format!("slew_v_s = {}: a code of this converter in a tick is {least:.0} V/s", front_end.slew_v_s),
-        ));
-    }
-    let slew_codes = slew.min(65_535.0) as u16;
-    let converters = ConverterParameters { slew_codes, ..scale.parameters() };
+    let converters = converters(front_end, model.drive_min_v, model.drive_max_v)?;
     let servo = design.parameters(converters).map_err(|error| Error::new("design", error.to_string()))?;
-    let mut name = [0u8; 16];
-    for (to, from) in name.iter_mut().zip(front_end.name.bytes()) {
-        *to = from;
-    }
-    let drive_mv = |code: u16| {
-        let drive_v = (f64::from(converters.dac_zero) + f64::from(code) * converters.dac_step as f64 / 65_536.0) / 2f64.powi(22);
-        (drive_v * 1e3).round() as i32
-    };
     let step_um = converters.adc_step as f64 / 2f64.powi(40);
     let range_um = model.mean_gain_um_v() * (model.drive_max_v - model.drive_min_v);
     let mode = &model.linear.first_mode;
     let fastest_um_s = step_speed(mode) * mode.natural_frequency_rad_s * range_um;
-    let drive_codes = converters.dac_code_max.saturating_sub(converters.dac_code_min);
+    let jump_codes = (fastest_um_s * SAMPLING_PERIOD_S / step_um).ceil().clamp(1.0, 65_535.0) as u16;
+    let tracking_error = (range_um / 5.0 * 2f64.powi(24)).min(f64::from(i32::MAX)) as i32;
     let parameters = AmplifierParameters {
-        physical: PhysicalDescription {
-            name,
-            sample_rate_hz: SAMPLE_RATE_HZ,
-            drive_min_mv: drive_mv(converters.dac_code_min),
-            drive_max_mv: drive_mv(converters.dac_code_max),
-            slew_limit_v_s: front_end.slew_v_s.ceil() as u32,
-            sensor_span_nm: (step_um * 65_536.0 * 1e3).round() as i32,
-            spectral_radius_millionths: (radius * 1e6).ceil().clamp(0.0, f64::from(u32::MAX)) as u32,
-        },
+        physical: physical(front_end, &converters, radius),
         servo,
-        guard: GuardParameters {
-            adc_code_min: RAIL_CODES,
-            adc_code_max: u16::MAX - RAIL_CODES,
-            stuck_ticks: ticks(front_end.stuck_s),
-            jump_codes: (fastest_um_s * SAMPLING_PERIOD_S / step_um).ceil().clamp(1.0, 65_535.0) as u16,
-            tracking_error: (range_um / 5.0 * 2f64.powi(24)).min(f64::from(i32::MAX)) as i32,
-            tracking_ticks: ticks(front_end.tracking_s),
-            ramp_codes: (drive_codes / ticks(front_end.ramp_s).max(1)).max(1).min(slew_codes),
-            rest_code: converters.dac_code_min,
-            healthy_ticks: ticks(front_end.healthy_s),
+        guard: guard(front_end, &converters, jump_codes, tracking_error),
+    };
+    verify(&parameters, SAMPLE_RATE_HZ).map_err(|error| Error::new("parameter block", error.reason()))?;
+    Ok(parameters)
+}
+
+/// A block without a servo: with it a board knows its converters and the limits of the drive, so that it can be conditioned and recorded. What the
+/// actuator does is not known yet, so a jump of the sensor is no fault.
+///
+/// # Errors
+/// The drive's limits are beyond the converter, or the slew limit is below a code in a tick.
+pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Result<AmplifierParameters> {
+    let converters = converters(front_end, drive_min_v, drive_max_v)?;
+    let parameters = AmplifierParameters {
+        physical: physical(front_end, &converters, 0.0),
+        servo: ServoParameters {
+            converters,
+            actuator: ActuatorParameters::Direct,
+            law: LawParameters::Hold,
+            delayed: true,
+            learning: None,
         },
+        guard: guard(front_end, &converters, u16::MAX, i32::MAX),
     };
     verify(&parameters, SAMPLE_RATE_HZ).map_err(|error| Error::new("parameter block", error.reason()))?;
     Ok(parameters)
@@ -223,6 +261,16 @@ mod tests {
         let speed = |damping_ratio| step_speed(&ModeModel { natural_frequency_rad_s: 1.0, damping_ratio });
         assert!((speed(1e-9) - 1.0).abs() < 1e-6);
         assert!((speed(0.999) - (-1.0f64).exp()).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_block_without_a_servo_is_one_that_a_board_takes() {
+        let bytes = block(&wiring_parameters(&FrontEnd::default(), 0.0, 80.0).expect("fits")).expect("fits");
+        let read = hysteron_core::parameter_block::read(&bytes, SAMPLE_RATE_HZ).expect("valid");
+        assert_eq!((read.servo.law, read.guard.rest_code), (LawParameters::Hold, read.servo.converters.dac_code_min));
+        assert!((i64::from(read.physical.drive_max_mv) - 80_000).abs() < 3);
+        let beyond = wiring_parameters(&FrontEnd::default(), 0.0, 150.0).expect_err("beyond the converter").to_string();
+        assert!(beyond.contains("150"), "{beyond}");
     }
 
     #[test]

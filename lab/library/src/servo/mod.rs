@@ -11,12 +11,13 @@
 //! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
 //! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
 //! * `value_ranges`: what a value of a servo file may be;
-//! * [`track`]: a design at work on an identified model;
+//! * [`track`]: a design at work on an identified model ([`chain_plant`]);
 //! * [`loop_margins`]: how far a loop is from the end of its stability on an actuator;
 //! * [`check`]: sampled eigenvalues and the thesis' continuous conditions;
 //! * [`amplifier_block`]: a design as the target keeps it.
 
 pub mod amplifier_block;
+pub mod chain_plant;
 pub mod check;
 pub mod commands;
 pub mod design;

@@ -1,9 +1,10 @@
 //! Following a reference on an identified model: the chain of effects as the plant, the integers of the tick as the controller.
 //!
-//! The plant runs in [`SUBSTEPS`] steps a period. Converters are those of a board that fits the actuator: the DAC spans the drive range with a
+//! The plant is a [`ChainPlant`]. Converters are those of a board that fits the actuator: the DAC spans the drive range with a
 //! quarter of it below and half of it above, the ADC the motion with a third to spare (for the P-753 the converters of the bench). The
 //! actuator is conditioned and the sensor zeroed before it begins.
 
+use super::chain_plant::ChainPlant;
 use super::design::ServoDesign;
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::QuantisationError;
@@ -12,12 +13,8 @@ use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, condition, follow};
 use hysteron_sim::converter_scale::ConverterScale;
-use hysteron_sim::effect::{Place, Setting, Signals, Stage};
 use hysteron_sim::waveform;
 use serde::Serialize;
-
-/// Steps of the plant in a period.
-pub const SUBSTEPS: usize = 10;
 
 /// Two periods of a slower reference would take minutes to simulate, and more memory than there is.
 const LOWEST_FREQUENCY_HZ: f64 = 0.01;
@@ -199,57 +196,6 @@ impl TrackResult {
 /// An error of this share of the reference, peak to peak, is no tracking.
 const LARGE_ERROR: f64 = 0.1;
 
-/// The chain of a model as a plant under control.
-struct ChainPlant<'a> {
-    stages: Vec<(bool, Box<dyn Stage + 'a>)>,
-    interval: usize,
-    displacement_um: f64,
-    sensor_um: f64,
-}
-
-impl<'a> ChainPlant<'a> {
-    /// At rest at the lowest drive.
-    fn at_rest(chain: &Model, low_v: f64) -> Self {
-        let setting = Setting {
-            dt_s: SAMPLING_PERIOD_S / SUBSTEPS as f64,
-            substeps: SUBSTEPS,
-            signals: Signals::default(),
-            drive_min_v: chain.drive_min_v,
-            drive_max_v: chain.drive_max_v,
-        };
-        let stages = chain.stages(&setting).into_iter().map(|(i, mut stage)| {
-            let place = chain.effects[i].effect.declaration().place;
-            stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });
-            (place >= Place::SensorNonlinearity, stage)
-        });
-        Self { stages: stages.collect(), interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
-    }
-}
-
-impl Plant for ChainPlant<'_> {
-    fn advance(&mut self, drive_v: f64, _external_um: f64) {
-        for _ in 0..SUBSTEPS {
-            let mut signal = drive_v;
-            for (of_sensor, stage) in &mut self.stages {
-                signal = stage.step(self.interval, signal);
-                if !*of_sensor {
-                    self.displacement_um = signal;
-                }
-            }
-            self.sensor_um = signal;
-            self.interval += 1;
-        }
-    }
-
-    fn displacement_um(&self) -> f64 {
-        self.displacement_um
-    }
-
-    fn sensor_um(&self) -> f64 {
-        self.sensor_um
-    }
-}
-
 /// Follows a reference on a model. `noise_um` is the RMS noise of the sensor; the same seed gives the same noise.
 ///
 /// # Errors
@@ -270,12 +216,12 @@ pub fn track(
     let conditioning = waveform::concatenate(&[waveform::raised_cosine(fs, 10.0, low_v, high_v, 1), waveform::hold(fs, low_v, 1.0)]);
     condition(&mut plant, &mut servo, &scale, &conditioning);
     let around = Surroundings {
-        scale: scale.zeroed_at(plant.sensor_um),
+        scale: scale.zeroed_at(plant.sensor_um()),
         noise_um,
         seed,
         external_um: &[],
-        sensor_zero_um: plant.sensor_um,
-        displacement_zero_um: plant.displacement_um,
+        sensor_zero_um: plant.sensor_um(),
+        displacement_zero_um: plant.displacement_um(),
     };
     servo.take_scale(&around.scale);
     servo.repeat(reference.period_ticks());

@@ -215,6 +215,95 @@ pub fn recommended_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     out
 }
 
+/// Steps of the drives that a board plays slowly, ticks of its servo.
+const SLOW_TICKS: f64 = 10.0;
+/// The same of those that are between slow and fast.
+const MIDDLE_TICKS: f64 = 4.0;
+/// The same of holds.
+const HOLD_TICKS: f64 = 200.0;
+
+/// Length of the smooth way from one level of these drives to the next, s.
+const BOARD_WAY_S: f64 = 0.1;
+
+/// Drives that a board plays and records by itself: none has more points than its wave table, 4096, or more samples than its recorder, 16383. In the
+/// order in which they are played: after a conditioning, nested triangles, then the others; each begins and ends at the lower limit, where
+/// nobody knows how much of the creep before it is left. The multisine is that of [`recommended_drives`] and repeats from its first sample.
+#[must_use]
+pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
+    let range_v = high_v - low_v;
+    let slow_hz = SERVO_RATE_HZ / SLOW_TICKS;
+    let middle_hz = SERVO_RATE_HZ / MIDDLE_TICKS;
+    let hold_hz = SERVO_RATE_HZ / HOLD_TICKS;
+    let stair = |tops: &[f64]| {
+        let vertices: Vec<f64> = std::iter::once(&0.0).chain(tops).map(|top| top * range_v).collect();
+        waveform::triangles(slow_hz, 5.5 * range_v, &vertices)
+    };
+    let bursts: Vec<f64> = [(20.0, 0.42), (50.0, 0.3), (100.0, 0.17), (200.0, 0.17), (400.0, 0.17)]
+        .into_iter()
+        .flat_map(|(hz, share): (f64, f64)| waveform::sine_burst(middle_hz, hz, share * range_v, 0.45 * range_v, (3.0 / hz).max(0.05)))
+        .collect();
+    let several: Vec<f64> = (0..4000)
+        .map(|k| {
+            let (t, end_s) = (f64::from(k) / middle_hz, 4000.0 / middle_hz);
+            let ramp = (t.min(end_s - t) / 0.03).min(1.0);
+            let sine = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t + phase).sin();
+            ramp * range_v * (0.46 + 0.21 * sine(13.0, 0.0) + 0.12 * sine(47.0, 1.0) + 0.06 * sine(131.0, 0.0))
+        })
+        .collect();
+    let last = (RECOMMENDED_MULTISINE_HZ * SAMPLING_PERIOD_S * WIDEBAND_PERIOD as f64) as usize;
+    let lines: Vec<usize> = (1..=last).step_by(3).collect();
+    let wideband = waveform::multisine(WIDEBAND_PERIOD, &lines, 0.05 * range_v, 0.5 * range_v, 4, SEED);
+    let period_s = WIDEBAND_PERIOD as f64 * SAMPLING_PERIOD_S;
+    // No point may be further from the one before than the slew limit of a slow amplifier leads in a few ticks.
+    let way = |rate_hz: f64, from_v: f64, to_v: f64| {
+        let mut way = waveform::half_cosines(rate_hz, BOARD_WAY_S, &[from_v, to_v]);
+        way.pop();
+        way
+    };
+    let holds = {
+        let mut out = Vec::new();
+        for pair in [0.0, 0.43, 0.79, 0.21, 0.0].map(|share| share * range_v).windows(2) {
+            let [before_v, level_v] = [pair[0], pair[1]];
+            out.extend(way(hold_hz, before_v, level_v));
+            out.extend(waveform::hold(hold_hz, level_v, if level_v > 0.0 { 0.9 } else { 0.05 }));
+        }
+        out
+    };
+    let bursts = {
+        let (first_v, last_v) = (bursts[0], bursts[bursts.len() - 1]);
+        let mut out = way(middle_hz, 0.0, first_v);
+        out.extend(bursts);
+        out.extend(way(middle_hz, last_v, 0.0));
+        out.push(0.0);
+        out
+    };
+    let drive = |name, role, rate_hz, drive_v| DriveOfRecord {
+        name,
+        role,
+        rate_hz,
+        drive_v,
+        period_s: None,
+        initial_state: "unknown",
+        from_s: None,
+    };
+    let first = [0.29, 0.07, 0.5, 0.14, 0.71, 0.29, 0.64, 0.36, 0.86, 0.0, 1.0, 0.0, 0.93, 0.14, 0.79, 0.29, 0.64, 0.43, 0.57, 0.0];
+    let second = [0.21, 0.04, 0.6, 0.26, 0.79, 0.11, 0.54, 0.2, 0.94, 0.43, 0.83, 0.31, 0.67, 0.0];
+    let mut out = vec![
+        DriveOfRecord { initial_state: "settled", ..drive("rest", "noise", SERVO_RATE_HZ, vec![0.0; 4000]) },
+        DriveOfRecord { initial_state: "settled", ..drive("stair", "identify", slow_hz, stair(&first)) },
+        drive("stair2", "validate", slow_hz, stair(&second)),
+        drive("sines", "identify", middle_hz, bursts),
+        drive("validation", "validate", middle_hz, several),
+        DriveOfRecord { period_s: Some((period_s, period_s)), ..drive("wideband", "identify", SERVO_RATE_HZ, wideband) },
+        drive("hold", "identify", hold_hz, holds),
+    ];
+    for drive in &mut out {
+        // The last bit of a product must not lead beyond the limit.
+        drive.drive_v.iter_mut().for_each(|u| *u = (*u + low_v).clamp(low_v, high_v));
+    }
+    out
+}
+
 /// The manifest for recordings that have the names of their drives.
 #[must_use]
 pub fn manifest(name: &str, low_v: f64, high_v: f64, drives: &[DriveOfRecord]) -> String {
@@ -237,6 +326,21 @@ pub fn manifest(name: &str, low_v: f64, high_v: f64, drives: &[DriveOfRecord]) -
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_board_has_room_for_the_drives_that_it_plays() {
+        for (low, high) in [(0.0, 70.0), (-20.0, 130.0)] {
+            for drive in board_drives(low, high) {
+                let points = drive.period_s.map_or(drive.drive_v.len(), |(period_s, _)| (period_s * drive.rate_hz).round() as usize);
+                assert!(points <= 4096 && drive.drive_v.len() <= 16_383, "{}: {points} of {}", drive.name, drive.drive_v.len());
+                assert!(drive.drive_v.iter().all(|u| (low..=high).contains(u)), "{}", drive.name);
+                let jump = drive.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold((drive.drive_v[0] - low).abs(), f64::max);
+                assert!(drive.period_s.is_some() || jump < 0.1 * (high - low), "{} jumps by {jump} V", drive.name);
+                assert!((SERVO_RATE_HZ / drive.rate_hz).fract() == 0.0, "{}: whole ticks", drive.name);
+                assert!(drive.drive_v.iter().zip(drive.drive_v.iter().skip(points)).all(|(a, b)| a == b), "{} repeats", drive.name);
+            }
+        }
+    }
 
     #[test]
     fn the_recommended_drives_stay_within_their_limits_and_repeat_as_they_say() {

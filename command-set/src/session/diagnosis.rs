@@ -1,0 +1,70 @@
+//! What the controller says of itself, and the speed of its line: `DIA?`, `HDI?`, `IFC`.
+
+use super::{Pending, Session};
+use crate::device::Device;
+use crate::error_code::ErrorCode;
+use crate::help;
+use crate::words::Words;
+
+/// Speeds of the line that are taken, bit/s.
+const BAUD: core::ops::RangeInclusive<u32> = 9_600..=2_000_000;
+
+impl<D: Device + 'static> Session<D> {
+    /// The values in the order of [`help::DIAGNOSIS`].
+    fn diagnosis_values(&self) -> [u32; help::DIAGNOSIS.len()] {
+        let (view, counts) = (self.device.view(), self.device.diagnosis());
+        [
+            view.mode as u32,
+            view.fault.map_or(0, |fault| fault as u32),
+            counts.railed_ticks,
+            counts.limited_ticks,
+            counts.saturated_values,
+            counts.overruns,
+            counts.lost_samples,
+            counts.block_generation,
+            counts.block_checksum,
+            view.tick,
+        ]
+    }
+
+    pub(super) fn diagnosis(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let values = self.diagnosis_values();
+        let all = !words.more();
+        for (nth, value) in (1..).zip(values).filter(|_| all) {
+            self.say(format_args!("{nth}={value}"))?;
+        }
+        while words.more() {
+            let nth = words.whole()?;
+            let value = nth.checked_sub(1).and_then(|nth| values.get(nth as usize)).ok_or(ErrorCode::UnknownParameter)?;
+            self.say(format_args!("{nth}={value}"))?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn diagnosis_help(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        self.pending = Pending::DiagnosisHelp(0);
+        words.end()
+    }
+
+    pub(super) fn set_interface(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        if !words.word()?.eq_ignore_ascii_case("RSBAUD") {
+            return Err(ErrorCode::Syntax);
+        }
+        let baud = words.whole()?;
+        words.end()?;
+        if !BAUD.contains(&baud) {
+            return Err(ErrorCode::Range);
+        }
+        self.device.set_baud(baud);
+        Ok(())
+    }
+
+    pub(super) fn interface(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        if words.more() && !words.word()?.eq_ignore_ascii_case("RSBAUD") {
+            return Err(ErrorCode::Syntax);
+        }
+        words.end()?;
+        let baud = self.device.baud();
+        self.say(format_args!("RSBAUD={baud}"))
+    }
+}

@@ -1,0 +1,92 @@
+//! `board record`: drives that the board plays, as a data set.
+
+use super::{LineArguments, WiringArguments, of_board};
+use crate::desk::Desk;
+use hysteron::servo::amplifier_block::{block, wiring_parameters};
+use hysteron::synthetic::drives::{DriveOfRecord, board_drives, manifest};
+use hysteron::{Error, Result};
+use hysteron_operator::board::Board;
+use hysteron_operator::condition::Condition;
+use hysteron_operator::playing::{Recorded, Wave, listen, play};
+use hysteron_operator::scale::Scale;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Conditions, plays, writes.
+pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force: bool) -> Result<bool> {
+    let desk = Desk::new(force);
+    let front_end = wiring.front_end(&desk)?;
+    let mut board = line.connect()?;
+    if Condition::ask(&mut board).map_err(of_board)?.without_block() {
+        let (low_v, high_v) = wiring.limits_v()?;
+        bring_wiring(&mut board, &block(&wiring_parameters(&front_end, low_v, high_v)?)?, line)?;
+    }
+    let scale = Scale::ask(&mut board).map_err(of_board)?;
+    let drives = board_drives(scale.drive_min_v, scale.drive_max_v);
+    desk.folder(out, &names(&drives))?;
+    board.condition().map_err(of_board)?;
+    let records = play_all(&mut board, &drives)?;
+    write(&desk, out, &scale, &drives, &records)?;
+    println!("next: hysteron explain {} --from hysteresis,vibration,creep --out model.toml", out.display());
+    Ok(true)
+}
+
+/// Brings a block that knows the converters and no servo.
+pub fn bring_wiring(board: &mut Board, block: &[u8], line: &LineArguments) -> Result<()> {
+    hysteron_operator::upload::upload(board, block, line.baud()).map_err(of_board)?;
+    println!("a block without a servo tells the board its converters and the limits of the drive");
+    Ok(())
+}
+
+/// The files of a recording.
+pub fn names(drives: &[DriveOfRecord]) -> Vec<String> {
+    drives.iter().map(|drive| format!("{}.csv", drive.name)).chain(["dataset.toml".to_string()]).collect()
+}
+
+/// Plays the drives one after the other from rest.
+pub fn play_all(board: &mut Board, drives: &[DriveOfRecord]) -> Result<Vec<Recorded>> {
+    // As the zero is now.
+    let scale = Scale::ask(board).map_err(of_board)?;
+    let mut records = Vec::with_capacity(drives.len());
+    for drive in drives {
+        let seconds = drive.drive_v.len() as f64 / drive.rate_hz;
+        println!("  {}: {seconds:.1} s at {:.0} Hz, {}", drive.name, drive.rate_hz, drive.role);
+        records.push(played(board, &scale, drive)?);
+    }
+    Ok(records)
+}
+
+fn played(board: &mut Board, scale: &Scale, drive: &DriveOfRecord) -> Result<Recorded> {
+    let ticks_per_point = (scale.sample_rate_hz / drive.rate_hz).round().max(1.0) as u32;
+    let Some(first) = drive.drive_v.first() else { return Ok(Recorded::default()) };
+    if drive.drive_v.iter().all(|v| v == first) {
+        return listen(board, scale, ticks_per_point, drive.drive_v.len()).map_err(of_board);
+    }
+    let all = drive.drive_v.len();
+    let points = drive.period_s.map_or(all, |(period_s, _)| (period_s * drive.rate_hz).round() as usize).clamp(1, all);
+    // A limit in a block is a code, not a volt: half a step may be missing.
+    let within = drive.drive_v.iter().take(points).map(|v| v.clamp(scale.drive_min_v + 1e-3, scale.drive_max_v - 1e-3));
+    let wave = Wave { points: within.collect(), ticks_per_point, cycles: (all / points) as u32 };
+    play(board, scale, &wave).map_err(of_board)
+}
+
+/// Writes a data set.
+pub fn write(desk: &Desk, out: &Path, scale: &Scale, drives: &[DriveOfRecord], records: &[Recorded]) -> Result<()> {
+    for (drive, record) in drives.iter().zip(records) {
+        let mut text = String::from("t_s,u_v,y_um\n");
+        for (k, (u, y)) in record.drive_v.iter().zip(&record.position_um).enumerate() {
+            writeln!(text, "{:.6},{u:.7},{y:.7}", k as f64 / record.sample_rate_hz).map_err(|problem| Error::new(drive.name, problem))?;
+        }
+        desk.write(&out.join(format!("{}.csv", drive.name)), text.as_bytes())?;
+    }
+    // What was played is on codes, which may lie a fraction of a step beyond the limits that were asked for.
+    let lowest = records.iter().flat_map(|record| &record.drive_v).copied().fold(scale.drive_min_v, f64::min);
+    let highest = records.iter().flat_map(|record| &record.drive_v).copied().fold(scale.drive_max_v, f64::max);
+    let mut text = manifest("recorded by the board", lowest, highest, drives);
+    let step = format!("sensor_lsb_um = {:?}\n", scale.sensor_step_um());
+    let records_begin = text.find("\n[[record]]").unwrap_or(text.len());
+    text.insert_str(records_begin, &step);
+    desk.write(&out.join("dataset.toml"), text.as_bytes())?;
+    println!("wrote {}", out.display());
+    Ok(())
+}

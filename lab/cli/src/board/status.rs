@@ -1,0 +1,24 @@
+//! `board status`.
+
+use super::{LineArguments, of_board};
+use hysteron::Result;
+use hysteron_operator::condition::Condition;
+
+/// Says how the board is, in words and units.
+pub fn status(line: &LineArguments) -> Result<bool> {
+    let mut board = line.connect()?;
+    let condition = Condition::ask(&mut board).map_err(of_board)?;
+    println!("{}", board.identification);
+    match condition.fault {
+        Some(fault) => println!("  {}: {fault}", condition.mode),
+        None => println!("  {}", condition.mode),
+    }
+    if !condition.without_block() {
+        let zeroed = if condition.zeroed { "zeroed" } else { "not zeroed since the start" };
+        println!("  stage {}, {:.4} um ({zeroed}), {:.3} V", condition.stage, condition.position_um, condition.drive_v);
+    }
+    for (name, count) in &condition.counts {
+        println!("  {name}: {count:.0}");
+    }
+    Ok(condition.fault.is_none())
+}

@@ -1,0 +1,315 @@
+//! `board tune`: from an empty board to a running servo, with a report of all that was found on the way.
+
+use super::record::{bring_wiring, names, play_all, write};
+use super::{LineArguments, WiringArguments, of_board};
+use crate::command_line::as_typed;
+use crate::desk::Desk;
+use crate::progress::Progress;
+use crate::read_arguments::ReadArguments;
+use hysteron::explain::{self, Explanation, Options, Start};
+use hysteron::model_file::effects_named;
+use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, wiring_parameters};
+use hysteron::servo::commands::{self, CheckResult};
+use hysteron::servo::design::ServoDesign;
+use hysteron::servo::order::{self, Order};
+use hysteron::servo::words;
+use hysteron::statistics::{extremes, mean};
+use hysteron::synthetic::drives::board_drives;
+use hysteron::{Dataset, Error, Result};
+use hysteron_core::reference_window::PREVIEW_TICKS;
+use hysteron_operator::board::Board;
+use hysteron_operator::playing::{Wave, listen, play};
+use hysteron_operator::scale::Scale;
+use hysteron_report::{Block, Page, Plot, Role, Section, Series, Tone, explain_page, explain_report, nyquist, sensitivity, trade_off};
+use serde::Serialize;
+use std::f64::consts::TAU;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Effects that a search begins with: what a servo needs. A first rise is not among them, the conditioning has taken it.
+const BEGIN_WITH: &str = "hysteresis,vibration,creep";
+/// The error that is accepted, over the noise of the sensor.
+const ACCEPTED: f64 = 1.3;
+/// Samples at rest on a reference.
+const SAMPLES_ON_REFERENCE: usize = 8000;
+/// The sine that is followed: ticks of a period, periods, and its height as a share of the travel.
+const SINE_TICKS: usize = 2000;
+const SINE_PERIODS: u32 = 4;
+const SINE_SHARE: f64 = 0.2;
+/// Velocity of the way to a reference, as a share of the travel in a second.
+const VELOCITY_SHARE: f64 = 4.0;
+
+/// An error of the closed loop as the sensor reads it, its noise included, um.
+#[derive(Clone, Debug, Serialize)]
+struct Followed {
+    /// RMS.
+    rms_um: f64,
+    /// Mean.
+    mean_um: f64,
+    /// Largest magnitude.
+    max_um: f64,
+    /// RMS over the noise of the sensor.
+    over_noise: f64,
+    #[serde(skip)]
+    time_s: Vec<f64>,
+    #[serde(skip)]
+    reference_um: Vec<f64>,
+    #[serde(skip)]
+    position_um: Vec<f64>,
+    #[serde(skip)]
+    sensor_codes: Vec<u16>,
+}
+
+impl Followed {
+    fn new(sample_rate_hz: f64, reference_um: Vec<f64>, position_um: Vec<f64>, sensor_codes: Vec<u16>, noise_um: f64) -> Self {
+        let errors: Vec<f64> = position_um.iter().zip(&reference_um).map(|(y, r)| y - r).collect();
+        let rms_um = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt();
+        Self {
+            rms_um,
+            mean_um: mean(&errors),
+            max_um: errors.iter().map(|e| e.abs()).fold(0.0, f64::max),
+            over_noise: rms_um / noise_um,
+            time_s: (0..errors.len()).map(|k| k as f64 / sample_rate_hz).collect(),
+            reference_um,
+            position_um,
+            sensor_codes,
+        }
+    }
+}
+
+/// What `tune.json` holds.
+#[derive(Serialize)]
+struct Tuned<'a> {
+    schema: &'static str,
+    board: &'a str,
+    verdict: &'a str,
+    effects: Vec<String>,
+    noise_um: f64,
+    reference_um: f64,
+    on_reference: &'a Followed,
+    sine_hz: f64,
+    sine_amplitude_um: f64,
+    on_sine: &'a Followed,
+    accepted_over_noise: f64,
+    scale: ScaleFigures,
+    check: &'a CheckResult,
+    design: &'a ServoDesign,
+}
+
+/// Codes in um, after the last conditioning.
+#[derive(Serialize)]
+struct ScaleFigures {
+    sensor_at_code_0_um: f64,
+    sensor_span_um: f64,
+}
+
+/// What is known once the servo has been designed.
+struct Designed {
+    found: Explanation,
+    dataset: Dataset,
+    noise_um: f64,
+    travel_um: f64,
+    design: ServoDesign,
+    check: CheckResult,
+    block: Vec<u8>,
+}
+
+/// The whole way.
+pub fn tune(out: &Path, wiring: &WiringArguments, reference_hz: f64, line: &LineArguments, force: bool) -> Result<bool> {
+    let desk = Desk::new(force);
+    let front_end = wiring.front_end(&desk)?;
+    let (low_v, high_v) = wiring.limits_v()?;
+    let empty = block(&wiring_parameters(&front_end, low_v, high_v)?)?;
+    let recording = out.join("record");
+    let drives = board_drives(low_v, high_v);
+    let files = ["model.toml", "servo.toml", "servo.block", "on_reference.csv", "report.html", "tune.json"];
+    desk.folder(out, &files.map(String::from))?;
+    desk.folder(&recording, &names(&drives))?;
+
+    let mut board = line.connect()?;
+    println!("{}", board.identification);
+    bring_wiring(&mut board, &empty, line)?;
+    println!("conditioning");
+    board.condition().map_err(of_board)?;
+    let records = play_all(&mut board, &drives)?;
+    let scale = Scale::ask(&mut board).map_err(of_board)?;
+    write(&desk, &recording, &scale, &drives, &records)?;
+
+    let designed = design(&desk, &recording, &front_end, reference_hz)?;
+    desk.write_model(Some(&out.join("model.toml")), &designed.found.model, &designed.dataset.name)?;
+    let servo = toml::to_string_pretty(&designed.design).map_err(|problem| Error::new("servo.toml", problem))?;
+    desk.write(&out.join("servo.toml"), servo.as_bytes())?;
+    desk.write(&out.join("servo.block"), &designed.block)?;
+    if !designed.check.stable {
+        return Err(Error::new("check", "the loop is not stable on the model; the block was not brought"));
+    }
+
+    println!("bringing the block");
+    hysteron_operator::upload::upload(&mut board, &designed.block, line.baud()).map_err(of_board)?;
+    println!("conditioning");
+    board.condition().map_err(of_board)?;
+    let scale = Scale::ask(&mut board).map_err(of_board)?;
+    let (reference_um, on_reference, on_sine) = verify(&mut board, &scale, &designed)?;
+    let good = on_reference.over_noise <= ACCEPTED;
+    let verdict = verdict(&on_reference, &on_sine, &designed, good);
+    println!("{verdict}");
+    desk.write(&out.join("on_reference.csv"), csv(&on_reference)?.as_bytes())?;
+    let tuned = Tuned {
+        schema: "hysteron.tune/1",
+        board: &board.identification,
+        verdict: &verdict,
+        effects: designed.found.model.effect_ids(),
+        noise_um: designed.noise_um,
+        reference_um,
+        on_reference: &on_reference,
+        sine_hz: scale.sample_rate_hz / SINE_TICKS as f64,
+        sine_amplitude_um: 0.5 * SINE_SHARE * designed.travel_um,
+        on_sine: &on_sine,
+        accepted_over_noise: ACCEPTED,
+        scale: ScaleFigures { sensor_at_code_0_um: scale.sensor_at_code_0_um, sensor_span_um: scale.sensor_span_um },
+        check: &designed.check,
+        design: &designed.design,
+    };
+    desk.write_json(Some(&out.join("tune.json")), &tuned)?;
+    desk.write_page(Some(&out.join("report.html")), || page(&designed, &on_reference, &on_sine, &verdict, good))?;
+    println!("the servo is on at {reference_um:.3} um; all of it is in {}", out.join("report.html").display());
+    Ok(good)
+}
+
+/// From the recording to the block.
+fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, reference_hz: f64) -> Result<Designed> {
+    let dataset = desk.dataset(recording, &ReadArguments::default())?;
+    let progress = Progress::of_search(false);
+    let found = explain::explain(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
+    drop(progress);
+    println!("{}", found.diagnosis.sentence);
+    let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
+    let order = Order { reference_hz, recording: Some(&dataset), front_end: Some(front_end), ..Order::default() };
+    let design = order::design(&found.model, &order).map_err(|problem| Error::new("design", problem))?;
+    for line in &design.explanation {
+        println!("  {line}");
+    }
+    let check = commands::check(&design, &found.model).map_err(|problem| Error::new("check", problem))?;
+    let block = block(&amplifier_parameters(&design, front_end)?)?;
+    let (lowest_um, highest_um) = dataset
+        .records
+        .iter()
+        .map(|record| extremes(&record.displacement_um))
+        .fold((f64::MAX, f64::MIN), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    Ok(Designed { found, noise_um, travel_um: highest_um - lowest_um, design, check, block, dataset })
+}
+
+/// Closes the loop, goes to the middle and looks, follows a sine and looks, and stays in the middle. Returns where that is.
+fn verify(board: &mut Board, scale: &Scale, designed: &Designed) -> Result<(f64, Followed, Followed)> {
+    let Designed { noise_um, travel_um, .. } = *designed;
+    let middle_um = (500.0 * travel_um).round() / 1000.0;
+    println!("closing the loop");
+    board.tell_all(&["SVO 1 1".to_string(), format!("VEL 1 {:.3}", VELOCITY_SHARE * travel_um)]).map_err(of_board)?;
+    go(board, middle_um)?;
+    let stays = listen(board, scale, 1, SAMPLES_ON_REFERENCE).map_err(of_board)?;
+    let reference = vec![middle_um; stays.position_um.len()];
+    let on_reference = Followed::new(stays.sample_rate_hz, reference, stays.position_um, stays.sensor_codes, noise_um);
+    let amplitude_um = 0.5 * SINE_SHARE * travel_um;
+    let sine = |tick: usize| middle_um + amplitude_um * (TAU * tick as f64 / SINE_TICKS as f64).sin();
+    let wave = Wave { points: (0..SINE_TICKS).map(sine).collect(), ticks_per_point: 1, cycles: SINE_PERIODS };
+    let follows = play(board, scale, &wave).map_err(of_board)?;
+    // The record begins two ticks behind the first point, which counts after the window that the servo looks ahead.
+    let from = SINE_TICKS;
+    let reference = (from..follows.position_um.len()).map(|k| sine(k + 2 + SINE_TICKS - PREVIEW_TICKS)).collect();
+    let rest = |values: Vec<f64>| values.into_iter().skip(from).collect::<Vec<f64>>();
+    let codes = follows.sensor_codes.into_iter().skip(from).collect();
+    let on_sine = Followed::new(follows.sample_rate_hz, reference, rest(follows.position_um), codes, noise_um);
+    go(board, middle_um)?;
+    Ok((middle_um, on_reference, on_sine))
+}
+
+/// Moves to a position and waits until it is there.
+fn go(board: &mut Board, position_um: f64) -> Result<()> {
+    board.tell(&format!("MOV 1 {position_um:.6}")).map_err(of_board)?;
+    let closed = |mode: &str| {
+        if mode == "1=2" { Ok(()) } else { Err(Error::new("MOV", "a fault has opened the loop; `hysteron board status` names it")) }
+    };
+    loop {
+        closed(board.ask("DIA? 1").map_err(of_board)?.trim())?;
+        if board.number("ONT? 1").map_err(of_board)? == 1.0 {
+            return Ok(());
+        }
+    }
+}
+
+fn verdict(on_reference: &Followed, on_sine: &Followed, designed: &Designed, good: bool) -> String {
+    let kept = if good { "keeps" } else { "does NOT keep" };
+    format!(
+        "The servo {kept} its reference: the sensor reads an error of {:.2} nm RMS, {:.2} times its noise of {:.2} nm ({ACCEPTED} are accepted); on a sine it reads {:.2} nm.",
+        1e3 * on_reference.rms_um,
+        on_reference.over_noise,
+        1e3 * designed.noise_um,
+        1e3 * on_sine.rms_um
+    )
+}
+
+fn csv(followed: &Followed) -> Result<String> {
+    let mut text = String::from("t_s,reference_um,y_um,sensor_code\n");
+    let rows = followed.time_s.iter().zip(&followed.reference_um).zip(&followed.position_um).zip(&followed.sensor_codes);
+    for (((t, r), y), code) in rows {
+        writeln!(text, "{t:.6},{r:.7},{y:.7},{code}").map_err(|problem| Error::new("on_reference.csv", problem))?;
+    }
+    Ok(text)
+}
+
+/// The closed loop in two plots.
+fn plots(name: &str, followed: &Followed) -> [Block; 2] {
+    let error_nm = followed.position_um.iter().zip(&followed.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
+    let time = followed.time_s.clone();
+    [
+        Block::Plot(
+            Plot::new(name)
+                .x_axis("time", "s")
+                .y_axis("position", "um")
+                .with(Series::line("reference", Role::Drive, time.clone(), followed.reference_um.clone()))
+                .with(Series::line("sensor", Role::Measured, time.clone(), followed.position_um.clone())),
+        ),
+        Block::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
+            "sensor minus reference",
+            Role::Residual,
+            time,
+            error_nm,
+        ))),
+    ]
+}
+
+/// The one report: the closed loop, the servo, and the model behind it.
+fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdict: &str, good: bool) -> Page {
+    let Designed { found, dataset, design, check, .. } = designed;
+    let model = explain_page(&explain_report(found, dataset, as_typed()));
+    let margins = check.margins.as_ref();
+    let of_loop = margins.map(|m| vec![Block::Plot(sensitivity(m)), Block::Plot(nyquist(m))]).unwrap_or_default();
+    let said = margins.map(words::margins).unwrap_or_default();
+    let mut sections = vec![
+        Section {
+            heading: "The servo at work on the board".into(),
+            text: "Read by the sensor, its noise included; recorded by the board while the loop was closed.".into(),
+            blocks: plots("On a reference", on_reference).into_iter().chain(plots("On a sine", on_sine)).collect(),
+        },
+        Section {
+            heading: "Why this servo".into(),
+            text: design.explanation.join("\n\n"),
+            blocks: vec![Block::Plot(trade_off(&design.trade_off))],
+        },
+        Section {
+            heading: "The loop, checked on the model".into(),
+            text: said.iter().chain(&check.remarks).cloned().collect::<Vec<_>>().join("\n\n"),
+            blocks: of_loop,
+        },
+    ];
+    sections.extend(model.sections);
+    let sentence = ("The model behind it".to_string(), model.lead_sentence);
+    Page {
+        title: "From a board to a servo".into(),
+        lead_sentence: verdict.into(),
+        tone: if good { Tone::Good } else { Tone::Attention },
+        facts: std::iter::once(sentence).chain(model.facts).collect(),
+        sections,
+        ..model
+    }
+}

@@ -1,0 +1,18 @@
+//! `board upload`.
+
+use super::{LineArguments, of_board};
+use crate::desk::{Desk, wrong};
+use hysteron::Result;
+use hysteron::servo::amplifier_block::SAMPLE_RATE_HZ;
+use hysteron_core::parameter_block::read;
+use std::path::Path;
+
+/// Brings a block and restarts with it. What the board would refuse is refused before anything is sent.
+pub fn upload(block: &Path, line: &LineArguments) -> Result<bool> {
+    let bytes = Desk::new(false).bytes(block, "a parameter block written by `hysteron design --block`")?;
+    read(&bytes, SAMPLE_RATE_HZ).map_err(|problem| wrong(block, problem.reason()))?;
+    let mut board = line.connect()?;
+    hysteron_operator::upload::upload(&mut board, &bytes, line.baud()).map_err(of_board)?;
+    println!("{} is in use; next: condition (ATZ 1), then close the loop at rest (SVO 1 1)", block.display());
+    Ok(true)
+}

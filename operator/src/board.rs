@@ -1,0 +1,231 @@
+//! The conversation with a board.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use crate::error::{Error, Result, meaning};
+use crate::port::{Address, Port, USUAL_BAUD};
+
+/// A board that sends no byte for so long while an answer is due is given up.
+pub const PATIENCE: Duration = Duration::from_secs(20);
+/// The same where it is not known whether anybody listens.
+const SHORT_PATIENCE: Duration = Duration::from_secs(1);
+/// How often a board is asked whether it is there.
+const GREETINGS: usize = 30;
+/// Bytes of lines that are sent before the board is asked whether it took them: its store holds 2048.
+const MOST_BYTES_AT_ONCE: usize = 1500;
+/// Time between two questions whether something has ended.
+const BETWEEN_QUESTIONS: Duration = Duration::from_millis(20);
+
+/// A board that answers.
+pub struct Board {
+    port: Port,
+    incoming: VecDeque<u8>,
+    /// What `*IDN?` answered.
+    pub identification: String,
+}
+
+impl Board {
+    /// Opens the port and greets the board. `baud` is the speed for the rest of the conversation; without one it stays as it is.
+    ///
+    /// # Errors
+    /// The port cannot be opened, nobody answers, or somebody else does.
+    pub fn connect(address: &Address, baud: Option<u32>) -> Result<Self> {
+        let mut this = Self { port: Port::open(address)?, incoming: VecDeque::new(), identification: String::new() };
+        // A program that ended in the middle may have left the board at another speed.
+        let speeds = [USUAL_BAUD, baud.unwrap_or(USUAL_BAUD)];
+        let greeted = speeds.into_iter().any(|speed| this.port.set_baud(speed).is_ok() && this.greet(3).is_ok());
+        if !greeted {
+            return Err(Error::new(address, "no board answers `*IDN?`; is it powered, and does no other program hold the port?"));
+        }
+        if !this.identification.contains("HYSTERON") {
+            return Err(Error::new(address, format!("`{}` answers, which is no board of this project", this.identification)));
+        }
+        if let Some(baud) = baud {
+            this.change_baud(baud)?;
+        }
+        Ok(this)
+    }
+
+    /// Forgets what came before and asks who is there.
+    fn greet(&mut self, times: usize) -> Result<()> {
+        let mut last = Error::new("board", "does not answer");
+        for _ in 0..times {
+            self.incoming.clear();
+            // What stands half in the board's line ends here.
+            self.port.send(b"\n*IDN?\n")?;
+            match self.answer_within(SHORT_PATIENCE) {
+                Ok(answer) if answer.matches(',').count() == 3 => {
+                    self.identification = answer.trim().to_string();
+                    // Answers to greetings before this one.
+                    while !self.port.receive()?.is_empty() {}
+                    self.incoming.clear();
+                    self.ask("ERR?")?;
+                    return Ok(());
+                }
+                Ok(other) => last = Error::new("board", format!("answers `{}`", other.trim())),
+                Err(problem) => last = problem,
+            }
+        }
+        Err(last)
+    }
+
+    fn change_baud(&mut self, baud: u32) -> Result<()> {
+        self.port.send(format!("IFC RSBAUD {baud}\n").as_bytes())?;
+        // The board changes when what it was sending has gone.
+        std::thread::sleep(BETWEEN_QUESTIONS);
+        self.port.set_baud(baud)?;
+        self.greet(GREETINGS).map_err(|_| Error::new("board", format!("does not answer at {baud} bit/s")))
+    }
+
+    /// After a restart, at the speed of `baud` again.
+    ///
+    /// # Errors
+    /// The board does not come back.
+    pub(crate) fn meet_again(&mut self, baud: Option<u32>) -> Result<()> {
+        self.port.set_baud(USUAL_BAUD)?;
+        self.greet(GREETINGS).map_err(|_| Error::new("board", "does not come back after its restart"))?;
+        baud.map_or(Ok(()), |baud| self.change_baud(baud))
+    }
+
+    /// Sends bytes as they are.
+    ///
+    /// # Errors
+    /// The connection has ended.
+    pub fn send(&mut self, bytes: &[u8]) -> Result<()> {
+        self.port.send(bytes)
+    }
+
+    /// What has come and was not asked for, as it is; for a person at a terminal.
+    ///
+    /// # Errors
+    /// The connection has ended.
+    pub fn receive(&mut self) -> Result<Vec<u8>> {
+        let mut bytes: Vec<u8> = self.incoming.drain(..).collect();
+        bytes.extend(self.port.receive()?);
+        Ok(bytes)
+    }
+
+    /// The next line, with its end.
+    fn line_within(&mut self, patience: Duration) -> Result<Vec<u8>> {
+        let mut heard = Instant::now();
+        loop {
+            if let Some(end) = self.incoming.iter().position(|byte| *byte == b'\n') {
+                return Ok(self.incoming.drain(..=end).collect());
+            }
+            let bytes = self.port.receive()?;
+            if !bytes.is_empty() {
+                heard = Instant::now();
+                self.incoming.extend(bytes);
+            } else if heard.elapsed() > patience {
+                return Err(Error::new("board", format!("has sent nothing for {} s", patience.as_secs())));
+            }
+        }
+    }
+
+    /// An answer: lines up to one that does not end in a space.
+    fn answer_within(&mut self, patience: Duration) -> Result<String> {
+        let mut answer = String::new();
+        loop {
+            let line = self.line_within(patience)?;
+            let more = line.ends_with(b" \n");
+            answer.push_str(String::from_utf8_lossy(&line).trim_end());
+            answer.push('\n');
+            if !more {
+                return Ok(answer);
+            }
+        }
+    }
+
+    /// Asks and returns the answer, its lines without what ends them.
+    ///
+    /// # Errors
+    /// The board does not answer.
+    pub fn ask(&mut self, question: &str) -> Result<String> {
+        self.port.send(format!("{question}\n").as_bytes())?;
+        self.answer_within(PATIENCE).map_err(|problem| Error::new(question, problem.message()))
+    }
+
+    /// The values behind `=` in the lines of an answer, or the lines themselves where there is none.
+    ///
+    /// # Errors
+    /// The board does not answer, or with something else.
+    pub fn numbers(&mut self, question: &str) -> Result<Vec<f64>> {
+        let answer = self.ask(question)?;
+        let number = |line: &str| line.rsplit('=').next().and_then(|word| word.trim().parse().ok());
+        let numbers: Option<Vec<f64>> = answer.lines().map(number).collect();
+        numbers.ok_or_else(|| Error::new(question, format!("the board answers `{}`; expected numbers", answer.trim())))
+    }
+
+    /// The one value of an answer.
+    ///
+    /// # Errors
+    /// As [`Board::numbers`].
+    pub fn number(&mut self, question: &str) -> Result<f64> {
+        self.numbers(question)?.first().copied().ok_or_else(|| Error::new(question, "the board answers nothing"))
+    }
+
+    /// Gives a command and sees that the board took it.
+    ///
+    /// # Errors
+    /// It did not; the error says what that means.
+    pub fn tell(&mut self, command: &str) -> Result<()> {
+        self.tell_all(&[command])
+    }
+
+    /// Gives commands, as many at once as the board has room for, and sees that it took them.
+    ///
+    /// # Errors
+    /// One of them was not taken.
+    pub fn tell_all<S: AsRef<str>>(&mut self, commands: &[S]) -> Result<()> {
+        let mut rest = commands;
+        while !rest.is_empty() {
+            let mut text = String::new();
+            let mut count = 0;
+            for command in rest.iter().map(AsRef::as_ref) {
+                if count > 0 && text.len() + command.len() > MOST_BYTES_AT_ONCE {
+                    break;
+                }
+                text.push_str(command);
+                text.push('\n');
+                count += 1;
+            }
+            let (now, later) = rest.split_at(count);
+            let first = now.first().map_or("", AsRef::as_ref);
+            text.push_str("ERR?\n");
+            self.port.send(text.as_bytes())?;
+            let answer = self.answer_within(PATIENCE).map_err(|problem| Error::new(first, problem.message()))?;
+            let code: u32 = answer.trim().parse().map_err(|_| Error::new(first, format!("the board answers `{}`", answer.trim())))?;
+            if code != 0 {
+                let place = if now.len() == 1 { first.to_string() } else { format!("{first} .. ({} commands)", now.len()) };
+                return Err(Error::new(place, meaning(code)));
+            }
+            rest = later;
+        }
+        Ok(())
+    }
+
+    /// Asks again and again until the answer is as it should be.
+    ///
+    /// # Errors
+    /// The board does not answer, or `until` refuses an answer for good.
+    pub fn wait(&mut self, question: &str, mut until: impl FnMut(&str) -> Result<bool>) -> Result<()> {
+        while !until(self.ask(question)?.trim())? {
+            std::thread::sleep(BETWEEN_QUESTIONS);
+        }
+        Ok(())
+    }
+
+    /// Conditions the actuator and zeroes the sensor.
+    ///
+    /// # Errors
+    /// The board refuses, or a fault ended it.
+    pub fn condition(&mut self) -> Result<()> {
+        self.tell("ATZ 1")?;
+        self.wait(
+            "DIA? 1",
+            |mode| if mode == "1=3" { Err(Error::new("ATZ", "a fault ended the conditioning")) } else { Ok(mode == "1=0") },
+        )?;
+        if self.number("ATZ? 1")? == 1.0 { Ok(()) } else { Err(Error::new("ATZ", "was stopped before the sensor was zeroed")) }
+    }
+}

@@ -1,0 +1,67 @@
+//! What the board's codes stand for, as the block in use says.
+
+use crate::board::Board;
+use crate::error::{Error, Result};
+
+/// Codes to um and V.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// Position at the sensor's code 0, um; a conditioning moves it.
+    pub sensor_at_code_0_um: f64,
+    /// Positions of 65,536 codes, um.
+    pub sensor_span_um: f64,
+    /// Drive at code 0, V.
+    pub drive_at_code_0_v: f64,
+    /// Drives of 65,536 codes, V.
+    pub drive_span_v: f64,
+    /// Lowest drive, V.
+    pub drive_min_v: f64,
+    /// Highest drive, V.
+    pub drive_max_v: f64,
+    /// Control ticks per second, Hz.
+    pub sample_rate_hz: f64,
+}
+
+impl Scale {
+    /// Asks the board.
+    ///
+    /// # Errors
+    /// It does not answer, or has no block.
+    pub fn ask(board: &mut Board) -> Result<Self> {
+        let question = "SPA? 1 0x7F000000 1 0x7F000001 1 0x7F000002 1 0x7F000003 1 0x7F000004 1 0x7F000005 1 0x0E000200";
+        let numbers = board.numbers(question)?;
+        let [sensor_at_code_0_um, sensor_span_um, drive_at_code_0_v, drive_span_v, drive_min_v, drive_max_v, period_s] = numbers[..] else {
+            return Err(Error::new(question, "the board does not know these parameters: its image is older than this program"));
+        };
+        if sensor_span_um <= 0.0 || drive_span_v <= 0.0 || period_s <= 0.0 {
+            return Err(Error::new("board", "has no valid parameter block, so nothing says what its codes stand for"));
+        }
+        Ok(Self {
+            sensor_at_code_0_um,
+            sensor_span_um,
+            drive_at_code_0_v,
+            drive_span_v,
+            drive_min_v,
+            drive_max_v,
+            sample_rate_hz: (1.0 / period_s).round(),
+        })
+    }
+
+    /// A sensor's code, um.
+    #[must_use]
+    pub fn position_um(&self, code: u16) -> f64 {
+        self.sensor_at_code_0_um + self.sensor_span_um * f64::from(code) / 65_536.0
+    }
+
+    /// A drive's code, V.
+    #[must_use]
+    pub fn drive_v(&self, code: u16) -> f64 {
+        self.drive_at_code_0_v + self.drive_span_v * f64::from(code) / 65_536.0
+    }
+
+    /// Step of the sensor's converter, um.
+    #[must_use]
+    pub fn sensor_step_um(&self) -> f64 {
+        self.sensor_span_um / 65_536.0
+    }
+}

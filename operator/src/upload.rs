@@ -1,0 +1,35 @@
+//! A parameter block on its way to the board's flash.
+
+use hysteron_core::command_text::PIECE_BYTES;
+use hysteron_core::parameter_block::fingerprint;
+
+use crate::board::Board;
+use crate::error::{Error, Result};
+
+/// Brings a block, restarts the board with it and sees that it is the one in use. The drive must be at rest; `baud` is the speed of the conversation.
+///
+/// # Errors
+/// The board refuses it, and says why; or another block is in use after the restart.
+pub fn upload(board: &mut Board, block: &[u8], baud: Option<u32>) -> Result<()> {
+    let expected = fingerprint(block).ok_or_else(|| Error::new("parameter block", "is cut off"))?;
+    let mut lines = vec![format!("BLK BEGIN {}", block.len())];
+    lines.extend(block.chunks(PIECE_BYTES).enumerate().map(|(nth, piece)| {
+        let digits: String = piece.iter().map(|byte| format!("{byte:02x}")).collect();
+        format!("BLK DATA {} {digits}", nth * PIECE_BYTES)
+    }));
+    board.tell_all(&lines)?;
+    board.tell("BLK COMMIT")?;
+    board.wait("BLK?", |answer| match answer.strip_prefix("REFUSED ") {
+        Some(reason) => Err(Error::new("parameter block", format!("the board refuses it: {reason}"))),
+        None => Ok(answer == "KEPT"),
+    })?;
+    // A restart is not answered. Where it is refused the old block stays in use, which is found below.
+    board.send(b"RBT\n")?;
+    board.meet_again(baud)?;
+    let used = board.number("DIA? 9")?;
+    if used == f64::from(expected) {
+        Ok(())
+    } else {
+        Err(Error::new("parameter block", format!("after the restart another one is in use (content {used:.0}, not {expected})")))
+    }
+}

@@ -1,0 +1,70 @@
+//! From an empty board to a running servo with one command, in front of a stage that the program is not told about.
+//!
+//! The emulated board writes what the stage really does, with the codes of its converters. The sensor's codes that `tune` recorded on its reference
+//! are found there, and the true error is what counts.
+
+use std::path::Path;
+
+use crate::emulated_board::EmulatedBoard;
+use crate::steps::{build_as_tested, built, command, root};
+
+/// The true error that is accepted, over the noise of the sensor.
+const ACCEPTED: f64 = 1.3;
+/// Position at the sensor's code 0 of the wiring that the emulated board has, um.
+const SENSOR_AT_CODE_0_UM: f64 = -1.0;
+
+/// Tunes and judges.
+pub fn run() -> Result<(), String> {
+    let folder = root().join("target/board_tune");
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    }
+    std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    build_as_tested()?;
+    let (truth, out) = (folder.join("truth.csv"), folder.join("tuned"));
+    let stage = root().join("board/tests/stage.toml");
+    let board = EmulatedBoard::start(&["--stage", &stage.to_string_lossy(), "--truth", &truth.to_string_lossy()])?;
+    let address = format!("127.0.0.1:{}", board.port);
+    let words = ["board", "tune", &out.to_string_lossy(), "--tcp", &address, "--baud", "921600", "--drive-max-v", "80"];
+    command(built("hysteron"), &words, &root(), &[])?;
+    drop(board);
+    judge(&truth, &out)
+}
+
+/// Columns of a file of numbers under one line of names.
+fn columns<const N: usize>(path: &Path) -> Result<Vec<[f64; N]>, String> {
+    let text = std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let row = |line: &str| -> Option<[f64; N]> {
+        let numbers: Option<Vec<f64>> = line.split(',').map(|word| word.parse().ok()).collect();
+        numbers?.try_into().ok()
+    };
+    // The last line may be cut off where the board was ended.
+    Ok(text.lines().skip(1).map_while(row).collect())
+}
+
+fn judge(truth: &Path, out: &Path) -> Result<(), String> {
+    let text = std::fs::read_to_string(out.join("tune.json")).map_err(|error| format!("tune.json: {error}"))?;
+    let tuned: serde_json::Value = serde_json::from_str(&text).map_err(|error| format!("tune.json: {error}"))?;
+    let number = |value: &serde_json::Value, name: &str| value.as_f64().ok_or_else(|| format!("tune.json has no {name}"));
+    let noise_um = number(&tuned["noise_um"], "noise_um")?;
+    let zero_um = number(&tuned["scale"]["sensor_at_code_0_um"], "scale")?;
+    let true_motion: Vec<[f64; 3]> = columns(truth)?;
+    let seen: Vec<[f64; 4]> = columns(&out.join("on_reference.csv"))?;
+    let codes: Vec<f64> = seen.iter().map(|row| row[3]).collect();
+    let there = true_motion.windows(codes.len().max(1)).find(|rows| rows.iter().zip(&codes).all(|(row, code)| row[0] == *code));
+    let there = there.filter(|_| !codes.is_empty()).ok_or("what the board recorded is not what its sensor gave")?;
+    // Positions count from where the conditioning zeroed the sensor.
+    let shift_um = zero_um - SENSOR_AT_CODE_0_UM;
+    let squares = there.iter().zip(&seen).map(|(row, seen)| (row[2] + shift_um - seen[1]).powi(2));
+    let error_um = (squares.sum::<f64>() / codes.len() as f64).sqrt();
+    println!(
+        "   true error on the reference: {:.2} nm RMS, {:.2} times the noise of {:.2} nm",
+        1e3 * error_um,
+        error_um / noise_um,
+        1e3 * noise_um
+    );
+    if error_um > ACCEPTED * noise_um {
+        return Err(format!("the true error is {:.2} times the noise, more than {ACCEPTED}", error_um / noise_um));
+    }
+    Ok(())
+}
