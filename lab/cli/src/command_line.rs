@@ -6,8 +6,8 @@
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
 use crate::{
-    add, board, capture, check, compare, design, diagnose, drives, effects, explain, identify, lab, plant, reproduce, score, simulate,
-    track,
+    add, board, capture, check, compare, design, diagnose, drives, effects, explain, identify, lab, plant, reproduce, score, screen,
+    simulate, track,
 };
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
@@ -447,13 +447,11 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "hysteron", &mut script);
-            print!("{}", String::from_utf8_lossy(&script));
+            println!("{}", String::from_utf8_lossy(&script).trim_end());
             Ok(true)
         }
     }
-    .and_then(|ok| {
-        if std::io::Write::flush(&mut std::io::stdout()).is_ok() { Ok(ok) } else { Err(Error::new("output", "cannot be written")) }
-    })
+    .and_then(|ok| if screen::has_arrived() { Ok(ok) } else { Err(Error::new("output", "cannot be written")) })
 }
 
 #[cfg(test)]

@@ -69,11 +69,16 @@ impl Desk {
         items
             .map(|item| match item {
                 _ if item.ends_with(".toml") => self.own_effect(Path::new(item)),
-                _ if item.contains(['.', '/', '\\']) => Err(wrong(
-                    Path::new(item),
-                    "does not exist; expected a file that lists effects, or names of effects separated by commas",
-                )),
-                _ => model_file::effect_named(item),
+                _ => model_file::effect_named(item).map_err(|unknown| {
+                    let what = match Path::new(item) {
+                        path if path.is_dir() => "is a folder",
+                        _ if item.contains(['.', '/', '\\']) => "does not exist",
+                        _ => return unknown,
+                    };
+                    let expected =
+                        "expected a file that lists effects, a .toml file that defines one, or names of effects separated by commas";
+                    wrong(Path::new(item), format!("{what}; {expected}"))
+                }),
             })
             .collect()
     }

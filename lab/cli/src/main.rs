@@ -1,5 +1,11 @@
 //! The `hysteron` program: see `hysteron --help`, or README.md.
 
+/// As the standard one, but that nothing is printed to a reader who has gone.
+macro_rules! println {
+    () => { println!("") };
+    ($($text:tt)*) => { $crate::screen::say(format_args!($($text)*)) };
+}
+
 mod add;
 mod board;
 mod capture;
@@ -19,6 +25,7 @@ mod progress;
 mod read_arguments;
 mod reproduce;
 mod score;
+mod screen;
 mod simulate;
 mod tables;
 mod track;
@@ -26,15 +33,10 @@ mod write_whole;
 
 use std::process::ExitCode;
 
-/// A reader that has seen enough (`hysteron ... | head`) ends the program without a word, and a decoder that stumbles over a damaged file says
-/// nothing: the error does.
+/// A decoder that stumbles over a damaged file says nothing: the error does.
 fn keep_panics_from_users() {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        let text = panic.payload().downcast_ref::<String>().map_or("", String::as_str);
-        if text.starts_with("failed printing to stdout") {
-            std::process::exit(0);
-        }
         if !hysteron::dataset::readers::foreign::is_decoding() {
             usual(panic);
         }

@@ -86,7 +86,7 @@ fn effects_that_are_not_known_or_not_in_the_data() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_ends_the_program_without_a_word() {
+fn a_reader_that_has_seen_enough_misses_nothing_but_words() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
     std::fs::write(folder.path().join("a.csv"), good_rows(2000)).unwrap();
@@ -100,7 +100,34 @@ fn a_reader_that_has_seen_enough_ends_the_program_without_a_word() {
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!said.contains("panicked"), "{said}");
+    assert!(!said.contains("panicked") && output.status.success(), "{said}");
+    assert!(folder.path().join("m.toml").is_file(), "the model is written all the same");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_screen_that_takes_nothing_is_an_error() {
+    let folder = folder_with_model();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let said = Command::new(env!("CARGO_BIN_EXE_hysteron")).arg("effects").current_dir(folder.path()).stdout(full).status().unwrap();
+    assert_eq!(said.code(), Some(2));
+}
+
+#[test]
+fn what_is_said_of_columns_is_one_of_them() {
+    let folder = folder_with_model();
+    let rows = good_rows(400);
+    std::fs::write(folder.path().join("twice.csv"), rows.replace("t_s,u_v,y_um", "t,ch,ch")).unwrap();
+    says(&["explain", "twice.csv", "--columns", "u=ch"], folder.path(), "columns 2 and 3 are called so; expected the number");
+    std::fs::write(folder.path().join("dataset.toml"), format!("{MANIFEST}[record.columns]\nu = -3\n")).unwrap();
+    says(&["explain", "."], folder.path(), "expected the name of a column, or its number from 1");
+    let resting =
+        format!("{MANIFEST}\n[[record]]\nfile = \"rest.csv\"\nsample_rate_hz = 1000.0\nrole = \"noise\"\ninitial_state = \"settled\"\n");
+    std::fs::write(folder.path().join("dataset.toml"), resting).unwrap();
+    std::fs::write(folder.path().join("rest.csv"), format!("u_v,y_um\n{}", "1.0,0.1\n".repeat(200))).unwrap();
+    says(&["explain", "."], folder.path(), "at rest it shows no noise then: leave the record out");
+    std::fs::create_dir(folder.path().join("own")).unwrap();
+    says(&["identify", "twice.csv", "--effects", "own"], folder.path(), "own: is a folder");
 }
 
 #[test]
@@ -119,7 +146,11 @@ fn models_that_were_edited_wrongly() {
     let folder = folder_with_model();
     let model = std::fs::read_to_string(folder.path().join("m.toml")).unwrap();
     let name = model.lines().find(|line| line.starts_with("name")).unwrap();
+    let (unit, std) =
+        (model.lines().find(|line| line.starts_with("unit")).unwrap(), model.lines().find(|line| line.starts_with("std")).unwrap());
     for (edited, expected) in [
+        (model.replace(unit, "unit = \"nm/V\""), "is given in `nm/V`; expected `um/V`"),
+        (model.replace(std, "std = -1.0"), "std = -1; expected no negative number"),
         (model.replace(name, "name = \"g_9_9_um\""), "parameter g_9_9_um; expected"),
         (model.split("[[effect]]").next().unwrap().to_string(), "has no [[effect]]"),
         (format!("{model}[[effect]]{}", model.split("[[effect]]").nth(1).unwrap()), "stands there twice"),

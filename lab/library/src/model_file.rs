@@ -151,6 +151,13 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
             if found.parameter.name != declared.name {
                 return Err(Error::new(&place, format!("parameter {}; expected {} there", found.parameter.name, declared.name)));
             }
+            if found.parameter.unit != declared.unit {
+                let (name, unit) = (&found.parameter.name, &found.parameter.unit);
+                return Err(Error::new(&place, format!("parameter {name} is given in `{unit}`; expected `{}`", declared.unit)));
+            }
+            if let Some(std) = found.std.filter(|std| !(std.is_finite() && *std >= 0.0)) {
+                return Err(Error::new(&place, format!("parameter {}: std = {std}; expected no negative number", found.parameter.name)));
+            }
             if matches!(found.parameter.scale, Scale::Linear(step) if !(step > 0.0 && step.is_finite())) {
                 return Err(Error::new(&place, format!("parameter {}: step is not positive", found.parameter.name)));
             }

@@ -73,7 +73,7 @@ pub enum Offset {
 
 /// A column by its name or by its number, counted from 1.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected the name of a column, or its number from 1")]
 pub enum ColumnName {
     /// Counted from 1.
     Number(usize),

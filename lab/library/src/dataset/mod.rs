@@ -171,10 +171,12 @@ impl Dataset {
             }
             let y0 = record.displacement_um[record.window.start];
             if record.displacement_um[record.window.clone()].iter().all(|y| *y == y0) {
-                return Err(Error::new(
-                    place,
-                    format!("the displacement is constant ({y0} um) in record {}; is the sensor connected, the column right?", record.name),
-                ));
+                let ask = if record.role == Role::Noise {
+                    "at rest it shows no noise then: leave the record out, or record more digits"
+                } else {
+                    "is the sensor connected, the column right?"
+                };
+                return Err(Error::new(place, format!("the displacement is constant ({y0} um) in record {}; {ask}", record.name)));
             }
         }
         Ok(self)

@@ -163,7 +163,15 @@ impl Choice<'_> {
             ColumnName::Name(name) => {
                 let (bare, _) = super::units::split_name(name);
                 let full = |c: &Column| c.unit.as_ref().map_or(c.name.clone(), |unit| format!("{} [{unit}]", c.name));
-                let exact = self.table.columns.iter().position(|c| c.name == *name || full(c) == *name);
+                let is_it = |c: &&Column| c.name == *name || full(c) == *name;
+                let called_so: Vec<String> = self.table.columns.iter().filter(is_it).map(|c| c.number.to_string()).collect();
+                if called_so.len() > 1 {
+                    let numbers = called_so.join(" and ");
+                    return Err(
+                        self.wrong(format!("{said} = \"{name}\": columns {numbers} are called so; expected the number of one of them"))
+                    );
+                }
+                let exact = self.table.columns.iter().position(|c| is_it(&c));
                 let alike = || self.table.columns.iter().position(|c| c.name.eq_ignore_ascii_case(&bare));
                 exact.or_else(alike).ok_or_else(|| {
                     let names = self.table.names();
