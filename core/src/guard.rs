@@ -13,6 +13,7 @@
 //! | tracking error | larger than the limit for longer than allowed, loop closed | ramp to rest |
 //! | drive slew | the law asked for more than the amplifier's slew limit, which it never gets, in most of so many ticks | ramp to rest |
 //! | overrun | a tick was still running when the next was due | ramp to rest |
+//! | emergency stop, interlock, amplifier not ready | a line to the board is open | ramp to rest, for as long as it is |
 //! | parameter block, watchdog, brown-out, hard fault, clock lost | at start, from the reset's cause | rest |
 
 /// What can be wrong.
@@ -43,11 +44,17 @@ pub enum Fault {
     HardFault = 11,
     /// The crystal had stopped.
     ClockLost = 12,
+    /// The emergency stop is open.
+    EmergencyStop = 13,
+    /// The interlock is open.
+    Interlock = 14,
+    /// The amplifier says that it is not ready.
+    AmplifierNotReady = 15,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 12] = [
+    pub const ALL: [(Self, &'static str); 15] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -60,6 +67,9 @@ impl Fault {
         (Self::BrownOut, "brown-out"),
         (Self::HardFault, "hard fault"),
         (Self::ClockLost, "clock lost"),
+        (Self::EmergencyStop, "emergency stop"),
+        (Self::Interlock, "interlock"),
+        (Self::AmplifierNotReady, "amplifier not ready"),
     ];
 
     /// Its name.

@@ -8,8 +8,10 @@ use rigless::machine::{Board, Crystal, Supply, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::soc::Error;
 use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::generated::gpioa as gpio;
 use rigless::soc::stm32h743::peripherals::gpio::Pin;
 use rigless::soc::stm32h743::peripherals::spi::Select;
+use rigless::time::VirtualNanos;
 
 use crate::converters::{DriveConverter, SensorConverter, SharedWorld};
 use crate::serial_line::{SerialPeer, SharedLine};
@@ -28,6 +30,27 @@ pub struct NucleoBoard {
     pub mcu: Stm32h743,
     /// Instructions that the core retires in a second of virtual time.
     pub instructions_per_second: u64,
+}
+
+/// Position of port E among the part's ports, and the pin of the enable output on it.
+const PORT_E: usize = 4;
+const ENABLE_PIN: u32 = 14;
+
+/// A line to the board that is fine while a contact closes it to ground, by its pin on port E.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum SafetyLine {
+    /// Emergency stop.
+    EmergencyStop = 0,
+    /// Interlock.
+    Interlock = 12,
+    /// The amplifier is ready.
+    AmplifierReady = 10,
+}
+
+impl SafetyLine {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::EmergencyStop, Self::Interlock, Self::AmplifierReady];
 }
 
 /// With this many every instruction is one count of the part's cycle counter, so that the counter counts instructions.
@@ -51,7 +74,27 @@ impl NucleoBoard {
         mcu.rcc.attach_crystals(Crystal(8_000_000).0, Crystal::NONE.0);
         mcu.set_supply(Supply(3300).0);
         mcu.set_analog_supply(Supply(3300).0);
-        Ok(Self { mcu, instructions_per_second: INSTRUCTIONS_PER_SECOND })
+        let mut this = Self { mcu, instructions_per_second: INSTRUCTIONS_PER_SECOND };
+        for line in SafetyLine::ALL {
+            this.set_line(line, true, VirtualNanos(0));
+        }
+        Ok(this)
+    }
+
+    /// Closes a contact to ground on a line, or opens it.
+    pub fn set_line(&mut self, line: SafetyLine, closed: bool, at: VirtualNanos) {
+        let Some(pin) = Pin::new(line as u8) else { return };
+        let level = closed.then_some(Level::Low);
+        self.mcu.drive_port(at, PORT_E, |port, registers, context| port.drive(pin, level, registers, context));
+    }
+
+    /// Whether the board lets the amplifier's power stage work; a pin that floats does not, there is a resistor to ground on it.
+    pub fn enables(&mut self) -> bool {
+        let bus = self.mcu.bus_mut();
+        let Some(slot) = bus.slot_of("GPIOE") else { return false };
+        let registers = bus.slot_mut(slot).registers_mut();
+        let (mode, output) = (registers.get(gpio::Register::Moder), registers.get(gpio::Register::Odr));
+        mode >> (2 * ENABLE_PIN) & 3 == 1 && output >> ENABLE_PIN & 1 == 1
     }
 
     /// Hangs a line on the serial port.

@@ -72,6 +72,8 @@ pub struct World {
     pub wire: bool,
     /// Troubles of the sensor.
     pub troubles: Vec<SensorTrouble>,
+    /// Edges at which the drive's converter loses its supply and gets it again: clamped to ground, its register empty.
+    pub converter_brown_outs: Vec<u64>,
     /// At each edge: the code that the sensor gave and the code that acts from it on.
     pub codes: Vec<(u16, u16)>,
     /// Whether `codes` are kept: not in a run without an end.
@@ -120,6 +122,7 @@ impl World {
             last_code: 0,
             wire: false,
             troubles: Vec::new(),
+            converter_brown_outs: Vec::new(),
             codes: Vec::new(),
             keeps_codes: true,
             witness: None,
@@ -136,6 +139,9 @@ impl World {
     pub fn edge(&mut self) -> u16 {
         if self.edges > 0 {
             self.plant.advance(self.scale.drive_v(self.acting_code), 0.0);
+        }
+        if self.converter_brown_outs.contains(&self.edges) {
+            (self.clamped, self.written_code) = (true, 0);
         }
         let next = if self.clamped { self.ground_code } else { self.written_code };
         let acted = std::mem::replace(&mut self.acting_code, next);

@@ -13,7 +13,7 @@ use rigless::soc::Width;
 use rigless::soc::stm32h743::generated::{iwdg, rcc};
 use rigless::time::VirtualNanos;
 
-use crate::board::NucleoBoard;
+use crate::board::{NucleoBoard, SafetyLine};
 use crate::real_time_transfer::ControlBlock;
 use crate::serial_line::SharedLine;
 
@@ -52,6 +52,13 @@ pub enum Injection {
         address: u64,
         /// New value.
         value: u16,
+    },
+    /// A line of the board is opened, or closed to ground.
+    Line {
+        /// Which one.
+        line: SafetyLine,
+        /// Closed to ground: fine.
+        closed: bool,
     },
     /// The part restarts with these flags in RCC_RSR (RM0433, 8.7.39), those of the reset pin included.
     Restart {
@@ -99,6 +106,8 @@ pub struct Outcome {
     pub serial: Vec<(u64, u8)>,
     /// Where the run stood at its end: virtual time, ns, and instructions.
     pub end: (u64, u64),
+    /// Instants at which the enable output was seen to change, ns, and to what; looked at once a millisecond.
+    pub enabled: Vec<(u64, bool)>,
     /// Restarts of the part during the run.
     pub resets: usize,
     /// Registers without a model that the image used, `instance.register`.
@@ -117,6 +126,7 @@ struct Taken {
     raw: Vec<u8>,
     /// Length of `raw` after each visit of the probe, with its instant.
     visits: Vec<(usize, u64)>,
+    enabled: Vec<(u64, bool)>,
 }
 
 struct Probe {
@@ -221,11 +231,18 @@ impl Driver<NucleoBoard> for Probe {
                 Injection::Halfword { address, value } => {
                     let _ = host.write(address, Width::W16, u64::from(value));
                 }
+                Injection::Line { line, closed } => session.board_mut().set_line(line, closed, stop.at),
                 Injection::Restart { flags } => restart(session, stop, flags, host),
             }
             self.next_injection += 1;
         }
         self.watchdog.serve(session, stop, host);
+        let enables = session.board_mut().enables();
+        if let Ok(mut taken) = self.taken.lock()
+            && taken.enabled.last().is_some_and(|(_, last)| *last) != enables
+        {
+            taken.enabled.push((at_ns, enables));
+        }
         while let Some((_, bytes)) = self.script.serial.get(self.next_serial).filter(|(from_ns, _)| *from_ns <= at_ns) {
             if let Ok(mut line) = self.line.lock() {
                 line.to_part.extend(bytes);
@@ -325,7 +342,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let (messages, malformed) = decode(&table, &taken)?;
     let board = std::mem::replace(finished.session.board_mut(), NucleoBoard::new()?);
     let serial = std::mem::take(&mut line.lock().map_err(|_| anyhow!("the serial line died"))?.from_part).into();
-    Ok(Outcome { board: Box::new(board), raw: taken.raw, messages, malformed, serial, end, resets, without_model })
+    Ok(Outcome { board: Box::new(board), raw: taken.raw, messages, malformed, serial, end, enabled: taken.enabled, resets, without_model })
 }
 
 fn decode(table: &Table, taken: &Taken) -> Result<(Vec<Message>, u32)> {

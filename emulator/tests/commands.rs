@@ -6,6 +6,7 @@ use common::{best_parameters, block, image, parameters, samples};
 use hysteron_core::amplifier::{Mode, REST_BEFORE_TICKS};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::Fault;
+use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
@@ -153,6 +154,28 @@ fn no_mode_drives_faster_than_the_slew_limit() {
     assert_eq!(steps(0, 4_000), Some(468), "a played jump");
     assert!(steps(4_000, codes.len()) <= Some(468), "a closed loop, and the ramp to rest: {:?}", steps(4_000, codes.len()));
     assert_eq!(codes.last().map(|(_, acting)| *acting), Some(parameters.guard.rest_code));
+}
+
+#[test]
+fn a_law_that_asks_for_more_gets_no_more_than_the_slew_limit() {
+    let world = world();
+    let mut parameters = parameters();
+    parameters.physical.slew_limit_v_s = 20_000;
+    parameters.servo.converters.slew_codes = 468; // 1 V a tick
+    parameters.guard.ramp_codes = 400;
+    parameters.guard.tracking_ticks = 4000;
+    // At a jump of 8 um of the reference the law asks for more than a volt at once.
+    if let LawParameters::Regulator(pid) = &mut parameters.servo.law {
+        pid.integral *= 6;
+    }
+    let text = "reference constant 1000\n@1000 enable\n@2000 reference constant 9000\n@3000 reference constant 1000\n@4000 disable\n";
+    let script =
+        Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(230 * MILLISECOND) };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    assert_eq!(outcome.texts_with("mode fault").count(), 0, "{:?}", texts(&outcome));
+    let codes = world.lock().expect("the world").codes.clone();
+    let steps = |from: usize, to: usize| codes[from..to].windows(2).map(|pair| pair[0].1.abs_diff(pair[1].1)).max();
+    assert_eq!((steps(1_900, 2_900), steps(2_900, 3_900)), (Some(468), Some(468)), "up and down, as fast as it may and no faster");
 }
 
 /// The tick at which a sample first has a mode, from a tick on.

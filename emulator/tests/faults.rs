@@ -5,7 +5,7 @@ mod common;
 use common::{block, image, parameters, samples};
 use hysteron_core::amplifier::Mode;
 use hysteron_core::guard::Fault;
-use hysteron_emulator::board::NucleoBoard;
+use hysteron_emulator::board::{NucleoBoard, SafetyLine};
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
 use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, halfword_at, run};
 use hysteron_sim::bench::{Bench, Variant};
@@ -210,6 +210,19 @@ fn a_program_that_hangs_is_restarted_by_the_watchdog() {
     assert_eq!(outcome.resets, 1);
 }
 
+/// Acknowledges the sample clock's interrupt and returns: `mov.w r0, #0x40000000; mvn.w r1, #16; str r1, [r0, #16]; bx lr`.
+const ACKNOWLEDGE_AND_RETURN: [u16; 6] = [0xF04F, 0x4080, 0xF06F, 0x0110, 0x6101, 0x4770];
+
+#[test]
+fn tasks_that_go_on_without_ticks_are_not_taken_for_a_program_that_runs() {
+    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    let at = |nth: usize| handler + 2 * nth as u64;
+    let patch = ACKNOWLEDGE_AND_RETURN.iter().enumerate().map(|(nth, value)| Injection::Halfword { address: at(nth), value: *value });
+    let (outcome, codes) = with_injections(patch.map(|injection| (100 * MILLISECOND, injection)).collect());
+    rests_and_comes_back(&outcome, &codes, 175 * MILLISECOND, Fault::Watchdog);
+    assert_eq!(outcome.resets, 1);
+}
+
 #[test]
 fn a_brown_out() {
     let (outcome, codes) = with_injections(vec![(100 * MILLISECOND, Injection::Restart { flags: BROWN_OUT_FLAG })]);
@@ -260,4 +273,92 @@ fn what_is_not_a_command_is_refused() {
     assert!(outcome.texts_with("refused:").count() >= 4, "{:?}", outcome.messages);
     assert_eq!(outcome.texts_with("mode closed").count(), 1);
     assert_eq!(outcome.resets, 0);
+}
+
+/// Closed loop; then a line is opened from 60 ms to 160 ms, with `clear` while it is open and again afterwards.
+fn with_an_open_line(line: SafetyLine, fault: Fault) {
+    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let mut parameters = parameters();
+    parameters.guard.healthy_ticks = 100;
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![
+            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n".to_vec()),
+            (150 * MILLISECOND, b"clear\nenable\n".to_vec()),
+            (170 * MILLISECOND, b"clear\nenable\n".to_vec()),
+        ],
+        injections: vec![
+            (60 * MILLISECOND, Injection::Line { line, closed: false }),
+            (160 * MILLISECOND, Injection::Line { line, closed: true }),
+        ],
+        ..Script::listening(240 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let (samples, _) = samples(&outcome);
+    let began_ns = world.lock().expect("the world").began_ns();
+    let open_at = (60 * MILLISECOND - began_ns) / 50_000;
+    let first = samples.iter().find(|sample| sample.flags as u8 == Mode::Fault as u8).expect("a fault");
+    assert_eq!(first.flags, Mode::Fault as u16 | (fault as u16) << 8, "named");
+    let ticks = u64::from(first.tick).saturating_sub(open_at);
+    println!("{}: the ramp begins {ticks} ticks after the line was opened", fault.name());
+    assert!(ticks <= 2, "{ticks}");
+    let before = samples.iter().find(|sample| sample.tick + 1 == first.tick).expect("the tick before");
+    assert_eq!(before.dac_code.saturating_sub(first.dac_code), parameters.guard.ramp_codes, "on the way to rest in the very tick");
+    let closed_again = |sample: &&hysteron_core::trace_frame::TraceSample| sample.tick > first.tick && sample.flags == Mode::Closed as u16;
+    let again = samples.iter().find(closed_again).expect("closed again");
+    assert!(u64::from(again.tick) > (160 * MILLISECOND - began_ns) / 50_000, "not while the line is open: tick {}", again.tick);
+    assert!(outcome.texts_with(&format!("mode fault: {}", fault.name())).count() >= 1, "said");
+    // The enable output: on from the start, off once the drive rests, on again when the fault was cleared.
+    let changes: Vec<(u64, bool)> = outcome.enabled.iter().map(|(at, on)| (at / MILLISECOND, *on)).collect();
+    let states: Vec<bool> = changes.iter().map(|(_, on)| *on).collect();
+    assert_eq!(states, [true, false, true], "{changes:?}");
+    let rests = samples.iter().find(|sample| sample.tick > first.tick && sample.dac_code == parameters.guard.rest_code).expect("rest");
+    let rests_ms = (u64::from(rests.tick) * 50_000 + began_ns) / MILLISECOND;
+    assert!((rests_ms..=rests_ms + 2).contains(&changes[1].0) && (160..180).contains(&changes[2].0), "{changes:?}, rest at {rests_ms} ms");
+}
+
+#[test]
+fn an_emergency_stop() {
+    with_an_open_line(SafetyLine::EmergencyStop, Fault::EmergencyStop);
+}
+
+#[test]
+fn an_open_interlock() {
+    with_an_open_line(SafetyLine::Interlock, Fault::Interlock);
+}
+
+#[test]
+fn an_amplifier_that_is_not_ready() {
+    with_an_open_line(SafetyLine::AmplifierReady, Fault::AmplifierNotReady);
+}
+
+#[test]
+fn a_converter_that_lost_its_supply_is_set_up_again_at_rest_and_only_there() {
+    let bench = Bench::reference().expect("the bench");
+    let scale = bench.converter_scale();
+    let mut world = World::new(&bench, Variant::PLAIN, 3);
+    // In the closed loop: the drive is gone, the tracking error ends it, and at rest the converter comes back.
+    world.converter_brown_outs.push(2000);
+    let world = world.shared();
+    let mut parameters = parameters();
+    parameters.guard.healthy_ticks = 100;
+    parameters.guard.tracking_error = 1 << 24;
+    parameters.guard.tracking_ticks = 100;
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![
+            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n".to_vec()),
+            (320 * MILLISECOND, b"clear\nenable\n".to_vec()),
+        ],
+        ..Script::listening(400 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    assert!(outcome.texts_with("mode fault: tracking error").count() == 1, "{:?}", outcome.texts_with("mode").collect::<Vec<_>>());
+    let world = world.lock().expect("the world");
+    let ground = scale.dac_code(0.0);
+    let dead = world.codes.iter().skip(2000).take_while(|(_, acting)| *acting == ground).count();
+    println!("the drive's converter without its supply: back {dead} edges later");
+    let last = world.codes.last().expect("codes").1;
+    assert!(last > parameters.guard.rest_code + 5000, "closed again, and the drive acts: {last}");
+    assert!(world.codes.iter().skip(200).all(|(_, acting)| *acting >= ground), "never below ground: its register was empty");
 }

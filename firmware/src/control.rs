@@ -19,6 +19,7 @@ use hysteron_core::trace_frame::TraceSample;
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
+use crate::safety_lines;
 
 /// The front end of this image.
 #[cfg(not(feature = "on-chip-converters"))]
@@ -261,6 +262,8 @@ fn keep_largest(largest: &AtomicU32, value: u32) {
     }
 }
 
+/// At rest the drive's converter is set up anew every 2048 ticks, 0.1 s: its own supply may have failed without anybody seeing it.
+const RENEW_MASK: u32 = 2047;
 const COMPARE_4: u32 = 1 << 4;
 /// The mean of the tick's cycles forgets a 2^-n part at every tick.
 const RECENT_SHIFT: u32 = 8;
@@ -290,12 +293,23 @@ extern "C" fn TIM2() {
         control.stop();
     }
     control.take_command();
+    // After the command: nothing that it clears or closes comes to act while a line is open.
+    if let Some(fault) = safety_lines::fault() {
+        control.amplifier.refuse(fault);
+    }
     let begin = DWT::cycle_count();
     let sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);
-    control.front_end.write(sample.dac_code);
+    let stopped = sample.flags as u8 == Mode::Fault as u8;
+    let rests = control.amplifier.drive_rests() && (stopped || sample.flags as u8 == Mode::Rest as u8);
+    if rests && sample.tick & RENEW_MASK == 0 {
+        control.front_end.renew();
+    } else {
+        control.front_end.write(sample.dac_code);
+    }
+    safety_lines::set_enable(!(stopped && rests));
 
-    if sample.flags as u8 == Mode::Fault as u8 {
+    if stopped {
         // What was planned before a fault must not act after it.
         control.schedule.forget_all();
     }

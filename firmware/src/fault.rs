@@ -16,6 +16,7 @@ use hysteron_core::guard::Fault;
 
 use crate::control::{self, ChosenFrontEnd};
 use crate::front_end::FrontEnd;
+use crate::safety_lines;
 use crate::task_clock;
 
 /// A mark that says "this program stopped itself"; its lowest byte is the fault's number.
@@ -84,6 +85,7 @@ pub async fn watch() {
 /// The drive to rest, then a restart that remembers why.
 fn stop(fault: Fault) -> ! {
     cortex_m::interrupt::disable();
+    safety_lines::set_enable(false);
     ChosenFrontEnd::new().force(REST_CODE.load(Ordering::Relaxed) as u16);
     // SAFETY: interrupts are off; nobody else runs any more.
     unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK | fault as u32) };

@@ -19,6 +19,7 @@ mod itcm;
 mod log_channel;
 mod recorder;
 mod ring;
+mod safety_lines;
 mod sample_clock;
 mod serial_device;
 mod serial_port;
@@ -81,6 +82,7 @@ async fn main(spawner: Spawner) {
         c.dac_code_max,
         SAMPLE_RATE_HZ
     );
+    safety_lines::start();
     let mut front_end = ChosenFrontEnd::new();
     front_end.start(parameters.guard.rest_code);
     fault::remember_rest(parameters.guard.rest_code);

@@ -24,6 +24,9 @@ pub trait FrontEnd {
     fn read(&mut self) -> Option<u16>;
     /// The drive's code for the next edge; `false` if the converter did not take it.
     fn write(&mut self, code: u16) -> bool;
+    /// Instead of a code, at rest: sets the drive's converter up as after its power-up. The code that it was given last is in its register.
+    #[allow(dead_code)] // not every image that has a front end keeps it so long
+    fn renew(&mut self);
     /// The drive at a code at once, without the sample clock, from any state: clocks off, pins not set up, a frame half sent.
     fn force(&mut self, code: u16);
 }

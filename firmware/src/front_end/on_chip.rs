@@ -124,6 +124,9 @@ impl FrontEnd for OnChipConverters {
         true
     }
 
+    /// It has the part's own supply.
+    fn renew(&mut self) {}
+
     fn force(&mut self, code: u16) {
         enable_clocks();
         DAC1.cr().modify(|w| w.set_ten(0, false));

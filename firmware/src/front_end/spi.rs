@@ -173,6 +173,11 @@ impl FrontEnd for SpiConverters {
         send_to_dac(WRITE_DAC | (u32::from(code) << 4))
     }
 
+    #[inline(always)]
+    fn renew(&mut self) {
+        send_to_dac(WRITE_CONTROL);
+    }
+
     fn force(&mut self, code: u16) {
         // The internal oscillator: the crystal and the PLL behind it may be what has failed.
         RCC.cr().modify(|w| w.set_hsion(true));

@@ -175,3 +175,29 @@ fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(said.contains("follows u[k] much better than u[k-1]"), "{said}");
 }
+
+#[test]
+fn a_board_that_is_not_there_or_not_told_enough() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.csv"), good_rows(10)).unwrap();
+    // Nobody listens on the first port of the machine.
+    let nobody = "127.0.0.1:1";
+    for (words, expected) in [
+        (&["tune", "out", "--drive-max-v", "80"][..], "--port"),
+        (&["tune", "out", "--tcp", nobody], "--drive-max-v"),
+        (&["tune", "out", "--tcp", nobody, "--drive-max-v", "-5"], "-5 is not above"),
+        (&["tune", "out", "--tcp", nobody, "--drive-max-v", "150"], "front end"),
+        (&["tune", "out", "--tcp", nobody, "--drive-max-v", "80"], nobody),
+        (&["record", "out", "--tcp", "nowhere"], "nowhere"),
+        (&["record", "out", "--port", "/dev/no_such_port"], "/dev/no_such_port"),
+        (&["upload", "a.csv", "--tcp", nobody], "no block"),
+        (&["upload", "none.block", "--tcp", nobody], "none.block"),
+        (&["status", "--tcp", nobody], nobody),
+    ] {
+        let output = hysteron(&[&["board"], words].concat(), folder.path());
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
+        assert!(said.contains(expected) && !said.contains("panicked"), "{words:?}: expected `{expected}` in: {said}");
+        assert!(!folder.path().join("out").exists(), "{words:?}");
+    }
+}

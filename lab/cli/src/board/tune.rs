@@ -36,6 +36,8 @@ const SAMPLES_ON_REFERENCE: usize = 8000;
 const SINE_TICKS: usize = 2000;
 const SINE_PERIODS: u32 = 4;
 const SINE_SHARE: f64 = 0.2;
+/// A servo that has not settled after so many ticks does not: 5 s.
+const MOST_TICKS_OF_A_MOVE: f64 = 100_000.0;
 /// Velocity of the way to a reference, as a share of the travel in a second.
 const VELOCITY_SHARE: f64 = 4.0;
 
@@ -123,10 +125,10 @@ pub fn tune(out: &Path, wiring: &WiringArguments, reference_hz: f64, line: &Line
     let recording = out.join("record");
     let drives = board_drives(low_v, high_v);
     let files = ["model.toml", "servo.toml", "servo.block", "on_reference.csv", "report.html", "tune.json"];
+    let mut board = line.connect()?;
     desk.folder(out, &files.map(String::from))?;
     desk.folder(&recording, &names(&drives))?;
 
-    let mut board = line.connect()?;
     println!("{}", board.identification);
     bring_wiring(&mut board, &empty, line)?;
     println!("conditioning");
@@ -223,16 +225,24 @@ fn verify(board: &mut Board, scale: &Scale, designed: &Designed) -> Result<(f64,
     Ok((middle_um, on_reference, on_sine))
 }
 
-/// Moves to a position and waits until it is there.
+/// Moves to a position and waits until it is there, or for so many ticks of the board that it never will be.
 fn go(board: &mut Board, position_um: f64) -> Result<()> {
     board.tell(&format!("MOV 1 {position_um:.6}")).map_err(of_board)?;
-    let closed = |mode: &str| {
-        if mode == "1=2" { Ok(()) } else { Err(Error::new("MOV", "a fault has opened the loop; `hysteron board status` names it")) }
-    };
+    let mut begin = None;
     loop {
-        closed(board.ask("DIA? 1").map_err(of_board)?.trim())?;
+        let state = board.numbers("DIA? 1 10").map_err(of_board)?;
+        let [mode, tick] = state[..] else { return Err(Error::new("DIA?", "the board answers something else")) };
+        if mode != 2.0 {
+            return Err(Error::new("MOV", "a fault has opened the loop; `hysteron board status` names it"));
+        }
         if board.number("ONT? 1").map_err(of_board)? == 1.0 {
             return Ok(());
+        }
+        if tick - *begin.get_or_insert(tick) > MOST_TICKS_OF_A_MOVE {
+            return Err(Error::new(
+                "MOV",
+                format!("the servo does not settle at {position_um:.3} um; it is still on, `hysteron board send STP` ends it"),
+            ));
         }
     }
 }
