@@ -18,7 +18,7 @@
 
 use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
-use crate::reference_generator::{ReferenceGenerator, Waveform};
+use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, VOLT_FRACTION_BITS, narrow};
 use crate::trace_frame::TraceSample;
@@ -28,6 +28,11 @@ pub const ZERO_TICKS: u32 = 1024;
 
 /// Rest that an identification begins with, ticks.
 pub const REST_BEFORE_TICKS: u32 = 4096;
+
+/// Tones of an identification: phase increment and share of the range in 1024ths. 2, 17.3 and 131 Hz at 20 kHz, with 63, 25 and 10 % of the range.
+pub const IDENTIFICATION_TONES: [(u32, i32); 4] = [(429_497, 646), (3_715_146, 256), (28_132_034, 102), (0, 0)];
+/// The sweep's share of the range beside them, in 1024ths.
+pub const IDENTIFICATION_SWEEP: i32 = 20;
 
 /// What the amplifier is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,9 +78,9 @@ pub enum Command {
         /// Length of the rest, ticks; at least [`ZERO_TICKS`].
         rest_ticks: u32,
     },
-    /// Rests for [`REST_BEFORE_TICKS`], which shows the noise and that the record begins settled, plays four tones that together sweep the
-    /// whole range, from its lower end, then goes to rest: what an identification needs of slow loops, nested loops and dynamics, with no
-    /// jump in it.
+    /// Rests for [`REST_BEFORE_TICKS`], which shows the noise and that the record begins settled, plays tones that together go over the
+    /// whole range, from its lower end, with a small sweep to nearly half the sampling rate on top, then goes to rest: what an identification needs of
+    /// slow loops, nested loops and dynamics up to the highest frequency at which a servo acts.
     Identify {
         /// How long the tones last, ticks.
         ticks: u32,
@@ -114,6 +119,9 @@ pub struct Amplifier {
     reference: (Waveform, i32),
     generator: ReferenceGenerator,
     rest_before_ticks: u32,
+    /// Amplitude of the sweep beside what is played, V with 22 fraction bits; 0 for none.
+    sweep: i32,
+    sweep_tick: u32,
     remaining_ticks: u32,
     rest_after_ticks: u32,
     zero_sum: i64,
@@ -124,6 +132,11 @@ pub struct Amplifier {
     tick: u32,
     parameters: AmplifierParameters,
     servo: ServoTick,
+}
+
+/// mV to V with 22 fraction bits.
+fn volts(millivolts: i32) -> i32 {
+    narrow((i64::from(millivolts) << VOLT_FRACTION_BITS) / 1000)
 }
 
 impl Amplifier {
@@ -141,6 +154,8 @@ impl Amplifier {
             reference: (Waveform::Constant, 0),
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
             rest_before_ticks: 0,
+            sweep: 0,
+            sweep_tick: 0,
             remaining_ticks: 0,
             rest_after_ticks: 0,
             zero_sum: 0,
@@ -224,10 +239,10 @@ impl Amplifier {
             }
             Command::Identify { ticks } => {
                 self.at_rest()?;
-                // 2, 17.3, 131 and 907 Hz at 20 kHz, with 62, 25, 10 and 3 % of the range.
-                self.generator = self.over_the_range([(429_497, 635), (3_715_146, 256), (28_132_034, 102), (194_776_752, 31)]);
+                self.generator = self.over_the_range(IDENTIFICATION_TONES);
                 self.begin_playing(ticks, 0);
                 self.rest_before_ticks = REST_BEFORE_TICKS;
+                self.sweep = self.of_half_the_range(IDENTIFICATION_SWEEP);
             }
         }
         Ok(())
@@ -236,13 +251,20 @@ impl Amplifier {
     /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest point, so that it begins at the lower
     /// limit.
     fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator {
+        let tones = tones.map(|(increment, share)| (increment, self.of_half_the_range(share), LOWEST_POINT));
+        ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(self.middle()))
+    }
+
+    /// Middle of the drive's range, V with 22 fraction bits.
+    fn middle(&self) -> i32 {
         let physical = &self.parameters.physical;
-        // mV to V with 22 fraction bits.
-        let volts = |millivolts: i32| narrow((i64::from(millivolts) << VOLT_FRACTION_BITS) / 1000);
-        let middle = volts(physical.drive_min_mv / 2 + physical.drive_max_mv / 2);
-        let half = middle.saturating_sub(volts(physical.drive_min_mv));
-        let tones = tones.map(|(increment, share)| (increment, narrow((i64::from(half) * i64::from(share)) >> 10), 0xc000_0000));
-        ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(middle))
+        volts(physical.drive_min_mv / 2 + physical.drive_max_mv / 2)
+    }
+
+    /// So many 1024ths of half the drive's range, V with 22 fraction bits.
+    fn of_half_the_range(&self, share: i32) -> i32 {
+        let half = self.middle().saturating_sub(volts(self.parameters.physical.drive_min_mv));
+        narrow((i64::from(half) * i64::from(share)) >> 10)
     }
 
     fn at_rest(&self) -> Result<(), Refusal> {
@@ -258,6 +280,8 @@ impl Amplifier {
 
     fn begin_playing(&mut self, ticks: u32, rest_after_ticks: u32) {
         self.rest_before_ticks = 0;
+        self.sweep = 0;
+        self.sweep_tick = 0;
         self.remaining_ticks = ticks;
         self.rest_after_ticks = rest_after_ticks;
         self.zero_sum = 0;
@@ -327,7 +351,11 @@ impl Amplifier {
         if self.remaining_ticks > 0 {
             self.remaining_ticks -= 1;
             // V with 22 fraction bits, whatever the generator calls it.
-            let drive = self.generator.next_position().to_bits();
+            let mut drive = self.generator.next_position().to_bits();
+            if self.sweep != 0 {
+                drive = drive.saturating_add(sweep(self.sweep, self.sweep_tick));
+                self.sweep_tick = self.sweep_tick.wrapping_add(1);
+            }
             let (code, c) = (self.code_for(drive), &self.parameters.servo.converters);
             let (lowest, highest) = (self.code.saturating_sub(c.slew_codes), self.code.saturating_add(c.slew_codes));
             return self.servo.open_loop(code.max(lowest).min(highest));
@@ -419,7 +447,8 @@ mod tests {
         let (mut highest, mut before) = (0, 0u16);
         for k in 0..20_000 {
             let sample = amplifier.tick(Some(reading(9_362, k)), false);
-            assert!(sample.dac_code.abs_diff(before) < 1_000, "no jump");
+            // The sweep's 2 % of half the range to either side, and what the tones move in a tick.
+            assert!(sample.dac_code.abs_diff(before) < 1_300, "no jump");
             before = sample.dac_code;
             highest = highest.max(before);
         }

@@ -9,7 +9,7 @@
 //! reference step NM DELAY_TICKS DURATION_TICKS
 //! play sine MILLIHERTZ MV OFFSET_MV TICKS      open loop
 //! play chirp MILLIHERTZ MILLIHERTZ MV OFFSET_MV TICKS
-//! identify TICKS                               open loop: four tones over the whole range, traced at the full rate, for an identification
+//! identify TICKS                               open loop: tones over the whole range and a small sweep, traced at the full rate, for an identification
 //! trace CHANNELS DECIMATION                    channels: sum of 1 codes, 2 reference, 4 applied, 8 unknown input, 16 flags
 //! capture now|fault|closed BEFORE AFTER        every tick around an event into RAM, from BEFORE ticks before it to AFTER ticks after it
 //! capture send | capture off                   read it out | forget it

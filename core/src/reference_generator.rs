@@ -27,6 +27,24 @@ pub fn sine(phase: u32) -> i32 {
 /// `(-1)^k (pi/2)^(2k+1) / (2k+1)!` with 30 fraction bits.
 const SINE_SERIES: [i32; 8] = [1_686_629_713, -693_598_668, 85_569_306, -5_026_995, 172_272, -3_864, 61, -1];
 
+/// Samples of one sweep.
+pub const SWEEP_TICKS: u32 = 4096;
+/// Where a sweep ends, in 1024ths of the sampling rate: 9.6 kHz at 20 kHz.
+const SWEEP_HIGHEST_SHARE: u32 = 492;
+/// What the phase increment of a sweep gains at every sample.
+const SWEEP_GAIN: u32 = SWEEP_HIGHEST_SHARE * (u32::MAX / 1024 / SWEEP_TICKS);
+/// Phase of a sine at its lowest point.
+pub const LOWEST_POINT: u32 = 0xc000_0000;
+
+/// A sample of a sweep over nearly all frequencies, which begins at its lowest point and anew every [`SWEEP_TICKS`].
+#[must_use]
+pub fn sweep(amplitude: i32, tick: u32) -> i32 {
+    // The phase is the sum of the increments: 0, 1, 2 .. times the gain.
+    let since = tick % SWEEP_TICKS;
+    let phase = SWEEP_GAIN.wrapping_mul(since.wrapping_mul(since.wrapping_sub(1)) / 2);
+    scaled(amplitude, sine(phase.wrapping_add(LOWEST_POINT)))
+}
+
 /// What is followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Waveform {
@@ -207,6 +225,24 @@ mod tests {
             let exact = (f64::from(phase) / 4_294_967_296.0 * core::f64::consts::TAU).sin();
             assert!((f64::from(sine(phase)) / 1_073_741_824.0 - exact).abs() < 2e-8, "{phase}");
         }
+    }
+
+    #[test]
+    fn a_sweep_begins_at_its_lowest_point_and_has_power_at_every_frequency_up_to_its_end() {
+        let samples: Vec<f64> = (0..SWEEP_TICKS).map(|tick| f64::from(sweep(1 << 24, tick)) / f64::from(1 << 24)).collect();
+        assert!((samples[0] + 1.0).abs() < 1e-6);
+        assert!((0..SWEEP_TICKS).step_by(97).all(|tick| sweep(77_777, tick) == sweep(77_777, tick + SWEEP_TICKS)));
+        // By the definition of the transform, beside an even share of the power for each line.
+        let line = |k: usize| {
+            let turn = |i: usize| core::f64::consts::TAU * ((i * k) % samples.len()) as f64 / samples.len() as f64;
+            let (re, im) = samples.iter().enumerate().fold((0.0, 0.0), |(re, im), (i, v)| (re + v * turn(i).cos(), im - v * turn(i).sin()));
+            re.hypot(im) / samples.len() as f64
+        };
+        let even = (0.25 / (0.48 * f64::from(SWEEP_TICKS))).sqrt();
+        for k in (8..1930).step_by(31) {
+            assert!((0.6..1.6).contains(&(line(k) / even)), "{k}: {}", line(k) / even);
+        }
+        assert!((2000..2048).step_by(7).all(|k| line(k) < 0.4 * even));
     }
 
     #[test]
