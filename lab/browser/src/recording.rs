@@ -11,6 +11,7 @@ use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::reading::{Instructions, from_file_as, from_manifest_as};
 use hysteron::dataset::recognise::{self, Wanted};
 use hysteron::dataset::table::Table;
+use hysteron::dataset::timing::Timing;
 use hysteron::statistics::extremes;
 use hysteron::{Dataset, Error, Result, Role};
 use serde::{Deserialize, Serialize};
@@ -29,6 +30,8 @@ pub struct Said {
     pub sample_rate_hz: Option<f64>,
     /// Rows of text to leave out.
     pub skip_rows: Option<usize>,
+    /// When the drive of a row acts.
+    pub timing: Option<Timing>,
     /// Roles of records by their names.
     pub roles: BTreeMap<String, Role>,
 }
@@ -48,6 +51,7 @@ impl Said {
             wanted: Wanted { columns, unit: self.units.clone(), ..Wanted::default() },
             sample_rate_hz: self.sample_rate_hz,
             skip_rows: self.skip_rows,
+            timing: self.timing,
         }
     }
 }

@@ -38,6 +38,7 @@ impl Served for OnDisk {
             wanted: in_page.before(typed),
             sample_rate_hz: in_page.sample_rate_hz.or(self.instructions.sample_rate_hz),
             skip_rows: in_page.skip_rows.or(self.instructions.skip_rows),
+            timing: in_page.timing.or(self.instructions.timing),
         };
         let dataset = folder::load_as(&self.path, &instructions)?;
         let first = dataset.records.first().map(|record| record.source.clone());

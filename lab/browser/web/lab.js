@@ -174,19 +174,22 @@ function sayingForm(form, name, said, column, about) {
     `<label for="${name}-${key}">${word}</label>${column(key, `${name}-${key}`)}
      <input type="text" name="unit-${key}" placeholder="unit" aria-label="unit of ${word}" title="${key === "y" ? "nm, um, ... or a sensitivity such as 5um/V" : "as in the file where nothing is said"}">`);
   form.innerHTML = `${lines.join("")}<label for="${name}-rate">samples per s</label><input id="${name}-rate" type="text" name="rate" placeholder="from the file"><span></span>
+    <label for="${name}-timing">a drive acts</label><select id="${name}-timing" name="timing"><option value="">as recognised</option>
+    <option value="hold_after_sample">from its row on</option><option value="hold_before_sample">up to its row</option></select><span></span>
     <p class="quiet">${about}</p><p><button>Read again</button></p>`;
   for (const key of Object.keys(SIGNALS)) {
     form.elements[key].value = said.columns[key] ?? "";
     form.elements[`unit-${key}`].value = said.units[key] ?? "";
   }
   form.elements.rate.value = said.sample_rate_hz ?? "";
+  form.elements.timing.value = said.timing ?? "";
 }
 
 /** What a form says, beside what was said before. */
 function saidIn(form, before) {
   const of = (prefix) => Object.fromEntries(Object.keys(SIGNALS).map((key) => [key, form.elements[prefix + key].value.trim() || null]));
   const rate = form.elements.rate.value.trim();
-  return { ...before, columns: of(""), units: of("unit-"), sample_rate_hz: rate ? Number(rate) : null };
+  return { ...before, columns: of(""), units: of("unit-"), sample_rate_hz: rate ? Number(rate) : null, timing: form.elements.timing.value || null };
 }
 
 /** Reads after a change of what is read; where that fails or is cancelled, everything is as it was. */

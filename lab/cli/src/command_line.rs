@@ -389,6 +389,17 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
     command.allow_negative_numbers(true).mut_subcommands(taking_negative_numbers)
 }
 
+/// Most characters of a message: what a file holds may be in it, and a file may hold anything.
+const MESSAGE_MAX: usize = 1500;
+
+/// A message that a screen can show.
+fn brief(message: &str) -> String {
+    match message.char_indices().nth(MESSAGE_MAX) {
+        Some((end, _)) => format!("{} ... ({} characters in all)", &message[..end], message.chars().count()),
+        None => message.to_owned(),
+    }
+}
+
 /// Runs the program.
 #[must_use]
 pub fn run() -> ExitCode {
@@ -407,7 +418,7 @@ pub fn run() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(1),
         Err(problem) => {
-            eprintln!("error: {problem}");
+            eprintln!("error: {}", brief(&problem.to_string()));
             ExitCode::from(2)
         }
     }

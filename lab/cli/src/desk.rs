@@ -107,6 +107,9 @@ impl Desk {
         if path.is_dir() {
             return Err(wrong(path, "is a folder; expected a file name"));
         }
+        if path.exists() && !path.is_file() {
+            return Err(wrong(path, "is a device or a pipe; expected the name of a file"));
+        }
         if path.exists() && !self.force {
             return Err(wrong(path, "exists; expected another name, or --force to replace it"));
         }

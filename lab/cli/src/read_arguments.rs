@@ -3,6 +3,7 @@
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
 use hysteron::dataset::recognise::Wanted;
+use hysteron::dataset::timing::Timing;
 use hysteron::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -21,6 +22,9 @@ pub struct ReadArguments {
     /// Sampling rate of files without time stamps
     #[arg(long, value_name = "HZ", help_heading = "Reading")]
     sample_rate_hz: Option<f64>,
+    /// Whether the drive of a row acts from its sample on (hold_after_sample) or up to it (hold_before_sample)
+    #[arg(long, value_name = "NAME", help_heading = "Reading")]
+    timing: Option<String>,
     /// Rows of text to leave out at the top of a file
     #[arg(long, value_name = "N", help_heading = "Reading")]
     skip_rows: Option<usize>,
@@ -37,6 +41,7 @@ impl ReadArguments {
             return Err(Error::new("--sample-rate-hz", format!("{rate}; expected a positive number")));
         }
         Ok(Instructions {
+            timing: self.timing.as_deref().map(|name| Timing::named("--timing", name)).transpose()?,
             wanted: Wanted {
                 columns: by_signal("--columns", self.columns.as_deref(), column)?,
                 unit: by_signal("--units", self.units.as_deref(), str::to_owned)?,

@@ -114,6 +114,39 @@ fn a_screen_that_takes_nothing_is_an_error() {
 }
 
 #[test]
+fn limits_and_data_sheets_that_cannot_be() {
+    let folder = folder_with_model();
+    for (line, expected) in [
+        ("drive_max_v = inf", "a limit of the drive is inf V"),
+        ("drive_max_v = 10.0\nsensor_lsb_um = -1.0", "sensor_lsb_um = -1; expected a positive number"),
+        ("drive_max_v = 10.0\nsensor_bandwidth_hz = 0.0", "sensor_bandwidth_hz = 0; expected a positive number"),
+    ] {
+        std::fs::write(folder.path().join("dataset.toml"), MANIFEST.replace("drive_max_v = 10.0", line)).unwrap();
+        says(&["identify", ".", "--effects", "gain"], folder.path(), expected);
+    }
+    // A message is as long as a screen, whatever the file holds.
+    std::fs::write(folder.path().join("long.csv"), format!("t,u,y\n0,1,{}\n", "x".repeat(100_000))).unwrap();
+    let said = hysteron(&["explain", "long.csv"], folder.path()).stderr;
+    assert!(said.len() < 4000 && String::from_utf8_lossy(&said).contains("characters in all"), "{} bytes", said.len());
+}
+
+#[test]
+fn one_file_whose_rest_shows_no_noise_is_explained_without_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let u = |k: u32| if k < 3000 { 0.0 } else { 5.0 - 5.0 * (f64::from(k - 3000) * 0.05).cos() };
+    let y = |k: u32| (0.1 * u(k.saturating_sub(1)) / 0.01).round() * 0.01;
+    let rows: String = (0..9000).map(|k| format!("{:.3},{:.5},{:.5}\n", f64::from(k) * 1e-3, u(k), y(k))).collect();
+    std::fs::write(folder.path().join("steps.csv"), format!("t_s,u_v,y_um\n{rows}")).unwrap();
+    let output = hysteron(&["identify", "steps.csv", "--effects", "gain"], folder.path());
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(
+        output.status.success() && said.contains("shows no noise, and is left out"),
+        "{said}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
+#[test]
 fn what_is_said_of_columns_is_one_of_them() {
     let folder = folder_with_model();
     let rows = good_rows(400);
@@ -173,7 +206,11 @@ fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
     std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
     let output = hysteron(&["identify", ".", "--effects", "gain"], folder.path());
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(said.contains("follows u[k] much better than u[k-1]"), "{said}");
+    assert!(said.contains("follows u[k] much better than u[k-1]: a drive is taken to act before the sample of its row"), "{said}");
+    let as_said = hysteron(&["identify", ".", "--effects", "gain", "--timing", "hold_after_sample"], folder.path());
+    let said = String::from_utf8_lossy(&as_said.stdout).into_owned();
+    assert!(said.contains("was y read after u was written?"), "{said}");
+    says(&["identify", ".", "--effects", "gain", "--timing", "now"], folder.path(), "expected hold_after_sample or hold_before_sample");
 }
 
 #[test]

@@ -67,6 +67,8 @@ fn a_target_that_cannot_be_written_is_known_before_the_work_begins() {
             assert!(!said.contains("fitting"), "the work had begun: {said}");
         }
     }
+    #[cfg(unix)]
+    says(&["identify", ".", "--effects", "gain", "--force", "--out", "/dev/null"], folder.path(), "is a device or a pipe");
     let twice = ["explain", ".", "--out", "same", "--json", "same"];
     says(&twice, folder.path(), "written twice");
     let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();

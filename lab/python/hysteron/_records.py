@@ -82,6 +82,7 @@ class Dataset:
     def load(
         cls, path: PathLike, *, columns: Mapping[str, int | str] | None = None, units: Mapping[str, str] | None = None,
         auxiliary: Mapping[str, int | str] | None = None, sample_rate_hz: float | None = None, skip_rows: int | None = None,
+        timing: str | None = None,
     ) -> Dataset:
         """Reads a folder with ``dataset.toml``, a manifest, or one file (CSV, MATLAB, HDF5, NPY, NPZ, TDMS, Parquet, XLSX, WAV).
 
@@ -91,7 +92,7 @@ class Dataset:
         """
         dataset = cls.__new__(cls)
         said = (dict(columns or {}), dict(units or {}), dict(auxiliary or {}))
-        dataset._native = _native.Dataset.load(os.fspath(path), *said, sample_rate_hz, skip_rows)
+        dataset._native = _native.Dataset.load(os.fspath(path), *said, sample_rate_hz, skip_rows, timing)
         return dataset
 
     @property

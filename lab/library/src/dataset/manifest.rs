@@ -2,6 +2,7 @@
 
 use super::Role;
 use super::recognise::Wanted;
+use super::timing::Timing;
 use super::units::Quantity;
 use crate::error::{Error, Result, line_of, nearest};
 use hysteron_sim::chain::InitialState;
@@ -18,9 +19,8 @@ pub struct Manifest {
     pub drive_min_v: f64,
     /// Limits of the drive, V.
     pub drive_max_v: f64,
-    /// The one timing convention.
-    #[serde(default)]
-    pub timing: Timing,
+    /// When the drive of a row acts; from the records where it is not said.
+    pub timing: Option<Timing>,
     /// From a data sheet.
     pub sensor_bandwidth_hz: Option<f64>,
     /// From a data sheet.
@@ -28,15 +28,6 @@ pub struct Manifest {
     /// The records.
     #[serde(default)]
     pub record: Vec<RecordEntry>,
-}
-
-/// When samples are taken and drives act.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "snake_case")]
-pub enum Timing {
-    /// `y[k]` is sampled at `t[k]`; `u[k]` acts from `t[k]` to `t[k+1]`.
-    #[default]
-    HoldAfterSample,
 }
 
 /// State at the first sample.

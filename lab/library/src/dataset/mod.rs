@@ -3,7 +3,7 @@
 //! * [`Record`] holds the signals of one recording, [`Dataset`] the records of one actuator; [`Dataset::new`] checks them, and whatever is wrong
 //!   is told with record and sample;
 //! * [`readers`]: the bytes of one file of numbers as a [`table`] of named columns; [`recognise`]: which column is what, by names, [`units`]
-//!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`manifest`]: the `dataset.toml` of a folder;
+//!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
 //!   [`one_recording`]: which part of a single file is fitted and which judges; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
 //!   (feature `files`).
 //! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings.
@@ -32,6 +32,7 @@ mod record;
 pub mod table;
 #[cfg(feature = "readers")]
 pub mod time_axis;
+pub mod timing;
 #[cfg(feature = "readers")]
 pub mod units;
 
@@ -122,6 +123,13 @@ impl Dataset {
             self.notes.push("no record has role = \"identify\": those to validate are fitted, and nothing judges".into());
         }
         let place = &self.source;
+        let sheet = [("sensor_bandwidth_hz", self.sensor_bandwidth_hz), ("sensor_lsb_um", self.sensor_lsb_um)];
+        if let Some((key, value)) = sheet.iter().find_map(|(key, v)| v.filter(|v| !(v.is_finite() && *v > 0.0)).map(|v| (key, v))) {
+            return Err(Error::new(place, format!("{key} = {value}; expected a positive number")));
+        }
+        if let Some(limit) = [self.drive_min_v, self.drive_max_v].into_iter().find(|v| !v.is_finite()) {
+            return Err(Error::new(place, format!("a limit of the drive is {limit} V; expected a finite number")));
+        }
         if self.drive_min_v.partial_cmp(&self.drive_max_v) != Some(std::cmp::Ordering::Less) {
             return Err(Error::new(
                 place,
@@ -267,37 +275,16 @@ fn check_signals(record: &Record) -> Result<()> {
 
 /// Span of a displacement in um beyond which a unit is likely to be missing.
 const LIKELY_SPAN_MAX_UM: f64 = 2000.0;
-/// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
-const LEADING_SHARE: f64 = 0.3;
-
 /// What looks as if a record were not what its file says.
 fn doubt(record: &Record) -> Option<String> {
     if record.range_um() > LIKELY_SPAN_MAX_UM {
         return Some(format!("{}: the displacement spans {:.0} um; is its column in another unit?", record.name, record.range_um()));
     }
-    let from = record.window.start.max(1);
-    let left_by = |delay: usize| {
-        let pairs = (from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k]));
-        left_by_straight_line(&pairs.collect::<Vec<_>>())
-    };
-    (left_by(0) < LEADING_SHARE * left_by(1)).then(|| {
+    timing::leads(record).then(|| {
         format!(
             "{}: y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant; was y read after u was \
-             written? Then move u down by one sample",
+             written? Then the drive belongs one row earlier (timing = \"hold_before_sample\")",
             record.name
         )
     })
-}
-
-/// Sum of squares about the regression line.
-fn left_by_straight_line(pairs: &[(f64, f64)]) -> f64 {
-    let n = pairs.len().max(1) as f64;
-    let (mean_x, mean_y) = pairs.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for (x, y) in pairs.iter().map(|p| (p.0 - mean_x, p.1 - mean_y)) {
-        xx += x * x;
-        xy += x * y;
-        yy += y * y;
-    }
-    if xx > 0.0 { yy - xy * xy / xx } else { yy }
 }

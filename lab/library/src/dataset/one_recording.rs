@@ -199,6 +199,8 @@ pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Ve
     parts
         .windows
         .iter()
+        // A rest in which the reading does not move shows no noise.
+        .filter(|(role, window)| *role != Role::Noise || even.y_um[window.clone()].iter().any(|y| *y != even.y_um[window.start]))
         .map(|(role, window)| {
             let (word, count) = match role {
                 Role::Identify => ("fitted", &mut counts[0]),

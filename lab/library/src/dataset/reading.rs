@@ -6,6 +6,7 @@ use super::readers::{self, Hints};
 use super::recognise::{self, Wanted};
 use super::table::Table;
 use super::time_axis::{Known, TimeAxis};
+use super::timing::{Timing, bring_to_one_timing};
 use super::{Dataset, Periods, Record, SAMPLES_MIN};
 use crate::error::{Error, Result};
 use crate::statistics::extremes;
@@ -44,6 +45,8 @@ pub struct Instructions {
     pub sample_rate_hz: Option<f64>,
     /// Rows of text to leave out at the top.
     pub skip_rows: Option<usize>,
+    /// When the drive of a row acts.
+    pub timing: Option<Timing>,
 }
 
 impl Instructions {
@@ -99,6 +102,7 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         }
         records.push(record);
     }
+    notes.extend(bring_to_one_timing(&mut records, instructions.timing.or(manifest.timing)));
     Dataset {
         name: manifest.name.clone(),
         source: place.to_owned(),
@@ -220,13 +224,18 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     let mut notes = even.notes.clone();
     notes.extend(parts.notes.iter().cloned());
     notes.push(format!("limits of the drive taken from the file: {low} to {high} V; the state at its beginning is estimated"));
+    let mut records = one_recording::records(&name, place, &even, &parts);
+    if records.len() < parts.windows.len() {
+        notes.push("a rest in which the reading does not move shows no noise, and is left out".into());
+    }
+    notes.extend(bring_to_one_timing(&mut records, instructions.timing));
     Dataset {
         source: place.to_owned(),
         drive_min_v: low,
         drive_max_v: high,
         sensor_bandwidth_hz: None,
         sensor_lsb_um: None,
-        records: one_recording::records(&name, place, &even, &parts),
+        records,
         name,
         notes,
     }

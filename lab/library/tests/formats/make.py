@@ -5,6 +5,7 @@ pyarrow pandas openpyxl`. `cargo xtask python` does so with the libraries of the
 All hold the same simulated recording, which `tests/formats.rs` computes again and compares; `written.rs` lists what each file is.
 """
 import csv
+import decimal
 import pathlib
 import sys
 import h5py
@@ -91,6 +92,8 @@ stamped = pa.table({"timestamp": pa.array(np.datetime64("2026-01-01", "us") + (t
 pq.write_table(stamped, here / "stamped.parquet", compression="gzip", row_group_size=100)
 pq.write_table(stamped, here / "zstd.parquet", compression="zstd")
 pq.write_table(stamped, here / "second_pages.parquet", compression="zstd", data_page_version="2.0", data_page_size=400)
+decimals = pa.table({"t_s": t, "u_v": pa.array([decimal.Decimal(f"{v:.6f}") for v in u], pa.decimal128(12, 6)), "y_um": y})
+pq.write_table(decimals, here / "decimals.parquet", store_decimal_as_integer=True)
 pq.write_table(stamped, here / "lz4.parquet", compression="lz4")
 pq.write_table(stamped, here / "brotli.parquet", compression="brotli")
 

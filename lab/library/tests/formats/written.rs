@@ -25,7 +25,7 @@ const fn written(file: &'static str, by: &'static str, holds: &'static str, tole
 }
 
 /// Every file.
-pub const FILES: [Written; 35] = [
+pub const FILES: [Written; 36] = [
     written("columns.npy", "NumPy", "a matrix, a column for each signal", 1e-9, &["column 2 is taken for the drive"]),
     written("single_rows.npy", "NumPy", "32-bit floats, a row for each signal, in Fortran's order", 1e-5, &["rows are the columns"]),
     written("arrays.npz", "NumPy", "arrays by name", 1e-9, &[]),
@@ -44,8 +44,9 @@ pub const FILES: [Written; 35] = [
     written("stamped.parquet", "PyArrow", "gzip, time stamps, two groups of rows", 1e-3, &["u = column `u [mv]`"]),
     written("zstd.parquet", "PyArrow", "Zstandard", 1e-3, &["u = column `u [mv]`"]),
     written("second_pages.parquet", "PyArrow", "Zstandard, many pages of the second version", 1e-3, &["u = column `u [mv]`"]),
+    written("decimals.parquet", "PyArrow", "decimals as whole numbers", 1e-5, &[]),
     written("lz4.parquet", "PyArrow", "LZ4", 1e-3, &["u = column `u [mv]`"]),
-    Written { refused: true, ..written("brotli.parquet", "PyArrow", "Brotli", 0.0, &["Parquet", "brotli"]) },
+    Written { refused: true, ..written("brotli.parquet", "PyArrow", "Brotli", 0.0, &["compressed by BROTLI", "expected Snappy"]) },
     written("book.xlsx", "openpyxl", "two sheets", 1e-9, &["sheet `record` is read, of 2", "t = column `t [ms]`"]),
     written("floats.wav", "SciPy", "two channels of floats", 1e-5, &["column 1 is taken for the drive"]),
     Written {

@@ -4,7 +4,7 @@ use super::zstandard_pages::ZstandardPages;
 use crate::dataset::table::{Column, Table};
 use crate::error::{Error, Result};
 use ::bytes::Bytes;
-use parquet::basic::{Compression, Type};
+use parquet::basic::{Compression, ConvertedType, Type};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl, get_column_reader};
 use parquet::data_type::DataType;
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -42,6 +42,10 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
             rows = rows.saturating_add(rows_of_group);
             let wrong = |e: &dyn std::fmt::Display| fail(&format!("column `{name}`: {e}"));
             let chunk = group.metadata().column(c);
+            if matches!(chunk.compression(), Compression::BROTLI(_) | Compression::LZO) {
+                let expected = "expected Snappy, gzip, Zstandard, LZ4 or no compression";
+                return Err(Error::new(place, format!("column `{name}` is compressed by {:?}; {expected}", chunk.compression())));
+            }
             let reader = if matches!(chunk.compression(), Compression::ZSTD(_)) {
                 ZstandardPages::of(&bytes, chunk, rows_of_group).map(|pages| get_column_reader(described.column(c), Box::new(pages)))
             } else {
@@ -61,6 +65,11 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
                 place,
                 format!("column `{name}` has {} numbers in {rows} rows; expected a number in each", values.len()),
             ));
+        }
+        // A decimal is a whole number of its last digits.
+        if column.converted_type() == ConvertedType::DECIMAL {
+            let digit = 10f64.powi(column.type_scale());
+            values.iter_mut().for_each(|v| *v /= digit);
         }
         // A time that is a time of day is counted from its first instant.
         let mut column_read = Column::new(c + 1, &name, values);

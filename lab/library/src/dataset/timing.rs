@@ -1,0 +1,129 @@
+//! When the drive of a row acts. Here `u[k]` acts from `t[k]` to `t[k+1]`, after the sample `y[k]`; a logger that writes its drive, waits and then
+//! reads has `u[k]` act up to `t[k]`. Taken for the former, such a recording has the displacement a sample ahead of its cause, which no effect
+//! explains, and modes are found that are none.
+
+use super::Record;
+use crate::error::{Error, Result};
+use serde::Deserialize;
+
+/// When samples are taken and drives act.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum Timing {
+    /// `y[k]` is sampled at `t[k]`; `u[k]` acts from `t[k]` to `t[k+1]`.
+    HoldAfterSample,
+    /// `u[k]` acts from `t[k-1]` to `t[k]`; `y[k]` is sampled at `t[k]`.
+    HoldBeforeSample,
+}
+
+impl Timing {
+    /// The timing by its name in files; `place` is where somebody said it.
+    ///
+    /// # Errors
+    /// With both names.
+    pub fn named(place: &str, name: &str) -> Result<Self> {
+        match name {
+            "hold_after_sample" => Ok(Self::HoldAfterSample),
+            "hold_before_sample" => Ok(Self::HoldBeforeSample),
+            _ => Err(Error::new(place, format!("`{name}`; expected hold_after_sample or hold_before_sample"))),
+        }
+    }
+}
+
+/// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
+const LEADING_SHARE: f64 = 0.3;
+
+/// The displacement follows the drive of its own row much better than that of the row before.
+#[must_use]
+pub fn leads(record: &Record) -> bool {
+    let from = record.window.start.max(1);
+    let left_by = |delay: usize| {
+        let pairs = (from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k]));
+        left_by_straight_line(&pairs.collect::<Vec<_>>())
+    };
+    left_by(0) < LEADING_SHARE * left_by(1)
+}
+
+/// Brings the records of one data set to the one timing. What is not said is taken from the records: one that leads shows that the logger reads
+/// after it writes, and so do the others, which may be too slow to show it. Gives a note where something was assumed.
+#[cfg(feature = "readers")]
+pub(super) fn bring_to_one_timing(records: &mut [Record], said: Option<Timing>) -> Option<String> {
+    let leading = || records.iter().find(|record| leads(record)).map(|record| record.name.clone());
+    let note = match said {
+        Some(Timing::HoldAfterSample) => return None,
+        Some(Timing::HoldBeforeSample) => None,
+        None => Some(format!(
+            "{}: y[k] follows u[k] much better than u[k-1]: a drive is taken to act before the sample of its row (otherwise: timing = \
+             \"hold_after_sample\", --timing hold_after_sample)",
+            leading()?
+        )),
+    };
+    records.iter_mut().for_each(moved_up);
+    note
+}
+
+/// Each drive stands in the row from which on it acts; the last row, whose drive is not known, goes.
+#[cfg(feature = "readers")]
+fn moved_up(record: &mut Record) {
+    let samples = record.drive_v.len() - 1;
+    record.drive_v.remove(0);
+    record.displacement_um.truncate(samples);
+    record.force_n.iter_mut().for_each(|force_n| force_n.truncate(samples));
+    record.auxiliary = record.auxiliary.iter().map(|signal| signal.with(|values| values[..samples].to_vec())).collect();
+    record.window.end = record.window.end.min(samples);
+    record.periods = record.periods.take().and_then(|mut p| {
+        p.count = p.count.min((samples - p.from.min(samples)) / p.length);
+        (p.count > 0).then_some(p)
+    });
+}
+
+/// Sum of squares about the regression line.
+fn left_by_straight_line(pairs: &[(f64, f64)]) -> f64 {
+    let n = pairs.len().max(1) as f64;
+    let (mean_x, mean_y) = pairs.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for (x, y) in pairs.iter().map(|p| (p.0 - mean_x, p.1 - mean_y)) {
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
+    }
+    if xx > 0.0 { yy - xy * xy / xx } else { yy }
+}
+
+#[cfg(all(test, feature = "readers"))]
+mod tests {
+    use super::*;
+
+    /// A stage that answers within a sample, read after (1) or before (0) the drive of the row acts.
+    fn record(name: &str, rad_per_sample: f64, read_after: usize) -> Record {
+        let u = |k: usize| 5.0 - 5.0 * (rad_per_sample * k as f64).cos();
+        let noise = |k: usize| 0.01 * (k as f64 * 78.233).sin();
+        let y = (0..500).map(|k| 0.1 * u((k + read_after).saturating_sub(1)) + noise(k));
+        Record::new(name, 1000.0, (0..500).map(u).collect(), y.collect())
+    }
+
+    #[test]
+    fn one_record_that_leads_speaks_for_the_slow_ones() {
+        let mut records = [record("slow", 1e-3, 1), record("fast", 0.3, 1)];
+        let note = bring_to_one_timing(&mut records, None).unwrap();
+        assert!(note.contains("fast"), "{note}");
+        for record in &records {
+            assert_eq!((record.drive_v.len(), record.displacement_um.len(), record.window.end), (499, 499, 499));
+        }
+        let fast = &records[1];
+        assert!((1..499).all(|k| (fast.displacement_um[k] - 0.1 * fast.drive_v[k - 1]).abs() < 0.011));
+        assert!(!leads(fast));
+    }
+
+    #[test]
+    fn what_follows_its_drive_is_left_alone_and_what_was_said_holds() {
+        let mut records = [record("right", 0.3, 0)];
+        assert_eq!(bring_to_one_timing(&mut records, None), None);
+        assert_eq!(records[0].drive_v.len(), 500);
+        let mut leading = [record("leads", 0.3, 1)];
+        assert_eq!(bring_to_one_timing(&mut leading, Some(Timing::HoldAfterSample)), None);
+        assert_eq!(leading[0].drive_v.len(), 500);
+        assert_eq!(bring_to_one_timing(&mut records, Some(Timing::HoldBeforeSample)), None);
+        assert_eq!(records[0].drive_v.len(), 499);
+    }
+}
