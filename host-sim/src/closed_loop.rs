@@ -105,6 +105,53 @@ impl Controller for ServoTick {
     }
 }
 
+/// A servo that is told only after some ticks that its reference repeats: what grows does not repeat yet, and nothing is learned from it.
+pub struct RepeatsLater {
+    /// The servo.
+    pub servo: ServoTick,
+    /// The period of the reference, ticks; none where it does not repeat.
+    pub period_ticks: Option<u32>,
+    /// Ticks until it is told.
+    pub wait_ticks: usize,
+}
+
+impl Controller for RepeatsLater {
+    fn open_loop(&mut self, dac_code: u16) -> u16 {
+        self.servo.open_loop(dac_code)
+    }
+
+    fn take_scale(&mut self, scale: &ConverterScale) {
+        self.servo.take_scale(scale);
+    }
+
+    fn enable(&mut self) {
+        self.servo.enable();
+    }
+
+    fn drive_v(&self) -> f64 {
+        Controller::drive_v(&self.servo)
+    }
+
+    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16 {
+        if self.wait_ticks == 0 {
+            // Once.
+            if let Some(period_ticks) = self.period_ticks.take() {
+                self.servo.repeat(Some(period_ticks));
+            }
+        }
+        self.wait_ticks = self.wait_ticks.saturating_sub(1);
+        Controller::tick(&mut self.servo, adc_code, ahead_um)
+    }
+
+    fn delayed(&self) -> bool {
+        Controller::delayed(&self.servo)
+    }
+
+    fn observe(&self, trace: &mut Trace) {
+        self.servo.observe(trace);
+    }
+}
+
 /// What happened, one element for each tick.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {

@@ -185,10 +185,13 @@ pub fn quasi_step(sample_rate_hz: f64, height: f64, start_s: f64, rise_s: f64, d
         .collect()
 }
 
-/// Lets a signal grow from zero within 0.3 s, smooth to its second derivative: it never asks for what a one-sided actuator cannot give.
+/// Time in which a reference grows to its full amplitude, s.
+pub const GROWN_WITHIN_S: f64 = 0.3;
+
+/// Lets a signal grow from zero within [`GROWN_WITHIN_S`], smooth to its second derivative: it never asks for what a one-sided actuator cannot give.
 pub fn grow_from_zero(signal: &mut [f64], sample_rate_hz: f64) {
     for (k, value) in signal.iter_mut().enumerate() {
-        let s = (k as f64 / sample_rate_hz / 0.3).min(1.0);
+        let s = (k as f64 / sample_rate_hz / GROWN_WITHIN_S).min(1.0);
         *value *= s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s);
     }
 }

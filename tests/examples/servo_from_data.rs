@@ -15,7 +15,7 @@ fn nm(work: &AtWork) -> String {
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(0));
-    println!("| stage | first mode | second mode | noise, nm | best with the truth, nm | usual | four tones | wideband |");
+    println!("| stage | first mode | second mode | noise, nm | best with the truth, nm | usual | target's own | wideband |");
     println!("|---|---|---|---|---|---|---|---|");
     let (mut stable, mut refused, mut unstable) = (0, 0, 0);
     for seed in first..first + stages {

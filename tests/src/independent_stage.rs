@@ -202,6 +202,17 @@ impl IndependentStage {
         }
     }
 
+    /// Goes over to another change while it runs. A mode cannot come or go.
+    pub fn change_to(&mut self, change: Change) {
+        let slower = change.mass_ratio.powf(-0.5);
+        let recorded = std::iter::once(&self.truth.first_mode).chain(&self.truth.second_mode);
+        for (oscillator, mode) in self.oscillators.iter_mut().zip(recorded) {
+            oscillator.omega_rad_s = std::f64::consts::TAU * mode.frequency_hz * slower;
+            oscillator.damping_ratio = mode.damping_ratio * slower;
+        }
+        self.change = Change { mode: self.change.mode, ..change };
+    }
+
     /// Force-equivalent displacement of a drive, um.
     fn hysteresis_um(&mut self, drive_v: f64) -> f64 {
         let t = &self.truth;

@@ -2,6 +2,7 @@
 
 pub mod independent_stage;
 pub mod learning_study;
+pub mod light_mode_study;
 pub mod measured;
 pub mod other_actuators;
 pub mod servo_study;

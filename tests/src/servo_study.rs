@@ -10,7 +10,10 @@ use hysteron::servo::order::{self, Order};
 use hysteron::servo::predictor::{Demands, PredictorTuning};
 use hysteron::servo::robust::{ModeSpread, Task};
 use hysteron::watch::Unwatched;
+use hysteron_core::amplifier::{IDENTIFICATION_SWEEP, IDENTIFICATION_TONES};
+use hysteron_core::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use hysteron_core::servo_tick::ServoTick;
+use hysteron_core::signal::{Micrometres, VOLT_FRACTION_BITS};
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, Trace, condition, follow};
 use hysteron_sim::noise::WhiteNoise;
@@ -26,29 +29,38 @@ pub const RATE_HZ: f64 = 1.0 / PERIOD_S;
 pub enum Recording {
     /// Triangles, sines, a step, and a multisine to 1.5 kHz.
     Usual,
-    /// What the target's `identify` plays: four tones up to 907 Hz over the whole range.
-    FourTones,
+    /// What the target's `identify` plays: three tones over the whole range and a small sweep to nearly half the sampling rate.
+    TargetsOwn,
     /// As the usual one, with the multisine that a design recommends.
     Wideband,
 }
 
 impl Recording {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Usual, Self::FourTones, Self::Wideband];
+    pub const ALL: [Self; 3] = [Self::Usual, Self::TargetsOwn, Self::Wideband];
 
     /// Name in tables.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Usual => "usual",
-            Self::FourTones => "four tones",
+            Self::TargetsOwn => "target's own",
             Self::Wideband => "wideband",
         }
     }
 }
 
-/// The four tones of the target's `identify`: Hz and share of half the range.
-const TONES: [(f64, f64); 4] = [(2.0, 635.0 / 1024.0), (17.3, 0.25), (131.0, 102.0 / 1024.0), (907.0, 31.0 / 1024.0)];
+/// What the target's `identify` plays over a range that begins at zero, V.
+fn identification_drive_v(top_v: f64, samples: usize) -> Vec<f64> {
+    // The generator counts in volts with 22 fraction bits, whatever it calls them.
+    let fraction = f64::from(1 << VOLT_FRACTION_BITS);
+    let half = 0.5 * top_v * fraction;
+    let of_half = |share: i32| (half * f64::from(share) / 1024.0) as i32;
+    let tones = IDENTIFICATION_TONES.map(|(increment, share)| (increment, of_half(share), LOWEST_POINT));
+    let mut generator = ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(half as i32));
+    let drive = |tick: usize| generator.next_position().to_bits() + sweep(of_half(IDENTIFICATION_SWEEP), tick as u32);
+    (0..samples).map(drive).map(|drive| (f64::from(drive) / fraction).clamp(0.0, top_v)).collect()
+}
 
 /// One record of a virgin stage, sampled every `every` periods of the loop.
 fn played(truth: &Truth, name: &str, every: usize, drive_v: Vec<f64>) -> Record {
@@ -68,16 +80,9 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
     let top_v = truth.drive_max_v;
     let rest = played(truth, "rest", 1, vec![0.0; 8000]).with_role(Role::Noise);
     let records = match recording {
-        Recording::FourTones => {
+        Recording::TargetsOwn => {
             let samples = 100_000;
-            let half_v = 0.5 * top_v;
-            let drive_v: Vec<f64> = (0..samples)
-                .map(|k| {
-                    let t = k as f64 * PERIOD_S;
-                    TONES.iter().map(|(hz, share)| half_v * share * (1.0 - (TAU * hz * t).cos())).sum::<f64>().clamp(0.0, top_v)
-                })
-                .collect();
-            let whole = played(truth, "run", 1, drive_v);
+            let whole = played(truth, "run", 1, identification_drive_v(top_v, samples));
             let half = |name: &str, role, window| Record { name: name.into(), role, window, ..whole.clone() };
             vec![half("run_identify", Role::Identify, 0..samples / 2), half("run_validate", Role::Validate, samples / 2..samples), rest]
         }
@@ -132,7 +137,7 @@ pub fn explained(dataset: &Dataset) -> Explanation {
 #[must_use]
 pub fn kept_model(truth: &Truth, recording: Recording, dataset: &Dataset) -> Model {
     let folder = PathBuf::from("target/servo_from_data");
-    let kept = folder.join(format!("{}_{}.toml", truth.seed, recording.name().replace(' ', "_")));
+    let kept = folder.join(format!("{}_{}.toml", truth.seed, recording.name().replace(' ', "_").replace('\'', "")));
     if let Ok(text) = std::fs::read_to_string(&kept) {
         return hysteron::model_file::from_toml(&text, &kept.display().to_string()).expect("a kept model");
     }
@@ -226,12 +231,57 @@ pub fn at_work(truth: &Truth, change: Change, design: &ServoDesign) -> AtWork {
     AtWork { errors, rest_um, unstable }
 }
 
+/// A stage whose change comes slowly while it runs.
+struct Changing {
+    stage: IndependentStage,
+    change: Change,
+    periods: usize,
+}
+
+/// When a slow change begins, and how long it takes, s.
+const SLOW_CHANGE_S: (f64, f64) = (0.6, 1.0);
+
+impl Plant for Changing {
+    fn advance(&mut self, drive_v: f64, external_um: f64) {
+        let (from_s, lasts_s) = SLOW_CHANGE_S;
+        let share = ((self.periods as f64 * PERIOD_S - from_s) / lasts_s).clamp(0.0, 1.0);
+        self.periods += 1;
+        let Change { mass_ratio, gain_ratio, delay_s, .. } = self.change;
+        let change =
+            Change { mass_ratio: mass_ratio.powf(share), gain_ratio: gain_ratio.powf(share), delay_s: delay_s * share, ..Change::NONE };
+        self.stage.change_to(change);
+        self.stage.advance(drive_v, external_um);
+    }
+
+    fn displacement_um(&self) -> f64 {
+        self.stage.displacement_um()
+    }
+
+    fn sensor_um(&self) -> f64 {
+        self.stage.sensor_um()
+    }
+}
+
+/// As [`rest_um`], but the stage is as it was recorded until it rests in the middle of its range, and changes slowly there: the drive is at no limit.
+#[must_use]
+pub fn rest_after_slow_change_um(truth: &Truth, change: Change, design: &ServoDesign) -> f64 {
+    let mut reference = vec![0.5 * truth.travel_um; waveform::samples_in(RATE_HZ, SLOW_CHANGE_S.0 + SLOW_CHANGE_S.1 + 0.6)];
+    waveform::grow_from_zero(&mut reference, RATE_HZ);
+    let (stage, mut servo, around) = prepared(truth, Change::NONE, design, 0x5e70);
+    let trace = follow(&mut Changing { stage, change, periods: 0 }, &mut servo, &around, &reference);
+    motion_at_the_end_um(&trace)
+}
+
 /// RMS motion at rest in the middle of the range over the last 0.2 s of 1.2 s, mean removed, um.
 #[must_use]
 pub fn rest_um(truth: &Truth, change: Change, design: &ServoDesign) -> f64 {
     let mut reference = vec![0.5 * truth.travel_um; waveform::samples_in(RATE_HZ, 1.2)];
     waveform::grow_from_zero(&mut reference, RATE_HZ);
-    let trace = run(truth, change, design, &reference);
+    motion_at_the_end_um(&run(truth, change, design, &reference))
+}
+
+/// RMS motion over the last 0.2 s, mean removed, um.
+fn motion_at_the_end_um(trace: &Trace) -> f64 {
     let tail = &trace.displacement_um[trace.displacement_um.len() - 4000..];
     let mean = tail.iter().sum::<f64>() / tail.len() as f64;
     (tail.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / tail.len() as f64).sqrt()
@@ -247,7 +297,7 @@ pub fn designed_with_the_truth(truth: &Truth, chain: &Model) -> Option<ServoDesi
     model.linear.second_mode = truth.second_mode.map(|m| (m.share, mode(&m)));
     let exact = ModeSpread { frequency: 0.0, damping: 0.0 };
     let demands = Demands { sensor_noise_um: truth.noise_um, ..Demands::default() };
-    let task = Task { linear: model.linear, first: exact, second: Some(exact), delay_s: 0.0, recording: None, demands };
+    let task = Task { linear: model.linear, first: exact, second: Some(exact), delay_s: 0.0, recording: None, mode_moves: 0.0, demands };
     let design = |tuning: PredictorTuning| {
         let mut design = ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: true }, &model, true);
         design.noise_shaping = true;

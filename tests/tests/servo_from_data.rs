@@ -5,10 +5,13 @@ use hysteron::servo::commands::{check, gain_ratio};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::model::actuator_model;
 use hysteron::servo::order::{self, Order};
+use hysteron::servo::words;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
 use hysteron_tests::independent_stage::{Change, TrueMode, Truth};
-use hysteron_tests::servo_study::{LIMIT_CYCLE, Recording, at_work, designed, designed_with_the_truth, explained, record, rest_um};
+use hysteron_tests::servo_study::{
+    LIMIT_CYCLE, Recording, at_work, designed, designed_with_the_truth, explained, record, rest_after_slow_change_um, rest_um,
+};
 
 /// From recording to servo on one stage: stable, or a refusal that names the drive. Returns whether it was stable, with its error in um.
 fn stable_or_refused(seed: u64, recording: Recording) -> Option<f64> {
@@ -37,8 +40,9 @@ fn a_servo_from_the_usual_recording_holds_on_the_stage() {
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
-fn four_tones_make_no_unstable_servo() {
-    stable_or_refused(1, Recording::FourTones);
+fn what_the_target_plays_makes_no_unstable_servo() {
+    let worst_um = stable_or_refused(1, Recording::TargetsOwn).expect("its own record is enough");
+    assert!(worst_um < 0.004, "{worst_um}");
 }
 
 #[test]
@@ -107,6 +111,29 @@ fn a_loop_becomes_unstable_where_it_was_predicted() {
     assert!(!far.stable && far.margins.unwrap().worst_case.contains("unstable"));
     let same = actuator_model(&chain).unwrap();
     assert_eq!(gain_ratio(&same, &same, true), [1.0; 3]);
+}
+
+/// A lightly damped stage: where the drive is free the loop turns at the predicted gain, and where it begins at a limit between what `check` says for
+/// that and the predicted gain.
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn a_limit_of_the_drive_keeps_a_loop_swinging_from_where_it_was_predicted() {
+    let truth = Truth::drawn(12);
+    let chain = identified(&truth);
+    let design = designed(&chain, &record(&truth, Recording::Wideband)).unwrap();
+    let found = margins(&design, &chain);
+    let (free, swinging) = (found.first_unstable.gain_up.unwrap(), found.first_swinging.gain_up.unwrap());
+    let said = words::margins(&found).join(" ");
+    assert!(swinging < 0.85 * free && said.contains("once the drive was at a limit it may go on swinging"), "{swinging} {free}: {said}");
+    let limit_um = LIMIT_CYCLE * truth.noise_um;
+    let with = |gain_ratio: f64| Change { gain_ratio, ..Change::NONE };
+    let from_the_limit_um = [0.98 * swinging, 0.95 * free].map(|gain| rest_um(&truth, with(gain), &design));
+    let in_the_middle_um = [0.95 * free, 1.05 * free].map(|gain| rest_after_slow_change_um(&truth, with(gain), &design));
+    println!(
+        "gain {swinging:.3} and {free:.3}: {from_the_limit_um:?} um from the limit, {in_the_middle_um:?} um in the middle of the range"
+    );
+    assert!(from_the_limit_um[0] < limit_um && from_the_limit_um[1] > limit_um, "{from_the_limit_um:?}");
+    assert!(in_the_middle_um[0] < limit_um && in_the_middle_um[1] > limit_um, "{in_the_middle_um:?}");
 }
 
 #[test]

@@ -103,7 +103,7 @@ fn designed(design: &ServoDesign, model: &Model) -> Result<Answer> {
 
 /// The integer servo on the simulated model.
 fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Result<Answer> {
-    let found = commands::follow(model, design, &format!("sine:{hz}:{amplitude_um}"), None).map_err(refused)?;
+    let found = commands::follow(model, design, &format!("sine:{hz}:{amplitude_um}"), None, None).map_err(refused)?;
     let error_um = found.sensor_um.iter().zip(&found.reference_um).map(|(y, r)| y - r).collect();
     Ok(Answer {
         json: json!({

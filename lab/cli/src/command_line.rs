@@ -294,6 +294,9 @@ enum Command {
         /// Largest sensitivity that is accepted
         #[arg(long, default_value_t = 2.5)]
         sensitivity_peak: f64,
+        /// Share of its frequency by which the first mode moves after it was recorded, such as 0.2 for a load that changes
+        #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_negative_numbers = true)]
+        mode_moves: f64,
         /// Let the servo learn the correction of a periodic reference
         #[arg(long)]
         learning: bool,
@@ -333,6 +336,9 @@ enum Command {
         /// Another scheme for the same model
         #[arg(long, value_name = "NAME")]
         scheme: Option<String>,
+        /// RMS noise of the sensor [default: what the servo was designed for, or 0.001]
+        #[arg(long, allow_negative_numbers = true)]
+        sensor_noise_um: Option<f64>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -441,15 +447,28 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Plant(wanted) => plant::plant(&wanted),
         Command::Board { .. } => Ok(true),
         Command::Capture { elf, raw, out, force } => capture::capture(&elf, &raw, &out, force),
-        Command::Design { model, out, reference_hz, sensor_noise_um, data, sensitivity_peak, learning, block, front_end, outputs } => {
-            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning };
+        Command::Design {
+            model,
+            out,
+            reference_hz,
+            sensor_noise_um,
+            data,
+            sensitivity_peak,
+            mode_moves,
+            learning,
+            block,
+            front_end,
+            outputs,
+        } => {
+            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning, mode_moves };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
             design::design(&files, &wanted, &outputs)
         }
         Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
-        Command::Track { model, servo, reference, scheme, outputs } => {
-            track::track(&model, &servo, &reference, scheme.as_deref(), &outputs)
+        Command::Track { model, servo, reference, scheme, sensor_noise_um, outputs } => {
+            let wanted = track::Wanted { reference: &reference, scheme: scheme.as_deref(), sensor_noise_um };
+            track::track(&model, &servo, &wanted, &outputs)
         }
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),

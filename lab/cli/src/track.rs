@@ -12,17 +12,33 @@ fn nm(um: f64) -> String {
     format!("{:.2} nm", 1e3 * um)
 }
 
-/// `hysteron track MODEL SERVO --reference R [--scheme NAME]`.
-pub fn track(model: &Path, servo: &Path, reference: &str, scheme: Option<&str>, outputs: &Outputs) -> Result<bool> {
+/// What is followed, and with what.
+pub struct Wanted<'a> {
+    /// The reference.
+    pub reference: &'a str,
+    /// Another scheme than that of the file.
+    pub scheme: Option<&'a str>,
+    /// Noise of the sensor, um.
+    pub sensor_noise_um: Option<f64>,
+}
+
+/// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N]`.
+pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> Result<bool> {
+    let Wanted { reference, scheme, sensor_noise_um } = *wanted;
     let desk = Desk::new(outputs.force);
     let design = read_design(&desk, servo)?;
     let chain = desk.model(model)?;
     outputs.check(&desk)?;
-    let result = commands::follow(&chain, &design, reference, scheme).map_err(|m| Error::new("", m))?;
+    let result = commands::follow(&chain, &design, reference, scheme, sensor_noise_um).map_err(|m| Error::new("", m))?;
     println!("{} on {reference}", result.scheme);
     println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
     println!("  sensor  RMS {}, max {}", nm(result.sensor.rms_um), nm(result.sensor.max_um));
-    println!("  mean error {}, {} saturated ticks", nm(result.steady_state_um), result.saturated_ticks);
+    println!(
+        "  mean error {}, {} saturated ticks, noise of the sensor {}",
+        nm(result.steady_state_um),
+        result.saturated_ticks,
+        nm(result.noise_um)
+    );
     desk.write_json(outputs.json.as_deref(), &result)?;
     let error_nm = result.sensor_um.iter().zip(&result.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
     let page = Page {
@@ -35,7 +51,7 @@ pub fn track(model: &Path, servo: &Path, reference: &str, scheme: Option<&str>, 
         ),
         sections: vec![Section {
             heading: "Tracking".into(),
-            text: "Integer servo on the identified model, 1 nm of sensor noise.".into(),
+            text: format!("Integer servo on the identified model, {} of sensor noise.", nm(result.noise_um)),
             blocks: vec![
                 Block::Plot(
                     Plot::new("Displacement")

@@ -10,7 +10,7 @@ use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::quantise::QuantisationError;
 use hysteron::servo::thesis_schemes::{Estimator, ReachingGains};
-use hysteron::servo::track::period_ticks;
+use hysteron::servo::track::{lead_s, period_ticks, told_when_grown};
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::bench::{Bench, Completeness, Variant};
 use hysteron_sim::closed_loop::{Experiment, Trace};
@@ -36,11 +36,15 @@ pub const LOADED: Variant = Variant { completeness: Completeness::Full, loaded: 
 pub const LOADED_PLAIN: Variant = Variant { completeness: Completeness::Plain, loaded: true };
 
 /// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), grown from zero in 0.3 s, then for two periods or a second; and the sample from which
-/// the error counts.
+/// the error counts: after half a second.
 #[must_use]
 pub fn sine_reference_um(bench: &Bench, frequency_hz: f64, amplitude_um: f64) -> (Vec<f64>, usize) {
+    sine_that_counts_after_um(bench, frequency_hz, amplitude_um, 0.5)
+}
+
+/// The same with another time before the error counts.
+fn sine_that_counts_after_um(bench: &Bench, frequency_hz: f64, amplitude_um: f64, settle_s: f64) -> (Vec<f64>, usize) {
     let fs = bench.converters.sample_rate_hz;
-    let settle_s = 0.5;
     let duration_s = settle_s + (2.0 / frequency_hz).max(1.0);
     let mut reference = waveform::sine(fs, frequency_hz, amplitude_um, bench.reference_offset_um, -FRAC_PI_2, duration_s);
     waveform::grow_from_zero(&mut reference, fs);
@@ -66,7 +70,7 @@ pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: 
     run_repeating(bench, variant, design, reference_um, None, seed)
 }
 
-/// The same with a reference of which the servo is told that it repeats after so many ticks.
+/// The same with a reference of which the servo is told, once it has grown, that it repeats after so many ticks.
 fn run_repeating(
     bench: &Bench,
     variant: Variant,
@@ -77,9 +81,8 @@ fn run_repeating(
 ) -> Result<Trace, QuantisationError> {
     let mut experiment = Experiment::new(bench, variant, seed);
     experiment.substeps = SUBSTEPS;
-    let mut servo = ServoTick::new(design.parameters(bench.converter_scale().parameters())?);
-    servo.repeat(period_ticks);
-    Ok(experiment.follow_with(servo, reference_um))
+    let servo = ServoTick::new(design.parameters(bench.converter_scale().parameters())?);
+    Ok(experiment.follow_with(told_when_grown(servo, period_ticks), reference_um))
 }
 
 /// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data sheet.
@@ -116,7 +119,7 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
 }
 
 pub fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
-    let (reference, from) = sine_reference_um(bench, hz, amplitude_um);
+    let (reference, from) = sine_that_counts_after_um(bench, hz, amplitude_um, lead_s(design, hz));
     match run_repeating(bench, variant, design, &reference, period_ticks(hz), 7) {
         Ok(trace) => row_um(id, trace.sensor_error(from).rms_um, note_of(&trace, from, condition)),
         Err(e) => row_um(id, f64::NAN, e.to_string()),

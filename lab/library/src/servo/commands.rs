@@ -5,12 +5,12 @@ use super::design::{SCHEMA, Scheme, ServoDesign, thesis_scheme};
 use super::disturbance_observer;
 use super::loop_margins::{Loop, LoopMargins};
 use super::model::{ActuatorModel, NominalModel, actuator_model};
-use super::order::{self, Order};
+use super::order::{self, ASSUMED_NOISE_UM, Order};
 use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
 use super::regulator_loop;
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
-use super::track::{PeriodicReference, TrackResult, track};
+use super::track::{PeriodicReference, TrackResult, lead_s, track};
 use crate::statistics::extremes;
 use hysteron_sim::chain::Model;
 use nalgebra::Complex;
@@ -197,11 +197,17 @@ fn judge_law(law: &PredictorDesign, actuator: &ActuatorModel, delay_s: f64, rati
     out.margins = Some(margins);
 }
 
-/// Follows a reference on a chain; `scheme` replaces the design's own by name.
+/// Follows a reference on a chain; `scheme` replaces the design's own by name, `sensor_noise_um` (RMS) the noise that it was designed for.
 ///
 /// # Errors
 /// A message that names the field, or the number that does not fit the servo's formats.
-pub fn follow(chain: &Model, design: &ServoDesign, reference: &str, scheme: Option<&str>) -> Result<TrackResult, String> {
+pub fn follow(
+    chain: &Model,
+    design: &ServoDesign,
+    reference: &str,
+    scheme: Option<&str>,
+    sensor_noise_um: Option<f64>,
+) -> Result<TrackResult, String> {
     order::require_known_in_a_loop(chain)?;
     let periodic = PeriodicReference::parse(reference)?;
     let mut chosen = design.clone();
@@ -210,11 +216,18 @@ pub fn follow(chain: &Model, design: &ServoDesign, reference: &str, scheme: Opti
     }
     // What the actuator reaches counts, not what the servo's own model believes.
     let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
-    let (low_um, high_um) = extremes(&periodic.samples_um().0);
+    let (low_um, high_um) = extremes(&periodic.samples_um(lead_s(&chosen, periodic.frequency_hz)).0);
     if low_um < 0.0 || high_um > reach_um {
         return Err(format!("the reference goes from {low_um:.2} to {high_um:.2} um; the drive reaches 0 to {reach_um:.2} um"));
     }
-    track(chain, &chosen, &periodic, reference, 0.001, 1).map_err(|e| e.to_string())
+    let noise_um = sensor_noise_um.or(design.sensor_noise_um).unwrap_or(ASSUMED_NOISE_UM);
+    if !(0.0..0.05 * reach_um).contains(&noise_um) {
+        return Err(format!(
+            "--sensor-noise-um {noise_um}; expected at least 0 and below {:.3}, a twentieth of the travel",
+            0.05 * reach_um
+        ));
+    }
+    track(chain, &chosen, &periodic, reference, noise_um, 1).map_err(|e| e.to_string())
 }
 
 /// The same model under another scheme.

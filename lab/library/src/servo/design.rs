@@ -79,6 +79,9 @@ pub struct ServoDesign {
     pub delayed: bool,
     /// Carries the DAC's rounding error on.
     pub noise_shaping: bool,
+    /// Noise of the sensor that it was designed for, um RMS, without the converter's rounding; none where nobody said it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor_noise_um: Option<f64>,
     /// The scheme.
     pub scheme: Scheme,
     /// The model that it was made from.
@@ -103,6 +106,7 @@ impl ServoDesign {
             explanation: Vec::new(),
             delayed,
             noise_shaping: false,
+            sensor_noise_um: None,
             scheme,
             model: model.clone(),
             trade_off: Vec::new(),

@@ -17,13 +17,12 @@
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use super::plant_set::Variation;
-use super::predictor::{PredictorDesign, frequency_response};
+use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::quantise::{QuantisationError, number, row_um};
 use super::robust::{ModeSpread, Task, frequency_grid_hz, law_response};
 use hysteron_core::learned_feedforward::{
     LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, POINT_FRACTION_BITS, ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
 };
-use hysteron_core::reference_window::{PREVIEW_TICKS, WINDOW};
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -127,10 +126,7 @@ const ROBUSTNESS_BEFORE: usize = ROBUSTNESS_TAPS / 2;
 /// The answer of the motion to a correction of the reference, `T`, on an actuator with this response.
 #[must_use]
 pub fn from_correction(law: &PredictorDesign, plant: Complex<f64>, hz: f64) -> Complex<f64> {
-    let one = Complex::new(1.0, 0.0);
-    let late = Complex::from_polar(1.0, -TAU * hz * SAMPLING_PERIOD_S);
-    let feedforward = response(&law.feedforward, WINDOW - 1 - PREVIEW_TICKS, hz) * late;
-    one + (plant * feedforward - one) / (one + plant * law_response(law, hz))
+    reference_response(plant, law.feedforward_response(hz), law_response(law, hz))
 }
 
 /// Where a mode may stand, from its lowest frequency to its highest: so close together that its peak is not between two of them.
@@ -187,8 +183,7 @@ fn met(law: &PredictorDesign, task: &Task<'_>, plants: &[(f64, LinearModel)]) ->
         let p = frequency_response(&nominal, TAU * hz);
         let k = law_response(law, hz);
         let s = one / (one + p * k);
-        let late = Complex::from_polar(1.0, -TAU * hz * SAMPLING_PERIOD_S);
-        let feedforward = response(&law.feedforward, WINDOW - 1 - PREVIEW_TICKS, hz) * late;
+        let feedforward = law.feedforward_response(hz);
         let unknown = task.unknown_at(hz);
         let reserve = (1.0 - unknown * (k * s).norm()).max(0.05);
         Met {
@@ -413,6 +408,7 @@ mod tests {
     use super::super::model::SampledModel;
     use super::super::predictor::{Demands, PredictorTuning};
     use super::*;
+    use hysteron_core::reference_window::WINDOW;
 
     fn linear() -> LinearModel {
         LinearModel {
@@ -429,7 +425,15 @@ mod tests {
 
     fn task() -> Task<'static> {
         let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
-        Task { linear: linear(), first: spread, second: Some(spread), delay_s: 0.0, recording: None, demands: Demands::default() }
+        Task {
+            linear: linear(),
+            first: spread,
+            second: Some(spread),
+            delay_s: 0.0,
+            recording: None,
+            mode_moves: 0.0,
+            demands: Demands::default(),
+        }
     }
 
     /// Motion of the loop, sample by sample, when one sample of the reference is corrected by 1 um and nothing else is asked.

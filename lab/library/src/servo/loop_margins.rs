@@ -1,7 +1,14 @@
 //! How far a loop is from the end of its stability on an actuator: gain and phase margin, bandwidth, and the first unstable value of gain,
 //! mass, delay and of a mode that nobody knows of. All by the eigenvalues and the frequency response of the sampled loop.
+//!
+//! # Limits of the drive
+//! Eigenvalues speak of a loop whose drive is free. A servo begins at the lower limit of its drive, and noise or a jump brings it to a limit later;
+//! a loop with a lightly damped mode, wrong gain and wrong mass may then swing between the limits for ever although its eigenvalues are
+//! stable. So every first unstable value is sought twice: with the drive free, and with any share of what is commanded acting
+//! ([`PredictorDesign::at_a_limit`]). Between the two it depends on what happens whether the loop swings.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::moving_mode::ReferenceBand;
 use super::plant_set::Variation;
 use super::predictor::{PredictorDesign, frequency_response};
 use super::robust::{frequency_grid_hz, law_response};
@@ -15,8 +22,14 @@ pub const UNKNOWN_DAMPING: f64 = 0.02;
 const LARGEST_FACTOR: f64 = 30.0;
 /// Longest delay that is tried, in periods.
 const LONGEST_DELAY: f64 = 40.0;
+/// The same with a drive at a limit, which takes as many times longer as shares are tried.
+const LONGEST_DELAY_AT_A_LIMIT: f64 = 8.0;
 /// Largest share of an unknown mode that is tried.
 const LARGEST_SHARE: f64 = 0.5;
+/// Shares of what is commanded that are tried where the drive is at a limit: each this much of the one before, down to the least.
+const NEXT_SHARE: f64 = 0.8;
+/// Least of them.
+const LEAST_SHARE: f64 = 0.02;
 /// First unstable values are found to this share.
 const PRECISION: f64 = 1e-3;
 
@@ -76,14 +89,19 @@ pub struct LoopMargins {
     pub phase_margin_deg: Option<f64>,
     /// Frequency from which disturbances of the reading are no longer brought below 0.71, Hz.
     pub bandwidth_hz: Option<f64>,
+    /// How far up a reference is followed, Hz (-3 dB); none where the law does not say what it feeds forward.
+    pub reference_bandwidth_hz: Option<f64>,
     /// Largest sensitivity.
     pub sensitivity_peak: f64,
     /// Where it is, Hz.
     pub sensitivity_peak_hz: f64,
     /// Sensor noise that becomes motion, RMS over RMS.
     pub noise_transmission: f64,
-    /// The first unstable values.
+    /// The first unstable values, the drive free.
     pub first_unstable: FirstUnstable,
+    /// The first values with which it may go on swinging once the drive was at a limit (a delay of at most eight
+    /// periods, the mode at the same frequency).
+    pub first_swinging: FirstUnstable,
     /// The frequency response.
     pub response: Vec<LoopPoint>,
 }
@@ -106,69 +124,70 @@ impl Loop<'_> {
         Variation { delay_s: variation.delay_s + self.delay_s, ..*variation }.sampled(self.linear)
     }
 
-    fn radius(&self, variation: &Variation) -> f64 {
-        self.law.spectral_radius(&self.plant(variation), self.gain_ratio[1], 0)
-    }
-
-    fn stable(&self, variation: &Variation) -> bool {
-        self.radius(variation) < 1.0
+    /// Whether it is stable with each of these laws.
+    fn stable(&self, laws: &[PredictorDesign], variation: &Variation) -> bool {
+        let plant = self.plant(variation);
+        laws.iter().all(|law| law.spectral_radius(&plant, self.gain_ratio[1], 0) < 1.0)
     }
 
     /// Between a stable and an unstable value the value where it turns, by halving the interval's ratio.
-    fn turn(&self, mut good: f64, mut bad: f64, at: &dyn Fn(f64) -> Variation) -> f64 {
+    fn turn(&self, laws: &[PredictorDesign], mut good: f64, mut bad: f64, at: &dyn Fn(f64) -> Variation) -> f64 {
         while (bad / good - 1.0).abs() > PRECISION {
             let middle = if good > 0.0 { (good * bad).sqrt() } else { 0.5 * bad };
-            if self.stable(&at(middle)) { good = middle } else { bad = middle }
+            if self.stable(laws, &at(middle)) { good = middle } else { bad = middle }
         }
         bad
     }
 
     /// The first of a row of values that is unstable, made precise.
-    fn first(&self, begin: f64, values: impl Iterator<Item = f64>, at: &dyn Fn(f64) -> Variation) -> Option<f64> {
+    fn first(&self, laws: &[PredictorDesign], begin: f64, values: impl Iterator<Item = f64>, at: &dyn Fn(f64) -> Variation) -> Option<f64> {
         let mut good = begin;
         for value in values {
-            if !self.stable(&at(value)) {
-                return Some(self.turn(good, value, at));
+            if !self.stable(laws, &at(value)) {
+                return Some(self.turn(laws, good, value, at));
             }
             good = value;
         }
         None
     }
 
-    fn first_unstable(&self) -> FirstUnstable {
-        if !self.stable(&Variation::NONE) {
+    fn first_unstable(&self, laws: &[PredictorDesign], longest_delay: f64, mode: impl Fn() -> Option<UnstableMode>) -> FirstUnstable {
+        if !self.stable(laws, &Variation::NONE) {
             return FirstUnstable::default();
         }
         let steps = |factor: f64| (1..200).map(move |i| factor.powi(i)).take_while(|f| *f < LARGEST_FACTOR && *f > 1.0 / LARGEST_FACTOR);
         let gain = |gain: f64| Variation { gain, ..Variation::NONE };
         let mass = |mass_ratio: f64| Variation { mass_ratio, ..Variation::NONE };
         let delay = |delay_s: f64| Variation { delay_s, ..Variation::NONE };
-        let delays = (1..).map(|i| 0.1 * f64::from(i)).take_while(|d| *d <= LONGEST_DELAY).map(|d| d * SAMPLING_PERIOD_S);
+        let delays = (1..).map(|i| 0.1 * f64::from(i)).take_while(|d| *d <= longest_delay).map(|d| d * SAMPLING_PERIOD_S);
         FirstUnstable {
-            gain_up: self.first(1.0, steps(1.05), &gain),
-            gain_down: self.first(1.0, steps(1.0 / 1.05), &gain),
-            mass_up: self.first(1.0, steps(1.05), &mass),
-            mass_down: self.first(1.0, steps(1.0 / 1.05), &mass),
-            delay_s: self.first(1e-3 * SAMPLING_PERIOD_S, delays, &delay),
-            mode: self.worst_mode(),
+            gain_up: self.first(laws, 1.0, steps(1.05), &gain),
+            gain_down: self.first(laws, 1.0, steps(1.0 / 1.05), &gain),
+            mass_up: self.first(laws, 1.0, steps(1.05), &mass),
+            mass_down: self.first(laws, 1.0, steps(1.0 / 1.05), &mass),
+            delay_s: self.first(laws, 1e-3 * SAMPLING_PERIOD_S, delays, &delay),
+            mode: mode(),
         }
     }
 
+    /// The smallest share of a mode at a frequency that makes the loop unstable, if it is below a limit.
+    fn unstable_share(&self, laws: &[PredictorDesign], hz: f64, limit: f64) -> Option<UnstableMode> {
+        let mode = ModeModel { natural_frequency_rad_s: TAU * hz, damping_ratio: UNKNOWN_DAMPING };
+        let at = |share: f64| Variation { mode: Some((share, mode)), ..Variation::NONE };
+        let shares = (0..80).map(|i| 1e-4 * 1.15_f64.powi(i)).take_while(|s| *s <= limit);
+        let share = self.first(laws, 5e-5, shares, &at)?;
+        Some(UnstableMode { frequency_hz: hz, damping_ratio: UNKNOWN_DAMPING, share })
+    }
+
     /// The mode of the smallest share that makes the loop unstable: where `|K S|` is large, and a fine grid about it.
-    fn worst_mode(&self) -> Option<UnstableMode> {
+    fn worst_mode(&self, laws: &[PredictorDesign]) -> Option<UnstableMode> {
         let lowest_hz = self.linear.first_mode.natural_frequency_rad_s / TAU;
         let highest_hz = 0.5 / SAMPLING_PERIOD_S;
-        let share_at = |hz: f64, limit: f64| -> Option<f64> {
-            let mode = ModeModel { natural_frequency_rad_s: TAU * hz, damping_ratio: UNKNOWN_DAMPING };
-            let at = |share: f64| Variation { mode: Some((share, mode)), ..Variation::NONE };
-            let shares = (0..80).map(|i| 1e-4 * 1.15_f64.powi(i)).take_while(|s| *s <= limit);
-            self.first(5e-5, shares, &at)
-        };
         let mut worst: Option<UnstableMode> = None;
         let mut look = |hz: f64| {
             let limit = worst.map_or(LARGEST_SHARE, |w| w.share);
-            if let Some(share) = share_at(hz, limit).filter(|share| worst.is_none_or(|w| *share < w.share)) {
-                worst = Some(UnstableMode { frequency_hz: hz, damping_ratio: UNKNOWN_DAMPING, share });
+            if let Some(found) = self.unstable_share(laws, hz, limit).filter(|found| worst.is_none_or(|w| found.share < w.share)) {
+                worst = Some(found);
             }
         };
         // Steps of half the width of the mode.
@@ -195,7 +214,12 @@ impl Loop<'_> {
     pub fn judged(&self) -> LoopMargins {
         let spectral_radius = self.gain_ratio.map(|ratio| self.law.spectral_radius(&self.plant(&Variation::NONE), ratio, 0));
         let response = self.response();
-        let first_unstable = self.first_unstable();
+        let free = [self.law.clone()];
+        let first_unstable = self.first_unstable(&free, LONGEST_DELAY, || self.worst_mode(&free));
+        let shares = std::iter::successors(Some(1.0), |share| Some(NEXT_SHARE * share)).take_while(|share| *share >= LEAST_SHARE);
+        let limited: Vec<PredictorDesign> = shares.map(|share| self.law.at_a_limit(share)).collect();
+        let same_mode = || first_unstable.mode.and_then(|m| self.unstable_share(&limited, m.frequency_hz, LARGEST_SHARE));
+        let first_swinging = self.first_unstable(&limited, LONGEST_DELAY_AT_A_LIMIT, same_mode);
         let peak = response.iter().copied().max_by(|a, b| a.sensitivity.total_cmp(&b.sensitivity));
         let mut noise_power = 0.0;
         let mut last_hz = 0.0;
@@ -206,14 +230,17 @@ impl Loop<'_> {
         LoopMargins {
             gain_ratio: self.gain_ratio,
             spectral_radius,
-            worst_case: worst_case(&self.gain_ratio, &spectral_radius, &first_unstable),
+            worst_case: worst_case(&self.gain_ratio, &spectral_radius, &first_unstable, &first_swinging),
             gain_margin: first_unstable.gain_up,
             phase_margin_deg: phase_margin_deg(&response),
             bandwidth_hz: response.iter().find(|p| p.sensitivity > 0.5f64.sqrt()).map(|p| p.hz),
+            reference_bandwidth_hz: (!self.law.feedforward.is_empty())
+                .then(|| ReferenceBand::of(self.law, &self.plant(&Variation::NONE), self.gain_ratio[1]).bandwidth_hz),
             sensitivity_peak: peak.map_or(f64::NAN, |p| p.sensitivity),
             sensitivity_peak_hz: peak.map_or(f64::NAN, |p| p.hz),
             noise_transmission: noise_power.sqrt(),
             first_unstable,
+            first_swinging,
             response,
         }
     }
@@ -235,15 +262,29 @@ fn phase_margin_deg(response: &[LoopPoint]) -> Option<f64> {
     crossings.min_by(f64::total_cmp)
 }
 
+/// Below this share two first values are the same.
+pub(super) const NO_DIFFERENCE: f64 = 0.01;
+
 /// What comes first of all that was judged.
-fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable) -> String {
+fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable, swinging: &FirstUnstable) -> String {
     let unstable = gain_ratio.iter().zip(radius).find(|(_, radius)| radius.is_nan() || **radius >= 1.0);
     if let Some((ratio, radius)) = unstable {
         return format!(
             "unstable where the actuator's gain is {ratio:.2} times the one that the law inverts (largest eigenvalue {radius:.4})"
         );
     }
-    // How far each can go, as a factor.
+    let free = least_reserve(first).map(|(reserve, text)| (reserve, format!("{text} makes it unstable")));
+    let limited = least_reserve(swinging)
+        .filter(|(reserve, _)| free.as_ref().is_none_or(|(of_free, _)| *reserve < (1.0 - NO_DIFFERENCE) * of_free))
+        .map(|(_, text)| format!("{text} may keep it swinging once the drive was at a limit"));
+    match (free, limited) {
+        (None, None) => "nothing that was tried makes it unstable".into(),
+        (free, limited) => free.map(|(_, text)| text).into_iter().chain(limited).collect::<Vec<_>>().join("; "),
+    }
+}
+
+/// What comes first of the first unstable values, with how far it can go as a factor.
+fn least_reserve(first: &FirstUnstable) -> Option<(f64, String)> {
     let mut cases: Vec<(f64, String)> = Vec::new();
     let mut add = |reserve: Option<f64>, text: String| cases.extend(reserve.map(|r| (r, text)));
     let of = |value: Option<f64>| value.unwrap_or(f64::NAN);
@@ -258,6 +299,5 @@ fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable) -
             format!("an unknown mode at {:.0} Hz with {:.1} % of the motion", mode.frequency_hz, 100.0 * mode.share),
         );
     }
-    let least = cases.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    least.map_or_else(|| "nothing that was tried makes it unstable".into(), |(_, text)| format!("{text} makes it unstable"))
+    cases.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
 }

@@ -7,6 +7,7 @@
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
 //! * [`order`]: a servo for an identified chain, or the refusal; [`recording`]: what the data exclude; [`robust`]: the design for all that is
 //!   left possible; [`plant_set`]: plants that are not the model;
+//! * [`moving_mode`]: references where the first mode does not stay where it was recorded;
 //! * [`learned_feedforward`]: the filters by which a periodic reference's correction is learned, and the proof that it converges;
 //! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
 //! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
@@ -25,6 +26,7 @@ pub mod disturbance_observer;
 pub mod learned_feedforward;
 pub mod loop_margins;
 pub mod model;
+pub mod moving_mode;
 pub mod order;
 pub mod plant_set;
 pub mod predictor;

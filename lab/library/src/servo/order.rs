@@ -4,9 +4,11 @@ use super::amplifier_block::FrontEnd;
 use super::design::{Scheme, ServoDesign, undominated};
 use super::learned_feedforward::{self, LearningDesign};
 use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, actuator_model};
+use super::moving_mode::{FARTHEST, ReferenceBand, with_first_mode_at};
+use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
 use super::recording::Recording;
-use super::robust::{Broken, ModeSpread, Scan, Task, within_nyquist};
+use super::robust::{Broken, Candidate, ModeSpread, Scan, Task, within_nyquist};
 use crate::dataset::Dataset;
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
@@ -30,6 +32,8 @@ pub struct Order<'a> {
     pub front_end: Option<&'a FrontEnd>,
     /// The correction of a periodic reference is to be learned.
     pub learning: bool,
+    /// Share of its frequency by which the first mode moves to either side after it was recorded; zero where it stays.
+    pub mode_moves: f64,
 }
 
 /// Noise of a sensor of which nothing is known, um RMS.
@@ -38,7 +42,7 @@ pub const ASSUMED_NOISE_UM: f64 = 0.001;
 impl Default for Order<'_> {
     fn default() -> Self {
         let Demands { reference_hz, sensitivity_peak, .. } = Demands::default();
-        Self { reference_hz, sensor_noise_um: None, sensitivity_peak, recording: None, front_end: None, learning: false }
+        Self { reference_hz, sensor_noise_um: None, sensitivity_peak, recording: None, front_end: None, learning: false, mode_moves: 0.0 }
     }
 }
 
@@ -125,6 +129,9 @@ fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
     }
     if !(order.sensitivity_peak > 1.0 && order.sensitivity_peak < 100.0) {
         return Err(format!("--sensitivity-peak {}; expected above 1 and below 100", order.sensitivity_peak));
+    }
+    if !(0.0..=FARTHEST).contains(&order.mode_moves) {
+        return Err(format!("--mode-moves {}; expected a share of the first mode's frequency from 0 to {FARTHEST}", order.mode_moves));
     }
     let mode = &model.linear.first_mode;
     if !within_nyquist(mode) {
@@ -282,6 +289,7 @@ fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<Str
 fn refusal(scan: &Scan) -> String {
     let in_words = |broken: &Broken| match broken {
         Broken::Member(name) => format!("with {name} none of the tunings is stable"),
+        Broken::Limit(name) => format!("with {name} every tuning could go on swinging between the limits of the drive"),
         Broken::Sensitivity => "none of the tunings keeps the largest sensitivity; accept a larger --sensitivity-peak".to_owned(),
         Broken::Unknown { hz } => {
             format!("a mode near {hz:.0} Hz, which the recording does not exclude, could make every tuning unstable; {}", missing_drive())
@@ -291,7 +299,8 @@ fn refusal(scan: &Scan) -> String {
     let furthest = scan.candidates.iter().filter_map(|c| c.broken).max_by_key(|b| match b {
         Broken::Member(_) => 0,
         Broken::Sensitivity => 1,
-        Broken::Unknown { .. } => 2,
+        Broken::Limit(_) => 2,
+        Broken::Unknown { .. } => 3,
     });
     format!("no servo can be answered for: {}", furthest.as_ref().map_or_else(|| "there is no candidate".into(), in_words))
 }
@@ -309,19 +318,22 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let mut said = Vec::new();
     let model = formatted(&model, &mut said)?;
     let scale = converters(order, &model)?;
-    let Known { model, first, second, recording } = known(chain, model, order, &mut said)?;
+    let Known { model, mut first, second, recording } = known(chain, model, order, &mut said)?;
+    first.frequency = first.frequency.max(order.mode_moves);
     shortcomings(chain, recording.as_ref(), &mut said);
     let rounding_um = scale.adc_lsb_um / 12f64.sqrt();
-    let sensor_noise_um =
-        order.sensor_noise_um.or(recording.as_ref().and_then(|r| r.noise_um)).unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
+    let told_noise_um = order.sensor_noise_um.or(recording.as_ref().and_then(|r| r.noise_um));
+    let sensor_noise_um = told_noise_um.unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
     let largest = if order.learning { learned_feedforward::SENSITIVITY_PEAK } else { f64::INFINITY };
     let sensitivity_peak = order.sensitivity_peak.min(largest);
     let demands = Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
-    let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), demands, delay_s: known_delay_s(chain) };
+    let delay_s = known_delay_s(chain);
+    let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), mode_moves: order.mode_moves, demands, delay_s };
     let scan = task.scan();
     let chosen = scan.best().ok_or_else(|| refusal(&scan))?;
     let mut design = ServoDesign::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, &model, true);
     design.noise_shaping = true;
+    design.sensor_noise_um = told_noise_um;
     design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
     let good = scan.candidates.iter().filter(|c| c.broken.is_none()).count();
     design.explanation = vec![
@@ -344,6 +356,9 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
             chosen.sensitivity_peak
         ),
     ];
+    if order.mode_moves > 0.0 {
+        design.explanation.push(where_the_mode_moves(&task, chosen));
+    }
     if let Some(better) = scan.best_if_recorded().filter(|b| b.expected_um() < WORTH_RECORDING * chosen.expected_um()) {
         design.explanation.push(format!(
             "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
@@ -382,6 +397,22 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     Ok(design)
 }
 
+/// What a reference becomes with the first mode where it was recorded and at both ends.
+fn where_the_mode_moves(task: &Task<'_>, chosen: &Candidate) -> String {
+    let law = PredictorDesign::new(&task.linear, &chosen.tuning);
+    let [lower, recorded, higher] = [-1.0, 0.0, 1.0].map(|way| {
+        let moved = with_first_mode_at(&task.linear, 1.0 + way * task.mode_moves);
+        let band = ReferenceBand::of(&law, &Variation { delay_s: task.delay_s, ..Variation::NONE }.sampled(&moved), 1.0);
+        format!("{:.0} Hz ({:.2} times at most)", band.bandwidth_hz, band.peak)
+    });
+    format!(
+        "The first mode at {:.0} Hz may move by {:.0} %: references are followed to {recorded} where it was recorded, to {lower} with it lower and {higher} with it higher; {:.2} of the sensor's noise becomes motion.",
+        hertz(&task.linear.first_mode),
+        100.0 * task.mode_moves,
+        chosen.noise_um / task.demands.sensor_noise_um
+    )
+}
+
 /// How a predictor learns where no recording stands behind its model: an unknown mode is reckoned with everywhere from the first mode on.
 ///
 /// # Errors
@@ -392,7 +423,7 @@ pub fn learning_without_recording(design: &ServoDesign) -> Result<LearningDesign
     };
     let linear = design.model.linear;
     let second = linear.second_mode.map(|_| UNCONFIRMED);
-    let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, demands: Demands::default() };
+    let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, mode_moves: 0.0, demands: Demands::default() };
     LearningDesign::new(&PredictorDesign::new(&linear, tuning), &task, design.model.reach_um())
 }
 

@@ -14,7 +14,8 @@ use super::quantise::{QuantisationError, number, row_um};
 use super::window_fit;
 use crate::parallel;
 use hysteron_core::predictor_law::{self, PredictorParameters, STATE_ROW_FRACTION_BITS};
-use nalgebra::{Complex, DMatrix, DVector};
+use hysteron_core::reference_window::{PREVIEW_TICKS, WINDOW};
+use nalgebra::{Complex, DMatrix, DVector, Schur};
 use serde::{Deserialize, Serialize};
 
 /// States of the linear dynamics, the slope of the unknown input, and the unknown input.
@@ -112,6 +113,14 @@ pub fn frequency_response(model: &SampledModel, omega_rad_s: f64) -> Complex<f64
     }
 }
 
+/// What a reference becomes on an actuator: motion over reference, from the responses of the actuator, of the feedforward and of the law's drive to
+/// the reading, all at one frequency.
+#[must_use]
+pub fn reference_response(plant: Complex<f64>, feedforward: Complex<f64>, law: Complex<f64>) -> Complex<f64> {
+    let one = Complex::new(1.0, 0.0);
+    one + (plant * feedforward - one) / (one + plant * law)
+}
+
 /// Feedforward over the reference window for the period that begins one tick after now: the inverse of a sampled model.
 #[must_use]
 pub fn feedforward(model: &SampledModel) -> Vec<f64> {
@@ -159,6 +168,15 @@ impl PredictorDesign {
         k.view_mut((0, 0), (n, 1)).copy_from(&quadratic_regulator(&model, tuning.effort_weight));
         k[unknown] = 1.0;
         Self { a, b, c, l, k, feedforward: feedforward(&model) }
+    }
+
+    /// Response of the feedforward at a frequency: what acts, over the reference of the same instant.
+    #[must_use]
+    pub fn feedforward_response(&self, hz: f64) -> Complex<f64> {
+        // Computed at a tick, it acts one period later.
+        let before = (WINDOW - PREVIEW_TICKS) as f64;
+        let step = std::f64::consts::TAU * hz * SAMPLING_PERIOD_S;
+        self.feedforward.iter().enumerate().map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before))).sum()
     }
 
     /// Rows of the tick.
@@ -217,7 +235,19 @@ impl PredictorDesign {
     /// Largest eigenvalue magnitude with a plant, gain and delay.
     #[must_use]
     pub fn spectral_radius(&self, plant: &SampledModel, gain: f64, extra_delay: usize) -> f64 {
-        used_eigenvalues(&self.closed_loop(plant, gain, extra_delay)).iter().map(|z| z.norm()).fold(0.0, f64::max)
+        let closed = self.closed_loop(plant, gain, extra_delay);
+        // The iteration for eigenvalues need not come to an end on a matrix that is nearly defective, as a loop with a small share is.
+        let schur = Schur::try_new(closed.clone(), f64::EPSILON, MOST_ITERATIONS);
+        schur.map_or_else(|| growth(closed), |schur| schur.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max))
+    }
+
+    /// The law while its drive stands at a limit for part of every cycle: only a share of what it commands acts, which it knows, as it sees what
+    /// really acts (the first harmonic of a saturation, Gelb and Vander Velde, Multiple-Input Describing Functions, 1968). A loop of which every
+    /// share is stable has no oscillation that a limit could keep up; one of which some is not may be thrown into it, although it is stable
+    /// within its limits.
+    #[must_use]
+    pub fn at_a_limit(&self, share: f64) -> Self {
+        Self { k: &self.k * share, ..self.clone() }
     }
 
     /// Frequency responses of the closed loop at `omega`: from the unknown input to the true reading, and from sensor noise to it.
@@ -235,6 +265,25 @@ impl PredictorDesign {
         let response = |b: DVector<f64>| frequency_response(&SampledModel { a: closed.clone(), b, c: c.clone() }, omega_rad_s);
         (response(from_input), response(from_noise))
     }
+}
+
+/// Iterations for eigenvalues; a loop of 60 states takes some hundred.
+const MOST_ITERATIONS: usize = 10_000;
+
+/// Growth of a system per step by Gelfand's formula, `|M^n|^(1/n)` with `n = 2^40`: the spectral radius without eigenvalues.
+fn growth(mut matrix: DMatrix<f64>) -> f64 {
+    let (mut logarithm, mut weight) = (0.0, 1.0);
+    for _ in 0..40 {
+        let norm = matrix.norm();
+        if norm == 0.0 || !norm.is_finite() {
+            return norm;
+        }
+        logarithm += weight * norm.ln();
+        matrix /= norm;
+        matrix = &matrix * &matrix;
+        weight *= 0.5;
+    }
+    logarithm.exp()
 }
 
 /// Eigenvalues without those of states that are not used (exactly zero rows).

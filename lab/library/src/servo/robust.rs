@@ -7,16 +7,19 @@
 //!    modes moved by three standard deviations (never less than [`LEAST_FREQUENCY_SPREAD`] and [`LEAST_DAMPING_SPREAD`], since a stated
 //!    deviation can be too small where a model lacks something);
 //! 2. keep its largest sensitivity;
-//! 3. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every frequency up to half the
+//! 3. stay stable on every member where the drive stands at a limit for part of a cycle ([`PredictorDesign::at_a_limit`]): what throws it to a
+//!    limit must not keep it there;
+//! 4. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every frequency up to half the
 //!    sampling rate (small gain, so whatever the phase and the number of modes), where `K S` is the answer of the drive to the reading and
 //!    `W` the largest missing response: the recording's level ([`Recording`]), at most the peak of an unknown mode
 //!    ([`UNKNOWN_MODE_PEAK`]), times the spread of the gain.
 //!
 //! Of those that do, the one with the least expected error is taken: noise passed on, and the error of the hysteresis model at the highest
-//! frequency of references and at a tenth of it. From there the tuning is refined between the points of the scan, with the fast noise of
-//! [`PredictorTuning::fast_noise_um`] as one number more. What the third condition costs is found by leaving it out, and told.
+//! frequency of references and at a tenth of it (times what a reference becomes at worst where the first mode is said to move: [`MovingMode`]). From there the tuning is refined between the points of the scan, with the fast noise of
+//! [`PredictorTuning::fast_noise_um`] as one number more. What the fourth condition costs is found by leaving it out, and told.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::moving_mode::MovingMode;
 use super::plant_set::Variation;
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, STATES, frequency_response};
 use super::recording::Recording;
@@ -26,7 +29,7 @@ use std::f64::consts::{PI, TAU};
 
 /// Peak of an unknown mode over the static displacement: 5 % of the motion at a damping ratio of 0.015 (2 % at 0.006).
 pub const UNKNOWN_MODE_PEAK: f64 = 0.05 / (2.0 * 0.015);
-/// Spread of the gain that the third condition carries along.
+/// Spread of the gain that the fourth condition carries along.
 pub const GAIN_SPREAD: f64 = 1.2;
 /// A frequency is never taken to be known better than this.
 pub const LEAST_FREQUENCY_SPREAD: f64 = 0.02;
@@ -39,8 +42,11 @@ const FIRST_STEP: f64 = 3.0;
 const LAST_STEP: f64 = 1.2;
 /// Steps at most.
 const MOST_STEPS: usize = 40;
-/// A step must bring the expected error below this share.
+/// A step must bring the cost below this share.
 const LEAST_GAIN: f64 = 0.995;
+
+/// Shares of what is commanded that act where the drive stands at a limit for part of a cycle.
+const LIMIT_SHARES: [f64; 5] = [0.6, 0.35, 0.2, 0.1, 0.05];
 
 /// Numbers of a tuning that are moved.
 const TUNED: usize = 5;
@@ -94,6 +100,9 @@ pub struct Task<'a> {
     pub delay_s: f64,
     /// The recording, if it is at hand.
     pub recording: Option<&'a Recording>,
+    /// Share of its frequency by which the first mode moves to either side; zero where nobody said that it does. Beside it the spread of
+    /// [`Task::first`] has to be as large.
+    pub mode_moves: f64,
     /// What is asked.
     pub demands: Demands,
 }
@@ -105,6 +114,8 @@ pub enum Broken {
     Member(&'static str),
     /// The peak of the sensitivity.
     Sensitivity,
+    /// On a member of the set it may go on swinging between the limits of the drive.
+    Limit(&'static str),
     /// A missing response that is not excluded, at this frequency.
     Unknown {
         /// Hz.
@@ -125,6 +136,8 @@ pub struct Candidate {
     pub slow_um: f64,
     /// Largest sensitivity.
     pub sensitivity_peak: f64,
+    /// The factor by which a reference is at most too large or too small where the first mode moves; one where it does not.
+    pub reference_deviation: f64,
     /// The first condition that it breaks; none for a good one. Conditions in the order of the module's text.
     pub broken: Option<Broken>,
     /// Largest `|K S| W` and where, Hz.
@@ -136,6 +149,12 @@ impl Candidate {
     #[must_use]
     pub fn expected_um(&self) -> f64 {
         self.noise_um.hypot(self.disturbance_um).hypot(self.slow_um)
+    }
+
+    /// What the choice goes by, the less the better: the expected error, and the reference's deviation where the mode moves.
+    #[must_use]
+    pub fn cost_um(&self) -> f64 {
+        self.expected_um() * self.reference_deviation
     }
 }
 
@@ -152,7 +171,7 @@ fn holds_if_recorded(candidate: &Candidate) -> bool {
 /// Outcome of a scan.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// All candidates, by expected error.
+    /// All candidates, by [`Candidate::cost_um`].
     pub candidates: Vec<Candidate>,
 }
 
@@ -228,6 +247,7 @@ struct Conditions {
     unknown: Vec<f64>,
     nominal: SampledModel,
     members: Vec<(&'static str, SampledModel)>,
+    moving: Option<MovingMode>,
     demands: Demands,
 }
 
@@ -277,6 +297,10 @@ impl Task<'_> {
             plant: grid_hz.iter().map(|hz| frequency_response(&nominal, TAU * hz)).collect(),
             unknown: grid_hz.iter().map(|hz| self.unknown_at(*hz)).collect(),
             grid_hz,
+            moving: (self.mode_moves > 0.0).then(|| {
+                let feedforward = PredictorDesign::new(&self.linear, &PredictorTuning::START);
+                MovingMode::new(&self.linear, &feedforward, self.mode_moves, self.delay_s)
+            }),
             nominal,
             members,
             demands: self.demands,
@@ -298,7 +322,7 @@ impl Task<'_> {
         for good in [holds, holds_if_recorded] {
             if let Some(best) = candidates.iter().find(|c| good(c)).cloned() {
                 candidates.extend(self.refined(best, good, &conditions));
-                candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
+                candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
             }
         }
         Scan { candidates }
@@ -330,7 +354,7 @@ impl Task<'_> {
             }
         }
         let mut candidates = parallel::map(&tunings, |tuning| judge(&self.linear, tuning, conditions));
-        candidates.sort_by(|x, y| x.expected_um().total_cmp(&y.expected_um()));
+        candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
         candidates
     }
 
@@ -351,9 +375,8 @@ impl Task<'_> {
                 }
             }
             let judged = parallel::map(&near, |tuning| judge(&self.linear, tuning, conditions));
-            let better: Vec<Candidate> =
-                judged.into_iter().filter(|c| good(c) && c.expected_um() < LEAST_GAIN * here.expected_um()).collect();
-            match better.iter().min_by(|x, y| x.expected_um().total_cmp(&y.expected_um())) {
+            let better: Vec<Candidate> = judged.into_iter().filter(|c| good(c) && c.cost_um() < LEAST_GAIN * here.cost_um()).collect();
+            match better.iter().min_by(|x, y| x.cost_um().total_cmp(&y.cost_um())) {
                 Some(best) => here = best.clone(),
                 None if factor < LAST_STEP => break,
                 None => factor = factor.sqrt(),
@@ -385,6 +408,7 @@ fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions
         disturbance_um: f64::INFINITY,
         slow_um: f64::INFINITY,
         sensitivity_peak: f64::INFINITY,
+        reference_deviation: 1.0,
         broken: None,
         unknown: (0.0, 0.0),
     };
@@ -429,8 +453,18 @@ fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions
     out.disturbance_um = let_through(conditions.demands.reference_hz);
     out.slow_um = let_through(0.1 * conditions.demands.reference_hz);
     out.sensitivity_peak = peak;
+    if let Some(moving) = &conditions.moving {
+        out.reference_deviation = moving.deviation(|hz| law.response(hz));
+    }
+    let swings = || {
+        let swings_on =
+            |plant: &SampledModel| LIMIT_SHARES.iter().any(|share| design.at_a_limit(*share).spectral_radius(plant, 1.0, 0) >= 1.0);
+        conditions.members.iter().find(|(_, plant)| swings_on(plant)).map(|(name, _)| *name)
+    };
     out.broken = if peak.is_nan() || peak > conditions.demands.sensitivity_peak {
         Some(Broken::Sensitivity)
+    } else if let Some(name) = swings() {
+        Some(Broken::Limit(name))
     } else if out.unknown.0.is_nan() || out.unknown.0 > 1.0 {
         Some(Broken::Unknown { hz: out.unknown.1 })
     } else {
@@ -478,8 +512,15 @@ mod tests {
     #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
     fn a_refined_tuning_is_better_than_every_point_of_the_scan_and_as_stable() {
         let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
-        let task =
-            Task { linear: linear(false), first: spread, second: Some(spread), delay_s: 0.0, recording: None, demands: Demands::default() };
+        let task = Task {
+            linear: linear(false),
+            first: spread,
+            second: Some(spread),
+            delay_s: 0.0,
+            recording: None,
+            mode_moves: 0.0,
+            demands: Demands::default(),
+        };
         let scan = task.scan();
         let best = scan.best().expect("some hold");
         let coarse = task.coarse_scan();

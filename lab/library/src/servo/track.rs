@@ -9,15 +9,34 @@ use super::design::ServoDesign;
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::QuantisationError;
 use crate::statistics::extremes;
+use hysteron_core::learned_feedforward::MOST_POINTS;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
-use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, condition, follow};
+use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, RepeatsLater, Surroundings, condition, follow};
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::waveform;
 use serde::Serialize;
 
 /// Two periods of a slower reference would take minutes to simulate, and more memory than there is.
 const LOWEST_FREQUENCY_HZ: f64 = 0.01;
+
+/// Time before the error counts, s: in it a reference grows.
+const LEAD_S: f64 = 0.5;
+/// Periods of a reference whose correction is learned that pass at its full amplitude before the error counts.
+const LEARNED_PERIODS: f64 = 10.0;
+
+/// Time before the error counts, s: longer where the correction of a reference of this frequency is learned.
+#[must_use]
+pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
+    let learns = design.learning.is_some() && period_ticks(frequency_hz).is_some_and(|ticks| ticks <= MOST_POINTS as u32);
+    if learns { LEAD_S.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz) } else { LEAD_S }
+}
+
+/// The servo of a design that is told, once its reference has grown, after how many ticks that repeats.
+#[must_use]
+pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>) -> RepeatsLater {
+    RepeatsLater { servo, period_ticks, wait_ticks: waveform::samples_in(1.0 / SAMPLING_PERIOD_S, waveform::GROWN_WITHIN_S) }
+}
 
 /// How a reference goes from its lowest to its highest point and back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -88,11 +107,11 @@ impl PeriodicReference {
         })
     }
 
-    /// Samples, grown from zero, for half a second and then two periods or a second; and the sample from which the error counts.
+    /// Samples, grown from zero, for `lead_s` and then two periods or a second; and the sample from which the error counts.
     #[must_use]
-    pub fn samples_um(&self) -> (Vec<f64>, usize) {
+    pub fn samples_um(&self, lead_s: f64) -> (Vec<f64>, usize) {
         let fs = 1.0 / SAMPLING_PERIOD_S;
-        let duration_s = 0.5 + (2.0 / self.frequency_hz).max(1.0);
+        let duration_s = lead_s + (2.0 / self.frequency_hz).max(1.0);
         let mut samples = match self.shape {
             Shape::Sine => {
                 waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, self.phase_deg.to_radians(), duration_s)
@@ -105,7 +124,7 @@ impl PeriodicReference {
                 .collect(),
         };
         waveform::grow_from_zero(&mut samples, fs);
-        (samples, waveform::samples_in(fs, 0.5))
+        (samples, waveform::samples_in(fs, lead_s))
     }
 
     /// Ticks after which it repeats; `None` where these are no whole number.
@@ -153,6 +172,8 @@ pub struct TrackResult {
     pub truth: Figures,
     /// Mean error of what the sensor reads, um.
     pub steady_state_um: f64,
+    /// RMS noise of the sensor, um.
+    pub noise_um: f64,
     /// Ticks in which the drive was at a limit while the error counts, and values that left their format.
     pub saturated_ticks: u32,
     /// Ticks that came too late: none in a simulation.
@@ -196,7 +217,8 @@ impl TrackResult {
 /// An error of this share of the reference, peak to peak, is no tracking.
 const LARGE_ERROR: f64 = 0.1;
 
-/// Follows a reference on a model. `noise_um` is the RMS noise of the sensor; the same seed gives the same noise.
+/// Follows a reference on a model; a correction is learned from the tick on at which the reference has its full amplitude. `noise_um` is the RMS
+/// noise of the sensor; the same seed gives the same noise.
 ///
 /// # Errors
 /// If the design does not fit the tick's formats.
@@ -224,9 +246,9 @@ pub fn track(
         displacement_zero_um: plant.displacement_um(),
     };
     servo.take_scale(&around.scale);
-    servo.repeat(reference.period_ticks());
-    let (reference_um, from) = reference.samples_um();
-    let trace = follow(&mut plant, &mut servo, &around, &reference_um);
+    let (reference_um, from) = reference.samples_um(lead_s(design, reference.frequency_hz));
+    let mut told = told_when_grown(servo, reference.period_ticks());
+    let trace = follow(&mut plant, &mut told, &around, &reference_um);
     let samples = trace.sensor_um.len();
     let mean = |signal: Vec<f64>| signal.iter().sum::<f64>() / signal.len().max(1) as f64;
     Ok(TrackResult {
@@ -235,6 +257,7 @@ pub fn track(
         reference: reference_name.into(),
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
+        noise_um,
         steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),
         saturated_ticks: trace.limited_after(from).saturating_add(trace.counters.saturated_values),
         overruns: 0,
@@ -253,7 +276,7 @@ mod tests {
     fn a_triangle_goes_in_straight_lines_between_its_ends_and_repeats() {
         let triangle = PeriodicReference::parse("triangle:100:3:5").unwrap();
         assert_eq!(triangle.period_ticks(), Some(200));
-        let (samples, from) = triangle.samples_um();
+        let (samples, from) = triangle.samples_um(LEAD_S);
         for (k, expected) in [(0, 2.0), (50, 5.0), (100, 8.0), (125, 6.5), (199, 2.06), (200, 2.0)] {
             assert!((samples[from + k] - expected).abs() < 1e-9, "{k}: {}", samples[from + k]);
         }

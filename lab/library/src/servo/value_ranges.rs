@@ -52,6 +52,7 @@ impl ServoDesign {
         if let Scheme::Predictor { tuning, .. } = &self.scheme {
             values.extend(of_tuning(tuning));
         }
+        values.extend(self.sensor_noise_um.map(|noise_um| ("sensor_noise_um of the servo", noise_um, ABOVE_ZERO..=FARTHEST_UM)));
         let outside = values.into_iter().find(|(_, value, range)| !range.contains(value));
         outside.map(|(name, value, range)| format!("{name} = {value}; expected {:e} to {:e}", range.start(), range.end()))
     }

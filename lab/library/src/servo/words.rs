@@ -1,6 +1,6 @@
 //! Findings of a servo in sentences, the same on screens, in pages and in the lab.
 
-use super::loop_margins::LoopMargins;
+use super::loop_margins::{LoopMargins, NO_DIFFERENCE};
 
 /// Margins, one sentence a line.
 #[must_use]
@@ -19,10 +19,11 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
     ];
     if m.spectral_radius[1] < 1.0 {
         lines.push(format!(
-            "gain margin {}, phase margin {}, bandwidth {}, peak sensitivity {:.2} at {:.0} Hz, {:.2} of the sensor's noise becomes motion",
+            "gain margin {}, phase margin {}, bandwidth {}, references to {}, peak sensitivity {:.2} at {:.0} Hz, {:.2} of the sensor's noise becomes motion",
             value(m.gain_margin, 1.0, 2, ""),
             value(m.phase_margin_deg, 1.0, 0, " degrees"),
             value(m.bandwidth_hz, 1.0, 0, " Hz"),
+            value(m.reference_bandwidth_hz, 1.0, 0, " Hz"),
             m.sensitivity_peak,
             m.sensitivity_peak_hz,
             m.noise_transmission
@@ -39,6 +40,27 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
             value(first.mass_up, 1.0, 3, ""),
             value(first.delay_s, 1e6, 1, " us")
         ));
+        let swinging = &m.first_swinging;
+        let sooner = |limited: Option<f64>, free: Option<f64>| match (limited, free) {
+            (Some(limited), Some(free)) => (limited / free).ln().abs() > NO_DIFFERENCE,
+            // A free drive is tried with longer delays.
+            (limited, free) => limited.is_some() && free.is_none(),
+        };
+        let pairs = [
+            (swinging.gain_down, first.gain_down, "gain", 3, 1.0, ""),
+            (swinging.gain_up, first.gain_up, "gain", 3, 1.0, ""),
+            (swinging.mass_down, first.mass_down, "mass", 3, 1.0, ""),
+            (swinging.mass_up, first.mass_up, "mass", 3, 1.0, ""),
+            (swinging.delay_s, first.delay_s, "delay", 1, 1e6, " us"),
+        ];
+        let differing: Vec<String> = pairs
+            .into_iter()
+            .filter(|(limited, free, ..)| sooner(*limited, *free))
+            .map(|(limited, _, name, digits, scale, unit)| format!("{name} {}", value(limited, scale, digits, unit)))
+            .collect();
+        if !differing.is_empty() {
+            lines.push(format!("once the drive was at a limit it may go on swinging between its limits from: {}", differing.join(", ")));
+        }
     }
     lines
 }
