@@ -483,3 +483,19 @@ pub fn tune(linear: &LinearModel, demands: &Demands) -> Vec<Assessment> {
     out.sort_by(|x, y| y.accepted.cmp(&x.accepted).then(x.expected_um().total_cmp(&y.expected_um())));
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Closed forms: a Jordan block, where eigenvalues need not be found, and a turn with a radius of its own.
+    #[test]
+    fn growth_is_the_largest_eigenvalue_without_eigenvalues() {
+        let defective = DMatrix::from_fn(4, 4, |i, j| f64::from(u8::from(j == i + 1)) + if i == j { 0.99 } else { 0.0 });
+        assert!((growth(defective) - 0.99).abs() < 1e-8);
+        let (sin, cos) = 0.7f64.sin_cos();
+        let turning = DMatrix::from_row_slice(3, 3, &[1.01 * cos, -1.01 * sin, 5.0, 1.01 * sin, 1.01 * cos, 0.0, 0.0, 0.0, 0.5]);
+        assert!((growth(turning) - 1.01).abs() < 1e-8);
+        assert!(growth(DMatrix::zeros(2, 2)) < 1e-300);
+    }
+}
