@@ -125,7 +125,7 @@ fn limits_and_data_sheets_that_cannot_be() {
         says(&["identify", ".", "--effects", "gain"], folder.path(), expected);
     }
     // A message is as long as a screen, whatever the file holds.
-    std::fs::write(folder.path().join("long.csv"), format!("t,u,y\n0,1,{}\n", "x".repeat(100_000))).unwrap();
+    std::fs::write(folder.path().join("long.csv"), format!("{}0.400,1,{}\n", good_rows(400), "x".repeat(100_000))).unwrap();
     let said = hysteron(&["explain", "long.csv"], folder.path()).stderr;
     assert!(said.len() < 4000 && String::from_utf8_lossy(&said).contains("characters in all"), "{} bytes", said.len());
 }
