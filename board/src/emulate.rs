@@ -1,20 +1,15 @@
 //! `emulate`: the emulated board with its serial port on a socket, and what stands behind its converters.
 
-use std::io::{BufWriter, Write};
-use std::net::{SocketAddr, TcpListener};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use hysteron::model_file;
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::servo::chain_plant::ChainPlant;
+use hysteron_board::running_board::{serve_board, witness};
 use hysteron_core::parameter_block::read;
-use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::converters::{Witness, World};
-use hysteron_emulator::live_run::run_live;
-use hysteron_emulator::serial_line::SharedLine;
+use hysteron_emulator::converters::World;
 use hysteron_sim::bench::{Bench, Variant};
-
-use crate::serial_socket;
 
 /// Ticks per second that the image is made for.
 const SAMPLE_RATE_HZ: u32 = 20_000;
@@ -24,8 +19,6 @@ const BENCH_BLOCK: &[u8] = include_bytes!("../../emulator/tests/p753.block");
 const SEED: u64 = 1;
 /// Noise of the sensor in front of a stage from a file, um RMS.
 const STAGE_NOISE_UM: f64 = 0.002;
-/// Lines of the true motion that are written at once.
-const LINES_AT_ONCE: u32 = 1000;
 
 /// What `emulate` is told.
 #[derive(Debug, PartialEq)]
@@ -145,50 +138,12 @@ fn world(options: &Options) -> Result<World, String> {
     Ok(World::with(Box::new(ChainPlant::at_rest(&chain, chain.drive_min_v)), scale, options.noise_um, SEED))
 }
 
-/// Writes the true motion as lines of text.
-fn witness(path: &Path) -> Result<Witness, String> {
-    let file = std::fs::File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    let mut file = BufWriter::new(file);
-    let named = path.display().to_string();
-    writeln!(file, "sensor_code,drive_code,position_um").map_err(|error| format!("{named}: {error}"))?;
-    let (mut lines, mut failed) = (0, false);
-    Ok(Box::new(move |sensor, drive, position_um| {
-        lines += 1;
-        let mut written = writeln!(file, "{sensor},{drive},{position_um:.7}");
-        if lines % LINES_AT_ONCE == 0 {
-            // The process ends by being interrupted; whole bunches are there then.
-            written = written.and_then(|()| file.flush());
-        }
-        if let (Err(error), false) = (written, failed) {
-            failed = true;
-            eprintln!("hysteron board: {named}: {error}; the true motion is not written any more");
-        }
-    }))
-}
-
 /// Runs the board until the process is interrupted.
 pub fn run(options: Options) -> Result<(), String> {
     let (image, block) = (image(&options)?, block(&options)?);
     let mut world = world(&options)?;
-    world.keeps_codes = false;
     world.witness = options.truth.as_deref().map(witness).transpose()?;
-    let listener = TcpListener::bind(options.address).map_err(|error| format!("{}: {error}", options.address))?;
-    let address = listener.local_addr().map_err(|error| error.to_string())?;
-    println!("the serial port is {address}");
-    let _ = std::io::stdout().flush();
-
-    let line = SharedLine::default();
-    serial_socket::serve(listener, &line);
-    let world = world.shared();
-    let board = NucleoBoard::with_plant(&world).map_err(|error| error.to_string())?;
-    run_live(&image, board, block.as_deref(), &line, |level, text| {
-        // The running trace is for programs that decode it.
-        if !text.starts_with("trace [") {
-            println!("{level:>5} {text}");
-            let _ = std::io::stdout().flush();
-        }
-    })
-    .map_err(|error| format!("{error:#}"))
+    serve_board(world, &image, block.as_deref(), options.address)
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! The program `hysteron-board`: `hysteron board ...` runs it. See `hysteron-board --help`.
 
 mod emulate;
-mod serial_socket;
 
 use std::process::ExitCode;
 

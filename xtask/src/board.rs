@@ -10,6 +10,19 @@ pub fn program() -> PathBuf {
     built("hysteron-board")
 }
 
+/// The board in front of an independent stage (`board/examples/independent_stage.rs`), built.
+pub fn independent_stage() -> Result<PathBuf, String> {
+    let folder = root().join("emulator");
+    let arguments =
+        ["build", "--quiet", "--release", "--ignore-rust-version", "--package", "hysteron-board", "--example", "independent_stage"];
+    cargo(&arguments, &folder, &EMULATOR_VARIABLES)?;
+    Ok(target_of_emulator().join("release/examples/independent_stage"))
+}
+
+fn target_of_emulator() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("emulator/target"), Into::into)
+}
+
 /// Builds it and puts it there.
 pub fn build() -> Result<(), String> {
     let image = toolchain::image();
@@ -19,7 +32,7 @@ pub fn build() -> Result<(), String> {
     let folder = root().join("emulator");
     let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--package", "hysteron-board"];
     cargo(&arguments, &folder, &EMULATOR_VARIABLES)?;
-    let made = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| folder.join("target"), Into::into).join("release/hysteron-board");
+    let made = target_of_emulator().join("release/hysteron-board");
     for (from, to) in [(made, program()), (image, built("hysteron-firmware.elf"))] {
         if from != to {
             if let Some(parent) = to.parent() {

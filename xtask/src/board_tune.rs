@@ -3,32 +3,81 @@
 //! The emulated board writes what the stage really does, with the codes of its converters. The sensor's codes that `tune` recorded on its reference
 //! are found there, and the true error is what counts.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use crate::emulated_board::EmulatedBoard;
+use crate::board;
+use crate::emulated_board::{EmulatedBoard, words_of_board};
 use crate::steps::{build_as_tested, built, command, root};
+use crate::toolchain;
 
 /// The true error that is accepted, over the noise of the sensor.
 const ACCEPTED: f64 = 1.3;
 /// Position at the sensor's code 0 of the wiring that the emulated board has, um.
 const SENSOR_AT_CODE_0_UM: f64 = -1.0;
 
-/// Tunes and judges.
+/// Seed of the independent stage that the check tunes.
+const CHECKED_SEED: u64 = 5;
+
+/// In front of the stage of `board/tests/stage.toml`, whose equations are those of the simulation.
 pub fn run() -> Result<(), String> {
-    let folder = root().join("target/board_tune");
+    build_as_tested()?;
+    let folder = emptied("board_tune")?;
+    let truth = folder.join("truth.csv");
+    let stage = root().join("board/tests/stage.toml");
+    let board = EmulatedBoard::start(
+        &board::program(),
+        &words_of_board(&["--stage", &stage.to_string_lossy(), "--truth", &truth.to_string_lossy()]),
+    )?;
+    tune(&board, &folder, &[])?;
+    drop(board);
+    judge(&truth, &folder.join("tuned"))
+}
+
+/// In front of one independent stage.
+pub fn run_independent() -> Result<(), String> {
+    build_as_tested()?;
+    independent(CHECKED_SEED)
+}
+
+/// In front of the independent stages of these seeds, every one of which is tuned before it is said which failed.
+pub fn run_seeds(seeds: &[&str]) -> Result<(), String> {
+    let seeds: Result<Vec<u64>, String> =
+        seeds.iter().map(|seed| seed.parse().map_err(|_| format!("{seed}: expected the seed of a stage, a whole number"))).collect();
+    let seeds = seeds?;
+    build_as_tested()?;
+    let failed: Vec<String> =
+        seeds.into_iter().filter_map(|seed| independent(seed).err().map(|problem| format!("stage {seed}: {problem}"))).collect();
+    if failed.is_empty() { Ok(()) } else { Err(failed.join("\n")) }
+}
+
+/// In front of a stage of other equations than the simulation's (`tests/src/independent_stage.rs`).
+fn independent(seed: u64) -> Result<(), String> {
+    println!("\n   independent stage {seed}");
+    let program = board::independent_stage()?;
+    let folder = emptied(&format!("board_tune_{seed}"))?;
+    let (truth, wiring) = (folder.join("truth.csv"), root().join("board/tests/wide_front_end.toml"));
+    let (image, wiring) = (toolchain::image(), wiring.to_string_lossy().into_owned());
+    let board = EmulatedBoard::start(&program, &[&seed.to_string(), &image.to_string_lossy(), &wiring, &truth.to_string_lossy()])?;
+    tune(&board, &folder, &["--front-end", &wiring])?;
+    drop(board);
+    judge(&truth, &folder.join("tuned"))
+}
+
+/// A folder under `target/` for what a run writes.
+fn emptied(name: &str) -> Result<PathBuf, String> {
+    let folder = root().join("target").join(name);
     if folder.exists() {
         std::fs::remove_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     }
     std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    build_as_tested()?;
-    let (truth, out) = (folder.join("truth.csv"), folder.join("tuned"));
-    let stage = root().join("board/tests/stage.toml");
-    let board = EmulatedBoard::start(&["--stage", &stage.to_string_lossy(), "--truth", &truth.to_string_lossy()])?;
-    let address = format!("127.0.0.1:{}", board.port);
-    let words = ["board", "tune", &out.to_string_lossy(), "--tcp", &address, "--baud", "921600", "--drive-max-v", "80"];
-    command(built("hysteron"), &words, &root(), &[])?;
-    drop(board);
-    judge(&truth, &out)
+    Ok(folder)
+}
+
+fn tune(board: &EmulatedBoard, folder: &Path, further: &[&str]) -> Result<(), String> {
+    let (out, address) = (folder.join("tuned"), format!("127.0.0.1:{}", board.port));
+    let out = out.to_string_lossy();
+    let words = ["board", "tune", &out, "--tcp", &address, "--baud", "921600", "--drive-max-v", "80"];
+    command(built("hysteron"), &[&words, further].concat(), &root(), &[])
 }
 
 /// Columns of a file of numbers under one line of names.

@@ -1,15 +1,19 @@
 //! The emulated board as a process beside a step, with its serial port on a free port of 127.0.0.1.
 
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
-
-use crate::board;
 
 /// A process that ends with the step.
 pub struct EmulatedBoard {
     child: Child,
     /// Port on 127.0.0.1.
     pub port: String,
+}
+
+/// The words for `hysteron-board` that emulates at a free port, with these further ones.
+pub fn words_of_board<'a>(further: &[&'a str]) -> Vec<&'a str> {
+    [&["emulate", "--tcp", "127.0.0.1:0"], further].concat()
 }
 
 impl Drop for EmulatedBoard {
@@ -20,14 +24,10 @@ impl Drop for EmulatedBoard {
 }
 
 impl EmulatedBoard {
-    /// Starts `hysteron-board emulate` with these further words.
-    pub fn start(words: &[&str]) -> Result<Self, String> {
-        let mut child = Command::new(board::program())
-            .args(["emulate", "--tcp", "127.0.0.1:0"])
-            .args(words)
-            .stdout(Stdio::piped())
-            .spawn()
-            .map_err(|error| format!("{}: {error}", board::program().display()))?;
+    /// Starts a program that says first where its serial port is.
+    pub fn start(program: &Path, words: &[&str]) -> Result<Self, String> {
+        let mut child =
+            Command::new(program).args(words).stdout(Stdio::piped()).spawn().map_err(|error| format!("{}: {error}", program.display()))?;
         let output = child.stdout.take();
         let mut this = Self { child, port: String::new() };
         let mut lines = BufReader::new(output.ok_or("the board has no output")?).lines();

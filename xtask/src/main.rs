@@ -30,6 +30,7 @@ cargo xtask lab        builds the lab page, target/lab.html
 cargo xtask firmware   builds the firmware's images and checks the binaries
 cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (after `firmware`)
 cargo xtask operate    what an operator does with the emulated board: PIPython, `hysteron board tune` (after `board`)
+cargo xtask tune SEED.. `hysteron board tune` in front of these independent stages (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
@@ -43,6 +44,12 @@ fn main() -> ExitCode {
     }
     if wanted == ["lab"] {
         return ended(lab_page::build());
+    }
+    if let [first, seeds @ ..] = wanted.as_slice()
+        && first == "tune"
+        && !seeds.is_empty()
+    {
+        return ended(board_tune::run_seeds(&seeds.iter().map(String::as_str).collect::<Vec<_>>()));
     }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         ["check"] => steps::all(),

@@ -1,6 +1,7 @@
 //! A stranger's program in front of the emulated board: PIPython as PyPI has it, in a virtual environment of its own.
 
-use crate::emulated_board::EmulatedBoard;
+use crate::board;
+use crate::emulated_board::{EmulatedBoard, words_of_board};
 use crate::steps::{command, root};
 use crate::virtual_environment;
 
@@ -10,7 +11,7 @@ const PIPYTHON: &str = "pipython==2.11.0.6";
 /// Runs the conversation of `board/tests/pipython_client.py`.
 pub fn run() -> Result<(), String> {
     let python = virtual_environment::kept("pipython", &[PIPYTHON])?;
-    let board = EmulatedBoard::start(&[])?;
+    let board = EmulatedBoard::start(&board::program(), &words_of_board(&[]))?;
     let script = root().join("board/tests/pipython_client.py");
     command(&python, &[&script.to_string_lossy(), &board.port], &root(), &[])
 }

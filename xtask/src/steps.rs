@@ -70,6 +70,7 @@ pub fn operator() -> Vec<Step> {
     vec![
         Step { name: "PIPython in front of the emulated board", action: pipython::run },
         Step { name: "from an empty board to a servo: `board tune`", action: board_tune::run },
+        Step { name: "the same with a stage of other equations", action: board_tune::run_independent },
     ]
 }
 
