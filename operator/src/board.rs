@@ -3,6 +3,8 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use hysteron_core::command_lines::STOP_BYTE;
+
 use crate::error::{Error, Result, meaning};
 use crate::port::{Address, Port, USUAL_BAUD};
 
@@ -15,14 +17,28 @@ const GREETINGS: usize = 30;
 /// Bytes of lines that are sent before the board is asked whether it took them: its store holds 2048.
 const MOST_BYTES_AT_ONCE: usize = 1500;
 /// Time between two questions whether something has ended.
-const BETWEEN_QUESTIONS: Duration = Duration::from_millis(20);
+pub(crate) const BETWEEN_QUESTIONS: Duration = Duration::from_millis(20);
 
 /// A board that answers.
 pub struct Board {
     port: Port,
     incoming: VecDeque<u8>,
+    patience: Duration,
     /// What `*IDN?` answered.
     pub identification: String,
+}
+
+/// The one command that need not wait for its turn: the board obeys its byte wherever it stands between others.
+pub struct Stopper(Port);
+
+impl Stopper {
+    /// Brings the drive to rest, servo off.
+    ///
+    /// # Errors
+    /// The connection has ended.
+    pub fn stop(&mut self) -> Result<()> {
+        self.0.send(&[STOP_BYTE])
+    }
 }
 
 impl Board {
@@ -31,7 +47,7 @@ impl Board {
     /// # Errors
     /// The port cannot be opened, nobody answers, or somebody else does.
     pub fn connect(address: &Address, baud: Option<u32>) -> Result<Self> {
-        let mut this = Self { port: Port::open(address)?, incoming: VecDeque::new(), identification: String::new() };
+        let mut this = Self { port: Port::open(address)?, incoming: VecDeque::new(), patience: PATIENCE, identification: String::new() };
         // A program that ended in the middle may have left the board at another speed.
         let speeds = [USUAL_BAUD, baud.unwrap_or(USUAL_BAUD)];
         let greeted = speeds.into_iter().any(|speed| this.port.set_baud(speed).is_ok() && this.greet(3).is_ok());
@@ -45,6 +61,19 @@ impl Board {
             this.change_baud(baud)?;
         }
         Ok(this)
+    }
+
+    /// From now on the board is given up when it has sent nothing for so long while an answer is due.
+    pub fn set_patience(&mut self, patience: Duration) {
+        self.patience = patience;
+    }
+
+    /// A stop that can be sent whatever the conversation is at.
+    ///
+    /// # Errors
+    /// The system gives no second handle of the port.
+    pub fn stopper(&self) -> Result<Stopper> {
+        self.port.second().map(Stopper)
     }
 
     /// Forgets what came before and asks who is there.
@@ -143,7 +172,7 @@ impl Board {
     /// The board does not answer.
     pub fn ask(&mut self, question: &str) -> Result<String> {
         self.port.send(format!("{question}\n").as_bytes())?;
-        self.answer_within(PATIENCE).map_err(|problem| Error::new(question, problem.message()))
+        self.answer_within(self.patience).map_err(|problem| Error::new(question, problem.message()))
     }
 
     /// The values behind `=` in the lines of an answer, or the lines themselves where there is none.
@@ -194,7 +223,7 @@ impl Board {
             let first = now.first().map_or("", AsRef::as_ref);
             text.push_str("ERR?\n");
             self.port.send(text.as_bytes())?;
-            let answer = self.answer_within(PATIENCE).map_err(|problem| Error::new(first, problem.message()))?;
+            let answer = self.answer_within(self.patience).map_err(|problem| Error::new(first, problem.message()))?;
             let code: u32 = answer.trim().parse().map_err(|_| Error::new(first, format!("the board answers `{}`", answer.trim())))?;
             if code != 0 {
                 let place = if now.len() == 1 { first.to_string() } else { format!("{first} .. ({} commands)", now.len()) };

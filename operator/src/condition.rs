@@ -11,6 +11,37 @@ pub fn fault_name(number: f64) -> &'static str {
     Fault::from_number(number as u8).map_or("none", Fault::name)
 }
 
+/// What an operator does about a fault, by its name.
+#[must_use]
+pub fn what_to_do(fault: &str) -> &'static str {
+    let found = Fault::ALL.iter().find(|(_, name)| *name == fault).map(|(fault, _)| *fault);
+    match found {
+        Some(Fault::SensorSilent) => "The sensor's converter does not answer: look at its supply and cable, then clear (INI).",
+        Some(Fault::SensorOutOfRange) => "The sensor is at its end or its cable is open: look at both, then clear (INI).",
+        Some(Fault::SensorStuck) => "The sensor gives the same value again and again: look at its supply and cable, then clear (INI).",
+        Some(Fault::SensorJump) => "The sensor jumped further than the stage can: look for a loose contact, then clear (INI).",
+        Some(Fault::TrackingError) => {
+            "The stage did not follow its reference: is it blocked, its amplifier off, the reference too fast? Then clear (INI)."
+        }
+        Some(Fault::DriveSlew) => {
+            "The servo asked for faster drives than the amplifier gives: a slower reference, or a new design; then clear (INI)."
+        }
+        Some(Fault::Overrun) => "A control tick came late, which must not be: clear (INI), and report it if it comes again.",
+        Some(Fault::ParameterBlock) => {
+            "No valid parameter block is in the flash: `hysteron board upload` or `hysteron board tune` brings one."
+        }
+        Some(Fault::Watchdog) => "The program had stopped and was restarted: clear (INI), and report it if it comes again.",
+        Some(Fault::BrownOut) => "The supply had failed: look at it, then clear (INI).",
+        Some(Fault::HardFault) => "The processor had stopped on an error and was restarted: clear (INI), and report it.",
+        Some(Fault::ClockLost) => "The board's crystal had stopped: clear (INI); if it comes again the board needs repair.",
+        Some(Fault::EmergencyStop) => "The emergency stop is open: close it, then clear (INI).",
+        Some(Fault::Interlock) => "The interlock is open: close it, then clear (INI).",
+        Some(Fault::AmplifierNotReady) => "The amplifier says that it is not ready: look at it, then clear (INI).",
+
+        None => "firmware/README.md, Faults, says what sees it and how it comes back.",
+    }
+}
+
 /// What the board says of itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
@@ -45,7 +76,7 @@ impl Condition {
         let stage = board.ask("CST? 1")?;
         Ok(Self {
             stage: stage.trim().trim_start_matches("1=").to_string(),
-            mode: ["rest", "open loop", "closed loop"].get(mode as usize).copied().unwrap_or("fault"),
+            mode: crate::watching::mode_name(mode),
             fault: Fault::from_number(fault as u8).map(Fault::name),
             position_um: board.number("POS? 1")?,
             drive_v: board.number("VOL? 1")?,

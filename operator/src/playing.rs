@@ -10,7 +10,7 @@ use base64::engine::general_purpose::STANDARD;
 use hysteron_command_set::code_lines::SAMPLES_IN_LINE;
 use hysteron_core::checksum::crc32;
 
-use crate::board::Board;
+use crate::board::{BETWEEN_QUESTIONS, Board};
 use crate::error::{Error, Result};
 use crate::scale::Scale;
 
@@ -24,6 +24,9 @@ const POINTS_IN_LINE: usize = 32;
 const LINES_AT_ONCE: usize = 20;
 /// Times that a garbled line is asked for.
 const MOST_REPEATS: usize = 5;
+
+/// What has its turn between the questions of a reading.
+pub type Between<'a> = &'a mut dyn FnMut(&mut Board) -> Result<()>;
 
 /// A wave: V with the servo off, um with the servo on.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +74,7 @@ pub fn play(board: &mut Board, scale: &Scale, wave: &Wave) -> Result<Recorded> {
     ])?;
     board.wait("WGO? 1", |answer| Ok(answer == "1=0"))?;
     fault_of(board)?;
-    let recorded = read(board, scale, ticks, samples)?;
+    let recorded = read(board, scale, ticks, samples, &mut |_| Ok(()))?;
     // With the servo on the points are positions.
     let open = recorded.drive_v.len() == samples && board.number("SVO? 1")? == 0.0;
     let step_v = scale.drive_span_v / 65_536.0;
@@ -91,11 +94,19 @@ pub fn play(board: &mut Board, scale: &Scale, wave: &Wave) -> Result<Recorded> {
 /// # Errors
 /// More than there is room for; or the recorder was stopped.
 pub fn listen(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize) -> Result<Recorded> {
+    listen_with(board, scale, ticks_per_sample, samples, &mut |_| Ok(()))
+}
+
+/// As [`listen`]; `between` has its turn between the questions.
+///
+/// # Errors
+/// As [`listen`], or what `between` ends it with.
+pub fn listen_with(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize, between: Between) -> Result<Recorded> {
     if samples == 0 || samples > MOST_SAMPLES {
         return Err(Error::new("recording", format!("{samples} samples; expected 1 to {MOST_SAMPLES}")));
     }
     board.tell_all(&[format!("RTR {ticks_per_sample}"), "DRT 0 4 0".to_string(), "DRT 0 0 0".to_string()])?;
-    read(board, scale, ticks_per_sample, samples)
+    read(board, scale, ticks_per_sample, samples, between)
 }
 
 fn fault_of(board: &mut Board) -> Result<()> {
@@ -117,10 +128,12 @@ fn lines_of(points: &[f64]) -> Vec<String> {
 }
 
 /// Waits for the samples and reads them.
-fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize) -> Result<Recorded> {
-    board.wait("DRL? 1", |answer| {
-        Ok(answer.strip_prefix("1=").and_then(|count| count.parse().ok()).is_some_and(|count: usize| count >= samples))
-    })?;
+fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize, between: Between) -> Result<Recorded> {
+    // An answer that the line garbled is asked for again.
+    while board.ask("DRL? 1")?.trim().strip_prefix("1=").and_then(|count| count.parse().ok()).is_none_or(|count: usize| count < samples) {
+        between(board)?;
+        std::thread::sleep(BETWEEN_QUESTIONS);
+    }
     let mut codes = Vec::with_capacity(samples);
     let mut repeats = 0;
     while codes.len() < samples {
@@ -134,6 +147,7 @@ fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize)
             }
         }
         codes.extend(whole);
+        between(board)?;
     }
     codes.truncate(samples);
     let sensor_codes: Vec<u16> = codes.iter().map(|(adc, _)| *adc).collect();

@@ -83,6 +83,18 @@ impl Port {
         sent.map_err(|problem| Error::new("board", format!("the connection has ended: {problem}")))
     }
 
+    /// A second handle of the same port.
+    ///
+    /// # Errors
+    /// The system gives none.
+    pub fn second(&self) -> Result<Self> {
+        let failed = |problem: &dyn fmt::Display| Error::new("board", format!("no second handle of its port: {problem}"));
+        match self {
+            Self::Serial(port) => port.try_clone().map(Self::Serial).map_err(|problem| failed(&problem)),
+            Self::Tcp(stream) => stream.try_clone().map(Self::Tcp).map_err(|problem| failed(&problem)),
+        }
+    }
+
     /// What has come, within a tenth of a second; nothing where nothing has.
     ///
     /// # Errors

@@ -9,7 +9,7 @@
 //! * `servo`: design, margins and a reference followed, of the model at hand;
 //! * [`asker`]: who is told of every step and may take a question back; [`served`]: the data set that a program was started with;
 //! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports any;
-//! * `server` (elsewhere): the same questions over HTTP, for `hysteron lab`.
+//! * `server` (elsewhere): the same questions over HTTP, for `hysteron lab`; `local_server`: a page for this machine alone, whose it is.
 //!
 //! The page itself is written by hand in `web/`; `cargo xtask lab` packs it and this module into one file.
 
@@ -17,6 +17,8 @@ pub mod answers;
 pub mod asker;
 #[cfg(target_arch = "wasm32")]
 mod exports;
+#[cfg(not(target_family = "wasm"))]
+pub mod local_server;
 pub mod recording;
 pub mod served;
 #[cfg(not(target_family = "wasm"))]

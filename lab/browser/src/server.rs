@@ -1,19 +1,18 @@
 //! The native engine behind the lab page: the page itself and a session for every page that is open, on 127.0.0.1.
 //!
-//! A request is answered only if it comes from the page: it must name this server as its host (so that no other name can be made to point
-//! here), must not come from another origin, and must carry the token of the address. Every question has a thread; those of one page wait for
-//! each other. A search is watched and taken back by requests beside it.
+//! Every question has a thread; those of one page wait for each other. A search is watched and taken back by requests beside it.
 
 use crate::Session;
 use crate::answers::Answer;
 use crate::asker::Asker;
+use crate::local_server::{ANY_PORT, JSON, LocalServer, PAGE, Reply, TEXT, parameter};
 use crate::served::Served;
 use hysteron::{Error, Result};
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
-use tiny_http::{Header, Method, Request, Response};
+use tiny_http::{Method, Request};
 
 /// Pages whose data and models are kept; the one that was quiet for longest is forgotten first.
 const PAGES_MAX: usize = 4;
@@ -43,9 +42,7 @@ impl Asker for Desk {
 
 /// Serves the lab page until it is told to end.
 pub struct Server {
-    http: tiny_http::Server,
-    host: String,
-    token: String,
+    local: LocalServer,
     page: String,
     served: Option<Arc<dyn Served>>,
     desks: Mutex<Vec<(String, Arc<Desk>)>>,
@@ -58,15 +55,9 @@ impl Server {
     /// # Errors
     /// When there is no port, or the system has no random numbers for the token.
     pub fn bind(served: Option<Arc<dyn Served>>) -> Result<Self> {
-        let wrong = |what: String| Error::new("lab", what);
-        let http = tiny_http::Server::http("127.0.0.1:0").map_err(|e| wrong(format!("no port of 127.0.0.1 can be taken: {e}")))?;
-        let mut random = [0; 16];
-        getrandom::fill(&mut random).map_err(|e| wrong(format!("the system gives no random numbers for a token: {e}")))?;
         Ok(Self {
-            host: http.server_addr().to_string(),
-            http,
-            token: random.iter().map(|byte| format!("{byte:02x}")).collect(),
-            page: hysteron_page::served().map_err(wrong)?,
+            local: LocalServer::bind(ANY_PORT, "hysteron lab")?,
+            page: hysteron_page::served().map_err(|what| Error::new("lab", what))?,
             served,
             desks: Mutex::default(),
             ended: AtomicBool::new(false),
@@ -76,15 +67,15 @@ impl Server {
     /// The address of the page, with its token.
     #[must_use]
     pub fn address(&self) -> String {
-        format!("http://{}/?token={}", self.host, self.token)
+        self.local.address()
     }
 
     /// Answers requests until [`Self::end`].
     pub fn serve(self: &Arc<Self>) {
         while !self.ended.load(Ordering::SeqCst) {
-            if let Ok(request) = self.http.recv() {
+            if let Some(request) = self.local.receive() {
                 let server = Arc::clone(self);
-                std::thread::spawn(move || server.answer(request));
+                std::thread::spawn(move || server.local.answer(request, |request| server.route(request)));
             }
         }
     }
@@ -93,52 +84,15 @@ impl Server {
     pub fn end(&self) {
         self.ended.store(true, Ordering::SeqCst);
         locked(&self.desks).iter().for_each(|(_, desk)| desk.taken_back.store(true, Ordering::SeqCst));
-        self.http.unblock();
+        self.local.wake();
     }
 
-    fn answer(&self, mut request: Request) {
-        let (status, kind, bytes) = match self.refusal(&request) {
-            Some(why) => (403, "text/plain; charset=utf-8", format!("refused: {why}\n").into_bytes()),
-            None => self.route(&mut request),
-        };
-        let headers = [
-            ("Content-Type", kind),
-            ("Cache-Control", "no-store"),
-            ("Referrer-Policy", "no-referrer"),
-            ("X-Content-Type-Options", "nosniff"),
-            ("Content-Security-Policy", "frame-ancestors 'none'"),
-            ("Cross-Origin-Resource-Policy", "same-origin"),
-        ];
-        let headers = headers.iter().filter_map(|(name, value)| Header::from_bytes(name.as_bytes(), value.as_bytes()).ok());
-        let response = headers.fold(Response::from_data(bytes).with_status_code(status), Response::with_header);
-        // A page that was closed in the meantime needs no answer.
-        let _ = request.respond(response);
-    }
-
-    /// Why a request is not answered.
-    fn refusal(&self, request: &Request) -> Option<&'static str> {
-        let header = |name: &'static str| request.headers().iter().find(|h| h.field.equiv(name)).map(|h| h.value.as_str());
-        let from_elsewhere = |site: &str| !matches!(site, "same-origin" | "none");
-        if header("Host") != Some(self.host.as_str()) {
-            Some("it was meant for another host")
-        } else if header("Origin").is_some_and(|origin| origin.strip_prefix("http://") != Some(self.host.as_str())) {
-            Some("it comes from another origin")
-        } else if header("Sec-Fetch-Site").is_some_and(from_elsewhere) {
-            Some("it comes from another site; type the address that `hysteron lab` has written")
-        } else if parameter(request.url(), "token") != Some(self.token.as_str()) {
-            Some("the token is missing or wrong; use the address that `hysteron lab` has written")
-        } else {
-            None
-        }
-    }
-
-    fn route(&self, request: &mut Request) -> (u16, &'static str, Vec<u8>) {
-        const JSON: &str = "application/json";
+    fn route(&self, request: &mut Request) -> Reply {
         let url = request.url().to_owned();
         let path = url.split('?').next().unwrap_or_default();
         let page = parameter(&url, "page").unwrap_or_default();
         match (&request.method().clone(), path) {
-            (Method::Get, "/") => (200, "text/html; charset=utf-8", self.page.clone().into_bytes()),
+            (Method::Get, "/") => (200, PAGE, self.page.clone().into_bytes()),
             (Method::Get, "/example") => {
                 let files: serde_json::Map<String, serde_json::Value> =
                     hysteron_page::EXAMPLE.iter().map(|(name, text)| ((*name).into(), json!(text))).collect();
@@ -158,10 +112,10 @@ impl Server {
                 let mut question = Vec::new();
                 match request.as_reader().read_to_end(&mut question) {
                     Ok(_) => (200, "application/octet-stream", self.asked(page, &question)),
-                    Err(error) => (400, "text/plain; charset=utf-8", format!("the question broke off: {error}\n").into_bytes()),
+                    Err(error) => (400, TEXT, format!("the question broke off: {error}\n").into_bytes()),
                 }
             }
-            _ => (404, "text/plain; charset=utf-8", b"there is nothing here\n".to_vec()),
+            _ => (404, TEXT, b"there is nothing here\n".to_vec()),
         }
     }
 
@@ -198,9 +152,4 @@ impl Server {
         desks.push((page.to_owned(), Arc::clone(&desk)));
         desk
     }
-}
-
-/// The value of a parameter in an address; none of them needs to be unescaped.
-fn parameter<'a>(url: &'a str, name: &str) -> Option<&'a str> {
-    url.split_once('?')?.1.split('&').find_map(|pair| pair.strip_prefix(name)?.strip_prefix('='))
 }

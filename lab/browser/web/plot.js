@@ -64,6 +64,7 @@ class Plot {
     this.legend = this.box.children[1];
     this.canvas = this.box.children[2];
     this.canvas.setAttribute("aria-label", `${title}: ${yLabel} over ${xLabel}. Zoom with + and -, move with arrows, 0 for all.`);
+    this.canvas.style.height = `${height}px`;
     place.append(this.box);
     link.plots.add(this);
     this.listen();
@@ -201,7 +202,7 @@ class Plot {
       pen.fillText(readable(v), px, bottom + 14);
     }
     pen.textAlign = "right";
-    for (const v of this.logY ? decades(...this.y) : ticks(...this.y, 4)) {
+    for (const v of this.logY ? decades(...this.y) : ticks(...this.y, 5)) {
       const py = this.pixelY(v);
       pen.beginPath();
       pen.moveTo(left, py);

@@ -1,10 +1,11 @@
 //! `board`: what an operator does with the amplifier's board.
 //!
-//! Commands that speak with a board's serial port are here, each in a file of its own, on `hysteron_operator`. Everything else goes to the program
-//! `hysteron-board` beside this one, which needs another compiler and is built apart.
+//! Commands that speak with a board's serial port are here, each in a file of its own, on `hysteron_operator`. What goes over the debug probe is done by
+//! the program `hysteron-probe`, which needs USB, everything else by `hysteron-board`, which needs another compiler; both are built apart.
 
 mod attach;
 mod record;
+mod scope;
 mod status;
 mod tune;
 mod upload;
@@ -12,10 +13,12 @@ mod upload;
 use clap::{Args, Parser, Subcommand};
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::{Error, Result};
+use hysteron_browser::local_server::ANY_PORT;
 use hysteron_operator::board::Board;
 use hysteron_operator::port::Address;
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
 use crate::desk::Desk;
@@ -28,7 +31,7 @@ const CABLE_BAUD: u32 = 921_600;
 #[command(
     name = "hysteron board",
     max_term_width = 100,
-    after_help = "Without a board: `hysteron board emulate` runs the image on an emulated one; `hysteron board emulate --help` says more.\n\nExample:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80"
+    after_help = "Without a board: `hysteron board emulate` runs the image on an emulated one; `hysteron board emulate --help` says more.\nOver the debug probe: `hysteron board flash IMAGE` writes the image, `hysteron board attach --probe IMAGE` shows its log.\n\nExample:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80"
 )]
 struct BoardArguments {
     #[command(subcommand)]
@@ -67,6 +70,21 @@ enum BoardCommand {
         /// Replace files that exist
         #[arg(long)]
         force: bool,
+    },
+    /// Show position, reference, drive, error and spectrum on a page of this machine; it commands nothing but STOP
+    #[command(
+        after_help = "Without a board:\n  hysteron board emulate --tcp 127.0.0.1:50000\n  hysteron board scope --tcp 127.0.0.1:50000 --baud 921600"
+    )]
+    Scope {
+        /// Where the page is served: an address of this machine alone
+        #[arg(long, value_name = "ADDRESS:PORT", default_value_t = ANY_PORT)]
+        listen: SocketAddr,
+        /// Do not open a browser
+        #[arg(long)]
+        no_open: bool,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
     },
     /// Bring a parameter block and restart with it
     Upload {
@@ -120,13 +138,17 @@ impl LineArguments {
         self.baud.or(self.port.is_some().then_some(CABLE_BAUD))
     }
 
+    /// Where the board is.
+    fn address(&self) -> Result<Address> {
+        match (&self.port, &self.tcp) {
+            (Some(name), _) => Ok(Address::Serial(name.clone())),
+            (None, Some(name)) => Ok(Address::Tcp(name.clone())),
+            (None, None) => Err(Error::new("--port, --tcp", "one of them is needed: where the board is")),
+        }
+    }
+
     fn connect(&self) -> Result<Board> {
-        let address = match (&self.port, &self.tcp) {
-            (Some(name), _) => Address::Serial(name.clone()),
-            (None, Some(name)) => Address::Tcp(name.clone()),
-            (None, None) => return Err(Error::new("--port, --tcp", "one of them is needed: where the board is")),
-        };
-        Board::connect(&address, self.baud()).map_err(of_board)
+        Board::connect(&self.address()?, self.baud()).map_err(of_board)
     }
 }
 
@@ -170,13 +192,16 @@ fn of_board(problem: hysteron_operator::Error) -> Error {
 }
 
 /// Commands that this program has itself.
-const OWN: [&str; 6] = ["tune", "record", "upload", "status", "send", "attach"];
+const OWN: [&str; 7] = ["tune", "record", "scope", "upload", "status", "send", "attach"];
 
 /// Runs it.
 pub fn run(words: &[OsString]) -> ExitCode {
     let first = words.first().and_then(|word| word.to_str()).unwrap_or("--help");
+    if is_for_probe(words) {
+        return pass_on("hysteron-probe", words, "in the project's folder `cargo install --path probe --locked` installs it");
+    }
     if !OWN.contains(&first) && !["--help", "-h", "help"].contains(&first) {
-        return pass_on(words);
+        return pass_on("hysteron-board", words, "`cargo xtask firmware` and `cargo xtask board` build it");
     }
     let help = [OsString::from("--help")];
     let words = if words.is_empty() { &help } else { words };
@@ -203,6 +228,7 @@ fn obey(command: BoardCommand) -> Result<bool> {
     match command {
         BoardCommand::Tune { out, wiring, reference_hz, line, force } => tune::tune(&out, &wiring, reference_hz, &line, force),
         BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
+        BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),
         BoardCommand::Upload { block, line } => upload::upload(&block, &line),
         BoardCommand::Status { line } => status::status(&line),
         BoardCommand::Send { commands, line } => attach::send(&commands, &line),
@@ -210,15 +236,46 @@ fn obey(command: BoardCommand) -> Result<bool> {
     }
 }
 
-/// Hands the words to `hysteron-board` and ends as it ends.
-fn pass_on(words: &[OsString]) -> ExitCode {
-    let name = format!("hysteron-board{}", std::env::consts::EXE_SUFFIX);
-    let program = std::env::current_exe().map_or_else(|_| Path::new(&name).to_path_buf(), |this| this.with_file_name(&name));
+/// What works over the debug probe is another program's.
+fn is_for_probe(words: &[OsString]) -> bool {
+    let mut words = words.iter().map(|word| word.to_string_lossy());
+    match words.next().as_deref() {
+        Some("flash") => true,
+        Some("attach") => words.any(|word| word == "--probe" || word.starts_with("--probe=")),
+        _ => false,
+    }
+}
+
+/// Hands the words to a program beside this one, or on the path, and ends as it ends.
+fn pass_on(name: &str, words: &[OsString], how_to_get_it: &str) -> ExitCode {
+    let name = format!("{name}{}", std::env::consts::EXE_SUFFIX);
+    let beside = std::env::current_exe().map(|this| this.with_file_name(&name)).ok().filter(|beside| beside.is_file());
+    let program = beside.unwrap_or_else(|| PathBuf::from(&name));
     match Command::new(&program).args(words).status() {
         Ok(status) => ExitCode::from(status.code().and_then(|code| u8::try_from(code).ok()).unwrap_or(1)),
-        Err(error) => {
-            eprintln!("error: {}: {error}; `cargo xtask firmware` and `cargo xtask board` build it", program.display());
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            eprintln!("error: {name} is neither beside this program nor on the path; {how_to_get_it}");
             ExitCode::from(2)
+        }
+        Err(error) => {
+            eprintln!("error: {}: {error}; {how_to_get_it}", program.display());
+            ExitCode::from(2)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_goes_over_the_probe_is_known_by_its_words() {
+        let words = |text: &str| text.split(' ').map(OsString::from).collect::<Vec<_>>();
+        for text in ["flash image.elf", "flash", "attach --probe image.elf", "attach image.elf --probe=0483:374e"] {
+            assert!(is_for_probe(&words(text)), "{text}");
+        }
+        for text in ["attach --port /dev/ttyACM0", "scope --tcp 127.0.0.1:1", "emulate", "status --probe"] {
+            assert!(!is_for_probe(&words(text)), "{text}");
         }
     }
 }

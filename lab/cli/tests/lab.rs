@@ -3,63 +3,27 @@
 
 mod common;
 
-use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use common::page::Served;
+use std::io::Read;
+use std::ops::Deref;
 use std::path::Path;
-use std::process::{Child, ChildStdout, Command, Stdio};
 
-/// The program while it serves; it does not outlive its test.
-struct Lab {
-    program: Child,
-    said: BufReader<ChildStdout>,
-    host: String,
-    token: String,
-}
+/// `hysteron lab` while it serves.
+struct Lab(Served);
 
-impl Drop for Lab {
-    fn drop(&mut self) {
-        // It may have ended by itself.
-        let _ = self.program.kill();
-        let _ = self.program.wait();
+impl Deref for Lab {
+    type Target = Served;
+
+    fn deref(&self) -> &Served {
+        &self.0
     }
 }
 
 fn started(arguments: &[&str], folder: &Path) -> Lab {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_hysteron"))
-        .args(["lab", "--no-open"])
-        .args(arguments)
-        .current_dir(folder)
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut said = BufReader::new(program.stdout.take().unwrap());
-    let mut address = String::new();
-    said.read_line(&mut address).unwrap();
-    let (host, token) = address.trim().strip_prefix("http://").and_then(|rest| rest.split_once("/?token=")).expect("an address");
-    let (host, token) = (host.to_owned(), token.to_owned());
-    Lab { program, said, host, token }
+    Lab(Served::started(&[&["lab", "--no-open"], arguments].concat(), folder))
 }
 
 impl Lab {
-    /// The status of an answer and its text. Without a header of its own a request names the right host.
-    fn asked(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> (u16, String) {
-        let mut stream = TcpStream::connect(&self.host).unwrap();
-        let mut head = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
-        if !headers.iter().any(|(name, _)| *name == "Host") {
-            head.push_str(&format!("Host: {}\r\n", self.host));
-        }
-        headers.iter().for_each(|(name, value)| head.push_str(&format!("{name}: {value}\r\n")));
-        stream.write_all(&[head.as_bytes(), b"\r\n", body].concat()).unwrap();
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).unwrap();
-        let text = String::from_utf8_lossy(&answer).into_owned();
-        (text.split(' ').nth(1).and_then(|status| status.parse().ok()).expect("a status"), text)
-    }
-
-    fn path(&self, path: &str) -> String {
-        format!("{path}?token={}&page=test", self.token)
-    }
-
     fn question(&self, json: &str) -> String {
         let body = [&(json.len() as u64).to_le_bytes(), json.as_bytes()].concat();
         let (status, text) = self.asked("POST", &self.path("/ask"), &[("Origin", &format!("http://{}", self.host))], &body);
@@ -112,8 +76,8 @@ fn ctrl_c_ends_it_and_what_cannot_be_read_is_said_before() {
     common::says(&["lab", "--no-open", "nowhere.csv"], folder.path(), "nowhere.csv: does not exist");
     let mut lab = started(&[], folder.path());
     assert!(common::interrupted(&lab.program));
-    assert_eq!(lab.program.wait().unwrap().code(), Some(0));
+    assert_eq!(lab.0.program.wait().unwrap().code(), Some(0));
     let mut rest = String::new();
-    lab.said.read_to_string(&mut rest).unwrap();
+    lab.0.said.read_to_string(&mut rest).unwrap();
     assert!(rest.contains("Ctrl-C"), "{rest}");
 }

@@ -2,14 +2,13 @@
 
 use super::{LineArguments, WiringArguments, of_board};
 use crate::desk::Desk;
+use hysteron::Result;
 use hysteron::servo::amplifier_block::{block, wiring_parameters};
 use hysteron::synthetic::drives::{DriveOfRecord, board_drives, manifest};
-use hysteron::{Error, Result};
 use hysteron_operator::board::Board;
 use hysteron_operator::condition::Condition;
 use hysteron_operator::playing::{Recorded, Wave, listen, play};
 use hysteron_operator::scale::Scale;
-use std::fmt::Write;
 use std::path::Path;
 
 /// Conditions, plays, writes.
@@ -70,13 +69,23 @@ fn played(board: &mut Board, scale: &Scale, drive: &DriveOfRecord) -> Result<Rec
     play(board, scale, &wave).map_err(of_board)
 }
 
+/// Time, drive and position as CSV with their units, and the reference where there is one.
+pub fn table(record: &Recorded, reference_um: Option<&[f64]>) -> String {
+    let mut text = String::from(if reference_um.is_some() { "t_s,u_v,y_um,reference_um\n" } else { "t_s,u_v,y_um\n" });
+    for (k, (u, y)) in record.drive_v.iter().zip(&record.position_um).enumerate() {
+        text.push_str(&format!("{:.6},{u:.7},{y:.7}", k as f64 / record.sample_rate_hz));
+        if let Some(reference) = reference_um.and_then(|reference| reference.get(k)) {
+            text.push_str(&format!(",{reference:.7}"));
+        }
+        text.push('\n');
+    }
+    text
+}
+
 /// Writes a data set.
 pub fn write(desk: &Desk, out: &Path, scale: &Scale, drives: &[DriveOfRecord], records: &[Recorded]) -> Result<()> {
     for (drive, record) in drives.iter().zip(records) {
-        let mut text = String::from("t_s,u_v,y_um\n");
-        for (k, (u, y)) in record.drive_v.iter().zip(&record.position_um).enumerate() {
-            writeln!(text, "{:.6},{u:.7},{y:.7}", k as f64 / record.sample_rate_hz).map_err(|problem| Error::new(drive.name, problem))?;
-        }
+        let text = table(record, None);
         desk.write(&out.join(format!("{}.csv", drive.name)), text.as_bytes())?;
     }
     // What was played is on codes, which may lie a fraction of a step beyond the limits that were asked for.

@@ -1,6 +1,9 @@
 //! What the tests of the program share. Each of them uses a part of it.
 #![allow(dead_code)]
 
+#[cfg(unix)]
+pub mod page;
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -1,0 +1,134 @@
+//! The conversation with the board: block after block, and values of now in between.
+
+use super::{Block, GLANCES, NEWEST_BLOCKS, Scope, Seen, WINDOWS};
+use hysteron_operator::board::Board;
+use hysteron_operator::condition::Condition;
+use hysteron_operator::port::Address;
+use hysteron_operator::scale::Scale;
+use hysteron_operator::watching::{Capture, capture, glance};
+use hysteron_operator::{Error, Result};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A board that sends nothing for so long is gone.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Between two attempts to meet it again.
+const BETWEEN_ATTEMPTS: Duration = Duration::from_millis(500);
+/// Between two looks at the values of now.
+const BETWEEN_GLANCES: Duration = Duration::from_millis(150);
+
+/// Watches until the scope ends, through all that happens to the board.
+pub fn watch(scope: &Scope, address: &Address, baud: Option<u32>) {
+    while !scope.has_ended() {
+        let Err(problem) = Board::connect(address, baud).and_then(|mut board| follow(scope, &mut board)) else { continue };
+        lose(&mut scope.seen(), &problem);
+        std::thread::sleep(BETWEEN_ATTEMPTS);
+    }
+}
+
+/// What was seen stays to be looked at; what is true now is unknown.
+fn lose(seen: &mut Seen, problem: &Error) {
+    (seen.connected, seen.trouble) = (false, problem.to_string());
+    (seen.stopper, seen.condition) = (None, None);
+}
+
+/// One conversation, until the board goes away or the scope ends.
+fn follow(scope: &Scope, board: &mut Board) -> Result<()> {
+    board.set_patience(PATIENCE);
+    let stopper = board.stopper()?;
+    let condition = Condition::ask(board)?;
+    {
+        let mut seen = scope.seen();
+        (seen.connected, seen.identification) = (true, board.identification.clone());
+        (seen.stopper, seen.condition) = (Some(stopper), Some(condition));
+        (seen.sample_rate_hz, seen.trouble) = (None, String::new());
+        seen.glances.clear();
+    }
+    let (mut last, mut answered): (Option<Capture>, u32) = (None, scope.stops());
+    while !scope.has_ended() {
+        // With the lock, so that a stop which is counted is also sent. The board says "stopped" once, to whoever asks for an error next.
+        let stops = {
+            let _sent = scope.seen();
+            scope.stops()
+        };
+        if stops != answered {
+            board.ask("ERR?")?;
+            answered = stops;
+        }
+        let condition = Condition::ask(board)?;
+        let without_block = condition.without_block();
+        scope.seen().condition = Some(condition);
+        if without_block {
+            // Nothing says what the codes stand for.
+            std::thread::sleep(BETWEEN_GLANCES);
+            continue;
+        }
+        match take_block(scope, board, last.as_ref(), stops) {
+            Ok(block) => last = block.or(last),
+            // A stop came meanwhile. Where the board is gone as well, the next question shows it.
+            Err(_) if scope.stops() != stops => {}
+            Err(problem) => return Err(problem),
+        }
+    }
+    Ok(())
+}
+
+/// Catches one block and leaves it for the pages. None where a stop came between the `stops` that
+/// were answered and the recorder's start: what it holds then is an older block.
+fn take_block(scope: &Scope, board: &mut Board, last: Option<&Capture>, stops: u32) -> Result<Option<Capture>> {
+    let mut started_without_stop = None;
+    // A conditioning moves the zero.
+    let scale = Scale::ask(board)?;
+    let window = WINDOWS.get(scope.seen().window).copied().unwrap_or(WINDOWS[super::FIRST_WINDOW]);
+    let mut looked = Instant::now();
+    let mut between = |board: &mut Board| {
+        started_without_stop.get_or_insert(scope.stops() == stops);
+        if looked.elapsed() >= BETWEEN_GLANCES {
+            look(scope, board)?;
+            looked = Instant::now();
+        }
+        Ok(())
+    };
+    let capture = capture(board, &scale, window.ticks_per_sample, window.samples, &mut between)?;
+    if started_without_stop != Some(true) {
+        return Ok(None);
+    }
+    let mut seen = scope.seen();
+    seen.sample_rate_hz = Some(scale.sample_rate_hz);
+    seen.blocks += 1;
+    let block = Block {
+        number: seen.blocks,
+        at_s: scope.seconds(),
+        unseen_ticks: last.and_then(|last| unseen_ticks(last, &capture)),
+        tick_rate_hz: scale.sample_rate_hz,
+        capture: capture.clone(),
+    };
+    seen.newest.push_back(Arc::new(block));
+    while seen.newest.len() > NEWEST_BLOCKS {
+        seen.newest.pop_front();
+    }
+    Ok(Some(capture))
+}
+
+/// Ticks between the end of a block and the beginning of the next; none where the board was restarted in between.
+fn unseen_ticks(last: &Capture, this: &Capture) -> Option<f64> {
+    let end = last.before.tick + f64::from(last.ticks_per_sample) * last.recorded.position_um.len() as f64;
+    let unseen = this.before.tick - end;
+    (unseen >= 0.0).then_some(unseen)
+}
+
+fn look(scope: &Scope, board: &mut Board) -> Result<()> {
+    let glance = glance(board)?;
+    let at_s = scope.seconds();
+    let mut seen = scope.seen();
+    // What the page says of the state does not wait for the end of a long block.
+    if let Some(condition) = seen.condition.as_mut() {
+        (condition.mode, condition.fault) = (glance.mode, glance.fault);
+        (condition.position_um, condition.drive_v) = (glance.position_um, glance.drive_v);
+    }
+    seen.glances.push_back((at_s, glance));
+    while seen.glances.len() > GLANCES {
+        seen.glances.pop_front();
+    }
+    Ok(())
+}
