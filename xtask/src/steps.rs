@@ -79,6 +79,7 @@ fn image_on_the_emulated_part() -> Vec<Step> {
         Step { name: "emulated STM32H743: build", action: emulator_build },
         Step { name: "emulated STM32H743: run the image", action: emulator_tests },
         Step { name: "the operator's program", action: board::build },
+        Step { name: "the debug probe's program: what an image and a chip must be", action: probe_tests },
         Step { name: "whole circle: the image's log, identified, names the hidden effect", action: whole_circle::run },
     ]
 }
@@ -139,7 +140,7 @@ pub fn cargo(arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> R
 }
 
 fn format() -> Result<(), String> {
-    for folder in [root(), root().join("firmware"), root().join("emulator"), root().join("board")] {
+    for folder in [root(), root().join("firmware"), root().join("emulator"), root().join("board"), root().join("probe")] {
         cargo(&["fmt", "--check", "--all"], &folder, &[])?;
     }
     Ok(())
@@ -239,6 +240,11 @@ fn emulator_build() -> Result<(), String> {
         &EMULATOR_VARIABLES,
     )?;
     cargo(&["test", "--quiet", "--release", "--ignore-rust-version", "--workspace", "--no-run"], &folder, &EMULATOR_VARIABLES)
+}
+
+/// No probe is at hand: what is tested is what is looked at before and around it. In the profile that is built fastest.
+fn probe_tests() -> Result<(), String> {
+    cargo(&["test", "--quiet", "--locked"], &root().join("probe"), &[])
 }
 
 fn emulator_tests() -> Result<(), String> {

@@ -1,0 +1,159 @@
+//! An image before it is flashed: is it one of this project, for this chip, and does it stay where it may?
+
+use crate::Result;
+use object::elf::{EM_ARM, PT_LOAD};
+use object::read::elf::{ElfFile32, FileHeader, ProgramHeader};
+use object::{Object, ObjectSection, ObjectSymbol};
+use std::ops::Range;
+use std::path::Path;
+
+/// Flash for the program: bank 1 of the STM32H743ZI (RM0433, 4.3; `memory.x`). The parameter blocks in bank 2 are not touched.
+pub const PROGRAM_FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
+/// Memories that a stack can begin in: DTCM (its end included, where it begins) and AXI SRAM.
+const STACKS: [Range<u64>; 2] = [0x2000_0000..0x2002_0001, 0x2400_0000..0x2408_0001];
+/// What an image of this project answers `*IDN?` with.
+const IDENTIFICATION: &[u8] = b"HYSTERON";
+/// The log's control block, which the probe reads.
+const CONTROL_BLOCK: &str = "_SEGGER_RTT";
+
+/// What a file holds.
+#[derive(Debug, PartialEq)]
+pub struct Image {
+    /// Bytes that go into the flash.
+    pub flash_bytes: u64,
+    /// The highest address that is written, and one more.
+    pub flash_end: u64,
+    /// Where the log's control block will be.
+    pub log_address: u64,
+}
+
+/// Reads an image and looks at it.
+///
+/// # Errors
+/// The file cannot be read, is no ELF image for a Cortex-M, none of this project, or would be written where it must not.
+pub fn read(path: &Path) -> Result<(Image, Vec<u8>)> {
+    let named = path.display();
+    let bytes = std::fs::read(path).map_err(|error| format!("{named}: {error}"))?;
+    let image = inspect(&bytes).map_err(|what| format!("{named}: {what}"))?;
+    Ok((image, bytes))
+}
+
+/// Looks at the bytes of an image.
+pub fn inspect(bytes: &[u8]) -> Result<Image> {
+    const WANTED: &str = "expected the image that `cargo xtask firmware` builds";
+    let file: ElfFile32 = ElfFile32::parse(bytes).map_err(|_| format!("is no 32-bit ELF file; {WANTED}"))?;
+    let endian = file.endian();
+    if file.elf_header().e_machine(endian) != EM_ARM {
+        return Err(format!("is for another processor than an Arm Cortex-M; {WANTED}"));
+    }
+    let mut image = Image { flash_bytes: 0, flash_end: PROGRAM_FLASH.start, log_address: 0 };
+    let mut head = None;
+    let mut is_ours = false;
+    for segment in file.elf_program_headers() {
+        let (address, length) = (u64::from(segment.p_paddr(endian)), u64::from(segment.p_filesz(endian)));
+        if segment.p_type(endian) != PT_LOAD || length == 0 {
+            continue;
+        }
+        let end = address + length;
+        if address < PROGRAM_FLASH.start || end > PROGRAM_FLASH.end {
+            let flash = format!("{:#010x} to {:#010x}", PROGRAM_FLASH.start, PROGRAM_FLASH.end);
+            return Err(format!("would be written to {address:#010x}..{end:#010x}; the program's flash of an STM32H743ZI is {flash}"));
+        }
+        let data = segment.data(endian, bytes).map_err(|()| "is cut off: a segment reaches beyond the file".to_string())?;
+        if address == PROGRAM_FLASH.start {
+            head = data.first_chunk::<8>().copied();
+        }
+        is_ours |= data.windows(IDENTIFICATION.len()).any(|window| window == IDENTIFICATION);
+        image.flash_bytes += length;
+        image.flash_end = image.flash_end.max(end);
+    }
+    let Some([a, b, c, d, e, f, g, h]) = head else {
+        return Err(format!("has no vector table at {:#010x}; {WANTED}", PROGRAM_FLASH.start));
+    };
+    let (stack, reset) = (u64::from(u32::from_le_bytes([a, b, c, d])), u64::from(u32::from_le_bytes([e, f, g, h])));
+    if !STACKS.iter().any(|memory| memory.contains(&stack)) || reset & 1 == 0 || !PROGRAM_FLASH.contains(&reset) {
+        return Err(format!(
+            "begins with a stack at {stack:#010x} and a program at {reset:#010x}, which an STM32H743ZI cannot run; {WANTED}"
+        ));
+    }
+    let has_log_table = file.section_by_name(".defmt").is_some_and(|section| section.size() > 0);
+    let log = file.symbols().find(|symbol| symbol.name() == Ok(CONTROL_BLOCK)).map(|symbol| symbol.address());
+    match log {
+        Some(address) if is_ours && has_log_table => Ok(Image { log_address: address, ..image }),
+        _ => Err(format!("is a program for a Cortex-M, but none of this project; {WANTED}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A word, little-endian.
+    fn word(value: u32) -> [u8; 4] {
+        value.to_le_bytes()
+    }
+
+    /// An ELF header for a machine with one segment at an address: 52 bytes of header, 32 of segment, then the content.
+    fn elf(machine: u16, address: u32, content: &[u8]) -> Vec<u8> {
+        let mut bytes = vec![0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        bytes.extend(2u16.to_le_bytes());
+        bytes.extend(machine.to_le_bytes());
+        for field in [1, address, 52, 0, 0x0500_0400] {
+            bytes.extend(word(field));
+        }
+        for field in [52u16, 32, 1, 40, 0, 0] {
+            bytes.extend(field.to_le_bytes());
+        }
+        let length = content.len() as u32;
+        for field in [1, 84, address, address, length, length, 5, 4] {
+            bytes.extend(word(field));
+        }
+        bytes.extend(content);
+        bytes
+    }
+
+    fn vectors(stack: u32, reset: u32) -> Vec<u8> {
+        [word(stack), word(reset)].concat()
+    }
+
+    #[test]
+    fn what_is_no_image_for_this_chip_is_refused_with_the_reason() {
+        let good = vectors(0x2002_0000, 0x0800_0401);
+        let cut = {
+            let mut bytes = elf(EM_ARM, 0x0800_0000, &good);
+            bytes.truncate(bytes.len() - 1);
+            bytes
+        };
+        for (bytes, why) in [
+            (b"#!/bin/sh\n".to_vec(), "no 32-bit ELF"),
+            (Vec::new(), "no 32-bit ELF"),
+            (elf(62, 0x0800_0000, &good), "another processor"),
+            (elf(EM_ARM, 0x081C_0000, &good), "0x081c0000"),
+            (elf(EM_ARM, 0x080F_FFFC, &good), "0x080ffffc..0x08100004"),
+            (elf(EM_ARM, 0x2000_0000, &good), "would be written to 0x20000000"),
+            (elf(EM_ARM, 0x0800_0400, &good), "no vector table"),
+            (elf(EM_ARM, 0x0800_0000, &vectors(0x1000_0000, 0x0800_0401)), "cannot run"),
+            (elf(EM_ARM, 0x0800_0000, &vectors(0x2002_0000, 0x0800_0400)), "cannot run"),
+            (elf(EM_ARM, 0x0800_0000, &good), "none of this project"),
+            (cut, "cut off"),
+        ] {
+            let refused = inspect(&bytes).expect_err(why);
+            assert!(refused.contains(why), "expected `{why}` in: {refused}");
+        }
+    }
+
+    #[test]
+    fn the_image_of_this_checkout_is_taken_and_no_part_of_it_is() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release/hysteron-firmware");
+        if !path.is_file() {
+            println!("skipped: `cargo xtask firmware` has not built {}", path.display());
+            return;
+        }
+        let (image, bytes) = read(&path).expect("an image");
+        assert!(image.flash_bytes > 100_000 && image.flash_end <= PROGRAM_FLASH.end, "{image:?}");
+        assert!((0x2000_0000..0x2408_0000).contains(&image.log_address), "{image:?}");
+        for length in [10, 60, 1000, bytes.len() / 2] {
+            assert!(inspect(&bytes[..length]).is_err(), "{length}");
+        }
+    }
+}

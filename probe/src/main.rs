@@ -1,0 +1,100 @@
+//! The program `hysteron-probe`: `hysteron board flash` and `hysteron board attach --probe` run it. See `hysteron-probe --help`.
+//!
+//! # How it works
+//! [`image`] looks at an image before any probe is touched: is it one of this project, for this chip, and where would it go? [`chip`] finds the
+//! one probe that is meant and sees that the chip behind it is the right one and can be written. [`flash`] and [`log`] do the work.
+
+mod chip;
+mod flash;
+mod image;
+mod log;
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Hysteron's amplifier over a debug probe
+#[derive(Parser)]
+#[command(name = "hysteron-probe", max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Write the image into the board's flash and read it back. The board restarts; its parameter blocks stay
+    Flash {
+        /// The image, an ELF file, as `cargo xtask firmware` builds it
+        image: PathBuf,
+        /// Look at the image and say what would be written; no probe is needed
+        #[arg(long)]
+        dry_run: bool,
+        /// Which probe, where there are several
+        #[command(flatten)]
+        which: Which,
+    },
+    /// Show the log of a board that runs, until Ctrl-C, and pass on what is typed as commands
+    Attach {
+        /// The image that it runs
+        image: PathBuf,
+        /// Restart the board first: a log from its start is what `hysteron capture` takes
+        #[arg(long)]
+        restart: bool,
+        /// Also write the log as it comes, for `hysteron capture`; a file that exists is not replaced
+        #[arg(long, value_name = "FILE")]
+        raw: Option<PathBuf>,
+        /// Which probe, where there are several
+        #[command(flatten)]
+        which: Which,
+    },
+    /// List the probes of this machine
+    List,
+}
+
+/// Which probe is meant.
+#[derive(Args, Clone, Debug)]
+struct Which {
+    /// A probe by --probe=VID:PID or --probe=VID:PID:SERIAL, as `list` shows it; not needed where there is one
+    #[arg(long, value_name = "PROBE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    probe: Option<String>,
+}
+
+impl Which {
+    /// The selector, if one was typed.
+    fn selector(&self) -> Option<&str> {
+        self.probe.as_deref().filter(|text| !text.is_empty())
+    }
+}
+
+/// What went wrong, in one line.
+type Result<T> = std::result::Result<T, String>;
+
+/// An error with all that stands behind it, in one line.
+fn whole(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut behind = error.source();
+    while let Some(cause) = behind {
+        let words = cause.to_string();
+        if !text.contains(&words) {
+            text = format!("{}: {words}", text.trim_end_matches('.'));
+        }
+        behind = cause.source();
+    }
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Flash { image, dry_run, which } => flash::flash(&image, dry_run, which.selector()),
+        Command::Attach { image, restart, raw, which } => log::attach(&image, restart, raw.as_deref(), which.selector()),
+        Command::List => chip::list(),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("error: {message}");
+            ExitCode::from(2)
+        }
+    }
+}
