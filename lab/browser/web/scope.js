@@ -54,6 +54,7 @@ function showState({ connected, trouble, board, live, identification, now_s }) {
   const last = live.time_s.length - 1;
   at("name").textContent = [board?.stage, identification].filter(Boolean).join(" · ");
   document.querySelectorAll("#now, #counts").forEach((one) => one.classList.toggle("stale", !connected));
+  place.classList.toggle("stale", !connected || Boolean(board?.without_block));
   at("stop").disabled = !connected;
   if (!connected) {
     state.className = "gone";
@@ -63,7 +64,8 @@ function showState({ connected, trouble, board, live, identification, now_s }) {
     state.className = board.fault ? "fault" : board.mode === "closed loop" ? "closed" : "";
     at("mode").textContent = board.fault ? `fault: ${board.fault}` : (MODES[board.mode] ?? board.mode);
     const unzeroed = !board.fault && !board.zeroed ? "The sensor has not been zeroed since the board's start: positions count from an arbitrary zero (ATZ)." : "";
-    at("advice").textContent = board.what_to_do ?? unzeroed;
+    const without = board.without_block ? " Nothing can be caught without one; what is drawn is from before." : "";
+    at("advice").textContent = (board.what_to_do ?? unzeroed) + without;
     rows("counts", board.counts.map(([name, count]) => [name, String(count)]));
   }
   const now = last < 0 ? [] : [
