@@ -24,6 +24,10 @@ pub struct View {
     pub adc_zero: i32,
     /// Whether the sensor has been zeroed since the start.
     pub zeroed: bool,
+    /// Whether the actuator has been conditioned since the start and the last fault.
+    pub conditioned: bool,
+    /// Whether the servo is switched on only behind a conditioning.
+    pub conditioning_required: bool,
     /// Ticks for which the tracking error has been within the tolerance without a break.
     pub on_target_ticks: u32,
 }
@@ -58,6 +62,8 @@ pub struct Diagnosis {
     pub block_generation: u32,
     /// Its checksum; 0 without a block.
     pub block_checksum: u32,
+    /// What the part's option bytes protect: 1 the brown-out level, 2 the watchdog that starts with the supply, 3 both.
+    pub protection: u32,
 }
 
 /// What carries the amplifier.
@@ -113,6 +119,12 @@ pub trait Device {
     /// # Errors
     /// The drive does not rest, or a block is being kept.
     fn restart(&mut self) -> Result<(), Moving>;
+
+    /// For how many ticks no line may come while the drive is live; 0: for ever.
+    fn host_timeout(&self) -> u32;
+
+    /// Changes it.
+    fn set_host_timeout(&mut self, ticks: u32);
 
     /// The line's speed, bit/s.
     fn baud(&self) -> u32;

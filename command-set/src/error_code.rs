@@ -13,7 +13,7 @@ pub enum ErrorCode {
     UnknownCommand = 2,
     /// The line is too long.
     TooLong = 3,
-    /// A move with the servo off.
+    /// A move with the servo off, or the servo of an actuator that is not conditioned.
     ServoIsOff = 5,
     /// The position is out of limits.
     Position = 7,
@@ -86,6 +86,8 @@ impl ErrorCode {
             (Refusal::Faulted | Refusal::NotYetHealthy, Some(Fault::ParameterBlock)) | (Refusal::NoBlock, _) => Self::NoParameters,
             (Refusal::Faulted | Refusal::NotYetHealthy, _) => Self::Fault,
             (Refusal::NotAtRest, _) => Self::InMotion,
+            (Refusal::NotConditioned, _) => Self::ServoIsOff,
+            (Refusal::BeyondLimits, _) => Self::Range,
         }
     }
 }

@@ -29,7 +29,7 @@ pub const COMMANDS: &str = "The following commands are valid:";
 /// The first line of `HDI?`.
 pub const DIAGNOSIS_HEAD: &str = "#Diagnosis: identifier and description";
 /// What `DIA?` answers under 1, 2, and so on.
-pub const DIAGNOSIS: [&str; 10] = [
+pub const DIAGNOSIS: [&str; 12] = [
     "mode: 0 rest, 1 open loop, 2 closed loop, 3 fault",
     "latched fault, 0: none (the numbers are in the manual)",
     "ticks with the sensor at or beyond its limits",
@@ -40,4 +40,6 @@ pub const DIAGNOSIS: [&str; 10] = [
     "generation of the parameter block in use",
     "checksum of the parameter block in use, 0: none",
     "ticks since the start",
+    "conditioned since the start and the last fault",
+    "option bytes that protect: 1 brown-out level, 2 watchdog from the supply on",
 ];

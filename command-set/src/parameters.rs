@@ -26,6 +26,8 @@ pub enum Parameter {
     DriveMinimum,
     /// Highest drive, V.
     DriveMaximum,
+    /// For so long no line may come while the drive is live, s; 0: for ever.
+    HostTimeout,
     /// Period of the servo, s.
     ServoPeriod,
     /// Points of a wave table.
@@ -40,7 +42,7 @@ pub enum Parameter {
 
 impl Parameter {
     /// Every one with its number, its type, and what it is.
-    pub const ALL: [(Self, u32, &'static str, &'static str); 16] = [
+    pub const ALL: [(Self, u32, &'static str, &'static str); 17] = [
         (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),
         (Self::RangeMaximum, 0x0700_0001, "FLOAT", "Range_Limit_Max_(um)"),
         (Self::Velocity, 0x0700_0200, "FLOAT", "Servo_Loop_Slew-Rate_(um/s)"),
@@ -52,6 +54,7 @@ impl Parameter {
         (Self::DriveSpan, 0x7F00_0003, "FLOAT", "Span_of_Drive_(V)"),
         (Self::DriveMinimum, 0x7F00_0004, "FLOAT", "Lowest_Drive_(V)"),
         (Self::DriveMaximum, 0x7F00_0005, "FLOAT", "Highest_Drive_(V)"),
+        (Self::HostTimeout, 0x7F00_0006, "FLOAT", "Host_Timeout_(s)_0:_none"),
         (Self::ServoPeriod, 0x0E00_0200, "FLOAT", "Servo_Update_Time_(s)"),
         (Self::WavePoints, 0x1300_0004, "INT", "Max_Wave_Points"),
         (Self::WaveTables, 0x1300_010A, "INT", "Number_of_Waves"),

@@ -7,6 +7,7 @@
 //!
 //! # Where it differs from other controllers
 //! * `STP` and `#24` bring the drive to rest, servo off: they take the path that nothing delays. `HLT` stays where it is, servo on.
+//! * `SVO 1 1` wants an `ATZ` since the start or the last fault; `RON 1 0` waives it, as it waives a reference move elsewhere.
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
 //! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
 //! * The wave generator plays positions with the servo on; with the servo off it plays drives, V, from rest, and goes to rest when it has ended.
@@ -87,6 +88,8 @@ enum Meaning {
     Drive { drive: Option<i32>, ticks: u32 },
     /// A conditioning has begun.
     Conditioning,
+    /// Nothing is under way that was not before.
+    Nothing,
     /// The wave generator has begun; it ends on `last` after so many ticks (`None`: never).
     Wave { last: i32, ticks: Option<u32> },
     /// The wave generator plays a drive, for so many ticks (`None`: until it is stopped), and goes to rest then.
@@ -371,6 +374,7 @@ impl<D: Device + 'static> Session<D> {
         // The reference counts some ticks after it was generated.
         let until = |ticks: u32| tick.wrapping_add(ticks).wrapping_add(PREVIEW_TICKS as u32 + 1);
         match meaning {
+            Meaning::Nothing => {}
             Meaning::Conditioning => {
                 self.generator = Generator::Off;
                 self.moving_until = None;

@@ -31,6 +31,7 @@ struct Rig {
     brought: Brought,
     restarts: u32,
     baud: u32,
+    host_timeout: u32,
 }
 
 const ROOM: u32 = 3000;
@@ -70,6 +71,8 @@ impl Device for Shared {
             reference: rig.latest.reference,
             adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
+            conditioned: rig.amplifier.conditioned(),
+            conditioning_required: rig.amplifier.conditioning_required(),
             on_target_ticks: rig.on_target_ticks,
         }
     }
@@ -125,6 +128,12 @@ impl Device for Shared {
         rig.restarts += u32::from(rig.amplifier.drive_rests());
         if rig.amplifier.drive_rests() { Ok(()) } else { Err(Moving) }
     }
+    fn host_timeout(&self) -> u32 {
+        self.0.borrow().host_timeout
+    }
+    fn set_host_timeout(&mut self, ticks: u32) {
+        self.0.borrow_mut().host_timeout = ticks;
+    }
     fn baud(&self) -> u32 {
         self.0.borrow().baud
     }
@@ -168,6 +177,7 @@ impl Table {
             brought: Brought::Nothing,
             restarts: 0,
             baud: 115_200,
+            host_timeout: 0,
         })));
         rig.0.borrow_mut().run(100);
         let waves: Vec<AtomicI32> = (0..WAVE_MEMORY).map(|_| AtomicI32::new(i32::MIN)).collect();
@@ -336,6 +346,42 @@ fn a_stop_goes_to_rest_and_what_came_before_it_is_forgotten() {
 }
 
 #[test]
+fn the_servo_wants_a_conditioned_actuator_unless_that_is_waived() {
+    let mut table = Table::new();
+    assert_eq!((table.ask("RON?").as_str(), table.ask("FRF? 1").as_str(), table.ask("DIA? 11").as_str()), ("1=1\n", "1=0\n", "11=0\n"));
+    table.tell("SVO 1 1", 5);
+    assert_eq!(table.ask("SVO?"), "1=0\n");
+    table.tell("RON 1 0", 0);
+    table.tell("SVO 1 1", 0);
+    assert_eq!((table.ask("SVO?").as_str(), table.ask("RON? 1").as_str()), ("1=1\n", "1=0\n"));
+    let mut table = Table::ready();
+    assert_eq!((table.ask("FRF?").as_str(), table.ask("SVO?").as_str()), ("1=1\n", "1=1\n"));
+    // A fault, and nobody knows what the stage did while its power stage was off.
+    table.rig.0.borrow_mut().sensor_is_there = false;
+    table.run(3000);
+    table.rig.0.borrow_mut().sensor_is_there = true;
+    table.run(3000);
+    table.tell("INI 1", 0);
+    assert_eq!((table.ask("FRF?").as_str(), table.ask("ATZ?").as_str()), ("1=0\n", "1=1\n"));
+    table.tell("SVO 1 1", 5);
+    table.tell("RON 1 2", 17);
+    table.tell("RON 2 0", 15);
+}
+
+#[test]
+fn a_host_says_for_how_long_it_may_be_silent() {
+    let mut table = Table::new();
+    assert_eq!(table.value("SPA? 1 0x7F000006"), 0.0);
+    table.tell("SPA 1 0x7F000006 0.25", 0);
+    assert_eq!(table.rig.0.borrow().host_timeout, 5000);
+    assert_eq!(table.value("SPA? 1 0x7F000006"), 0.25);
+    for (seconds, error) in [("0.009", 17), ("0.0001", 17), ("-1", 17), ("3601", 17), ("0", 0)] {
+        table.tell(&format!("SPA 1 0x7F000006 {seconds}"), error);
+    }
+    assert_eq!(table.rig.0.borrow().host_timeout, 0);
+}
+
+#[test]
 fn a_stop_between_two_commands_of_one_line_ends_it() {
     let mut table = Table::new();
     table.session.obey(b"SVO 1 1", false);
@@ -429,8 +475,8 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x0E000200 1", 64);
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
-    assert_eq!(table.ask("SPA?").lines().count(), 16);
-    assert_eq!(table.ask("HPA?").lines().count(), 18);
+    assert_eq!(table.ask("SPA?").lines().count(), 17);
+    assert_eq!(table.ask("HPA?").lines().count(), 19);
     assert_eq!(table.ask("SPA? 1 0x7F000001"), "1 0x7f000001=15.000000000\n");
     assert_eq!(table.ask("SPA? 1 0x7F000002"), "1 0x7f000002=-20.000000000\n");
     table.tell("VEL 1 0", 8);
@@ -521,6 +567,7 @@ fn with_the_servo_off_a_wave_is_a_drive_that_begins_and_ends_at_rest() {
     assert!((highest_v - 60.0).abs() < 0.01, "{highest_v} V");
     // What is a drive is no position, and the other way round.
     table.tell("WSL 1 2", 0);
+    table.tell("RON 1 0", 0);
     table.tell("SVO 1 1", 0);
     table.tell("WGO 1 1", 405);
     table.tell("SVO 1 0", 0);
@@ -579,7 +626,7 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
     let mut table = Table::ready();
     assert_eq!(table.ask("DIA? 1 3 9"), "1=2 \n3=7 \n9=3735928559\n");
     assert_eq!(table.ask("DIA?").lines().count() + 2, table.ask("HDI?").lines().count());
-    table.tell("DIA? 11", 54);
+    table.tell("DIA? 13", 54);
     table.tell("IFC RSBAUD 921600", 0);
     assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
     table.tell("IFC RSBAUD 9000000", 17);
@@ -609,7 +656,7 @@ proptest! {
     /// Words of the protocol in any order, which reach further than bytes do.
     #[test]
     fn no_words_do_harm(lines in proptest::collection::vec(
-        ("(MOV|MVR|SVO|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?|BLK|INI|RBT|IFC|DIA\\?|DRB\\?)",
+        ("(MOV|MVR|SVO|RON|FRF\\?|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?|BLK|INI|RBT|IFC|DIA\\?|DRB\\?)",
          proptest::collection::vec("(1|0|2|4|7|X|&|BEGIN|DATA|COMMIT|00ff|RSBAUD|PNT|SIN_P|RAMP|LIN|100|-3|1e-3|4294967295|9e9|-9e9|0x7000900|0x7000200|[0-9.eE+-]{1,6})", 0..8)), 1..25)) {
         let mut table = Table::new();
         for (mnemonic, words) in lines {

@@ -189,7 +189,7 @@ fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseEr
     let mut amplifier = Amplifier::new(*parameters);
     let sine = |amplitude: i32| Waveform::Multisine { tones: [(asked.increment, amplitude, 0); 4] };
     let phases = [
-        (10, None),
+        (10, Some(Command::RequireConditioning(false))),
         (1200, Some(Command::Condition { cycle_ticks: 60, rest_ticks: 1 })),
         (60, Some(Command::Play { waveform: sine(asked.play.0), offset: asked.play.1, ticks: 60 })),
         (1, Some(Command::Disable)),

@@ -15,12 +15,20 @@
 //!
 //! Conditioning is a played raised cosine of a given length over the whole range, a rest, and then the sensor is zeroed at the mean of the last
 //! [`ZERO_TICKS`] readings.
+//!
+//! # What conditioned means
+//! The servo inverts the hysteresis from a memory of its own, the drives of the past as it knows them, and that must be the stage's. A cycle over the
+//! whole range wipes out every loop in both, so behind it they agree, and the sensor's zero is that of this memory. They go on agreeing for as
+//! long as every drive is one that was written here: through rest, open-loop drives and closed loops, however long, because the memory of a
+//! hysteresis does not fade. They no longer do after a start, and after every fault: there the amplifier's power stage was switched off, and the
+//! stage went its own way. The loop closes only while they agree ([`Amplifier::conditioned`]), unless that is waived
+//! ([`Command::RequireConditioning`]).
 
 use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use crate::servo_tick::ServoTick;
-use crate::signal::{Micrometres, VOLT_FRACTION_BITS, narrow};
+use crate::signal::{Micrometres, narrow, volts};
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
@@ -92,6 +100,8 @@ pub enum Command {
     },
     /// Clears the fault, if the sensor has been healthy long enough.
     Clear,
+    /// Whether the loop closes only behind a conditioning, as after every start, or whatever the stage's memory is.
+    RequireConditioning(bool),
 }
 
 /// Why a command is refused.
@@ -105,6 +115,10 @@ pub enum Refusal {
     NotAtRest,
     /// There is no valid parameter block, and nothing but a block and a restart helps.
     NoBlock,
+    /// The actuator was not conditioned since the start or the last fault.
+    NotConditioned,
+    /// A reference or a drive leaves its limits ([`crate::command_limits`]).
+    BeyondLimits,
 }
 
 /// The amplifier with all its state.
@@ -128,15 +142,12 @@ pub struct Amplifier {
     /// What is played is this code, until something else is told.
     held_code: Option<u16>,
     zeroed: bool,
+    conditioned: bool,
+    conditioning_required: bool,
     code: u16,
     tick: u32,
     parameters: AmplifierParameters,
     servo: ServoTick,
-}
-
-/// mV to V with 22 fraction bits.
-fn volts(millivolts: i32) -> i32 {
-    narrow((i64::from(millivolts) << VOLT_FRACTION_BITS) / 1000)
 }
 
 impl Amplifier {
@@ -161,6 +172,8 @@ impl Amplifier {
             zero_sum: 0,
             held_code: None,
             zeroed: false,
+            conditioned: false,
+            conditioning_required: true,
             code,
             tick: 0,
             parameters,
@@ -171,6 +184,7 @@ impl Amplifier {
     pub fn refuse(&mut self, fault: Fault) {
         self.fault.get_or_insert(fault);
         self.mode = Mode::Fault;
+        self.conditioned = false;
     }
 
     /// Stops for want of a parameter block. A fault that was found before stays in front; when it has been cleared this one is named, and
@@ -205,10 +219,14 @@ impl Amplifier {
                 }
                 return Ok(());
             }
+            Command::RequireConditioning(required) => self.conditioning_required = required,
             _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
             Command::Enable => {
                 if self.mode == Mode::Playing && self.held_code.is_none() {
                     return Err(Refusal::NotAtRest);
+                }
+                if self.conditioning_required && !self.conditioned {
+                    return Err(Refusal::NotConditioned);
                 }
                 self.begin_reference();
                 self.mode = Mode::Closed;
@@ -376,6 +394,7 @@ impl Amplifier {
             self.servo.swap(self.parameters.servo);
             self.servo.reset_counters();
             self.zeroed = true;
+            self.conditioned = true;
             self.mode = Mode::Rest;
         }
         code
@@ -407,6 +426,20 @@ impl Amplifier {
         self.zeroed
     }
 
+    /// Whether the servo's memory of the hysteresis is the stage's: conditioned, and no fault since.
+    #[inline]
+    #[must_use]
+    pub fn conditioned(&self) -> bool {
+        self.conditioned
+    }
+
+    /// Whether the loop closes only behind a conditioning.
+    #[inline]
+    #[must_use]
+    pub fn conditioning_required(&self) -> bool {
+        self.conditioning_required
+    }
+
     /// The servo.
     #[must_use]
     pub fn servo(&self) -> &ServoTick {
@@ -424,6 +457,7 @@ impl Amplifier {
 mod tests {
     use super::*;
     use crate::parameter_block::tests::example;
+    use crate::signal::VOLT_FRACTION_BITS;
 
     /// A massless linear actuator with a gain of 1/7 um/V and a little noise, read by the ADC of the example.
     fn reading(code: u16, tick: u32) -> u16 {
@@ -458,6 +492,7 @@ mod tests {
     #[test]
     fn a_drive_is_held_and_the_loop_closes_from_there() {
         let mut amplifier = Amplifier::new(example());
+        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
         let mut code = amplifier.parameters().guard.rest_code;
         let mut run = |amplifier: &mut Amplifier, ticks: u32| {
             let mut largest_step = 0;
@@ -505,8 +540,16 @@ mod tests {
             last
         };
         run(&mut amplifier, 1000, true);
-        assert_eq!(amplifier.command(Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
+        let condition = Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 };
+        assert_eq!(amplifier.command(condition), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotAtRest));
+        run(&mut amplifier, 2500, true);
+        // A conditioning that was stopped is none.
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        run(&mut amplifier, 4500, true);
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
+        assert_eq!(amplifier.command(condition), Ok(()));
         run(&mut amplifier, 4500, true);
         assert_eq!(amplifier.mode(), Mode::Rest);
         assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
@@ -522,8 +565,27 @@ mod tests {
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::Faulted));
         run(&mut amplifier, 1100, true);
         assert_eq!(amplifier.command(Command::Clear), Ok(()));
+        // At a fault the power stage is switched off, and nobody knows what the stage did.
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
+        assert_eq!(amplifier.command(condition), Ok(()));
+        run(&mut amplifier, 4500, true);
+        // An open-loop drive and a rest of any length lose nothing.
+        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: 9 << 22, ticks: 500 }), Ok(()));
+        run(&mut amplifier, 20_000, true);
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
         assert_eq!((amplifier.mode(), amplifier.fault()), (Mode::Closed, None));
+    }
+
+    #[test]
+    fn an_operator_who_knows_the_stage_closes_the_loop_without_a_conditioning() {
+        let mut amplifier = Amplifier::new(example());
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
+        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        assert_eq!(amplifier.mode(), Mode::Closed);
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        assert_eq!(amplifier.command(Command::RequireConditioning(true)), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
     }
 }

@@ -4,6 +4,9 @@
 //! enable | disable | clear | status
 //! stop                                         as disable; so does the byte 0x18 (Ctrl-X) anywhere. None of these three waits for anything
 //! condition                                    one 10 Hz cycle over the range, 1 s of rest, zero the sensor
+//! conditioning required|waived                 whether `enable` insists on a conditioning since the start or the last fault, as it does after a start
+//! timeout MILLISECONDS                         no line for so long while the drive is live is a fault, "host lost"; 10 to 3600000, 0 for never
+//! protect                                      at rest: brown-out level and watchdog into the option bytes; a restart of the supply takes them
 //! reference constant NM
 //! reference sine MILLIHERTZ NM OFFSET_NM
 //! reference step NM DELAY_TICKS DURATION_TICKS
@@ -29,6 +32,8 @@ use crate::reference_generator::Waveform;
 use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 use crate::trace_frame::Channels;
 
+const EXPECTED_TIMEOUT: &str = "expected a timeout of 10 to 3600000 milliseconds, or 0 for none";
+
 /// A line, understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
@@ -38,6 +43,10 @@ pub enum Line {
     Trace(Channels, u16),
     /// Report the state.
     Status,
+    /// So many ticks without a line are a fault; 0: no time is.
+    HostTimeout(u32),
+    /// Write the option bytes that protect.
+    Protect,
     /// Gather every tick around an event.
     Capture(Trigger, u32, u32),
     /// Read the capture out.
@@ -174,6 +183,13 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("disable" | "stop"), None) => Command::Disable,
         (Some("clear"), None) => Command::Clear,
         (Some("status"), None) => return Ok(Line::Status),
+        (Some("conditioning"), Some("required")) => Command::RequireConditioning(true),
+        (Some("conditioning"), Some("waived")) => Command::RequireConditioning(false),
+        (Some("timeout"), Some(_)) => {
+            let milliseconds = u32::try_from(number()?).map_err(|_| EXPECTED_TIMEOUT)?;
+            return crate::host_watch::timeout_ticks(milliseconds, sample_rate_hz).map(Line::HostTimeout).ok_or(EXPECTED_TIMEOUT);
+        }
+        (Some("protect"), None) => return Ok(Line::Protect),
         (Some("condition"), None) => Command::Condition { cycle_ticks: sample_rate_hz / CONDITIONING_HZ, rest_ticks: sample_rate_hz },
         (Some("reference"), Some("constant")) => Command::Reference { waveform: Waveform::Constant, offset: micrometres(number()?)? },
         (Some("reference"), Some("sine")) => {
@@ -224,7 +240,9 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("block"), Some("commit")) => return Ok(Line::BlockCommit),
         (Some("restart"), None) => return Ok(Line::Restart),
         _ => {
-            return Err("expected enable, disable, clear, status, condition, reference, play, identify, trace, capture, block or restart");
+            return Err(
+                "expected enable, disable, clear, status, condition, conditioning, timeout, protect, reference, play, identify, trace, capture, block or restart",
+            );
         }
     };
     Ok(Line::Control(at, command))
@@ -253,6 +271,10 @@ mod tests {
         };
         assert_eq!((tones[0], offset), ((21_474_836, 5 << 24, 0), 93_952_409));
         assert_eq!(parse("trace 31 1", 20_000), Ok(Line::Trace(Channels::ALL, 1)));
+        assert_eq!(parse("timeout 250", 20_000), Ok(Line::HostTimeout(5000)));
+        assert_eq!(parse("timeout 0", 20_000), Ok(Line::HostTimeout(0)));
+        assert_eq!(parse("conditioning waived", 20_000), Ok(Line::Control(None, Command::RequireConditioning(false))));
+        assert_eq!(parse("protect", 20_000), Ok(Line::Protect));
         assert_eq!(parse("condition", 20_000), Ok(Line::Control(None, Command::Condition { cycle_ticks: 2000, rest_ticks: 20_000 })));
     }
 
@@ -296,6 +318,12 @@ mod tests {
             "block data -1 00",
             "capture later 1 2",
             "capture now 1",
+            "timeout",
+            "timeout 9",
+            "timeout -1",
+            "timeout 3600001",
+            "conditioning",
+            "conditioning off",
         ] {
             assert!(parse(line, 20_000).is_err(), "{line}");
         }

@@ -14,7 +14,8 @@
 //! | drive slew | the law asked for more than the amplifier's slew limit, which it never gets, in most of so many ticks | ramp to rest |
 //! | overrun | a tick was still running when the next was due | ramp to rest |
 //! | emergency stop, interlock, amplifier not ready | a line to the board is open | ramp to rest, for as long as it is |
-//! | parameter block, watchdog, brown-out, hard fault, clock lost | at start, from the reset's cause | rest |
+//! | host lost | the drive is live and no command came for longer than a time that the host chose | ramp to rest |
+//! | parameter block, watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
 /// What can be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,11 +51,15 @@ pub enum Fault {
     Interlock = 14,
     /// The amplifier says that it is not ready.
     AmplifierNotReady = 15,
+    /// No command came for longer than the host had said.
+    HostLost = 16,
+    /// The part's supply had fallen below the level of the voltage detector.
+    SupplyLow = 17,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 15] = [
+    pub const ALL: [(Self, &'static str); 17] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -70,6 +75,8 @@ impl Fault {
         (Self::EmergencyStop, "emergency stop"),
         (Self::Interlock, "interlock"),
         (Self::AmplifierNotReady, "amplifier not ready"),
+        (Self::HostLost, "host lost"),
+        (Self::SupplyLow, "supply low"),
     ];
 
     /// Its name.

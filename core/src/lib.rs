@@ -9,12 +9,14 @@
 mod accepted_blocks;
 pub mod amplifier;
 pub mod checksum;
+pub mod command_limits;
 pub mod command_lines;
 pub mod command_schedule;
 pub mod command_text;
 pub mod creep_inverse;
 pub mod extrema_stack;
 pub mod guard;
+pub mod host_watch;
 pub mod integer_row;
 pub mod learned_feedforward;
 pub mod one_sided_hysteresis;

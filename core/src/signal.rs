@@ -44,6 +44,12 @@ pub fn narrow(value: i64) -> i32 {
     value as i32
 }
 
+/// mV to V with 22 fraction bits; a parameter block has none beyond their range.
+#[must_use]
+pub fn volts(millivolts: i32) -> i32 {
+    narrow((i64::from(millivolts) << VOLT_FRACTION_BITS) / 1000)
+}
+
 /// A sum that is known to fit.
 #[inline(always)]
 #[must_use]

@@ -8,7 +8,7 @@ use rigless::machine::{Board, Crystal, Supply, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::soc::Error;
 use rigless::soc::stm32h743::Stm32h743;
-use rigless::soc::stm32h743::generated::gpioa as gpio;
+use rigless::soc::stm32h743::generated::{exti, gpioa as gpio, pwr};
 use rigless::soc::stm32h743::peripherals::gpio::Pin;
 use rigless::soc::stm32h743::peripherals::spi::Select;
 use rigless::time::VirtualNanos;
@@ -53,6 +53,9 @@ impl SafetyLine {
     pub const ALL: [Self; 3] = [Self::EmergencyStop, Self::Interlock, Self::AmplifierReady];
 }
 
+/// The line of the EXTI that the voltage detector has, 16, as a bit.
+pub const DETECTOR_EDGE: u64 = 1 << 16;
+
 /// With this many every instruction is one count of the part's cycle counter, so that the counter counts instructions.
 pub const ONE_INSTRUCTION_PER_CYCLE: u64 = 400_000_000;
 
@@ -86,6 +89,19 @@ impl NucleoBoard {
         let Some(pin) = Pin::new(line as u8) else { return };
         let level = closed.then_some(Level::Low);
         self.mcu.drive_port(at, PORT_E, |port, registers, context| port.drive(pin, level, registers, context));
+    }
+
+    /// Changes the part's supply, mV; whether the voltage detector's output rises by that and the image has chosen a rising edge of its line.
+    pub fn set_supply(&mut self, millivolts: u32) -> bool {
+        let before = self.detector_says_low();
+        self.mcu.set_supply(millivolts);
+        let chosen = self.mcu.bus().registers("EXTI").is_some_and(|registers| registers.get(exti::Register::Rtsr1) & DETECTOR_EDGE != 0);
+        self.detector_says_low() && !before && chosen
+    }
+
+    /// PWR_CSR1.PVDO (RM0433, 6.8.2).
+    fn detector_says_low(&self) -> bool {
+        self.mcu.bus().registers("PWR").is_some_and(|registers| registers.get(pwr::Register::Csr1) >> 4 & 1 == 1)
     }
 
     /// Whether the board lets the amplifier's power stage work; a pin that floats does not, there is a resistor to ground on it.

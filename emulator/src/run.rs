@@ -13,7 +13,7 @@ use rigless::soc::Width;
 use rigless::soc::stm32h743::generated::{iwdg, rcc};
 use rigless::time::VirtualNanos;
 
-use crate::board::{NucleoBoard, SafetyLine};
+use crate::board::{DETECTOR_EDGE, NucleoBoard, SafetyLine};
 use crate::real_time_transfer::ControlBlock;
 use crate::serial_line::SharedLine;
 
@@ -59,6 +59,11 @@ pub enum Injection {
         line: SafetyLine,
         /// Closed to ground: fine.
         closed: bool,
+    },
+    /// The part's supply changes; what the voltage detector makes of it reaches its line of the EXTI.
+    Supply {
+        /// To so much, mV.
+        millivolts: u32,
     },
     /// The part restarts with these flags in RCC_RSR (RM0433, 8.7.39), those of the reset pin included.
     Restart {
@@ -219,6 +224,16 @@ fn restart(session: &mut Session<NucleoBoard>, stop: Stop, flags: u64, host: &mu
     }
 }
 
+/// EXTI_SWIER1 (RM0433, 20.6.3): a bit written there is an edge on its line, for a line with a trigger and without a mask.
+const SOFTWARE_EDGES: u64 = 0x5800_0008;
+
+/// Changes the supply. The emulated voltage detector is not connected to its line of the EXTI, so its edge is made there.
+fn change_supply(session: &mut Session<NucleoBoard>, millivolts: u32, host: &mut dyn Host) {
+    if session.board_mut().set_supply(millivolts) {
+        let _ = host.write(SOFTWARE_EDGES, Width::W32, DETECTOR_EDGE);
+    }
+}
+
 impl Driver<NucleoBoard> for Probe {
     fn on_stop(&mut self, session: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         let at_ns = stop.at.0;
@@ -232,6 +247,7 @@ impl Driver<NucleoBoard> for Probe {
                     let _ = host.write(address, Width::W16, u64::from(value));
                 }
                 Injection::Line { line, closed } => session.board_mut().set_line(line, closed, stop.at),
+                Injection::Supply { millivolts } => change_supply(session, millivolts, host),
                 Injection::Restart { flags } => restart(session, stop, flags, host),
             }
             self.next_injection += 1;

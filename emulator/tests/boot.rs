@@ -9,7 +9,7 @@ use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
 use rigless::mcu::Mcu;
 use rigless::soc::Layout;
-use rigless::soc::stm32h743::generated::{gpioa, tim2};
+use rigless::soc::stm32h743::generated::{exti, gpioa, pwr, tim2};
 
 #[test]
 fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
@@ -44,6 +44,7 @@ fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
         assert!(deviation.abs() <= 20, "{counts:?}");
     }
     lines_of_the_converters(&outcome);
+    lines_of_the_bench(&outcome);
     let world = world.lock().expect("the world");
     let rest = bench.converter_scale().dac_code(bench.drive_min_v);
     // The converters saw every edge: the beat began at most 4 ms after the start and is exact.
@@ -60,6 +61,9 @@ fn register<L: Layout>(outcome: &Outcome, instance: &str, register: L) -> u64 {
 /// The emulated timer does not move pins, so what moves CNV and LDAC is asserted as registers (RM0433, 39.4 and 11.4).
 fn lines_of_the_converters(outcome: &Outcome) {
     let timer = |name| register(outcome, "TIM2", name);
+    // It runs, up, not divided, not one pulse only; its update is its trigger output, and no other timer is its master.
+    assert_eq!(timer(tim2::Register::Cr1) & 0x7F, 1);
+    assert_eq!((timer(tim2::Register::Psc), timer(tim2::Register::Cr2) >> 4 & 7, timer(tim2::Register::Smcr)), (0, 2, 0));
     // 200 MHz: 50 us, CNV high for 500 ns, LDAC low for 200 ns, the interrupt after 1 us.
     assert_eq!(timer(tim2::Register::Arr), 9_999);
     assert_eq!((timer(tim2::Register::Ccr1), timer(tim2::Register::Ccr3), timer(tim2::Register::Ccr4)), (100, 40, 200));
@@ -76,4 +80,21 @@ fn lines_of_the_converters(outcome: &Outcome) {
     assert_eq!([mode("GPIOC", 10), mode("GPIOC", 12), mode("GPIOC", 9)], [2, 2, 1]);
     assert_eq!([low("GPIOA", 0), low("GPIOA", 5), low("GPIOA", 6), high("GPIOB", 10)], [1, 5, 5, 1]);
     assert_eq!([high("GPIOC", 10), high("GPIOC", 12)], [6; 2]);
+    // All of them push and pull.
+    for (port, pins) in [("GPIOA", 1 | 1 << 5), ("GPIOB", 1 << 10), ("GPIOC", 1 << 9 | 1 << 10 | 1 << 12)] {
+        assert_eq!(register(outcome, port, gpioa::Register::Otyper) & pins, 0, "{port}");
+    }
+}
+
+/// The safety inputs float up, so that a broken wire stops, and the voltage detector is armed (RM0433, 6.8.1, 20.6.1 and 20.6.19).
+fn lines_of_the_bench(outcome: &Outcome) {
+    let port = |name, pin: u64| register(outcome, "GPIOE", name) >> (2 * pin) & 3;
+    for pin in [0, 10, 12] {
+        assert_eq!((port(gpioa::Register::Moder, pin), port(gpioa::Register::Pupdr, pin)), (0, 1), "PE{pin}");
+    }
+    assert_eq!(port(gpioa::Register::Moder, 14), 1, "enable");
+    let control = register(outcome, "PWR", pwr::Register::Cr1);
+    assert_eq!((control >> 4 & 1, control >> 5 & 7), (1, 6), "2.76 V");
+    let line = |name| register(outcome, "EXTI", name) >> 16 & 1;
+    assert_eq!((line(exti::Register::Rtsr1), line(exti::Register::Ftsr1), line(exti::Register::Cpuimr1)), (1, 0, 1));
 }

@@ -25,7 +25,7 @@ fn with_trouble(kind: Trouble) -> (Outcome, u16) {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, format!("trace 31 1\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes()),
+            (4 * MILLISECOND, format!("trace 31 1\nconditioning waived\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes()),
             (205 * MILLISECOND, b"clear\n".to_vec()),
             (300 * MILLISECOND, b"clear\nenable\n".to_vec()),
         ],
@@ -102,8 +102,8 @@ fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Codes) {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n".to_vec()),
-            (300 * MILLISECOND, b"clear\ntrace 31 1\nreference constant 3000\nenable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
+            (300 * MILLISECOND, b"clear\nconditioning waived\ntrace 31 1\nreference constant 3000\nenable\n".to_vec()),
         ],
         injections,
         ..Script::listening(400 * MILLISECOND)
@@ -231,6 +231,22 @@ fn a_brown_out() {
 }
 
 #[test]
+fn a_supply_that_falls() {
+    // To between the detector's level and the brown-out, for 100 ms.
+    let (outcome, codes) = with_injections(vec![
+        (100 * MILLISECOND, Injection::Supply { millivolts: 2_600 }),
+        (200 * MILLISECOND, Injection::Supply { millivolts: 3_300 }),
+    ]);
+    // At once: the interrupt waits at most for the end of a tick.
+    rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::SupplyLow);
+    assert_eq!(outcome.resets, 1, "and waits for the supply: {:?}", texts(&outcome));
+    assert_eq!(outcome.texts_with("below 2.8 V: waiting").count(), 1, "{:?}", texts(&outcome));
+    assert_eq!(outcome.texts_with("last restart: supply low").count(), 1, "{:?}", texts(&outcome));
+    let fault_at = outcome.messages.iter().find(|message| message.text == "mode fault: supply low").map(|message| message.at_ns);
+    assert!(fault_at > Some(200 * MILLISECOND), "nothing runs before the supply is there: {fault_at:?}");
+}
+
+#[test]
 fn without_a_reader_the_control_goes_on_and_losses_are_seen() {
     let bench = Bench::reference().expect("the bench");
     let run_with = |read_every_ns| {
@@ -238,7 +254,7 @@ fn without_a_reader_the_control_goes_on_and_losses_are_seen() {
         let script = Script {
             block: Some(block(&parameters())),
             read_every_ns,
-            commands: vec![(4 * MILLISECOND, b"trace 31 1\nreference constant 3000\n@500 enable\n".to_vec())],
+            commands: vec![(4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\n@500 enable\n".to_vec())],
             ..Script::listening(500 * MILLISECOND)
         };
         let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
@@ -265,7 +281,7 @@ fn what_is_not_a_command_is_refused() {
         block: Some(block(&parameters())),
         commands: vec![(
             5 * MILLISECOND,
-            [b"enabel\nreference sine\n\xff\xfe\n".to_vec(), vec![b'x'; 200], b"\nenable\n".to_vec()].concat(),
+            [b"enabel\nreference sine\n\xff\xfe\n".to_vec(), vec![b'x'; 200], b"\nconditioning waived\nenable\n".to_vec()].concat(),
         )],
         ..Script::listening(60 * MILLISECOND)
     };
@@ -283,7 +299,7 @@ fn with_an_open_line(line: SafetyLine, fault: Fault) {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
             (150 * MILLISECOND, b"clear\nenable\n".to_vec()),
             (170 * MILLISECOND, b"clear\nenable\n".to_vec()),
         ],
@@ -347,7 +363,7 @@ fn a_converter_that_lost_its_supply_is_set_up_again_at_rest_and_only_there() {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
             (320 * MILLISECOND, b"clear\nenable\n".to_vec()),
         ],
         ..Script::listening(400 * MILLISECOND)

@@ -21,7 +21,7 @@ fn text(outcome: &Outcome) -> String {
 
 #[test]
 fn a_conversation_moves_the_axis_and_reads_it_back() {
-    let lines = "*IDN?\nSVO 1 1\nERR?\nVEL 1 500\nMOV 1 3\nERR?\nMOV 1 99\nERR?\nXYZ\nERR?\n";
+    let lines = "*IDN?\nRON 1 0\nSVO 1 1\nERR?\nVEL 1 500\nMOV 1 3\nERR?\nMOV 1 99\nERR?\nXYZ\nERR?\n";
     let (outcome, world) =
         run_with(vec![(10 * MILLISECOND, lines.into()), (120 * MILLISECOND, b"POS?\nONT? 1\nSVO?\nVOL?\n\x07".to_vec())], 150);
     let answers = text(&outcome);
@@ -46,7 +46,7 @@ fn a_conversation_moves_the_axis_and_reads_it_back() {
 
 #[test]
 fn a_stop_is_not_held_up_by_an_answer_that_is_being_sent() {
-    let begin = "SVO 1 1\nMOV 1 5\nHLP?\nHLP?\n";
+    let begin = "RON 1 0\nSVO 1 1\nMOV 1 5\nHLP?\nHLP?\n";
     // The two lists take half a second at this baud rate.
     let (outcome, world) = run_with(vec![(10 * MILLISECOND, begin.into()), (100 * MILLISECOND, b"\x18".to_vec())], 200);
     let rest = best_parameters().guard.rest_code;

@@ -1,5 +1,7 @@
 //! The tasks that take lines of text from the probe, obey them, and say what changes.
 
+use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
+use embassy_sync::signal::Signal;
 use hysteron_core::amplifier::{Command, Refusal};
 use hysteron_core::command_lines::{CommandLines, LINE_BYTES, WaitingLine};
 use hysteron_core::command_schedule::CannotWait;
@@ -11,7 +13,7 @@ use rtt_target::DownChannel;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
 use crate::sample_clock::SAMPLE_RATE_HZ;
-use crate::{command_port, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks};
+use crate::{command_port, option_bytes, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
 #[embassy_executor::task]
@@ -25,7 +27,11 @@ pub async fn commands(mut channel: DownChannel) {
             if read == 0 {
                 break;
             }
+            let before = lines.waiting();
             let received = lines.receive(bytes.get(..read).unwrap_or(&[]));
+            if lines.waiting() > before || received.stop || received.no_room > 0 {
+                control::hear_host();
+            }
             if received.stop {
                 command_port::stop();
             }
@@ -73,6 +79,17 @@ pub async fn reports(mut replies: Consumer<Reply, COMMAND_QUEUE>) {
 fn say_outcome(reply: &Reply) {
     match reply.outcome {
         Outcome::Done => defmt::info!("done at tick {=u32}", reply.tick),
+        Outcome::Refused(Refusal::BeyondLimits) => {
+            let ((lowest_nm, highest_nm), (lowest_mv, highest_mv)) = telemetry::limits();
+            defmt::warn!(
+                "refused at tick {=u32}: beyond the limits, {=i32} to {=i32} nm and {=i32} to {=i32} mV",
+                reply.tick,
+                lowest_nm,
+                highest_nm,
+                lowest_mv,
+                highest_mv
+            );
+        }
         Outcome::Refused(refusal) => defmt::warn!("refused at tick {=u32}: {=str}", reply.tick, refusal_text(refusal)),
         Outcome::CannotWait(reason) => defmt::warn!("refused at tick {=u32}: {=str}", reply.tick, cannot_wait_text(reason)),
         Outcome::Stopped(0) => defmt::info!("stopped at tick {=u32}", reply.tick),
@@ -86,6 +103,8 @@ fn refusal_text(refusal: Refusal) -> &'static str {
         Refusal::NotYetHealthy => "the sensor has not been healthy long enough",
         Refusal::NotAtRest => "only at rest",
         Refusal::NoBlock => "no valid parameter block: bring one, then `restart`",
+        Refusal::NotConditioned => "not conditioned since the start or the last fault: `condition`, or `conditioning waived`",
+        Refusal::BeyondLimits => "beyond the limits",
     }
 }
 
@@ -114,6 +133,18 @@ fn answer(what: &'static str, result: Result<(), &'static str>) {
     match result {
         Ok(()) => defmt::info!("{=str}", what),
         Err(reason) => defmt::warn!("refused: {=str}", reason),
+    }
+}
+
+/// Somebody asked for the option bytes to be written.
+static PROTECT: Signal<ThreadModeRawMutex, ()> = Signal::new();
+
+/// Writes the option bytes when it is asked to.
+#[embassy_executor::task]
+pub async fn protector() {
+    loop {
+        PROTECT.wait().await;
+        answer("option bytes written: take the supply off and on again", option_bytes::protect().await);
     }
 }
 
@@ -153,7 +184,23 @@ fn obey(line: &WaitingLine) {
             );
             let (generation, fingerprint) = settings::in_use();
             defmt::info!("block generation {=u32}, content {=u32:#010x}", generation, fingerprint);
+            let (conditioned, required) = control::conditioning();
+            defmt::info!(
+                "conditioned: {=bool}, required: {=bool}; host timeout {=u32} ticks",
+                conditioned,
+                required,
+                control::host_timeout()
+            );
+            option_bytes::say();
         }
+        Ok(Line::HostTimeout(ticks)) => {
+            control::set_host_timeout(ticks);
+            defmt::info!("host timeout {=u32} ticks", ticks);
+        }
+        Ok(Line::Protect) => match drive_rests() {
+            Ok(()) => PROTECT.signal(()),
+            Err(reason) => defmt::warn!("refused: {=str}", reason),
+        },
         Ok(Line::Capture(trigger, before, after)) => answer("capture is armed", recorder::arm(trigger, before, after)),
         Ok(Line::CaptureSend) => answer("capture follows", trace_tasks::begin_read_out()),
         Ok(Line::CaptureOff) => {

@@ -13,7 +13,10 @@ use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicUsize, Ordering
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
 use hysteron_core::amplifier::{Amplifier, Command, Mode, Refusal};
+use hysteron_core::command_limits;
 use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
+use hysteron_core::guard::Fault;
+use hysteron_core::host_watch::HostWatch;
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::front_end::FrontEnd;
@@ -139,7 +142,10 @@ impl Control {
     #[inline(never)]
     #[unsafe(link_section = ".itcm.control")]
     fn act(&mut self, from: Source, command: Command) {
-        let outcome = self.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done);
+        // What the serial port plays was looked at by its session; a fault is said before limits.
+        let typed = from == Source::Probe && self.amplifier.mode() != Mode::Fault;
+        let within = if typed { command_limits::check(&command, self.amplifier.parameters()) } else { Ok(()) };
+        let outcome = within.and_then(|()| self.amplifier.command(command)).map_or_else(Outcome::Refused, |()| Outcome::Done);
         self.recorder.command_acted();
         self.answer(from, outcome);
     }
@@ -166,6 +172,10 @@ static SATURATED_VALUES: AtomicU32 = AtomicU32::new(0);
 static DRIVE_RESTS: AtomicBool = AtomicBool::new(true);
 static ADC_ZERO: AtomicI32 = AtomicI32::new(0);
 static ZEROED: AtomicBool = AtomicBool::new(false);
+static CONDITIONED: AtomicBool = AtomicBool::new(false);
+static CONDITIONING_REQUIRED: AtomicBool = AtomicBool::new(true);
+/// Whether whoever gives commands, on whatever channel, is still there.
+static HOST: HostWatch = HostWatch::new();
 
 /// What the tasks may know of the interrupt.
 #[derive(Clone, Copy, defmt::Format)]
@@ -233,6 +243,26 @@ pub fn zero() -> (i32, bool) {
     (ADC_ZERO.load(Ordering::Relaxed), ZEROED.load(Ordering::Relaxed))
 }
 
+/// Whether the actuator is conditioned, and whether the loop closes only when it is.
+pub fn conditioning() -> (bool, bool) {
+    (CONDITIONED.load(Ordering::Relaxed), CONDITIONING_REQUIRED.load(Ordering::Relaxed))
+}
+
+/// A line came: the host is there.
+pub fn hear_host() {
+    HOST.hear(ticks());
+}
+
+/// Ticks for which no line may come while the drive is live; 0: for ever.
+pub fn host_timeout() -> u32 {
+    HOST.timeout()
+}
+
+/// Changes them.
+pub fn set_host_timeout(timeout_ticks: u32) {
+    HOST.set_timeout(ticks(), timeout_ticks);
+}
+
 /// Ticks that found the sample queue full.
 pub fn lost_samples() -> u32 {
     LOST_SAMPLES.load(Ordering::Relaxed)
@@ -297,6 +327,9 @@ extern "C" fn TIM2() {
     if let Some(fault) = safety_lines::fault() {
         control.amplifier.refuse(fault);
     }
+    if HOST.is_lost(control.tick, control.amplifier.mode()) {
+        control.amplifier.refuse(Fault::HostLost);
+    }
     let begin = DWT::cycle_count();
     let sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);
@@ -324,6 +357,8 @@ extern "C" fn TIM2() {
     SATURATED_VALUES.store(control.amplifier.servo().counters().saturated_values, Ordering::Relaxed);
     ADC_ZERO.store(control.amplifier.parameters().servo.converters.adc_zero, Ordering::Relaxed);
     ZEROED.store(control.amplifier.zeroed(), Ordering::Relaxed);
+    CONDITIONED.store(control.amplifier.conditioned(), Ordering::Relaxed);
+    CONDITIONING_REQUIRED.store(control.amplifier.conditioning_required(), Ordering::Relaxed);
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
     keep_largest(&MOST_TICK_CYCLES, cycles);
     let recent = RECENT_TICK_CYCLES.load(Ordering::Relaxed);

@@ -1,7 +1,7 @@
 //! What ends or restarts the program, and that the drive is at rest whenever it does.
 //!
-//! A panic, a hard fault (an overflow of the stack is one, [`crate::stack`]) or a lost crystal (the clock security system's NMI) first sets the
-//! drive's converter up anew and puts the rest code on it, at once and from any state ([`FrontEnd::force`]). It then leaves a mark in memory
+//! A panic, a hard fault (an overflow of the stack is one, [`crate::stack`]), a lost crystal (the clock security system's NMI) or a supply that
+//! falls ([`crate::supply`]) first sets the drive's converter up anew and puts the rest code on it, at once and from any state ([`FrontEnd::force`]). It then leaves a mark in memory
 //! that survives a reset, and restarts. The watchdog restarts a program whose ticks or tasks have stopped. At start [`cause_of_last_restart`]
 //! names what happened, and the amplifier stays at rest until that fault is cleared.
 
@@ -83,7 +83,7 @@ pub async fn watch() {
 }
 
 /// The drive to rest, then a restart that remembers why.
-fn stop(fault: Fault) -> ! {
+pub fn stop(fault: Fault) -> ! {
     cortex_m::interrupt::disable();
     safety_lines::set_enable(false);
     ChosenFrontEnd::new().force(REST_CODE.load(Ordering::Relaxed) as u16);

@@ -17,6 +17,7 @@ mod flash_read;
 mod front_end;
 mod itcm;
 mod log_channel;
+mod option_bytes;
 mod recorder;
 mod ring;
 mod safety_lines;
@@ -25,6 +26,7 @@ mod serial_device;
 mod serial_port;
 mod settings;
 mod stack;
+mod supply;
 mod task_clock;
 mod telemetry;
 mod trace_tasks;
@@ -82,6 +84,8 @@ async fn main(spawner: Spawner) {
         c.dac_code_max,
         SAMPLE_RATE_HZ
     );
+    supply::watch();
+    option_bytes::say();
     safety_lines::start();
     let mut front_end = ChosenFrontEnd::new();
     front_end.start(parameters.guard.rest_code);
@@ -104,6 +108,7 @@ async fn main(spawner: Spawner) {
     spawn(spawner, command_tasks::commands(channels.down.0));
     spawn(spawner, command_tasks::reports(reply_consumer));
     spawn(spawner, settings::keeper(SAMPLE_RATE_HZ));
+    spawn(spawner, command_tasks::protector());
     sample_clock::start(clocks.timer_hz, ChosenFrontEnd::INTERRUPT_AFTER_NS);
     fault::watch().await;
 }

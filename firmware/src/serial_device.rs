@@ -9,7 +9,7 @@ use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
 
-use crate::{control, recorder, serial_port, settings, telemetry};
+use crate::{control, option_bytes, recorder, serial_port, settings, telemetry};
 
 /// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much of it counts.
 #[unsafe(link_section = ".axisram.waves")]
@@ -22,6 +22,7 @@ impl Device for Target {
     fn view(&self) -> View {
         let (sample, on_target_ticks) = telemetry::latest();
         let (adc_zero, zeroed) = control::zero();
+        let (conditioned, conditioning_required) = control::conditioning();
         // The mode as it is now: a sample may be some ticks old, and a stop counts at once.
         let flags = control::flags();
         let mode = match flags as u8 {
@@ -39,6 +40,8 @@ impl Device for Target {
             reference: sample.reference,
             adc_zero,
             zeroed,
+            conditioned,
+            conditioning_required,
             on_target_ticks,
         }
     }
@@ -87,6 +90,14 @@ impl Device for Target {
         if control::drive_rests() && !settings::is_keeping() { Ok(serial_port::restart()) } else { Err(Moving) }
     }
 
+    fn host_timeout(&self) -> u32 {
+        control::host_timeout()
+    }
+
+    fn set_host_timeout(&mut self, ticks: u32) {
+        control::set_host_timeout(ticks);
+    }
+
     fn baud(&self) -> u32 {
         serial_port::baud()
     }
@@ -106,6 +117,7 @@ impl Device for Target {
             lost_samples: control::lost_samples(),
             block_generation,
             block_checksum,
+            protection: option_bytes::protection(),
         }
     }
 

@@ -101,7 +101,15 @@ async fn receiving(mut receiver: BufferedUartRx<'static>) {
     loop {
         // A garbled byte is a wrong line, which its sender is told of.
         let count = receiver.read(&mut bytes).await.unwrap_or(0);
-        let received = LINES.lock(|lines| lines.borrow_mut().receive(bytes.get(..count).unwrap_or(&[])));
+        let (received, came) = LINES.lock(|lines| {
+            let mut lines = lines.borrow_mut();
+            let before = lines.waiting();
+            let received = lines.receive(bytes.get(..count).unwrap_or(&[]));
+            (received, lines.waiting() > before)
+        });
+        if came || received.stop || received.no_room > 0 {
+            control::hear_host();
+        }
         if received.stop {
             command_port::stop();
         }

@@ -6,6 +6,7 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ConverterParameters;
+use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::control;
@@ -17,6 +18,7 @@ struct Telemetry {
     tolerance: i32,
     on_target_ticks: u32,
     adc_code_limits: (u16, u16),
+    drive_limits_mv: (i32, i32),
     railed_ticks: u32,
     limited_ticks: u32,
 }
@@ -27,6 +29,7 @@ static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::
     tolerance: 0,
     on_target_ticks: 0,
     adc_code_limits: (0, u16::MAX),
+    drive_limits_mv: (0, 0),
     railed_ticks: 0,
     limited_ticks: 0,
 }));
@@ -44,7 +47,18 @@ pub fn begin(parameters: &AmplifierParameters) {
     change(|telemetry| {
         telemetry.converters = Some(parameters.servo.converters);
         telemetry.adc_code_limits = (parameters.guard.adc_code_min, parameters.guard.adc_code_max);
+        telemetry.drive_limits_mv = (parameters.physical.drive_min_mv, parameters.physical.drive_max_mv);
     });
+}
+
+/// The limits of references, nm, and of drives, mV, as they are now: lowest and highest.
+pub fn limits() -> ((i32, i32), (i32, i32)) {
+    let telemetry = TELEMETRY.lock(Cell::get);
+    let converters = telemetry.converters.map(|converters| ConverterParameters { adc_zero: control::zero().0, ..converters });
+    let nanometres =
+        |code: u16| converters.map_or(0, |converters| ((i64::from(converters.position(code)) * 1000) >> MICROMETRE_FRACTION_BITS) as i32);
+    let (lowest, highest) = telemetry.adc_code_limits;
+    ((nanometres(lowest), nanometres(highest)), telemetry.drive_limits_mv)
 }
 
 /// Ticks since the start at which the sensor's code was at or beyond its limits, and ticks of the closed loop at which the drive was at a limit.

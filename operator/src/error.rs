@@ -45,7 +45,7 @@ pub fn meaning(code: u32) -> String {
     let words = match code {
         1 | 17 | 24 | 26 => "the board does not take these values",
         2 => "the board does not know this command: its image is older than this program",
-        5 => "only with the servo on",
+        5 => "only with the servo on, which wants a conditioning since the start or the last fault (ATZ 1)",
         7 | 302 | 405 => "beyond the limits of the block in use",
         10 => "stopped",
         76 => "too many commands wait",

@@ -1,5 +1,6 @@
 //! The parameters of `SPA` and `SPA?`.
 
+use hysteron_core::host_watch::timeout_ticks;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
 use super::{Session, WAVE_POINTS, WAVE_TABLES, micrometres};
@@ -36,6 +37,13 @@ impl<D: Device + 'static> Session<D> {
                     let ticks = value / 1000 * i64::from(self.parameters.physical.sample_rate_hz) / (ONE / 1000);
                     self.settling_ticks = u32::try_from(ticks).unwrap_or(u32::MAX);
                 }
+                Parameter::HostTimeout => {
+                    let milliseconds = u32::try_from(value / (ONE / 1000)).map_err(|_| ErrorCode::Range)?;
+                    let ticks = timeout_ticks(milliseconds, self.parameters.physical.sample_rate_hz).filter(|_| value >= 0);
+                    // What is chosen and less than a millisecond is not none.
+                    let ticks = ticks.filter(|ticks| *ticks > 0 || value == 0).ok_or(ErrorCode::Range)?;
+                    self.device.set_host_timeout(ticks);
+                }
                 _ => return Err(ErrorCode::ReadOnly),
             }
             if !words.more() {
@@ -69,6 +77,7 @@ impl<D: Device + 'static> Session<D> {
             Parameter::Velocity => self.velocity_value(),
             Parameter::Tolerance => micrometres(self.tolerance),
             Parameter::SettlingTime => seconds(self.settling_ticks),
+            Parameter::HostTimeout => seconds(self.device.host_timeout()),
             Parameter::ServoPeriod => seconds(1),
             Parameter::SensorAtCode0 => exact(from_fixed(self.converters(&self.device.view()).adc_zero, MICROMETRE_FRACTION_BITS)),
             // 65,536 codes of um with 40 fraction bits: um with 24; likewise V with 38 and 22.

@@ -24,6 +24,8 @@ impl<D: Device + 'static> Session<D> {
             counts.block_generation,
             counts.block_checksum,
             view.tick,
+            u32::from(view.conditioned),
+            counts.protection,
         ]
     }
 

@@ -145,6 +145,12 @@ impl<D: Device + 'static> Session<D> {
         Ok(())
     }
 
+    pub(super) fn require_conditioning(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let required = words.of_axis(Words::switch)?;
+        self.command(Command::RequireConditioning(required), None, Meaning::Nothing);
+        Ok(())
+    }
+
     pub(super) fn auto_zero(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         if words.more() {
             words.axis()?;

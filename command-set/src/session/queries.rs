@@ -107,6 +107,16 @@ impl<D: Device + 'static> Session<D> {
         self.say_axis(words, zeroed)
     }
 
+    pub(super) fn conditioned(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let conditioned = u8::from(self.device.view().conditioned);
+        self.say_axis(words, conditioned)
+    }
+
+    pub(super) fn conditioning_required(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let required = u8::from(self.device.view().conditioning_required);
+        self.say_axis(words, required)
+    }
+
     pub(super) fn command_help(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         self.pending = Pending::Help(0);
         words.end()

@@ -1,0 +1,111 @@
+//! What a reference or a drive may ask for, when somebody types it: more than the sensor can show or the actuator may have is refused and not
+//! cut silently.
+//!
+//! The limits are those that the serial port's commands have: of a position what the sensor can honestly give, counted from the zero that is in force
+//! when the command acts; of a drive those of the parameter block. The points of a wave table are looked at by whoever writes them.
+
+use crate::amplifier::{Command, Refusal};
+use crate::parameter_block::AmplifierParameters;
+use crate::reference_generator::Waveform;
+use crate::signal::volts;
+
+/// What rounding an amplitude and an offset to their format can bring a limit beyond itself, in last places.
+const ROUNDING: i64 = 2;
+
+/// Positions that the sensor can honestly give, lowest and highest, um with 24 fraction bits.
+#[must_use]
+pub fn positions(parameters: &AmplifierParameters) -> (i32, i32) {
+    let (converters, guard) = (&parameters.servo.converters, &parameters.guard);
+    (converters.position(guard.adc_code_min), converters.position(guard.adc_code_max))
+}
+
+/// Drives that the actuator may have, lowest and highest, V with 22 fraction bits.
+#[must_use]
+pub fn drives(parameters: &AmplifierParameters) -> (i32, i32) {
+    (volts(parameters.physical.drive_min_mv), volts(parameters.physical.drive_max_mv))
+}
+
+/// How far a waveform goes below and above its offset; `None` for the points of a table.
+fn reach(waveform: &Waveform) -> Option<(i64, i64)> {
+    let both = |amplitude: i64| Some((-amplitude, amplitude));
+    match waveform {
+        Waveform::Constant => both(0),
+        Waveform::Multisine { tones } => both(tones.iter().map(|(_, amplitude, _)| i64::from(*amplitude).abs()).sum()),
+        Waveform::RoundedTriangle { amplitude, .. } | Waveform::Chirp { amplitude, .. } => both(i64::from(*amplitude).abs()),
+        Waveform::QuasiStep { height, .. } => Some((i64::from(*height).min(0), i64::from(*height).max(0))),
+        Waveform::Table(_) => None,
+    }
+}
+
+/// Looks at a command before it acts.
+///
+/// # Errors
+/// [`Refusal::BeyondLimits`] where what it plays leaves its limits.
+pub fn check(command: &Command, parameters: &AmplifierParameters) -> Result<(), Refusal> {
+    let (waveform, offset, (lowest, highest)) = match command {
+        Command::Reference { waveform, offset } => (waveform, *offset, positions(parameters)),
+        Command::Play { waveform, offset, .. } => (waveform, *offset, drives(parameters)),
+        _ => return Ok(()),
+    };
+    let Some((below, above)) = reach(waveform) else { return Ok(()) };
+    let offset = i64::from(offset);
+    let within = offset + below >= i64::from(lowest) - ROUNDING && offset + above <= i64::from(highest) + ROUNDING;
+    if within { Ok(()) } else { Err(Refusal::BeyondLimits) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::command_text::{Line, parse};
+    use crate::parameter_block::tests::example;
+
+    /// Whether a typed command is within the limits of the example: 15 um of sensor from -1 um on, a drive of 0 to 80 V.
+    fn fits(text: &str) -> bool {
+        let mut parameters = example();
+        parameters.servo.converters.adc_zero = -(1 << 24);
+        parameters.servo.converters.adc_step = (15i64 << 40) / 65_536;
+        parameters.guard.adc_code_min = 0;
+        parameters.guard.adc_code_max = u16::MAX;
+        (parameters.physical.drive_min_mv, parameters.physical.drive_max_mv) = (0, 80_000);
+        let Ok(Line::Control(None, command)) = parse(text, 20_000) else { panic!("{text}") };
+        check(&command, &parameters).is_ok()
+    }
+
+    #[test]
+    fn what_leaves_the_limits_is_refused_and_what_touches_them_is_not() {
+        for (text, expected) in [
+            ("reference constant 13999", true),
+            ("reference constant 14001", false),
+            ("reference constant -1000", true),
+            ("reference constant -1001", false),
+            ("reference sine 1000 7000 6000", true),
+            ("reference sine 1000 7000 7000", false),
+            ("reference sine 1000 7001 6000", false),
+            ("reference sine 1000 -7001 6000", false),
+            ("reference step 13999 0 100", true),
+            ("reference step 14001 0 100", false),
+            ("reference step -1001 0 100", false),
+            ("play sine 0 0 80000 400", true),
+            ("play sine 0 0 80001 400", false),
+            ("play sine 1000 33333 33333 400", true),
+            ("play sine 1000 500 499 400", false),
+            ("play sine 1000 20001 60000 400", false),
+            ("play chirp 1000 9000 40000 40000 400", true),
+            ("play chirp 1000 9000 40000 40001 400", false),
+            ("play sine 0 511000 511000 4", false),
+            ("reference sine 0 127000 127000", false),
+            ("enable", true),
+        ] {
+            assert_eq!(fits(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_zero_that_was_found_moves_the_limits_of_positions() {
+        let mut parameters = example();
+        parameters.servo.converters.adc_zero = 0;
+        let (lowest, highest) = positions(&parameters);
+        parameters.servo.converters.adc_zero = -(3 << 24);
+        assert_eq!(positions(&parameters), (lowest - (3 << 24), highest - (3 << 24)));
+    }
+}
