@@ -53,9 +53,6 @@ impl SafetyLine {
     pub const ALL: [Self; 3] = [Self::EmergencyStop, Self::Interlock, Self::AmplifierReady];
 }
 
-/// The line of the EXTI that the voltage detector has, 16, as a bit.
-pub const DETECTOR_EDGE: u64 = 1 << 16;
-
 /// With this many every instruction is one count of the part's cycle counter, so that the counter counts instructions.
 pub const ONE_INSTRUCTION_PER_CYCLE: u64 = 400_000_000;
 
@@ -91,12 +88,13 @@ impl NucleoBoard {
         self.mcu.drive_port(at, PORT_E, |port, registers, context| port.drive(pin, level, registers, context));
     }
 
-    /// Changes the part's supply, mV; whether the voltage detector's output rises by that and the image has chosen a rising edge of its line.
+    /// Changes the part's supply, mV. Whether the voltage detector asks for its interrupt by that: its output rises, and the image has chosen a
+    /// rising edge of its line of the EXTI, 16, and not masked it. The emulated detector is not connected to the EXTI.
     pub fn set_supply(&mut self, millivolts: u32) -> bool {
         let before = self.detector_says_low();
         self.mcu.set_supply(millivolts);
-        let chosen = self.mcu.bus().registers("EXTI").is_some_and(|registers| registers.get(exti::Register::Rtsr1) & DETECTOR_EDGE != 0);
-        self.detector_says_low() && !before && chosen
+        let line = |register| self.mcu.bus().registers("EXTI").is_some_and(|registers| registers.get(register) >> 16 & 1 == 1);
+        self.detector_says_low() && !before && line(exti::Register::Rtsr1) && line(exti::Register::Cpuimr1)
     }
 
     /// PWR_CSR1.PVDO (RM0433, 6.8.2).

@@ -6,14 +6,15 @@ use std::sync::{Arc, Mutex};
 use anyhow::{Context, Result, anyhow, bail};
 use defmt_decoder::{DecodeError, Table};
 use object::{Object, ObjectSection, ObjectSymbol};
-use rigless::emulator::{Driver, Host, Start, Stop, run as emulate};
+use rigless::device::Level;
+use rigless::emulator::{Driver, Host, InterruptLine, Start, Stop, run as emulate};
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::soc::Width;
 use rigless::soc::stm32h743::generated::{iwdg, rcc};
 use rigless::time::VirtualNanos;
 
-use crate::board::{DETECTOR_EDGE, NucleoBoard, SafetyLine};
+use crate::board::{NucleoBoard, SafetyLine};
 use crate::real_time_transfer::ControlBlock;
 use crate::serial_line::SharedLine;
 
@@ -142,6 +143,8 @@ struct Probe {
     next_serial: usize,
     line: SharedLine,
     watchdog: Watchdog,
+    /// Until when the voltage detector's interrupt is asked for.
+    detector_until_ns: Option<u64>,
     next_read_ns: u64,
     sent_of_command: usize,
     taken: Arc<Mutex<Taken>>,
@@ -224,15 +227,10 @@ fn restart(session: &mut Session<NucleoBoard>, stop: Stop, flags: u64, host: &mu
     }
 }
 
-/// EXTI_SWIER1 (RM0433, 20.6.3): a bit written there is an edge on its line, for a line with a trigger and without a mask.
-const SOFTWARE_EDGES: u64 = 0x5800_0008;
-
-/// Changes the supply. The emulated voltage detector is not connected to its line of the EXTI, so its edge is made there.
-fn change_supply(session: &mut Session<NucleoBoard>, millivolts: u32, host: &mut dyn Host) {
-    if session.board_mut().set_supply(millivolts) {
-        let _ = host.write(SOFTWARE_EDGES, Width::W32, DETECTOR_EDGE);
-    }
-}
+/// The voltage detector's interrupt (RM0433, table 147).
+const DETECTOR_INTERRUPT: Option<InterruptLine> = InterruptLine::new(1);
+/// For so long the interrupt is asked for: far longer than the processor takes to begin with it, and shorter than a restart.
+const DETECTOR_PULSE_NS: u64 = 20_000;
 
 impl Driver<NucleoBoard> for Probe {
     fn on_stop(&mut self, session: &mut Session<NucleoBoard>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
@@ -247,10 +245,23 @@ impl Driver<NucleoBoard> for Probe {
                     let _ = host.write(address, Width::W16, u64::from(value));
                 }
                 Injection::Line { line, closed } => session.board_mut().set_line(line, closed, stop.at),
-                Injection::Supply { millivolts } => change_supply(session, millivolts, host),
+                Injection::Supply { millivolts } => {
+                    if session.board_mut().set_supply(millivolts)
+                        && let Some(line) = DETECTOR_INTERRUPT
+                    {
+                        host.set_interrupt(line, Level::High);
+                        self.detector_until_ns = Some(at_ns + DETECTOR_PULSE_NS);
+                    }
+                }
                 Injection::Restart { flags } => restart(session, stop, flags, host),
             }
             self.next_injection += 1;
+        }
+        if self.detector_until_ns.is_some_and(|until_ns| at_ns >= until_ns)
+            && let Some(line) = DETECTOR_INTERRUPT
+        {
+            self.detector_until_ns = None;
+            host.set_interrupt(line, Level::Low);
         }
         self.watchdog.serve(session, stop, host);
         let enables = session.board_mut().enables();
@@ -272,7 +283,7 @@ impl Driver<NucleoBoard> for Probe {
         let serial = self.script.serial.get(self.next_serial).map_or(u64::MAX, |(from_ns, _)| *from_ns);
         let next = self.next_read_ns.min(at_ns.saturating_add(MILLISECOND)).min(self.script.until_ns);
         let next = next.min(injection.max(at_ns + 1)).min(serial.max(at_ns + 1));
-        Some(VirtualNanos(next))
+        Some(VirtualNanos(next.min(self.detector_until_ns.unwrap_or(u64::MAX))))
     }
 }
 
@@ -335,6 +346,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         next_serial: 0,
         line: Arc::clone(&line),
         watchdog: Watchdog::default(),
+        detector_until_ns: None,
         next_read_ns: first,
         sent_of_command: 0,
         taken: Arc::clone(&taken),

@@ -8,7 +8,8 @@
 
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::pac::{EXTI, PWR};
+use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::pac::{EXTI, IWDG1, PWR};
 use hysteron_core::guard::Fault;
 
 use crate::fault;
@@ -33,7 +34,10 @@ pub fn watch() {
     cortex_m::asm::delay(START_CYCLES);
     if is_low() {
         defmt::error!("the supply is below 2.8 V: waiting for it");
-        while is_low() {}
+        while is_low() {
+            // One that the option bytes let start with the supply; it does nothing to one that has not been started.
+            IWDG1.kr().write(|w| w.set_key(Key::RESET));
+        }
     }
     EXTI.rtsr(0).modify(|w| w.set_line(DETECTOR_LINE, true));
     EXTI.pr(0).write(|w| w.set_line(DETECTOR_LINE, true));

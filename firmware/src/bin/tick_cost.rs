@@ -250,9 +250,8 @@ fn measure_amplifier(mut amplifier: Amplifier) {
     let tones = [((150u64 << 32) / 20_000, 5), (0, 0), (0, 0), (0, 0)].map(|(increment, um)| (increment as u32, um << 24, 0));
     let reference = Command::Reference { waveform: Waveform::Multisine { tones }, offset: 94_000_000 };
     // There is no stage here whose memory could be another one.
-    for command in [Command::RequireConditioning(false), reference, Command::Enable] {
-        let _ = amplifier.command(command);
-    }
+    let _ = amplifier.command(Command::RequireConditioning(false));
+    let (_, _) = (amplifier.command(reference), amplifier.command(Command::Enable));
     let mut plant = Mode { position: 0, velocity: 0 };
     let (mut start, mut follow) = (Cost::NONE, Cost::NONE);
     for k in 0..3000u32 {
