@@ -37,6 +37,8 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::EmergencyStop) => "The emergency stop is open: close it, then clear (INI).",
         Some(Fault::Interlock) => "The interlock is open: close it, then clear (INI).",
         Some(Fault::AmplifierNotReady) => "The amplifier says that it is not ready: look at it, then clear (INI).",
+        Some(Fault::HostLost) => "No line came for as long as the host had allowed: clear (INI), condition (ATZ), and go on.",
+        Some(Fault::SupplyLow) => "The board's supply had fallen below 2.8 V: look at it, then clear (INI).",
 
         None => "firmware/README.md, Faults, says what sees it and how it comes back.",
     }
