@@ -10,7 +10,7 @@ use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::{effects_named, own_effect};
 use hysteron::synthetic::case::Truth;
-use hysteron::watch::Unwatched;
+use hysteron::watch::{Event, Unwatched, Watch};
 use hysteron_tests::{beside, root};
 use std::path::Path;
 
@@ -99,6 +99,31 @@ fn what_no_library_knows_is_unexplained_until_the_user_writes_it() {
     assert!(ratio <= 1.15, "{ratio}");
 }
 
+/// Wants the best so far as soon as an effect that was added is the best.
+#[derive(Default)]
+struct UntilSomethingIsAdded(std::sync::atomic::AtomicBool);
+
+impl Watch for UntilSomethingIsAdded {
+    fn event(&self, event: &Event<'_>) {
+        if matches!(event, Event::Tried { added, best: true, .. } if !added.is_empty()) {
+            self.0.store(true, std::sync::atomic::Ordering::Relaxed);
+        }
+    }
+    fn stopped(&self) -> bool {
+        self.0.load(std::sync::atomic::Ordering::Relaxed)
+    }
+}
+
+#[test]
+fn a_search_that_was_stopped_claims_nothing_of_what_it_added() {
+    let dataset = folder::load(&root().join("examples/hidden_effect")).unwrap();
+    let effects = effects_named("hysteresis,initial_curve,vibration").unwrap();
+    let found = explain(&dataset, Start::Effects(&effects), &Options::default(), &UntilSomethingIsAdded::default()).unwrap();
+    assert!(found.stopped && found.diagnosis.named.is_empty(), "{}", found.diagnosis.sentence);
+    assert_eq!(found.diagnosis.verdict, Verdict::Undecidable);
+    assert!(found.diagnosis.sentence.starts_with("Stopped before the evidence was weighed: with "), "{}", found.diagnosis.sentence);
+}
+
 #[test]
 fn the_shipped_example_is_explained_twice_alike() {
     let dataset = folder::load(&root().join("examples/hidden_effect")).unwrap();
@@ -157,4 +182,22 @@ fn other_values_are_no_missing_effect() {
     let changed = &found.diagnosis.changed;
     assert_eq!((changed.len(), changed[0].effect.as_str()), (1, "hysteresis"), "{}", found.diagnosis.sentence);
     assert!((changed[0].to / changed[0].from - 0.9).abs() < 1e-3, "{}", found.diagnosis.sentence);
+}
+
+/// A sensor that ends within the motion saturates the readings; the amplifier does not.
+#[test]
+fn readings_that_end_are_no_amplifier_that_does() {
+    let mut dataset = folder::load(&root().join("examples/hidden_effect")).unwrap();
+    for record in &mut dataset.records {
+        record.displacement_um.iter_mut().for_each(|y| *y = y.min(8.0));
+    }
+    let found = run(&dataset, "hysteresis,initial_curve,vibration,creep");
+    assert!(!found.diagnosis.recording.is_empty());
+    assert!(
+        found.diagnosis.recording.iter().all(|said| said.contains("at exactly 8.000 um, their highest")),
+        "{:?}",
+        found.diagnosis.recording
+    );
+    let saturation = found.model.effect("saturation").is_some();
+    assert_eq!(saturation, found.diagnosis.sentence.contains("one of the readings, not of the amplifier"), "{}", found.diagnosis.sentence);
 }

@@ -1,5 +1,6 @@
 //! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/real_recordings.md.
 
+use hysteron::dataset::reading_limits::reading_limits;
 use hysteron::dataset::{Dataset, Role};
 use hysteron::explain::{Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
@@ -80,5 +81,28 @@ fn the_order_of_real_records_does_not_matter() {
     let dataset = stage(records);
     for (a, b) in errors_um(&one, &dataset).iter().zip(errors_um(&other, &dataset)) {
         assert!((a / b - 1.0).abs() < 0.01, "{a} and {b} um");
+    }
+}
+
+/// The readings of a real stage have no outliers and end nowhere; those that were put in are found, and the fit is as without them.
+#[test]
+fn single_disturbed_readings_of_a_real_stage_are_replaced() {
+    let Some(data) = beside("measured") else { return };
+    let names = ["20_hz_no_lp", "40_hz_no_lp", "sine50_1", "bigsine_1", "tri50_1"];
+    let clean: Vec<_> = names.iter().map(|name| record(&data, name, 0.2, Role::Identify)).collect();
+    let as_it_is = stage(clean.clone());
+    assert!(!as_it_is.notes.iter().any(|note| note.contains("stand alone")), "{:?}", as_it_is.notes);
+    assert_eq!(reading_limits(&as_it_is), []);
+    let mut disturbed = clean;
+    for record in &mut disturbed {
+        for (i, k) in (3000..18_000).step_by(1500).enumerate() {
+            record.displacement_um[k] += if i % 2 == 0 { 1.0 } else { -3.0 };
+        }
+    }
+    let mended = stage(disturbed);
+    assert_eq!(mended.notes.iter().filter(|note| note.contains("10 readings stand alone")).count(), names.len(), "{:?}", mended.notes);
+    for (a, b) in mended.records.iter().zip(&as_it_is.records) {
+        let farthest = a.displacement_um.iter().zip(&b.displacement_um).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+        assert!(farthest < 0.05, "{}: {farthest} um", a.name);
     }
 }

@@ -57,3 +57,12 @@ fn a_delay_shows_beside_loops_that_surfaces_do_not_meet() {
     assert_eq!(score.cases[0].named, ["delay"], "{:?}", score.cases);
     assert!(score.cases[0].validate_over_noise <= 1.05, "{:?}", score.cases);
 }
+
+/// What shows only beside loops of the right structure is found with them: neither alone lowers the error.
+#[test]
+fn what_shows_only_beside_the_right_loops_is_found_with_them() {
+    let score = planted(&[&["saturation"], &["creep"]], 2.0, "bouc_wen", 5000);
+    for case in &score.cases {
+        assert!(case.right_first && case.validate_over_noise <= 1.05, "{case:?}");
+    }
+}

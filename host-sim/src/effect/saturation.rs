@@ -3,6 +3,9 @@
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "saturation";
+
 /// Upper and lower limit of the piezo voltage.
 pub struct Saturation;
 
@@ -23,7 +26,7 @@ impl Stage for SaturationStage {
 impl Effect for Saturation {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "saturation".into(),
+            id: ID.into(),
             physics: "The amplifier cannot give more than its supply: above a voltage the piezo sees a constant.".into(),
             reference: "Fleming and Leang (2014), Ch. 14".into(),
             place: Place::AmplifierSaturation,

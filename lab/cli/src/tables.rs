@@ -2,7 +2,7 @@
 
 use crate::command_line::Outputs;
 use hysteron::diagnosis::verdict::{Diagnosis, Verdict};
-use hysteron::diagnosis::words::nm;
+use hysteron::diagnosis::words::{nm, why};
 use hysteron::explain::{FitFigures, StepFigures};
 use std::path::Path;
 
@@ -53,13 +53,17 @@ pub fn say_candidates(diagnosis: &Diagnosis) {
             }
         }
         Verdict::Unexplained => {
-            if let Some(c) = diagnosis.candidates.first() {
-                println!(
-                    "  the best known effect, {}, explains {:.0} % of it; write your own as a .toml file and pass it with --own",
+            match diagnosis.candidates.first() {
+                Some(c) if c.decision.admits() => println!("  {} is in the model; what it leaves is not in the library", c.effect),
+                Some(c) => println!(
+                    "  the nearest is {}: it would explain {:.0} % of what is left; not taken: {}",
                     c.effect,
-                    100.0 * c.explained_share
-                );
+                    100.0 * c.explained_share,
+                    why(&c.decision)
+                ),
+                None => {}
             }
+            println!("  to try an effect of your own: write it as a .toml file and pass it with --own");
         }
         _ => {}
     }

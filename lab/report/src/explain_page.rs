@@ -173,6 +173,9 @@ fn drive_range_v(report: &ExplainReport) -> (f64, f64) {
     if low_v < high_v { (low_v, high_v) } else { (0.0, 1.0) }
 }
 
+/// Samples without which a cell of the map says nothing.
+const CELL_SAMPLES_MIN: usize = 16;
+
 fn where_it_fails(report: &ExplainReport) -> Section {
     let range_v = drive_range_v(report);
     let features = drive_features(range_v.0, range_v.1);
@@ -186,7 +189,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
                 .map(|record| match record.residual_um.get(step) {
                     Some(residual_um) => residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, window(record), range_v)
                         .into_iter()
-                        .map(|cell| cell.map(|c| c.rms * scale))
+                        .map(|cell| cell.filter(|c| c.samples >= CELL_SAMPLES_MIN).map(|c| c.rms * scale))
                         .collect(),
                     None => vec![None; features.len()],
                 })
@@ -227,7 +230,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
             Block::HeatMap(HeatMap {
                 title: "Residual over records and drive features".to_owned(),
                 caption: format!(
-                    "The frequency columns split the residual's own spectrum{}. Empty cells have no samples, and those of few samples scatter by \
+                    "The frequency columns split the residual's own spectrum{}. Empty cells have fewer than {CELL_SAMPLES_MIN} samples, and those of few scatter by \
                      chance: what stands out by more than that is named above.",
                     if floor_um.is_some() { ", so white noise spreads over them and stays below 1 there" } else { "" }
                 ),

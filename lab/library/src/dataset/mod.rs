@@ -6,7 +6,8 @@
 //!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
 //!   [`one_recording`]: which part of a single file is fitted and which judges; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
 //!   (feature `files`).
-//! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings.
+//! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings;
+//!   [`reading_limits`]: where it ends; `single_outliers`: readings that stand alone, which are replaced.
 //!
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
 //! `t[k+1]`.
@@ -25,9 +26,11 @@ pub mod readers;
 #[cfg(feature = "readers")]
 pub mod reading;
 pub mod reading_grid;
+pub mod reading_limits;
 #[cfg(feature = "readers")]
 pub mod recognise;
 mod record;
+mod single_outliers;
 #[cfg(feature = "readers")]
 pub mod table;
 #[cfg(feature = "readers")]
@@ -117,6 +120,8 @@ impl Dataset {
             check_signals(record)?;
         }
         self.check_repeats()?;
+        let replaced: Vec<String> = self.records.iter_mut().filter_map(single_outliers::replaced).collect();
+        self.notes.extend(replaced);
         let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
         self.notes.extend(doubts);
         if !self.records.iter().any(|r| r.role == Role::Identify) {

@@ -37,10 +37,8 @@ const LEADING_SHARE: f64 = 0.3;
 #[must_use]
 pub fn leads(record: &Record) -> bool {
     let from = record.window.start.max(1);
-    let left_by = |delay: usize| {
-        let pairs = (from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k]));
-        left_by_straight_line(&pairs.collect::<Vec<_>>())
-    };
+    let left_by =
+        |delay: usize| left_by_straight_line((from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k])));
     left_by(0) < LEADING_SHARE * left_by(1)
 }
 
@@ -78,11 +76,11 @@ fn moved_up(record: &mut Record) {
 }
 
 /// Sum of squares about the regression line.
-fn left_by_straight_line(pairs: &[(f64, f64)]) -> f64 {
+fn left_by_straight_line(pairs: impl ExactSizeIterator<Item = (f64, f64)> + Clone) -> f64 {
     let n = pairs.len().max(1) as f64;
-    let (mean_x, mean_y) = pairs.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
+    let (mean_x, mean_y) = pairs.clone().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for (x, y) in pairs.iter().map(|p| (p.0 - mean_x, p.1 - mean_y)) {
+    for (x, y) in pairs.map(|p| (p.0 - mean_x, p.1 - mean_y)) {
         xx += x * x;
         xy += x * y;
         yy += y * y;

@@ -7,6 +7,10 @@
 //! not been extended yet are extended next. Where additions bring nothing more, effects of the best model are exchanged for others that do much
 //! the same beside it ([`Screening::doing_as`]): the first to be added was the best of few. The search ends when nothing is left above the
 //! noise, or when neither brings a better model.
+//!
+//! All of that happens beside one structure of the loops. Where surfaces are not what the loops are, every effect looks like a better description
+//! of them. So the other structures of the library are tried in their place, alone and with what was added; as long as one of them comes near, it is extended
+//! side by side with the surfaces.
 //! What comes out depends on the data alone, not on the order of effects or records, because all sets are compared with one another by
 //! fitted and held-out error.
 
@@ -18,7 +22,7 @@ use crate::identification::finer_hysteresis;
 use crate::parallel;
 use crate::watch::Event;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::hysteresis;
+use hysteron_sim::effect::{gain, hysteresis};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A set of effects that was fitted.
@@ -30,6 +34,13 @@ pub struct Node {
     pub judged: Judged,
     extended: bool,
     compared: bool,
+}
+
+impl Node {
+    /// The start, where that is a gain: the surfaces, which are a candidate as effects are, come first in its place.
+    fn is_bare_gain(&self) -> bool {
+        self.added.is_empty() && structure(&self.judged.model).as_deref() == Some(gain::ID)
+    }
 }
 
 /// Everything that a search has fitted.
@@ -67,6 +78,15 @@ const PAIRS: usize = 3;
 /// A pair is worth a trial of its own where it leaves less than this share of what the better of the two leaves alone.
 const BETTER_TOGETHER: f64 = 0.8;
 
+/// A model with loops of another structure comes near the best where it leaves less than this times as much, as a logarithm.
+const COMES_NEAR: f64 = 1.1;
+/// Models with loops of the other kind than the best has that are extended beside those of its own.
+const OTHER_LOOPS_WIDTH: usize = 2;
+/// Fall of the rank that an effect must bring beside other loops than those it was added to, to be taken along.
+const LIKELY_MADE_UP: f64 = 0.05;
+/// Extensions of these that are fitted in one round.
+const OTHER_LOOPS_TRIALS: usize = 3;
+
 /// Others that are tried in the place of an effect.
 const EXCHANGED: usize = 3;
 /// An effect is exchanged for one whose signature is at least so much like its own. On the recorded stage lags and delays are like one another to
@@ -97,25 +117,55 @@ impl<'s, 'a> Search<'s, 'a> {
         self.study.merit(&node.judged) + self.study.policy.gain_per_effect * more as f64
     }
 
-    /// All nodes, best first.
-    #[must_use]
-    pub fn ranked(&self) -> Vec<&Node> {
-        let mut out: Vec<&Node> = self.nodes.values().collect();
-        out.sort_by(|a, b| self.rank(a).total_cmp(&self.rank(b)));
+    /// All nodes with their keys, best first.
+    fn ranked(&self) -> Vec<(&String, &Node)> {
+        let mut out: Vec<(&String, &Node)> = self.nodes.iter().collect();
+        out.sort_by(|a, b| self.rank(a.1).total_cmp(&self.rank(b.1)).then_with(|| a.0.cmp(b.0)));
         out
     }
 
     /// The best node.
     #[must_use]
     pub fn best(&self) -> &Node {
-        self.ranked()[0]
+        self.ranked()[0].1
     }
 
-    /// Runs until nothing better comes.
+    /// Rank of the best node whose loops are of the other kind than those of the best of all: surfaces, or another structure.
+    fn rank_of_other_loops(&self) -> f64 {
+        let kind = has_surfaces(&self.best().judged.model);
+        self.ranked().into_iter().find(|(_, n)| has_surfaces(&n.judged.model) != kind).map_or(f64::INFINITY, |(_, n)| self.rank(n))
+    }
+
+    /// Runs until nothing better comes. Where something is left then, the other structures of the loops are tried once more, beside all that was
+    /// added.
     ///
     /// # Errors
     /// A candidate that gives something that is no number.
     pub fn run(&mut self) -> Result<()> {
+        self.run_rounds()?;
+        if self.stopped || self.explained() {
+            return Ok(());
+        }
+        let before = self.rank(self.best());
+        let proposals = self.propose_structures();
+        self.fit(proposals);
+        self.compare_best();
+        if before - self.rank(self.best()) > self.study.policy.least_gain { self.run_rounds() } else { Ok(()) }
+    }
+
+    /// Nothing is left to be explained.
+    fn settled(&self) -> bool {
+        let best = &self.best().judged;
+        self.study.met(best) && self.study.nothing_left(best)
+    }
+
+    /// What is left is near enough to the noise for a verdict.
+    fn explained(&self) -> bool {
+        self.best().judged.within(self.study.policy.explained, &self.study.floors_um, &self.study.split)
+    }
+
+    /// Rounds of extension until nothing better comes.
+    fn run_rounds(&mut self) -> Result<()> {
         let policy = &self.study.policy;
         let mut without_gain = 0;
         let rounds = policy.effects_max + policy.rounds_without_gain + policy.exchanges_max;
@@ -125,8 +175,8 @@ impl<'s, 'a> Search<'s, 'a> {
                 self.stopped = true;
                 return Ok(());
             }
-            let before = self.rank(self.best());
-            if self.study.met(&self.best().judged) && self.study.nothing_left(&self.best().judged) {
+            let (before, other_before) = (self.rank(self.best()), self.rank_of_other_loops());
+            if self.settled() {
                 return Ok(());
             }
             let mut proposals = if without_gain < policy.rounds_without_gain { self.propose()? } else { Vec::new() };
@@ -137,19 +187,21 @@ impl<'s, 'a> Search<'s, 'a> {
                     return Ok(());
                 }
                 proposals = self.propose_exchanges()?;
-            } else {
-                proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
-                proposals.truncate(policy.trials);
+            } else if !self.structures_tried && !self.best().is_bare_gain() {
                 proposals.extend(self.propose_structures());
             }
             self.fit(proposals);
             self.compare_best();
-            let gained = before - self.rank(self.best()) > policy.least_gain;
+            let best = self.rank(self.best());
+            let gained = before - best > policy.least_gain;
             // A second look at the same model would exchange the same.
             if exchanging && !gained {
                 return Ok(());
             }
-            without_gain = if gained { 0 } else { without_gain + 1 };
+            // Loops of the other kind that come near are on their way as long as they get nearer.
+            let other = self.rank_of_other_loops();
+            let other_gained = other < best + COMES_NEAR && other_before - other > policy.least_gain;
+            without_gain = if gained || other_gained { 0 } else { without_gain + 1 };
         }
         Ok(())
     }
@@ -190,25 +242,28 @@ impl<'s, 'a> Search<'s, 'a> {
         Ok(out)
     }
 
-    /// The best model with loops of other structures, the first time that it has surfaces: beside loops of the wrong structure every effect looks
-    /// like a better description of them.
+    /// The best model, and the start, with loops of the other structures: beside loops of the wrong structure every effect looks like a better
+    /// description of them.
     fn propose_structures(&mut self) -> Vec<Proposal> {
         let best = self.best().clone();
-        let begins = finer_hysteresis::of_other_structures(&best.judged.model, &self.study.overview);
-        if self.structures_tried || begins.is_empty() {
-            return Vec::new();
+        let Some(start) = self.nodes.values().find(|n| n.added.is_empty()).cloned() else { return Vec::new() };
+        let mut out: Vec<Proposal> = Vec::new();
+        for node in [&best, &start] {
+            for begin in finer_hysteresis::of_other_structures(&node.judged.model, &self.study.overview) {
+                let kept = node.added.iter().filter(|id| begin.effect(id).is_some()).cloned();
+                // Beside loops that were there from the beginning another structure is no effect more.
+                let loops_added = self.start.iter().any(|id| id == gain::ID);
+                let mut added: Vec<String> = kept.chain(structure(&begin).filter(|_| loops_added)).collect();
+                added.sort();
+                let key = key(&added, &begin);
+                if !self.nodes.contains_key(&key) && !out.iter().any(|p| p.key == key) {
+                    // Whether the effects are hopeless beside other loops does not follow from what they do here.
+                    out.push(Proposal { key, added, begin, of: f64::INFINITY, promise: 0.0 });
+                }
+            }
         }
-        self.structures_tried = true;
-        let proposal = |begin: Model| {
-            let main = finer_hysteresis::main_effect(&begin).map(|e| e.id.clone());
-            let kept = best.added.iter().filter(|id| begin.effect(id).is_some()).cloned();
-            // Beside surfaces that were there from the beginning another structure is no effect more.
-            let mut added: Vec<String> = kept.chain(main.filter(|_| best.added.iter().any(|id| id == hysteresis::ID))).collect();
-            added.sort();
-            // Whether the effects are hopeless beside the surfaces does not follow from what they do here.
-            Proposal { key: key(&added, &begin), added, begin, of: f64::INFINITY, promise: 0.0 }
-        };
-        begins.into_iter().map(proposal).collect()
+        self.structures_tried |= !out.is_empty();
+        out
     }
 
     /// Takes a node into account, unless the same set was fitted better.
@@ -238,10 +293,8 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     fn compare_once(&mut self) -> bool {
-        let mut keys: Vec<(f64, String)> = self.nodes.iter().map(|(k, n)| (self.rank(n), k.clone())).collect();
-        keys.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(&b.1)));
-        let pending: Vec<String> =
-            keys.into_iter().take(self.study.policy.width).map(|(_, k)| k).filter(|k| !self.nodes[k].compared).collect();
+        let best = self.ranked().into_iter().take(self.study.policy.width);
+        let pending: Vec<String> = best.filter(|(_, n)| !n.compared).map(|(k, _)| k.clone()).collect();
         let more = !pending.is_empty();
         let fitted = parallel::map(&pending, |k| self.study.for_comparison(&self.nodes[k].judged.model));
         for (key, judged) in pending.into_iter().zip(fitted) {
@@ -255,11 +308,17 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// Extensions of the best models that have not been extended.
     fn propose(&mut self) -> Result<Vec<Proposal>> {
-        let mut keys: Vec<(f64, String)> = self.nodes.iter().filter(|(_, n)| !n.extended).map(|(k, n)| (self.rank(n), k.clone())).collect();
-        keys.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(&b.1)));
-        keys.truncate(self.study.policy.width);
-        let nodes: Vec<Node> = keys.iter().map(|(_, k)| self.nodes[k].clone()).collect();
-        for (_, k) in &keys {
+        let best = self.best();
+        let (kind, near) = (has_surfaces(&best.judged.model), self.rank(best) + COMES_NEAR);
+        let open = |of: bool| self.ranked().into_iter().filter(move |(_, n)| !n.extended && has_surfaces(&n.judged.model) == of);
+        // What is missing beside loops of one structure is not what seems to be beside those of another: both go on, side by side.
+        let mut others: Vec<(&String, &Node)> = open(!kind).filter(|(_, n)| self.rank(n) < near).collect();
+        // Effects that were added beside one kind of loops, and bring next to nothing beside the other, made up for the loops.
+        let plainly = |n: &Node| self.rank(n) + LIKELY_MADE_UP * n.added.len() as f64;
+        others.sort_by(|a, b| plainly(a.1).total_cmp(&plainly(b.1)).then_with(|| a.0.cmp(b.0)));
+        let extended = open(kind).take(self.study.policy.width).chain(others.into_iter().take(OTHER_LOOPS_WIDTH));
+        let (keys, nodes): (Vec<String>, Vec<Node>) = extended.map(|(k, n)| (k.clone(), n.clone())).unzip();
+        for k in &keys {
             if let Some(node) = self.nodes.get_mut(k) {
                 node.extended = true;
             }
@@ -269,14 +328,18 @@ impl<'s, 'a> Search<'s, 'a> {
             self.study.watch.event(&Event::Scoring { candidates, beside: &node.added });
             self.study.score(&node.judged.model)
         });
-        let mut out: Vec<Proposal> = Vec::new();
-        for (i, (node, screening)) in nodes.iter().zip(screenings).enumerate() {
+        let (mut out, mut beside_others): (Vec<Proposal>, Vec<Proposal>) = (Vec::new(), Vec::new());
+        for (node, screening) in nodes.iter().zip(screenings) {
             let screening = screening?;
-            self.propose_effects(node, &screening, &mut out);
-            if i == 0 {
-                self.propose_finer(node, &screening, &mut out);
+            let proposals = if has_surfaces(&node.judged.model) == kind { &mut out } else { &mut beside_others };
+            if proposals.is_empty() {
+                self.propose_finer(node, &screening, proposals);
             }
+            self.propose_effects(node, &screening, proposals);
         }
+        keep_most_promising(&mut out, self.study.policy.trials);
+        keep_most_promising(&mut beside_others, OTHER_LOOPS_TRIALS);
+        out.extend(beside_others);
         Ok(out)
     }
 
@@ -341,6 +404,21 @@ impl<'s, 'a> Search<'s, 'a> {
             out.push(Proposal { key, added, begin, of: self.study.merit(&node.judged), promise: relative * left });
         }
     }
+}
+
+fn keep_most_promising(proposals: &mut Vec<Proposal>, most: usize) {
+    proposals.sort_by(|a, b| a.promise.total_cmp(&b.promise).then_with(|| a.key.cmp(&b.key)));
+    proposals.truncate(most);
+}
+
+/// Whether a model has the surfaces of the thesis for its loops, or none yet.
+fn has_surfaces(model: &Model) -> bool {
+    structure(model).is_none_or(|of| [hysteresis::ID, gain::ID].contains(&of.as_str()))
+}
+
+/// The structure of the loops of a model: the effect that stands for its hysteresis.
+fn structure(model: &Model) -> Option<String> {
+    finer_hysteresis::main_effect(model).map(|e| e.id.clone())
 }
 
 /// A set of effects and how finely its hysteresis is described.

@@ -8,6 +8,7 @@ use super::reduction::Supported;
 use super::residual_map::{drive_features, residual_by_feature};
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise_um};
+use crate::dataset::reading_limits::reading_limits;
 use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
 use hysteron_sim::effect::{Overview, by_id};
 use serde::Serialize;
@@ -177,6 +178,18 @@ pub struct Found<'a> {
     pub quantised: Option<&'a str>,
 }
 
+impl Found<'_> {
+    /// Effects that the last model has more than the first, where nothing was weighed: the search was stopped.
+    #[must_use]
+    pub fn unweighed(&self) -> Vec<String> {
+        if !self.supported.is_empty() || self.elsewhere.is_some_and(|e| !e.at_home) {
+            return Vec::new();
+        }
+        let new = |id: &String| self.first.model.effect(id).is_none() && self.quantised != Some(id.as_str());
+        self.last.model.effect_ids().into_iter().filter(new).collect()
+    }
+}
+
 /// Puts what was found into one of the five words.
 #[must_use]
 pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, overview: &Overview, policy: &Policy) -> Diagnosis {
@@ -189,7 +202,9 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let floors_um = if leaves_the_bound { &bound } else { &floor.of_records_um };
     let within = |times: f64| found.last.within(times, floors_um, split);
     let contradiction = !leaves_the_bound && within(policy.contradiction);
-    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction;
+    // A search that was stopped has added what nobody weighed.
+    let unweighed = found.unweighed();
+    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty();
     let told = findings.iter().any(|f| matches!(f.decision, Decision::ExplainsAlone { .. }));
     let one_or_all = if ambiguous { Verdict::Ambiguous } else { Verdict::Named };
     let (verdict, named) = match decidable {
@@ -207,7 +222,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         named,
         findings,
         changed: found.elsewhere.map_or_else(Vec::new, Elsewhere::changed),
-        recording: Vec::new(),
+        recording: reading_limits(dataset).iter().map(super::words::reading_limit).collect(),
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         floor_estimates: floor.estimates.clone(),

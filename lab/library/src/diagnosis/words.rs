@@ -7,11 +7,12 @@ use super::path::Change;
 use super::policy::Policy;
 use super::verdict::{Diagnosis, Finding, Found, Verdict};
 use crate::dataset::reading_grid::rounding_noise_um;
+use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::finer_hysteresis::description;
 use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::hysteresis;
+use hysteron_sim::effect::{hysteresis, saturation};
 
 /// Nanometres with three figures.
 #[must_use]
@@ -61,6 +62,13 @@ pub fn figure(value: f64) -> String {
 #[must_use]
 pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> String {
     let fall = before.map_or_else(String::new, |b| match (b.validate_rms_um, after.validate_rms_um) {
+        (Some(x), Some(y)) if y > x && after.identify_rms_um < b.identify_rms_um => format!(
+            "; fitted error {} to {} nm, held-out error {} to {} nm",
+            nm(b.identify_rms_um),
+            nm(after.identify_rms_um),
+            nm(x),
+            nm(y)
+        ),
         (Some(x), Some(y)) => format!("; held-out error {} to {} nm", nm(x), nm(y)),
         _ => format!("; error {} to {} nm", nm(b.identify_rms_um), nm(after.identify_rms_um)),
     });
@@ -93,7 +101,7 @@ pub fn why(decision: &Decision) -> String {
         Decision::ExplainsAlone { share } => {
             format!("with all other values held it explains {} of what a new fit could remove", percent(share.clamp(0.0, 1.0)))
         }
-        Decision::NotInTheResidual { p } => format!("its signature is not in the residual (p = {p:.3})"),
+        Decision::NotInTheResidual { p } => format!("a signature like it explains as much by chance (p = {p:.3})"),
         Decision::HeldOutErrorDoesNotFall { relative, .. } if *relative < 0.0 => "makes the held-out records worse".into(),
         Decision::HeldOutErrorDoesNotFall { .. } => "does not lower the error on held-out records by more than chance".into(),
         Decision::TooSmall { relative } => format!("no record improves by more than {}", percent(relative.max(0.0))),
@@ -161,7 +169,20 @@ pub fn sentence(d: &Diagnosis, found: &Found, floor: &NoiseFloor, policy: &Polic
         after_um: error(last),
         story: elsewhere_sentence(d, found),
     };
-    said.verdict() + &other_structure(&first.model, &last.model)
+    said.verdict() + &other_structure(&first.model, &last.model) + &said.ends_of_the_sensor()
+}
+
+/// Where the readings end, for a reader.
+#[must_use]
+pub fn reading_limit(limit: &ReadingLimit) -> String {
+    format!(
+        "{}: {:.1} % of the readings stand at exactly {} um, their {}, while the drive moves: the range of the sensor or of its converter ends \
+         there",
+        limit.record,
+        100.0 * limit.share,
+        figure(limit.reading_um),
+        if limit.highest { "highest" } else { "lowest" }
+    )
 }
 
 /// That the loops are met by another structure than the one that was started from, or nothing.
@@ -191,6 +212,15 @@ impl Said<'_> {
     /// Whether fitting again lowered the error by what counts as an explanation.
     fn fell(&self) -> bool {
         self.before_um > self.policy.explained * self.after_um
+    }
+
+    /// That it is the sensor which ends where a saturation was found, or nothing.
+    fn ends_of_the_sensor(&self) -> String {
+        let saturates = self.found.last.model.effect(saturation::ID).is_some() && self.found.first.model.effect(saturation::ID).is_none();
+        match self.diagnosis.recording.first() {
+            Some(limit) if saturates => format!(" The saturation is one of the readings, not of the amplifier: in {limit}."),
+            _ => String::new(),
+        }
     }
 
     fn at_floor(&self) -> String {
@@ -271,7 +301,7 @@ impl Said<'_> {
         let known = if best.is_empty() && self.fell() {
             format!("the best that is known (a better description of the hysteresis) leaves {after} nm")
         } else if best.is_empty() {
-            "no known effect explains any of it".to_string()
+            "no known effect lowers it beyond chance".to_string()
         } else {
             format!("the best that is known ({}) leaves {after} nm", list(&best, "and"))
         };
@@ -291,6 +321,14 @@ impl Said<'_> {
                 "The {which} is {after} nm, below the {} nm of noise that the {} shows: one of them is wrong, and nothing can be decided \
                  until it is known which.",
                 self.floor_nm, self.floor.basis
+            );
+        }
+        let unweighed = self.found.unweighed();
+        if !unweighed.is_empty() {
+            let noise = if self.floor_nm.is_empty() { "unknown".into() } else { format!("{} nm", self.floor_nm) };
+            return format!(
+                "Stopped before the evidence was weighed: with {} added the {which} is {after} nm instead of {before}; the noise is {noise}.",
+                list(&unweighed, "and")
             );
         }
         if !self.story.is_empty() {

@@ -43,15 +43,13 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
     Some(out)
 }
 
-/// The model with loops of each other structure of the library in the place of its surfaces and of what builds on them; none where it has no surfaces.
+/// The model with loops of each other structure of the library in the place of its own and of what builds on them. Surfaces are not among them: they
+/// are a candidate of their own.
 #[must_use]
 pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
-    if model.effect(hysteresis::ID).is_none() {
-        return Vec::new();
-    }
     let others = registry().into_iter().filter(|e| {
         let d = e.declaration();
-        d.is_main() && ![hysteresis::ID, gain::ID].contains(&d.id.as_str())
+        d.is_main() && ![hysteresis::ID, gain::ID].contains(&d.id.as_str()) && model.effect(&d.id).is_none()
     });
     others.map(|effect| with_loops(model, EffectInstance::new(effect, overview, &[]))).collect()
 }
@@ -126,7 +124,8 @@ mod tests {
             assert_ne!(description(other), description(&surfaces));
             assert_eq!(with_the_structure_of(&surfaces, other).unwrap().effect_ids(), other.effect_ids());
         }
-        assert!(of_other_structures(&model("gain,creep"), &overview()).is_empty());
+        assert_eq!(of_other_structures(&model("gain,creep"), &overview()).len(), others.len());
+        assert_eq!(of_other_structures(&others[0], &overview()).len(), others.len() - 1);
         assert!(with_the_structure_of(&surfaces, &model("hysteresis,delay")).is_none());
     }
 }

@@ -1,0 +1,98 @@
+//! Readings that stand still at their highest or lowest value while the drive moves on: the range of the sensor or of its converter ends there.
+//!
+//! An amplifier that cannot give more holds the stage, and the sensor's noise goes on; a converter at its end reads the same value, digit by digit.
+
+use super::{Dataset, Record, Role};
+use crate::statistics::{extremes, peak_to_peak};
+use std::ops::Range;
+
+/// Readings in a row that stand still at least.
+const RUN_MIN: usize = 8;
+/// Readings that stand still at a limit are at least so many times as many in a row as anywhere else.
+const LONGER_THAN_ELSEWHERE: usize = 4;
+/// Share of its range by which the drive moves meanwhile, at least.
+const DRIVE_MOVES: f64 = 0.01;
+
+/// A limit at which readings stand still.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadingLimit {
+    /// The record.
+    pub record: String,
+    /// The reading, um.
+    pub reading_um: f64,
+    /// It is the highest; the lowest otherwise.
+    pub highest: bool,
+    /// Readings there.
+    pub samples: usize,
+    /// Share of the record.
+    pub share: f64,
+}
+
+/// The limits of all driven records.
+#[must_use]
+pub fn reading_limits(dataset: &Dataset) -> Vec<ReadingLimit> {
+    dataset.records.iter().filter(|record| record.role != Role::Noise).flat_map(limits_of).collect()
+}
+
+fn limits_of(record: &Record) -> Vec<ReadingLimit> {
+    let readings_um = &record.displacement_um[record.window.clone()];
+    let (lowest, highest) = extremes(readings_um);
+    let runs = runs_of_equals(readings_um);
+    let at = |reading_um: f64| move |run: &&Range<usize>| readings_um[run.start] == reading_um;
+    let elsewhere = runs.iter().filter(|run| !at(lowest)(run) && !at(highest)(run)).map(Range::len).max().unwrap_or(0);
+    let moves_v = DRIVE_MOVES * peak_to_peak(&record.drive_v[record.window.clone()]);
+    let stands_still = |run: &Range<usize>| {
+        let drive_v = &record.drive_v[record.window.start + run.start..record.window.start + run.end];
+        run.len() >= RUN_MIN.max(LONGER_THAN_ELSEWHERE * elsewhere) && peak_to_peak(drive_v) > moves_v
+    };
+    let limit = |reading_um: f64| {
+        runs.iter().filter(at(reading_um)).any(stands_still).then(|| {
+            let samples = readings_um.iter().filter(|y| **y == reading_um).count();
+            let share = samples as f64 / readings_um.len() as f64;
+            ReadingLimit { record: record.name.clone(), reading_um, highest: reading_um == highest, samples, share }
+        })
+    };
+    [lowest, highest].into_iter().filter_map(limit).collect()
+}
+
+/// Where readings are the same as the one before, digit by digit.
+fn runs_of_equals(readings_um: &[f64]) -> Vec<Range<usize>> {
+    let mut out = Vec::new();
+    let mut start = 0;
+    for k in 1..=readings_um.len() {
+        if k == readings_um.len() || readings_um[k] != readings_um[start] {
+            out.push(start..k);
+            start = k;
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hysteron_sim::noise::WhiteNoise;
+
+    fn dataset(reading: impl Fn(f64, f64) -> f64) -> Dataset {
+        let mut noise = WhiteNoise::new(0.003, 3);
+        let drive_v: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.01 * f64::from(k)).cos()).collect();
+        let displacement_um = drive_v.iter().map(|u| reading(*u, noise.next_um())).collect();
+        Dataset::new("d", 0.0, 100.0, vec![Record::new("r", 1000.0, drive_v, displacement_um)]).unwrap()
+    }
+
+    #[test]
+    fn a_sensor_that_ends_is_told_from_an_amplifier_that_does() {
+        let found = reading_limits(&dataset(|u, noise| (0.1 * u + noise).min(9.5)));
+        assert_eq!(found.len(), 1);
+        assert!(found[0].highest && found[0].reading_um == 9.5 && (0.1..0.2).contains(&found[0].share), "{found:?}");
+        assert!(reading_limits(&dataset(|u, noise| 0.1 * u.min(95.0) + noise)).is_empty());
+        let both = reading_limits(&dataset(|u, noise| (0.1 * u + noise).clamp(0.4, 9.0)));
+        assert_eq!(both.iter().map(|limit| limit.highest).collect::<Vec<_>>(), [false, true]);
+    }
+
+    #[test]
+    fn coarse_readings_stand_still_everywhere() {
+        assert!(reading_limits(&dataset(|u, noise| ((0.1 * u + noise) / 0.2).round() * 0.2)).is_empty());
+        assert!(reading_limits(&dataset(|u, noise| 0.1 * u + noise)).is_empty());
+    }
+}
