@@ -96,7 +96,7 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     let mut disturbed = clean;
     for record in &mut disturbed {
         for (i, k) in (3000..18_000).step_by(1500).enumerate() {
-            record.displacement_um[k] += if i % 2 == 0 { 1.0 } else { -3.0 };
+            record.displacement_um[k] += if i % 2 == 0 { 4.0 } else { -3.0 };
         }
     }
     let mended = stage(disturbed);
