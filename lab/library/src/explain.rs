@@ -202,6 +202,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         elsewhere: elsewhere.as_ref(),
         beside_start: beside_start.as_ref(),
         quantised: quantised.as_deref(),
+        stopped,
     };
     let diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.overview, &study.policy);
     let mut model = last.model.clone();

@@ -176,13 +176,15 @@ pub struct Found<'a> {
     pub beside_start: Option<&'a super::screening::Screening>,
     /// The effect that the readings themselves show: they are whole steps of a converter.
     pub quantised: Option<&'a str>,
+    /// The caller wanted the best so far.
+    pub stopped: bool,
 }
 
 impl Found<'_> {
-    /// Effects that the last model has more than the first, where nothing was weighed: the search was stopped.
+    /// Effects that the last model has more than the first, where nothing was weighed because the search was stopped.
     #[must_use]
     pub fn unweighed(&self) -> Vec<String> {
-        if !self.supported.is_empty() || self.elsewhere.is_some_and(|e| !e.at_home) {
+        if !self.stopped || !self.supported.is_empty() {
             return Vec::new();
         }
         let new = |id: &String| self.first.model.effect(id).is_none() && self.quantised != Some(id.as_str());
