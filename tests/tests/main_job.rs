@@ -199,5 +199,7 @@ fn readings_that_end_are_no_amplifier_that_does() {
         found.diagnosis.recording
     );
     let saturation = found.model.effect("saturation").is_some();
-    assert_eq!(saturation, found.diagnosis.sentence.contains("one of the readings, not of the amplifier"), "{}", found.diagnosis.sentence);
+    let sentence = &found.diagnosis.sentence;
+    assert_eq!(saturation, sentence.contains("one of the readings, not of the amplifier"), "{sentence}");
+    assert_eq!(!saturation, sentence.contains("The readings end: "), "{sentence}");
 }

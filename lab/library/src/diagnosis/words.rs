@@ -214,12 +214,19 @@ impl Said<'_> {
         self.before_um > self.policy.explained * self.after_um
     }
 
-    /// That it is the sensor which ends where a saturation was found, or nothing.
+    /// That readings end, and that a saturation is theirs where one was found; or nothing.
     fn ends_of_the_sensor(&self) -> String {
+        let Some((first, others)) = self.diagnosis.recording.split_first() else { return String::new() };
+        let others = match others.len() {
+            0 => String::new(),
+            1 => "; so do the readings at another end or of another record".into(),
+            n => format!("; so do readings at {n} other ends or of other records"),
+        };
         let saturates = self.found.last.model.effect(saturation::ID).is_some() && self.found.first.model.effect(saturation::ID).is_none();
-        match self.diagnosis.recording.first() {
-            Some(limit) if saturates => format!(" The saturation is one of the readings, not of the amplifier: in {limit}."),
-            _ => String::new(),
+        if saturates {
+            format!(" The saturation is one of the readings, not of the amplifier: {first}{others}.")
+        } else {
+            format!(" The readings end: {first}{others}. What lies beyond is met by no model: leave it out, or record within the range.")
         }
     }
 
