@@ -143,7 +143,8 @@ impl<'s, 'a> Search<'s, 'a> {
     /// A candidate that gives something that is no number.
     pub fn run(&mut self) -> Result<()> {
         self.run_rounds()?;
-        if self.stopped || self.explained() {
+        // Where not even surfaces in the place of a gain bring anything, it is not the loops that are missing.
+        if self.stopped || self.explained() || self.best().is_bare_gain() {
             return Ok(());
         }
         let before = self.rank(self.best());
