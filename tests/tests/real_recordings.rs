@@ -104,7 +104,8 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     let found = mended.records.iter().zip(&as_it_is.records).map(|(a, b)| {
         let apart_um = |k: usize| (a.displacement_um[k] - b.displacement_um[k]).abs();
         assert!((0..b.displacement_um.len()).all(|k| places.contains(&k) || apart_um(k) == 0.0), "{}: others were changed", a.name);
-        places.iter().filter(|k| apart_um(**k) < 0.05).count()
+        // Replaced, to what a stage moves between samples: they were 3 and 4 um away.
+        places.iter().filter(|k| apart_um(**k) < 0.2).count()
     });
     // The sums of large sines hide two: what follows a jump of the drive is left alone.
     assert_eq!(found.collect::<Vec<_>>(), [10, 10, 10, 8, 10]);
