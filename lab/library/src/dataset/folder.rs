@@ -3,7 +3,11 @@
 use super::Dataset;
 use super::reading::{Files, Instructions, from_file_as, from_manifest_as};
 use crate::error::{Error, Result};
+use std::io::Read;
 use std::path::Path;
+
+/// Most that is read of one file: a device gives bytes without end.
+const BYTES_MAX: u64 = 2 << 30;
 
 const EXPECTED: &str = "a folder with `dataset.toml`, or one file of numbers (docs/formats.md)";
 
@@ -28,7 +32,13 @@ pub fn bytes(path: &Path, expected: &str) -> Result<Vec<u8>> {
     if !path.exists() {
         return Err(Error::new(path.display(), format!("does not exist; expected {expected}")));
     }
-    std::fs::read(path).map_err(|e| Error::new(path.display(), format!("cannot be read: {e}; expected {expected}")))
+    let wrong = |e: std::io::Error| Error::new(path.display(), format!("cannot be read: {e}; expected {expected}"));
+    let mut bytes = Vec::new();
+    std::fs::File::open(path).map_err(wrong)?.take(BYTES_MAX + 1).read_to_end(&mut bytes).map_err(wrong)?;
+    if bytes.len() as u64 > BYTES_MAX {
+        return Err(Error::new(path.display(), format!("goes on beyond {} GiB; expected {expected}", BYTES_MAX >> 30)));
+    }
+    Ok(bytes)
 }
 
 /// The text of a file.

@@ -7,7 +7,7 @@
 //! first overshoot of a fast mode is as narrow.
 
 use super::Record;
-use crate::statistics::mean;
+use crate::statistics::{extremes, mean};
 
 /// A reading stands out where it is so many times as far from its neighbours as readings usually are.
 const STANDS_OUT: f64 = 15.0;
@@ -19,14 +19,34 @@ const ALONE_WITHIN: usize = 8;
 const ALONE_SHARE: f64 = 0.2;
 /// A drive jumps where it changes by so many times what it changes by on average around.
 const JUMP: f64 = 8.0;
+/// Samples on each side that a reading is compared with.
+const MEDIAN_REACHES: usize = 2;
+/// Samples at the beginning of a record in which a jump of the drive counts for those before it too.
+const AT_AN_END: usize = 4;
 /// More than this share of all readings are no single ones.
 const SHARE_MAX: f64 = 0.002;
 
-/// Puts the mean of its two neighbours in the place of each reading that stands alone, and gives a note of it.
-pub(super) fn replaced(record: &mut Record) -> Option<String> {
-    let outliers = single_outliers(&record.displacement_um, &record.drive_v);
+/// Readings that stand out, by their samples in order.
+#[derive(Debug, Default, PartialEq)]
+struct Outliers {
+    /// Those that stand alone.
+    single: Vec<usize>,
+    /// Those beside others.
+    beside_others: Vec<usize>,
+}
+
+/// Puts what its neighbours say in the place of each reading inside the window that stands alone, and gives notes of all that stand out.
+pub(super) fn replaced(record: &mut Record) -> Vec<String> {
+    let mut outliers = outliers(&record.displacement_um, &record.drive_v);
+    // Of one recording that is cut into several records each has its part.
+    outliers.single.retain(|k| record.window.contains(k));
+    outliers.beside_others.retain(|k| record.window.contains(k));
+    singles_replaced(record, &outliers.single).into_iter().chain(several_together(record, &outliers.beside_others)).collect()
+}
+
+fn singles_replaced(record: &mut Record, outliers: &[usize]) -> Option<String> {
     let first = outliers.first()?;
-    if outliers.len() as f64 > SHARE_MAX * record.displacement_um.len() as f64 {
+    if outliers.len() as f64 > SHARE_MAX * record.window.len() as f64 {
         return Some(format!(
             "{}: {} readings stand alone, too many for single disturbances; they are left as they are",
             record.name,
@@ -35,8 +55,8 @@ pub(super) fn replaced(record: &mut Record) -> Option<String> {
     }
     let y = &mut record.displacement_um;
     let mut farthest_um = 0.0_f64;
-    for &k in &outliers {
-        let beside_um = 0.5 * (y[k - 1] + y[k + 1]);
+    for &k in outliers {
+        let beside_um = if (1..y.len() - 1).contains(&k) { 0.5 * (y[k - 1] + y[k + 1]) } else { expected(y, k) };
         farthest_um = farthest_um.max((y[k] - beside_um).abs());
         y[k] = beside_um;
     }
@@ -45,26 +65,52 @@ pub(super) fn replaced(record: &mut Record) -> Option<String> {
         n => (format!("{n} readings stand alone"), "they are", "the first is sample"),
     };
     Some(format!(
-        "{}: {readings}, up to {:.3} um beside what comes before and after ({sample} {}): no stage does that, and {they} replaced by the mean of \
-         both neighbours",
+        "{}: {readings}, up to {:.3} um beside what comes before and after ({sample} {}): no stage does that, and {they} replaced by what their \
+         neighbours say",
         record.name,
         farthest_um,
         first + 1
     ))
 }
 
-/// The samples whose readings stand alone, in order.
-fn single_outliers(readings_um: &[f64], drive_v: &[f64]) -> Vec<usize> {
+fn several_together(record: &Record, outliers: &[usize]) -> Option<String> {
+    let first = outliers.first()?;
+    Some(format!(
+        "{}: {} readings stand out, but not alone (the first is sample {}): what disturbed several in a row is not known, and they are left as they \
+         are",
+        record.name,
+        outliers.len(),
+        first + 1
+    ))
+}
+
+/// What the readings beside a sample say of it.
+fn expected(readings_um: &[f64], k: usize) -> f64 {
+    let n = readings_um.len();
+    let at_an_end = |y: [f64; 3]| {
+        // The straight lines through any two of the next three, so that one of these may be disturbed itself.
+        let mut three = [2.0 * y[0] - y[1], y[0] + 0.5 * (y[0] - y[2]), 3.0 * y[1] - 2.0 * y[2]];
+        three.sort_by(f64::total_cmp);
+        three[1]
+    };
+    match k {
+        0 | 1 => at_an_end([readings_um[k + 1], readings_um[k + 2], readings_um[k + 3]]),
+        k if k + 2 >= n => at_an_end([readings_um[k - 1], readings_um[k - 2], readings_um[k - 3]]),
+        k => {
+            let mut four = [readings_um[k - 2], readings_um[k - 1], readings_um[k + 1], readings_um[k + 2]];
+            four.sort_by(f64::total_cmp);
+            0.5 * (four[1] + four[2])
+        }
+    }
+}
+
+/// The readings that stand out.
+fn outliers(readings_um: &[f64], drive_v: &[f64]) -> Outliers {
     let n = readings_um.len();
     if n < 4 * AROUND {
-        return Vec::new();
+        return Outliers::default();
     }
-    let beside = |k: usize| {
-        let mut four = [readings_um[k - 2], readings_um[k - 1], readings_um[k + 1], readings_um[k + 2]];
-        four.sort_by(f64::total_cmp);
-        0.5 * (four[1] + four[2])
-    };
-    let apart: Vec<f64> = (0..n).map(|k| if k < 2 || k + 2 >= n { 0.0 } else { (readings_um[k] - beside(k)).abs() }).collect();
+    let apart: Vec<f64> = (0..n).map(|k| (readings_um[k] - expected(readings_um, k)).abs()).collect();
     let usual_everywhere = mean(&apart);
     let stands_out = |k: usize| {
         if apart[k] <= STANDS_OUT * usual_everywhere {
@@ -72,18 +118,28 @@ fn single_outliers(readings_um: &[f64], drive_v: &[f64]) -> Vec<usize> {
         }
         let around = &apart[k.saturating_sub(AROUND)..(k + AROUND + 1).min(n)];
         let usual = (around.iter().sum::<f64>() - apart[k]) / (around.len() - 1) as f64;
-        let beside = (k.saturating_sub(ALONE_WITHIN)..(k + ALONE_WITHIN + 1).min(n)).filter(|j| *j != k);
-        apart[k] > STANDS_OUT * usual && beside.map(|j| apart[j]).fold(0.0, f64::max) < ALONE_SHARE * apart[k]
+        apart[k] > STANDS_OUT * usual
     };
-    (2..n - 2).filter(|k| stands_out(*k) && !after_a_jump(drive_v, *k)).collect()
+    let alone = |k: usize| {
+        let beside = (k.saturating_sub(ALONE_WITHIN)..(k + ALONE_WITHIN + 1).min(n)).filter(|j| *j != k);
+        beside.map(|j| apart[j]).fold(0.0, f64::max) < ALONE_SHARE * apart[k]
+    };
+    // Where readings run into their own end, the last one before it is no outlier: the bend there is as sharp.
+    let (lowest, highest) = extremes(readings_um);
+    let at_its_end = |a: usize, b: usize| readings_um[a] == readings_um[b] && (readings_um[a] == lowest || readings_um[a] == highest);
+    let beside_an_end = |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
+    let found = (0..n).filter(|k| stands_out(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k));
+    let (single, beside_others) = found.partition(|k| alone(*k));
+    Outliers { single, beside_others }
 }
 
-/// Whether the drive jumped shortly before a sample.
-fn after_a_jump(drive_v: &[f64], k: usize) -> bool {
+/// Whether the drive jumped shortly before a sample or between those it is compared with, or at the beginning of a record whose first samples are asked for.
+fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
     let change = |j: usize| (drive_v[j + 1] - drive_v[j]).abs();
     let (from, to) = (k.saturating_sub(AROUND), (k + AROUND).min(drive_v.len() - 1));
     let usual = (from..to).map(change).sum::<f64>() / (to - from).max(1) as f64;
-    (from..k).map(change).fold(0.0, f64::max) > JUMP * usual
+    let until = (k + MEDIAN_REACHES + 1).max(AT_AN_END).min(to);
+    (from..until).map(change).fold(0.0, f64::max) > JUMP * usual
 }
 
 #[cfg(test)]
@@ -112,19 +168,19 @@ mod tests {
     #[test]
     fn the_readings_that_were_disturbed_are_found_and_no_other() {
         let clean = record();
-        assert_eq!(single_outliers(&clean.displacement_um, &clean.drive_v), Vec::<usize>::new());
-        let disturbed = [777, 2260, 3800, 4411, 4500, 7990];
+        assert_eq!(outliers(&clean.displacement_um, &clean.drive_v), Outliers::default());
+        let disturbed = [0, 777, 2260, 3800, 4411, 4500, 7990, 7999];
         let mut record = clean.clone();
         for (i, k) in disturbed.iter().enumerate() {
             record.displacement_um[*k] += [0.7, -0.5, 1.5][i % 3];
         }
-        assert_eq!(single_outliers(&record.displacement_um, &record.drive_v), disturbed);
-        let note = replaced(&mut record).unwrap();
-        assert!(note.contains("6 readings stand alone") && note.contains("the first is sample 778"), "{note}");
+        assert_eq!(outliers(&record.displacement_um, &record.drive_v), Outliers { single: disturbed.to_vec(), beside_others: Vec::new() });
+        let notes = replaced(&mut record).join("\n");
+        assert!(notes.contains("8 readings stand alone") && notes.contains("the first is sample 1)"), "{notes}");
         for k in disturbed {
             assert!((record.displacement_um[k] - clean.displacement_um[k]).abs() < 0.03, "{k}");
         }
-        assert_eq!(replaced(&mut record), None);
+        assert!(replaced(&mut record).is_empty());
     }
 
     #[test]
@@ -132,14 +188,40 @@ mod tests {
         let mut record = record();
         (3100..7900).step_by(100).for_each(|k| record.displacement_um[k] += 2.0);
         let before = record.displacement_um.clone();
-        assert!(replaced(&mut record).unwrap().contains("too many"));
+        assert!(replaced(&mut record)[0].contains("too many"));
         assert_eq!(record.displacement_um, before);
+    }
+
+    #[test]
+    fn several_together_are_said_and_left_alone() {
+        let mut record = record();
+        (4000..4003).for_each(|k| record.displacement_um[k] += 2.0);
+        let before = record.displacement_um.clone();
+        let notes = replaced(&mut record);
+        assert!(notes.len() == 1 && notes[0].contains("not alone"), "{notes:?}");
+        assert_eq!(record.displacement_um, before);
+    }
+
+    #[test]
+    fn what_lies_outside_the_window_is_of_another_record() {
+        let mut record = record();
+        [2000, 4411].iter().for_each(|k| record.displacement_um[*k] += 2.0);
+        record.window = 3500..8000;
+        let notes = replaced(&mut record);
+        assert!(notes.len() == 1 && notes[0].contains("1 reading stands alone") && notes[0].contains("sample 4412"), "{notes:?}");
+    }
+
+    #[test]
+    fn where_readings_run_into_their_end_is_no_outlier() {
+        let drive_v: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.003 * f64::from(k)).cos()).collect();
+        let displacement_um = drive_v.iter().map(|u| (0.1 * u + if *u > 90.0 { 0.2 } else { 0.0 }).min(9.1)).collect();
+        assert!(replaced(&mut Record::new("r", 1000.0, drive_v, displacement_um)).is_empty());
     }
 
     #[test]
     fn coarse_readings_have_no_outliers() {
         let mut record = record();
         record.displacement_um.iter_mut().for_each(|y| *y = (*y / 0.05).round() * 0.05);
-        assert_eq!(replaced(&mut record), None);
+        assert!(replaced(&mut record).is_empty());
     }
 }

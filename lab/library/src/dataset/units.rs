@@ -186,6 +186,9 @@ const UNITS: &[(&str, Dimension, f64)] = &[
     ("sequence", Dimension::Other, 1.0),
 ];
 
+/// What a column without a unit counts.
+const COUNTS: [&str; 6] = ["count", "counts", "digit", "lsb", "bit", "1"];
+
 fn normal(unit: &str) -> String {
     let inner = unit.trim().trim_start_matches(['[', '(', '{']).trim_end_matches([']', ')', '}']).trim();
     inner.to_lowercase().replace(['µ', 'μ'], "u")
@@ -263,8 +266,18 @@ pub fn factor(quantity: Quantity, unit: &str, place: &str, column: &str) -> Resu
         _ => (number.to_owned(), rest),
     };
     let scale = if number.is_empty() { Some(1.0) } else { number.parse::<f64>().ok().filter(|v| v.is_finite() && *v != 0.0) };
-    let is_sensitivity = rest.contains('/');
-    let numerator = rest.split('/').next().unwrap_or_default();
+    let (numerator, denominator) = rest.split_once('/').map_or((rest, None), |(above, below)| (above, Some(below.trim())));
+    let is_sensitivity = denominator.is_some();
+    if let Some(below) =
+        denominator.filter(|below| dimension_of(below) != Some(Dimension::Voltage) && !COUNTS.contains(&normal(below).as_str()))
+    {
+        return Err(Error::new(
+            place,
+            format!(
+                "{column}: \"{text}\" is a sensitivity per \"{below}\"; expected one of the column's own unit, such as 5 um/V or 0.3 nm/count"
+            ),
+        ));
+    }
     match (scale, entry(numerator)) {
         (Some(scale), Some((_, dimension, factor))) if *dimension == quantity.dimension() => Ok(scale * factor),
         (Some(_), Some((_, Dimension::Voltage, _))) if quantity == Quantity::Displacement && !is_sensitivity => Err(Error::new(
@@ -323,6 +336,8 @@ mod tests {
         assert!(of(Quantity::Displacement, "V").unwrap_err().to_string().contains("um/V"));
         assert!(of(Quantity::Drive, "nm").unwrap_err().to_string().contains("mv"));
         assert!(of(Quantity::Time, "0ms").is_err());
+        assert!(of(Quantity::Displacement, "0.3 nm/count").is_ok());
+        assert!(of(Quantity::Displacement, "5um/parsec").unwrap_err().to_string().contains("per \"parsec\""));
     }
 
     #[test]
