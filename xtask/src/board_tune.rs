@@ -12,6 +12,8 @@ use crate::toolchain;
 
 /// The true error that is accepted, over the noise of the sensor.
 const ACCEPTED: f64 = 1.3;
+/// What is told of the error from the sensor's reading is right to this share of its noise: that noise is known to some hundredths itself.
+const TOLD_WITHIN: f64 = 0.25;
 /// Position at the sensor's code 0 of the wiring that the emulated board has, um.
 const SENSOR_AT_CODE_0_UM: f64 = -1.0;
 
@@ -112,6 +114,11 @@ fn judge(truth: &Path, out: &Path) -> Result<(), String> {
         error_um / noise_um,
         1e3 * noise_um
     );
+    let told_um = number(&tuned["on_reference"]["of_position_um"], "on_reference.of_position_um")?;
+    println!("   `board tune` tells {:.2} nm from what the sensor reads", 1e3 * told_um);
+    if (told_um - error_um).abs() > TOLD_WITHIN * noise_um {
+        return Err(format!("`board tune` tells an error of {:.2} nm, the true one is {:.2} nm", 1e3 * told_um, 1e3 * error_um));
+    }
     if error_um > ACCEPTED * noise_um {
         return Err(format!("the true error is {:.2} times the noise, more than {ACCEPTED}", error_um / noise_um));
     }

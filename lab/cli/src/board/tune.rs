@@ -28,7 +28,7 @@ use std::path::Path;
 
 /// Effects that a search begins with: what a servo needs. A first rise is not among them, the conditioning has taken it.
 const BEGIN_WITH: &str = "hysteresis,vibration,creep";
-/// The error that is accepted, over the noise of the sensor.
+/// The error of the position that is accepted, over the noise of the sensor.
 const ACCEPTED: f64 = 1.3;
 /// Samples at rest on a reference.
 const SAMPLES_ON_REFERENCE: usize = 8000;
@@ -41,16 +41,19 @@ const MOST_TICKS_OF_A_MOVE: f64 = 100_000.0;
 /// Velocity of the way to a reference, as a share of the travel in a second.
 const VELOCITY_SHARE: f64 = 4.0;
 
-/// An error of the closed loop as the sensor reads it, its noise included, um.
+/// An error of the closed loop, um.
 #[derive(Clone, Debug, Serialize)]
 struct Followed {
-    /// RMS.
+    /// RMS as the sensor reads it, its noise included.
     rms_um: f64,
+    /// RMS of the position itself. What the sensor adds to a reading the servo has not seen yet when the reading is taken, so that it is not in
+    /// the position there, and the squares add.
+    of_position_um: f64,
     /// Mean.
     mean_um: f64,
     /// Largest magnitude.
     max_um: f64,
-    /// RMS over the noise of the sensor.
+    /// RMS of the position over the noise of the sensor.
     over_noise: f64,
     #[serde(skip)]
     time_s: Vec<f64>,
@@ -66,11 +69,13 @@ impl Followed {
     fn new(sample_rate_hz: f64, reference_um: Vec<f64>, position_um: Vec<f64>, sensor_codes: Vec<u16>, noise_um: f64) -> Self {
         let errors: Vec<f64> = position_um.iter().zip(&reference_um).map(|(y, r)| y - r).collect();
         let rms_um = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt();
+        let of_position_um = (rms_um * rms_um - noise_um * noise_um).max(0.0).sqrt();
         Self {
             rms_um,
+            of_position_um,
             mean_um: mean(&errors),
             max_um: errors.iter().map(|e| e.abs()).fold(0.0, f64::max),
-            over_noise: rms_um / noise_um,
+            over_noise: of_position_um / noise_um,
             time_s: (0..errors.len()).map(|k| k as f64 / sample_rate_hz).collect(),
             reference_um,
             position_um,
@@ -250,10 +255,12 @@ fn go(board: &mut Board, position_um: f64) -> Result<()> {
 fn verdict(on_reference: &Followed, on_sine: &Followed, designed: &Designed, good: bool) -> String {
     let kept = if good { "keeps" } else { "does NOT keep" };
     format!(
-        "The servo {kept} its reference: the sensor reads an error of {:.2} nm RMS, {:.2} times its noise of {:.2} nm ({ACCEPTED} are accepted); on a sine it reads {:.2} nm.",
-        1e3 * on_reference.rms_um,
+        "The servo {kept} its reference: the position is {:.2} nm RMS off, {:.2} times the sensor's noise of {:.2} nm ({ACCEPTED} are accepted), on a sine {:.2} nm. The sensor reads {:.2} and {:.2} nm, its noise included.",
+        1e3 * on_reference.of_position_um,
         on_reference.over_noise,
         1e3 * designed.noise_um,
+        1e3 * on_sine.of_position_um,
+        1e3 * on_reference.rms_um,
         1e3 * on_sine.rms_um
     )
 }
