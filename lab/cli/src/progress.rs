@@ -32,7 +32,7 @@ impl Progress {
                 if STOP.swap(true, Ordering::SeqCst) {
                     std::process::exit(130);
                 }
-                eprintln!("stopping: the best so far will be written; once more to end at once");
+                eprintln!("ending with what is known by now, which takes some seconds; once more to end at once");
             });
         });
         Self::with(every_event)

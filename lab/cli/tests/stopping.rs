@@ -35,7 +35,7 @@ fn the_best_so_far_is_written_and_said_as_such() {
     let (output, told) = stopped_at_its_first_step(&arguments, folder.path());
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{told}");
-    assert!(told.contains("stopping: the best so far will be written"), "{told}");
+    assert!(told.contains("ending with what is known by now"), "{told}");
     assert!(text.contains("Stopped: this is the best so far, not the end of the search."), "{text}");
     let figures: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.path().join("m.json")).unwrap()).unwrap();
     assert_eq!(figures["stopped"], true);

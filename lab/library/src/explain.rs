@@ -3,6 +3,7 @@
 use crate::dataset::Dataset;
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
+use crate::diagnosis::loop_structures;
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
 use crate::diagnosis::path::{self, Change, Step};
 use crate::diagnosis::policy::Policy;
@@ -13,7 +14,7 @@ use crate::diagnosis::study::Study;
 use crate::diagnosis::verdict::{self, Diagnosis, Found, Verdict};
 use crate::diagnosis::words;
 use crate::error::Result;
-use crate::identification::fit::{residual, rms};
+use crate::identification::fit::{counted_residual, rms};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::identify::require_chain;
@@ -165,6 +166,7 @@ struct Grown {
     taken_back: Vec<(String, crate::diagnosis::decision::Decision)>,
     elsewhere: Option<Elsewhere>,
     beside_start: Option<Screening>,
+    loops_alike: Vec<String>,
     stopped: bool,
 }
 
@@ -191,7 +193,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
             grow_from_elsewhere(&study, model)?
         }
     };
-    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, stopped } = grown;
+    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, stopped } = grown;
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
     let found = Found {
@@ -202,6 +204,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         elsewhere: elsewhere.as_ref(),
         beside_start: beside_start.as_ref(),
         quantised: quantised.as_deref(),
+        loops_alike: &loops_alike,
         stopped,
     };
     let diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.overview, &study.policy);
@@ -240,7 +243,15 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
             beside_start = Some(study.weigh(&base.model, &study.candidates_for(&base.model), 1000)?);
         }
         let steps = vec![Step { change: Change::Start, judged: base.clone() }];
-        return Ok(Grown { steps, supported: Vec::new(), taken_back: Vec::new(), elsewhere: None, beside_start, stopped });
+        return Ok(Grown {
+            steps,
+            supported: Vec::new(),
+            taken_back: Vec::new(),
+            elsewhere: None,
+            beside_start,
+            loops_alike: Vec::new(),
+            stopped,
+        });
     }
     let mut candidate = best.judged.clone();
     if !study.met(&candidate) && !study.watch.stopped() {
@@ -249,16 +260,34 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
     }
     if search.stopped || study.watch.stopped() {
         let judged = study.judged(candidate.model);
-        let steps = vec![Step { change: Change::Start, judged: base.clone() }, Step { change: Change::FittedAgain, judged }];
-        return Ok(Grown { steps, supported: Vec::new(), taken_back: Vec::new(), elsewhere: None, beside_start, stopped: true });
+        let change = if best.added.is_empty() { Change::FittedAgain } else { Change::AddedUnweighed(best.added.clone()) };
+        let steps = vec![Step { change: Change::Start, judged: base.clone() }, Step { change, judged }];
+        return Ok(Grown {
+            steps,
+            supported: Vec::new(),
+            taken_back: Vec::new(),
+            elsewhere: None,
+            beside_start,
+            loops_alike: Vec::new(),
+            stopped: true,
+        });
     }
     let reduced = reduce(study, &candidate, &best.added)?;
+    let loops_alike = loop_structures::doing_as_well(study, &base.model, &reduced.judged);
     study.watch.event(&Event::Doing("fitting to the end"));
     let thorough = study.thoroughly(&reduced.judged.model);
     let end = if thorough.identify_rms_um <= reduced.judged.identify_rms_um { thorough } else { reduced.judged };
     let added: Vec<String> = reduced.supported.iter().map(|s| s.id.clone()).collect();
     let steps = path::from(study, base, &added, &end)?;
-    Ok(Grown { steps, supported: reduced.supported, taken_back: reduced.taken_back, elsewhere: None, beside_start, stopped: false })
+    Ok(Grown {
+        steps,
+        supported: reduced.supported,
+        taken_back: reduced.taken_back,
+        elsewhere: None,
+        beside_start,
+        loops_alike,
+        stopped: false,
+    })
 }
 
 /// From a model that was handed in.
@@ -285,14 +314,22 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
     let refitted = study.thoroughly(&told.model);
     let refitted = if study.merit(&refitted) <= study.merit(&told) { refitted } else { told };
     steps.push(Step { change: Change::FittedAgain, judged: refitted.clone() });
-    let mut grown =
-        Grown { steps, supported: Vec::new(), taken_back: Vec::new(), elsewhere: None, beside_start: None, stopped: study.watch.stopped() };
+    let mut grown = Grown {
+        steps,
+        supported: Vec::new(),
+        taken_back: Vec::new(),
+        elsewhere: None,
+        beside_start: None,
+        loops_alike: Vec::new(),
+        stopped: study.watch.stopped(),
+    };
     // Far above the noise, or where nobody knows it, the model left as much at home, and the question was what the new recording has.
     let near_the_noise = refitted.within(study.policy.near_the_noise, &study.floors_um, &study.split);
     if (near_the_noise || compared.story.is_empty()) && study.floor_um.is_some() && !grown.stopped {
         let more = grow(study, &refitted)?;
         grown.steps.extend(more.steps.into_iter().skip(1));
         (grown.supported, grown.taken_back, grown.beside_start) = (more.supported, more.taken_back, more.beside_start);
+        grown.loops_alike = more.loops_alike;
         grown.stopped = more.stopped;
     }
     grown.elsewhere = Some(compared);
@@ -337,7 +374,7 @@ fn record_figures(model: &Model, dataset: &Dataset) -> Vec<RecordFigures> {
         .records
         .iter()
         .map(|record| {
-            let r = residual(model, record);
+            let r = counted_residual(model, record);
             let rms_um = rms(&r);
             let range = record.range_um();
             RecordFigures {
@@ -401,7 +438,7 @@ pub fn step_figures(steps: &[Step]) -> Vec<StepFigures> {
         .iter()
         .zip(before)
         .map(|(step, before)| StepFigures {
-            added: step.change.added().map(String::from),
+            added: step.change.added(),
             removed: Vec::new(),
             why: words::why_step(&step.change, before, &step.judged),
             identify_rms_um: step.judged.identify_rms_um,

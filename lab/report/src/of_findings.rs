@@ -14,6 +14,7 @@ use hysteron::diagnosis::verdict::{CandidateFigures, Verdict};
 use hysteron::diagnosis::words::{self, nm};
 use hysteron::explain::{Explanation, FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
+use hysteron::identification::linearisation::silence_left_out;
 use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identification::own_part::Samples;
 use hysteron::statistics::largest;
@@ -97,8 +98,10 @@ fn evidence_of_rounding(found: &Explanation, dataset: &Dataset) -> EvidenceRepor
         let record_of = &dataset.records[record];
         // The residual knows the constant of its record, the reading of the model does not.
         let rounding = |k: usize, residual: f64| mean_rounding_um(record_of.displacement_um[k] - residual, step_um, sigma_um);
-        let predicted_um = record_of.window.clone().zip(residual_um).map(|(k, residual)| rounding(k, *residual)).collect();
-        EvidenceTrace { record, samples: Vec::new(), residual_um: residual_um.clone(), predicted_um }
+        let predicted_um = record_of.counted().zip(residual_um).map(|(k, residual)| rounding(k, *residual)).collect();
+        let samples =
+            if record_of.left_out.is_empty() { Vec::new() } else { record_of.counted().map(|k| k - record_of.window.start).collect() };
+        EvidenceTrace { record, samples, residual_um: residual_um.clone(), predicted_um }
     });
     let quantisation = Quantisation;
     EvidenceReport {
@@ -149,8 +152,10 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
         .iter()
         .map(|record| {
             let window = record.window.clone();
-            let residuals: Vec<Vec<f64>> = models.iter().map(|m| residual(m, record)).collect();
-            let last = residuals.last().cloned().unwrap_or_default();
+            let mut residuals: Vec<Vec<f64>> = models.iter().map(|m| residual(m, record)).collect();
+            let last = residuals.last().map_or_else(Vec::new, |last| record.counted().map(|k| last[k - window.start]).collect());
+            // Drawn, the distance to a reading that says nothing would be all that one sees.
+            residuals.iter_mut().for_each(|residual| silence_left_out(record, residual));
             RecordReport {
                 name: record.name.clone(),
                 role: record.role.name().into(),

@@ -7,7 +7,7 @@
 //!   [`one_recording`]: which part of a single file is fitted and which judges; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
 //!   (feature `files`).
 //! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings;
-//!   [`reading_limits`]: where it ends; `single_outliers`: readings that stand alone, which are replaced.
+//!   [`reading_limits`]: where its range ends, and readings say nothing; `single_outliers`: readings that stand alone, which are replaced.
 //!
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
 //! `t[k+1]`.
@@ -120,8 +120,9 @@ impl Dataset {
             check_signals(record)?;
         }
         self.check_repeats()?;
-        let replaced: Vec<String> = self.records.iter_mut().filter_map(single_outliers::replaced).collect();
+        let replaced: Vec<String> = self.records.iter_mut().flat_map(single_outliers::replaced).collect();
         self.notes.extend(replaced);
+        self.records.iter_mut().filter(|record| record.left_out.is_empty()).for_each(reading_limits::leave_out);
         let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
         self.notes.extend(doubts);
         if !self.records.iter().any(|r| r.role == Role::Identify) {
@@ -233,7 +234,7 @@ impl Dataset {
         let to_fit = if self.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
         for record in self.records.iter().filter(|r| r.role == to_fit) {
             // y[k] answers to u[k - 1].
-            let rows: Vec<usize> = record.window.clone().filter(|k| *k > 0).collect();
+            let rows: Vec<usize> = record.counted().filter(|k| *k > 0).collect();
             let n = rows.len().max(1) as f64;
             let mean_u = rows.iter().map(|&k| record.drive_v[k - 1]).sum::<f64>() / n;
             let mean_y = rows.iter().map(|&k| record.displacement_um[k]).sum::<f64>() / n;

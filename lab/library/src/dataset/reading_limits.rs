@@ -1,6 +1,7 @@
 //! Readings that stand still at their highest or lowest value while the drive moves on: the range of the sensor or of its converter ends there.
 //!
 //! An amplifier that cannot give more holds the stage, and the sensor's noise goes on; a converter at its end reads the same value, digit by digit.
+//! What it reads there says only that the displacement is beyond: such samples are left out of fits, noise and figures.
 
 use super::{Dataset, Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
@@ -31,43 +32,48 @@ pub struct ReadingLimit {
 /// The limits of all driven records.
 #[must_use]
 pub fn reading_limits(dataset: &Dataset) -> Vec<ReadingLimit> {
-    dataset.records.iter().filter(|record| record.role != Role::Noise).flat_map(limits_of).collect()
+    dataset.records.iter().flat_map(limits_of).collect()
+}
+
+/// Leaves the readings of a record that stand at a limit out of what counts, and nothing else. A data set does so with the records that it is
+/// made of.
+pub fn leave_out(record: &mut Record) {
+    let limits = limits_of(record);
+    let at_a_limit = |run: &Range<usize>| limits.iter().any(|limit| limit.reading_um == record.displacement_um[run.start]);
+    record.left_out = runs_of_equals(record).filter(at_a_limit).collect();
 }
 
 fn limits_of(record: &Record) -> Vec<ReadingLimit> {
-    let readings_um = &record.displacement_um[record.window.clone()];
-    let (lowest, highest) = extremes(readings_um);
-    let runs = runs_of_equals(readings_um);
-    let at = |reading_um: f64| move |run: &&Range<usize>| readings_um[run.start] == reading_um;
-    let elsewhere = runs.iter().filter(|run| !at(lowest)(run) && !at(highest)(run)).map(Range::len).max().unwrap_or(0);
+    if record.role == Role::Noise {
+        return Vec::new();
+    }
+    let readings_um = &record.displacement_um;
+    let (lowest, highest) = extremes(&readings_um[record.window.clone()]);
+    let at = |reading_um: f64| move |run: &Range<usize>| readings_um[run.start] == reading_um;
+    let long = || runs_of_equals(record).filter(|run| run.len() >= RUN_MIN);
+    let elsewhere = long().filter(|run| !at(lowest)(run) && !at(highest)(run)).map(|run| run.len()).max().unwrap_or(0);
     let moves_v = DRIVE_MOVES * peak_to_peak(&record.drive_v[record.window.clone()]);
-    let stands_still = |run: &Range<usize>| {
-        let drive_v = &record.drive_v[record.window.start + run.start..record.window.start + run.end];
-        run.len() >= RUN_MIN.max(LONGER_THAN_ELSEWHERE * elsewhere) && peak_to_peak(drive_v) > moves_v
-    };
+    let stands_still = |run: Range<usize>| run.len() >= LONGER_THAN_ELSEWHERE * elsewhere && peak_to_peak(&record.drive_v[run]) > moves_v;
     let limit = |reading_um: f64| {
-        runs.iter().filter(at(reading_um)).any(stands_still).then(|| {
-            let samples = readings_um.iter().filter(|y| **y == reading_um).count();
-            let share = samples as f64 / readings_um.len() as f64;
+        long().filter(at(reading_um)).any(stands_still).then(|| {
+            let samples = record.window.clone().filter(|k| readings_um[*k] == reading_um).count();
+            let share = samples as f64 / record.window.len() as f64;
             ReadingLimit { record: record.name.clone(), reading_um, highest: reading_um == highest, samples, share }
         })
     };
     [lowest, highest].into_iter().filter_map(limit).collect()
 }
 
-/// Where readings are the same as the one before, digit by digit.
-fn runs_of_equals(readings_um: &[f64]) -> Vec<Range<usize>> {
-    let mut out = Vec::new();
-    let mut start = 0;
-    for k in 1..=readings_um.len() {
-        if k == readings_um.len() || readings_um[k] != readings_um[start] {
-            out.push(start..k);
-            start = k;
-        }
-    }
-    out
+/// Where readings inside the window are the same as the one before, digit by digit, one run after the other.
+fn runs_of_equals(record: &Record) -> impl Iterator<Item = Range<usize>> + '_ {
+    let (mut from, end) = (record.window.start, record.window.end);
+    std::iter::from_fn(move || {
+        let first = record.displacement_um[from..end].first()?;
+        let run = from..from + record.displacement_um[from..end].iter().take_while(|y| *y == first).count();
+        from = run.end;
+        Some(run)
+    })
 }
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -58,6 +58,9 @@ pub struct Record {
     pub initial_state: InitialState,
     /// Samples that count.
     pub window: Range<usize>,
+    /// Samples among them that do not, because their readings say nothing of the displacement: the sensor's range ends there. Ascending;
+    /// a data set finds them where none are given ([`super::reading_limits`]).
+    pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,
     /// Name of the record with the same drive.
@@ -86,6 +89,7 @@ impl Record {
             role: Role::Identify,
             initial_state: InitialState::Unknown,
             window: 0..drive_v.len(),
+            left_out: Vec::new(),
             periods: None,
             repeat_of: None,
             offset_is_fitted: true,
@@ -124,6 +128,18 @@ impl Record {
             dt_s: self.dt_s(),
             initial_state: self.initial_state,
         }
+    }
+
+    /// Whether the reading of a sample inside the window says something of the displacement.
+    #[must_use]
+    pub fn counts(&self, sample: usize) -> bool {
+        let before = self.left_out.partition_point(|range| range.end <= sample);
+        self.left_out.get(before).is_none_or(|range| sample < range.start)
+    }
+
+    /// The samples inside the window whose readings say something of the displacement.
+    pub fn counted(&self) -> impl Iterator<Item = usize> + '_ {
+        self.window.clone().filter(|k| self.counts(*k))
     }
 
     /// Peak-to-peak displacement inside the window, um.

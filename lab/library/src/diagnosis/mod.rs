@@ -3,7 +3,8 @@
 //! * [`study`]: data, candidates and thresholds ([`policy`]) of one diagnosis, and the moves that make models;
 //! * [`screening`] scores every candidate on the residual of a model without refitting it; [`resonances`] says where modes are looked for;
 //! * [`search`] finds the set of effects that meets fitted and held-out records best ([`judgement`]);
-//! * [`reduction`] takes back what the data do not need ([`decision`]) and asks the rest for rivals; [`path`] is the way there, for people;
+//! * [`reduction`] takes back what the data do not need ([`decision`]) and asks the rest for rivals; [`loop_structures`] asks the loops; [`path`] is
+//!   the way there, for people;
 //! * [`elsewhere`] asks what a model that was identified on other data lacks, or which of its values have changed;
 //! * [`verdict`] puts what came out into one of five words, [`words`] into sentences;
 //! * [`residual_map`]: where in the drive a residual lives; [`latent_force`]: what would have to act to leave it;
@@ -13,6 +14,7 @@ pub mod decision;
 pub mod elsewhere;
 pub mod judgement;
 pub mod latent_force;
+pub mod loop_structures;
 pub mod next_experiment;
 pub mod path;
 pub mod policy;

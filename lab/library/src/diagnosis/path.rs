@@ -25,6 +25,8 @@ pub enum Change {
     Start,
     /// An effect was added.
     Added(String),
+    /// These effects were added until the search was stopped; nothing weighed them.
+    AddedUnweighed(Vec<String>),
     /// The same hysteresis was described better: more finely, or by loops of another structure.
     FinerHysteresis(String),
     /// All values were fitted again, to this recording.
@@ -34,11 +36,12 @@ pub enum Change {
 }
 
 impl Change {
-    /// The effect that was added, if one was.
+    /// The effect that was added, if one was; several with commas between.
     #[must_use]
-    pub fn added(&self) -> Option<&str> {
+    pub fn added(&self) -> Option<String> {
         match self {
-            Self::Added(id) => Some(id),
+            Self::Added(id) => Some(id.clone()),
+            Self::AddedUnweighed(ids) => Some(ids.join(", ")),
             _ => None,
         }
     }

@@ -27,7 +27,9 @@ use crate::dataset::{Dataset, Record};
 use crate::error::{Error, Result};
 use crate::identification::finer_hysteresis;
 use crate::identification::fit::blocks;
-use crate::identification::linearisation::{Linearised, Rows, free_parameters, linearise, normal_equations, walk_variations};
+use crate::identification::linearisation::{
+    Linearised, Rows, free_parameters, left_in_window, linearise, normal_equations, silence_left_out, walk_variations,
+};
 use crate::identification::own_part::{Samples, project_out, transposed_times};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, InitialState, Model};
@@ -295,13 +297,9 @@ fn resonances_of(residual: &[DMatrix<f64>], dataset: &Dataset, rows: &Rows, mode
                 Samples::Every(_) => projected.as_slice().to_vec(),
                 // A spectrum needs even steps: there what the model leaves as it is.
                 Samples::Some(_) => {
-                    let every = Samples::Every(record.window.clone());
-                    let mut left =
-                        DVector::from_iterator(record.window.len(), record.window.clone().map(|k| record.displacement_um[k] - reading[k]));
-                    let own =
-                        crate::identification::own_part::orthonormalised(&crate::identification::own_part::columns(model, record, &every));
-                    crate::identification::own_part::project_out_of(&own, &mut left);
-                    left.as_slice().to_vec()
+                    let mut left = left_in_window(model, record, reading);
+                    silence_left_out(record, &mut left);
+                    left
                 }
             };
             (left, record.sample_rate_hz)

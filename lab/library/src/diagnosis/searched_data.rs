@@ -35,6 +35,7 @@ fn without_rest_before(record: &mut Record) {
     record.drive_v.drain(..cut);
     record.displacement_um.drain(..cut);
     record.window = record.window.start - cut..record.window.end - cut;
+    record.left_out.iter_mut().for_each(|range| *range = range.start - cut..range.end - cut);
     record.periods = None;
 }
 
@@ -48,6 +49,8 @@ fn shorten(record: &mut Record, share: f64) {
     }
     record.auxiliary.iter_mut().for_each(|signal| signal.values.truncate(end));
     record.window.end = end;
+    record.left_out.retain(|range| range.start < end);
+    record.left_out.iter_mut().for_each(|range| range.end = range.end.min(end));
     record.periods = None;
 }
 

@@ -9,8 +9,9 @@ use super::residual_map::{drive_features, residual_by_feature};
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise_um};
 use crate::dataset::reading_limits::reading_limits;
+use crate::identification::finer_hysteresis::{description, main_effect};
 use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
-use hysteron_sim::effect::{Overview, by_id};
+use hysteron_sim::effect::{Overview, by_id, gain};
 use serde::Serialize;
 
 /// The verdict.
@@ -135,6 +136,9 @@ pub struct Diagnosis {
     pub named: Vec<String>,
     /// What was found, one entry for each missing effect.
     pub findings: Vec<Finding>,
+    /// How the loops of the model at the end are described, where they are not of the structure that was started from, and how others are that
+    /// meet the data as well.
+    pub loops: Vec<String>,
     /// Effects that are there but have other values than in the model that was handed in.
     pub changed: Vec<ChangedValue>,
     /// What is wrong with the recording itself, in sentences.
@@ -176,6 +180,8 @@ pub struct Found<'a> {
     pub beside_start: Option<&'a super::screening::Screening>,
     /// The effect that the readings themselves show: they are whole steps of a converter.
     pub quantised: Option<&'a str>,
+    /// How other loops are described that meet the data as well as those of the model at the end.
+    pub loops_alike: &'a [String],
     /// The caller wanted the best so far.
     pub stopped: bool,
 }
@@ -223,6 +229,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         sentence: String::new(),
         named,
         findings,
+        loops: other_loops(found),
         changed: found.elsewhere.map_or_else(Vec::new, Elsewhere::changed),
         recording: reading_limits(dataset).iter().map(super::words::reading_limit).collect(),
         noise_floor_um: floor.rms_um,
@@ -237,6 +244,16 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     };
     out.sentence = super::words::sentence(&out, found, floor, policy);
     out
+}
+
+/// How the loops at the end are described, and those that do as well, where they are of another structure than at the start. In the place of a gain
+/// loops are an effect that was added, and named as one.
+fn other_loops(found: &Found) -> Vec<String> {
+    let structure = |judged: &Judged| main_effect(&judged.model).map(|e| e.id.clone());
+    if found.first.model.effect(gain::ID).is_some() || structure(found.first) == structure(found.last) {
+        return Vec::new();
+    }
+    std::iter::once(description(&found.last.model)).chain(found.loops_alike.iter().cloned()).collect()
 }
 
 /// What was found, the likeliest reading of each first.
@@ -440,10 +457,10 @@ fn cells(judged: &Judged, dataset: &Dataset) -> Vec<RecordCells> {
         .records
         .iter()
         .zip(&judged.residuals)
-        .filter(|(record, residual)| residual.len() == record.window.len())
+        .filter(|(_, residual)| !residual.is_empty())
         .map(|(record, residual)| {
             let mut full = vec![f64::NAN; record.drive_v.len()];
-            full[record.window.clone()].copy_from_slice(residual);
+            record.counted().zip(residual).for_each(|(k, left)| full[k] = *left);
             let found = residual_by_feature(&record.drive_v, &full, record.sample_rate_hz, record.window.clone(), range_v);
             let cells = drive_features(range_v.0, range_v.1)
                 .into_iter()

@@ -8,11 +8,10 @@ use super::policy::Policy;
 use super::verdict::{Diagnosis, Finding, Found, Verdict};
 use crate::dataset::reading_grid::rounding_noise_um;
 use crate::dataset::reading_limits::ReadingLimit;
-use crate::identification::finer_hysteresis::description;
 use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::{hysteresis, saturation};
+use hysteron_sim::effect::hysteresis;
 
 /// Nanometres with three figures.
 #[must_use]
@@ -78,6 +77,7 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
             let physics = after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
             format!("{}{fall}", physics.trim_end_matches('.'))
         }
+        Change::AddedUnweighed(ids) => format!("{}: added until the search was stopped, and not weighed{fall}", list(ids, "and")),
         Change::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described better{fall}"),
         Change::FittedAgain => format!("all values fitted again, to this recording{fall}"),
         Change::Changed(id) => format!("{} has other values here, all others held{fall}", spoken(id)),
@@ -169,7 +169,7 @@ pub fn sentence(d: &Diagnosis, found: &Found, floor: &NoiseFloor, policy: &Polic
         after_um: error(last),
         story: elsewhere_sentence(d, found),
     };
-    said.verdict() + &other_structure(&first.model, &last.model) + &said.ends_of_the_sensor()
+    said.verdict() + &other_structure(d, &first.model, &last.model) + &said.ends_of_the_sensor()
 }
 
 /// Where the readings end, for a reader.
@@ -185,10 +185,16 @@ pub fn reading_limit(limit: &ReadingLimit) -> String {
     )
 }
 
-/// That the loops are met by another structure than the one that was started from, or nothing.
-fn other_structure(first: &Model, last: &Model) -> String {
-    let surfaces = first.effect(hysteresis::ID).is_some() && last.effect(hysteresis::ID).is_none();
-    if surfaces { format!(" The loops are {}, not those of the surfaces.", description(last)) } else { String::new() }
+/// That the loops are met by another structure than the one that was started from, or by several; or nothing.
+fn other_structure(d: &Diagnosis, first: &Model, last: &Model) -> String {
+    let Some((of_the_model, others)) = d.loops.split_first() else { return String::new() };
+    let from_surfaces = first.effect(hysteresis::ID).is_some() && last.effect(hysteresis::ID).is_none();
+    let not_surfaces = if from_surfaces { ", not those of the surfaces" } else { "" };
+    let as_well = match others {
+        [] => String::new(),
+        _ => format!("; loops {} meet this data as well", list(others, "or")),
+    };
+    format!(" The loops are {of_the_model}{not_surfaces}{as_well}.")
 }
 
 impl Said<'_> {
@@ -214,7 +220,7 @@ impl Said<'_> {
         self.before_um > self.policy.explained * self.after_um
     }
 
-    /// That readings end, and that a saturation is theirs where one was found; or nothing.
+    /// That readings end; or nothing.
     fn ends_of_the_sensor(&self) -> String {
         let Some((first, others)) = self.diagnosis.recording.split_first() else { return String::new() };
         let others = match others.len() {
@@ -222,12 +228,7 @@ impl Said<'_> {
             1 => "; so do the readings at another end or of another record".into(),
             n => format!("; so do readings at {n} other ends or of other records"),
         };
-        let saturates = self.found.last.model.effect(saturation::ID).is_some() && self.found.first.model.effect(saturation::ID).is_none();
-        if saturates {
-            format!(" The saturation is one of the readings, not of the amplifier: {first}{others}.")
-        } else {
-            format!(" The readings end: {first}{others}. What lies beyond is met by no model: leave it out, or record within the range.")
-        }
+        format!(" The readings end: {first}{others}. What they say there is left out of every fit and figure.")
     }
 
     fn at_floor(&self) -> String {

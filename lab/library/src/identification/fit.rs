@@ -9,7 +9,8 @@
 //! * Where a trial step fails, the coefficients follow it before it is given up.
 
 use super::linearisation::{
-    LinearCoefficients, Linearised, ParameterIndex, Rows, free_parameters, linearise, linearise_reusing, normal_equations, residual_at,
+    LinearCoefficients, Linearised, ParameterIndex, Rows, free_parameters, left_in_window, linearise, linearise_reusing, normal_equations,
+    residual_at,
 };
 use super::own_part::Samples;
 use crate::dataset::{Dataset, Record};
@@ -35,10 +36,17 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     lanes[0] + lanes[1] + lanes[2] + lanes[3] + tail
 }
 
-/// Measured less modelled inside the window of a record, with what the record has of its own removed.
+/// Measured less modelled inside the window of a record, with what the record has of its own removed; at samples that do not count as well.
 #[must_use]
 pub fn residual(model: &Model, record: &Record) -> Vec<f64> {
-    residual_at(model, record, &Samples::Every(record.window.clone())).as_slice().to_vec()
+    let model = &*model.before_rounding();
+    left_in_window(model, record, &model.simulate(&record.drive()))
+}
+
+/// The same at the samples whose readings say something: what every figure of an error is computed from.
+#[must_use]
+pub fn counted_residual(model: &Model, record: &Record) -> Vec<f64> {
+    residual_at(model, record, &Samples::counted(record)).as_slice().to_vec()
 }
 
 /// Root mean square of a slice.
@@ -51,7 +59,7 @@ pub fn rms(values: &[f64]) -> f64 {
 #[must_use]
 pub fn rms_over(model: &Model, dataset: &Dataset, records: &[usize]) -> f64 {
     let parts: Vec<(f64, usize)> = parallel::map(records, |&i| {
-        let r = residual(model, &dataset.records[i]);
+        let r = counted_residual(model, &dataset.records[i]);
         (dot(&r, &r), r.len())
     });
     let (sum, count) = parts.iter().fold((0.0, 0), |(s, n), (ds, dn)| (s + ds, n + dn));
@@ -378,9 +386,9 @@ fn store_lines(model: &mut Model, dataset: &Dataset, rows: &Rows) {
         model.effects[at].parameters[i].value = 0.0;
     }
     let reading = model.simulate(&record.drive());
-    let n = record.window.len().max(1) as f64;
+    let n = record.counted().count().max(1) as f64;
     let (mut sine, mut cosine) = (0.0, 0.0);
-    for k in record.window.clone() {
+    for k in record.counted() {
         let phase = std::f64::consts::TAU * frequency_hz * k as f64 * record.dt_s();
         let error = record.displacement_um[k] - reading[k];
         sine += 2.0 / n * error * phase.sin();

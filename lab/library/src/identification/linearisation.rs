@@ -42,7 +42,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// All samples in the windows of these records.
+    /// All samples in the windows of these records whose readings say something.
     #[must_use]
     pub fn all(dataset: &Dataset, records: &[usize]) -> Self {
         Self::thinned(dataset, records, usize::MAX)
@@ -62,9 +62,10 @@ impl Rows {
         let mut by_name: Vec<usize> = records.to_vec();
         by_name.sort_by(|a, b| dataset.records[*a].name.cmp(&dataset.records[*b].name));
         let samples = |i: usize| {
-            let window = dataset.records[i].window.clone();
+            let record = &dataset.records[i];
+            let window = record.window.clone();
             if stride == 1 {
-                return Samples::Every(window);
+                return Samples::counted(record);
             }
             // A multiplicative sequence is as irregular as is needed here, and the same every time.
             let irregular = |block: usize| (block as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 33;
@@ -72,7 +73,7 @@ impl Rows {
                 let length = stride.min(window.end - start);
                 start + irregular(b) as usize % length
             };
-            Samples::Some(window.clone().step_by(stride).enumerate().map(block).collect())
+            Samples::Some(window.clone().step_by(stride).enumerate().map(block).filter(|k| record.counts(*k)).collect())
         };
         Self { records: by_name.into_iter().map(|i| (i, samples(i))).collect() }
     }
@@ -133,6 +134,29 @@ pub fn residual_at(model: &Model, record: &Record, samples: &Samples) -> DVector
     let mut out = raw_residual(model, record, samples);
     project_out_of(&orthonormalised(&own_part::columns(model, record, samples)), &mut out);
     out
+}
+
+/// What a reading of the whole record leaves inside its window, free of what the record has of its own as far as the samples that count show
+/// that.
+#[must_use]
+pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec<f64> {
+    let every = Samples::Every(record.window.clone());
+    let mut left = DVector::from_iterator(every.count(), every.iter().map(|k| record.displacement_um[k] - reading_um[k]));
+    let columns = own_part::columns(model, record, &every);
+    if record.left_out.is_empty() {
+        project_out_of(&orthonormalised(&columns), &mut left);
+    } else {
+        let counted: Vec<usize> = record.counted().map(|k| k - record.window.start).collect();
+        left -= &columns * amounts(&columns.select_rows(&counted), &left.select_rows(&counted));
+    }
+    left.as_slice().to_vec()
+}
+
+/// Puts nothing where the readings of a record's window say nothing: for spectra, which need even steps.
+pub fn silence_left_out(record: &Record, in_window: &mut [f64]) {
+    for range in &record.left_out {
+        in_window[range.start - record.window.start..range.end - record.window.start].fill(0.0);
+    }
 }
 
 /// A model with one coordinate moved, and how far it went.

@@ -18,6 +18,12 @@ pub enum Samples {
 }
 
 impl Samples {
+    /// All samples of a record's window whose readings say something.
+    #[must_use]
+    pub fn counted(record: &Record) -> Self {
+        if record.left_out.is_empty() { Self::Every(record.window.clone()) } else { Self::Some(record.counted().collect()) }
+    }
+
     /// How many.
     #[must_use]
     pub fn count(&self) -> usize {

@@ -15,6 +15,7 @@
 use super::model::SAMPLING_PERIOD_S;
 use crate::dataset::{Dataset, Role};
 use crate::identification::fit::{residual, rms};
+use crate::identification::linearisation::silence_left_out;
 use crate::identification::noise_floor::noise_floor;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Place;
@@ -129,10 +130,11 @@ impl Recording {
             if matches!(record.role, Role::Noise | Role::Test) {
                 continue;
             }
-            let missed = residual(chain, record);
+            let mut missed = residual(chain, record);
             if record.role == Role::Identify || dataset.with_role(Role::Identify).is_empty() {
-                squares.extend(missed.iter().copied());
+                squares.extend(record.counted().map(|k| missed[k - record.window.start]));
             }
+            silence_left_out(record, &mut missed);
             let force = force_chain.simulate(&record.drive());
             let rate_hz = record.sample_rate_hz;
             if rate_hz >= LEAST_RATE_HZ && !rates_hz.contains(&rate_hz) {

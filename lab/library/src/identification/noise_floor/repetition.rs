@@ -34,10 +34,12 @@ pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> 
     let periods = record.periods.filter(|p| p.count >= 2).or_else(|| find_periods(record, span_v))?;
     let from = periods.from.max(1);
     let end = periods.from + (periods.count - 1) * periods.length;
-    let difference: Vec<f64> = (from..end).map(|k| record.displacement_um[k + periods.length] - record.displacement_um[k]).collect();
+    let both_count = |k: &usize| record.counts(*k) && record.counts(k + periods.length);
+    let compared: Vec<usize> = (from..end).filter(both_count).collect();
+    let difference: Vec<f64> = compared.iter().map(|k| record.displacement_um[k + periods.length] - record.displacement_um[*k]).collect();
     let settled = settled_part(&difference)?;
     // A measured force need not have the drive's period: what follows its difference is no noise either.
-    let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| (from..end).map(|k| f[k + periods.length] - f[k]).collect());
+    let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| compared.iter().map(|k| f[k + periods.length] - f[*k]).collect());
     let force = force_n.as_deref().map(|f| (f, settled.start));
     let rms_um = random_part(&difference[settled.clone()], record.sample_rate_hz, force) / std::f64::consts::SQRT_2;
     Some(FloorEstimate::new(Evidence::Periods, vec![record.name.clone()], rms_um, settled.len()))
@@ -68,7 +70,8 @@ fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<FloorEstimate
     if end < start + SAMPLES_MIN {
         return None;
     }
-    let difference: Vec<f64> = (start..end).map(|k| first.displacement_um[k] - second.displacement_um[k]).collect();
+    let both_count = |k: &usize| first.counts(*k) && second.counts(*k);
+    let difference: Vec<f64> = (start..end).filter(both_count).map(|k| first.displacement_um[k] - second.displacement_um[k]).collect();
     let settled = settled_part(&difference)?;
     let rms_um = random_part(&difference[settled.clone()], first.sample_rate_hz, None) / std::f64::consts::SQRT_2;
     // The same samples under two names are no repetition.

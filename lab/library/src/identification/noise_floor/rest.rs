@@ -34,6 +34,9 @@ fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) 
 /// What the longest hold inside a driven record shows, in front of its window or behind its end too.
 pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEstimate> {
     let hold = longest_hold(&record.drive_v)?;
+    if record.left_out.iter().any(|range| range.start < hold.end && hold.start < range.end) {
+        return None;
+    }
     if record.force_n.as_ref().is_some_and(|f| f[hold.clone()].iter().any(|v| *v != f[hold.start])) {
         return None;
     }
