@@ -1,41 +1,44 @@
-//! Hands the linker the memory map of the repository's root and the section that is copied to ITCM.
+//! Hands the linker the board's memory map and the section that is copied to the memory of the control interrupt's code.
 //!
 //! The functions of `hysteron_core` and of the compiler's integer helpers are named in the section, because the control
-//! interrupt calls them; what it does not reach is dropped by the linker's garbage collection.
+//! interrupt calls them; what it does not reach is dropped by the linker's garbage collection. What reads and verifies parameter blocks only
+//! runs in tasks, and stays in flash: that memory is short on some boards.
 
 use std::{env, fs, path::Path};
 
 /// Placed before `.text`, so that these input sections are matched first.
-const ITCM_SECTION: &str = r"
+const SECTIONS: &str = r"
 SECTIONS
 {
-  .itcm : ALIGN(8)
+  .start_code : { *(.text.*hysteron_core*parameter_block*); } > FLASH
+  .control_code : ALIGN(8)
   {
     . = ALIGN(8);
-    __itcm_start = .;
-    *(.itcm .itcm.*);
+    __control_code_start = .;
+    *(.control_code .control_code.*);
     *(.text.*hysteron_core*);
     *(.text.*compiler_builtins*);
     *(.text.__* .text.mem* .text.unlikely.mem*);
     . = ALIGN(8);
-    __itcm_end = .;
-  } > ITCM AT > FLASH
-  __itcm_load = LOADADDR(.itcm);
-  .axisram (NOLOAD) : ALIGN(8) { *(.axisram .axisram.*); } > AXISRAM
+    __control_code_end = .;
+  } > CONTROL_CODE AT > FLASH
+  __control_code_load = LOADADDR(.control_code);
+  .bulk (NOLOAD) : ALIGN(8) { *(.bulk .bulk.*); } > BULK
 }
 INSERT BEFORE .text;
-/* .text begins behind the load image of .itcm. */
-_stext = (LOADADDR(.itcm) + SIZEOF(.itcm) + 7) & ~7;
+/* .text begins behind the load image of .control_code. */
+_stext = (LOADADDR(.control_code) + SIZEOF(.control_code) + 7) & ~7;
 ";
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = env::var("OUT_DIR")?;
     let root = env::var("CARGO_MANIFEST_DIR")?;
-    let memory = Path::new(&root).join("../memory.x");
+    let board = if env::var_os("CARGO_FEATURE_NUCLEO_G474RE").is_some() { "src/board/nucleo_g474re/memory.x" } else { "../memory.x" };
+    let memory = Path::new(&root).join(board);
     let text = fs::read_to_string(&memory).map_err(|error| format!("{}: {error}", memory.display()))?;
-    fs::write(Path::new(&out).join("memory.x"), text + ITCM_SECTION)?;
+    fs::write(Path::new(&out).join("memory.x"), text + SECTIONS)?;
     println!("cargo:rustc-link-search={out}");
-    println!("cargo:rerun-if-changed=../memory.x");
+    println!("cargo:rerun-if-changed={board}");
     println!("cargo:rerun-if-changed=build.rs");
     Ok(())
 }

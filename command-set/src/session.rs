@@ -48,10 +48,6 @@ pub type Piece = Vec<u8, PIECE_BYTES>;
 
 /// Wave tables.
 pub const WAVE_TABLES: usize = 4;
-/// Points of each.
-pub const WAVE_POINTS: usize = 4096;
-/// Memory of all wave tables.
-pub const WAVE_MEMORY: usize = WAVE_TABLES * WAVE_POINTS;
 
 /// What is to be done next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -180,7 +176,8 @@ fn volts(value: i32) -> Decimal {
 }
 
 impl<D: Device + 'static> Session<D> {
-    /// For an amplifier with these parameters; `waves` is the memory of the wave tables, [`WAVE_MEMORY`] points.
+    /// For an amplifier with these parameters; `waves` is the memory of the wave tables, of which each of [`WAVE_TABLES`] has the same
+    /// share.
     pub fn new(mut device: D, parameters: AmplifierParameters, waves: &'static [AtomicI32]) -> Self {
         let span = to_fixed(i64::from(parameters.physical.sensor_span_nm) * 1_000_000, MICROMETRE_FRACTION_BITS).unwrap_or(0);
         // A thousandth of the span, and ten times the span in a second.

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::sync::atomic::AtomicI32;
 
 use hysteron_command_set::device::{Brought, Device, Diagnosis, Moving, View};
-use hysteron_command_set::session::{Outcome, Piece, Session, Step, WAVE_MEMORY};
+use hysteron_command_set::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
 use hysteron_command_set::{DIALECT, Lines};
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::command_text::BlockPiece;
@@ -180,7 +180,7 @@ impl Table {
             host_timeout: 0,
         })));
         rig.0.borrow_mut().run(100);
-        let waves: Vec<AtomicI32> = (0..WAVE_MEMORY).map(|_| AtomicI32::new(i32::MIN)).collect();
+        let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(i32::MIN)).collect();
         let session = Session::new(rig.clone(), parameters(), Box::leak(waves.into_boxed_slice()));
         Self { session, rig, lines: Lines::of(DIALECT) }
     }

@@ -5,8 +5,10 @@
 //! when the command acts; of a drive those of the parameter block. The points of a wave table are looked at by whoever writes them.
 
 use crate::amplifier::{Command, Refusal};
+use crate::guard::GuardParameters;
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::Waveform;
+use crate::servo_parameters::ConverterParameters;
 use crate::signal::volts;
 
 /// What rounding an amplitude and an offset to their format can bring a limit beyond itself, in last places.
@@ -14,8 +16,7 @@ const ROUNDING: i64 = 2;
 
 /// Positions that the sensor can honestly give, lowest and highest, um with 24 fraction bits.
 #[must_use]
-pub fn positions(parameters: &AmplifierParameters) -> (i32, i32) {
-    let (converters, guard) = (&parameters.servo.converters, &parameters.guard);
+pub fn positions(converters: &ConverterParameters, guard: &GuardParameters) -> (i32, i32) {
     (converters.position(guard.adc_code_min), converters.position(guard.adc_code_max))
 }
 
@@ -43,7 +44,7 @@ fn reach(waveform: &Waveform) -> Option<(i64, i64)> {
 /// [`Refusal::BeyondLimits`] where what it plays leaves its limits.
 pub fn check(command: &Command, parameters: &AmplifierParameters) -> Result<(), Refusal> {
     let (waveform, offset, (lowest, highest)) = match command {
-        Command::Reference { waveform, offset } => (waveform, *offset, positions(parameters)),
+        Command::Reference { waveform, offset } => (waveform, *offset, positions(&parameters.servo.converters, &parameters.guard)),
         Command::Play { waveform, offset, .. } => (waveform, *offset, drives(parameters)),
         _ => return Ok(()),
     };
@@ -104,6 +105,7 @@ mod tests {
     fn a_zero_that_was_found_moves_the_limits_of_positions() {
         let mut parameters = example();
         parameters.servo.converters.adc_zero = 0;
+        let positions = |parameters: &AmplifierParameters| positions(&parameters.servo.converters, &parameters.guard);
         let (lowest, highest) = positions(&parameters);
         parameters.servo.converters.adc_zero = -(3 << 24);
         assert_eq!(positions(&parameters), (lowest - (3 << 24), highest - (3 << 24)));

@@ -78,8 +78,8 @@ fn what_leaves_the_limits_is_refused_with_them_and_nothing_moves() {
     let refused: Vec<&str> = outcome.texts_with("beyond the limits").collect();
     assert_eq!(refused.len(), beyond.len(), "{:?}", texts(&outcome));
     // 15 um of sensor with 16 codes at either end that it does not honestly give, from -1 um on.
-    let (lowest_nm, highest_nm) = (-1_000 + 16 * 15_000 / 65_536, -1_000 + 65_519 * 15_000 / 65_536);
-    let expected = format!("{} to {highest_nm} nm and 0 to 80000 mV", lowest_nm);
+    let nearest_nm = |code: f64| (-1_000.0 + code * 15_000.0 / 65_536.0).round();
+    let expected = format!("{} to {} nm and 0 to 80000 mV", nearest_nm(16.0), nearest_nm(65_519.0));
     assert!(refused.iter().all(|text| text.ends_with(&expected)), "{expected}: {refused:?}");
     assert_eq!(outcome.texts_with("done at tick").count(), 1, "what is within them is taken: {:?}", texts(&outcome));
     let world = world.lock().expect("the world");

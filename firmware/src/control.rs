@@ -3,7 +3,7 @@
 //! # How it works
 //! The interrupt owns [`Control`]: the front end, the amplifier and its ends of the queues. It was handed over in [`hand_over`] before the
 //! interrupt was enabled, and nothing else ever touches it. What the tasks may know comes through lock-free queues of one
-//! producer and one consumer, and through atomics. Code is in ITCM, data in DTCM.
+//! producer and one consumer, and through atomics. Code and data are in memories that no cache and no flash slows down.
 
 use core::cell::UnsafeCell;
 use core::hint::black_box; // so that fields are reached from one address, not each from its own
@@ -19,17 +19,11 @@ use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::HostWatch;
 use hysteron_core::trace_frame::TraceSample;
 
+use crate::board::Converters;
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
 use crate::safety_lines;
-
-/// The front end of this image.
-#[cfg(not(feature = "on-chip-converters"))]
-pub type ChosenFrontEnd = crate::front_end::spi::SpiConverters;
-/// The front end of this image.
-#[cfg(feature = "on-chip-converters")]
-pub type ChosenFrontEnd = crate::front_end::on_chip::OnChipConverters;
 
 /// Samples on their way to the trace task: 12 ms at 20 kHz.
 pub const SAMPLE_QUEUE: usize = 256;
@@ -85,7 +79,7 @@ pub struct Reply {
 #[repr(C)]
 pub struct Control {
     /// Converters.
-    pub front_end: ChosenFrontEnd,
+    pub front_end: Converters,
     /// To the trace task.
     pub samples: Producer<TraceSample, SAMPLE_QUEUE>,
     /// From the command task.
@@ -114,7 +108,7 @@ impl Control {
     }
 
     #[inline(never)]
-    #[unsafe(link_section = ".itcm.control")]
+    #[unsafe(link_section = ".control_code")]
     fn stop(&mut self) {
         let queued = self.commands.skip_to(STOP_UP_TO.load(Ordering::Relaxed)) as u32;
         let forgotten = queued.saturating_add(self.schedule.forget_all());
@@ -140,7 +134,7 @@ impl Control {
     }
 
     #[inline(never)]
-    #[unsafe(link_section = ".itcm.control")]
+    #[unsafe(link_section = ".control_code")]
     fn act(&mut self, from: Source, command: Command) {
         // What the serial port plays was looked at by its session; a fault is said before limits.
         let typed = from == Source::Probe && self.amplifier.mode() != Mode::Fault;
@@ -300,7 +294,7 @@ const RECENT_SHIFT: u32 = 8;
 
 /// Runs once a period, a microsecond or two after the edge of the sample clock.
 #[unsafe(no_mangle)]
-#[unsafe(link_section = ".itcm.control")]
+#[unsafe(link_section = ".control_code")]
 extern "C" fn TIM2() {
     let entry = TIMER.cnt().read();
     let cycles_now = DWT::cycle_count();

@@ -1,7 +1,7 @@
 //! What ends or restarts the program, and that the drive is at rest whenever it does.
 //!
-//! A panic, a hard fault (an overflow of the stack is one, [`crate::stack`]), a lost crystal (the clock security system's NMI) or a supply that
-//! falls ([`crate::supply`]) first sets the drive's converter up anew and puts the rest code on it, at once and from any state ([`FrontEnd::force`]). It then leaves a mark in memory
+//! A panic, a hard fault (an overflow of the stack is one, [`crate::stack`]), a lost crystal (the clock security system's NMI, which the board
+//! takes) or a supply that falls ([`crate::supply`]) first sets the drive's converter up anew and puts the rest code on it, at once and from any state ([`FrontEnd::force`]). It then leaves a mark in memory
 //! that survives a reset, and restarts. The watchdog restarts a program whose ticks or tasks have stopped. At start [`cause_of_last_restart`]
 //! names what happened, and the amplifier stays at rest until that fault is cleared.
 
@@ -11,10 +11,10 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
-use embassy_stm32::pac::{IWDG1, RCC};
 use hysteron_core::guard::Fault;
 
-use crate::control::{self, ChosenFrontEnd};
+use crate::board::{Board, Converters, Platform};
+use crate::control;
 use crate::front_end::FrontEnd;
 use crate::safety_lines;
 use crate::task_clock;
@@ -24,7 +24,7 @@ const MARK: u32 = 0x4859_5300;
 #[unsafe(link_section = ".uninit.restart_mark")]
 static mut RESTART_MARK: MaybeUninit<u32> = MaybeUninit::uninit();
 /// Until a block says what rest is: 0 V at the actuator.
-static REST_CODE: AtomicU32 = AtomicU32::new(ChosenFrontEnd::SAFE_CODE as u32);
+static REST_CODE: AtomicU32 = AtomicU32::new(Converters::SAFE_CODE as u32);
 
 /// Watchdog period: 32 kHz / 16 counts down from this in 50 ms.
 const WATCHDOG_COUNTS: u16 = 100;
@@ -45,13 +45,12 @@ pub fn cause_of_last_restart() -> Option<Fault> {
         mark.cast::<u32>().write_volatile(0);
         marked
     };
-    let flags = RCC.rsr().read();
-    RCC.rsr().modify(|w| w.set_rmvf(true));
-    if flags.iwdg1rstf() {
+    let cause = Board::reset_cause();
+    if cause.watchdog {
         Some(Fault::Watchdog)
-    } else if marked & !0xFF == MARK && flags.sftrstf() {
+    } else if marked & !0xFF == MARK && cause.software {
         Fault::from_number(marked as u8)
-    } else if flags.borrstf() && !flags.porrstf() {
+    } else if cause.brown_out {
         Some(Fault::BrownOut)
     } else {
         None
@@ -67,16 +66,16 @@ pub fn cycle_counter_runs() -> bool {
 
 /// Starts the watchdog and feeds it as long as ticks and tasks go on.
 pub async fn watch() {
-    IWDG1.kr().write(|w| w.set_key(Key::START));
-    IWDG1.kr().write(|w| w.set_key(Key::ENABLE));
-    IWDG1.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
-    IWDG1.rlr().write(|w| w.set_rl(WATCHDOG_COUNTS));
+    Board::WATCHDOG.kr().write(|w| w.set_key(Key::START));
+    Board::WATCHDOG.kr().write(|w| w.set_key(Key::ENABLE));
+    Board::WATCHDOG.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
+    Board::WATCHDOG.rlr().write(|w| w.set_rl(WATCHDOG_COUNTS));
     let mut last = control::ticks();
     loop {
         task_clock::periods(WATCH_PERIODS).await;
         let ticks = control::ticks();
         if ticks != last {
-            IWDG1.kr().write(|w| w.set_key(Key::RESET));
+            Board::WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
         }
         last = ticks;
     }
@@ -86,7 +85,7 @@ pub async fn watch() {
 pub fn stop(fault: Fault) -> ! {
     cortex_m::interrupt::disable();
     safety_lines::set_enable(false);
-    ChosenFrontEnd::new().force(REST_CODE.load(Ordering::Relaxed) as u16);
+    Converters::new().force(REST_CODE.load(Ordering::Relaxed) as u16);
     // SAFETY: interrupts are off; nobody else runs any more.
     unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK | fault as u32) };
     cortex_m::asm::dsb();
@@ -103,10 +102,4 @@ fn panic(_: &PanicInfo) -> ! {
 #[cortex_m_rt::exception]
 unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
     stop(Fault::HardFault)
-}
-
-/// The crystal has stopped: the core runs from the internal oscillator, and nothing keeps its time any more.
-#[cortex_m_rt::exception]
-unsafe fn NonMaskableInt() -> ! {
-    stop(Fault::ClockLost)
 }

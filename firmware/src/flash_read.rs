@@ -1,18 +1,19 @@
 //! Reads flash that may be damaged, without ending the program.
 //!
 //! # How it works
-//! A flash word (32 bytes) whose writing was cut off by the supply holds a double ECC error: every read of it is answered with a bus error
-//! (RM0433, 4.7.7), which is a hard fault, at every start. Here a word is read with FAULTMASK set and CCR.BFHFNMIGN with it, so that the
-//! processor ignores the bus error (Armv7-M, B3.2.8) and notes it in CFSR; the flash interface notes it in DBECCERR. Both are looked
-//! at after each word. FAULTMASK holds the control interrupt off too, for eight loads: far less than the microsecond by which its entry
+//! A word of flash whose writing was cut off by the supply holds a double ECC error: every read of it is answered with a bus error, which is a hard
+//! fault, or raises the NMI, as the part has it, at every start. Here 32 bytes, a word or some of them, are read with FAULTMASK set and
+//! CCR.BFHFNMIGN with it, so that the processor ignores a bus error (Armv7-M, B3.2.8) and notes it in CFSR; what the flash interface notes,
+//! and what becomes of an NMI, the board knows ([`Platform::end_reading`]). Both are looked at after each piece. FAULTMASK holds the control interrupt off too, for eight loads: far less than the microsecond by which its entry
 //! may vary, and sampling and latching are hardware's.
 
 use core::arch::asm;
 
 use cortex_m::peripheral::SCB;
-use embassy_stm32::pac::FLASH;
 
-/// What has one ECC.
+use crate::board::{Board, Platform};
+
+/// What is read at once: one or some words with an ECC of their own.
 const WORD_BYTES: usize = 32;
 /// CCR.BFHFNMIGN: a load's bus error is ignored at the priority of FAULTMASK.
 const IGNORE_BUS_ERRORS: u32 = 1 << 8;
@@ -23,7 +24,7 @@ const BUS_FAULTS: u32 = 0xFF00;
 #[derive(Clone, Copy)]
 pub struct Unreadable(pub u32);
 
-/// Copies flash of bank 2 from `address`, the beginning of a word.
+/// Copies flash from `address`, the beginning of a word.
 pub fn copy(address: u32, into: &mut [u8]) -> Result<(), Unreadable> {
     for (nth, piece) in (0u32..).zip(into.chunks_mut(WORD_BYTES)) {
         let from = address + nth * WORD_BYTES as u32;
@@ -36,8 +37,7 @@ pub fn copy(address: u32, into: &mut [u8]) -> Result<(), Unreadable> {
 }
 
 fn word_at(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
-    let bank = FLASH.bank(1);
-    bank.ccr().write(|w| w.set_clr_dbeccerr(true));
+    Board::begin_reading();
     let mut word = [0; WORD_BYTES / 4];
     // SAFETY: the system control block's registers are there, and only thread code touches these two.
     let control = unsafe { &*SCB::PTR };
@@ -58,9 +58,6 @@ fn word_at(address: u32) -> Option<[u32; WORD_BYTES / 4]> {
         control.ccr.write(before);
         bus_error != 0
     };
-    if bus_error || bank.sr().read().dbeccerr() {
-        bank.ccr().write(|w| w.set_clr_dbeccerr(true));
-        return None;
-    }
-    Some(word)
+    let damaged = Board::end_reading();
+    if bus_error || damaged { None } else { Some(word) }
 }

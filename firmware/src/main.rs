@@ -1,6 +1,6 @@
-//! Hysteron's firmware for the STM32H743ZI (NUCLEO-H743ZI2).
+//! Hysteron's firmware for the boards of [`board`].
 //!
-//! A hardware timer beats at 20 kHz ([`sample_clock`]); its compare interrupt, the only one at the highest priority, runs the
+//! A hardware timer beats at the sample rate ([`sample_clock`]); its compare interrupt, the only one at the highest priority, runs the
 //! control tick ([`control`]). Everything else runs in Embassy tasks below it and can never delay it: the critical sections of
 //! this image mask every priority but that one ([`critical_section_below_control`]).
 #![no_std]
@@ -10,12 +10,11 @@ mod board;
 mod command_port;
 mod command_tasks;
 mod control;
+mod control_code;
 mod critical_section_below_control;
 mod fault;
-mod flash;
 mod flash_read;
 mod front_end;
-mod itcm;
 mod log_channel;
 mod option_bytes;
 mod recorder;
@@ -40,7 +39,8 @@ use hysteron_core::trace_frame::TraceSample;
 use rtt_target::{ChannelMode, rtt_init};
 use static_cell::StaticCell;
 
-use control::{COMMAND_QUEUE, ChosenFrontEnd, Control, Reply, SAMPLE_QUEUE, Scheduled};
+use board::{Board, Converters, Platform};
+use control::{COMMAND_QUEUE, Control, Reply, SAMPLE_QUEUE, Scheduled};
 use front_end::FrontEnd;
 use ring::{Consumer, Producer, Ring};
 use sample_clock::SAMPLE_RATE_HZ;
@@ -53,7 +53,7 @@ static REPLIES: StaticCell<Ring<Reply, COMMAND_QUEUE>> = StaticCell::new();
 async fn main(spawner: Spawner) {
     stack::paint();
     let channels = rtt_init! {
-        up: { 0: { size: 32768, mode: ChannelMode::NoBlockSkip, name: "defmt" } }
+        up: { 0: { size: Board::LOG_BYTES, mode: ChannelMode::NoBlockSkip, name: "defmt" } }
         down: { 0: { size: 1024, name: "commands" } }
     };
     rtt_target::set_defmt_channel(channels.up.0);
@@ -65,12 +65,12 @@ async fn main(spawner: Spawner) {
         env!("CARGO_PKG_VERSION"),
         clocks.core_hz,
         SAMPLE_RATE_HZ,
-        ChosenFrontEnd::NAME
+        Converters::NAME
     );
 
     let (parameters, refused) = match settings::load(SAMPLE_RATE_HZ) {
         Ok(parameters) => (parameters, false),
-        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, ChosenFrontEnd::SAFE_CODE), true),
+        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, Converters::SAFE_CODE), true),
     };
     let c = &parameters.servo.converters;
     // What a decoder needs to turn codes into um and V, in the formats of the parameter block.
@@ -87,7 +87,7 @@ async fn main(spawner: Spawner) {
     supply::watch();
     option_bytes::say();
     safety_lines::start();
-    let mut front_end = ChosenFrontEnd::new();
+    let mut front_end = Converters::new();
     front_end.start(parameters.guard.rest_code);
     fault::remember_rest(parameters.guard.rest_code);
 
@@ -102,20 +102,20 @@ async fn main(spawner: Spawner) {
     );
     command_port::open(command_producer);
     telemetry::begin(&parameters);
-    serial_port::open(spawner, peripherals.USART3, peripherals.PD9, peripherals.PD8, parameters);
+    serial_port::open(spawner, peripherals, parameters);
     spawn(spawner, trace_tasks::trace(sample_consumer));
     spawn(spawner, trace_tasks::read_out());
     spawn(spawner, command_tasks::commands(channels.down.0));
     spawn(spawner, command_tasks::reports(reply_consumer));
     spawn(spawner, settings::keeper(SAMPLE_RATE_HZ));
     spawn(spawner, command_tasks::protector());
-    sample_clock::start(clocks.timer_hz, ChosenFrontEnd::INTERRUPT_AFTER_NS);
+    sample_clock::start(clocks.timer_hz, Converters::INTERRUPT_AFTER_NS);
     fault::watch().await;
 }
 
 /// What the interrupt gets beside the amplifier.
 struct Ends {
-    front_end: ChosenFrontEnd,
+    front_end: Converters,
     samples: Producer<TraceSample, SAMPLE_QUEUE>,
     commands: Consumer<Scheduled, COMMAND_QUEUE>,
     replies: Producer<Reply, COMMAND_QUEUE>,

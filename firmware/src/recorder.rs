@@ -1,7 +1,7 @@
 //! Triggered captures: every tick around an event, in a memory of its own that nothing can make it lose.
 //!
 //! # How it works
-//! The control interrupt owns the memory (AXI SRAM) while a capture is armed: it writes each sample into a ring, and after the event as many
+//! The control interrupt owns the memory while a capture is armed: it writes each sample into a ring, and after the event as many
 //! more as were asked for. Then it hands the memory over ([`State::Full`]) and never touches it again until the task that reads it out says
 //! so. [`STATE`] says whose the memory is.
 
@@ -13,8 +13,10 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::Trigger;
 use hysteron_core::trace_frame::TraceSample;
 
-/// Samples that fit: 0.8 s.
-pub const ROOM: u32 = 1 << 14;
+use crate::board::{Board, Platform};
+
+/// Samples that fit.
+pub const ROOM: u32 = Board::RECORDED_SAMPLES;
 
 /// The trigger of [`begin_from_command`], beside those of the probe's text.
 const ON_COMMAND: u8 = 0xff;
@@ -34,7 +36,7 @@ pub enum State {
 struct Memory(UnsafeCell<[MaybeUninit<TraceSample>; ROOM as usize]>);
 // SAFETY: touched by the interrupt while `STATE` is armed and by the one task that reads it out otherwise.
 unsafe impl Sync for Memory {}
-#[unsafe(link_section = ".axisram.capture")]
+#[unsafe(link_section = ".bulk.capture")]
 static MEMORY: Memory = Memory(UnsafeCell::new([const { MaybeUninit::uninit() }; ROOM as usize]));
 
 static STATE: AtomicU8 = AtomicU8::new(State::Empty as u8);
@@ -64,7 +66,7 @@ pub fn arm(trigger: Trigger, before: u32, after: u32) -> Result<(), &'static str
         return Err("a capture is armed: `capture off` first");
     }
     if before.saturating_add(after) >= ROOM {
-        return Err("more ticks than there is room for: 16383");
+        return Err("more ticks than there is room for (`HDR?` of the serial port says how many)");
     }
     arm_every(1, trigger, before, after);
     Ok(())

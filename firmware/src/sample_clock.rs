@@ -1,9 +1,9 @@
-//! The 20 kHz beat: TIM2. Its edges, not software, set the instants of sampling and of the drive.
+//! The beat of the samples: TIM2. Its edges, not software, set the instants of sampling and of the drive.
 //!
 //! | channel | what it does |
 //! |---|---|
-//! | CH1 (PA0) | high from the edge for 0.5 us: starts the sensor's conversion |
-//! | CH3 (PB10) | low from the edge for 0.2 us: latches the drive code that the interrupt wrote during the last period |
+//! | CH1 | high from the edge for 0.5 us: starts an external sensor converter |
+//! | CH3 | low from the edge for 0.2 us: latches the drive code that the interrupt wrote during the last period into an external converter |
 //! | TRGO | the edge itself: triggers the chip's own converters, where they are the front end |
 //! | CH4 | compare a microsecond or two after the edge: raises the control interrupt, when the conversion is done |
 //!
@@ -11,24 +11,29 @@
 
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::pac::timer::vals::{Mms, OcmGp};
-use embassy_stm32::pac::{RCC, TIM2};
+use embassy_stm32::pac::TIM2;
+use embassy_stm32::pac::timer::vals::Mms;
+
+use crate::board::{Board, Platform};
 
 /// Control ticks per second.
-pub const SAMPLE_RATE_HZ: u32 = 20_000;
+pub const SAMPLE_RATE_HZ: u32 = Board::SAMPLE_RATE_HZ;
 const CONVERSION_PULSE_NS: u32 = 500;
 const LATCH_PULSE_NS: u32 = 200;
+/// OCxM: the output is high, or low, from the edge to the compare. Parts name them differently.
+const PWM_MODE_1: u8 = 6;
+const PWM_MODE_2: u8 = 7;
 
 /// Starts the beat, with the control interrupt so long after the edge.
 pub fn start(timer_clock_hz: u32, interrupt_after_ns: u32) {
-    RCC.apb1lenr().modify(|w| w.set_tim2en(true));
+    Board::clock_sample_timer();
     let counts = |nanoseconds: u32| timer_clock_hz / 1_000_000 * nanoseconds / 1_000;
     TIM2.arr().write_value(timer_clock_hz / SAMPLE_RATE_HZ - 1);
     TIM2.ccr(0).write_value(counts(CONVERSION_PULSE_NS));
     TIM2.ccr(2).write_value(counts(LATCH_PULSE_NS));
     TIM2.ccr(3).write_value(counts(interrupt_after_ns));
-    TIM2.ccmr_output(0).modify(|w| w.set_ocm(0, OcmGp::PWM_MODE1));
-    TIM2.ccmr_output(1).modify(|w| w.set_ocm(0, OcmGp::PWM_MODE2));
+    TIM2.ccmr_output(0).modify(|w| w.set_ocm(0, PWM_MODE_1.into()));
+    TIM2.ccmr_output(1).modify(|w| w.set_ocm(0, PWM_MODE_2.into()));
     TIM2.ccer().modify(|w| {
         w.set_cce(0, true);
         w.set_cce(2, true);

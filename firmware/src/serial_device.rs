@@ -3,16 +3,18 @@
 use core::sync::atomic::AtomicI32;
 
 use hysteron_command_set::device::{Brought, Device, Diagnosis, Moving, View};
-use hysteron_command_set::session::WAVE_MEMORY;
+use hysteron_command_set::session::WAVE_TABLES;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
 
+use crate::board::{Board, Platform};
 use crate::{control, option_bytes, recorder, serial_port, settings, telemetry};
 
+const WAVE_MEMORY: usize = WAVE_TABLES * Board::WAVE_POINTS;
 /// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much of it counts.
-#[unsafe(link_section = ".axisram.waves")]
+#[unsafe(link_section = ".bulk.waves")]
 pub static WAVES: [AtomicI32; WAVE_MEMORY] = [const { AtomicI32::new(0) }; WAVE_MEMORY];
 
 /// This target.

@@ -1,4 +1,4 @@
-//! The serial port, USART3 (the virtual COM port of the NUCLEO's debugger): the General Command Set over 115200 baud, 8N1.
+//! The serial port (the virtual COM port of the NUCLEO's debugger): the General Command Set over 115200 baud, 8N1.
 //!
 //! # How it works
 //! One task takes bytes as they come and tells a stop at once, whatever the other is doing; the lines wait in [`LINES`]. The other task
@@ -10,11 +10,9 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_executor::Spawner;
 use embassy_futures::yield_now;
+use embassy_stm32::Peripherals;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::pac::USART3 as USART3_REGISTERS;
-use embassy_stm32::peripherals::{PD8, PD9, USART3};
-use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
-use embassy_stm32::{Peri, bind_interrupts, interrupt};
+use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx, Config};
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
@@ -25,6 +23,7 @@ use hysteron_core::amplifier::Command;
 use hysteron_core::parameter_block::AmplifierParameters;
 use static_cell::StaticCell;
 
+use crate::board::{Board, Platform};
 use crate::control::{self, Reply, Source};
 use crate::serial_device::{Target, WAVES};
 use crate::{command_port, spawn, task_clock};
@@ -35,10 +34,6 @@ const BAUD: u32 = 115_200;
 const BUFFER_BYTES: usize = 256;
 /// Periods of the tasks' clock that an answer of the amplifier takes at most: far more than the ticks of a full queue.
 const MOST_PERIODS: u32 = 100;
-
-bind_interrupts!(struct Interrupts {
-    USART3 => BufferedInterruptHandler<USART3>;
-});
 
 static LINES: ThreadModeMutex<RefCell<Lines>> = ThreadModeMutex::new(RefCell::new(Lines::of(DIALECT)));
 static LINE_CAME: Signal<ThreadModeRawMutex, ()> = Signal::new();
@@ -53,18 +48,12 @@ static RESTART: Signal<ThreadModeRawMutex, ()> = Signal::new();
 static SESSION: StaticCell<Session<Target>> = StaticCell::new();
 
 /// Opens the port.
-pub fn open(
-    spawner: Spawner,
-    port: Peri<'static, USART3>,
-    receive: Peri<'static, PD9>,
-    transmit: Peri<'static, PD8>,
-    parameters: AmplifierParameters,
-) {
-    interrupt::USART3.set_priority(Priority::P8);
+pub fn open(spawner: Spawner, peripherals: Peripherals, parameters: AmplifierParameters) {
+    Board::SERIAL_INTERRUPT.set_priority(Priority::P8);
     let mut config = Config::default();
     config.baudrate = BAUD;
     let [outgoing, incoming] = BUFFERS.init([[0; BUFFER_BYTES]; 2]);
-    match BufferedUart::new(port, receive, transmit, outgoing, incoming, Interrupts, config) {
+    match Board::serial_port(peripherals, outgoing, incoming, config) {
         Ok(port) => {
             let (transmitter, receiver) = port.split();
             let session = SESSION.init_with(|| Session::new(Target, parameters, &WAVES));
@@ -173,14 +162,14 @@ async fn send(transmitter: &mut BufferedUartTx<'static>, piece: &[u8]) {
     }
 }
 
-/// Another speed, between two bytes: the port takes it while it is off (RM0433, 48.8.5).
+/// Another speed, between two bytes: the port takes it while it is off.
 async fn change_baud(transmitter: &mut BufferedUartTx<'static>, baud: u32) {
     let _ = transmitter.flush().await;
-    USART3_REGISTERS.cr1().modify(|w| w.set_ue(false));
+    Board::switch_serial_port(false);
     if transmitter.set_baudrate(baud).is_ok() {
         LINE_BAUD.store(baud, Ordering::Relaxed);
     }
-    USART3_REGISTERS.cr1().modify(|w| w.set_ue(true));
+    Board::switch_serial_port(true);
 }
 
 /// Gives a command to the amplifier, unless it was stopped since, and waits for what becomes of it.

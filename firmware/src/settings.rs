@@ -1,4 +1,4 @@
-//! The parameter blocks in flash: two sectors of bank 2, the newest and the last good one beside it.
+//! The parameter blocks in flash: two sectors of the flash, the newest and the last good one beside it.
 //!
 //! A block is written by the probe to either address, or brought line by line as a command: then it is verified before anything is
 //! touched, gets a generation that counts up, goes where the block in use is not, and is read back. At start the valid block of the
@@ -17,13 +17,12 @@ use hysteron_command_set::device::Brought;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
 
-use crate::control::ChosenFrontEnd;
-use crate::flash::write_sector;
+use crate::board::{Board, Converters, Platform};
 use crate::flash_read;
 use crate::front_end::FrontEnd;
 
-/// Addresses of the blocks A and B (`memory.x`, SETTINGS).
-const BLOCKS: [(&str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
+/// Names and addresses of the blocks A and B.
+const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
 
 /// Bytes of a block with its header and checksum, at most.
 const KEPT_BYTES: usize = BLOCK_BYTES + 64;
@@ -59,7 +58,7 @@ fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
 /// Reads a block and asks whether this image's converters have its codes.
 fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let parameters = read(bytes, sample_rate_hz)?;
-    let fits = parameters.servo.converters.dac_code_max <= ChosenFrontEnd::MOST_CODE;
+    let fits = parameters.servo.converters.dac_code_max <= Converters::MOST_CODE;
     if fits { Ok(parameters) } else { Err(BlockError::Mismatch) }
 }
 
@@ -159,7 +158,7 @@ impl Upload {
         let (name, address) = if in_use == 0 { BLOCKS[1] } else { BLOCKS[0] };
         set_generation(&mut self.bytes, newest.checked_add(1).ok_or("the generations are used up: erase both blocks")?)
             .map_err(BlockError::reason)?;
-        write_sector(address, &self.bytes).await?;
+        Board::write_sector(address, &self.bytes).await?;
         if kept(address).and_then(|bytes| read(&bytes, sample_rate_hz)) == Ok(parameters) {
             Ok(name)
         } else {

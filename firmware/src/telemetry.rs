@@ -4,9 +4,11 @@ use core::cell::Cell;
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Mode;
+use hysteron_core::command_limits;
+use hysteron_core::guard::GuardParameters;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ConverterParameters;
-use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::control;
@@ -17,8 +19,9 @@ struct Telemetry {
     latest: TraceSample,
     tolerance: i32,
     on_target_ticks: u32,
-    adc_code_limits: (u16, u16),
-    drive_limits_mv: (i32, i32),
+    guard: Option<GuardParameters>,
+    /// V with 22 fraction bits.
+    drive_limits: (i32, i32),
     railed_ticks: u32,
     limited_ticks: u32,
 }
@@ -28,8 +31,8 @@ static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::
     latest: TraceSample { tick: 0, adc_code: 0, dac_code: 0, reference: 0, applied: 0, unknown_input: 0, flags: 0 },
     tolerance: 0,
     on_target_ticks: 0,
-    adc_code_limits: (0, u16::MAX),
-    drive_limits_mv: (0, 0),
+    guard: None,
+    drive_limits: (0, 0),
     railed_ticks: 0,
     limited_ticks: 0,
 }));
@@ -46,19 +49,27 @@ fn change(change: impl FnOnce(&mut Telemetry)) {
 pub fn begin(parameters: &AmplifierParameters) {
     change(|telemetry| {
         telemetry.converters = Some(parameters.servo.converters);
-        telemetry.adc_code_limits = (parameters.guard.adc_code_min, parameters.guard.adc_code_max);
-        telemetry.drive_limits_mv = (parameters.physical.drive_min_mv, parameters.physical.drive_max_mv);
+        telemetry.guard = Some(parameters.guard);
+        telemetry.drive_limits = command_limits::drives(parameters);
     });
 }
 
 /// The limits of references, nm, and of drives, mV, as they are now: lowest and highest.
 pub fn limits() -> ((i32, i32), (i32, i32)) {
     let telemetry = TELEMETRY.lock(Cell::get);
-    let converters = telemetry.converters.map(|converters| ConverterParameters { adc_zero: control::zero().0, ..converters });
-    let nanometres =
-        |code: u16| converters.map_or(0, |converters| ((i64::from(converters.position(code)) * 1000) >> MICROMETRE_FRACTION_BITS) as i32);
-    let (lowest, highest) = telemetry.adc_code_limits;
-    ((nanometres(lowest), nanometres(highest)), telemetry.drive_limits_mv)
+    let positions = match (telemetry.converters, telemetry.guard) {
+        (Some(converters), Some(guard)) => {
+            command_limits::positions(&ConverterParameters { adc_zero: control::zero().0, ..converters }, &guard)
+        }
+        _ => (0, 0),
+    };
+    let thousandths = |(lowest, highest), bits| (thousandths(lowest, bits), thousandths(highest, bits));
+    (thousandths(positions, MICROMETRE_FRACTION_BITS), thousandths(telemetry.drive_limits, VOLT_FRACTION_BITS))
+}
+
+/// Thousandths of a value with so many fraction bits, to the nearest.
+fn thousandths(value: i32, fraction_bits: u32) -> i32 {
+    ((i64::from(value) * 1000 + (1 << (fraction_bits - 1))) >> fraction_bits) as i32
 }
 
 /// Ticks since the start at which the sensor's code was at or beyond its limits, and ticks of the closed loop at which the drive was at a limit.
@@ -76,11 +87,10 @@ pub fn set_tolerance(tolerance: i32) {
 pub fn observe(sample: &TraceSample) {
     change(|telemetry| {
         telemetry.latest = *sample;
-        let (lowest, highest) = telemetry.adc_code_limits;
-        if sample.adc_code <= lowest || sample.adc_code >= highest {
+        let (Some(converters), Some(guard)) = (telemetry.converters, telemetry.guard) else { return };
+        if sample.adc_code <= guard.adc_code_min || sample.adc_code >= guard.adc_code_max {
             telemetry.railed_ticks = telemetry.railed_ticks.saturating_add(1);
         }
-        let Some(converters) = telemetry.converters else { return };
         let limited = sample.dac_code <= converters.dac_code_min || sample.dac_code >= converters.dac_code_max;
         if limited && sample.flags as u8 == Mode::Closed as u8 {
             telemetry.limited_ticks = telemetry.limited_ticks.saturating_add(1);

@@ -14,10 +14,6 @@ use crate::board::{BETWEEN_QUESTIONS, Board};
 use crate::error::{Error, Result};
 use crate::scale::Scale;
 
-/// Points of a wave table.
-pub const MOST_POINTS: usize = hysteron_command_set::session::WAVE_POINTS;
-/// Samples of the recorder.
-pub const MOST_SAMPLES: usize = 16_383;
 /// Points in a line: with their signs and decimals they fit into the board's longest.
 const POINTS_IN_LINE: usize = 32;
 /// Lines of codes that are asked for at once.
@@ -58,8 +54,12 @@ pub struct Recorded {
 /// The board has no room for it or refuses it, a fault ended it, or the recorder was stopped.
 pub fn play(board: &mut Board, scale: &Scale, wave: &Wave) -> Result<Recorded> {
     let samples = wave.points.len() * wave.cycles as usize;
-    if wave.points.is_empty() || wave.points.len() > MOST_POINTS || samples > MOST_SAMPLES {
-        let problem = format!("{} points, {samples} in all; expected 1 to {MOST_POINTS}, {MOST_SAMPLES} in all", wave.points.len());
+    let (most_points, most_samples) = (scale.most_points, scale.most_samples);
+    if wave.points.is_empty() || wave.points.len() > most_points || samples > most_samples {
+        let problem = format!(
+            "{} points, {samples} in all; this board has room for 1 to {most_points}, and records {most_samples} in all",
+            wave.points.len()
+        );
         return Err(Error::new("wave", problem));
     }
     board.tell_all(&lines_of(&wave.points))?;
@@ -102,8 +102,8 @@ pub fn listen(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: 
 /// # Errors
 /// As [`listen`], or what `between` ends it with.
 pub fn listen_with(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize, between: Between) -> Result<Recorded> {
-    if samples == 0 || samples > MOST_SAMPLES {
-        return Err(Error::new("recording", format!("{samples} samples; expected 1 to {MOST_SAMPLES}")));
+    if samples == 0 || samples > scale.most_samples {
+        return Err(Error::new("recording", format!("{samples} samples; this board has room for 1 to {}", scale.most_samples)));
     }
     board.tell_all(&[format!("RTR {ticks_per_sample}"), "DRT 0 4 0".to_string(), "DRT 0 0 0".to_string()])?;
     read(board, scale, ticks_per_sample, samples, between)

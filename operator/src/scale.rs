@@ -1,4 +1,4 @@
-//! What the board's codes stand for, as the block in use says.
+//! What the board's codes stand for, as the block in use says, and how much of them it keeps.
 
 use crate::board::Board;
 use crate::error::{Error, Result};
@@ -20,6 +20,10 @@ pub struct Scale {
     pub drive_max_v: f64,
     /// Control ticks per second, Hz.
     pub sample_rate_hz: f64,
+    /// Points of a wave table, at most.
+    pub most_points: usize,
+    /// Samples of the recorder, at most.
+    pub most_samples: usize,
 }
 
 impl Scale {
@@ -28,9 +32,22 @@ impl Scale {
     /// # Errors
     /// It does not answer, or has no block.
     pub fn ask(board: &mut Board) -> Result<Self> {
-        let question = "SPA? 1 0x7F000000 1 0x7F000001 1 0x7F000002 1 0x7F000003 1 0x7F000004 1 0x7F000005 1 0x0E000200";
+        let question = "SPA? 1 0x7F000000 1 0x7F000001 1 0x7F000002 1 0x7F000003 1 0x7F000004 1 0x7F000005 1 0x0E000200 \
+                        1 0x13000004 1 0x16000200 1 0x16000300";
         let numbers = board.numbers(question)?;
-        let [sensor_at_code_0_um, sensor_span_um, drive_at_code_0_v, drive_span_v, drive_min_v, drive_max_v, period_s] = numbers[..] else {
+        let [
+            sensor_at_code_0_um,
+            sensor_span_um,
+            drive_at_code_0_v,
+            drive_span_v,
+            drive_min_v,
+            drive_max_v,
+            period_s,
+            points,
+            all_samples,
+            tables,
+        ] = numbers[..]
+        else {
             return Err(Error::new(question, "the board does not know these parameters: its image is older than this program"));
         };
         if sensor_span_um <= 0.0 || drive_span_v <= 0.0 || period_s <= 0.0 {
@@ -44,6 +61,8 @@ impl Scale {
             drive_min_v,
             drive_max_v,
             sample_rate_hz: (1.0 / period_s).round(),
+            most_points: points as usize,
+            most_samples: (all_samples / tables.max(1.0)) as usize,
         })
     }
 

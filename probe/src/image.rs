@@ -9,8 +9,8 @@ use std::path::Path;
 
 /// Flash for the program: bank 1 of the STM32H743ZI (RM0433, 4.3; `memory.x`). The parameter blocks in bank 2 are not touched.
 pub const PROGRAM_FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
-/// Memories that a stack can begin in: DTCM (its end included, where it begins) and AXI SRAM.
-const STACKS: [Range<u64>; 2] = [0x2000_0000..0x2002_0001, 0x2400_0000..0x2408_0001];
+/// Where a stack begins: at the end of the DTCM or of the AXI SRAM. Images for other boards have it elsewhere, because they have other memories.
+const STACKS: [u64; 2] = [0x2002_0000, 0x2408_0000];
 /// What an image of this project answers `*IDN?` with.
 const IDENTIFICATION: &[u8] = b"HYSTERON";
 /// The log's control block, which the probe reads.
@@ -71,9 +71,9 @@ pub fn inspect(bytes: &[u8]) -> Result<Image> {
         return Err(format!("has no vector table at {:#010x}; {WANTED}", PROGRAM_FLASH.start));
     };
     let (stack, reset) = (u64::from(u32::from_le_bytes([a, b, c, d])), u64::from(u32::from_le_bytes([e, f, g, h])));
-    if !STACKS.iter().any(|memory| memory.contains(&stack)) || reset & 1 == 0 || !PROGRAM_FLASH.contains(&reset) {
+    if !STACKS.contains(&stack) || reset & 1 == 0 || !PROGRAM_FLASH.contains(&reset) {
         return Err(format!(
-            "begins with a stack at {stack:#010x} and a program at {reset:#010x}, which an STM32H743ZI cannot run; {WANTED}"
+            "begins with a stack at {stack:#010x} and a program at {reset:#010x}, which is not for a NUCLEO-H743ZI2; {WANTED}"
         ));
     }
     let has_log_table = file.section_by_name(".defmt").is_some_and(|section| section.size() > 0);
@@ -132,8 +132,10 @@ mod tests {
             (elf(EM_ARM, 0x080F_FFFC, &good), "0x080ffffc..0x08100004"),
             (elf(EM_ARM, 0x2000_0000, &good), "would be written to 0x20000000"),
             (elf(EM_ARM, 0x0800_0400, &good), "no vector table"),
-            (elf(EM_ARM, 0x0800_0000, &vectors(0x1000_0000, 0x0800_0401)), "cannot run"),
-            (elf(EM_ARM, 0x0800_0000, &vectors(0x2002_0000, 0x0800_0400)), "cannot run"),
+            (elf(EM_ARM, 0x0800_0000, &vectors(0x1000_0000, 0x0800_0401)), "not for a NUCLEO-H743ZI2"),
+            // The NUCLEO-G474RE's: it would drive the pins of another board.
+            (elf(EM_ARM, 0x0800_0000, &vectors(0x2001_3000, 0x0800_0401)), "not for a NUCLEO-H743ZI2"),
+            (elf(EM_ARM, 0x0800_0000, &vectors(0x2002_0000, 0x0800_0400)), "not for a NUCLEO-H743ZI2"),
             (elf(EM_ARM, 0x0800_0000, &good), "none of this project"),
             (cut, "cut off"),
         ] {
@@ -148,6 +150,10 @@ mod tests {
         if !path.is_file() {
             println!("skipped: `cargo xtask firmware` has not built {}", path.display());
             return;
+        }
+        let other = path.with_file_name("hysteron-firmware-nucleo-g474re");
+        if other.is_file() {
+            assert!(read(&other).expect_err("another board's").contains("not for a NUCLEO-H743ZI2"));
         }
         let (image, bytes) = read(&path).expect("an image");
         assert!(image.flash_bytes > 100_000 && image.flash_end <= PROGRAM_FLASH.end, "{image:?}");

@@ -7,7 +7,7 @@
 //! * an instruction of the floating-point unit (coprocessors 10 and 11);
 //! * an undefined instruction, which is what an abort compiles to, if a jump or the instruction before it leads there
 //!   (the entry of a jump table for a value that no `enum` has is counted apart: only corrupted memory has it);
-//! * a call or jump that leaves ITCM: panics, formatting, logging and allocation all live in flash, so none of them is reachable;
+//! * a call or jump that leaves the section: panics, formatting, logging and allocation all live in flash, so none of them is reachable;
 //! * a call through a register, whose destination the binary does not tell.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,7 +17,7 @@ use std::path::Path;
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 const HANDLER: &str = "TIM2";
-const SECTION: &str = ".itcm";
+const SECTION: &str = ".control_code";
 
 /// What the check found.
 pub struct Figures {
@@ -161,7 +161,7 @@ impl Walk {
             } else if code.range.contains(&target) {
                 self.calls.push(target);
             } else {
-                self.complaints.push(format!("leaves ITCM for {} at {at:#x}", owner(code.file, target)));
+                self.complaints.push(format!("leaves the section for {} at {at:#x}", owner(code.file, target)));
             }
             return is_call;
         }
@@ -223,7 +223,7 @@ pub fn check(elf: &Path) -> Result<Figures, String> {
         control_code_bytes: seen.iter().filter_map(|start| code.functions.get(start)).map(|(size, _)| size).sum(),
         control_functions: seen.len(),
         impossible_cases,
-        flash_bytes: size_of(&[".vector_table", ".itcm", ".text", ".rodata", ".data"]),
+        flash_bytes: size_of(&[".vector_table", ".start_code", ".control_code", ".text", ".rodata", ".data"]),
         ram_bytes: size_of(&[".data", ".bss", ".uninit"]),
     })
 }

@@ -54,7 +54,7 @@ pub fn python() -> Vec<Step> {
 pub fn firmware() -> Vec<Step> {
     vec![
         Step { name: "firmware for thumbv7em-none-eabihf", action: firmware_images },
-        Step { name: "control interrupt's code: in ITCM, no float, no panic", action: control_code },
+        Step { name: "control interrupt's code: in its own memory, no float, no panic", action: control_code },
     ]
 }
 
@@ -193,9 +193,13 @@ pub fn write_tables() -> Result<(), String> {
 fn firmware_images() -> Result<(), String> {
     let toolchain = toolchain::for_target(&toolchain::FIRMWARE)?;
     let folder = root().join("firmware");
+    let image = toolchain::image();
+    let keep = |other: &Path| std::fs::copy(&image, other).map_err(|error| format!("{}: {error}", other.display()));
+    // All binaries of the other board; the one that is not kept is only built.
+    toolchain.build(&toolchain::FIRMWARE, &folder, &["--no-default-features", "--features", "nucleo-g474re"])?;
+    keep(&toolchain::g474re_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
-    let (image, on_chip) = (toolchain::image(), toolchain::on_chip_image());
-    std::fs::copy(&image, &on_chip).map_err(|error| format!("{}: {error}", on_chip.display()))?;
+    keep(&toolchain::on_chip_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &[])
 }
 
@@ -206,25 +210,28 @@ const MOST_CONTROL_CODE_BYTES: u64 = 22 * 1024;
 const MOST_FLASH_BYTES: u64 = 180 * 1024;
 /// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors, 1 of its filters, twice.
 const MOST_RAM_BYTES: u64 = 70 * 1024;
+/// Of the 76 KiB of the NUCLEO-G474RE: what is left for the stack is 3 KiB more than the same program uses of the other board's.
+const MOST_G474RE_RAM_BYTES: u64 = 41 * 1024;
 
 fn control_code() -> Result<(), String> {
-    check_image("SPI converters", &toolchain::image())?;
-    check_image("on-chip converters", &toolchain::on_chip_image())
+    check_image("NUCLEO-H743ZI2, SPI converters", &toolchain::image(), MOST_RAM_BYTES)?;
+    check_image("NUCLEO-H743ZI2, on-chip converters", &toolchain::on_chip_image(), MOST_RAM_BYTES)?;
+    check_image("NUCLEO-G474RE", &toolchain::g474re_image(), MOST_G474RE_RAM_BYTES)
 }
 
-fn check_image(front_end: &str, image: &Path) -> Result<(), String> {
+fn check_image(name: &str, image: &Path, most_ram_bytes: u64) -> Result<(), String> {
     let figures = control_code::check(image)?;
     println!(
-        "   {front_end}: control interrupt: {} bytes in {} functions, {} jump-table entries for impossible values; image: {} bytes of flash, {} bytes of static RAM",
+        "   {name}: control interrupt: {} bytes in {} functions, {} jump-table entries for impossible values; image: {} bytes of flash, {} bytes of static RAM",
         figures.control_code_bytes, figures.control_functions, figures.impossible_cases, figures.flash_bytes, figures.ram_bytes
     );
     for (what, value, most) in [
         ("control code", figures.control_code_bytes, MOST_CONTROL_CODE_BYTES),
         ("flash", figures.flash_bytes, MOST_FLASH_BYTES),
-        ("static RAM", figures.ram_bytes, MOST_RAM_BYTES),
+        ("static RAM", figures.ram_bytes, most_ram_bytes),
     ] {
         if value > most {
-            return Err(format!("{what}: {value} bytes, more than the {most} of xtask/src/steps.rs"));
+            return Err(format!("{name}: {what}: {value} bytes, more than the {most} of xtask/src/steps.rs"));
         }
     }
     Ok(())

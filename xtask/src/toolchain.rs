@@ -50,6 +50,11 @@ pub fn on_chip_image() -> PathBuf {
     image().with_file_name("hysteron-firmware-on-chip")
 }
 
+/// That of the NUCLEO-G474RE.
+pub fn g474re_image() -> PathBuf {
+    image().with_file_name("hysteron-firmware-nucleo-g474re")
+}
+
 fn output(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())

@@ -3,7 +3,7 @@
 use hysteron_core::host_watch::timeout_ticks;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
-use super::{Session, WAVE_POINTS, WAVE_TABLES, micrometres};
+use super::{Session, WAVE_TABLES, micrometres};
 use crate::data_array::MOST_COLUMNS;
 use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
 use crate::device::Device;
@@ -86,7 +86,7 @@ impl<D: Device + 'static> Session<D> {
             Parameter::DriveSpan => exact(from_wide(c.dac_step, VOLT_FRACTION_BITS)),
             Parameter::DriveMinimum => exact(from_fixed(c.drive(c.dac_code_min), VOLT_FRACTION_BITS)),
             Parameter::DriveMaximum => exact(from_fixed(c.drive(c.dac_code_max), VOLT_FRACTION_BITS)),
-            Parameter::WavePoints => return self.say(format_args!("1 {number:#x}={WAVE_POINTS}")),
+            Parameter::WavePoints => return self.say(format_args!("1 {number:#x}={}", self.wave_points())),
             Parameter::WaveTables => return self.say(format_args!("1 {number:#x}={WAVE_TABLES}")),
             Parameter::RecorderTables => return self.say(format_args!("1 {number:#x}={MOST_COLUMNS}")),
             Parameter::RecorderPoints => {

@@ -7,7 +7,7 @@ use hysteron_core::reference_generator::Waveform;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 use hysteron_core::wave_table::{POINT_FRACTION_BITS, WaveTable};
 
-use super::{Meaning, Pending, Session, Step, Trigger, WAVE_POINTS, WAVE_TABLES};
+use super::{Meaning, Pending, Session, Step, Trigger, WAVE_TABLES};
 use crate::decimal::{Decimal, from_fixed};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
@@ -25,7 +25,13 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn points_of(&self, table: usize) -> &'static [AtomicI32] {
-        self.waves.get(table * WAVE_POINTS..(table + 1) * WAVE_POINTS).unwrap_or(&[])
+        let most = self.wave_points();
+        self.waves.get(table * most..(table + 1) * most).unwrap_or(&[])
+    }
+
+    /// Points for which a table has room.
+    pub(super) fn wave_points(&self) -> usize {
+        self.waves.len() / WAVE_TABLES
     }
 
     pub(super) fn length_of(&self, table: usize) -> u32 {
@@ -62,7 +68,7 @@ impl<D: Device + 'static> Session<D> {
         if !segment.is_consistent() {
             return Err(ErrorCode::WaveLimit);
         }
-        if at + segment.length as usize > WAVE_POINTS {
+        if at + segment.length as usize > self.wave_points() {
             return Err(ErrorCode::WaveTooLong);
         }
         let end = segment.offset.checked_add(segment.amplitude).ok_or(ErrorCode::WaveLimit)?;
@@ -80,7 +86,7 @@ impl<D: Device + 'static> Session<D> {
         let count = words.whole().map_err(missing)? as usize;
         // The start point counts in the segment; behind `&` others count in the table, which is the same place.
         let begin = if at == 0 { first.checked_sub(1).ok_or(ErrorCode::WaveIndex)? } else { at };
-        let end = begin.checked_add(count).filter(|end| *end <= WAVE_POINTS).ok_or(ErrorCode::WaveTooLong)?;
+        let end = begin.checked_add(count).filter(|end| *end <= self.wave_points()).ok_or(ErrorCode::WaveTooLong)?;
         let mut given = words.clone();
         for _ in 0..count {
             let point = given.wave_point().map_err(missing)?;

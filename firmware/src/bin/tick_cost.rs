@@ -8,8 +8,8 @@
 #![no_std]
 #![no_main]
 
-#[path = "../itcm.rs"]
-mod itcm;
+#[path = "../control_code.rs"]
+mod control_code;
 
 use core::hint::black_box;
 

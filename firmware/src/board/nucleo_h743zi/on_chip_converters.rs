@@ -15,7 +15,7 @@ use embassy_stm32::pac::adccommon::vals::Ckmode;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
-use super::FrontEnd;
+use crate::front_end::FrontEnd;
 
 const SENSOR_CHANNEL: u8 = 15;
 /// TIM2_TRGO among the regular triggers of ADC1 (RM0433, Table 206).

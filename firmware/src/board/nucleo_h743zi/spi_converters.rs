@@ -18,7 +18,7 @@ use embassy_stm32::pac::spi::Spi;
 use embassy_stm32::pac::spi::vals::{Comm, Cpha, Cpol, Fthlv, Master, Mbr};
 use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
 
-use super::FrontEnd;
+use crate::front_end::FrontEnd;
 
 /// Polls of a flag before a converter counts as silent: about ten frames.
 const MOST_POLLS: u32 = 400;

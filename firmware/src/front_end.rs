@@ -3,11 +3,6 @@
 //! A front end gives the sensor's code of the latest edge of the sample clock, and takes a drive code that acts at the next edge.
 //! Codes are 16 bits wide on this side; a converter with more keeps its lowest bits to itself.
 
-#[cfg(feature = "on-chip-converters")]
-pub mod on_chip;
-#[cfg(not(feature = "on-chip-converters"))]
-pub mod spi;
-
 /// Converters as the control interrupt sees them. Both calls end after a bounded time, whatever the converters do.
 pub trait FrontEnd {
     /// Name, as reported at start.

@@ -1,0 +1,170 @@
+//! NUCLEO-H743ZI2: STM32H743ZI at 400 MHz, precision converters on SPI or the part's own.
+//!
+//! Crystal: the 8 MHz that the NUCLEO's debugger feeds to OSC_IN. PLL1 makes 400 MHz for the core (voltage scale 1), 200 MHz
+//! for the buses' timers, and 100 MHz for SPI1 to SPI3. Memory: `memory.x` of the repository's root.
+
+mod flash;
+#[cfg(feature = "on-chip-converters")]
+mod on_chip_converters;
+mod option_bytes;
+#[cfg(not(feature = "on-chip-converters"))]
+mod spi_converters;
+
+use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
+use embassy_stm32::pac::iwdg::Iwdg;
+use embassy_stm32::pac::{EXTI, FLASH, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
+use embassy_stm32::peripherals::USART3;
+use embassy_stm32::rcc::{AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError};
+use embassy_stm32::{Config, Peripherals, bind_interrupts, interrupt};
+use hysteron_core::guard::Fault;
+
+use super::{Lines, Platform, ResetCause};
+use crate::fault;
+
+/// PLS: 2.76 V falling, 2.86 V rising (DS12110, table 116), the highest of the detector's own levels.
+const LEVEL_2V76: u8 = 6;
+/// The detector's line of the EXTI (RM0433, table 150).
+const DETECTOR_LINE: usize = 16;
+
+bind_interrupts!(struct Interrupts {
+    USART3 => BufferedInterruptHandler<USART3>;
+});
+
+/// The board.
+pub struct NucleoH743zi;
+
+impl Platform for NucleoH743zi {
+    const SAMPLE_RATE_HZ: u32 = 20_000;
+    const LOG_BYTES: usize = 32_768;
+    /// 0.8 s.
+    const RECORDED_SAMPLES: u32 = 1 << 14;
+    const WAVE_POINTS: usize = 4096;
+    #[cfg(feature = "on-chip-converters")]
+    type Converters = on_chip_converters::OnChipConverters;
+    #[cfg(not(feature = "on-chip-converters"))]
+    type Converters = spi_converters::SpiConverters;
+    const LINES: Lines = Lines { port: GPIOE, emergency_stop: 0, interlock: 12, amplifier_ready: 10, enable: 14 };
+    const WATCHDOG: Iwdg = IWDG1;
+    const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
+    /// SETTINGS of `memory.x`.
+    const BLOCKS: [(&'static str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
+    const SPARE_SECTOR: u32 = 0x081A_0000;
+    const BEYOND_FLASH: u32 = 0x0820_0000;
+    const BROWN_OUT_LEVEL: &'static str = "2.4 V";
+
+    fn clock_tree() -> Config {
+        let mut config = Config::default();
+        let c = &mut config.rcc;
+        c.hse = Some(Hse { freq: Hertz(8_000_000), mode: HseMode::Bypass });
+        c.pll1 = Some(Pll {
+            source: PllSource::HSE,
+            prediv: PllPreDiv::DIV1,
+            mul: PllMul::MUL100,
+            divp: Some(PllDiv::DIV2),
+            divq: Some(PllDiv::DIV8),
+            divr: None,
+            fracn: None,
+        });
+        c.sys = Sysclk::PLL1_P;
+        c.d1c_pre = AHBPrescaler::DIV1;
+        c.ahb_pre = AHBPrescaler::DIV2;
+        c.apb1_pre = APBPrescaler::DIV2;
+        c.apb2_pre = APBPrescaler::DIV2;
+        c.apb3_pre = APBPrescaler::DIV2;
+        c.apb4_pre = APBPrescaler::DIV2;
+        c.voltage_scale = VoltageScale::Scale1;
+        config
+    }
+
+    fn watch_crystal() {
+        RCC.cr().modify(|w| w.set_hsecsson(true));
+    }
+
+    fn clock_sample_timer() {
+        RCC.apb1lenr().modify(|w| w.set_tim2en(true));
+    }
+
+    fn clock_lines() {
+        RCC.ahb4enr().modify(|w| w.set_gpioeen(true));
+        let _ = RCC.ahb4enr().read();
+        cortex_m::asm::dsb();
+    }
+
+    fn reset_cause() -> ResetCause {
+        let flags = RCC.rsr().read();
+        RCC.rsr().modify(|w| w.set_rmvf(true));
+        ResetCause { watchdog: flags.iwdg1rstf(), software: flags.sftrstf(), brown_out: flags.borrstf() && !flags.porrstf() }
+    }
+
+    /// USART3 on PD8 (transmit) and PD9 (receive).
+    fn serial_port(
+        peripherals: Peripherals,
+        outgoing: &'static mut [u8],
+        incoming: &'static mut [u8],
+        config: SerialConfig,
+    ) -> Result<BufferedUart<'static>, ConfigError> {
+        BufferedUart::new(peripherals.USART3, peripherals.PD9, peripherals.PD8, outgoing, incoming, Interrupts, config)
+    }
+
+    fn switch_serial_port(on: bool) {
+        USART3_REGISTERS.cr1().modify(|w| w.set_ue(on));
+    }
+
+    async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str> {
+        flash::write_sector(address, bytes).await
+    }
+
+    fn begin_reading() {
+        FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
+    }
+
+    /// The read itself ends in a bus error too (RM0433, 4.7.7).
+    fn end_reading() -> bool {
+        let damaged = FLASH.bank(1).sr().read().dbeccerr();
+        if damaged {
+            FLASH.bank(1).ccr().write(|w| w.set_clr_dbeccerr(true));
+        }
+        damaged
+    }
+
+    fn protection() -> u32 {
+        option_bytes::protection()
+    }
+
+    async fn write_protection() -> Result<(), &'static str> {
+        option_bytes::protect().await
+    }
+
+    fn start_supply_detector() {
+        PWR.cr1().modify(|w| {
+            w.set_pls(LEVEL_2V76);
+            w.set_pvde(true);
+        });
+    }
+
+    fn supply_is_low() -> bool {
+        PWR.csr1().read().pvdo()
+    }
+
+    fn watch_supply() {
+        EXTI.rtsr(0).modify(|w| w.set_line(DETECTOR_LINE, true));
+        EXTI.pr(0).write(|w| w.set_line(DETECTOR_LINE, true));
+        EXTI.imr(0).modify(|w| w.set_line(DETECTOR_LINE, true));
+        interrupt::PVD_AVD.set_priority(Priority::P0);
+        // SAFETY: the handler below shares nothing with what it interrupts, and never returns to it.
+        unsafe { interrupt::PVD_AVD.enable() };
+    }
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn PVD_AVD() {
+    fault::stop(Fault::SupplyLow)
+}
+
+/// The crystal has stopped: the core runs from the internal oscillator, and nothing keeps its time any more.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() -> ! {
+    fault::stop(Fault::ClockLost)
+}
