@@ -16,6 +16,14 @@ const SHORT_PATIENCE: Duration = Duration::from_secs(1);
 const GREETINGS: usize = 30;
 /// Bytes of lines that are sent before the board is asked whether it took them: its store holds 2048.
 const MOST_BYTES_AT_ONCE: usize = 1500;
+/// Bytes of a line, at most: the board's longest has a few hundred.
+const MOST_LINE_BYTES: usize = 4096;
+/// Bytes of an answer, at most: the whole of the largest recorder as text has less than half of it.
+const MOST_ANSWER_BYTES: usize = 4 << 20;
+/// Bytes that may stand before the answer to a greeting: what is left of an answer to somebody else.
+const MOST_GREETING_BYTES: usize = 1 << 16;
+/// A line that has begun ends within so many times the patience with silence.
+const LINE_PATIENCES: u32 = 5;
 /// Time between two questions whether something has ended.
 pub(crate) const BETWEEN_QUESTIONS: Duration = Duration::from_millis(20);
 
@@ -50,9 +58,13 @@ impl Board {
         let mut this = Self { port: Port::open(address)?, incoming: VecDeque::new(), patience: PATIENCE, identification: String::new() };
         // A program that ended in the middle may have left the board at another speed.
         let speeds = [USUAL_BAUD, baud.unwrap_or(USUAL_BAUD)];
-        let greeted = speeds.into_iter().any(|speed| this.port.set_baud(speed).is_ok() && this.greet(3).is_ok());
-        if !greeted {
-            return Err(Error::new(address, "no board answers `*IDN?`; is it powered, and does no other program hold the port?"));
+        let mut met = this.meet_at(speeds[0]);
+        if met.is_err() && speeds[1] != speeds[0] {
+            met = this.meet_at(speeds[1]);
+        }
+        if let Err(problem) = met {
+            let hint = "is it powered, and does no other program hold the port?";
+            return Err(Error::new(address, format!("no board answers `*IDN?`, the other side {}; {hint}", problem.message())));
         }
         if !this.identification.contains("HYSTERON") {
             return Err(Error::new(address, format!("`{}` answers, which is no board of this project", this.identification)));
@@ -61,6 +73,11 @@ impl Board {
             this.change_baud(baud)?;
         }
         Ok(this)
+    }
+
+    fn meet_at(&mut self, speed: u32) -> Result<()> {
+        self.port.set_baud(speed)?;
+        self.greet(3)
     }
 
     /// From now on the board is given up when it has sent nothing for so long while an answer is due.
@@ -83,12 +100,11 @@ impl Board {
             self.incoming.clear();
             // What stands half in the board's line ends here.
             self.port.send(b"\n*IDN?\n")?;
-            match self.answer_within(SHORT_PATIENCE) {
+            match self.answer_within(SHORT_PATIENCE, MOST_GREETING_BYTES) {
                 Ok(answer) if answer.matches(',').count() == 3 => {
                     self.identification = answer.trim().to_string();
                     // Answers to greetings before this one.
-                    while !self.port.receive()?.is_empty() {}
-                    self.incoming.clear();
+                    self.forget_what_comes()?;
                     self.ask("ERR?")?;
                     return Ok(());
                 }
@@ -97,6 +113,21 @@ impl Board {
             }
         }
         Err(last)
+    }
+
+    /// Forgets what comes until nothing does.
+    fn forget_what_comes(&mut self) -> Result<()> {
+        self.incoming.clear();
+        let mut forgotten = 0;
+        loop {
+            match self.port.receive()?.len() {
+                0 => return Ok(()),
+                count if forgotten + count > MOST_GREETING_BYTES => {
+                    return Err(Error::new("board", format!("sends {forgotten} bytes that nobody asked for")));
+                }
+                count => forgotten += count,
+            }
+        }
     }
 
     fn change_baud(&mut self, baud: u32) -> Result<()> {
@@ -137,10 +168,17 @@ impl Board {
 
     /// The next line, with its end.
     fn line_within(&mut self, patience: Duration) -> Result<Vec<u8>> {
-        let mut heard = Instant::now();
+        let begun = Instant::now();
+        let mut heard = begun;
         loop {
             if let Some(end) = self.incoming.iter().position(|byte| *byte == b'\n') {
                 return Ok(self.incoming.drain(..=end).collect());
+            }
+            if self.incoming.len() > MOST_LINE_BYTES || begun.elapsed() > LINE_PATIENCES * patience {
+                let problem =
+                    format!("sends {} bytes without the end of a line: no board does, or its line is garbled", self.incoming.len());
+                self.incoming.clear();
+                return Err(Error::new("board", problem));
             }
             let bytes = self.port.receive()?;
             if !bytes.is_empty() {
@@ -153,7 +191,7 @@ impl Board {
     }
 
     /// An answer: lines up to one that does not end in a space.
-    fn answer_within(&mut self, patience: Duration) -> Result<String> {
+    fn answer_within(&mut self, patience: Duration, most_bytes: usize) -> Result<String> {
         let mut answer = String::new();
         loop {
             let line = self.line_within(patience)?;
@@ -162,6 +200,9 @@ impl Board {
             answer.push('\n');
             if !more {
                 return Ok(answer);
+            }
+            if answer.len() > most_bytes {
+                return Err(Error::new("board", format!("answers more than {most_bytes} bytes: no board does")));
             }
         }
     }
@@ -172,7 +213,7 @@ impl Board {
     /// The board does not answer.
     pub fn ask(&mut self, question: &str) -> Result<String> {
         self.port.send(format!("{question}\n").as_bytes())?;
-        self.answer_within(self.patience).map_err(|problem| Error::new(question, problem.message()))
+        self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))
     }
 
     /// The values behind `=` in the lines of an answer, or the lines themselves where there is none.
@@ -223,7 +264,7 @@ impl Board {
             let first = now.first().map_or("", AsRef::as_ref);
             text.push_str("ERR?\n");
             self.port.send(text.as_bytes())?;
-            let answer = self.answer_within(self.patience).map_err(|problem| Error::new(first, problem.message()))?;
+            let answer = self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(first, problem.message()))?;
             let code: u32 = answer.trim().parse().map_err(|_| Error::new(first, format!("the board answers `{}`", answer.trim())))?;
             if code != 0 {
                 let place = if now.len() == 1 { first.to_string() } else { format!("{first} .. ({} commands)", now.len()) };

@@ -21,6 +21,17 @@ pub enum Address {
     Tcp(String),
 }
 
+impl Address {
+    /// A socket's, by its words.
+    ///
+    /// # Errors
+    /// They are not `HOST:PORT`.
+    pub fn tcp(name: &str) -> Result<Self> {
+        let is_socket = name.rsplit_once(':').is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok());
+        if is_socket { Ok(Self::Tcp(name.into())) } else { Err(Error::new(name, "is no address; expected HOST:PORT, as 127.0.0.1:50000")) }
+    }
+}
+
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

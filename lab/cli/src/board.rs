@@ -10,7 +10,7 @@ mod status;
 mod tune;
 mod upload;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand};
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::{Error, Result};
 use hysteron_browser::local_server::ANY_PORT;
@@ -31,7 +31,7 @@ const CABLE_BAUD: u32 = 921_600;
 #[command(
     name = "hysteron board",
     max_term_width = 100,
-    after_help = "Without a board: `hysteron board emulate` runs the image on an emulated one; `hysteron board emulate --help` says more.\nOver the debug probe: `hysteron board flash IMAGE` writes the image, `hysteron board attach --probe IMAGE` shows its log.\n\nExample:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80"
+    after_help = "Example:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80"
 )]
 struct BoardArguments {
     #[command(subcommand)]
@@ -109,20 +109,34 @@ enum BoardCommand {
         #[command(flatten)]
         line: LineArguments,
     },
-    /// Pass what is typed on to the board and print what comes
+    /// Pass what is typed on to the board and print what comes; with --probe IMAGE show its log over the debug probe
     Attach {
         /// Where the board is
         #[command(flatten)]
         line: LineArguments,
     },
+    /// Write an image into the board's flash over the debug probe (by `hysteron-probe`)
+    #[command(after_help = PROBE_NEEDED)]
+    Flash {
+        /// The image, an ELF file, as `cargo xtask firmware` builds it, and options of `hysteron-probe flash`
+        #[arg(required = true)]
+        words: Vec<String>,
+    },
+    /// Run the unmodified image on an emulated board, its serial port on a socket (by `hysteron-board`)
+    #[command(after_help = BOARD_NEEDED)]
+    Emulate {
+        /// Options of `hysteron-board emulate`, as --tcp 127.0.0.1:50000
+        words: Vec<String>,
+    },
 }
 
 /// Where the board is.
 #[derive(Args, Clone, Debug)]
-#[group(id = "line", required = true, multiple = true)]
+#[group(skip)]
+#[command(group(ArgGroup::new("where").required(true).args(["port", "tcp"])))]
 struct LineArguments {
     /// Serial port of this machine, /dev/ttyACM0 or COM3
-    #[arg(long, value_name = "PORT", conflicts_with = "tcp")]
+    #[arg(long, value_name = "PORT")]
     port: Option<String>,
     /// A socket: the emulated board, or a serial port behind a bridge
     #[arg(long, value_name = "HOST:PORT")]
@@ -142,7 +156,7 @@ impl LineArguments {
     fn address(&self) -> Result<Address> {
         match (&self.port, &self.tcp) {
             (Some(name), _) => Ok(Address::Serial(name.clone())),
-            (None, Some(name)) => Ok(Address::Tcp(name.clone())),
+            (None, Some(name)) => Address::tcp(name).map_err(of_board),
             (None, None) => Err(Error::new("--port, --tcp", "one of them is needed: where the board is")),
         }
     }
@@ -191,17 +205,18 @@ fn of_board(problem: hysteron_operator::Error) -> Error {
     Error::new(problem.place(), problem.message())
 }
 
-/// Commands that this program has itself.
-const OWN: [&str; 7] = ["tune", "record", "scope", "upload", "status", "send", "attach"];
+/// What a command needs that another program does, where it is not there.
+const PROBE_NEEDED: &str = "It is done by `hysteron-probe`: in the project's folder `cargo install --path probe --locked` installs it.";
+const BOARD_NEEDED: &str = "It is done by `hysteron-board`: `cargo xtask firmware` and `cargo xtask board` build it.";
 
 /// Runs it.
 pub fn run(words: &[OsString]) -> ExitCode {
     let first = words.first().and_then(|word| word.to_str()).unwrap_or("--help");
     if is_for_probe(words) {
-        return pass_on("hysteron-probe", words, "in the project's folder `cargo install --path probe --locked` installs it");
+        return pass_on("hysteron-probe", words, PROBE_NEEDED);
     }
-    if !OWN.contains(&first) && !["--help", "-h", "help"].contains(&first) {
-        return pass_on("hysteron-board", words, "`cargo xtask firmware` and `cargo xtask board` build it");
+    if first == "emulate" {
+        return pass_on("hysteron-board", words, BOARD_NEEDED);
     }
     let help = [OsString::from("--help")];
     let words = if words.is_empty() { &help } else { words };
@@ -233,6 +248,9 @@ fn obey(command: BoardCommand) -> Result<bool> {
         BoardCommand::Status { line } => status::status(&line),
         BoardCommand::Send { commands, line } => attach::send(&commands, &line),
         BoardCommand::Attach { line } => attach::attach(&line),
+        // Words that other programs understand were passed on before they came here.
+        BoardCommand::Flash { .. } => Err(Error::new("flash", PROBE_NEEDED)),
+        BoardCommand::Emulate { .. } => Err(Error::new("emulate", BOARD_NEEDED)),
     }
 }
 
@@ -254,14 +272,26 @@ fn pass_on(name: &str, words: &[OsString], how_to_get_it: &str) -> ExitCode {
     match Command::new(&program).args(words).status() {
         Ok(status) => ExitCode::from(status.code().and_then(|code| u8::try_from(code).ok()).unwrap_or(1)),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            eprintln!("error: {name} is neither beside this program nor on the path; {how_to_get_it}");
+            if words.iter().any(|word| word == "--help" || word == "-h") && say_own_help(words) {
+                return ExitCode::SUCCESS;
+            }
+            eprintln!("error: {name} is neither beside this program nor on the path. {how_to_get_it}");
             ExitCode::from(2)
         }
         Err(error) => {
-            eprintln!("error: {}: {error}; {how_to_get_it}", program.display());
+            eprintln!("error: {}: {error}. {how_to_get_it}", program.display());
             ExitCode::from(2)
         }
     }
+}
+
+/// What this program knows of a command that another one has; whether it knows it.
+fn say_own_help(words: &[OsString]) -> bool {
+    let mut whole = BoardArguments::command();
+    whole.build();
+    let command = words.first().and_then(|word| word.to_str()).and_then(|name| whole.find_subcommand_mut(name));
+    // Nobody is left to be told where printing fails.
+    command.map(|command| command.print_long_help()).is_some()
 }
 
 #[cfg(test)]

@@ -124,11 +124,29 @@ impl Desk {
 
     /// Takes a folder as the place of new files: none of them may exist already, unless they may be replaced. The folder around it has to be there.
     pub fn folder(&self, path: &Path, files: &[String]) -> Result<()> {
-        if !path.is_dir() {
-            std::fs::create_dir(path)
-                .map_err(|e| wrong(path, format!("cannot be made: {e}; expected a new name in a folder that exists")))?;
-        }
+        self.make_folder(path)?;
         files.iter().try_for_each(|name| self.target(Some(&path.join(name))))
+    }
+
+    /// Takes a folder as [`Desk::folder`] does, but leaves no trace of it where it is not there: [`Desk::make_folder`] makes it when there is something
+    /// to be written.
+    pub fn folder_to_be(&self, path: &Path, files: &[String]) -> Result<()> {
+        if path.is_dir() {
+            return files.iter().try_for_each(|name| self.target(Some(&path.join(name))));
+        }
+        let around = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
+        if path.exists() || !around.is_dir() {
+            return Err(wrong(path, "cannot be made; expected a new name in a folder that exists"));
+        }
+        Ok(())
+    }
+
+    /// Makes a folder, where it is not there.
+    pub fn make_folder(&self, path: &Path) -> Result<()> {
+        if path.is_dir() {
+            return Ok(());
+        }
+        std::fs::create_dir(path).map_err(|e| wrong(path, format!("cannot be made: {e}; expected a new name in a folder that exists")))
     }
 
     /// Writes a target whole or not at all.

@@ -217,6 +217,8 @@ fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
 fn a_board_that_is_not_there_or_not_told_enough() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("a.csv"), good_rows(10)).unwrap();
+    std::fs::create_dir(folder.path().join("taken")).unwrap();
+    std::fs::write(folder.path().join("taken/servo.toml"), "").unwrap();
     // Nobody listens on the first port of the machine.
     let nobody = "127.0.0.1:1";
     for (words, expected) in [
@@ -225,6 +227,15 @@ fn a_board_that_is_not_there_or_not_told_enough() {
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "-5"], "-5 is not above"),
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "150"], "front end"),
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "80"], nobody),
+        // All that can be known without the board is said without it.
+        (&["tune", "out", "--tcp", nobody, "--drive-max-v", "80", "--reference-hz", "15000"], "--reference-hz"),
+        (&["tune", "taken", "--tcp", nobody, "--drive-max-v", "80"], "servo.toml"),
+        (&["tune", "none/out", "--tcp", nobody, "--drive-max-v", "80"], "a folder that exists"),
+        (&["record", "taken/servo.toml", "--tcp", nobody], "servo.toml"),
+        (&["record", "out", "--tcp", nobody, "--drive-max-v", "-5"], "-5 is not above"),
+        (&["scope", "--no-open", "--tcp", "nowhere"], "HOST:PORT"),
+        (&["status", "--baud", "9600"], "--port"),
+        (&["wrong"], "wrong"),
         (&["record", "out", "--tcp", "nowhere"], "nowhere"),
         (&["record", "out", "--port", "/dev/no_such_port"], "/dev/no_such_port"),
         (&["upload", "a.csv", "--tcp", nobody], "no block"),
@@ -237,4 +248,61 @@ fn a_board_that_is_not_there_or_not_told_enough() {
         assert!(said.contains(expected) && !said.contains("panicked"), "{words:?}: expected `{expected}` in: {said}");
         assert!(!folder.path().join("out").exists(), "{words:?}");
     }
+}
+
+/// Bytes that a flood has: more than any limit, and an end, so that a program without one would say something else.
+const FLOOD_BYTES: usize = 32 << 20;
+
+/// Somebody on a socket who sends these bytes again and again.
+fn flood(bytes: &'static [u8]) -> u16 {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let piece = bytes.repeat(4096);
+        for _ in 0..FLOOD_BYTES / piece.len() {
+            if std::io::Write::write_all(&mut stream, &piece).is_err() {
+                break;
+            }
+        }
+    });
+    port
+}
+
+#[test]
+fn a_peer_that_never_ends_a_line_or_an_answer_is_given_up() {
+    let folder = tempfile::tempdir().unwrap();
+    for (bytes, expected) in [(&b"xxxx"[..], "without the end of a line"), (b"xxxx \n", "no board does")] {
+        let output = hysteron(&["board", "status", "--tcp", &format!("127.0.0.1:{}", flood(bytes))], folder.path());
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(expected), "expected `{expected}` in: {said}");
+    }
+}
+
+#[test]
+fn what_another_program_does_is_told_without_it() {
+    let folder = tempfile::tempdir().unwrap();
+    // Alone, with nothing beside it or on its path.
+    let alone = folder.path().join("hysteron");
+    std::fs::copy(env!("CARGO_BIN_EXE_hysteron"), &alone).unwrap();
+    let run = |words: &[&str]| {
+        let output = std::process::Command::new(&alone).arg("board").args(words).env("PATH", folder.path()).output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned())
+    };
+    for (words, expected) in [
+        (&["flash", "--help"][..], "cargo install --path probe"),
+        (&["attach", "--probe", "--help"], "debug probe"),
+        (&["emulate", "--help"], "cargo xtask board"),
+        (&["--help"], "emulate"),
+    ] {
+        let (status, said) = run(words);
+        assert!(status == Some(0) && said.contains(expected), "{words:?}: {status:?}: {said}");
+    }
+    for (words, expected) in [(&["flash", "a.elf"][..], "cargo install --path probe"), (&["wrong"], "unrecognized subcommand")] {
+        let (status, said) = run(words);
+        assert!(status == Some(2) && said.contains(expected), "{words:?}: {status:?}: {said}");
+    }
+    let (_, said) = run(&["status", "--help"]);
+    assert!(said.contains("[OPTIONS] <--port <PORT>|--tcp <HOST:PORT>>"), "{said}");
 }

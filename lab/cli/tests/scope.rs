@@ -26,6 +26,8 @@ struct Like {
     mode: u8,
     fault: u8,
     told: Vec<String>,
+    /// Samples of its recorder; none: as many as the larger board has.
+    room: Option<usize>,
     /// The error that the next `ERR?` tells: a stop leaves 10.
     error: u8,
     line: Option<TcpStream>,
@@ -53,7 +55,7 @@ fn first_and_count(line: &str) -> (usize, usize) {
 
 /// What it answers a line, as the board's manual has it.
 fn answer(like: &Like, line: &str) -> Vec<u8> {
-    let (mode, fault) = (like.mode, like.fault);
+    let (mode, fault, room) = (like.mode, like.fault, like.room.unwrap_or(16_384));
     let text = match line.split(' ').next().unwrap_or_default() {
         "*IDN?" => "(c)2026 Hysteron, HYSTERON, 0, 0.1.0\n".into(),
         "ERR?" => format!("{}\n", like.error),
@@ -66,8 +68,12 @@ fn answer(like: &Like, line: &str) -> Vec<u8> {
         "MOV?" => "1=5.000000\n".into(),
         "ATZ?" => "1=1\n".into(),
         "SVO?" => format!("1={}\n", u8::from(mode == 2)),
-        "SPA?" => format!("1 0=-1 \n1 1=15 \n1 2=-20 \n1 3=140 \n1 4=0 \n1 5=100 \n1 6={:.9}\n", 1.0 / RATE_HZ),
-        "DRL?" => "1=16000\n".into(),
+        "SPA?" => format!(
+            "1 0=-1 \n1 1=15 \n1 2=-20 \n1 3=140 \n1 4=0 \n1 5=100 \n1 6={:.9} \n1 7=4096 \n1 8={} \n1 9=4\n",
+            1.0 / RATE_HZ,
+            4 * room
+        ),
+        "DRL?" => format!("1={}\n", room.min(16_000)),
         "DRR?" => {
             let (_, count) = first_and_count(line);
             let values = vec!["5.000000"; count].join(" \n");
@@ -151,6 +157,15 @@ fn state_when(scope: &Served, wanted: impl Fn(&Value) -> bool) -> Value {
 
 fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_board_with_a_short_recorder_is_watched_as_far_as_it_goes() {
+    let like = Shared::new(Mutex::new(Like { room: Some(512), ..Like::default() }));
+    let folder = tempfile::tempdir().unwrap();
+    let scope = started(board(&like), folder.path());
+    let state = state_when(&scope, |state| state["block"].is_object());
+    assert_eq!(numbers(&state["block"]["position_um"]).len(), 511, "the window has 4096");
 }
 
 #[test]
@@ -285,4 +300,16 @@ fn only_this_machine_is_served_and_ctrl_c_ends_it() {
     let mut rest = String::new();
     scope.said.read_line(&mut rest).unwrap();
     assert!(rest.contains("Ctrl-C"), "{rest}");
+}
+
+#[test]
+fn a_board_that_does_not_answer_is_said_on_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    // Nobody listens on the first port of the machine.
+    let mut scope = Served::started_quietly(&["board", "scope", "--no-open", "--tcp", "127.0.0.1:1"], folder.path());
+    state_when(&scope, |state| state["trouble"].as_str().is_some_and(|text| !text.is_empty()));
+    assert!(common::interrupted(&scope.program));
+    let mut said = String::new();
+    scope.program.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert!(said.starts_with("127.0.0.1:1: nobody answers there") && said.contains("asked again"), "{said}");
 }

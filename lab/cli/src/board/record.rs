@@ -2,9 +2,9 @@
 
 use super::{LineArguments, WiringArguments, of_board};
 use crate::desk::Desk;
-use hysteron::Result;
 use hysteron::servo::amplifier_block::{block, wiring_parameters};
 use hysteron::synthetic::drives::{DriveOfRecord, board_drives, manifest};
+use hysteron::{Error, Result};
 use hysteron_operator::board::Board;
 use hysteron_operator::condition::Condition;
 use hysteron_operator::playing::{Recorded, Wave, listen, play};
@@ -15,6 +15,11 @@ use std::path::Path;
 pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force: bool) -> Result<bool> {
     let desk = Desk::new(force);
     let front_end = wiring.front_end(&desk)?;
+    if wiring.drive_max_v.is_some() {
+        wiring.limits_v()?;
+    }
+    // Their names do not depend on the limits.
+    desk.folder_to_be(out, &names(&board_drives(0.0, 1.0)))?;
     let mut board = line.connect()?;
     if Condition::ask(&mut board).map_err(of_board)?.without_block() {
         let (low_v, high_v) = wiring.limits_v()?;
@@ -22,7 +27,8 @@ pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force:
     }
     let scale = Scale::ask(&mut board).map_err(of_board)?;
     let drives = board_drives(scale.drive_min_v, scale.drive_max_v);
-    desk.folder(out, &names(&drives))?;
+    require_room(&scale, &drives)?;
+    desk.make_folder(out)?;
     board.condition().map_err(of_board)?;
     let records = play_all(&mut board, &drives)?;
     write(&desk, out, &scale, &drives, &records)?;
@@ -35,6 +41,29 @@ pub fn bring_wiring(board: &mut Board, block: &[u8], line: &LineArguments) -> Re
     hysteron_operator::upload::upload(board, block, line.baud()).map_err(of_board)?;
     println!("a block without a servo tells the board its converters and the limits of the drive");
     Ok(())
+}
+
+/// Whether the board has room for the drives, and for what it records of them.
+pub fn require_room(scale: &Scale, drives: &[DriveOfRecord]) -> Result<()> {
+    let (most_points, most_samples) = (scale.most_points, scale.most_samples);
+    match drives.iter().find(|drive| cycle_points(drive) > most_points || drive.drive_v.len() > most_samples) {
+        None => Ok(()),
+        Some(drive) => {
+            let (name, points, samples) = (&drive.name, cycle_points(drive), drive.drive_v.len());
+            let needed =
+                format!("{name} has {points} points and {samples} samples; the board has room for {most_points} and {most_samples}");
+            Err(Error::new("board", format!("{needed}. Record over the debug probe instead (`identify`, firmware/README.md)")))
+        }
+    }
+}
+
+/// Points of one cycle of a drive; one where it stays.
+fn cycle_points(drive: &DriveOfRecord) -> usize {
+    let all = drive.drive_v.len();
+    if drive.drive_v.windows(2).all(|pair| pair.first() == pair.last()) {
+        return 1;
+    }
+    drive.period_s.map_or(all, |(period_s, _)| (period_s * drive.rate_hz).round() as usize).clamp(1, all.max(1))
 }
 
 /// The files of a recording.
@@ -62,7 +91,7 @@ fn played(board: &mut Board, scale: &Scale, drive: &DriveOfRecord) -> Result<Rec
         return listen(board, scale, ticks_per_point, drive.drive_v.len()).map_err(of_board);
     }
     let all = drive.drive_v.len();
-    let points = drive.period_s.map_or(all, |(period_s, _)| (period_s * drive.rate_hz).round() as usize).clamp(1, all);
+    let points = cycle_points(drive);
     // A limit in a block is a code, not a volt: half a step may be missing.
     let within = drive.drive_v.iter().take(points).map(|v| v.clamp(scale.drive_min_v + 1e-3, scale.drive_max_v - 1e-3));
     let wave = Wave { points: within.collect(), ticks_per_point, cycles: (all / points) as u32 };

@@ -1,6 +1,6 @@
 //! `board tune`: from an empty board to a running servo, with a report of all that was found on the way.
 
-use super::record::{bring_wiring, names, play_all, write};
+use super::record::{bring_wiring, names, play_all, require_room, write};
 use super::{LineArguments, WiringArguments, of_board};
 use crate::command_line::as_typed;
 use crate::desk::Desk;
@@ -130,12 +130,18 @@ pub fn tune(out: &Path, wiring: &WiringArguments, reference_hz: f64, line: &Line
     let recording = out.join("record");
     let drives = board_drives(low_v, high_v);
     let files = ["model.toml", "servo.toml", "servo.block", "on_reference.csv", "report.html", "tune.json"];
+    desk.folder_to_be(out, &files.map(String::from))?;
+    if recording.exists() {
+        desk.folder_to_be(&recording, &names(&drives))?;
+    }
+    order::reasonable_frequency(reference_hz).map_err(|problem| Error::new("--reference-hz", problem))?;
     let mut board = line.connect()?;
-    desk.folder(out, &files.map(String::from))?;
-    desk.folder(&recording, &names(&drives))?;
+    desk.make_folder(out)?;
+    desk.make_folder(&recording)?;
 
     println!("{}", board.identification);
     bring_wiring(&mut board, &empty, line)?;
+    require_room(&Scale::ask(&mut board).map_err(of_board)?, &drives)?;
     println!("conditioning");
     board.condition().map_err(of_board)?;
     let records = play_all(&mut board, &drives)?;

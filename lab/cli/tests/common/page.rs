@@ -25,8 +25,17 @@ impl Drop for Served {
 impl Served {
     /// Starts it and reads its address.
     pub fn started(arguments: &[&str], folder: &Path) -> Self {
-        let mut program =
-            Command::new(env!("CARGO_BIN_EXE_hysteron")).args(arguments).current_dir(folder).stdout(Stdio::piped()).spawn().unwrap();
+        Self::started_with(arguments, folder, Stdio::inherit())
+    }
+
+    /// The same; what it says of troubles is kept for the test.
+    pub fn started_quietly(arguments: &[&str], folder: &Path) -> Self {
+        Self::started_with(arguments, folder, Stdio::piped())
+    }
+
+    fn started_with(arguments: &[&str], folder: &Path, troubles: Stdio) -> Self {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_hysteron"));
+        let mut program = program.args(arguments).current_dir(folder).stdout(Stdio::piped()).stderr(troubles).spawn().unwrap();
         let mut said = BufReader::new(program.stdout.take().unwrap());
         let mut address = String::new();
         said.read_line(&mut address).unwrap();

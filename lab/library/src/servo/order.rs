@@ -115,12 +115,19 @@ pub(super) fn require_known_in_a_loop(chain: &Model) -> Result<(), String> {
     }
 }
 
+/// Whether references can have so high a frequency, Hz, whatever the actuator.
+///
+/// # Errors
+/// What was expected.
+pub fn reasonable_frequency(reference_hz: f64) -> Result<(), String> {
+    let fastest_hz = 0.5 / SAMPLING_PERIOD_S;
+    let is_reasonable = reference_hz > 0.0 && reference_hz < fastest_hz;
+    if is_reasonable { Ok(()) } else { Err(format!("{reference_hz}; expected above 0 and below {fastest_hz}")) }
+}
+
 /// Checks what is asked.
 fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
-    let fastest_hz = 0.5 / SAMPLING_PERIOD_S;
-    if !(order.reference_hz > 0.0 && order.reference_hz < fastest_hz) {
-        return Err(format!("--reference-hz {}; expected above 0 and below {fastest_hz}", order.reference_hz));
-    }
+    reasonable_frequency(order.reference_hz).map_err(|problem| format!("--reference-hz {problem}"))?;
     let travel_um = model.reach_um();
     if let Some(noise_um) = order.sensor_noise_um
         && !(noise_um > 0.0 && noise_um < 0.05 * travel_um)

@@ -19,10 +19,20 @@ const BETWEEN_GLANCES: Duration = Duration::from_millis(150);
 
 /// Watches until the scope ends, through all that happens to the board.
 pub fn watch(scope: &Scope, address: &Address, baud: Option<u32>) {
+    let mut said = String::new();
     while !scope.has_ended() {
-        let Err(problem) = Board::connect(address, baud).and_then(|mut board| follow(scope, &mut board)) else { continue };
+        let Err(problem) = Board::connect(address, baud).and_then(|mut board| follow(scope, &mut board, &mut said)) else { continue };
+        say_once(&mut said, format!("{problem}; it is asked again until it answers"));
         lose(&mut scope.seen(), &problem);
         std::thread::sleep(BETWEEN_ATTEMPTS);
+    }
+}
+
+/// Says on the terminal what it has not just said: whoever waits for a page may wait for a board.
+fn say_once(said: &mut String, text: String) {
+    if *said != text {
+        eprintln!("{text}");
+        *said = text;
     }
 }
 
@@ -33,10 +43,11 @@ fn lose(seen: &mut Seen, problem: &Error) {
 }
 
 /// One conversation, until the board goes away or the scope ends.
-fn follow(scope: &Scope, board: &mut Board) -> Result<()> {
+fn follow(scope: &Scope, board: &mut Board, said: &mut String) -> Result<()> {
     board.set_patience(PATIENCE);
     let stopper = board.stopper()?;
     let condition = Condition::ask(board)?;
+    say_once(said, format!("{} answers", board.identification));
     {
         let mut seen = scope.seen();
         (seen.connected, seen.identification) = (true, board.identification.clone());
@@ -89,7 +100,8 @@ fn take_block(scope: &Scope, board: &mut Board, last: Option<&Capture>, stops: u
         }
         Ok(())
     };
-    let capture = capture(board, &scale, window.ticks_per_sample, window.samples, &mut between)?;
+    let samples = window.samples.min(scale.most_samples);
+    let capture = capture(board, &scale, window.ticks_per_sample, samples, &mut between)?;
     if started_without_stop != Some(true) {
         return Ok(None);
     }
