@@ -11,7 +11,7 @@ use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
 use crate::chain::Model;
-use crate::elastoplastic_friction::ElastoplasticFriction;
+use crate::elastoplastic_friction::{Dahl, ElastoplasticFriction};
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "friction";
@@ -24,6 +24,8 @@ pub struct Friction;
 pub(super) struct Bristle {
     /// The contact, forces as the displacements that they make at rest: stiffness in units of the actuator's, Coulomb force in um.
     contact: ElastoplasticFriction,
+    /// Its law, where it has no elastic range.
+    dahl: Option<Dahl>,
     displacement: f64,
     bend: f64,
 }
@@ -40,7 +42,12 @@ impl Bristle {
             coulomb_force_n: value(0).max(0.0),
             breakaway_ratio,
         };
-        Some(Self { contact, displacement: 0.0, bend: 0.0 })
+        Some(Self::with(contact))
+    }
+
+    fn with(contact: ElastoplasticFriction) -> Self {
+        let dahl = contact.breakaway_ratio.is_none().then(|| Dahl::of(contact.sliding_bend_um()));
+        Self { contact, dahl, displacement: 0.0, bend: 0.0 }
     }
 
     /// Follows a displacement and returns the force-equivalent that the bristle holds back.
@@ -56,7 +63,7 @@ impl Bristle {
     }
 
     fn bend_after(&self, motion: f64) -> f64 {
-        self.contact.bend_after(self.bend, motion)
+        self.dahl.map_or_else(|| self.contact.bend_after(self.bend, motion), |dahl| dahl.bend_after(self.bend, motion))
     }
 
     /// What the bristle would hold after a further motion.
@@ -185,7 +192,7 @@ mod tests {
     fn the_bristle_is_the_contact_of_the_stick_slip_actuator() {
         for breakaway_ratio in [None, Some(0.6)] {
             let contact = ElastoplasticFriction { stiffness_n_um: 2.0, damping_n_s_um: 0.0, coulomb_force_n: 0.1, breakaway_ratio };
-            let mut bristle = Bristle { contact, displacement: 0.0, bend: 0.0 };
+            let mut bristle = Bristle::with(contact);
             let (mut displacement, mut bend, step_um) = (0.0, 0.0, 1e-5);
             for (direction, travel_um) in [(1.0, 0.04), (-1.0, 0.11), (1.0, 0.3), (-1.0, 0.02)] {
                 for _ in 0..(travel_um / step_um) as usize {
@@ -202,7 +209,7 @@ mod tests {
     fn at_rest_the_force_is_shared_by_spring_and_bristle() {
         for breakaway_ratio in [None, Some(0.6)] {
             let contact = ElastoplasticFriction { stiffness_n_um: 3.0, damping_n_s_um: 0.0, coulomb_force_n: 0.1, breakaway_ratio };
-            let mut bristle = Bristle { contact, displacement: 0.0, bend: 0.0 };
+            let mut bristle = Bristle::with(contact);
             for force in [0.02, 0.5, 1.4, 1.3, 1.1, 0.2, 0.25, 3.0] {
                 let displacement = bristle.balance(force);
                 let held = contact.force_n(bristle.bend, 0.0);
