@@ -157,6 +157,8 @@ pub struct Session<D> {
     wave_cycles: u32,
     wave_rate: u32,
     wave_joined: bool,
+    /// The point, from 1, with which the trigger output is high; 0: none.
+    trigger_point: u32,
     generator: Generator,
     record_every: u32,
     quantities: [Quantity; MOST_COLUMNS],
@@ -202,6 +204,7 @@ impl<D: Device + 'static> Session<D> {
             wave_cycles: 0,
             wave_rate: 1,
             wave_joined: false,
+            trigger_point: 0,
             generator: Generator::Off,
             record_every: 1,
             quantities: [Quantity::Target, Quantity::Position, Quantity::Error, Quantity::Voltage],

@@ -27,6 +27,7 @@
 use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
+use crate::reference_window::PREVIEW_TICKS;
 use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, narrow, volts};
 use crate::trace_frame::TraceSample;
@@ -378,6 +379,7 @@ impl Amplifier {
             let (lowest, highest) = (self.code.saturating_sub(c.slew_codes), self.code.saturating_add(c.slew_codes));
             return self.servo.open_loop(code.max(lowest).min(highest));
         }
+        self.generator.forget_marks();
         let code = self.servo.open_loop(self.guard.towards_rest(self.code));
         if self.rest_after_ticks == 0 {
             self.mode = Mode::Rest;
@@ -440,6 +442,19 @@ impl Amplifier {
         self.conditioning_required
     }
 
+    /// Whether the marked point of a table begins to act, or acts, with the next edge of the sample clock: the drive that was computed last, or the
+    /// reference that the next reading is compared with.
+    #[inline]
+    #[must_use]
+    pub fn marks(&self) -> bool {
+        match self.mode {
+            // What is generated counts so many ticks later.
+            Mode::Closed => self.generator.marked(PREVIEW_TICKS - 1),
+            Mode::Playing => self.held_code.is_none() && self.generator.marked(0),
+            Mode::Rest | Mode::Fault => false,
+        }
+    }
+
     /// The servo.
     #[must_use]
     pub fn servo(&self) -> &ServoTick {
@@ -455,9 +470,13 @@ impl Amplifier {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
     use crate::parameter_block::tests::example;
-    use crate::signal::VOLT_FRACTION_BITS;
+    use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+    use crate::wave_table::{POINT_FRACTION_BITS, WaveTable};
+    use core::sync::atomic::{AtomicI32, Ordering};
+    use std::vec::Vec;
 
     /// A massless linear actuator with a gain of 1/7 um/V and a little noise, read by the ADC of the example.
     fn reading(code: u16, tick: u32) -> u16 {
@@ -575,6 +594,48 @@ mod tests {
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
         assert_eq!((amplifier.mode(), amplifier.fault()), (Mode::Closed, None));
+    }
+
+    #[test]
+    fn a_marked_point_is_told_for_the_edge_at_which_it_acts() {
+        static POINTS: [AtomicI32; 4] = [const { AtomicI32::new(3 << POINT_FRACTION_BITS) }; 4];
+        POINTS[2].store(4 << POINT_FRACTION_BITS, Ordering::Relaxed);
+        let table = |bits| Waveform::Table(WaveTable::new(&POINTS, bits, 5, false, 3).marking(3));
+        let mut amplifier = Amplifier::new(example());
+        let mut code = amplifier.parameters().guard.rest_code;
+        // What was told before a tick, and the tick.
+        let mut run = |amplifier: &mut Amplifier, ticks: u32| -> Vec<(bool, TraceSample)> {
+            (0..ticks)
+                .map(|k| {
+                    let told = amplifier.marks();
+                    let sample = amplifier.tick(Some(reading(code, k)), false);
+                    code = sample.dac_code;
+                    (told, sample)
+                })
+                .collect()
+        };
+        run(&mut amplifier, 10);
+        assert_eq!(amplifier.command(Command::Play { waveform: table(VOLT_FRACTION_BITS), offset: 0, ticks: 60 }), Ok(()));
+        let open = run(&mut amplifier, 70);
+        // 23 V above the converter's -20 V, 24 V at the marked point: the code of a tick acts at the edge before the next one.
+        let high = (24 * 65_536 / 140) as u16;
+        let acts: Vec<bool> = open.windows(2).map(|pair| pair[0].1.dac_code.abs_diff(high) < 200).collect();
+        let told: Vec<bool> = open.iter().skip(1).map(|(told, _)| *told).collect();
+        assert_eq!(told.iter().filter(|told| **told).count(), 15);
+        assert_eq!(told, acts);
+        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        run(&mut amplifier, 4000);
+        assert_eq!(amplifier.command(Command::Reference { waveform: table(MICROMETRE_FRACTION_BITS), offset: 0 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        let closed = run(&mut amplifier, 80);
+        assert_eq!(closed.iter().filter(|(told, _)| *told).count(), 15);
+        // The reference rises with the marked point, whatever offset it still has from the beginning of the loop.
+        for pair in closed.windows(2).filter(|pair| pair[0].0 != pair[1].0) {
+            let step = pair[1].1.reference - pair[0].1.reference;
+            assert!((if pair[1].0 { step } else { -step }) > 1 << 23, "{pair:?}");
+        }
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        assert!(run(&mut amplifier, 20).iter().skip(1).all(|(told, _)| !told), "at rest nothing is marked");
     }
 
     #[test]

@@ -164,6 +164,19 @@ impl ReferenceGenerator {
         }
     }
 
+    /// Whether the sample so many (0 to 31) before the last one belongs to the marked point of a table.
+    #[inline]
+    #[must_use]
+    pub fn marked(&self, samples_ago: usize) -> bool {
+        self.player.marked(samples_ago)
+    }
+
+    /// No sample is used any more.
+    #[inline]
+    pub fn forget_marks(&mut self) {
+        self.player.forget_marks();
+    }
+
     /// The next sample.
     pub fn next_position(&mut self) -> Micrometres {
         let tick = self.tick;

@@ -24,6 +24,8 @@ pub struct WaveTable {
     /// `2^30 / ticks_per_point` where points are joined by lines; 0 where they stay.
     slope: u32,
     cycles: u32,
+    /// The point, from 1, that is marked while it is played; 0: none.
+    marked: u32,
 }
 
 impl WaveTable {
@@ -33,7 +35,13 @@ impl WaveTable {
     pub fn new(points: &'static [AtomicI32], fraction_bits: u32, ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
         let ticks_per_point = ticks_per_point.max(1);
         let slope = if joined && ticks_per_point > 1 { (1 << 30) / ticks_per_point } else { 0 };
-        Self { points, shift: fraction_bits.saturating_sub(POINT_FRACTION_BITS).min(MOST_SHIFT), ticks_per_point, slope, cycles }
+        Self { points, shift: fraction_bits.saturating_sub(POINT_FRACTION_BITS).min(MOST_SHIFT), ticks_per_point, slope, cycles, marked: 0 }
+    }
+
+    /// Itself with a point that is marked while it is played, from 1; 0 for none.
+    #[must_use]
+    pub fn marking(self, point: u32) -> Self {
+        Self { marked: point, ..self }
     }
 
     /// Ticks after which it repeats; `None` where it is played once, is empty, or is too long to count.
@@ -52,8 +60,8 @@ impl WaveTable {
 impl PartialEq for WaveTable {
     fn eq(&self, other: &Self) -> bool {
         core::ptr::eq(self.points, other.points)
-            && (self.shift, self.ticks_per_point, self.slope, self.cycles)
-                == (other.shift, other.ticks_per_point, other.slope, other.cycles)
+            && (self.shift, self.ticks_per_point, self.slope, self.cycles, self.marked)
+                == (other.shift, other.ticks_per_point, other.slope, other.cycles, other.marked)
     }
 }
 
@@ -66,15 +74,19 @@ pub struct TablePlayer {
     ticks: u32,
     cycles: u32,
     ended: bool,
+    /// Whether what was played belonged to the marked point: the last tick in the lowest bit, the tick before it in the next.
+    marks: u32,
 }
 
 impl TablePlayer {
     /// What is played at the next tick, with the fraction bits that the table is played with; 0 of a table without points.
     pub fn next_point(&mut self, table: &WaveTable) -> i32 {
         let here = table.point(self.point);
+        self.marks <<= 1;
         if self.ended {
             return here;
         }
+        self.marks |= u32::from(self.point as u32 + 1 == table.marked);
         let last = self.point + 1 >= table.points.len();
         let mut value = here;
         if table.slope != 0 {
@@ -90,6 +102,19 @@ impl TablePlayer {
             self.end_of_point(last, table.cycles);
         }
         value
+    }
+
+    /// Whether what was played so many ticks (0 to 31) before the last one belonged to the marked point.
+    #[inline]
+    #[must_use]
+    pub fn marked(&self, ticks_ago: usize) -> bool {
+        self.marks >> (ticks_ago & 31) & 1 != 0
+    }
+
+    /// Nothing is played any more.
+    #[inline]
+    pub fn forget_marks(&mut self) {
+        self.marks = 0;
     }
 
     fn end_of_point(&mut self, last: bool, cycles: u32) {
@@ -150,6 +175,18 @@ mod tests {
         let points = memory(&[3 << 22, -5, i32::MAX, i32::MIN]);
         assert_eq!(play(WaveTable::new(points, 22, 1, false, 1), 4), [3 << 22, -5, i32::MAX, i32::MIN]);
         assert_eq!(play(WaveTable::new(points, 24, 1, false, 1), 4), [3 << 24, -20, i32::MAX - 3, i32::MIN]);
+    }
+
+    #[test]
+    fn a_point_is_marked_for_as_long_as_it_lasts_in_every_cycle_and_not_behind_the_last() {
+        let marks = |point, cycles| -> Vec<u8> {
+            let (table, mut player) =
+                (WaveTable::new(memory(&[5, 6, 7]), POINT_FRACTION_BITS, 2, false, cycles).marking(point), TablePlayer::default());
+            (0..16).map(|_| (player.next_point(&table), u8::from(player.marked(0))).1).collect()
+        };
+        assert_eq!(marks(2, 2), [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(marks(3, 1), [0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+        assert_eq!((marks(0, 0), marks(4, 0)), ([0; 16].to_vec(), [0; 16].to_vec()));
     }
 
     #[test]

@@ -35,6 +35,8 @@ pub struct NucleoBoard {
 /// Position of port E among the part's ports, and the pin of the enable output on it.
 const PORT_E: usize = 4;
 const ENABLE_PIN: u32 = 14;
+/// That of the trigger output.
+const TRIGGER_PIN: u32 = 15;
 
 /// A line to the board that is fine while a contact closes it to ground, by its pin on port E.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,11 +106,21 @@ impl NucleoBoard {
 
     /// Whether the board lets the amplifier's power stage work; a pin that floats does not, there is a resistor to ground on it.
     pub fn enables(&mut self) -> bool {
+        self.is_high(ENABLE_PIN)
+    }
+
+    /// Whether the trigger output is high.
+    pub fn triggers(&mut self) -> bool {
+        self.is_high(TRIGGER_PIN)
+    }
+
+    /// Whether an output of port E is high.
+    fn is_high(&mut self, pin: u32) -> bool {
         let bus = self.mcu.bus_mut();
         let Some(slot) = bus.slot_of("GPIOE") else { return false };
         let registers = bus.slot_mut(slot).registers_mut();
         let (mode, output) = (registers.get(gpio::Register::Moder), registers.get(gpio::Register::Odr));
-        mode >> (2 * ENABLE_PIN) & 3 == 1 && output >> ENABLE_PIN & 1 == 1
+        mode >> (2 * pin) & 3 == 1 && output >> pin & 1 == 1
     }
 
     /// Hangs a line on the serial port.

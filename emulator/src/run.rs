@@ -114,6 +114,8 @@ pub struct Outcome {
     pub end: (u64, u64),
     /// Instants at which the enable output was seen to change, ns, and to what; looked at once a millisecond.
     pub enabled: Vec<(u64, bool)>,
+    /// The same of the trigger output, as often as the log is read.
+    pub triggered: Vec<(u64, bool)>,
     /// Restarts of the part during the run.
     pub resets: usize,
     /// Registers without a model that the image used, `instance.register`.
@@ -133,6 +135,7 @@ struct Taken {
     /// Length of `raw` after each visit of the probe, with its instant.
     visits: Vec<(usize, u64)>,
     enabled: Vec<(u64, bool)>,
+    triggered: Vec<(u64, bool)>,
 }
 
 struct Probe {
@@ -270,6 +273,12 @@ impl Driver<NucleoBoard> for Probe {
         {
             taken.enabled.push((at_ns, enables));
         }
+        let triggers = session.board_mut().triggers();
+        if let Ok(mut taken) = self.taken.lock()
+            && taken.triggered.last().is_some_and(|(_, last)| *last) != triggers
+        {
+            taken.triggered.push((at_ns, triggers));
+        }
         while let Some((_, bytes)) = self.script.serial.get(self.next_serial).filter(|(from_ns, _)| *from_ns <= at_ns) {
             if let Ok(mut line) = self.line.lock() {
                 line.to_part.extend(bytes);
@@ -370,7 +379,18 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let (messages, malformed) = decode(&table, &taken)?;
     let board = std::mem::replace(finished.session.board_mut(), NucleoBoard::new()?);
     let serial = std::mem::take(&mut line.lock().map_err(|_| anyhow!("the serial line died"))?.from_part).into();
-    Ok(Outcome { board: Box::new(board), raw: taken.raw, messages, malformed, serial, end, enabled: taken.enabled, resets, without_model })
+    Ok(Outcome {
+        board: Box::new(board),
+        raw: taken.raw,
+        messages,
+        malformed,
+        serial,
+        end,
+        enabled: taken.enabled,
+        triggered: taken.triggered,
+        resets,
+        without_model,
+    })
 }
 
 fn decode(table: &Table, taken: &Taken) -> Result<(Vec<Message>, u32)> {

@@ -302,6 +302,8 @@ extern "C" fn TIM2() {
     // SAFETY: `hand_over` ran before the interrupt was enabled, and the interrupt does not nest.
     let control = unsafe { (*black_box(CONTROL.0.get())).assume_init_mut() };
 
+    // What the last tick prepared acts since the edge of this one.
+    safety_lines::set_trigger(control.amplifier.marks());
     // Held up for so long that edges went by without a tick.
     let skipped = control.last_cycles.is_some_and(|last| cycles_now.wrapping_sub(last) > control.late_cycles);
     control.last_cycles = Some(cycles_now);

@@ -1,4 +1,5 @@
 //! The lines between the board and what makes a bench safe: three inputs that stop the amplifier, one output that lets its power stage work.
+//! The trigger output is on the same port.
 //!
 //! | signal | level |
 //! |---|---|
@@ -29,7 +30,10 @@ pub fn start() {
         LINES.port.moder().modify(|w| w.set_moder(pin, Moder::INPUT));
     }
     set_enable(false);
-    LINES.port.moder().modify(|w| w.set_moder(LINES.enable, Moder::OUTPUT));
+    set_trigger(false);
+    for pin in [LINES.enable, LINES.trigger] {
+        LINES.port.moder().modify(|w| w.set_moder(pin, Moder::OUTPUT));
+    }
 }
 
 /// What an input asks to stop for.
@@ -48,4 +52,10 @@ pub fn fault() -> Option<Fault> {
 #[inline(always)]
 pub fn set_enable(enable: bool) {
     LINES.port.bsrr().write(|w| w.0 = if enable { 1 << LINES.enable } else { 1 << (LINES.enable + 16) });
+}
+
+/// The trigger output. No line of safety: it shares their port, and tells other instruments when the marked point of a wave begins to act.
+#[inline(always)]
+pub fn set_trigger(high: bool) {
+    LINES.port.bsrr().write(|w| w.0 = if high { 1 << LINES.trigger } else { 1 << (LINES.trigger + 16) });
 }

@@ -236,8 +236,11 @@ impl<D: Device + 'static> Session<D> {
         if matches!(self.trigger, Trigger::Generator | Trigger::Target) {
             self.device.record_from_command(self.record_every);
         }
-        let play =
-            |fraction_bits| Waveform::Table(WaveTable::new(points, fraction_bits, self.wave_rate, self.wave_joined, self.wave_cycles));
+        let play = |fraction_bits| {
+            Waveform::Table(
+                WaveTable::new(points, fraction_bits, self.wave_rate, self.wave_joined, self.wave_cycles).marking(self.trigger_point),
+            )
+        };
         let ends_after = (self.wave_cycles > 0).then_some(ticks);
         if closed {
             let last = last << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS);
@@ -248,6 +251,32 @@ impl<D: Device + 'static> Session<D> {
             self.command(Command::Play { waveform, offset: 0, ticks }, None, Meaning::DriveWave { ticks: ends_after });
         }
         Ok(())
+    }
+
+    /// One line and one point of it, which counts from the next start of the generator on.
+    pub(super) fn set_trigger_point(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let (line, point, high) = (words.whole()?, words.whole()?, words.switch()?);
+        words.end()?;
+        if line != 1 || point == 0 || point as usize > self.wave_points() {
+            return Err(ErrorCode::Range);
+        }
+        if high {
+            self.trigger_point = point;
+        } else if self.trigger_point == point {
+            self.trigger_point = 0;
+        }
+        Ok(())
+    }
+
+    pub(super) fn clear_trigger_point(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        self.trigger_point = 0;
+        Ok(())
+    }
+
+    pub(super) fn trigger_point(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let point = self.trigger_point;
+        self.say_axis(words, point)
     }
 
     pub(super) fn generates(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

@@ -128,6 +128,8 @@ pub struct Lines {
     pub amplifier_ready: usize,
     /// Output: lets the amplifier's power stage work.
     pub enable: usize,
+    /// Output: high with the marked point of a wave table.
+    pub trigger: usize,
 }
 
 /// What reset the part, as far as its flags tell.

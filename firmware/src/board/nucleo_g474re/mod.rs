@@ -45,8 +45,8 @@ impl Platform for NucleoG474re {
     const RECORDED_SAMPLES: u32 = 1 << 9;
     const WAVE_POINTS: usize = 512;
     type Converters = on_chip_converters::OnChipConverters;
-    /// Arduino's A5, A4 and D9, and pin 2 of CN10.
-    const LINES: Lines = Lines { port: GPIOC, emergency_stop: 0, interlock: 1, amplifier_ready: 7, enable: 8 };
+    /// Arduino's A5, A4 and D9, and pins 2 and 4 of CN10.
+    const LINES: Lines = Lines { port: GPIOC, emergency_stop: 0, interlock: 1, amplifier_ready: 7, enable: 8, trigger: 6 };
     const WATCHDOG: Iwdg = IWDG;
     const SERIAL_INTERRUPT: Interrupt = Interrupt::LPUART1;
     /// SETTINGS of `memory.x`.

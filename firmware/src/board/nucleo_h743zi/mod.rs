@@ -45,7 +45,7 @@ impl Platform for NucleoH743zi {
     type Converters = on_chip_converters::OnChipConverters;
     #[cfg(not(feature = "on-chip-converters"))]
     type Converters = spi_converters::SpiConverters;
-    const LINES: Lines = Lines { port: GPIOE, emergency_stop: 0, interlock: 12, amplifier_ready: 10, enable: 14 };
+    const LINES: Lines = Lines { port: GPIOE, emergency_stop: 0, interlock: 12, amplifier_ready: 10, enable: 14, trigger: 15 };
     const WATCHDOG: Iwdg = IWDG1;
     const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
     /// SETTINGS of `memory.x`.
