@@ -4,6 +4,7 @@ use crate::recording::{ColumnChoice, Recording};
 use hysteron::diagnosis::residual_map::{drive_features, residual_by_feature};
 use hysteron::diagnosis::words;
 use hysteron::explain::{Explanation, FitFigures};
+use hysteron::identification::linearisation::fill_left_out;
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::watch::Event;
 use hysteron::{Dataset, Record};
@@ -123,6 +124,7 @@ pub fn map_row(dataset: &Dataset, record: &Record, residual_um: &[f64]) -> Value
     // The map counts turns and maxima before the window; there is no residual there.
     let mut from_start = vec![f64::NAN; record.window.start];
     from_start.extend(residual_um);
+    fill_left_out(record, &mut from_start[record.window.start..], f64::NAN);
     let limits = (dataset.drive_min_v, dataset.drive_max_v);
     let cells = residual_by_feature(&record.drive_v, &from_start, record.sample_rate_hz, record.window.clone(), limits);
     json!(cells.into_iter().map(|cell| cell.map(|c| c.rms)).collect::<Vec<_>>())

@@ -8,6 +8,7 @@ use crate::servo::{self, ServoQuestion};
 use hysteron::diagnosis::judgement::{Split, require_finite};
 use hysteron::explain::{Explanation, Options, Start, explain, fit_figures, step_figures};
 use hysteron::identification::fit::{dot, residual, rms};
+use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identify::{Identification, add, identify};
 use hysteron::servo::design::ServoDesign;
@@ -270,21 +271,23 @@ impl Session {
         if residuals.iter().flatten().any(|e| !e.is_finite()) {
             require_finite(&model, dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
         }
+        let counted: Vec<Vec<f64>> = dataset.records.iter().zip(&residuals).map(|(r, residual)| counted_of(r, residual)).collect();
         let over = |records: &[usize]| {
-            let (sum, count) =
-                records.iter().fold((0.0, 0), |(s, n), i| (s + dot(&residuals[*i], &residuals[*i]), n + residuals[*i].len()));
+            let (sum, count) = records.iter().fold((0.0, 0), |(s, n), i| (s + dot(&counted[*i], &counted[*i]), n + counted[*i].len()));
             (count > 0).then(|| (sum / count as f64).sqrt())
         };
         let row = |i: usize| if quick && i != shown { Value::Null } else { answers::map_row(dataset, &dataset.records[i], &residuals[i]) };
         let map: Vec<Value> = (0..dataset.records.len()).map(row).collect();
-        let spectrum = amplitude_density(&residuals[shown], record.sample_rate_hz);
-        let lines = residuals.iter().map(|r| json!({ "rms_um": rms(r), "max_um": r.iter().fold(0.0, |m: f64, e| m.max(e.abs())) }));
+        let mut drawn = residuals[shown].clone();
+        fill_left_out(record, &mut drawn, 0.0);
+        let spectrum = amplitude_density(&drawn, record.sample_rate_hz);
+        let lines = counted.iter().map(|r| json!({ "rms_um": rms(r), "max_um": r.iter().fold(0.0, |m: f64, e| m.max(e.abs())) }));
         let json = json!({
             "records": lines.collect::<Vec<_>>(),
             "fitted_um": over(&data.split.identify), "held_out_um": over(&data.split.validate),
             "map": map,
         });
-        Ok(Answer { json, columns: vec![residuals[shown].clone(), spectrum.frequency_hz, spectrum.density] })
+        Ok(Answer { json, columns: vec![drawn, spectrum.frequency_hz, spectrum.density] })
     }
 
     fn fitted(&mut self, found: Identification) -> Answer {

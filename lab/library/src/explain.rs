@@ -160,6 +160,7 @@ pub struct Options {
 }
 
 /// What a growth came to, however it began.
+#[derive(Default)]
 struct Grown {
     steps: Vec<Step>,
     supported: Vec<Supported>,
@@ -243,15 +244,7 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
             beside_start = Some(study.weigh(&base.model, &study.candidates_for(&base.model), 1000)?);
         }
         let steps = vec![Step { change: Change::Start, judged: base.clone() }];
-        return Ok(Grown {
-            steps,
-            supported: Vec::new(),
-            taken_back: Vec::new(),
-            elsewhere: None,
-            beside_start,
-            loops_alike: Vec::new(),
-            stopped,
-        });
+        return Ok(Grown { steps, beside_start, stopped, ..Grown::default() });
     }
     let mut candidate = best.judged.clone();
     if !study.met(&candidate) && !study.watch.stopped() {
@@ -262,15 +255,7 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
         let judged = study.judged(candidate.model);
         let change = if best.added.is_empty() { Change::FittedAgain } else { Change::AddedUnweighed(best.added.clone()) };
         let steps = vec![Step { change: Change::Start, judged: base.clone() }, Step { change, judged }];
-        return Ok(Grown {
-            steps,
-            supported: Vec::new(),
-            taken_back: Vec::new(),
-            elsewhere: None,
-            beside_start,
-            loops_alike: Vec::new(),
-            stopped: true,
-        });
+        return Ok(Grown { steps, beside_start, stopped: true, ..Grown::default() });
     }
     let reduced = reduce(study, &candidate, &best.added)?;
     let loops_alike = loop_structures::doing_as_well(study, &base.model, &reduced.judged);
@@ -279,15 +264,7 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
     let end = if thorough.identify_rms_um <= reduced.judged.identify_rms_um { thorough } else { reduced.judged };
     let added: Vec<String> = reduced.supported.iter().map(|s| s.id.clone()).collect();
     let steps = path::from(study, base, &added, &end)?;
-    Ok(Grown {
-        steps,
-        supported: reduced.supported,
-        taken_back: reduced.taken_back,
-        elsewhere: None,
-        beside_start,
-        loops_alike,
-        stopped: false,
-    })
+    Ok(Grown { steps, supported: reduced.supported, taken_back: reduced.taken_back, beside_start, loops_alike, ..Grown::default() })
 }
 
 /// From a model that was handed in.
@@ -314,15 +291,7 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
     let refitted = study.thoroughly(&told.model);
     let refitted = if study.merit(&refitted) <= study.merit(&told) { refitted } else { told };
     steps.push(Step { change: Change::FittedAgain, judged: refitted.clone() });
-    let mut grown = Grown {
-        steps,
-        supported: Vec::new(),
-        taken_back: Vec::new(),
-        elsewhere: None,
-        beside_start: None,
-        loops_alike: Vec::new(),
-        stopped: study.watch.stopped(),
-    };
+    let mut grown = Grown { steps, stopped: study.watch.stopped(), ..Grown::default() };
     // Far above the noise, or where nobody knows it, the model left as much at home, and the question was what the new recording has.
     let near_the_noise = refitted.within(study.policy.near_the_noise, &study.floors_um, &study.split);
     if (near_the_noise || compared.story.is_empty()) && study.floor_um.is_some() && !grown.stopped {

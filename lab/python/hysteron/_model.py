@@ -79,7 +79,7 @@ class Model:
         return of_bytes(self._native.simulate(to_bytes(drive_v, "drive_v"), force, further, float(sample_rate_hz), initial_state))
 
     def residual(self, dataset: Dataset, record: str | int) -> NDArray[np.float64]:
-        """Measured less modelled inside the window of a record, um."""
+        """Measured less modelled inside the window of a record, um; readings beyond the sensor's range count in no figure."""
         return of_bytes(self._native.residual(dataset._native, dataset._index(record)))
 
     def __repr__(self) -> str:

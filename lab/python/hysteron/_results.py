@@ -35,7 +35,7 @@ class Fit:
         return floor
 
     def residual(self, record: str | int) -> NDArray[np.float64]:
-        """Measured less modelled inside the window of a record, um."""
+        """Measured less modelled inside the window of a record, um; readings beyond the sensor's range count in no figure."""
         return self.model.residual(self.dataset, record)
 
     def html(self) -> str:

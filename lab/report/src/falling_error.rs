@@ -22,7 +22,8 @@ const MOVING: f64 = 0.35;
 /// The picture; `None` without a record that was judged or without steps.
 #[must_use]
 pub fn falling_error_svg(report: &ExplainReport) -> Option<String> {
-    let largest = |record: &&RecordReport| record.residual_um.first().map_or(0.0, |r| rms(r));
+    let finite = |residual: &Vec<f64>| residual.iter().copied().filter(|e| e.is_finite()).collect::<Vec<f64>>();
+    let largest = |record: &&RecordReport| record.residual_um.first().map_or(0.0, |r| rms(&finite(r)));
     let of_role = |role: &'static str| report.records.iter().filter(move |r| r.role == role);
     let judged = of_role("validate").max_by(|a, b| largest(a).total_cmp(&largest(b)));
     let record = judged.or_else(|| of_role("identify").max_by(|a, b| largest(a).total_cmp(&largest(b))))?;
@@ -108,8 +109,10 @@ fn envelope(residual_um: &[f64], peak_nm: f64) -> String {
         &residual_um[i * residual_um.len() / columns..((i + 1) * residual_um.len() / columns).max(i * residual_um.len() / columns + 1)]
     };
     let x = |i: usize| PLOT[0] + PLOT[2] * i as f64 / (columns - 1).max(1) as f64;
-    let least = |i: usize| column(i).iter().copied().fold(f64::INFINITY, f64::min);
-    let most = |i: usize| column(i).iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    // Where a column has nothing but gaps, it is drawn as nothing left.
+    let or_nothing = |um: f64| if um.is_finite() { um } else { 0.0 };
+    let least = |i: usize| or_nothing(column(i).iter().copied().fold(f64::INFINITY, f64::min));
+    let most = |i: usize| or_nothing(column(i).iter().copied().fold(f64::NEG_INFINITY, f64::max));
     let upper = (0..columns).map(|i| format!("{:.1},{:.1}", x(i), y(most(i))));
     let lower = (0..columns).rev().map(|i| format!("{:.1},{:.1}", x(i), y(least(i))));
     upper.chain(lower).collect::<Vec<_>>().join(" ")

@@ -14,7 +14,7 @@ use hysteron::diagnosis::verdict::{CandidateFigures, Verdict};
 use hysteron::diagnosis::words::{self, nm};
 use hysteron::explain::{Explanation, FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
-use hysteron::identification::linearisation::silence_left_out;
+use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identification::own_part::Samples;
 use hysteron::statistics::largest;
@@ -82,7 +82,8 @@ fn with_latent_force(found: &Explanation, mut records: Vec<RecordReport>) -> Vec
     if found.diagnosis.verdict == Verdict::Unexplained {
         for record in &mut records {
             let Some(last) = record.residual_um.last() else { continue };
-            record.latent_force = latent_force_nm(&found.model, last, record.sample_rate_hz, found.floor.rms_um);
+            let without_gaps: Vec<f64> = last.iter().map(|left| if left.is_finite() { *left } else { 0.0 }).collect();
+            record.latent_force = latent_force_nm(&found.model, &without_gaps, record.sample_rate_hz, found.floor.rms_um);
             record.latent_unit = "nm".into();
         }
     }
@@ -153,9 +154,9 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
         .map(|record| {
             let window = record.window.clone();
             let mut residuals: Vec<Vec<f64>> = models.iter().map(|m| residual(m, record)).collect();
-            let last = residuals.last().map_or_else(Vec::new, |last| record.counted().map(|k| last[k - window.start]).collect());
+            let last = residuals.last().map_or_else(Vec::new, |last| counted_of(record, last));
             // Drawn, the distance to a reading that says nothing would be all that one sees.
-            residuals.iter_mut().for_each(|residual| silence_left_out(record, residual));
+            residuals.iter_mut().for_each(|residual| fill_left_out(record, residual, f64::NAN));
             RecordReport {
                 name: record.name.clone(),
                 role: record.role.name().into(),

@@ -28,7 +28,7 @@ use crate::error::{Error, Result};
 use crate::identification::finer_hysteresis;
 use crate::identification::fit::blocks;
 use crate::identification::linearisation::{
-    Linearised, Rows, free_parameters, left_in_window, linearise, normal_equations, silence_left_out, walk_variations,
+    Linearised, Rows, fill_left_out, free_parameters, left_in_window, linearise, normal_equations, walk_variations,
 };
 use crate::identification::own_part::{Samples, project_out, transposed_times};
 use crate::parallel;
@@ -298,7 +298,7 @@ fn resonances_of(residual: &[DMatrix<f64>], dataset: &Dataset, rows: &Rows, mode
                 // A spectrum needs even steps: there what the model leaves as it is.
                 Samples::Some(_) => {
                     let mut left = left_in_window(model, record, reading);
-                    silence_left_out(record, &mut left);
+                    fill_left_out(record, &mut left, 0.0);
                     left
                 }
             };

@@ -4,7 +4,7 @@
 //! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
 //! most of the parameters, enter linearly: one walk gives what all of them add.
 
-use super::own_part::{self, Samples, amounts, orthonormalised, project_out, project_out_of};
+use super::own_part::{self, Samples, amounts, orthonormalised, project_out, project_out_by_rows, project_out_of};
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -147,16 +147,22 @@ pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec
         project_out_of(&orthonormalised(&columns), &mut left);
     } else {
         let counted: Vec<usize> = record.counted().map(|k| k - record.window.start).collect();
-        left -= &columns * amounts(&columns.select_rows(&counted), &left.select_rows(&counted));
+        project_out_by_rows(&columns, &counted, &mut left);
     }
     left.as_slice().to_vec()
 }
 
-/// Puts nothing where the readings of a record's window say nothing: for spectra, which need even steps.
-pub fn silence_left_out(record: &Record, in_window: &mut [f64]) {
+/// Puts a value where the readings of a record's window say nothing: zero for spectra, which need even steps, no number for a gap.
+pub fn fill_left_out(record: &Record, in_window: &mut [f64], value: f64) {
     for range in &record.left_out {
-        in_window[range.start - record.window.start..range.end - record.window.start].fill(0.0);
+        in_window[range.start - record.window.start..range.end - record.window.start].fill(value);
     }
+}
+
+/// Of values inside a record's window those at samples that count.
+#[must_use]
+pub fn counted_of(record: &Record, in_window: &[f64]) -> Vec<f64> {
+    record.counted().map(|k| in_window[k - record.window.start]).collect()
 }
 
 /// A model with one coordinate moved, and how far it went.
@@ -332,4 +338,40 @@ pub fn normal_equations(parts: &[Linearised]) -> (DMatrix<f64>, DVector<f64>, f6
         samples += part.residual.len();
     }
     (h, g, cost, samples)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identification::fit::{counted_residual, residual};
+    use crate::model_file::effects_named;
+    use hysteron_sim::chain::EffectInstance;
+
+    /// A record of a gain with creep in a state that nobody knows, whose readings end at 6 um: what it leaves where they say something is the same
+    /// whichever way it is taken, and beyond it is the distance to what the sensor cannot read.
+    #[test]
+    fn what_is_left_beyond_the_range_is_continued_from_where_readings_count() {
+        let drive_v: Vec<f64> = (0..4000).map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos()).collect();
+        let full_um: Vec<f64> = (0..4000).map(|k| 0.3 + 0.1 * drive_v[(k as usize).saturating_sub(1)]).collect();
+        let read_um = full_um.iter().map(|y| y.min(6.0)).collect();
+        let dataset = Dataset::new("d", 0.0, 100.0, vec![Record::new("r", 1000.0, drive_v, read_um)]).unwrap();
+        let record = &dataset.records[0];
+        assert!(record.left_out.len() == 3 && record.counted().count() < 3000, "{:?}", record.left_out);
+        let mut model = Model::new(0.0, 100.0);
+        for (effect, values) in effects_named("gain,creep").unwrap().into_iter().zip([vec![0.1], Vec::new()]) {
+            model.add(EffectInstance::new(effect, &dataset.overview(), &values));
+        }
+        let in_window = residual(&model, record);
+        let counted = counted_residual(&model, record);
+        let apart = counted_of(record, &in_window).iter().zip(&counted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-9, "{apart}");
+        model.effects.retain(|e| e.id == "gain");
+        let in_window = residual(&model, record);
+        for (k, left) in in_window.iter().enumerate().skip(1) {
+            assert!((left - (record.displacement_um[k] - full_um[k])).abs() < 1e-9, "{k}: {left}");
+        }
+        let mut gaps = in_window;
+        fill_left_out(record, &mut gaps, f64::NAN);
+        assert!(gaps.iter().enumerate().all(|(k, left)| left.is_finite() == record.counts(k)));
+    }
 }

@@ -128,16 +128,22 @@ impl ColumnsOrEmpty for DMatrix<f64> {
 /// Gram-Schmidt, twice for accuracy; columns that depend on earlier ones are left out.
 #[must_use]
 pub fn orthonormalised(columns: &DMatrix<f64>) -> DMatrix<f64> {
+    orthonormalised_by(columns, |a, b| a.dot(b))
+}
+
+/// The same by another inner product, such as that over some of the rows.
+fn orthonormalised_by(columns: &DMatrix<f64>, inner: impl Fn(&DVector<f64>, &DVector<f64>) -> f64) -> DMatrix<f64> {
     let mut out: Vec<DVector<f64>> = Vec::new();
     for column in columns.column_iter() {
-        let (before, mut column) = (column.norm(), column.clone_owned());
+        let mut column = column.clone_owned();
+        let before = inner(&column, &column).sqrt();
         for _ in 0..2 {
             for base in &out {
-                let along = base.dot(&column);
+                let along = inner(base, &column);
                 column.axpy(-along, base, 1.0);
             }
         }
-        let norm = column.norm();
+        let norm = inner(&column, &column).sqrt();
         if norm > 1e-7 * before && norm > 0.0 {
             out.push(column / norm);
         }
@@ -164,6 +170,16 @@ pub fn project_out_of(orthonormal: &DMatrix<f64>, values: &mut DVector<f64>) {
     if orthonormal.ncols() > 0 {
         let along = orthonormal.tr_mul(values);
         values.gemv(-1.0, orthonormal, &along, 1.0);
+    }
+}
+
+/// Removes from all rows of `values` what lies in the span of `columns` in the rows that count, ascending.
+pub fn project_out_by_rows(columns: &DMatrix<f64>, counted: &[usize], values: &mut DVector<f64>) {
+    let over_counted = |a: &DVector<f64>, b: &DVector<f64>| counted.iter().map(|k| a[*k] * b[*k]).sum::<f64>();
+    for base in orthonormalised_by(columns, over_counted).column_iter() {
+        let base = base.clone_owned();
+        let along = over_counted(&base, values);
+        values.axpy(-along, &base, 1.0);
     }
 }
 

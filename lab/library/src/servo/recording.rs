@@ -15,7 +15,7 @@
 use super::model::SAMPLING_PERIOD_S;
 use crate::dataset::{Dataset, Role};
 use crate::identification::fit::{residual, rms};
-use crate::identification::linearisation::silence_left_out;
+use crate::identification::linearisation::{counted_of, fill_left_out};
 use crate::identification::noise_floor::noise_floor;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Place;
@@ -132,9 +132,9 @@ impl Recording {
             }
             let mut missed = residual(chain, record);
             if record.role == Role::Identify || dataset.with_role(Role::Identify).is_empty() {
-                squares.extend(record.counted().map(|k| missed[k - record.window.start]));
+                squares.extend(counted_of(record, &missed));
             }
-            silence_left_out(record, &mut missed);
+            fill_left_out(record, &mut missed, 0.0);
             let force = force_chain.simulate(&record.drive());
             let rate_hz = record.sample_rate_hz;
             if rate_hz >= LEAST_RATE_HZ && !rates_hz.contains(&rate_hz) {
