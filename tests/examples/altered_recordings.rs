@@ -210,10 +210,8 @@ fn main() {
                 continue;
             }
             let mut altered = clean.clone();
-            altered.records.iter_mut().for_each(|r| {
-                (alteration.alter)(r, size);
-                leave_out(r);
-            });
+            altered.records.iter_mut().for_each(|r| (alteration.alter)(r, size));
+            leave_out(&mut altered.records);
             let altered_um = error_um(&begun.model, &altered);
             let begin = Instant::now();
             let start = if from_gain { Start::Effects(&gain) } else { Start::Model(begun.model.clone()) };

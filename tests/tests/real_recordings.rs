@@ -92,6 +92,7 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     let clean: Vec<_> = names.iter().map(|name| record(&data, name, 0.2, Role::Identify)).collect();
     let as_it_is = stage(clean.clone());
     assert!(!as_it_is.notes.iter().any(|note| note.contains("stand alone")), "{:?}", as_it_is.notes);
+    assert!(as_it_is.records.iter().all(|record| record.left_out.is_empty()), "{:?}", as_it_is.notes);
     assert_eq!(reading_limits(&as_it_is), []);
     let places: Vec<usize> = (3000..18_000).step_by(1500).collect();
     let mut disturbed = clean;

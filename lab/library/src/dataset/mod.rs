@@ -7,7 +7,7 @@
 //!   [`one_recording`]: which part of a single file is fitted and which judges; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
 //!   (feature `files`).
 //! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings;
-//!   [`reading_limits`]: where its range ends, and readings say nothing; `single_outliers`: readings that stand alone, which are replaced.
+//!   [`reading_limits`]: where its range ends, and readings say nothing; `single_outliers`: readings that a disturbance made.
 //!
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
 //! `t[k+1]`.
@@ -120,9 +120,16 @@ impl Dataset {
             check_signals(record)?;
         }
         self.check_repeats()?;
-        let replaced: Vec<String> = self.records.iter_mut().flat_map(single_outliers::replaced).collect();
-        self.notes.extend(replaced);
-        self.records.iter_mut().filter(|record| record.left_out.is_empty()).for_each(reading_limits::leave_out);
+        let ends_um = reading_limits::ends_um(&self.records);
+        let replaced: Vec<_> = self.records.iter_mut().map(|record| single_outliers::replaced(record, &ends_um)).collect();
+        reading_limits::leave_out(&mut self.records);
+        for (record, (note, samples)) in self.records.iter_mut().zip(replaced).filter_map(|(record, one)| Some((record, one?))) {
+            single_outliers::leave_out(record, samples);
+            self.notes.push(note);
+        }
+        let together: Vec<String> =
+            self.records.iter_mut().filter_map(|record| single_outliers::several_left_out(record, &ends_um)).collect();
+        self.notes.extend(together);
         let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
         self.notes.extend(doubts);
         if !self.records.iter().any(|r| r.role == Role::Identify) {

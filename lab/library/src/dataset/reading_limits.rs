@@ -29,24 +29,59 @@ pub struct ReadingLimit {
     pub share: f64,
 }
 
-/// The limits of all driven records.
+/// The limits of all driven records: those that a record shows by itself, and the same values in the others, which the same sensor read. Where
+/// another record reads further and does not end, it was not the sensor that ended.
 #[must_use]
 pub fn reading_limits(dataset: &Dataset) -> Vec<ReadingLimit> {
-    dataset.records.iter().flat_map(limits_of).collect()
+    limits_of_all(&dataset.records)
 }
 
-/// Leaves the readings of a record that stand at a limit out of what counts, and nothing else. A data set does so with the records that it is
-/// made of.
-pub fn leave_out(record: &mut Record) {
-    let limits = limits_of(record);
-    let at_a_limit = |run: &Range<usize>| limits.iter().any(|limit| limit.reading_um == record.displacement_um[run.start]);
-    record.left_out = runs_of_equals(record).filter(at_a_limit).collect();
+/// The readings at which the sensor's range ends, in any record.
+pub(super) fn ends_um(records: &[Record]) -> Vec<f64> {
+    limits_of_all(records).iter().map(|limit| limit.reading_um).collect()
 }
 
-fn limits_of(record: &Record) -> Vec<ReadingLimit> {
-    if record.role == Role::Noise {
-        return Vec::new();
+/// Leaves the readings that stand at a limit out of what counts in each record. A data set does so with the records that it is made of.
+pub fn leave_out(records: &mut [Record]) {
+    let limits = limits_of_all(records);
+    for record in records {
+        let mine: Vec<f64> = limits.iter().filter(|limit| limit.record == record.name).map(|limit| limit.reading_um).collect();
+        record.left_out = runs_of_equals(record).filter(|run| mine.contains(&record.displacement_um[run.start])).collect();
     }
+}
+
+fn limits_of_all(records: &[Record]) -> Vec<ReadingLimit> {
+    let driven: Vec<&Record> = records.iter().filter(|record| record.role != Role::Noise).collect();
+    let own: Vec<Vec<ReadingLimit>> = driven.iter().map(|record| limits_of(record)).collect();
+    let ends = |i: usize, highest: bool| own[i].iter().any(|limit| limit.highest == highest);
+    let range_um: Vec<(f64, f64)> = driven.iter().map(|r| extremes(&r.displacement_um[r.window.clone()])).collect();
+    let read_further = |limit: &ReadingLimit| {
+        (0..driven.len()).any(|i| {
+            let (lowest, highest) = range_um[i];
+            let further = if limit.highest { highest > limit.reading_um } else { lowest < limit.reading_um };
+            further && !ends(i, limit.highest)
+        })
+    };
+    let true_ends: Vec<&ReadingLimit> = own.iter().flatten().filter(|limit| !read_further(limit)).collect();
+    let in_record = |record: &Record, (lowest, highest): (f64, f64)| -> Vec<ReadingLimit> {
+        let at = |is_highest: bool, reading_um: f64| {
+            let known = true_ends.iter().any(|limit| limit.highest == is_highest && limit.reading_um == reading_um);
+            known.then(|| limit_at(record, reading_um, is_highest))
+        };
+        [at(false, lowest), at(true, highest)].into_iter().flatten().collect()
+    };
+    driven.iter().zip(&range_um).flat_map(|(record, range)| in_record(record, *range)).collect()
+}
+
+/// A record's readings at a value where they end.
+fn limit_at(record: &Record, reading_um: f64, highest: bool) -> ReadingLimit {
+    let samples = record.window.clone().filter(|k| record.displacement_um[*k] == reading_um).count();
+    let share = samples as f64 / record.window.len() as f64;
+    ReadingLimit { record: record.name.clone(), reading_um, highest, samples, share }
+}
+
+/// The limits that a record shows by itself.
+fn limits_of(record: &Record) -> Vec<ReadingLimit> {
     let readings_um = &record.displacement_um;
     let (lowest, highest) = extremes(&readings_um[record.window.clone()]);
     let at = |reading_um: f64| move |run: &Range<usize>| readings_um[run.start] == reading_um;
@@ -54,13 +89,8 @@ fn limits_of(record: &Record) -> Vec<ReadingLimit> {
     let elsewhere = long().filter(|run| !at(lowest)(run) && !at(highest)(run)).map(|run| run.len()).max().unwrap_or(0);
     let moves_v = DRIVE_MOVES * peak_to_peak(&record.drive_v[record.window.clone()]);
     let stands_still = |run: Range<usize>| run.len() >= LONGER_THAN_ELSEWHERE * elsewhere && peak_to_peak(&record.drive_v[run]) > moves_v;
-    let limit = |reading_um: f64| {
-        long().filter(at(reading_um)).any(stands_still).then(|| {
-            let samples = record.window.clone().filter(|k| readings_um[*k] == reading_um).count();
-            let share = samples as f64 / record.window.len() as f64;
-            ReadingLimit { record: record.name.clone(), reading_um, highest: reading_um == highest, samples, share }
-        })
-    };
+    let limit =
+        |reading_um: f64| long().filter(at(reading_um)).any(stands_still).then(|| limit_at(record, reading_um, reading_um == highest));
     [lowest, highest].into_iter().filter_map(limit).collect()
 }
 
@@ -94,6 +124,23 @@ mod tests {
         assert!(reading_limits(&dataset(|u, noise| 0.1 * u.min(95.0) + noise)).is_empty());
         let both = reading_limits(&dataset(|u, noise| (0.1 * u + noise).clamp(0.4, 9.0)));
         assert_eq!(both.iter().map(|limit| limit.highest).collect::<Vec<_>>(), [false, true]);
+    }
+
+    #[test]
+    fn an_end_that_one_record_shows_is_that_of_the_others_unless_they_read_further() {
+        let slow: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.01 * f64::from(k)).cos()).collect();
+        let fast: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.8 * f64::from(k)).cos()).collect();
+        let record = |name: &str, drive_v: &[f64], most_um: f64| {
+            Record::new(name, 1000.0, drive_v.to_vec(), drive_v.iter().map(|u| (0.1 * u).min(most_um)).collect())
+        };
+        let found = |records| reading_limits(&Dataset::new("d", 0.0, 100.0, records).unwrap());
+        // The fast record stays at the end for a few samples at a time.
+        assert!(found(vec![record("fast", &fast, 9.5)]).is_empty());
+        let both = found(vec![record("fast", &fast, 9.5), record("slow", &slow, 9.5)]);
+        assert_eq!(both.iter().map(|limit| (limit.record.as_str(), limit.reading_um)).collect::<Vec<_>>(), [("fast", 9.5), ("slow", 9.5)]);
+        assert!(both[0].samples > 500, "{both:?}");
+        assert!(found(vec![record("slow", &slow, 9.5), record("whole", &fast, 20.0)]).is_empty());
+        assert_eq!(found(vec![record("slow", &slow, 9.5), record("another range", &slow, 9.0)]).len(), 2);
     }
 
     #[test]

@@ -59,7 +59,7 @@ pub struct Record {
     /// Samples that count.
     pub window: Range<usize>,
     /// Samples among them that do not, because their readings say nothing of the displacement: the sensor's range ends there. Ascending;
-    /// a data set finds them where none are given ([`super::reading_limits`]).
+    /// a data set finds them ([`super::reading_limits`]).
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,

@@ -1,4 +1,4 @@
-//! Readings that stand alone: a bit that flipped on the way, a spike on a line. One of them weighs in a sum of squares as much as thousands of
+//! Readings that a disturbance made: a bit that flipped on the way, a spike on a line. One of them weighs in a sum of squares as much as thousands of
 //! others, and no effect of a stage makes it: whatever has a mass or a filter moves the readings beside it too.
 //!
 //! A reading is compared with the median of the two before and the two after it. That difference is noise where readings follow a smooth or a
@@ -7,7 +7,8 @@
 //! first overshoot of a fast mode is as narrow.
 
 use super::Record;
-use crate::statistics::{extremes, mean};
+use crate::statistics::mean;
+use std::ops::Range;
 
 /// A reading stands out where it is so many times as far from its neighbours as readings usually are.
 const STANDS_OUT: f64 = 15.0;
@@ -23,8 +24,8 @@ const JUMP: f64 = 8.0;
 const MEDIAN_REACHES: usize = 2;
 /// Samples at the beginning of a record in which a jump of the drive counts for those before it too.
 const AT_AN_END: usize = 4;
-/// More than this share of all readings are no single ones.
-const SHARE_MAX: f64 = 0.002;
+/// More than this share of all readings are no disturbances.
+const SHARE_MAX: f64 = 0.02;
 
 /// Readings that stand out, by their samples in order.
 #[derive(Debug, Default, PartialEq)]
@@ -35,24 +36,58 @@ struct Outliers {
     beside_others: Vec<usize>,
 }
 
-/// Puts what its neighbours say in the place of each reading inside the window that stands alone, and gives notes of all that stand out.
-pub(super) fn replaced(record: &mut Record) -> Vec<String> {
-    let mut outliers = outliers(&record.displacement_um, &record.drive_v);
+/// Puts what its neighbours say in the place of each reading inside the window that stands alone, so that spectra find even steps, and gives a
+/// note of it with the samples, which are to count in nothing; `ends_um` are the readings at which the sensor's range ends.
+pub(super) fn replaced(record: &mut Record, ends_um: &[f64]) -> Option<(String, Vec<usize>)> {
     // Of one recording that is cut into several records each has its part.
-    outliers.single.retain(|k| record.window.contains(k));
-    outliers.beside_others.retain(|k| record.window.contains(k));
-    singles_replaced(record, &outliers.single).into_iter().chain(several_together(record, &outliers.beside_others)).collect()
+    let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(|k| record.window.contains(k)).collect();
+    match too_many(record, single.len(), *single.first()?) {
+        Some(note) => Some((note, Vec::new())),
+        None => Some((singles_replaced(record, &single)?, single)),
+    }
+}
+
+/// Leaves samples out of what counts, beside those that are left out already.
+pub(super) fn leave_out(record: &mut Record, samples: impl IntoIterator<Item = usize>) {
+    let further: Vec<Range<usize>> = samples.into_iter().filter(|k| record.counts(*k)).map(|k| k..k + 1).collect();
+    record.left_out.extend(further);
+    record.left_out.sort_by_key(|range| range.start);
+}
+
+/// Leaves readings that stand out beside one another out of what counts, with those between them, and gives a note of it.
+pub(super) fn several_left_out(record: &mut Record, ends_um: &[f64]) -> Option<String> {
+    let beside_others: Vec<usize> = outliers(record, ends_um).beside_others.into_iter().filter(|k| record.counts(*k)).collect();
+    let around = |group: &[usize]| group[0].max(record.window.start)..(group[group.len() - 1] + 1).min(record.window.end);
+    let together = beside_others.chunk_by(|a, b| b - a <= ALONE_WITHIN).map(around);
+    let groups: Vec<Range<usize>> = together.filter(|group| !group.is_empty()).collect();
+    let first = groups.first()?.clone();
+    let readings: usize = groups.iter().map(Range::len).sum();
+    if let Some(note) = too_many(record, readings, first.start) {
+        return Some(note);
+    }
+    leave_out(record, groups.iter().cloned().flatten());
+    let more = if groups.len() > 1 { format!(", and {} more such places", groups.len() - 1) } else { String::new() };
+    Some(format!(
+        "{}: readings stand out together, samples {} to {}{more}: no stage does that, and the {readings} there are left out of every fit and figure",
+        record.name,
+        first.start + 1,
+        first.end
+    ))
+}
+
+/// Said, where so many readings stand out that they are no disturbances.
+fn too_many(record: &Record, readings: usize, first: usize) -> Option<String> {
+    (readings as f64 > SHARE_MAX * record.window.len() as f64).then(|| {
+        format!(
+            "{}: {readings} readings stand out (the first is sample {}), too many for disturbances; they are left as they are",
+            record.name,
+            first + 1
+        )
+    })
 }
 
 fn singles_replaced(record: &mut Record, outliers: &[usize]) -> Option<String> {
     let first = outliers.first()?;
-    if outliers.len() as f64 > SHARE_MAX * record.window.len() as f64 {
-        return Some(format!(
-            "{}: {} readings stand alone, too many for single disturbances; they are left as they are",
-            record.name,
-            outliers.len()
-        ));
-    }
     let y = &mut record.displacement_um;
     let mut farthest_um = 0.0_f64;
     for &k in outliers {
@@ -60,26 +95,14 @@ fn singles_replaced(record: &mut Record, outliers: &[usize]) -> Option<String> {
         farthest_um = farthest_um.max((y[k] - beside_um).abs());
         y[k] = beside_um;
     }
-    let (readings, they, sample) = match outliers.len() {
-        1 => ("1 reading stands alone".into(), "it is", "sample"),
-        n => (format!("{n} readings stand alone"), "they are", "the first is sample"),
+    let (readings, replaced, sample) = match outliers.len() {
+        1 => ("1 reading stands alone".into(), "it is replaced by what its neighbours say", "sample"),
+        n => (format!("{n} readings stand alone"), "they are replaced by what their neighbours say", "the first is sample"),
     };
     Some(format!(
-        "{}: {readings}, up to {:.3} um beside what comes before and after ({sample} {}): no stage does that, and {they} replaced by what their \
-         neighbours say",
+        "{}: {readings}, up to {:.3} um beside what comes before and after ({sample} {}): no stage does that; {replaced}, and count in no figure",
         record.name,
         farthest_um,
-        first + 1
-    ))
-}
-
-fn several_together(record: &Record, outliers: &[usize]) -> Option<String> {
-    let first = outliers.first()?;
-    Some(format!(
-        "{}: {} readings stand out, but not alone (the first is sample {}): what disturbed several in a row is not known, and they are left as they \
-         are",
-        record.name,
-        outliers.len(),
         first + 1
     ))
 }
@@ -105,7 +128,8 @@ fn expected(readings_um: &[f64], k: usize) -> f64 {
 }
 
 /// The readings that stand out.
-fn outliers(readings_um: &[f64], drive_v: &[f64]) -> Outliers {
+fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
+    let (readings_um, drive_v) = (&record.displacement_um, &record.drive_v);
     let n = readings_um.len();
     if n < 4 * AROUND {
         return Outliers::default();
@@ -125,8 +149,7 @@ fn outliers(readings_um: &[f64], drive_v: &[f64]) -> Outliers {
         beside.map(|j| apart[j]).fold(0.0, f64::max) < ALONE_SHARE * apart[k]
     };
     // Where readings run into their own end, the last one before it is no outlier: the bend there is as sharp.
-    let (lowest, highest) = extremes(readings_um);
-    let at_its_end = |a: usize, b: usize| readings_um[a] == readings_um[b] && (readings_um[a] == lowest || readings_um[a] == highest);
+    let at_its_end = |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
     let beside_an_end = |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
     let found = (0..n).filter(|k| stands_out(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k));
     let (single, beside_others) = found.partition(|k| alone(*k));
@@ -168,38 +191,45 @@ mod tests {
     #[test]
     fn the_readings_that_were_disturbed_are_found_and_no_other() {
         let clean = record();
-        assert_eq!(outliers(&clean.displacement_um, &clean.drive_v), Outliers::default());
+        assert_eq!(outliers(&clean, &[]), Outliers::default());
         let disturbed = [0, 777, 2260, 3800, 4411, 4500, 7990, 7999];
         let mut record = clean.clone();
         for (i, k) in disturbed.iter().enumerate() {
             record.displacement_um[*k] += [0.7, -0.5, 1.5][i % 3];
         }
-        assert_eq!(outliers(&record.displacement_um, &record.drive_v), Outliers { single: disturbed.to_vec(), beside_others: Vec::new() });
-        let notes = replaced(&mut record).join("\n");
+        assert_eq!(outliers(&record, &[]), Outliers { single: disturbed.to_vec(), beside_others: Vec::new() });
+        let (notes, samples) = replaced(&mut record, &[]).unwrap();
+        assert_eq!(samples, disturbed);
         assert!(notes.contains("8 readings stand alone") && notes.contains("the first is sample 1)"), "{notes}");
         for k in disturbed {
             assert!((record.displacement_um[k] - clean.displacement_um[k]).abs() < 0.03, "{k}");
         }
-        assert!(replaced(&mut record).is_empty());
+        assert_eq!((replaced(&mut record, &[]), several_left_out(&mut record, &[])), (None, None));
     }
 
     #[test]
     fn many_are_said_and_left_alone() {
         let mut record = record();
-        (3100..7900).step_by(100).for_each(|k| record.displacement_um[k] += 2.0);
+        (3100..7900).step_by(20).for_each(|k| record.displacement_um[k] += 2.0);
         let before = record.displacement_um.clone();
-        assert!(replaced(&mut record)[0].contains("too many"));
+        let (note, samples) = replaced(&mut record, &[]).unwrap();
+        assert!(note.contains("too many") && samples.is_empty(), "{note}");
         assert_eq!(record.displacement_um, before);
     }
 
     #[test]
-    fn several_together_are_said_and_left_alone() {
+    fn several_together_are_left_out_whatever_they_read() {
+        // Noise on three, the same value six times, and one at the very end of another record's window.
         let mut record = record();
-        (4000..4003).for_each(|k| record.displacement_um[k] += 2.0);
+        (4000..4003).for_each(|k| record.displacement_um[k] += 2.0 + 0.3 * k as f64 % 0.7);
+        (6000..6006).for_each(|k| record.displacement_um[k] = 9.99);
         let before = record.displacement_um.clone();
-        let notes = replaced(&mut record);
-        assert!(notes.len() == 1 && notes[0].contains("not alone"), "{notes:?}");
+        assert_eq!(replaced(&mut record, &[]), None);
+        let note = several_left_out(&mut record, &[]).unwrap();
+        assert!(note.contains("and 1 more such places"), "{note}");
         assert_eq!(record.displacement_um, before);
+        assert!((4000..4003).chain(6000..6006).all(|k| !record.counts(k)), "{:?}", record.left_out);
+        assert!(record.counted().count() > 8000 - 25);
     }
 
     #[test]
@@ -207,21 +237,22 @@ mod tests {
         let mut record = record();
         [2000, 4411].iter().for_each(|k| record.displacement_um[*k] += 2.0);
         record.window = 3500..8000;
-        let notes = replaced(&mut record);
-        assert!(notes.len() == 1 && notes[0].contains("1 reading stands alone") && notes[0].contains("sample 4412"), "{notes:?}");
+        let (note, _) = replaced(&mut record, &[]).unwrap();
+        assert!(note.contains("1 reading stands alone") && note.contains("sample 4412"), "{note}");
     }
 
     #[test]
     fn where_readings_run_into_their_end_is_no_outlier() {
         let drive_v: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.003 * f64::from(k)).cos()).collect();
         let displacement_um = drive_v.iter().map(|u| (0.1 * u + if *u > 90.0 { 0.2 } else { 0.0 }).min(9.1)).collect();
-        assert!(replaced(&mut Record::new("r", 1000.0, drive_v, displacement_um)).is_empty());
+        let mut record = Record::new("r", 1000.0, drive_v, displacement_um);
+        assert_eq!((replaced(&mut record, &[9.1]), several_left_out(&mut record, &[9.1])), (None, None));
     }
 
     #[test]
     fn coarse_readings_have_no_outliers() {
         let mut record = record();
         record.displacement_um.iter_mut().for_each(|y| *y = (*y / 0.05).round() * 0.05);
-        assert!(replaced(&mut record).is_empty());
+        assert_eq!((replaced(&mut record, &[]), several_left_out(&mut record, &[])), (None, None));
     }
 }

@@ -116,9 +116,11 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
             study.judged(if clear { quick.model } else { study.for_comparison(&quick.model).model })
         });
         let may_leave = |id: &String| judged.model.effect(id).is_none_or(|e| e.effect.may_leave());
+        // Loops that were added in the place of a gain can go back to one.
+        let may_go = |id: &String| may_leave(id) || judged.model.effect(id).is_some_and(|e| e.effect.declaration().is_main());
         let refused = |weighed: &[Option<f64>]| -> Option<(usize, Decision)> {
             (0..added.len())
-                .filter(|i| may_leave(&added[*i]))
+                .filter(|i| may_go(&added[*i]))
                 .map(|i| (i, decide(study, &without[i], &judged, weighed[i])))
                 .filter(|(_, decision)| !decision.admits())
                 .min_by(|a, b| missed(study, &without[a.0], &judged).total_cmp(&missed(study, &without[b.0], &judged)))
@@ -134,7 +136,7 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
                     continue;
                 }
                 study.watch.event(&Event::Doing("weighing the evidence for each effect"));
-                weigh_each(study, &added, &without, &judged, &may_leave)?
+                weigh_each(study, &added, &without, &judged, &may_go)?
             }
         };
         match screenings {
@@ -191,7 +193,7 @@ fn weigh_each(
     added: &[String],
     without: &[Judged],
     judged: &Judged,
-    may_leave: &dyn Fn(&String) -> bool,
+    may_go: &dyn Fn(&String) -> bool,
 ) -> crate::error::Result<Weighed> {
     let mut order: Vec<usize> = (0..added.len()).collect();
     order.sort_by(|a, b| missed(study, &without[*a], judged).total_cmp(&missed(study, &without[*b], judged)));
@@ -200,7 +202,7 @@ fn weigh_each(
         let model = &without[i].model;
         let screening = study.weigh(model, &study.candidates_for(model), 1000 + i as u64)?;
         let decision = decide(study, &without[i], judged, p_of(&screening, &added[i]));
-        if may_leave(&added[i]) && !decision.admits() {
+        if may_go(&added[i]) && !decision.admits() {
             return Ok(Err((i, decision)));
         }
         screenings[i] = Some(screening);

@@ -219,7 +219,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         // What a recording has and a model from elsewhere has not is known however much that model leaves at home.
         _ if told => (one_or_all, named),
         false => (Verdict::Undecidable, named),
-        true if named.is_empty() && within(policy.at_floor) => (Verdict::AtFloor, Vec::new()),
+        true if named.is_empty() && within(policy.at_floor + policy.floor_z * floor.relative_std()) => (Verdict::AtFloor, Vec::new()),
         true if named.is_empty() || !within(policy.explained) => (Verdict::Unexplained, Vec::new()),
         true => (one_or_all, named),
     };
@@ -271,7 +271,7 @@ fn findings(found: &Found, overview: &Overview) -> Vec<Finding> {
             out.push(Finding { effects, decision: Decision::ExplainsAlone { share: elsewhere.explained_share } });
         }
     }
-    for s in found.supported.iter().filter(|s| !told.contains(&s.id)) {
+    for s in found.supported.iter().filter(|s| !told.contains(&s.id) && s.decision.admits()) {
         if out.iter().any(|f| f.effects.contains(&s.id)) {
             continue;
         }

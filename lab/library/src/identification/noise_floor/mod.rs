@@ -95,6 +95,14 @@ pub struct NoiseFloor {
     pub warnings: Vec<String>,
 }
 
+impl NoiseFloor {
+    /// Standard deviation of the floor as a share of it, where the noise is white: that of the estimate that is used.
+    #[must_use]
+    pub fn relative_std(&self) -> f64 {
+        self.estimates.first().filter(|e| e.rms_um > 0.0).map_or(0.0, |e| e.std_um / e.rms_um)
+    }
+}
+
 /// Rounding matters where it makes this share of the noise's power.
 const ROUNDING_MATTERS: f64 = 0.05;
 /// A declared step may differ by this share from the one that the readings show.

@@ -17,10 +17,10 @@ const PARTS: usize = 4;
 
 /// What a record at rest shows. Noise that hardly ever leaves a step of the reading is judged by how often it does.
 pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> FloorEstimate {
-    let readings_um = &record.displacement_um[record.window.clone()];
-    let force = record.force_n.as_deref().map(|f| (f, record.window.start));
-    let random_um = random_part(readings_um, record.sample_rate_hz, force);
-    let rms_um = with_hidden_steps(random_um, readings_um, step_um);
+    let readings_um: Vec<f64> = record.counted().map(|k| record.displacement_um[k]).collect();
+    let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| record.counted().map(|k| f[k]).collect());
+    let random_um = random_part(&readings_um, record.sample_rate_hz, force_n.as_deref().map(|f| (f, 0)));
+    let rms_um = with_hidden_steps(random_um, &readings_um, step_um);
     FloorEstimate::new(Evidence::RestRecord, vec![record.name.clone()], rms_um, readings_um.len())
 }
 
