@@ -201,18 +201,23 @@ fn weigh_each(
     for i in order {
         let model = &without[i].model;
         let screening = study.weigh(model, &study.candidates_for(model), 1000 + i as u64)?;
-        let decision = decide(study, &without[i], judged, p_of(&screening, &added[i]));
+        let decision = decide(study, &without[i], judged, p_of(judged, &screening, &added[i]));
         if may_go(&added[i]) && !decision.admits() {
             return Ok(Err((i, decision)));
         }
         screenings[i] = Some(screening);
     }
     let screenings: Vec<Screening> = screenings.into_iter().flatten().collect();
-    let p = screenings.iter().zip(added).map(|(s, id)| p_of(s, id)).collect();
+    let p = screenings.iter().zip(added).map(|(s, id)| p_of(judged, s, id)).collect();
     Ok(Ok((screenings, p)))
 }
 
-fn p_of(screening: &Screening, id: &str) -> Option<f64> {
+/// How probable a signature as good as an effect's is by chance. Loops stand in the place of a gain, which moves with all the rest once they
+/// are gone: their signature on what is left says little of them, and the error alone decides.
+fn p_of(judged: &Judged, screening: &Screening, id: &str) -> Option<f64> {
+    if judged.model.effect(id).is_some_and(|e| e.effect.declaration().is_main()) {
+        return None;
+    }
     screening.scores.iter().find(|s| s.id == id).and_then(|s| s.evidence.as_ref()).map(|e| e.p_adjusted)
 }
 
