@@ -2,6 +2,8 @@
 
 use crate::dataset::Dataset;
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
+use crate::diagnosis::feedback;
+use crate::diagnosis::initial_states::{self, OtherStates};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::loop_structures;
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
@@ -168,6 +170,7 @@ struct Grown {
     elsewhere: Option<Elsewhere>,
     beside_start: Option<Screening>,
     loops_alike: Vec<String>,
+    other_states: Option<OtherStates>,
     stopped: bool,
 }
 
@@ -187,16 +190,18 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         Start::Effects(effects) => {
             let base = study.build(effects)?;
             require_finite(&base.model, dataset, &study.split.both())?;
-            grow(&study, &base)?
+            begun_as_said(&study, &base).map_or_else(|| grow(&study, &base), Ok)?
         }
         Start::Model(model) => {
             require_finite(&model, dataset, &study.split.both())?;
             grow_from_elsewhere(&study, model)?
         }
     };
-    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, stopped } = grown;
+    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, stopped } = grown;
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
+    let other_states = other_states.or_else(|| initial_states::compare(&study, last));
+    let feedback = feedback::followed(dataset, last);
     let found = Found {
         first,
         last,
@@ -206,6 +211,8 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         beside_start: beside_start.as_ref(),
         quantised: quantised.as_deref(),
         loops_alike: &loops_alike,
+        other_states: other_states.as_ref(),
+        feedback: &feedback,
         stopped,
     };
     let diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.overview, &study.policy);
@@ -217,6 +224,13 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
     let split = study.split.clone();
     drop(study);
     Ok(Explanation { model, steps, supported, elsewhere, beside_start, floor, diagnosis, cannot_identify, split, next_experiment, stopped })
+}
+
+/// Where records do not begin in the state that was said, nothing is searched: what was found would stand in for it.
+fn begun_as_said(study: &Study, fitted: &Judged) -> Option<Grown> {
+    let other_states = initial_states::compare(study, fitted)?;
+    let steps = vec![Step { change: Change::Start, judged: fitted.clone() }];
+    Some(Grown { steps, other_states: Some(other_states), ..Grown::default() })
 }
 
 /// From a fitted model to the best that the data support.
@@ -270,6 +284,9 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
 /// From a model that was handed in.
 fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
     let compared = elsewhere::compare(study, model)?;
+    if let Some(found) = begun_as_said(study, &compared.refitted) {
+        return Ok(found);
+    }
     if compared.at_home || study.watch.stopped() {
         let base = if compared.refitted.identify_rms_um < compared.base.identify_rms_um { &compared.base } else { &compared.refitted };
         let mut grown = grow(study, base)?;

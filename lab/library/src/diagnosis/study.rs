@@ -65,6 +65,22 @@ impl<'a> Study<'a> {
     /// A study of a data set.
     #[must_use]
     pub fn new(dataset: &'a Dataset, candidates: Vec<Arc<dyn Effect>>, floor: &NoiseFloor, policy: Policy, watch: &'a dyn Watch) -> Self {
+        Self::with_floors(dataset, candidates, (floor.rms_um, &floor.of_records_um), policy, watch)
+    }
+
+    /// The same study of the same readings with something else known of them.
+    #[must_use]
+    pub fn of<'b>(&'b self, dataset: &'b Dataset) -> Study<'b> {
+        Study::with_floors(dataset, self.candidates.clone(), (self.floor_um, &self.floors_um), self.policy.clone(), self.watch)
+    }
+
+    fn with_floors(
+        dataset: &'a Dataset,
+        candidates: Vec<Arc<dyn Effect>>,
+        (floor_um, floors_um): (Option<f64>, &[Option<f64>]),
+        policy: Policy,
+        watch: &'a dyn Watch,
+    ) -> Self {
         let split = Split::of(dataset);
         let searched = for_search(dataset, policy.walked_samples);
         let samples: usize = split.identify.iter().map(|i| searched.records[*i].window.len()).sum();
@@ -81,8 +97,8 @@ impl<'a> Study<'a> {
             dataset,
             split,
             candidates,
-            floor_um: floor.rms_um,
-            floors_um: floor.of_records_um.clone(),
+            floor_um,
+            floors_um: floors_um.to_vec(),
             policy,
             watch,
         }

@@ -2,6 +2,8 @@
 
 use super::decision::Decision;
 use super::elsewhere::{ChangedValue, Elsewhere, Hypothesis};
+use super::feedback::Feedback;
+use super::initial_states::OtherStates;
 use super::judgement::{Judged, Split};
 use super::policy::Policy;
 use super::reduction::Supported;
@@ -182,6 +184,10 @@ pub struct Found<'a> {
     pub quantised: Option<&'a str>,
     /// How other loops are described that meet the data as well as those of the model at the end.
     pub loops_alike: &'a [String],
+    /// Records that do not begin in the state that was said.
+    pub other_states: Option<&'a OtherStates>,
+    /// Records whose drive follows the noise of the readings.
+    pub feedback: &'a [Feedback],
     /// The caller wanted the best so far.
     pub stopped: bool,
 }
@@ -201,7 +207,8 @@ impl Found<'_> {
 /// Puts what was found into one of the five words.
 #[must_use]
 pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, overview: &Overview, policy: &Policy) -> Diagnosis {
-    let findings = findings(found, overview);
+    // What is missing beside a record that begins otherwise is not known before it is said how it begins.
+    let findings = if found.other_states.is_some() { Vec::new() } else { findings(found, overview) };
     let named: Vec<String> = findings.iter().flat_map(|f| f.effects.iter().cloned()).collect();
     let ambiguous = findings.iter().any(|f| f.effects.len() > 1);
     // Where only a lower bound of the noise is known, a model that leaves no more than that leaves nothing.
@@ -212,7 +219,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let contradiction = !leaves_the_bound && within(policy.contradiction);
     // A search that was stopped has added what nobody weighed.
     let unweighed = found.unweighed();
-    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty();
+    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && found.other_states.is_none();
     let told = findings.iter().any(|f| matches!(f.decision, Decision::ExplainsAlone { .. }));
     let one_or_all = if ambiguous { Verdict::Ambiguous } else { Verdict::Named };
     let (verdict, named) = match decidable {
@@ -231,7 +238,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         findings,
         loops: other_loops(found),
         changed: found.elsewhere.map_or_else(Vec::new, Elsewhere::changed),
-        recording: reading_limits(dataset).iter().map(super::words::reading_limit).collect(),
+        recording: of_the_recording(found, dataset),
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         floor_estimates: floor.estimates.clone(),
@@ -256,10 +263,16 @@ fn other_loops(found: &Found) -> Vec<String> {
     std::iter::once(description(&found.last.model)).chain(found.loops_alike.iter().cloned()).collect()
 }
 
+/// What is wrong with the recording itself, in sentences.
+fn of_the_recording(found: &Found, dataset: &Dataset) -> Vec<String> {
+    let states = found.other_states.map(super::words::other_states);
+    let loops = found.feedback.iter().map(super::words::followed_reading);
+    reading_limits(dataset).iter().map(super::words::reading_limit).chain(states).chain(loops).collect()
+}
+
 /// What was found, the likeliest reading of each first.
 fn findings(found: &Found, overview: &Overview) -> Vec<Finding> {
     let mut out: Vec<Finding> = Vec::new();
-    let told: Vec<String> = out.iter().flat_map(|f: &Finding| f.effects.clone()).collect();
     if let Some(elsewhere) = found.elsewhere {
         for (tried, alternatives) in elsewhere.story.iter().zip(&elsewhere.alternatives) {
             if !matches!(tried.hypothesis, Hypothesis::Missing(_)) {
@@ -271,7 +284,7 @@ fn findings(found: &Found, overview: &Overview) -> Vec<Finding> {
             out.push(Finding { effects, decision: Decision::ExplainsAlone { share: elsewhere.explained_share } });
         }
     }
-    for s in found.supported.iter().filter(|s| !told.contains(&s.id) && s.decision.admits()) {
+    for s in found.supported.iter().filter(|s| s.decision.admits()) {
         if out.iter().any(|f| f.effects.contains(&s.id)) {
             continue;
         }

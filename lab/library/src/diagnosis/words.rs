@@ -2,6 +2,8 @@
 
 use super::decision::Decision;
 use super::elsewhere::{ChangedValue, Hypothesis};
+use super::feedback::Feedback;
+use super::initial_states::OtherStates;
 use super::judgement::Judged;
 use super::path::Change;
 use super::policy::Policy;
@@ -169,7 +171,7 @@ pub fn sentence(d: &Diagnosis, found: &Found, floor: &NoiseFloor, policy: &Polic
         after_um: error(last),
         story: elsewhere_sentence(d, found),
     };
-    said.verdict() + &other_structure(d, &first.model, &last.model) + &said.ends_of_the_sensor()
+    said.verdict() + &other_structure(d, &first.model, &last.model) + &said.ends_of_the_sensor() + &closed_loop(found)
 }
 
 /// Where the readings end, for a reader.
@@ -185,6 +187,37 @@ pub fn reading_limit(limit: &ReadingLimit) -> String {
     )
 }
 
+/// That records begin otherwise than was said, for a reader.
+#[must_use]
+pub fn other_states(found: &OtherStates) -> String {
+    let (records, begin) = match found.records.as_slice() {
+        [one] => (one.clone(), "does not begin"),
+        [head @ .., last] => (format!("{} and {last}", head.join(", ")), "do not begin"),
+        [] => return String::new(),
+    };
+    format!(
+        "{records} {begin} in the state that was said: from there the error is {} nm, with the state unknown the same effects leave {} nm; \
+         say `initial_state = \"unknown\"` there",
+        nm(found.as_said_um),
+        nm(found.unknown_um)
+    )
+}
+
+/// That a loop was closed while recording, for a reader.
+#[must_use]
+pub fn followed_reading(found: &Feedback) -> String {
+    let later = match found.later_samples {
+        0 => "in the same sample".into(),
+        1 => "one sample later".into(),
+        n => format!("{n} samples later"),
+    };
+    format!(
+        "{}: the drive answers the noise of the readings {later} (correlation {:.2}, by chance up to {:.2}): a loop was closed while recording, \
+         and what is identified leans towards its controller; record with the loop open",
+        found.record, found.correlation, found.by_chance
+    )
+}
+
 /// That the loops are met by another structure than the one that was started from, or by several; or nothing.
 fn other_structure(d: &Diagnosis, first: &Model, last: &Model) -> String {
     let Some((of_the_model, others)) = d.loops.split_first() else { return String::new() };
@@ -195,6 +228,17 @@ fn other_structure(d: &Diagnosis, first: &Model, last: &Model) -> String {
         _ => format!("; loops {} meet this data as well", list(others, "or")),
     };
     format!(" The loops are {of_the_model}{not_surfaces}{as_well}.")
+}
+
+/// That a loop was closed while recording; or nothing.
+fn closed_loop(found: &Found) -> String {
+    let Some((first, others)) = found.feedback.split_first() else { return String::new() };
+    let others = match others.len() {
+        0 => String::new(),
+        1 => " So does that of another record.".into(),
+        n => format!(" So do those of {n} other records."),
+    };
+    format!(" {}.{others}", followed_reading(first))
 }
 
 impl Said<'_> {
@@ -222,7 +266,9 @@ impl Said<'_> {
 
     /// That readings end; or nothing.
     fn ends_of_the_sensor(&self) -> String {
-        let Some((first, others)) = self.diagnosis.recording.split_first() else { return String::new() };
+        let of_other_kinds = self.found.feedback.len() + usize::from(self.found.other_states.is_some());
+        let ends = &self.diagnosis.recording[..self.diagnosis.recording.len() - of_other_kinds];
+        let Some((first, others)) = ends.split_first() else { return String::new() };
         let others = match others.len() {
             0 => String::new(),
             1 => "; so do the readings at another end or of another record".into(),
@@ -330,6 +376,9 @@ impl Said<'_> {
                  until it is known which.",
                 self.floor_nm, self.floor.basis
             );
+        }
+        if let Some(states) = self.found.other_states {
+            return format!("Nothing can be decided yet: {}, and run again.", other_states(states));
         }
         let unweighed = self.found.unweighed();
         if !unweighed.is_empty() {

@@ -1,0 +1,124 @@
+//! What is wrong with how a record was taken, and no missing effect: it begins in another state than was said, or a loop was closed.
+
+use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::diagnosis::verdict::Verdict;
+use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::model_file::effects_named;
+use hysteron::watch::Unwatched;
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
+use hysteron_sim::effect::{Overview, by_id};
+use hysteron_sim::noise::WhiteNoise;
+use hysteron_sim::waveform;
+
+const RATE_HZ: f64 = 2000.0;
+const NOISE_UM: f64 = 0.002;
+
+fn stage(creep: bool) -> Model {
+    let mut model = Model::new(0.0, 10.0);
+    let creep = creep.then_some(("creep", [0.02, 0.01, 0.02, 0.06, 0.02, 0.3, 0.02, 2.0].as_slice()));
+    for (id, values) in [("gain", [0.1].as_slice()), ("vibration", &[1500.0, 0.1])].into_iter().chain(creep) {
+        model.add(EffectInstance::new(by_id(id).unwrap(), &Overview::without_data(0.0, 10.0), values));
+    }
+    model
+}
+
+/// Records that are said to begin virgin; of the second one the first samples are cut away.
+fn recorded(model: &Model, cut_samples: usize) -> Dataset {
+    let lines: Vec<usize> = (1..=150).step_by(4).collect();
+    let drives = [
+        ("multisine", Role::Identify, waveform::multisine(500, &lines, 4.0, 5.0, 8, 3)),
+        ("steps", Role::Identify, waveform::steps(RATE_HZ, &[(0.0, 0.1), (6.0, 0.4), (2.0, 0.6), (8.0, 0.6), (1.0, 0.4)])),
+        ("held_out", Role::Validate, waveform::multisine(400, &lines, 3.0, 5.0, 8, 4)),
+        ("rest", Role::Noise, vec![0.0; 4000]),
+    ];
+    let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
+        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Virgin };
+        let mut noise = WhiteNoise::new(NOISE_UM, 100 + i as u64);
+        let readings: Vec<f64> = model.simulate(&drive).into_iter().map(|y| y + noise.next_um()).collect();
+        let from = if name == "steps" { cut_samples } else { 0 };
+        Record::new(name, RATE_HZ, drive_v[from..].to_vec(), readings[from..].to_vec()).from_virgin_state().with_role(role)
+    };
+    let records = drives.into_iter().enumerate().map(record).collect();
+    Dataset::new("recorded", 0.0, 10.0, records).unwrap()
+}
+
+fn explained(dataset: &Dataset, from: &str) -> Explanation {
+    explain(dataset, Start::Effects(&effects_named(from).unwrap()), &Options::default(), &Unwatched).unwrap()
+}
+
+/// A record that was cut in the middle of its motion begins with what creep and the mode were doing there.
+#[test]
+fn a_record_that_begins_otherwise_is_said_and_nothing_is_named() {
+    let dataset = recorded(&stage(true), 350);
+    let d = explained(&dataset, "gain,vibration,creep").diagnosis;
+    assert_eq!(d.verdict, Verdict::Undecidable, "{}", d.sentence);
+    assert!(d.named.is_empty() && d.findings.is_empty(), "{}", d.sentence);
+    assert!(d.sentence.contains("steps does not begin in the state that was said"), "{}", d.sentence);
+    assert_eq!(d.recording.len(), 1, "{:?}", d.recording);
+    // Said as it is, nothing is missing.
+    let mut unsaid = dataset;
+    for record in unsaid.records.iter_mut().filter(|r| r.name == "steps") {
+        (record.initial_state, record.offset_is_fitted) = (InitialState::Unknown, true);
+    }
+    let d = explained(&unsaid, "gain,vibration,creep").diagnosis;
+    assert_eq!(d.verdict, Verdict::AtFloor, "{}", d.sentence);
+}
+
+/// Where records begin as was said, a missing effect is not put down to their states, and nothing is said of them.
+#[test]
+fn a_missing_effect_is_no_other_state() {
+    let d = explained(&recorded(&stage(true), 0), "gain,vibration").diagnosis;
+    assert_eq!(d.named, ["creep"], "{}", d.sentence);
+    assert!(d.recording.is_empty(), "{:?}", d.recording);
+    let d = explained(&recorded(&stage(false), 0), "gain").diagnosis;
+    assert_eq!(d.named, ["vibration"], "{}", d.sentence);
+    assert!(d.recording.is_empty(), "{:?}", d.recording);
+}
+
+/// The same stage in a loop with an integrating controller, whose drive was recorded: what was found stands, and the loop is said.
+#[test]
+fn a_loop_that_was_closed_while_recording_is_said() {
+    let samples = 8000;
+    let mut dataset = recorded(&stage(false), 0);
+    let reference_um = |k: usize| 0.5 - 0.3 * (k as f64 * 0.02).cos() + 0.1 * (k as f64 * 0.31).sin();
+    let mut chain = StepByStep::new();
+    let mut noise = WhiteNoise::new(NOISE_UM, 900);
+    let (mut drive_v, mut readings) = (Vec::new(), Vec::new());
+    let mut u = 5.0;
+    for k in 0..samples {
+        let reading_um = chain.displacement_um + noise.next_um();
+        readings.push(reading_um);
+        u += 1.5 * (reference_um(k) - reading_um);
+        u = u.clamp(0.0, 10.0);
+        drive_v.push(u);
+        chain.held(u);
+    }
+    dataset.records.push(Record::new("in_a_loop", RATE_HZ, drive_v, readings));
+    let dataset = Dataset::new("recorded", 0.0, 10.0, dataset.records).unwrap();
+    let d = explained(&dataset, "gain").diagnosis;
+    assert!(d.named.contains(&"vibration".to_owned()), "{}", d.sentence);
+    assert_eq!(d.recording.len(), 1, "{:?}", d.recording);
+    assert!(d.sentence.contains("in_a_loop: the drive answers the noise of the readings"), "{}", d.sentence);
+}
+
+/// The stage with a mode, one held interval after another, in fine steps.
+struct StepByStep {
+    displacement_um: f64,
+    velocity_um_per_s: f64,
+}
+
+impl StepByStep {
+    fn new() -> Self {
+        Self { displacement_um: 0.5, velocity_um_per_s: 0.0 }
+    }
+
+    fn held(&mut self, drive_v: f64) {
+        const STEPS: usize = 50;
+        let (w, z, dt_s) = (1500.0, 0.1, 1.0 / RATE_HZ / STEPS as f64);
+        for _ in 0..STEPS {
+            let acceleration = w * w * (0.1 * drive_v - self.displacement_um) - 2.0 * z * w * self.velocity_um_per_s;
+            self.velocity_um_per_s += dt_s * acceleration;
+            self.displacement_um += dt_s * self.velocity_um_per_s;
+        }
+    }
+}
