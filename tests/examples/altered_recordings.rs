@@ -5,8 +5,11 @@
 //! not?) and, with `--from-gain`, from a bare gain (does the effect end up in the model?).
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example altered_recordings -- [--from-gain [--two-speeds]] [--tried] [--trace] [--data FOLDER] [ALTERATION[:SIZE] ...]
+//! cargo run --release -p hysteron-tests --example altered_recordings -- [--from-gain [--two-speeds]] [--tried] [--trace] [--write FOLDER] [--data FOLDER] [ALTERATION[:SIZE] ...]
 //! ```
+//!
+//! With `--write` nothing is asked: the altered data sets, the model of the clean ones and, in `right.txt`, what counts as right are written to a folder,
+//! for other programs.
 //!
 //! What counts as right was written down before anything was run: [`Alteration::right`] lists the effects that do physically what was done
 //! to the column. Told wrong is a single other name with "this data can tell".
@@ -16,11 +19,13 @@ use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::judgement::Judged;
 use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::identification::fit::{counted_residual, rms};
-use hysteron::model_file::effects_named;
+use hysteron::model_file::{effects_named, to_toml};
+use hysteron::series;
 use hysteron::watch::{Unwatched, Watch};
 use hysteron_sim::chain::Model;
 use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, record, stage};
 use std::f64::consts::TAU;
+use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
@@ -181,6 +186,42 @@ fn mark(alteration: &Alteration, found: &Explanation, clean_um: f64, altered_um:
     if d.sentence.contains("cannot tell") { Mark::WrongOr } else { Mark::Wrong }
 }
 
+/// A data set as a folder that any program can read: time, drive and reading of each record, and the manifest.
+fn write_dataset(folder: &Path, dataset: &Dataset) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    let mut manifest = format!("drive_min_v = {:.1}\ndrive_max_v = {:.1}\n", dataset.drive_min_v, dataset.drive_max_v);
+    for record in &dataset.records {
+        // What lies before the window drives the model too.
+        let whole = Record { window: 0..record.drive_v.len(), ..record.clone() };
+        std::fs::write(folder.join(series::file_name(record)), series::csv(&whole, &[]))?;
+        let _ = write!(
+            manifest,
+            "\n[[record]]\nfile = \"{}\"\nrole = \"{}\"\ninitial_state = \"unknown\"\nsample_rate_hz = {:.1}\nfrom_s = {:.4}\n",
+            series::file_name(record),
+            record.role.name(),
+            record.sample_rate_hz,
+            record.window.start as f64 * record.dt_s()
+        );
+    }
+    std::fs::write(folder.join("dataset.toml"), manifest)
+}
+
+/// Writes all altered data sets, the model of the clean ones and what counts as right.
+fn write_all(folder: &Path, clean: &Dataset, model: &Model) -> std::io::Result<()> {
+    let mut right = String::new();
+    for alteration in ALTERATIONS {
+        for size in alteration.sizes {
+            let name = format!("{}_{size}", alteration.name);
+            let mut altered = clean.clone();
+            altered.records.iter_mut().for_each(|r| (alteration.alter)(r, size));
+            write_dataset(&folder.join(&name), &altered)?;
+            let _ = writeln!(right, "{name} {}", alteration.right.join(","));
+        }
+    }
+    std::fs::write(folder.join("right.txt"), right)?;
+    std::fs::write(folder.join("clean_model.toml"), to_toml(model, "clean").map_err(std::io::Error::other)?)
+}
+
 fn error_um(model: &Model, dataset: &Dataset) -> f64 {
     dataset.records.iter().map(|r| rms(&counted_residual(model, r))).fold(0.0, f64::max)
 }
@@ -195,6 +236,7 @@ fn main() {
     let from_gain = flag(&mut arguments, "--from-gain");
     let trace = Trace::default();
     let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
+    let write_to = arguments.iter().position(|a| a == "--write").map(|i| arguments.drain(i..(i + 2).min(arguments.len())).next_back());
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
     let clean = load(&data, flag(&mut arguments, "--two-speeds"));
     let gain = effects_named("gain").expect("a built-in effect");
@@ -202,6 +244,10 @@ fn main() {
     let begun = explain(&clean, Start::Effects(&gain), &options, &Unwatched).expect("the clean recordings can be explained");
     let clean_um = error_um(&begun.model, &clean);
     println!("clean: {} at {:.1} nm", begun.model.effect_ids().join(","), 1e3 * clean_um);
+    if let Some(folder) = write_to.flatten() {
+        write_all(Path::new(&folder), &clean, &begun.model).expect("the altered data sets can be written");
+        return;
+    }
     let (mut right, mut wrong, mut all) = (0, 0, 0);
     for alteration in ALTERATIONS {
         for size in alteration.sizes {

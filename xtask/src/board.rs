@@ -1,4 +1,4 @@
-//! The operator's program, which needs the emulated part's compiler: built there, put beside `hysteron` together with the image.
+//! The operator's program, which is built in the emulated part's workspace, beside `hysteron`; the image is put there too.
 
 use std::path::PathBuf;
 
@@ -16,11 +16,7 @@ pub fn independent_stage() -> Result<PathBuf, String> {
     let arguments =
         ["build", "--quiet", "--release", "--ignore-rust-version", "--package", "hysteron-board", "--example", "independent_stage"];
     cargo(&arguments, &folder, &EMULATOR_VARIABLES)?;
-    Ok(target_of_emulator().join("release/examples/independent_stage"))
-}
-
-fn target_of_emulator() -> PathBuf {
-    std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("emulator/target"), Into::into)
+    Ok(built("examples/independent_stage"))
 }
 
 /// Builds it and puts it there.
@@ -32,15 +28,8 @@ pub fn build() -> Result<(), String> {
     let folder = root().join("emulator");
     let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--package", "hysteron-board"];
     cargo(&arguments, &folder, &EMULATOR_VARIABLES)?;
-    let made = target_of_emulator().join("release/hysteron-board");
-    for (from, to) in [(made, program()), (image, built("hysteron-firmware.elf"))] {
-        if from != to {
-            if let Some(parent) = to.parent() {
-                std::fs::create_dir_all(parent).map_err(|error| format!("{}: {error}", parent.display()))?;
-            }
-            std::fs::copy(&from, &to).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()))?;
-        }
-    }
+    let beside = built("hysteron-firmware.elf");
+    std::fs::copy(&image, &beside).map_err(|error| format!("{} to {}: {error}", image.display(), beside.display()))?;
     println!("   {}", program().display());
     Ok(())
 }

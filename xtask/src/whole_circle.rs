@@ -14,7 +14,7 @@ const GIVEN: &str = "hysteresis,initial_curve,vibration";
 
 /// Captures, explains, designs.
 pub fn run() -> Result<(), String> {
-    let log = root().join("emulator/target/tmp/record.rtt");
+    let log = root().join("target/tmp/record.rtt");
     if !log.is_file() {
         return Err(format!("{} is not there: `cargo xtask emulate` leaves it", log.display()));
     }

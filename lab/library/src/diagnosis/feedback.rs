@@ -5,7 +5,7 @@
 //! Identification, 2nd ed., chapter 13.4).
 //!
 //! What of a residual its own past does not predict is new noise; what of a drive its own past does not predict is what its
-//! source put in there. Where the second follows the first by a few samples with the opposite sign, and by many times what chance makes of
+//! source put in there. Where the second follows the first by a few samples with the opposite sign, clearly and by far more than what chance makes of
 //! samples that lie far apart, a loop was closed.
 
 use super::judgement::Judged;
@@ -21,6 +21,9 @@ const ANSWERS_WITHIN: usize = 8;
 const CHANCE: std::ops::Range<usize> = 40..240;
 /// By how many times the largest correlation by chance the answer must be larger.
 const BEYOND_CHANCE: f64 = 2.0;
+/// The answer is at least this: what is new in the drive of a loop is mostly noise that went round it, while coarse readings of a commanded drive, and what a
+/// model leaves of it, follow it by up to 0.08.
+const LEAST: f64 = 0.2;
 /// What is further than so many median sizes away is a corner of the drive or a disturbance, and counts as that much.
 const LIMITED_AT: f64 = 5.0;
 /// Fewer samples say nothing.
@@ -63,7 +66,7 @@ fn of_record(record: &Record, left: &[f64]) -> Option<Feedback> {
     let by_chance = CHANCE.map(|later| correlation(later).abs()).fold(0.0, f64::max);
     let answers = (0..=ANSWERS_WITHIN).map(|later| (later, correlation(later)));
     let (later_samples, correlation) = answers.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let answered = -correlation > BEYOND_CHANCE * by_chance;
+    let answered = -correlation > LEAST.max(BEYOND_CHANCE * by_chance);
     answered.then(|| Feedback { record: record.name.clone(), later_samples, correlation, by_chance })
 }
 
