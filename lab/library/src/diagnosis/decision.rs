@@ -103,11 +103,7 @@ pub fn decide(study: &Study, without: &Judged, with: &Judged, p: Option<f64>) ->
     if reaches_floor && by.record_relative > policy.matters {
         return Decision::ReachesTheFloor;
     }
-    let matters = match study.floor_um {
-        None => policy.matters_without_floor,
-        Some(_) if with.within(policy.near_the_noise, &study.floors_um, &study.split) => policy.matters,
-        Some(_) => policy.matters_far_above,
-    };
+    let matters = if study.floor_um.is_some() { policy.matters } else { policy.matters_without_floor };
     if study.split.validate.is_empty() {
         // Nothing judges: chance must be excluded the more clearly.
         let enough = by.total_z > 2.0 * policy.held_out_z && by.record_relative > matters;

@@ -40,9 +40,9 @@ pub struct Policy {
     /// Least relative improvement of some record for an effect to matter, where the noise is known: the error of a record is known to
     /// about one part in a hundred.
     pub matters: f64,
-    /// The same far above the noise, where what is left has a structure of which anything takes some per cent: on a real stage met to 27 times its noise,
-    /// nothing altered, a charge leakage took 4 % of the held-out error.
-    pub matters_far_above: f64,
+    /// Least relative improvement of some record for an effect of the model to be a finding far above the noise, where what is left has a structure of
+    /// which anything takes some per cent: on a real stage met to 27 times its noise, nothing altered, a charge leakage took 4 % of the held-out error.
+    pub finding_far_above: f64,
     /// Least relative improvement of the held-out error where the noise is not known.
     pub matters_without_floor: f64,
     /// Standard errors, by blocks, by which a held-out error must fall.
@@ -98,7 +98,7 @@ impl Default for Policy {
             gain_per_effect: 0.005,
             false_discovery_rate: 0.05,
             matters: 0.025,
-            matters_far_above: 0.05,
+            finding_far_above: 0.05,
             matters_without_floor: 0.02,
             held_out_z: 2.0,
             beyond_doubt_z: 5.0,

@@ -4,7 +4,7 @@ use super::decision::Decision;
 use super::elsewhere::{ChangedValue, Elsewhere, Hypothesis};
 use super::feedback::Feedback;
 use super::initial_states::OtherStates;
-use super::judgement::{Judged, Split};
+use super::judgement::{Judged, Split, improvement};
 use super::policy::Policy;
 use super::reduction::Supported;
 use super::residual_map::{drive_features, residual_by_feature};
@@ -208,7 +208,7 @@ impl Found<'_> {
 #[must_use]
 pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, overview: &Overview, policy: &Policy) -> Diagnosis {
     // What is missing beside a record that begins otherwise is not known before it is said how it begins.
-    let findings = if found.other_states.is_some() { Vec::new() } else { findings(found, overview) };
+    let findings = if found.other_states.is_some() { Vec::new() } else { findings(found, floor, split, overview, policy) };
     let named: Vec<String> = findings.iter().flat_map(|f| f.effects.iter().cloned()).collect();
     let ambiguous = findings.iter().any(|f| f.effects.len() > 1);
     // Where only a lower bound of the noise is known, a model that leaves no more than that leaves nothing.
@@ -271,7 +271,10 @@ fn of_the_recording(found: &Found, dataset: &Dataset) -> Vec<String> {
 }
 
 /// What was found, the likeliest reading of each first.
-fn findings(found: &Found, overview: &Overview) -> Vec<Finding> {
+fn findings(found: &Found, floor: &NoiseFloor, split: &Split, overview: &Overview, policy: &Policy) -> Vec<Finding> {
+    let far_above = floor.rms_um.is_some() && !found.last.within(policy.near_the_noise, &floor.of_records_um, split);
+    let falls_from = |before: &Judged| improvement(before, found.last, split).record_relative > policy.finding_far_above;
+    let worth_a_name = |s: &Supported| !far_above || (falls_from(found.first) && falls_from(&s.without));
     let mut out: Vec<Finding> = Vec::new();
     if let Some(elsewhere) = found.elsewhere {
         for (tried, alternatives) in elsewhere.story.iter().zip(&elsewhere.alternatives) {
@@ -284,7 +287,7 @@ fn findings(found: &Found, overview: &Overview) -> Vec<Finding> {
             out.push(Finding { effects, decision: Decision::ExplainsAlone { share: elsewhere.explained_share } });
         }
     }
-    for s in found.supported.iter().filter(|s| s.decision.admits()) {
+    for s in found.supported.iter().filter(|s| s.decision.admits() && worth_a_name(s)) {
         if out.iter().any(|f| f.effects.contains(&s.id)) {
             continue;
         }
