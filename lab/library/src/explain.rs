@@ -1,6 +1,7 @@
 //! The main job: identify, compare, diagnose, add, until the floor; and everything that files show of it.
 
 use crate::dataset::Dataset;
+use crate::dataset::reading_limits::reading_limits;
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
 use crate::diagnosis::feedback;
 use crate::diagnosis::initial_states::{self, OtherStates};
@@ -201,7 +202,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
     let other_states = other_states.or_else(|| initial_states::compare(&study, last));
-    let feedback = feedback::followed(dataset, last);
+    let (feedback, reading_limits) = (feedback::followed(dataset, last), reading_limits(dataset));
     let found = Found {
         first,
         last,
@@ -211,6 +212,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         beside_start: beside_start.as_ref(),
         quantised: quantised.as_deref(),
         loops_alike: &loops_alike,
+        reading_limits: &reading_limits,
         other_states: other_states.as_ref(),
         feedback: &feedback,
         stopped,

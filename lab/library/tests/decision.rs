@@ -56,6 +56,8 @@ fn known(rms_um: Option<f64>, records: usize) -> NoiseFloor {
         of_records_um: vec![rms_um; records],
         at_least_um: None,
         estimates: Vec::new(),
+        wander: None,
+        wander_relative_std: 0.0,
         reading_step_um: None,
         warnings: Vec::new(),
     }

@@ -10,7 +10,7 @@ use super::reduction::Supported;
 use super::residual_map::{drive_features, residual_by_feature};
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise_um};
-use crate::dataset::reading_limits::reading_limits;
+use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::finer_hysteresis::{description, main_effect};
 use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
 use hysteron_sim::effect::{Overview, by_id, gain};
@@ -184,6 +184,8 @@ pub struct Found<'a> {
     pub quantised: Option<&'a str>,
     /// How other loops are described that meet the data as well as those of the model at the end.
     pub loops_alike: &'a [String],
+    /// Where the readings end.
+    pub reading_limits: &'a [ReadingLimit],
     /// Records that do not begin in the state that was said.
     pub other_states: Option<&'a OtherStates>,
     /// Records whose drive follows the noise of the readings.
@@ -221,13 +223,14 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let unweighed = found.unweighed();
     let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && found.other_states.is_none();
     let told = findings.iter().any(|f| matches!(f.decision, Decision::ExplainsAlone { .. }));
+    let as_the_noise = policy.at_floor + policy.floor_z * floor.relative_std();
     let one_or_all = if ambiguous { Verdict::Ambiguous } else { Verdict::Named };
     let (verdict, named) = match decidable {
         // What a recording has and a model from elsewhere has not is known however much that model leaves at home.
         _ if told => (one_or_all, named),
         false => (Verdict::Undecidable, named),
-        true if named.is_empty() && within(policy.at_floor + policy.floor_z * floor.relative_std()) => (Verdict::AtFloor, Vec::new()),
-        true if named.is_empty() || !within(policy.explained) => (Verdict::Unexplained, Vec::new()),
+        true if named.is_empty() && within(as_the_noise) => (Verdict::AtFloor, Vec::new()),
+        true if named.is_empty() || !within(policy.explained.max(as_the_noise)) => (Verdict::Unexplained, Vec::new()),
         true => (one_or_all, named),
     };
     let mut out = Diagnosis {
@@ -238,7 +241,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         findings,
         loops: other_loops(found),
         changed: found.elsewhere.map_or_else(Vec::new, Elsewhere::changed),
-        recording: of_the_recording(found, dataset),
+        recording: of_the_recording(found),
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         floor_estimates: floor.estimates.clone(),
@@ -264,10 +267,11 @@ fn other_loops(found: &Found) -> Vec<String> {
 }
 
 /// What is wrong with the recording itself, in sentences.
-fn of_the_recording(found: &Found, dataset: &Dataset) -> Vec<String> {
+fn of_the_recording(found: &Found) -> Vec<String> {
+    let ends = found.reading_limits.iter().map(super::words::reading_limit);
     let states = found.other_states.map(super::words::other_states);
     let loops = found.feedback.iter().map(super::words::followed_reading);
-    reading_limits(dataset).iter().map(super::words::reading_limit).chain(states).chain(loops).collect()
+    ends.chain(states).chain(loops).collect()
 }
 
 /// What was found, the likeliest reading of each first.

@@ -266,14 +266,13 @@ impl Said<'_> {
 
     /// That readings end; or nothing.
     fn ends_of_the_sensor(&self) -> String {
-        let of_other_kinds = self.found.feedback.len() + usize::from(self.found.other_states.is_some());
-        let ends = &self.diagnosis.recording[..self.diagnosis.recording.len() - of_other_kinds];
-        let Some((first, others)) = ends.split_first() else { return String::new() };
+        let Some((first, others)) = self.found.reading_limits.split_first() else { return String::new() };
         let others = match others.len() {
             0 => String::new(),
             1 => "; so do the readings at another end or of another record".into(),
             n => format!("; so do readings at {n} other ends or of other records"),
         };
+        let first = reading_limit(first);
         format!(" The readings end: {first}{others}. What they say there is left out of every fit and figure.")
     }
 

@@ -4,6 +4,7 @@
 //! * [`repetition`]: periods and repeated drives, which are found from the drive alone;
 //! * [`high_band`]: a lower bound from what readings have above everything that the drive excites;
 //! * [`random_part`]: lines, slow drift and what follows a measured force are effects, not noise, and are taken out of all of them.
+//! * [`wander`]: noise that is the stronger the slower it is, carried on from a rest to longer records.
 //!
 //! A record at rest that the data set brings is taken at its word. Without one, every record has the floor that its own repetitions show, or
 //! its own hold; a record that has neither has the least of the others, since the sensor is the same. Without any evidence there is no
@@ -14,8 +15,10 @@ mod high_band;
 mod random_part;
 mod repetition;
 mod rest;
+mod wander;
 
 pub use random_part::periodogram;
+pub use wander::Wander;
 
 use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, rounding_noise_um};
 use crate::dataset::{Dataset, Record, Role};
@@ -89,6 +92,10 @@ pub struct NoiseFloor {
     pub at_least_um: Option<f64>,
     /// All estimates, the one used first.
     pub estimates: Vec<FloorEstimate>,
+    /// Noise of the rest record that is the stronger the slower it is; `None` where it is white as far as the rest shows.
+    pub wander: Option<Wander>,
+    /// Largest standard deviation of the RMS of such noise from one judged record to another, as a share of it.
+    pub wander_relative_std: f64,
     /// Step of a converter that is coarse enough to matter beside the rest of the noise, um.
     pub reading_step_um: Option<f64>,
     /// Where estimates disagree.
@@ -96,10 +103,11 @@ pub struct NoiseFloor {
 }
 
 impl NoiseFloor {
-    /// Standard deviation of the floor as a share of it, where the noise is white: that of the estimate that is used.
+    /// Standard deviation of the floor as a share of it: that of the estimate that is used, as of white noise, and that of slow noise from record to record.
     #[must_use]
     pub fn relative_std(&self) -> f64 {
-        self.estimates.first().filter(|e| e.rms_um > 0.0).map_or(0.0, |e| e.std_um / e.rms_um)
+        let white = self.estimates.first().filter(|e| e.rms_um > 0.0).map_or(0.0, |e| e.std_um / e.rms_um);
+        white.hypot(self.wander_relative_std)
     }
 }
 
@@ -117,8 +125,9 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     let span_v = dataset.drive_max_v - dataset.drive_min_v;
     let taking_part = |r: &&Record| r.role != Role::Test;
     let driven: Vec<&Record> = dataset.records.iter().filter(taking_part).filter(|r| r.role != Role::Noise).collect();
-    let mut estimates: Vec<FloorEstimate> =
-        dataset.records.iter().filter(|r| r.role == Role::Noise).map(|r| rest::of_record(r, step_um)).collect();
+    let rests = dataset.records.iter().filter(|r| r.role == Role::Noise).map(|r| rest::of_record(r, step_um));
+    let (mut estimates, wanders): (Vec<FloorEstimate>, Vec<Option<Wander>>) = rests.unzip();
+    let wander = wanders.into_iter().next().flatten();
     let mut repeated: Vec<FloorEstimate> = driven.iter().filter_map(|r| repetition::of_periods(r, span_v)).collect();
     repeated.extend(repetition::of_pairs(dataset));
     if let Some(step_um) = step_um {
@@ -129,15 +138,25 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     let gain_um_v = dataset.overview().gain_um_v;
     let bounds: Vec<FloorEstimate> = driven.iter().filter_map(|r| high_band::of_record(r, gain_um_v)).collect();
     let at_least_um = bounds.iter().map(|e| e.rms_um).reduce(f64::min);
-    let of_records_um: Vec<Option<f64>> = dataset.records.iter().map(|r| of_record(r, &estimates)).collect();
+    let of_records_um: Vec<Option<f64>> =
+        dataset.records.iter().map(|r| wander.map(|wander| wander.in_record_um(r)).or_else(|| of_record(r, &estimates))).collect();
+    let judged = driven.iter().map(|r| wander.map_or(0.0, |wander| wander.relative_std(r)));
+    let wander_relative_std = judged.fold(0.0, f64::max);
     let rms_um = over_judging(dataset, &of_records_um);
     let mut warnings = disagreements(&estimates);
     warnings.extend(declared_step(dataset, step_um));
+    warnings.extend(wander.map(|w| {
+        format!(
+            "the noise is the stronger the slower it is ({:.2} nm white, {:.2} nm per root of a hertz at 1 Hz): its floor grows with the length of a record",
+            1e3 * w.white_um,
+            1e3 * w.at_1_hz_um
+        )
+    }));
     let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise_um(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);
     let basis = estimates.first().map_or_else(|| "undecidable".to_owned(), |e| e.basis.clone());
     let reading_step_um = step_um.filter(matters);
     estimates.extend(bounds);
-    NoiseFloor { rms_um, basis, of_records_um, at_least_um, estimates, reading_step_um, warnings }
+    NoiseFloor { rms_um, basis, of_records_um, at_least_um, estimates, wander, wander_relative_std, reading_step_um, warnings }
 }
 
 /// The floor of one record: a rest record's, what its own repetitions show, its own hold's, or the least that any record shows.

@@ -43,6 +43,11 @@ fn drift_columns(samples: usize) -> Vec<Vec<f64>> {
 
 /// RMS of what is random in `signal`, which begins at sample `from` of a record with this force.
 pub(super) fn random_part(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> f64 {
+    random(signal, sample_rate_hz, force_n).1
+}
+
+/// What is random in `signal`, and its RMS, which counts what was removed.
+pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> (Vec<f64>, f64) {
     let n = signal.len();
     let mut columns = drift_columns(n);
     if let Some((force_n, from)) = force_n.filter(|(f, _)| f.iter().any(|v| *v != f[0])) {
@@ -63,7 +68,17 @@ pub(super) fn random_part(signal: &[f64], sample_rate_hz: f64, force_n: Option<(
         project_out(&line, &mut residual);
         removed += 2;
     }
-    rms(&residual) * (n as f64 / n.saturating_sub(removed).max(1) as f64).sqrt()
+    let rms = rms(&residual) * (n as f64 / n.saturating_sub(removed).max(1) as f64).sqrt();
+    (residual, rms)
+}
+
+/// Median of the lines around one, from those at five eighths of its frequency to those at eight fifths, of eight on each side at least.
+fn median_around(power: &[f64], bin: usize) -> f64 {
+    let from = (bin * 5 / 8).min(bin.saturating_sub(8)).max(1);
+    let to = (bin * 8 / 5).max(bin + 8).min(power.len() - 1);
+    let mut around: Vec<f64> = (from..=to).filter(|other| *other != bin).map(|other| power[other]).collect();
+    around.sort_by(f64::total_cmp);
+    around.get(around.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Frequency of a line that noise would show less than once in 10^4 records.
@@ -75,10 +90,10 @@ fn strongest_line(values: &[f64], sample_rate_hz: f64) -> Option<f64> {
     let median = sorted.get(sorted.len() / 2).copied().filter(|m| *m > 0.0)?;
     // Exponentially distributed ordinates: the mean is the median over ln 2.
     let limit = median / std::f64::consts::LN_2 * (power.len() as f64 * 1e4).ln();
-    let (bin, peak) = power.iter().enumerate().skip(1).max_by(|a, b| a.1.total_cmp(b.1))?;
-    if *peak < limit {
-        return None;
-    }
+    // Noise that rises towards slow lines stands out of the median of all, and not of that of its neighbours.
+    let stands_out = |bin: usize| power[bin] > limit && power[bin] > limit / median * median_around(&power, bin);
+    let candidates = (1..power.len()).filter(|bin| power[*bin] > limit && stands_out(*bin));
+    let bin = candidates.max_by(|a, b| power[*a].total_cmp(&power[*b]))?;
     // Refine between bins by the strongest projection.
     let resolution = sample_rate_hz / n as f64;
     let strength = |f: f64| {

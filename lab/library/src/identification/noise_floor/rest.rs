@@ -1,6 +1,7 @@
 //! The noise that rest shows: in records of their own, and where a drive holds still inside a record.
 
-use super::random_part::random_part;
+use super::random_part::{random, random_part};
+use super::wander::Wander;
 use super::{Evidence, FloorEstimate};
 use crate::dataset::Record;
 use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise_um};
@@ -15,13 +16,16 @@ const SETTLING: f64 = 0.4;
 /// Parts of a hold that are looked at by themselves: creep is no polynomial over a decade of time, but it is over a short part.
 const PARTS: usize = 4;
 
-/// What a record at rest shows. Noise that hardly ever leaves a step of the reading is judged by how often it does.
-pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> FloorEstimate {
+/// What a record at rest shows, and how its noise wanders. Noise that hardly ever leaves a step of the reading is judged by how often it does.
+pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> (FloorEstimate, Option<Wander>) {
     let readings_um: Vec<f64> = record.counted().map(|k| record.displacement_um[k]).collect();
     let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| record.counted().map(|k| f[k]).collect());
-    let random_um = random_part(&readings_um, record.sample_rate_hz, force_n.as_deref().map(|f| (f, 0)));
+    let (residual_um, random_um) = random(&readings_um, record.sample_rate_hz, force_n.as_deref().map(|f| (f, 0)));
     let rms_um = with_hidden_steps(random_um, &readings_um, step_um);
-    FloorEstimate::new(Evidence::RestRecord, vec![record.name.clone()], rms_um, readings_um.len())
+    let estimate = FloorEstimate::new(Evidence::RestRecord, vec![record.name.clone()], rms_um, readings_um.len());
+    // Rounding hides what a spectrum would show of noise below it.
+    let shown = step_um.is_none_or(|step_um| random_um >= HIDDEN_BY_STEP * step_um);
+    (estimate, Wander::of_rest(&residual_um, record.sample_rate_hz).filter(|_| shown))
 }
 
 fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) -> f64 {
