@@ -189,7 +189,8 @@ fn mark(alteration: &Alteration, found: &Explanation, clean_um: f64, altered_um:
 /// A data set as a folder that any program can read: time, drive and reading of each record, and the manifest.
 fn write_dataset(folder: &Path, dataset: &Dataset) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
-    let mut manifest = format!("drive_min_v = {:.1}\ndrive_max_v = {:.1}\n", dataset.drive_min_v, dataset.drive_max_v);
+    let mut manifest =
+        format!("name = \"{}\"\ndrive_min_v = {:.1}\ndrive_max_v = {:.1}\n", dataset.name, dataset.drive_min_v, dataset.drive_max_v);
     for record in &dataset.records {
         // What lies before the window drives the model too.
         let whole = Record { window: 0..record.drive_v.len(), ..record.clone() };
@@ -210,10 +211,12 @@ fn write_dataset(folder: &Path, dataset: &Dataset) -> std::io::Result<()> {
 fn write_all(folder: &Path, clean: &Dataset, model: &Model) -> std::io::Result<()> {
     let mut right = String::new();
     for alteration in ALTERATIONS {
-        for size in alteration.sizes {
+        // What is not altered has one size only.
+        let sizes = &alteration.sizes[..if alteration.right.is_empty() { 1 } else { alteration.sizes.len() }];
+        for size in sizes {
             let name = format!("{}_{size}", alteration.name);
             let mut altered = clean.clone();
-            altered.records.iter_mut().for_each(|r| (alteration.alter)(r, size));
+            altered.records.iter_mut().for_each(|r| (alteration.alter)(r, *size));
             write_dataset(&folder.join(&name), &altered)?;
             let _ = writeln!(right, "{name} {}", alteration.right.join(","));
         }

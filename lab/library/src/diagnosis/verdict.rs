@@ -218,7 +218,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let leaves_the_bound = floor.rms_um.is_none() && found.last.within(policy.explained, &bound, split);
     let floors_um = if leaves_the_bound { &bound } else { &floor.of_records_um };
     let within = |times: f64| found.last.within(times, floors_um, split);
-    let contradiction = !leaves_the_bound && within(policy.contradiction);
+    let contradiction = !leaves_the_bound && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
     // A search that was stopped has added what nobody weighed.
     let unweighed = found.unweighed();
     let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && found.other_states.is_none();

@@ -72,11 +72,14 @@ pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64
     (residual, rms)
 }
 
-/// Median of the lines around one, from those at five eighths of its frequency to those at eight fifths, of eight on each side at least.
+/// Lines beside one that hold part of it where its frequency lies between two.
+const LEAKS_TO: usize = 3;
+
+/// Median of the lines around one, from those at five eighths of its frequency to those at eight fifths, of twelve on each side at least.
 fn median_around(power: &[f64], bin: usize) -> f64 {
-    let from = (bin * 5 / 8).min(bin.saturating_sub(8)).max(1);
-    let to = (bin * 8 / 5).max(bin + 8).min(power.len() - 1);
-    let mut around: Vec<f64> = (from..=to).filter(|other| *other != bin).map(|other| power[other]).collect();
+    let from = (bin * 5 / 8).min(bin.saturating_sub(12)).max(1);
+    let to = (bin * 8 / 5).max(bin + 12).min(power.len() - 1);
+    let mut around: Vec<f64> = (from..=to).filter(|other| other.abs_diff(bin) > LEAKS_TO).map(|other| power[other]).collect();
     around.sort_by(f64::total_cmp);
     around.get(around.len() / 2).copied().unwrap_or(0.0)
 }

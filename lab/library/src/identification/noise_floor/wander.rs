@@ -9,8 +9,8 @@ use super::random_part::periodogram;
 use crate::dataset::Record;
 use serde::Serialize;
 
-/// The first lines of the transform are what the removed drift left of them.
-const FIRST_LINE: usize = 4;
+/// The first lines of the transform are what the removed drift left of them, and what it left of itself where it was no polynomial.
+const FIRST_LINE: usize = 10;
 /// Least twice the logarithm of the likelihood ratio by which the noise is no longer taken for white: chance reaches it once in a million rests.
 const BEYOND_CHANCE: f64 = 25.0;
 /// Corner frequencies that are tried between the first line and half the sampling rate, and how often the best one is halved in.
@@ -114,6 +114,18 @@ mod tests {
     fn white_noise_is_white() {
         for seed in 0..40 {
             assert_eq!(Wander::of_rest(&noise(0.0, 0.004, 4000, seed), RATE_HZ), None, "{seed}");
+        }
+    }
+
+    /// A stage that warms up is no noise, however far it goes.
+    #[test]
+    fn drift_is_no_noise() {
+        for seed in 0..20 {
+            let tau_samples = 4000.0 * [0.3, 1.0, 3.0][seed as usize % 3];
+            let white = noise(0.0, 0.004, 4000, seed);
+            let drifting: Vec<f64> = (white.iter().enumerate()).map(|(k, v)| v + 0.5 * (-(k as f64) / tau_samples).exp()).collect();
+            let (residual, _) = super::super::random_part::random(&drifting, RATE_HZ, None);
+            assert_eq!(Wander::of_rest(&residual, RATE_HZ), None, "{seed}");
         }
     }
 
