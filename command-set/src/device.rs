@@ -3,6 +3,7 @@
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
+use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::trace_frame::TraceSample;
 
 /// The amplifier as of the last tick that is known.
@@ -134,6 +135,18 @@ pub trait Device {
 
     /// Counts since the start, and the block in use.
     fn diagnosis(&self) -> Diagnosis;
+
+    /// How well the closed loop followed over the last whole window of [`hysteron_core::loop_telemetry`].
+    fn loop_figures(&self) -> LoopFigures;
+
+    /// Which resonance is listened to.
+    fn resonance_watch(&self) -> ResonanceWatch;
+
+    /// Listens to another one from now on; none after a start.
+    ///
+    /// # Errors
+    /// It cannot be listened to; nothing has changed then.
+    fn listen(&mut self, watch: ResonanceWatch) -> Result<(), &'static str>;
 }
 
 /// The drive does not rest, and that is only done at rest.

@@ -29,7 +29,7 @@ pub const COMMANDS: &str = "The following commands are valid:";
 /// The first line of `HDI?`.
 pub const DIAGNOSIS_HEAD: &str = "#Diagnosis: identifier and description";
 /// What `DIA?` answers under 1, 2, and so on.
-pub const DIAGNOSIS: [&str; 12] = [
+pub const DIAGNOSIS: [&str; 15] = [
     "mode: 0 rest, 1 open loop, 2 closed loop, 3 fault",
     "latched fault, 0: none (the numbers are in the manual)",
     "ticks with the sensor at or beyond its limits",
@@ -42,4 +42,7 @@ pub const DIAGNOSIS: [&str; 12] = [
     "ticks since the start",
     "conditioned since the start and the last fault",
     "option bytes that protect: 1 brown-out level, 2 watchdog from the supply on",
+    "seconds of the closed loop that were measured (0x7F000010 and what follows of SPA? say what the last one came to)",
+    "seconds of the closed loop that were given up because samples were missing",
+    "alarms: 1 the amplitude at the resonance is above its alarm",
 ];

@@ -1,5 +1,5 @@
 //! The parameters of `SPA` and `SPA?`, with the numbers that PI's controllers give them; from 0x7F000000 on they are this target's own: the scale
-//! of its codes ([`crate::code_lines`]).
+//! of its codes ([`crate::code_lines`]), and how well its closed loop follows ([`hysteron_core::loop_telemetry`]).
 
 /// A parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +28,18 @@ pub enum Parameter {
     DriveMaximum,
     /// For so long no line may come while the drive is live, s; 0: for ever.
     HostTimeout,
+    /// Frequency of the resonance that is listened to, Hz; 0: none.
+    Resonance,
+    /// An amplitude above this is an alarm, nm; 0: none is.
+    ResonanceAlarm,
+    /// Tracking error of the last second of the closed loop, RMS, nm.
+    ErrorRms,
+    /// Its largest magnitude, nm.
+    ErrorPeak,
+    /// Drive of the same second, RMS, V.
+    DriveRms,
+    /// Amplitude of the error at the resonance, nm.
+    ResonanceAmplitude,
     /// Period of the servo, s.
     ServoPeriod,
     /// Points of a wave table.
@@ -42,7 +54,7 @@ pub enum Parameter {
 
 impl Parameter {
     /// Every one with its number, its type, and what it is.
-    pub const ALL: [(Self, u32, &'static str, &'static str); 17] = [
+    pub const ALL: [(Self, u32, &'static str, &'static str); 23] = [
         (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),
         (Self::RangeMaximum, 0x0700_0001, "FLOAT", "Range_Limit_Max_(um)"),
         (Self::Velocity, 0x0700_0200, "FLOAT", "Servo_Loop_Slew-Rate_(um/s)"),
@@ -55,6 +67,12 @@ impl Parameter {
         (Self::DriveMinimum, 0x7F00_0004, "FLOAT", "Lowest_Drive_(V)"),
         (Self::DriveMaximum, 0x7F00_0005, "FLOAT", "Highest_Drive_(V)"),
         (Self::HostTimeout, 0x7F00_0006, "FLOAT", "Host_Timeout_(s)_0:_none"),
+        (Self::Resonance, 0x7F00_0007, "FLOAT", "Resonance_Listened_to_(Hz)_0:_none"),
+        (Self::ResonanceAlarm, 0x7F00_0008, "FLOAT", "Alarm_of_Amplitude_at_Resonance_(nm)_0:_none"),
+        (Self::ErrorRms, 0x7F00_0010, "FLOAT", "Tracking_Error_of_Last_Second_RMS_(nm)"),
+        (Self::ErrorPeak, 0x7F00_0011, "FLOAT", "Tracking_Error_of_Last_Second_Peak_(nm)"),
+        (Self::DriveRms, 0x7F00_0012, "FLOAT", "Drive_of_Last_Second_RMS_(V)"),
+        (Self::ResonanceAmplitude, 0x7F00_0013, "FLOAT", "Amplitude_at_Resonance_of_Last_Second_(nm)"),
         (Self::ServoPeriod, 0x0E00_0200, "FLOAT", "Servo_Update_Time_(s)"),
         (Self::WavePoints, 0x1300_0004, "INT", "Max_Wave_Points"),
         (Self::WaveTables, 0x1300_010A, "INT", "Number_of_Waves"),

@@ -99,6 +99,7 @@ enum Pending {
     Text,
     Help(usize),
     ParameterHelp(usize),
+    Parameters(usize),
     RecorderHelp(usize),
     DiagnosisHelp(usize),
     Recorded(DataArray),
@@ -321,6 +322,7 @@ impl<D: Device + 'static> Session<D> {
                 };
                 self.sent(written, if nth > 0 && entry.is_none() { Pending::Nothing } else { Pending::ParameterHelp(nth + 1) })
             }
+            Pending::Parameters(nth) => self.next_parameter(nth, piece),
             Pending::DiagnosisHelp(nth) => {
                 let entry = nth.checked_sub(1).and_then(|at| help::DIAGNOSIS.get(at));
                 let written = match (nth, entry) {

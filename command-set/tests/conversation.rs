@@ -9,6 +9,7 @@ use hysteron_command_set::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
 use hysteron_command_set::{DIALECT, Lines};
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
@@ -32,6 +33,7 @@ struct Rig {
     restarts: u32,
     baud: u32,
     host_timeout: u32,
+    telemetry: LoopTelemetry,
 }
 
 const ROOM: u32 = 3000;
@@ -43,7 +45,13 @@ impl Rig {
             self.acting = self.latest.dac_code;
             let code = self.sensor.read_code(&self.plant);
             self.latest = self.amplifier.tick(self.sensor_is_there.then_some(code), false);
-            let error = self.latest.reference - self.amplifier.parameters().servo.converters.position(code);
+            let c = self.amplifier.parameters().servo.converters;
+            let error = self.latest.reference - c.position(code);
+            if self.amplifier.mode() == Mode::Closed {
+                self.telemetry.take(self.latest.tick, error, c.drive(self.latest.dac_code));
+            } else {
+                self.telemetry.begin();
+            }
             let small = self.amplifier.mode() == Mode::Closed && error.abs() <= self.tolerance;
             self.on_target_ticks = if small { self.on_target_ticks + 1 } else { 0 };
             if let Some(every) = self.recording
@@ -143,6 +151,15 @@ impl Device for Shared {
     fn diagnosis(&self) -> Diagnosis {
         Diagnosis { railed_ticks: 7, block_checksum: 0xdead_beef, ..Diagnosis::default() }
     }
+    fn loop_figures(&self) -> LoopFigures {
+        self.0.borrow().telemetry.figures()
+    }
+    fn resonance_watch(&self) -> ResonanceWatch {
+        self.0.borrow().telemetry.watch()
+    }
+    fn listen(&mut self, watch: ResonanceWatch) -> Result<(), &'static str> {
+        self.0.borrow_mut().telemetry.listen(watch)
+    }
 }
 
 /// A session, what is behind it, and what is in front of it.
@@ -178,6 +195,7 @@ impl Table {
             restarts: 0,
             baud: 115_200,
             host_timeout: 0,
+            telemetry: LoopTelemetry::new(20_000),
         })));
         rig.0.borrow_mut().run(100);
         let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(i32::MIN)).collect();
@@ -475,8 +493,8 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x0E000200 1", 64);
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
-    assert_eq!(table.ask("SPA?").lines().count(), 17);
-    assert_eq!(table.ask("HPA?").lines().count(), 19);
+    assert_eq!(table.ask("SPA?").lines().count(), 23);
+    assert_eq!(table.ask("HPA?").lines().count(), 25);
     assert_eq!(table.ask("SPA? 1 0x7F000001"), "1 0x7f000001=15.000000000\n");
     assert_eq!(table.ask("SPA? 1 0x7F000002"), "1 0x7f000002=-20.000000000\n");
     table.tell("VEL 1 0", 8);
@@ -626,7 +644,7 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
     let mut table = Table::ready();
     assert_eq!(table.ask("DIA? 1 3 9"), "1=2 \n3=7 \n9=3735928559\n");
     assert_eq!(table.ask("DIA?").lines().count() + 2, table.ask("HDI?").lines().count());
-    table.tell("DIA? 13", 54);
+    table.tell("DIA? 16", 54);
     table.tell("IFC RSBAUD 921600", 0);
     assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
     table.tell("IFC RSBAUD 9000000", 17);
@@ -638,6 +656,40 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
     table.run(5000);
     table.tell("INI 1", 0);
     assert_eq!(table.ask("DIA? 1 2"), "1=0 \n2=0\n");
+}
+
+#[test]
+fn it_says_how_well_the_loop_followed_and_whether_its_resonance_rings() {
+    let mut table = Table::ready();
+    assert_eq!(table.ask("SPA? 1 0x7F000007 1 0x7F000008"), "1 0x7f000007=0.000 \n1 0x7f000008=0.000\n");
+    assert_eq!(table.ask("DIA? 13 14 15"), "13=0 \n14=0 \n15=0\n");
+    for (refused, error) in
+        [("07 79.9", 17), ("07 9920.1", 17), ("07 -735", 17), ("08 -1", 17), ("08 256001", 17), ("10 3", 64), ("13 3", 64)]
+    {
+        table.tell(&format!("SPA 1 0x7F0000{refused}"), error);
+    }
+    table.tell("SPA 1 0x7F000007 735 1 0x7F000008 0.001", 0);
+    table.tell("MOV 1 5", 0);
+    table.run(41_000);
+    let figures = table.rig.0.borrow().telemetry.figures();
+    let numbers: Vec<f64> = (0x10..0x14).map(|nth| table.value(&format!("SPA? 1 0x7F0000{nth:x}"))).collect();
+    let [rms_nm, peak_nm, drive_v, resonance_nm] = numbers[..] else { panic!() };
+    assert_eq!((rms_nm * 1000.0).round() as u32, figures.error_rms_pm);
+    assert_eq!((peak_nm * 1000.0).round() as u32, figures.error_peak_pm);
+    assert_eq!((drive_v * 1e6).round() as u32, figures.drive_rms_uv);
+    assert_eq!((resonance_nm * 1000.0).round() as u32, figures.resonance_pm);
+    // The second second rests at 5 um: noise of the sensor, and the drive that holds it.
+    assert!((0.1..20.0).contains(&rms_nm) && peak_nm >= rms_nm && resonance_nm < rms_nm && resonance_nm > 0.001, "{numbers:?}");
+    assert!((drive_v - table.value("VOL? 1")).abs() < 0.5, "{drive_v}");
+    assert_eq!(table.ask("DIA? 13 14 15"), "13=2 \n14=0 \n15=1\n");
+    // Another alarm begins anew.
+    table.tell("SPA 1 0x7F000008 250000", 0);
+    assert_eq!(table.ask("DIA? 15"), "15=0\n");
+    table.run(20_100);
+    assert_eq!(table.ask("DIA? 13 15"), "13=3 \n15=0\n");
+    table.tell("SVO 1 0", 0);
+    table.run(30_000);
+    assert_eq!(table.ask("DIA? 13 14"), "13=3 \n14=0\n");
 }
 
 proptest! {

@@ -6,6 +6,7 @@
 //! condition                                    one 10 Hz cycle over the range, 1 s of rest, zero the sensor
 //! conditioning required|waived                 whether `enable` insists on a conditioning since the start or the last fault, as it does after a start
 //! timeout MILLISECONDS                         no line for so long while the drive is live is a fault, "host lost"; 10 to 3600000, 0 for never
+//! resonance MILLIHERTZ ALARM_NM                the line that the telemetry of the closed loop listens to, and its alarm; 0 for none of either
 //! protect                                      at rest: brown-out level and watchdog into the option bytes; a restart of the supply takes them
 //! reference constant NM
 //! reference sine MILLIHERTZ NM OFFSET_NM
@@ -28,6 +29,7 @@
 use core::fmt::{self, Write};
 
 use crate::amplifier::Command;
+use crate::loop_telemetry::{EXPECTED_RESONANCE, ResonanceWatch};
 use crate::reference_generator::Waveform;
 use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 use crate::trace_frame::Channels;
@@ -45,6 +47,8 @@ pub enum Line {
     Status,
     /// So many ticks without a line are a fault; 0: no time is.
     HostTimeout(u32),
+    /// Listen to a resonance.
+    Resonance(ResonanceWatch),
     /// Write the option bytes that protect.
     Protect,
     /// Gather every tick around an event.
@@ -189,6 +193,12 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
             let milliseconds = u32::try_from(number()?).map_err(|_| EXPECTED_TIMEOUT)?;
             return crate::host_watch::timeout_ticks(milliseconds, sample_rate_hz).map(Line::HostTimeout).ok_or(EXPECTED_TIMEOUT);
         }
+        (Some("resonance"), Some(_)) => {
+            let frequency_millihertz = u32::try_from(number()?).map_err(|_| EXPECTED_RESONANCE)?;
+            let alarm_pm = u32::try_from(i64::from(number()?) * 1000).map_err(|_| EXPECTED_RESONANCE)?;
+            let watch = ResonanceWatch { frequency_millihertz, alarm_pm };
+            return if watch.accepted(sample_rate_hz) { Ok(Line::Resonance(watch)) } else { Err(EXPECTED_RESONANCE) };
+        }
         (Some("protect"), None) => return Ok(Line::Protect),
         (Some("condition"), None) => Command::Condition { cycle_ticks: sample_rate_hz / CONDITIONING_HZ, rest_ticks: sample_rate_hz },
         (Some("reference"), Some("constant")) => Command::Reference { waveform: Waveform::Constant, offset: micrometres(number()?)? },
@@ -241,7 +251,7 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("restart"), None) => return Ok(Line::Restart),
         _ => {
             return Err(
-                "expected enable, disable, clear, status, condition, conditioning, timeout, protect, reference, play, identify, trace, capture, block or restart",
+                "expected enable, disable, clear, status, condition, conditioning, timeout, resonance, protect, reference, play, identify, trace, capture, block or restart",
             );
         }
     };
@@ -273,6 +283,9 @@ mod tests {
         assert_eq!(parse("trace 31 1", 20_000), Ok(Line::Trace(Channels::ALL, 1)));
         assert_eq!(parse("timeout 250", 20_000), Ok(Line::HostTimeout(5000)));
         assert_eq!(parse("timeout 0", 20_000), Ok(Line::HostTimeout(0)));
+        let watch = ResonanceWatch { frequency_millihertz: 735_000, alarm_pm: 20_000 };
+        assert_eq!(parse("resonance 735000 20", 20_000), Ok(Line::Resonance(watch)));
+        assert_eq!(parse("resonance 0 0", 20_000), Ok(Line::Resonance(ResonanceWatch::default())));
         assert_eq!(parse("conditioning waived", 20_000), Ok(Line::Control(None, Command::RequireConditioning(false))));
         assert_eq!(parse("protect", 20_000), Ok(Line::Protect));
         assert_eq!(parse("condition", 20_000), Ok(Line::Control(None, Command::Condition { cycle_ticks: 2000, rest_ticks: 20_000 })));
@@ -322,6 +335,12 @@ mod tests {
             "timeout 9",
             "timeout -1",
             "timeout 3600001",
+            "resonance",
+            "resonance 735000",
+            "resonance -1 0",
+            "resonance 79999 0",
+            "resonance 735000 -1",
+            "resonance 735000 2147483647",
             "conditioning",
             "conditioning off",
         ] {

@@ -1,5 +1,7 @@
 //! The part of Hysteron that runs on the microcontroller: `no_std`, and integers only in the control tick.
 //!
+//! [`loop_telemetry`] stands below the tick and is the one module with floats.
+//!
 //! Everything here is also what the host simulation runs, bit for bit. The map of the crate is the list of its modules:
 //! [`servo_tick`] is the entry (ADC code in, DAC code out), [`servo_parameters`] is everything that the host computes for it; the
 //! other modules are its parts. Signals and their formats are in [`signal`].
@@ -19,6 +21,7 @@ pub mod guard;
 pub mod host_watch;
 pub mod integer_row;
 pub mod learned_feedforward;
+pub mod loop_telemetry;
 pub mod one_sided_hysteresis;
 pub mod parameter_block;
 pub mod pid_regulator;

@@ -191,12 +191,14 @@ fn obey(line: &WaitingLine) {
                 required,
                 control::host_timeout()
             );
+            telemetry::say_loop();
             option_bytes::say();
         }
         Ok(Line::HostTimeout(ticks)) => {
             control::set_host_timeout(ticks);
             defmt::info!("host timeout {=u32} ticks", ticks);
         }
+        Ok(Line::Resonance(watch)) => answer("resonance is listened to", telemetry::listen(watch)),
         Ok(Line::Protect) => match drive_rests() {
             Ok(()) => PROTECT.signal(()),
             Err(reason) => defmt::warn!("refused: {=str}", reason),

@@ -7,6 +7,7 @@ use hysteron_command_set::session::WAVE_TABLES;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
+use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::board::{Board, Platform};
@@ -121,6 +122,18 @@ impl Device for Target {
             block_checksum,
             protection: option_bytes::protection(),
         }
+    }
+
+    fn loop_figures(&self) -> LoopFigures {
+        telemetry::loop_figures()
+    }
+
+    fn resonance_watch(&self) -> ResonanceWatch {
+        telemetry::resonance_watch()
+    }
+
+    fn listen(&mut self, watch: ResonanceWatch) -> Result<(), &'static str> {
+        telemetry::listen(watch)
     }
 
     fn sample(&self, nth: u32) -> Option<TraceSample> {

@@ -1,17 +1,23 @@
-//! What the tasks know of the samples that pass by: the latest one, and for how long the tracking error has been small.
+//! What the tasks know of the samples that pass by: the latest one, for how long the tracking error has been small, and how well the closed loop
+//! followed over the last second.
+//!
+//! All of it is made in the trace task, from the samples that the control interrupt gives away: the task runs below every interrupt, and its floats are
+//! not the tick's. Where it comes so late that the queue overflows, a second has a gap and is given up, and counted.
 
-use core::cell::Cell;
+use core::cell::{Cell, RefCell};
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_limits;
 use hysteron_core::guard::GuardParameters;
+use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::control;
+use crate::sample_clock::SAMPLE_RATE_HZ;
 
 #[derive(Clone, Copy)]
 struct Telemetry {
@@ -36,6 +42,8 @@ static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::
     railed_ticks: 0,
     limited_ticks: 0,
 }));
+
+static LOOP: ThreadModeMutex<RefCell<LoopTelemetry>> = ThreadModeMutex::new(RefCell::new(LoopTelemetry::new(SAMPLE_RATE_HZ)));
 
 fn change(change: impl FnOnce(&mut Telemetry)) {
     TELEMETRY.lock(|place| {
@@ -99,7 +107,63 @@ pub fn observe(sample: &TraceSample) {
         let error = sample.reference.saturating_sub(converters.position(sample.adc_code));
         let small = sample.flags as u8 == Mode::Closed as u8 && error.saturating_abs() <= telemetry.tolerance;
         telemetry.on_target_ticks = if small { telemetry.on_target_ticks.saturating_add(1) } else { 0 };
+        measure(sample, error, converters.drive(sample.dac_code));
     });
+}
+
+/// Takes a sample to the figures of the closed loop, and says when its resonance begins to ring.
+fn measure(sample: &TraceSample, error: i32, drive: i32) {
+    LOOP.lock(|telemetry| {
+        let mut telemetry = telemetry.borrow_mut();
+        if sample.flags as u8 != Mode::Closed as u8 {
+            telemetry.begin();
+        } else if telemetry.take(sample.tick, error, drive) == Some(true) {
+            say_resonance(telemetry.watch(), telemetry.figures());
+        }
+    });
+}
+
+fn say_resonance(watch: ResonanceWatch, figures: LoopFigures) {
+    let nearest = |thousandths: u32| thousandths.saturating_add(500) / 1000;
+    let (hz, nm, alarm_nm) = (nearest(watch.frequency_millihertz), nearest(figures.resonance_pm), nearest(watch.alarm_pm));
+    if figures.alarm {
+        defmt::warn!("amplitude at {=u32} Hz is {=u32} nm, above the alarm of {=u32} nm", hz, nm, alarm_nm);
+    } else {
+        defmt::info!("amplitude at {=u32} Hz is {=u32} nm, alarm {=u32} nm", hz, nm, alarm_nm);
+    }
+}
+
+/// Says what the last second of the closed loop came to.
+pub fn say_loop() {
+    let (watch, figures) = (resonance_watch(), loop_figures());
+    defmt::info!(
+        "last second of the closed loop: error {=u32} pm RMS, {=u32} pm peak, drive {=u32} uV RMS, {=u32} pm at {=u32} mHz; {=u32} seconds, {=u32} given up",
+        figures.error_rms_pm,
+        figures.error_peak_pm,
+        figures.drive_rms_uv,
+        figures.resonance_pm,
+        watch.frequency_millihertz,
+        figures.windows,
+        figures.torn_windows
+    );
+    if watch.frequency_millihertz > 0 {
+        say_resonance(watch, figures);
+    }
+}
+
+/// What the last second of the closed loop came to.
+pub fn loop_figures() -> LoopFigures {
+    LOOP.lock(|telemetry| telemetry.borrow().figures())
+}
+
+/// Which resonance is listened to.
+pub fn resonance_watch() -> ResonanceWatch {
+    LOOP.lock(|telemetry| telemetry.borrow().watch())
+}
+
+/// Listens to another one.
+pub fn listen(watch: ResonanceWatch) -> Result<(), &'static str> {
+    LOOP.lock(|telemetry| telemetry.borrow_mut().listen(watch))
 }
 
 /// The latest sample, and for how many ticks the tracking error has been small.

@@ -4,6 +4,7 @@ use hysteron_core::guard::Fault;
 
 use crate::board::Board;
 use crate::error::{Error, Result};
+use crate::following::Following;
 
 /// The name of a fault by its number, as `DIA? 2` has it.
 #[must_use]
@@ -61,6 +62,8 @@ pub struct Condition {
     pub zeroed: bool,
     /// The counts and the block, by the names of `HDI?`.
     pub counts: Vec<(String, f64)>,
+    /// How well the closed loop followed, where it was closed for a second.
+    pub following: Option<Following>,
 }
 
 impl Condition {
@@ -83,6 +86,7 @@ impl Condition {
             position_um: board.number("POS? 1")?,
             drive_v: board.number("VOL? 1")?,
             zeroed: board.number("ATZ? 1")? == 1.0,
+            following: Following::ask(board, &numbers)?,
             counts: names.zip(numbers.iter().skip(2).copied()).collect(),
         })
     }

@@ -3,7 +3,8 @@
 //! # How it works
 //! [`port::Port`] carries bytes, over a cable or a socket; [`board::Board`] has the conversation: it asks, tells and looks at `ERR?` after what it
 //! told, all in the General Command Set 2.0 (`hysteron_command_set`). On that stand [`upload`] (a parameter block), [`playing`] (a drive that is
-//! played from rest, and what the recorder saw of it), [`watching`] (what a scope shows), [`scale`] (codes in um and V) and [`condition`] (how the board is, in words).
+//! played from rest, and what the recorder saw of it), [`watching`] (what a scope shows), [`scale`] (codes in um and V) [`condition`] (how the board is, in words)
+//! and [`following`] (how well its closed loop followed).
 //!
 //! A board may be slower than its hardware, where it is emulated: nothing here reckons with the clock. What is waited for is asked for again and
 //! again; a board is given up only when not a byte has come for [`board::PATIENCE`].
@@ -11,6 +12,7 @@
 pub mod board;
 pub mod condition;
 mod error;
+pub mod following;
 pub mod playing;
 pub mod port;
 pub mod scale;

@@ -206,8 +206,9 @@ fn firmware_images() -> Result<(), String> {
 /// What the image may take; a change that needs more says so by changing these numbers.
 /// 1 KiB of it looks at what is typed before it acts.
 const MOST_CONTROL_CODE_BYTES: u64 = 22 * 1024;
-/// 12 KiB of it are blocks, diagnosis and recorded codes over the serial port, 4 KiB the supply, the option bytes and the host that is missed.
-const MOST_FLASH_BYTES: u64 = 180 * 1024;
+/// 12 KiB of it are blocks, diagnosis and recorded codes over the serial port, 4 KiB the supply, the option bytes and the host that is missed,
+/// 4 KiB the figures of the closed loop and the alarm of its resonance.
+const MOST_FLASH_BYTES: u64 = 184 * 1024;
 /// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors, 1 of its filters, twice.
 const MOST_RAM_BYTES: u64 = 70 * 1024;
 /// Of the 76 KiB of the NUCLEO-G474RE: what is left for the stack is 3 KiB more than the same program uses of the other board's.

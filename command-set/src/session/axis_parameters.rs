@@ -1,9 +1,10 @@
 //! The parameters of `SPA` and `SPA?`.
 
 use hysteron_core::host_watch::timeout_ticks;
+use hysteron_core::loop_telemetry::ResonanceWatch;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
-use super::{Session, WAVE_TABLES, micrometres};
+use super::{Pending, Piece, Session, Step, WAVE_TABLES, micrometres};
 use crate::data_array::MOST_COLUMNS;
 use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
 use crate::device::Device;
@@ -44,6 +45,14 @@ impl<D: Device + 'static> Session<D> {
                     let ticks = ticks.filter(|ticks| *ticks > 0 || value == 0).ok_or(ErrorCode::Range)?;
                     self.device.set_host_timeout(ticks);
                 }
+                Parameter::Resonance => {
+                    let frequency_millihertz = thousandths(value)?;
+                    self.listen(ResonanceWatch { frequency_millihertz, ..self.device.resonance_watch() })?;
+                }
+                Parameter::ResonanceAlarm => {
+                    let alarm_pm = thousandths(value)?;
+                    self.listen(ResonanceWatch { alarm_pm, ..self.device.resonance_watch() })?;
+                }
                 _ => return Err(ErrorCode::ReadOnly),
             }
             if !words.more() {
@@ -52,11 +61,14 @@ impl<D: Device + 'static> Session<D> {
         }
     }
 
+    fn listen(&mut self, watch: ResonanceWatch) -> Result<(), ErrorCode> {
+        self.device.listen(watch).map_err(|_| ErrorCode::Range)
+    }
+
+    /// What is named; everything, a line at a time, where nothing is.
     pub(super) fn parameter(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         if !words.more() {
-            for (parameter, number, _, _) in Parameter::ALL {
-                self.say_parameter(parameter, number)?;
-            }
+            self.pending = Pending::Parameters(0);
         }
         while words.more() {
             let (parameter, number) = Self::named_parameter(words)?;
@@ -71,6 +83,10 @@ impl<D: Device + 'static> Session<D> {
         let seconds = |ticks: u32| Decimal { billionths: i64::from(ticks) * ONE / rate, digits: 9 };
         let c = self.parameters.servo.converters;
         let exact = |billionths| Decimal { billionths, digits: 9 };
+        // pm as nm, uV as V, mHz as Hz.
+        let of_thousandths = |value: u32| Decimal { billionths: i64::from(value) * (ONE / 1000), digits: 3 };
+        let of_millionths = |value: u32| Decimal { billionths: i64::from(value) * (ONE / 1_000_000), digits: 6 };
+        let (figures, watch) = (self.device.loop_figures(), self.device.resonance_watch());
         let value = match parameter {
             Parameter::RangeMinimum => micrometres(lowest),
             Parameter::RangeMaximum => micrometres(highest),
@@ -78,6 +94,12 @@ impl<D: Device + 'static> Session<D> {
             Parameter::Tolerance => micrometres(self.tolerance),
             Parameter::SettlingTime => seconds(self.settling_ticks),
             Parameter::HostTimeout => seconds(self.device.host_timeout()),
+            Parameter::Resonance => of_thousandths(watch.frequency_millihertz),
+            Parameter::ResonanceAlarm => of_thousandths(watch.alarm_pm),
+            Parameter::ErrorRms => of_thousandths(figures.error_rms_pm),
+            Parameter::ErrorPeak => of_thousandths(figures.error_peak_pm),
+            Parameter::DriveRms => of_millionths(figures.drive_rms_uv),
+            Parameter::ResonanceAmplitude => of_thousandths(figures.resonance_pm),
             Parameter::ServoPeriod => seconds(1),
             Parameter::SensorAtCode0 => exact(from_fixed(self.converters(&self.device.view()).adc_zero, MICROMETRE_FRACTION_BITS)),
             // 65,536 codes of um with 40 fraction bits: um with 24; likewise V with 38 and 22.
@@ -96,4 +118,19 @@ impl<D: Device + 'static> Session<D> {
         };
         self.say(format_args!("1 {number:#x}={value}"))
     }
+
+    /// A line of the list of all parameters.
+    pub(super) fn next_parameter(&mut self, nth: usize, piece: &mut Piece) -> Step {
+        self.text.clear();
+        let Some((parameter, number, _, _)) = Parameter::ALL.get(nth) else { return Step::Done };
+        let end: &[u8] = if nth + 1 < Parameter::ALL.len() { b" \n" } else { b"\n" };
+        let written = self.say_parameter(*parameter, *number).is_ok() && self.text.extend_from_slice(end).is_ok();
+        core::mem::swap(piece, &mut self.text);
+        self.sent(if written { Ok(()) } else { Err(core::fmt::Error) }, Pending::Parameters(nth + 1))
+    }
+}
+
+/// Thousandths of a number that is not negative.
+fn thousandths(value: i64) -> Result<u32, ErrorCode> {
+    u32::try_from(value / (ONE / 1000)).ok().filter(|_| value >= 0).ok_or(ErrorCode::Range)
 }

@@ -12,7 +12,7 @@ const BAUD: core::ops::RangeInclusive<u32> = 9_600..=2_000_000;
 impl<D: Device + 'static> Session<D> {
     /// The values in the order of [`help::DIAGNOSIS`].
     fn diagnosis_values(&self) -> [u32; help::DIAGNOSIS.len()] {
-        let (view, counts) = (self.device.view(), self.device.diagnosis());
+        let (view, counts, figures) = (self.device.view(), self.device.diagnosis(), self.device.loop_figures());
         [
             view.mode as u32,
             view.fault.map_or(0, |fault| fault as u32),
@@ -26,6 +26,9 @@ impl<D: Device + 'static> Session<D> {
             view.tick,
             u32::from(view.conditioned),
             counts.protection,
+            figures.windows,
+            figures.torn_windows,
+            u32::from(figures.alarm),
         ]
     }
 

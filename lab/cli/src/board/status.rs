@@ -17,6 +17,9 @@ pub fn status(line: &LineArguments) -> Result<bool> {
         let zeroed = if condition.zeroed { "zeroed" } else { "not zeroed since the start" };
         println!("  stage {}, {:.4} um ({zeroed}), {:.3} V", condition.stage, condition.position_um, condition.drive_v);
     }
+    for words in condition.following.iter().flat_map(|following| following.words()) {
+        println!("  {words}");
+    }
     for (name, count) in &condition.counts {
         println!("  {name}: {count:.0}");
     }
