@@ -42,6 +42,8 @@ pub enum Brought {
     Busy,
     /// It is kept, and a restart takes it.
     Kept,
+    /// It has taken the place of the running one, and is not kept.
+    Swapped,
     /// It was refused for this reason.
     Refused(&'static str),
 }
@@ -59,7 +61,7 @@ pub struct Diagnosis {
     pub overruns: u32,
     /// Samples that found no room on their way from the control tick.
     pub lost_samples: u32,
-    /// Generation of the block in use.
+    /// Generation of the block in use; 0: it was swapped in and is not kept, or there is none.
     pub block_generation: u32,
     /// Its checksum; 0 without a block.
     pub block_checksum: u32,
@@ -111,6 +113,9 @@ pub trait Device {
     /// # Errors
     /// The drive does not rest.
     fn keep_block(&mut self) -> Result<(), Moving>;
+
+    /// Lets the block be verified and take the place of the running one, at rest or with the loop closed, within milliseconds.
+    fn swap_block(&mut self);
 
     /// What has become of it.
     fn brought(&self) -> Brought;

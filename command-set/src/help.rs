@@ -37,7 +37,7 @@ pub const DIAGNOSIS: [&str; 15] = [
     "values of the law that were cut to their format",
     "ticks that came late",
     "samples that were lost on their way to the recorder's task",
-    "generation of the parameter block in use",
+    "generation of the parameter block in use, 0: swapped in and not kept, or none",
     "checksum of the parameter block in use, 0: none",
     "ticks since the start",
     "conditioned since the start and the last fault",

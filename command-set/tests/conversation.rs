@@ -10,7 +10,8 @@ use hysteron_command_set::{DIALECT, Lines};
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
-use hysteron_core::parameter_block::{AmplifierParameters, read};
+use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
+use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
 use proptest::prelude::*;
@@ -127,6 +128,11 @@ impl Device for Shared {
         }
         rig.brought = read(&rig.block, 20_000).map_or_else(|error| Brought::Refused(error.reason()), |_| Brought::Kept);
         Ok(())
+    }
+    fn swap_block(&mut self) {
+        let mut rig = self.0.borrow_mut();
+        let swapped = read(&rig.block, 20_000).map_err(|error| error.reason()).and_then(|block| rig.amplifier.swap(&block));
+        rig.brought = swapped.map_or_else(Brought::Refused, |()| Brought::Swapped);
     }
     fn brought(&self) -> Brought {
         self.0.borrow().brought
@@ -637,6 +643,40 @@ fn a_block_is_brought_and_taken_by_a_restart() {
     table.ask("ERR?");
     table.tell("RBT", 0);
     assert_eq!(table.rig.0.borrow().restarts, 1);
+}
+
+#[test]
+fn a_block_takes_over_a_running_loop_or_the_running_one_goes_on() {
+    let mut table = Table::ready();
+    table.tell("MOV 1 5", 0);
+    table.run(4000);
+    let bring = |table: &mut Table, parameters: &AmplifierParameters| {
+        let mut bytes = [0; BLOCK_BYTES];
+        let length = write(parameters, &mut bytes).expect("fits");
+        table.tell(&format!("BLK BEGIN {length}"), 0);
+        for (nth, piece) in bytes[..length].chunks(32).enumerate() {
+            let digits: String = piece.iter().map(|byte| format!("{byte:02x}")).collect();
+            table.tell(&format!("BLK DATA {} {digits}", 32 * nth), 0);
+        }
+        table.tell("BLK SWAP", 0);
+    };
+    let mut softer = parameters();
+    if let LawParameters::Predictor(p) = &mut softer.servo.law {
+        p.unknown_gain = p.unknown_gain / 4 * 3;
+    }
+    bring(&mut table, &softer);
+    assert_eq!(table.ask("BLK?"), "SWAPPED\n");
+    table.run(2000);
+    assert_eq!(table.ask("SVO?"), "1=1\n");
+    assert!((table.value("POS? 1") - 5.0).abs() < 0.02);
+    let running = table.rig.0.borrow().amplifier.parameters().servo.law;
+    assert_eq!(running, softer.servo.law);
+    let mut other = parameters();
+    other.physical.name[0] = b'q';
+    bring(&mut table, &other);
+    assert_eq!(table.ask("BLK?"), "REFUSED made for another stage\n");
+    assert_eq!((table.ask("SVO?").as_str(), table.rig.0.borrow().amplifier.parameters().servo.law == running), ("1=1\n", true));
+    table.tell("BLK SWAP 1", 24);
 }
 
 #[test]

@@ -24,6 +24,7 @@
 //! stage went its own way. The loop closes only while they agree ([`Amplifier::conditioned`]), unless that is waived
 //! ([`Command::RequireConditioning`]).
 
+use crate::block_swap;
 use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
@@ -264,6 +265,29 @@ impl Amplifier {
                 self.sweep = self.of_half_the_range(IDENTIFICATION_SWEEP);
             }
         }
+        Ok(())
+    }
+
+    /// Goes on with another block, at rest or with the loop closed, without a step of the drive: the sensor's zero, the memory of the hysteresis and the
+    /// reference stay. Call it between ticks.
+    ///
+    /// # Errors
+    /// Why not ([`block_swap::may_follow`]); nothing has changed then.
+    pub fn swap(&mut self, parameters: &AmplifierParameters) -> Result<(), &'static str> {
+        match self.mode {
+            Mode::Fault => return Err("a fault is latched"),
+            Mode::Playing => return Err("a drive is played or held: only at rest, or with the loop closed"),
+            Mode::Rest | Mode::Closed => {}
+        }
+        block_swap::may_follow(&self.parameters, parameters)?;
+        if self.servo.learner().period_ticks().is_some() && self.parameters.servo.learning != parameters.servo.learning {
+            return Err("a learned correction is played that the block would not go on with: a reference without a period first");
+        }
+        let zero = self.parameters.servo.converters.adc_zero;
+        self.parameters = *parameters;
+        self.parameters.servo.converters.adc_zero = zero;
+        self.servo.exchange(&self.parameters.servo);
+        self.guard.watch_with(self.parameters.guard);
         Ok(())
     }
 

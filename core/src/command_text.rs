@@ -20,6 +20,7 @@
 //! block begin BYTES                            a new parameter block follows
 //! block data OFFSET HEX                        up to 32 bytes of it
 //! block commit                                 verify it and keep it in flash, beside the last good one
+//! block swap                                   verify it and let it take the place of the running block, without a step of the drive; it is not kept
 //! restart                                      with the newest valid block
 //! ```
 //!
@@ -65,6 +66,8 @@ pub enum Line {
     BlockData(BlockPiece),
     /// It is complete.
     BlockCommit,
+    /// It is complete and takes the place of the running one.
+    BlockSwap,
     /// Start again.
     Restart,
 }
@@ -248,6 +251,7 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
             return Ok(Line::BlockData(BlockPiece::parse(offset, hexadecimal)?));
         }
         (Some("block"), Some("commit")) => return Ok(Line::BlockCommit),
+        (Some("block"), Some("swap")) => return Ok(Line::BlockSwap),
         (Some("restart"), None) => return Ok(Line::Restart),
         _ => {
             return Err(
@@ -310,6 +314,7 @@ mod tests {
         }
         assert_eq!(received, block);
         assert_eq!(parse("capture fault 100 200", 20_000), Ok(Line::Capture(Trigger::Fault, 100, 200)));
+        assert_eq!(parse("block swap", 20_000), Ok(Line::BlockSwap));
         assert_eq!(parse("identify 40000", 20_000), Ok(Line::Identify(40_000)));
     }
 

@@ -133,6 +133,11 @@ impl Guard {
         Self { parameters, last_code: None, same: 0, late: 0, slewing: 0, healthy: 0 }
     }
 
+    /// Watches with other limits from now on; what it has seen and counted stays.
+    pub fn watch_with(&mut self, parameters: GuardParameters) {
+        self.parameters = parameters;
+    }
+
     /// The limits.
     #[must_use]
     pub fn parameters(&self) -> &GuardParameters {

@@ -10,6 +10,7 @@
 #[cfg(test)]
 mod accepted_blocks;
 pub mod amplifier;
+pub mod block_swap;
 pub mod checksum;
 pub mod command_limits;
 pub mod command_lines;

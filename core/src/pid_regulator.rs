@@ -31,6 +31,7 @@ pub struct PidParameters {
 pub struct PidRegulator {
     integral: Integrating,
     last_error: i32,
+    last_change: i32,
     notch: [i32; 4],
     creep: CreepInverse,
 }
@@ -47,7 +48,32 @@ impl PidRegulator {
             wanted,
             saturated,
         ));
-        Self { integral: Integrating::at(output.saturating_sub(without)), last_error, notch: [output; 4], creep }
+        Self { integral: Integrating::at(output.saturating_sub(without)), last_error, last_change: 0, notch: [output; 4], creep }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn notch_memory(&self) -> [i32; 4] {
+        self.notch
+    }
+
+    /// Goes on with other parameters as if they had given the last output, moved by `shift` (what the actuator's new model makes of the same drive).
+    /// The integral takes what the other terms would have had otherwise; the notch keeps its past. `reference` is that of the last reading.
+    pub fn go_on(&mut self, before: &PidParameters, after: &PidParameters, reference: &ReferenceWindow, shift: i32, saturated: &mut u32) {
+        let moved = |value: i32| value.saturating_add(shift);
+        let errors = [self.last_error, self.last_change];
+        let [regulated, ..] = self.notch;
+        let mut others = after.proportional_derivative.apply(&errors, saturated);
+        if before.feedforward == after.feedforward && before.creep == after.creep {
+            // What the feedforward gave, through the creep's inverse, which goes on.
+            let was = before.proportional_derivative.apply(&errors, saturated).saturating_add(self.integral.state);
+            others = others.saturating_add(regulated.saturating_sub(was));
+        } else {
+            let wanted = after.feedforward.apply(reference.positions(), saturated);
+            self.creep = CreepInverse::at_rest(&after.creep, wanted, saturated);
+            others = others.saturating_add(self.creep.step(&after.creep, wanted, saturated));
+        }
+        self.notch = self.notch.map(moved);
+        self.integral.state = moved(regulated).saturating_sub(others);
     }
 
     /// The output for a reading. `hold` stops the integral while the drive saturates in the direction of its sign.
@@ -59,6 +85,7 @@ impl PidRegulator {
         }
         let change = error.saturating_sub(self.last_error);
         self.last_error = error;
+        self.last_change = change;
         let wanted = parameters.feedforward.apply(reference.positions(), saturated);
         let feedforward = self.creep.step(&parameters.creep, wanted, saturated);
         let regulated = parameters

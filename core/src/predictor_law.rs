@@ -82,6 +82,14 @@ fn replace_two(
     *state_b = saturate(sum_b >> STATE_ROW_FRACTION_BITS, saturated);
 }
 
+/// Whether the states of both mean the same: all but the gains of the observer, which stand behind the states.
+fn same_dynamics(a: &PredictorParameters, b: &PredictorParameters) -> bool {
+    let same = |(a, b): (&Row<INPUTS, STATE_ROW_FRACTION_BITS>, &Row<INPUTS, STATE_ROW_FRACTION_BITS>)| {
+        a.coefficients.iter().zip(&b.coefficients).enumerate().all(|(nth, (a, b))| nth == STATES || a == b)
+    };
+    a.reading_row == b.reading_row && a.state_rows.iter().zip(&b.state_rows).all(same)
+}
+
 impl PredictorLaw {
     /// At rest, with the unknown input such that the output is `applied` when the feedforward is `feedforward`.
     #[must_use]
@@ -94,6 +102,30 @@ impl PredictorLaw {
             feedforward,
             innovation: 0,
         }
+    }
+
+    /// Goes on with other parameters as if they had given the last output, moved by `shift` (what the actuator's new model makes of the same drive).
+    /// The unknown input takes the difference, and keeps its slope; the states go on where both blocks have the same model of the dynamics, and
+    /// begin at no error where they have not. `reference` is that of the last reading.
+    pub fn go_on(
+        &mut self,
+        before: &PredictorParameters,
+        after: &PredictorParameters,
+        reference: &ReferenceWindow,
+        shift: i32,
+        saturated: &mut u32,
+    ) {
+        let output = self
+            .feedforward
+            .saturating_sub(before.gain_row.apply(&self.states, saturated))
+            .saturating_sub(self.unknown.state)
+            .saturating_add(shift);
+        if !same_dynamics(before, after) {
+            (self.states, self.remainders) = ([0; STATES], [0; STATES]);
+        }
+        self.feedforward = after.feedforward.apply(reference.positions(), saturated);
+        let without = self.feedforward.saturating_sub(after.gain_row.apply(&self.states, saturated));
+        self.unknown.state = without.saturating_sub(output);
     }
 
     /// The force-equivalent displacement to command for the next period, from the reading now and what acts now.

@@ -8,6 +8,7 @@
 //! # Taking over
 //! [`ServoTick::enable`] and [`ServoTick::swap`] let the next tick begin from the drive that is there: the law's integrating state is set
 //! so that its first output is that drive, and a difference between reference and position becomes a decaying offset.
+//! [`ServoTick::exchange`] lets another law of a running loop go on from where the last one was, in motion too.
 //! Every drive that is applied while the servo is off must pass [`ServoTick::open_loop`], so that the memory of the hysteresis is kept.
 //!
 //! # Periodic references
@@ -64,8 +65,8 @@ pub struct ServoTick {
     slewing: bool,
     reading: i32,
     counters: Counters,
-    law: LawState,
     window: ReferenceWindow,
+    law: LawState,
     parameters: ServoParameters,
     hysteresis: Option<OneSidedHysteresis>,
     learner: LearnedFeedforward,
@@ -133,6 +134,38 @@ impl ServoTick {
         if running {
             self.enable();
         }
+    }
+
+    /// Changes all parameters of a running loop without a step of the drive or of the reference: the new law goes on as if it had given the last output
+    /// itself, the reference and what was learned of it stay. Only between parameters that [`crate::block_swap`] allows; call it between ticks.
+    // In place: the interrupt's stack has no room for a second set of parameters.
+    pub fn exchange(&mut self, parameters: &ServoParameters) {
+        if parameters.actuator != self.parameters.actuator {
+            if let (ActuatorParameters::OneSidedHysteresis { surfaces, .. }, Some(memory)) = (&parameters.actuator, &self.hysteresis) {
+                self.hysteresis = Some(memory.with_surfaces(*surfaces));
+            }
+            self.parameters.actuator = parameters.actuator;
+        }
+        self.parameters.converters = parameters.converters;
+        // What the drive of now does by the new model; it is no newer drive.
+        let (was, drives) = (self.applied, self.drives);
+        self.note(self.code);
+        self.drives = drives;
+        let shift = self.applied.saturating_sub(was);
+        let (saturated, window) = (&mut self.counters.saturated_values, &self.window);
+        match (&mut self.law, &self.parameters.law, &parameters.law) {
+            (LawState::Off, ..) => {}
+            (LawState::Regulator(law), LawParameters::Regulator(before), LawParameters::Regulator(after)) => {
+                law.go_on(before, after, window, shift, saturated);
+            }
+            (LawState::Predictor(law), LawParameters::Predictor(before), LawParameters::Predictor(after)) => {
+                law.go_on(before, after, window, shift, saturated);
+            }
+            (law, ..) => *law = LawState::Fresh,
+        }
+        self.parameters.law = parameters.law;
+        self.parameters.delayed = parameters.delayed;
+        self.parameters.learning = parameters.learning;
     }
 
     /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
@@ -352,6 +385,18 @@ impl ServoTick {
     #[must_use]
     pub fn hysteresis(&self) -> Option<&OneSidedHysteresis> {
         self.hysteresis.as_ref()
+    }
+
+    /// The reference around the last tick, um with 24 fraction bits.
+    #[cfg(test)]
+    pub(crate) fn feedforward_window(&self) -> [i32; crate::reference_window::WINDOW] {
+        *self.window.positions()
+    }
+
+    /// What the notch of a regulator remembers, um with 24 fraction bits.
+    #[cfg(test)]
+    pub(crate) fn notch_memory(&self) -> [i32; 4] {
+        if let LawState::Regulator(law) = &self.law { law.notch_memory() } else { [0; 4] }
     }
 
     /// The parameters in use.

@@ -10,8 +10,9 @@ use hysteron_emulator::run::{MILLISECOND, Script, run};
 const RESET_CLOCK_HZ: u64 = 64_000_000;
 /// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick from the ADC's code to the DAC's, with
 /// 16 pairs of extrema stored, and the same while the correction of a triangle is learned; `amplifier` is all that the interrupt does between its
-/// converters. A change that needs more says so here.
-const LIMITS: [(&str, u32, u32); 7] = [
+/// converters. `exchange` is what the servo does, once, when a block with another hysteresis takes over, `swap` all that the interrupt does when the same block does; both stand before
+/// the tick of that period. A change that needs more says so here.
+const LIMITS: [(&str, u32, u32); 9] = [
     ("follow", 1_000, 800),
     ("learn", 1_500, 1_400),
     ("jump", 1_300, 950),
@@ -19,6 +20,8 @@ const LIMITS: [(&str, u32, u32); 7] = [
     ("chatter", 1_050, 950),
     ("amplifier begins", 1_250, 1_050),
     ("amplifier follows", 1_300, 1_050),
+    ("exchange", 8_900, 8_800),
+    ("swap", 3_700, 3_700),
 ];
 
 #[test]

@@ -219,6 +219,7 @@ fn obey(line: &WaitingLine) {
             Ok(()) => settings::keep(),
             Err(reason) => defmt::warn!("refused: block: {=str}", reason),
         },
+        Ok(Line::BlockSwap) => settings::swap(),
         Ok(Line::Restart) if settings::is_keeping() => defmt::warn!("refused: a block is being kept"),
         Ok(Line::Restart) => match drive_rests() {
             Ok(()) => cortex_m::peripheral::SCB::sys_reset(),

@@ -17,13 +17,14 @@ use hysteron_core::command_limits;
 use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
 use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::HostWatch;
+use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::TraceSample;
 
-use crate::board::Converters;
+use crate::board::{Board, Converters, Platform};
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
-use crate::safety_lines;
+use crate::{safety_lines, task_clock};
 
 /// Samples on their way to the trace task: 12 ms at 20 kHz.
 pub const SAMPLE_QUEUE: usize = 256;
@@ -116,6 +117,20 @@ impl Control {
         self.answer(Source::Probe, Outcome::Stopped(forgotten));
     }
 
+    #[inline(never)]
+    #[unsafe(link_section = ".control_code")]
+    fn swap(&mut self) {
+        // SAFETY: the place is the interrupt's while `SWAP` is set, and a block was written to it before.
+        let exchange = unsafe { &mut *EXCHANGE.0.get() };
+        let block = unsafe { exchange.block.assume_init_ref() };
+        let same_hysteresis = block.servo.actuator == self.amplifier.parameters().servo.actuator;
+        exchange.outcome = if same_hysteresis || Board::SWAPS_HYSTERESIS {
+            self.amplifier.swap(block)
+        } else {
+            Err("another model of the actuator: this part has no time for it within a period")
+        };
+    }
+
     /// Lets at most one command act: one whose tick has come, else the next one that has been given.
     #[inline(always)]
     fn take_command(&mut self) {
@@ -153,6 +168,19 @@ static CONTROL: Owned = Owned(UnsafeCell::new(MaybeUninit::uninit()));
 /// A stop is wanted; it forgets the commands that were queued before this position.
 static STOP: AtomicBool = AtomicBool::new(false);
 static STOP_UP_TO: AtomicUsize = AtomicUsize::new(0);
+
+/// A block that takes the place of the running one, and what became of it.
+struct Exchange {
+    block: MaybeUninit<AmplifierParameters>,
+    outcome: Result<(), &'static str>,
+}
+
+struct Exchanged(UnsafeCell<Exchange>);
+// SAFETY: the interrupt's while `SWAP` is set, which the next tick ends, and otherwise that of the one task that calls `offer`.
+unsafe impl Sync for Exchanged {}
+static EXCHANGE: Exchanged = Exchanged(UnsafeCell::new(Exchange { block: MaybeUninit::uninit(), outcome: Ok(()) }));
+/// A swap is wanted at the next tick.
+static SWAP: AtomicBool = AtomicBool::new(false);
 
 static TICKS: AtomicU32 = AtomicU32::new(0);
 static LOST_SAMPLES: AtomicU32 = AtomicU32::new(0);
@@ -268,6 +296,23 @@ pub fn stop(position: usize) {
     STOP.store(true, Ordering::Release);
 }
 
+/// Offers a block that is to take the place of the running one at the next tick; [`swapped`] says what became of it. For one task only, which does not
+/// hold a block of its own meanwhile: what a task holds is static.
+pub fn offer(block: &AmplifierParameters) {
+    // SAFETY: the place is this task's while `SWAP` is not set.
+    unsafe { (*EXCHANGE.0.get()).block.write(*block) };
+    SWAP.store(true, Ordering::Release);
+}
+
+/// Whether the block that was offered runs now, or why not.
+pub async fn swapped() -> Result<(), &'static str> {
+    while SWAP.load(Ordering::Acquire) {
+        task_clock::next().await;
+    }
+    // SAFETY: the interrupt has given the place back.
+    unsafe { (*EXCHANGE.0.get()).outcome }
+}
+
 /// Hands everything to the interrupt, which is not enabled yet.
 pub fn hand_over(control: Control) {
     // SAFETY: the interrupt is not enabled, so nobody else looks at it.
@@ -317,6 +362,10 @@ extern "C" fn TIM2() {
     if STOP.load(Ordering::Acquire) {
         STOP.store(false, Ordering::Relaxed);
         control.stop();
+    }
+    if SWAP.load(Ordering::Acquire) {
+        control.swap();
+        SWAP.store(false, Ordering::Release);
     }
     control.take_command();
     // After the command: nothing that it clears or closes comes to act while a line is open.

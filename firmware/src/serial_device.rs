@@ -85,6 +85,10 @@ impl Device for Target {
         if control::drive_rests() { Ok(settings::keep()) } else { Err(Moving) }
     }
 
+    fn swap_block(&mut self) {
+        settings::swap();
+    }
+
     fn brought(&self) -> Brought {
         settings::brought()
     }

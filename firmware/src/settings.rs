@@ -18,8 +18,8 @@ use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
 
 use crate::board::{Board, Converters, Platform};
-use crate::flash_read;
 use crate::front_end::FrontEnd;
+use crate::{control, flash_read};
 
 /// Names and addresses of the blocks A and B.
 const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
@@ -32,11 +32,17 @@ static IN_USE: AtomicU8 = AtomicU8::new(2);
 static GENERATION: AtomicU16 = AtomicU16::new(0);
 /// What tells the block in use from others; none: 0.
 static FINGERPRINT: AtomicU32 = AtomicU32::new(0);
+/// The same of a block that was swapped in and stands in no flash; none: 0.
+static SWAPPED: AtomicU32 = AtomicU32::new(0);
 /// What has become of the block that was brought last.
 static BROUGHT: ThreadModeMutex<Cell<Brought>> = ThreadModeMutex::new(Cell::new(Brought::Nothing));
 
-/// Generation of the block in use, and what tells it from others; zeros without one.
+/// Generation of the block in use (0: it was swapped in, and is not kept), and what tells it from others; zeros without one.
 pub fn in_use() -> (u32, u32) {
+    let swapped = SWAPPED.load(Ordering::Relaxed);
+    if swapped != 0 {
+        return (0, swapped);
+    }
     (u32::from(GENERATION.load(Ordering::Relaxed)), FINGERPRINT.load(Ordering::Relaxed))
 }
 
@@ -89,8 +95,17 @@ pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
 
 /// A block on its way. [`keeper`] has it while it is being kept.
 static UPLOAD: Mutex<ThreadModeRawMutex, Upload> = Mutex::new(Upload { bytes: heapless::Vec::new(), length: 0 });
-static KEEP: Signal<ThreadModeRawMutex, ()> = Signal::new();
+static WANTED: Signal<ThreadModeRawMutex, Wanted> = Signal::new();
 const BUSY: &str = "a block is being kept";
+
+/// What is to be done with it.
+#[derive(Clone, Copy)]
+enum Wanted {
+    /// Into the flash.
+    Keep,
+    /// In the place of the running one.
+    Swap,
+}
 
 struct Upload {
     bytes: heapless::Vec<u8, KEPT_BYTES>,
@@ -123,20 +138,33 @@ pub fn take(piece: &BlockPiece) -> Result<(), &'static str> {
 /// Lets [`keeper`] verify what came and keep it.
 pub fn keep() {
     BROUGHT.lock(|brought| brought.set(Brought::Busy));
-    KEEP.signal(());
+    WANTED.signal(Wanted::Keep);
 }
 
-/// Keeps blocks: an erase takes a second or two, and no command waits for it.
+/// Lets [`keeper`] verify what came and put it in the place of the running block; it is not kept.
+pub fn swap() {
+    BROUGHT.lock(|brought| brought.set(Brought::Busy));
+    WANTED.signal(Wanted::Swap);
+}
+
+/// Keeps blocks, and swaps them: an erase takes a second or two, and no command waits for it.
 #[embassy_executor::task]
 pub async fn keeper(sample_rate_hz: u32) {
     loop {
-        KEEP.wait().await;
+        let wanted = WANTED.wait().await;
         let mut upload = UPLOAD.lock().await;
-        let brought = match upload.commit(sample_rate_hz).await {
-            Ok(name) => {
+        let done = match wanted {
+            Wanted::Keep => upload.commit(sample_rate_hz).await.map(|name| {
                 defmt::info!("block kept as {=str}: `restart` takes it", name);
                 Brought::Kept
-            }
+            }),
+            Wanted::Swap => upload.swap(sample_rate_hz).await.map(|()| {
+                defmt::info!("block swapped in; it is not kept");
+                Brought::Swapped
+            }),
+        };
+        let brought = match done {
+            Ok(brought) => brought,
             Err(reason) => {
                 defmt::warn!("refused: block: {=str}", reason);
                 Brought::Refused(reason)
@@ -147,12 +175,25 @@ pub async fn keeper(sample_rate_hz: u32) {
 }
 
 impl Upload {
-    /// Verifies what came and keeps it; returns the name of its place.
-    async fn commit(&mut self, sample_rate_hz: u32) -> Result<&'static str, &'static str> {
+    /// What came, if it is whole and valid.
+    fn verified(&self, sample_rate_hz: u32) -> Result<AmplifierParameters, &'static str> {
         if self.bytes.len() != self.length {
             return Err("pieces are missing");
         }
-        let parameters = fitting(&self.bytes, sample_rate_hz).map_err(BlockError::reason)?;
+        fitting(&self.bytes, sample_rate_hz).map_err(BlockError::reason)
+    }
+
+    /// Verifies what came and lets it take the place of the running block.
+    async fn swap(&self, sample_rate_hz: u32) -> Result<(), &'static str> {
+        control::offer(&self.verified(sample_rate_hz)?);
+        control::swapped().await?;
+        SWAPPED.store(fingerprint(&self.bytes).unwrap_or(0), Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Verifies what came and keeps it; returns the name of its place.
+    async fn commit(&mut self, sample_rate_hz: u32) -> Result<&'static str, &'static str> {
+        let parameters = self.verified(sample_rate_hz)?;
         let in_use = usize::from(IN_USE.load(Ordering::Relaxed));
         let newest = GENERATION.load(Ordering::Relaxed);
         let (name, address) = if in_use == 0 { BLOCKS[1] } else { BLOCKS[0] };

@@ -11,25 +11,45 @@ use crate::error::{Error, Result};
 /// # Errors
 /// The board refuses it, and says why; or another block is in use after the restart.
 pub fn upload(board: &mut Board, block: &[u8], baud: Option<u32>) -> Result<()> {
-    let expected = fingerprint(block).ok_or_else(|| Error::new("parameter block", "is cut off"))?;
+    bring(board, block, "COMMIT", "KEPT")?;
+    // A restart is not answered. Where it is refused the old block stays in use, which is found below.
+    board.send(b"RBT\n")?;
+    board.meet_again(baud)?;
+    expect_in_use(board, block, "after the restart")
+}
+
+/// Brings a block and lets it take the place of the running one, at rest or with the loop closed, without a step of the drive. It is not kept in the
+/// flash: a restart takes the block that is.
+///
+/// # Errors
+/// The board refuses it, and says why: the running block goes on.
+pub fn swap(board: &mut Board, block: &[u8]) -> Result<()> {
+    bring(board, block, "SWAP", "SWAPPED")?;
+    expect_in_use(board, block, "after the swap")
+}
+
+/// Brings a block, says what is to be done with it and waits until it is.
+fn bring(board: &mut Board, block: &[u8], what: &str, done: &str) -> Result<()> {
     let mut lines = vec![format!("BLK BEGIN {}", block.len())];
     lines.extend(block.chunks(PIECE_BYTES).enumerate().map(|(nth, piece)| {
         let digits: String = piece.iter().map(|byte| format!("{byte:02x}")).collect();
         format!("BLK DATA {} {digits}", nth * PIECE_BYTES)
     }));
     board.tell_all(&lines)?;
-    board.tell("BLK COMMIT")?;
+    board.tell(&format!("BLK {what}"))?;
     board.wait("BLK?", |answer| match answer.strip_prefix("REFUSED ") {
         Some(reason) => Err(Error::new("parameter block", format!("the board refuses it: {reason}"))),
-        None => Ok(answer == "KEPT"),
-    })?;
-    // A restart is not answered. Where it is refused the old block stays in use, which is found below.
-    board.send(b"RBT\n")?;
-    board.meet_again(baud)?;
+        None => Ok(answer == done),
+    })
+}
+
+/// Sees that the block is the one in use.
+fn expect_in_use(board: &mut Board, block: &[u8], when: &str) -> Result<()> {
+    let expected = fingerprint(block).ok_or_else(|| Error::new("parameter block", "is cut off"))?;
     let used = board.number("DIA? 9")?;
     if used == f64::from(expected) {
         Ok(())
     } else {
-        Err(Error::new("parameter block", format!("after the restart another one is in use (content {used:.0}, not {expected})")))
+        Err(Error::new("parameter block", format!("{when} another one is in use (content {used:.0}, not {expected})")))
     }
 }

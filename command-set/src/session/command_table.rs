@@ -9,7 +9,7 @@ impl<D: Device + 'static> Session<D> {
         ("*IDN?", "get device identification", Self::identification),
         ("ATZ", "[<axis> [<low voltage>]] condition the actuator and zero the sensor", Self::auto_zero),
         ("ATZ?", "[<axis>] get whether the sensor has been zeroed", Self::auto_zeroed),
-        ("BLK", "<BEGIN <bytes>|DATA <offset> <hexadecimal>|COMMIT> bring a parameter block", Self::bring_block),
+        ("BLK", "<BEGIN <bytes>|DATA <offset> <hexadecimal>|COMMIT|SWAP> bring a parameter block", Self::bring_block),
         ("BLK?", "get what became of the parameter block that was brought", Self::brought_block),
         ("CST?", "[<axis>] get the name of the stage", Self::stage),
         ("CSV?", "get the version of the syntax", Self::syntax_version),

@@ -9,7 +9,7 @@ use crate::error_code::ErrorCode;
 use crate::words::Words;
 
 impl<D: Device + 'static> Session<D> {
-    /// `BEGIN <bytes>`, `DATA <offset> <hexadecimal>` in order, `COMMIT`.
+    /// `BEGIN <bytes>`, `DATA <offset> <hexadecimal>` in order, `COMMIT` or `SWAP`.
     pub(super) fn bring_block(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         match words.word()? {
             "BEGIN" | "begin" => {
@@ -27,6 +27,11 @@ impl<D: Device + 'static> Session<D> {
                 words.end()?;
                 self.device.keep_block().map_err(|Moving| ErrorCode::InMotion)
             }
+            "SWAP" | "swap" => {
+                words.end()?;
+                self.device.swap_block();
+                Ok(())
+            }
             _ => Err(ErrorCode::Syntax),
         }
     }
@@ -36,6 +41,7 @@ impl<D: Device + 'static> Session<D> {
         match self.device.brought() {
             Brought::Nothing => self.say(format_args!("NOTHING")),
             Brought::Busy => self.say(format_args!("BUSY")),
+            Brought::Swapped => self.say(format_args!("SWAPPED")),
             Brought::Kept => self.say(format_args!("KEPT")),
             Brought::Refused(reason) => self.say(format_args!("REFUSED {reason}")),
         }

@@ -19,9 +19,9 @@ use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::integer_row::Row;
 use hysteron_core::learned_feedforward::{LearningParameters, SETTLING_TICKS};
 use hysteron_core::one_sided_hysteresis::STACK_CAPACITY;
-use hysteron_core::parameter_block::read;
+use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::reference_generator::Waveform;
-use hysteron_core::servo_parameters::ConverterParameters;
+use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, ServoParameters};
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
 use rtt_target::{ChannelMode, rtt_init};
@@ -88,6 +88,18 @@ fn timed(servo: &mut ServoTick, adc_code: u16, reference: i32) -> u16 {
 #[inline(never)]
 fn timed_amplifier(amplifier: &mut Amplifier, adc_code: u16) -> u16 {
     amplifier.tick(Some(adc_code), false).dac_code
+}
+
+/// As the control interrupt calls it: another block takes over.
+#[inline(never)]
+fn timed_swap(amplifier: &mut Amplifier, block: &AmplifierParameters) -> bool {
+    amplifier.swap(block).is_ok()
+}
+
+/// The part of it whose cost depends on the memory of the hysteresis.
+#[inline(never)]
+fn timed_exchange(servo: &mut ServoTick, parameters: &ServoParameters) {
+    servo.exchange(parameters);
 }
 
 /// One mode (thesis Ch. 5: 5352 rad/s, damping ratio 0.79), at a period of 50 us.
@@ -215,6 +227,27 @@ fn measure(fresh: ServoTick) {
         chatter.tick(&mut servo, code_at(middle + away), middle, empty);
     }
     chatter.say("chatter", &servo);
+
+    // Another model of the hysteresis, for which the whole memory is evaluated again.
+    let mut exchange = Cost::NONE;
+    for k in 0..8 {
+        let mut servo = fresh.clone();
+        fill(&mut servo, TURNS - (k & 1));
+        servo.enable();
+        servo.tick(code_at(middle), Micrometres::from_bits(middle));
+        servo.tick(code_at(middle), Micrometres::from_bits(middle));
+        let mut parameters = *fresh.parameters();
+        if let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut parameters.actuator {
+            surfaces.f[0] += 1;
+        }
+        let parameters = black_box(parameters);
+        let begin = DWT::cycle_count();
+        timed_exchange(&mut servo, &parameters);
+        exchange.take(begin, empty);
+        if k == 7 {
+            exchange.say("exchange", &servo);
+        }
+    }
 }
 
 /// One tick from the full memory to far beyond it, up and down, and every step between.
@@ -268,5 +301,14 @@ fn measure_amplifier(mut amplifier: Amplifier) {
     }
     start.say("amplifier begins", amplifier.servo());
     follow.say("amplifier follows", amplifier.servo());
+    // The same block: all that a swap looks at and copies, and no memory.
+    let mut swap = Cost::NONE;
+    let block = black_box(*amplifier.parameters());
+    let begin = DWT::cycle_count();
+    let swapped = black_box(timed_swap(&mut amplifier, &block));
+    swap.take(begin, empty);
+    if swapped {
+        swap.say("swap", amplifier.servo());
+    }
     defmt::info!("mode {=u8}", amplifier.mode() as u8);
 }

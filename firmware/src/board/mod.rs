@@ -47,6 +47,8 @@ pub trait Platform {
     const RECORDED_SAMPLES: u32;
     /// Points of a wave table.
     const WAVE_POINTS: usize;
+    /// Whether a period has time for a swap that evaluates the whole memory of the hysteresis anew: some 13,000 instructions before the tick.
+    const SWAPS_HYSTERESIS: bool;
     /// Sensor and drive.
     type Converters: FrontEnd;
     /// The lines that make a bench safe.

@@ -86,10 +86,13 @@ enum BoardCommand {
         #[command(flatten)]
         line: LineArguments,
     },
-    /// Bring a parameter block and restart with it
+    /// Bring a parameter block and restart with it, or let it take over the running loop (--swap)
     Upload {
         /// The block, from `hysteron design --block`
         block: PathBuf,
+        /// Take the place of the running block without opening the loop and without a step of the drive; not kept in the flash
+        #[arg(long)]
+        swap: bool,
         /// Where the board is
         #[command(flatten)]
         line: LineArguments,
@@ -244,7 +247,7 @@ fn obey(command: BoardCommand) -> Result<bool> {
         BoardCommand::Tune { out, wiring, reference_hz, line, force } => tune::tune(&out, &wiring, reference_hz, &line, force),
         BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
         BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),
-        BoardCommand::Upload { block, line } => upload::upload(&block, &line),
+        BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),
         BoardCommand::Status { line } => status::status(&line),
         BoardCommand::Send { commands, line } => attach::send(&commands, &line),
         BoardCommand::Attach { line } => attach::attach(&line),

@@ -44,6 +44,7 @@ impl Platform for NucleoG474re {
     /// 25.6 ms.
     const RECORDED_SAMPLES: u32 = 1 << 9;
     const WAVE_POINTS: usize = 512;
+    const SWAPS_HYSTERESIS: bool = false;
     type Converters = on_chip_converters::OnChipConverters;
     /// Arduino's A5, A4 and D9, and pins 2 and 4 of CN10.
     const LINES: Lines = Lines { port: GPIOC, emergency_stop: 0, interlock: 1, amplifier_ready: 7, enable: 8, trigger: 6 };

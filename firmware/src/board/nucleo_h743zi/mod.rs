@@ -41,6 +41,7 @@ impl Platform for NucleoH743zi {
     /// 0.8 s.
     const RECORDED_SAMPLES: u32 = 1 << 14;
     const WAVE_POINTS: usize = 4096;
+    const SWAPS_HYSTERESIS: bool = true;
     #[cfg(feature = "on-chip-converters")]
     type Converters = on_chip_converters::OnChipConverters;
     #[cfg(not(feature = "on-chip-converters"))]

@@ -7,11 +7,16 @@ use hysteron::servo::amplifier_block::SAMPLE_RATE_HZ;
 use hysteron_core::parameter_block::read;
 use std::path::Path;
 
-/// Brings a block and restarts with it. What the board would refuse is refused before anything is sent.
-pub fn upload(block: &Path, line: &LineArguments) -> Result<bool> {
+/// Brings a block and restarts with it, or swaps it in under the running loop. What the board would refuse whatever it does is refused before anything is sent.
+pub fn upload(block: &Path, swap: bool, line: &LineArguments) -> Result<bool> {
     let bytes = Desk::new(false).bytes(block, "a parameter block written by `hysteron design --block`")?;
     read(&bytes, SAMPLE_RATE_HZ).map_err(|problem| wrong(block, problem.reason()))?;
     let mut board = line.connect()?;
+    if swap {
+        hysteron_operator::upload::swap(&mut board, &bytes).map_err(of_board)?;
+        println!("{} runs now; it is not kept: a restart takes the block in the flash", block.display());
+        return Ok(true);
+    }
     hysteron_operator::upload::upload(&mut board, &bytes, line.baud()).map_err(of_board)?;
     println!("{} is in use; next: condition (ATZ 1), then close the loop at rest (SVO 1 1)", block.display());
     Ok(true)
