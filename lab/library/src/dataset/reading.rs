@@ -258,6 +258,11 @@ fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, pl
     if samples < SAMPLES_MIN {
         return Err(Error::new(&table.place, format!("has {samples} samples; expected at least {SAMPLES_MIN}")));
     }
+    for (key, value) in [("from_s", entry.from_s), ("to_s", entry.to_s), ("periodic_from_s", entry.periodic_from_s)] {
+        if let Some(value) = value.filter(|value| !value.is_finite()) {
+            return Err(Error::new(place, format!("{key} = {value}; expected a time in seconds")));
+        }
+    }
     let index = |t: f64| (((t - t0) * fs).round().max(0.0) as usize).min(samples);
     let from = entry.from_s.map_or(0, index);
     let to = entry.to_s.map_or(samples, index);

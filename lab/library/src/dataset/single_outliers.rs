@@ -7,7 +7,7 @@
 //! first overshoot of a fast mode is as narrow.
 
 use super::Record;
-use crate::statistics::mean;
+use crate::statistics::{mean, peak_to_peak};
 use std::ops::Range;
 
 /// A reading stands out where it is so many times as far from its neighbours as readings usually are.
@@ -24,6 +24,8 @@ const JUMP: f64 = 8.0;
 const MEDIAN_REACHES: usize = 2;
 /// Samples at the beginning of a record in which a jump of the drive counts for those before it too.
 const AT_AN_END: usize = 4;
+/// A corner of the drive makes a corner of the readings: what stands out by less than so many times what a straight stage would read there is none.
+const AS_THE_DRIVE: f64 = 3.0;
 /// More than this share of all readings are no disturbances.
 const SHARE_MAX: f64 = 0.02;
 
@@ -66,12 +68,15 @@ pub(super) fn several_left_out(record: &mut Record, ends_um: &[f64]) -> Option<S
         return Some(note);
     }
     leave_out(record, groups.iter().cloned().flatten());
-    let more = if groups.len() > 1 { format!(", and {} more such places", groups.len() - 1) } else { String::new() };
+    let more = match groups.len() - 1 {
+        0 => String::new(),
+        1 => ", and in one more place".into(),
+        n => format!(", and in {n} more places"),
+    };
+    let samples = if first.len() == 1 { format!("sample {}", first.end) } else { format!("samples {} to {}", first.start + 1, first.end) };
     Some(format!(
-        "{}: readings stand out together, samples {} to {}{more}: no stage does that, and the {readings} there are left out of every fit and figure",
-        record.name,
-        first.start + 1,
-        first.end
+        "{}: readings stand out together, {samples}{more}: no stage does that, and the {readings} there are left out of every fit and figure",
+        record.name
     ))
 }
 
@@ -96,20 +101,24 @@ fn singles_replaced(record: &mut Record, outliers: &[usize]) -> Option<String> {
         y[k] = beside_um;
     }
     let (readings, replaced, sample) = match outliers.len() {
-        1 => ("1 reading stands alone".into(), "it is replaced by what its neighbours say", "sample"),
-        n => (format!("{n} readings stand alone"), "they are replaced by what their neighbours say", "the first is sample"),
+        1 => ("1 reading stands alone".into(), "it is replaced by what its neighbours say, and counts in no figure", "sample"),
+        n => (
+            format!("{n} readings stand alone"),
+            "they are replaced by what their neighbours say, and count in no figure",
+            "the first is sample",
+        ),
     };
     Some(format!(
-        "{}: {readings}, up to {:.3} um beside what comes before and after ({sample} {}): no stage does that; {replaced}, and count in no figure",
+        "{}: {readings}, up to {:.3} um beside what comes before and after ({sample} {}): no stage does that; {replaced}",
         record.name,
         farthest_um,
         first + 1
     ))
 }
 
-/// What the readings beside a sample say of it.
-fn expected(readings_um: &[f64], k: usize) -> f64 {
-    let n = readings_um.len();
+/// What the values beside a sample say of it.
+fn expected(values: &[f64], k: usize) -> f64 {
+    let n = values.len();
     let at_an_end = |y: [f64; 3]| {
         // The straight lines through any two of the next three, so that one of these may be disturbed itself.
         let mut three = [2.0 * y[0] - y[1], y[0] + 0.5 * (y[0] - y[2]), 3.0 * y[1] - 2.0 * y[2]];
@@ -117,10 +126,10 @@ fn expected(readings_um: &[f64], k: usize) -> f64 {
         three[1]
     };
     match k {
-        0 | 1 => at_an_end([readings_um[k + 1], readings_um[k + 2], readings_um[k + 3]]),
-        k if k + 2 >= n => at_an_end([readings_um[k - 1], readings_um[k - 2], readings_um[k - 3]]),
+        0 | 1 => at_an_end([values[k + 1], values[k + 2], values[k + 3]]),
+        k if k + 2 >= n => at_an_end([values[k - 1], values[k - 2], values[k - 3]]),
         k => {
-            let mut four = [readings_um[k - 2], readings_um[k - 1], readings_um[k + 1], readings_um[k + 2]];
+            let mut four = [values[k - 2], values[k - 1], values[k + 1], values[k + 2]];
             four.sort_by(f64::total_cmp);
             0.5 * (four[1] + four[2])
         }
@@ -151,7 +160,18 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     // Where readings run into their own end, the last one before it is no outlier: the bend there is as sharp.
     let at_its_end = |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
     let beside_an_end = |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
-    let found = (0..n).filter(|k| stands_out(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k));
+    // What the drive itself has of it, a straight stage would read: the corner of a triangle.
+    let gain_um_per_v = peak_to_peak(readings_um) / peak_to_peak(drive_v).max(f64::MIN_POSITIVE);
+    let of_the_drive = |k: usize| {
+        let reach = k.saturating_sub(MEDIAN_REACHES)..(k + MEDIAN_REACHES + 1).min(n);
+        let corner_v = reach.clone().map(|j| (drive_v[j] - expected(drive_v, j)).abs()).fold(0.0, f64::max);
+        // In front of the first sample the drive may have stood still.
+        let at_an_end = k < AT_AN_END || k + AT_AN_END >= n;
+        let change_v = reach.filter(|j| at_an_end && j + 1 < n).map(|j| (drive_v[j + 1] - drive_v[j]).abs()).fold(0.0, f64::max);
+        corner_v.max(change_v) * gain_um_per_v
+    };
+    let found =
+        (0..n).filter(|k| stands_out(*k) && apart[*k] > AS_THE_DRIVE * of_the_drive(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k));
     let (single, beside_others) = found.partition(|k| alone(*k));
     Outliers { single, beside_others }
 }
@@ -207,6 +227,21 @@ mod tests {
         assert_eq!((replaced(&mut record, &[]), several_left_out(&mut record, &[])), (None, None));
     }
 
+    /// A triangle met by a stage without dynamics, hardly any noise: its corners are as sharp as the drive's.
+    #[test]
+    fn corners_of_the_drive_are_no_outliers() {
+        for noise_um in [0.0, 1e-4, 1e-3] {
+            let drive = |k: i32| 80.0 * (1.0 - (f64::from(k.rem_euclid(400)) / 200.0 - 1.0).abs());
+            let mut noise = WhiteNoise::new(noise_um, 8);
+            let drive_v: Vec<f64> = (0..4000).map(drive).collect();
+            let displacement_um: Vec<f64> = (0..4000).map(|k| 0.1 * drive(k - 1) + noise.next_um()).collect();
+            let mut record = Record::new("r", 1000.0, drive_v, displacement_um);
+            assert_eq!(outliers(&record, &[]), Outliers::default(), "{noise_um}");
+            record.displacement_um[1234] += 1.5;
+            assert_eq!(outliers(&record, &[]).single, [1234], "{noise_um}");
+        }
+    }
+
     #[test]
     fn many_are_said_and_left_alone() {
         let mut record = record();
@@ -226,7 +261,7 @@ mod tests {
         let before = record.displacement_um.clone();
         assert_eq!(replaced(&mut record, &[]), None);
         let note = several_left_out(&mut record, &[]).unwrap();
-        assert!(note.contains("and 1 more such places"), "{note}");
+        assert!(note.contains("and in one more place"), "{note}");
         assert_eq!(record.displacement_um, before);
         assert!((4000..4003).chain(6000..6006).all(|k| !record.counts(k)), "{:?}", record.left_out);
         assert!(record.counted().count() > 8000 - 25);

@@ -359,12 +359,26 @@ impl Said<'_> {
             format!("the best that is known ({}) leaves {after} nm", list(&best, "and"))
         };
         let before_all = if self.story.is_empty() { String::new() } else { format!("{} ", self.story) };
+        if self.met_only_where_it_was_fitted() {
+            return format!(
+                "{before_all}The fitted records are met to the noise, the held-out ones are not: {known}, the noise is {} nm. What was fitted does not fix \
+                 all values, or something acts only in what was held out: fit records that move as the held-out ones do.",
+                self.floor_nm
+            );
+        }
         format!(
             "{before_all}Something is missing that the library does not know: the {} is {} nm, the noise {} nm, and {known}.",
             self.which,
             nm(self.before_um),
             self.floor_nm
         )
+    }
+
+    /// The fitted records are at the noise and the held-out ones are above it.
+    fn met_only_where_it_was_fitted(&self) -> bool {
+        let (last, at_floor) = (self.found.last, self.policy.explained);
+        let fitted = self.floor.rms_um.is_some_and(|floor_um| last.identify_rms_um <= at_floor * floor_um);
+        fitted && last.validate_rms_um.is_some_and(|held_out_um| held_out_um > at_floor * last.identify_rms_um)
     }
 
     fn undecidable(&self) -> String {
@@ -466,6 +480,9 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
         CannotIdentify::SomeOf { effect, parameters } => format!("{effect}: this data does not fix {}", parameters.join(", ")),
         CannotIdentify::MinorLoops => {
             "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into()
+        }
+        CannotIdentify::RateDependence { speed_v_s } if *speed_v_s < 0.5 => {
+            "rate dependence: the drive jumps and holds, at no speed between, so loops at other speeds are a guess".into()
         }
         CannotIdentify::RateDependence { speed_v_s } => {
             format!("rate dependence: the drive moves at one speed only (about {speed_v_s:.0} V/s), so loops at other speeds are a guess")
