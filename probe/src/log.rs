@@ -13,17 +13,16 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 /// Bytes that are read at once.
-const PIECE: usize = 16 * 1024;
+pub const PIECE: usize = 16 * 1024;
 /// Wait where there was nothing to read: the board's buffer holds more than comes in that time.
-const PAUSE: Duration = Duration::from_millis(2);
+pub const PAUSE: Duration = Duration::from_millis(2);
 /// How long a board that was restarted may take until its log is there.
 const START: Duration = Duration::from_secs(3);
 
 /// Shows the log until Ctrl-C.
 pub fn attach(path: &Path, restart: bool, raw: Option<&Path>, selector: Option<&str>) -> Result<()> {
     let (image, bytes) = image::read(path)?;
-    let table = Table::parse(&bytes).map_err(|error| format!("{}: {error}", path.display()))?;
-    let table = table.ok_or_else(|| format!("{}: has no table of log messages", path.display()))?;
+    let table = log_table(path, &bytes)?;
     let ended = Arc::new(AtomicBool::new(false));
     let at_end = Arc::clone(&ended);
     ctrlc::set_handler(move || at_end.store(true, Ordering::SeqCst)).map_err(|error| format!("Ctrl-C cannot be listened to: {error}"))?;
@@ -56,6 +55,12 @@ pub fn attach(path: &Path, restart: bool, raw: Option<&Path>, selector: Option<&
     Ok(())
 }
 
+/// The messages that an image can log.
+pub fn log_table(path: &Path, bytes: &[u8]) -> Result<Table> {
+    let table = Table::parse(bytes).map_err(|error| format!("{}: {error}", path.display()))?;
+    table.ok_or_else(|| format!("{}: has no table of log messages", path.display()))
+}
+
 /// A file that was not there before, with its name.
 fn new_file(path: &Path) -> Result<(File, String)> {
     let name = path.display().to_string();
@@ -63,7 +68,7 @@ fn new_file(path: &Path) -> Result<(File, String)> {
 }
 
 /// The log's control block, once the board has made it.
-fn meet(core: &mut Core, address: u64, ended: &AtomicBool) -> Result<Rtt> {
+pub fn meet(core: &mut Core, address: u64, ended: &AtomicBool) -> Result<Rtt> {
     let begun = Instant::now();
     loop {
         match Rtt::attach_at(core, address) {
@@ -94,10 +99,15 @@ fn typed_lines() -> Receiver<String> {
 
 /// Gives the board the next line that was typed, all of it.
 fn pass_on(typed: &Receiver<String>, rtt: &mut Rtt, core: &mut Core) -> Result<()> {
-    let line = match typed.try_recv() {
-        Ok(line) => format!("{line}\n"),
-        Err(TryRecvError::Empty | TryRecvError::Disconnected) => return Ok(()),
-    };
+    match typed.try_recv() {
+        Ok(line) => send(&line, rtt, core),
+        Err(TryRecvError::Empty | TryRecvError::Disconnected) => Ok(()),
+    }
+}
+
+/// Gives the board lines, all of them.
+pub fn send(lines: &str, rtt: &mut Rtt, core: &mut Core) -> Result<()> {
+    let line = format!("{lines}\n");
     let mut rest = line.as_bytes();
     let begun = Instant::now();
     while !rest.is_empty() {

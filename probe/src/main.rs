@@ -1,13 +1,14 @@
-//! The program `hysteron-probe`: `hysteron board flash` and `hysteron board attach --probe` run it. See `hysteron-probe --help`.
+//! The program `hysteron-probe`: `hysteron board flash`, and `attach` and `record` with `--probe`, run it. See `hysteron-probe --help`.
 //!
 //! # How it works
 //! [`image`] looks at an image before any probe is touched: is it one of this project, for this chip, and where would it go? [`chip`] finds the
-//! one probe that is meant and sees that the chip behind it is the right one and can be written. [`flash`] and [`log`] do the work.
+//! one probe that is meant and sees that the chip behind it is the right one and can be written. [`flash`], [`log`] and [`record`] do the work.
 
 mod chip;
 mod flash;
 mod image;
 mod log;
+mod record;
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -44,6 +45,19 @@ enum Command {
         /// Also write the log as it comes, for `hysteron capture`; a file that exists is not replaced
         #[arg(long, value_name = "FILE")]
         raw: Option<PathBuf>,
+        /// Which probe, where there are several
+        #[command(flatten)]
+        which: Which,
+    },
+    /// Restart the board, condition its actuator, play the drive of an identification and keep the log, for `hysteron capture`
+    Record {
+        /// The image that it runs
+        image: PathBuf,
+        /// The log's file; one that exists is not replaced
+        raw: PathBuf,
+        /// How long the drive lasts, ticks
+        #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u32).range(record::TICKS))]
+        ticks: u32,
         /// Which probe, where there are several
         #[command(flatten)]
         which: Which,
@@ -88,6 +102,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Flash { image, dry_run, which } => flash::flash(&image, dry_run, which.selector()),
         Command::Attach { image, restart, raw, which } => log::attach(&image, restart, raw.as_deref(), which.selector()),
+        Command::Record { image, raw, ticks, which } => record::record(&image, &raw, ticks, which.selector()),
         Command::List => chip::list(),
     };
     match done {

@@ -5,6 +5,7 @@
 
 mod attach;
 mod record;
+mod record_over_probe;
 mod scope;
 mod status;
 mod tune;
@@ -57,7 +58,8 @@ enum BoardCommand {
         #[arg(long)]
         force: bool,
     },
-    /// Condition the actuator, play drives that show what there is to see, and write what came as a data set
+    /// Condition the actuator, play drives that show what there is to see, and write what came as a data set; `record OUT IMAGE --probe` does it over the
+    /// debug probe
     Record {
         /// Folder to write, as `hysteron explain` takes it
         out: PathBuf,
@@ -218,6 +220,9 @@ pub fn run(words: &[OsString]) -> ExitCode {
     if is_for_probe(words) {
         return pass_on("hysteron-probe", words, PROBE_NEEDED);
     }
+    if first == "record" && names_probe(words) {
+        return record_over_probe::record(words, |words| pass_on("hysteron-probe", words, PROBE_NEEDED));
+    }
     if first == "emulate" {
         return pass_on("hysteron-board", words, BOARD_NEEDED);
     }
@@ -262,9 +267,18 @@ fn is_for_probe(words: &[OsString]) -> bool {
     let mut words = words.iter().map(|word| word.to_string_lossy());
     match words.next().as_deref() {
         Some("flash") => true,
-        Some("attach") => words.any(|word| word == "--probe" || word.starts_with("--probe=")),
+        Some("attach") => words.any(|word| is_probe(&word)),
         _ => false,
     }
+}
+
+/// Whether a recording is to be made over the probe.
+fn names_probe(words: &[OsString]) -> bool {
+    words.iter().any(|word| is_probe(&word.to_string_lossy()))
+}
+
+fn is_probe(word: &str) -> bool {
+    word == "--probe" || word.starts_with("--probe=")
 }
 
 /// Hands the words to a program beside this one, or on the path, and ends as it ends.
