@@ -2,6 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::reading_limits::reading_limits;
+use crate::diagnosis::drive_timing;
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
 use crate::diagnosis::feedback;
 use crate::diagnosis::initial_states::{self, OtherStates};
@@ -202,6 +203,8 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
     let other_states = other_states.or_else(|| initial_states::compare(&study, last));
+    let added: Vec<String> = supported.iter().map(|s| s.id.clone()).collect();
+    let own_row = drive_timing::compare(&study, last, &added);
     let (feedback, reading_limits) = (feedback::followed(dataset, last), reading_limits(dataset));
     let found = Found {
         first,
@@ -213,6 +216,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         quantised: quantised.as_deref(),
         loops_alike: &loops_alike,
         reading_limits: &reading_limits,
+        own_row: own_row.as_ref(),
         other_states: other_states.as_ref(),
         feedback: &feedback,
         stopped,

@@ -122,3 +122,21 @@ impl StepByStep {
         }
     }
 }
+
+/// A smooth drive whose own row the readings follow: a mode as fast as the recording can show makes up for the period, and is not named.
+#[test]
+fn readings_of_their_own_row_are_no_mode() {
+    let smooth = |k: usize, fast: f64| 5.0 - 2.5 * (k as f64 * 0.02 * fast).cos() - 1.5 * (k as f64 * 0.11 * fast).sin();
+    let records = [("fitted", Role::Identify, 1.0), ("held_out", Role::Validate, 1.3), ("rest", Role::Noise, 0.0)];
+    let record = |(i, (name, role, fast)): (usize, (&str, Role, f64))| {
+        let mut noise = WhiteNoise::new(NOISE_UM, 300 + i as u64);
+        let drive_v: Vec<f64> = (0..8000).map(|k| smooth(k, fast)).collect();
+        let readings = drive_v.iter().map(|u| 0.1 * u + noise.next_um()).collect();
+        Record::new(name, RATE_HZ, drive_v, readings).with_role(role)
+    };
+    let dataset = Dataset::new("own_row", 0.0, 10.0, records.into_iter().enumerate().map(record).collect()).unwrap();
+    let found = explain(&dataset, Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap();
+    let d = &found.diagnosis;
+    assert_eq!(d.verdict, Verdict::Undecidable, "{} {:?}", d.sentence, found.model.effect_ids());
+    assert!(d.named.is_empty() && d.sentence.contains("the drive of their own row"), "{}", d.sentence);
+}

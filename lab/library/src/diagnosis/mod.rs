@@ -6,12 +6,13 @@
 //! * [`reduction`] takes back what the data do not need ([`decision`]) and asks the rest for rivals; [`loop_structures`] asks the loops; [`path`] is
 //!   the way there, for people;
 //! * [`elsewhere`] asks what a model that was identified on other data lacks, or which of its values have changed;
-//! * [`initial_states`] asks whether records begin as was said, [`feedback`] whether a loop was closed while they were taken;
+//! * [`initial_states`] asks whether records begin as was said, [`drive_timing`] whether readings follow the drive of their own row, [`feedback`] whether a loop was closed while they were taken;
 //! * [`verdict`] puts what came out into one of five words, [`words`] into sentences;
 //! * [`residual_map`]: where in the drive a residual lives; [`latent_force`]: what would have to act to leave it;
 //! * [`next_experiment`]: the drive on which two explanations differ most.
 
 pub mod decision;
+pub mod drive_timing;
 pub mod elsewhere;
 pub mod feedback;
 pub mod initial_states;

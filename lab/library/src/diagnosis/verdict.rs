@@ -1,6 +1,7 @@
 //! Five words for what came out, and the figures behind them (`hysteron.diagnosis/1`).
 
 use super::decision::Decision;
+use super::drive_timing::OwnRow;
 use super::elsewhere::{ChangedValue, Elsewhere, Hypothesis};
 use super::feedback::Feedback;
 use super::initial_states::OtherStates;
@@ -188,6 +189,8 @@ pub struct Found<'a> {
     pub reading_limits: &'a [ReadingLimit],
     /// Records that do not begin in the state that was said.
     pub other_states: Option<&'a OtherStates>,
+    /// The readings follow the drive of their own row.
+    pub own_row: Option<&'a OwnRow>,
     /// Records whose drive follows the noise of the readings.
     pub feedback: &'a [Feedback],
     /// The caller wanted the best so far.
@@ -195,6 +198,12 @@ pub struct Found<'a> {
 }
 
 impl Found<'_> {
+    /// Nothing can be decided before something else is said of how the data were recorded.
+    #[must_use]
+    pub fn recorded_otherwise(&self) -> bool {
+        self.other_states.is_some() || self.own_row.is_some()
+    }
+
     /// Effects that the last model has more than the first, where nothing was weighed because the search was stopped.
     #[must_use]
     pub fn unweighed(&self) -> Vec<String> {
@@ -209,8 +218,8 @@ impl Found<'_> {
 /// Puts what was found into one of the five words.
 #[must_use]
 pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, overview: &Overview, policy: &Policy) -> Diagnosis {
-    // What is missing beside a record that begins otherwise is not known before it is said how it begins.
-    let findings = if found.other_states.is_some() { Vec::new() } else { findings(found, floor, split, overview, policy) };
+    // What is missing in a recording that was made otherwise is not known before it is said how it was made.
+    let findings = if found.recorded_otherwise() { Vec::new() } else { findings(found, floor, split, overview, policy) };
     let named: Vec<String> = findings.iter().flat_map(|f| f.effects.iter().cloned()).collect();
     let ambiguous = findings.iter().any(|f| f.effects.len() > 1);
     // Where only a lower bound of the noise is known, a model that leaves no more than that leaves nothing.
@@ -221,7 +230,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let contradiction = !leaves_the_bound && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
     // A search that was stopped has added what nobody weighed.
     let unweighed = found.unweighed();
-    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && found.other_states.is_none();
+    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && !found.recorded_otherwise();
     let told = findings.iter().any(|f| matches!(f.decision, Decision::ExplainsAlone { .. }));
     let as_the_noise = policy.at_floor + policy.floor_z * floor.relative_std();
     let one_or_all = if ambiguous { Verdict::Ambiguous } else { Verdict::Named };
@@ -271,7 +280,8 @@ fn of_the_recording(found: &Found) -> Vec<String> {
     let ends = found.reading_limits.iter().map(super::words::reading_limit);
     let states = found.other_states.map(super::words::other_states);
     let loops = found.feedback.iter().map(super::words::followed_reading);
-    ends.chain(states).chain(loops).collect()
+    let own_row = found.own_row.map(super::words::own_row);
+    ends.chain(states).chain(own_row).chain(loops).collect()
 }
 
 /// What was found, the likeliest reading of each first.

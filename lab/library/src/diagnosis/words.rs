@@ -1,6 +1,7 @@
 //! What was found, in words: the one place where typed results become sentences.
 
 use super::decision::Decision;
+use super::drive_timing::OwnRow;
 use super::elsewhere::{ChangedValue, Hypothesis};
 use super::feedback::Feedback;
 use super::initial_states::OtherStates;
@@ -203,6 +204,18 @@ pub fn other_states(found: &OtherStates) -> String {
     )
 }
 
+/// That readings follow the drive of their own row, for a reader.
+#[must_use]
+pub fn own_row(found: &OwnRow) -> String {
+    format!(
+        "the readings follow the drive of their own row: with `timing = \"hold_before_sample\"` and without {} the error is {} nm, as it is {} nm; say \
+         so in the manifest, or with --timing hold_before_sample",
+        list(&found.not_needed, "and"),
+        nm(found.own_row_um),
+        nm(found.as_said_um)
+    )
+}
+
 /// That a loop was closed while recording, for a reader.
 #[must_use]
 pub fn followed_reading(found: &Feedback) -> String {
@@ -392,6 +405,9 @@ impl Said<'_> {
         }
         if let Some(states) = self.found.other_states {
             return format!("Nothing can be decided yet: {}, and run again.", other_states(states));
+        }
+        if let Some(found) = self.found.own_row {
+            return format!("Nothing can be decided yet: {}, and run again.", own_row(found));
         }
         let unweighed = self.found.unweighed();
         if !unweighed.is_empty() {
