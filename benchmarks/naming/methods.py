@@ -8,6 +8,7 @@ error by one part in forty, nothing is named.
 
 import itertools
 import json
+import re
 import resource
 import subprocess
 
@@ -101,8 +102,6 @@ def operon(fitted, _held_out):
     )
     regressor.fit(fitted["terms"], fitted["residual"])
     text = regressor.get_model_string(regressor.model_, 6)
-    import re
-
     return sorted({int(number) - 1 for number in re.findall(r"X(\d+)", text)})
 
 

@@ -66,9 +66,8 @@ mod tests {
     use super::*;
     use crate::amplifier::{Amplifier, Command, Mode};
     use crate::guard::Fault;
-    use crate::integer_row::Row;
     use crate::one_sided_hysteresis::SurfaceCoefficients;
-    use crate::parameter_block::tests::example;
+    use crate::parameter_block::tests::{example, learning_example};
     use crate::parameter_block::verify;
     use crate::pid_regulator::PidParameters;
     use crate::reference_generator::Waveform;
@@ -321,15 +320,7 @@ mod tests {
     #[test]
     fn what_is_learned_goes_on_or_the_block_is_refused() {
         let mut learning = example();
-        let taps = |scale: i32| core::array::from_fn(|k| if k == 0 { 0 } else { (32 - (k as i32 - 32).abs()) * scale });
-        learning.servo.learning = Some(crate::learned_feedforward::LearningParameters {
-            learning: Row { coefficients: taps(-77) },
-            robustness: Row { coefficients: taps(9) },
-            error_limit: 1 << 22,
-            point_limit: 3000,
-            periods_per_halving: 2,
-            most_halvings: 3,
-        });
+        learning.servo.learning = Some(learning_example());
         assert_eq!(verify(&learning, 20_000), Ok(()));
         let mut amplifier = Amplifier::new(learning);
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));

@@ -595,6 +595,19 @@ pub(crate) mod tests {
     use super::*;
     use std::vec::Vec;
 
+    /// Triangular rows that learn slowly.
+    pub(crate) fn learning_example() -> LearningParameters {
+        let taps = |scale: i32| core::array::from_fn(|k| if k == 0 { 0 } else { (32 - (k as i32 - 32).abs()) * scale });
+        LearningParameters {
+            learning: Row { coefficients: taps(-77) },
+            robustness: Row { coefficients: taps(9) },
+            error_limit: 1 << 22,
+            point_limit: 3000,
+            periods_per_halving: 2,
+            most_halvings: 3,
+        }
+    }
+
     /// A plausible block: DAC -20..120 V, ADC 15 um, drive 0..80 V.
     pub(crate) fn example() -> AmplifierParameters {
         let dac_step = ((140i64 << 38) + 32_768) >> 16;
@@ -680,15 +693,7 @@ pub(crate) mod tests {
             parameters.servo.actuator,
             ActuatorParameters::OneSidedHysteresis { surfaces, drive_min: 0, drive_range: 80 << 22, share_per_volt: (1 << 32) / 80 },
         ];
-        let taps = |scale: i32| core::array::from_fn(|k| if k == 0 { 0 } else { (32 - (k as i32 - 32).abs()) * scale });
-        let learning = LearningParameters {
-            learning: Row { coefficients: taps(-77) },
-            robustness: Row { coefficients: taps(9) },
-            error_limit: 1 << 22,
-            point_limit: 3000,
-            periods_per_halving: 2,
-            most_halvings: 3,
-        };
+        let learning = learning_example();
         for (nth, law) in laws.into_iter().enumerate() {
             for actuator in actuators {
                 parameters.servo.learning = (nth % 2 == 1).then_some(learning);

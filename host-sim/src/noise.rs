@@ -27,7 +27,7 @@ impl WhiteNoise {
 
 /// Lowest frequency down to which flicker noise goes on rising, Hz: a thousand seconds.
 const FLICKER_FROM_HZ: f64 = 1e-3;
-/// Lags for each decade of frequency: within 2 % of a straight fall.
+/// Lags for each decade of frequency: the density is 0.96 to 1.00 of the straight fall that was asked for, three decades from either end.
 const LAGS_PER_DECADE: f64 = 2.0;
 
 /// Noise whose power density falls with the frequency (1/f): a sum of first-order lags of white noise whose corner frequencies are spread evenly over the

@@ -10,7 +10,9 @@
 
 use super::judgement::Judged;
 use crate::dataset::{Dataset, Record};
+use crate::identification::fit::dot;
 use crate::parallel;
+use crate::statistics::{largest, mean};
 use nalgebra::{DMatrix, DVector};
 
 /// Samples before one that predict it.
@@ -70,18 +72,15 @@ fn of_record(record: &Record, left: &[f64]) -> Option<Feedback> {
     answered.then(|| Feedback { record: record.name.clone(), later_samples, correlation, by_chance })
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
 /// What the samples before each one do not predict of it, by least squares; nothing where a signal is constant.
 fn innovations(signal: &[f64]) -> Option<Vec<f64>> {
-    let mean = signal.iter().sum::<f64>() / signal.len() as f64;
-    let size = signal.iter().map(|v| (v - mean).abs()).fold(0.0, f64::max);
+    let mean = mean(signal);
+    let mut x: Vec<f64> = signal.iter().map(|v| v - mean).collect();
+    let size = largest(&x);
     if size <= 0.0 {
         return None;
     }
-    let x: Vec<f64> = signal.iter().map(|v| (v - mean) / size).collect();
+    x.iter_mut().for_each(|v| *v /= size);
     let n = x.len();
     let product = |i: usize, j: usize| dot(&x[PREDICTED_FROM - i..n - i], &x[PREDICTED_FROM - j..n - j]);
     let mut normal = DMatrix::from_fn(PREDICTED_FROM, PREDICTED_FROM, |i, j| if j < i { 0.0 } else { product(i + 1, j + 1) });

@@ -403,11 +403,8 @@ impl Said<'_> {
                 self.floor_nm, self.floor.basis
             );
         }
-        if let Some(states) = self.found.other_states {
-            return format!("Nothing can be decided yet: {}, and run again.", other_states(states));
-        }
-        if let Some(found) = self.found.own_row {
-            return format!("Nothing can be decided yet: {}, and run again.", own_row(found));
+        if let Some(otherwise) = self.found.other_states.map(other_states).or_else(|| self.found.own_row.map(own_row)) {
+            return format!("Nothing can be decided yet: {otherwise}, and run again.");
         }
         let unweighed = self.found.unweighed();
         if !unweighed.is_empty() {

@@ -95,7 +95,7 @@ fn strongest_line(values: &[f64], sample_rate_hz: f64) -> Option<f64> {
     let limit = median / std::f64::consts::LN_2 * (power.len() as f64 * 1e4).ln();
     // Noise that rises towards slow lines stands out of the median of all, and not of that of its neighbours.
     let stands_out = |bin: usize| power[bin] > limit && power[bin] > limit / median * median_around(&power, bin);
-    let candidates = (1..power.len()).filter(|bin| power[*bin] > limit && stands_out(*bin));
+    let candidates = (1..power.len()).filter(|bin| stands_out(*bin));
     let bin = candidates.max_by(|a, b| power[*a].total_cmp(&power[*b]))?;
     // Refine between bins by the strongest projection.
     let resolution = sample_rate_hz / n as f64;

@@ -98,6 +98,7 @@ impl Wander {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::statistics::{mean, rms};
     use hysteron_sim::noise::{FlickerNoise, WhiteNoise};
 
     const RATE_HZ: f64 = 2000.0;
@@ -105,7 +106,7 @@ mod tests {
     fn noise(at_1_hz_um: f64, white_um: f64, samples: usize, seed: u64) -> Vec<f64> {
         let (mut slow, mut white) = (FlickerNoise::new(at_1_hz_um, RATE_HZ, seed), WhiteNoise::new(white_um, 1000 + seed));
         let mut values: Vec<f64> = (0..samples).map(|_| slow.next_um() + white.next_um()).collect();
-        let mean = values.iter().sum::<f64>() / samples as f64;
+        let mean = mean(&values);
         values.iter_mut().for_each(|v| *v -= mean);
         values
     }
@@ -137,10 +138,9 @@ mod tests {
             let found = Wander::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it wanders");
             densities.push(found.at_1_hz_um);
             let long = noise(0.001, 0.004, 40_000, 500 + seed);
-            let rms_um = (long.iter().map(|v| v * v).sum::<f64>() / long.len() as f64).sqrt();
+            let rms_um = rms(&long);
             ratios.push(found.in_record_um(&Record::new("long", RATE_HZ, vec![0.0; 40_000], long)) / rms_um);
         }
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         assert!((mean(&densities) / 0.001 - 1.0).abs() < 0.1, "{}", mean(&densities));
         assert!((mean(&ratios) - 1.0).abs() < 0.04, "{}", mean(&ratios));
         // As far apart as is said: of twenty, two may be beyond two standard deviations, none beyond three and a half.
