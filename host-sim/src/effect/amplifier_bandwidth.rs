@@ -11,7 +11,8 @@ pub struct AmplifierBandwidth;
 
 struct LagStage {
     decay: f64,
-    mean_weight: f64,
+    /// Of what is away at the beginning of an interval: what its mean has of it, or its end.
+    output_weight: f64,
     voltage_v: f64,
 }
 
@@ -19,7 +20,7 @@ impl Stage for LagStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let away = self.voltage_v - input;
         self.voltage_v = input + away * self.decay;
-        input + away * self.mean_weight
+        input + away * self.output_weight
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.voltage_v = input;
@@ -49,7 +50,8 @@ impl Effect for AmplifierBandwidth {
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let (decay, mean_weight) = super::lag_weights(values[0], setting.dt_s);
-        Some(Box::new(LagStage { decay, mean_weight, voltage_v: model.drive_min_v }))
+        let output_weight = if super::takes_the_mean_in(model) { mean_weight } else { decay };
+        Some(Box::new(LagStage { decay, output_weight, voltage_v: model.drive_min_v }))
     }
     fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
         super::substeps_inside_period(dt_s)

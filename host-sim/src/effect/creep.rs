@@ -181,6 +181,9 @@ impl Effect for Creep {
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         values.chunks_exact(2).map(|pair| FreeMotion { decay_per_s: 1.0 / pair[1], frequency_rad_s: 0.0 }).collect()
     }
+    fn answers_drive_by(&self) -> Vec<usize> {
+        (0..self.terms).map(|term| 2 * term).collect()
+    }
     fn fitting_rank(&self) -> usize {
         4
     }

@@ -353,6 +353,12 @@ pub fn lag_weights(bandwidth_hz: f64, dt_s: f64) -> (f64, f64) {
     ((-dt_s / tau_s).exp(), -(-dt_s / tau_s).exp_m1() * tau_s / dt_s)
 }
 
+/// Whether something behind the amplifier takes in what its voltage does over an interval: inertia or a lag in the sensor, to which the mean of the
+/// interval is what counts. Without either the sensor reads the voltage at the end of the interval through what follows at once.
+fn takes_the_mean_in(model: &Model) -> bool {
+    model.effects.iter().any(|e| matches!(e.effect.declaration().place, Place::Vibration | Place::SensorBandwidth))
+}
+
 /// Bandwidths at which a first-order lag is looked for, Hz.
 fn lag_starts(overview: &Overview) -> Vec<Vec<f64>> {
     [0.25, 0.06, 0.015].iter().map(|share| vec![share * overview.sample_rate_max_hz]).collect()
@@ -512,6 +518,12 @@ pub trait Effect: Send + Sync {
     /// Its values where the readings are whole steps of this size, um, for an effect that is seen in them whatever the model.
     fn values_in_readings(&self, _step_um: f64) -> Option<Vec<f64>> {
         None
+    }
+
+    /// Which of its parameters, by place, make it answer the drive, for an effect that has slow states beside: with all of them zero only the free
+    /// motions of the states are left.
+    fn answers_drive_by(&self) -> Vec<usize> {
+        Vec::new()
     }
 
     /// What a user of the literature might object to in values that were found: a reading of the same data by another effect is then

@@ -5,17 +5,24 @@ use super::{
 };
 use crate::chain::Model;
 
-/// Exponential approach to a new position, from the start of every record.
+/// Identifier in files and on the command line.
+pub const ID: &str = "thermal_drift";
+
+/// A motion from the start of every record whose rate falls, or grows, exponentially.
 pub struct ThermalDrift;
 
 struct DriftStage {
-    amplitude_um: f64,
-    per_interval: f64,
+    rate_um_per_interval: f64,
+    slowing_per_interval: f64,
 }
 
 impl Stage for DriftStage {
     fn step(&mut self, k: usize, input: f64) -> f64 {
-        input - self.amplitude_um * (-(k as f64 + 1.0) * self.per_interval).exp_m1()
+        let intervals = k as f64 + 1.0;
+        let slowed = self.slowing_per_interval * intervals;
+        // At a rate that does not change it is a straight line, with which the exponential agrees to rounding here.
+        let at_full_rate = if slowed.abs() < 1e-9 { intervals } else { -(-slowed).exp_m1() / self.slowing_per_interval };
+        input + self.rate_um_per_interval * at_full_rate
     }
     fn settle(&mut self, input: f64) -> f64 {
         input
@@ -28,7 +35,7 @@ impl Stage for DriftStage {
 impl Effect for ThermalDrift {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "thermal_drift".into(),
+            id: ID.into(),
             physics: "Warming of stage or sensor moves the reading slowly, whatever the drive does.".into(),
             reference: "Fleming and Leang (2014), Ch. 1".into(),
             place: Place::Drift,
@@ -39,30 +46,61 @@ impl Effect for ThermalDrift {
         }
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let rate_um_s = overview.range_um.max(1e-6) / overview.duration_s;
         vec![
-            Parameter::linear(
-                "amplitude_um",
-                "um",
-                -10.0 * overview.range_um,
-                10.0 * overview.range_um,
-                1e-3 * overview.range_um.max(1e-6),
-            ),
-            Parameter::logarithmic("time_constant_s", "s", 0.02 * overview.duration_s, 50.0 * overview.duration_s),
+            Parameter::linear("rate_um_s", "um/s", -500.0 * rate_um_s, 500.0 * rate_um_s, 1e-3 * rate_um_s),
+            // Below zero the drift speeds up, as it does while the source of heat still warms up. About zero it is a straight line: amplitude and time
+            // constant, both without limit there, would be known badly each.
+            Parameter::linear("slowing_per_s", "1/s", -4.0 / overview.duration_s, 50.0 / overview.duration_s, 0.02 / overview.duration_s),
         ]
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.1, 0.4, 1.5].iter().map(|share| vec![0.002 * overview.range_um, share * overview.duration_s]).collect()
+        [0.1, 0.4, 1.5]
+            .iter()
+            .map(|share| {
+                let slowing_per_s = 1.0 / (share * overview.duration_s);
+                vec![0.002 * overview.range_um * slowing_per_s, slowing_per_s]
+            })
+            .collect()
     }
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(DriftStage { amplitude_um: values[0], per_interval: setting.dt_s / values[1] }))
+        Some(Box::new(DriftStage { rate_um_per_interval: values[0] * setting.dt_s, slowing_per_interval: values[1] * setting.dt_s }))
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![-0.03 * strength, 20.0 * (0.8 + 0.4 * random())])
+        let slowing_per_s = 1.0 / (20.0 * (0.8 + 0.4 * random()));
+        Some(vec![-0.03 * strength * slowing_per_s, slowing_per_s])
     }
     fn picture(&self) -> Picture {
         Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::chain::{Drive, EffectInstance, InitialState, Model};
+    use crate::effect::{Overview, by_id};
+
+    #[test]
+    fn it_is_the_integral_of_a_rate_that_falls_stays_or_grows() {
+        let overview = Overview::without_data(0.0, 1.0);
+        let dt_s = 1e-3;
+        for (rate_um_s, slowing_per_s) in [(0.05, 0.5), (-0.02, 0.0), (0.01, -0.3), (0.03, 1e-13)] {
+            let mut model = Model::new(0.0, 1.0);
+            model.add(EffectInstance::new(by_id("thermal_drift").unwrap(), &overview, &[rate_um_s, slowing_per_s]));
+            let drive = Drive { drive_v: &[0.0; 3000], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled };
+            let read_um = model.simulate(&drive);
+            // Summed in a hundred pieces of an interval.
+            let mut sum_um = 0.0;
+            for (k, read_um) in read_um.iter().enumerate() {
+                assert!((read_um - sum_um).abs() < 1e-9, "{rate_um_s} {slowing_per_s} {k}: {read_um} {sum_um}");
+                for piece in 0..100 {
+                    let middle_s = (k as f64 + (f64::from(piece) + 0.5) / 100.0) * dt_s;
+                    sum_um += rate_um_s * (-slowing_per_s * middle_s).exp() * dt_s / 100.0;
+                }
+            }
+        }
     }
 }

@@ -17,6 +17,7 @@ pub mod behaviour;
 pub mod drive_variety;
 #[cfg(feature = "files")]
 pub mod folder;
+pub mod holds;
 #[cfg(feature = "readers")]
 pub mod manifest;
 #[cfg(feature = "readers")]

@@ -2,8 +2,10 @@
 //!
 //! The drive decides. Where it rests long enough, the end of the rest shows the noise. A first jump from which the drive goes on (somebody
 //! switched the amplifier on) drives the model but is not fitted. What is left is cut into sections in which the drive moves alike, and
-//! each of them in two: one half is fitted, the other held out, in turns, so that every kind of motion is on both sides.
+//! each of them in two: one half is fitted, the other held out, in turns, so that every kind of motion is on both sides. A section whose loops are not
+//! those of its other half is cut further: loops that are never fitted cannot be met where they are held out.
 
+use super::holds::holds;
 use super::reading::Even;
 use super::{Record, Role};
 use crate::statistics::peak_to_peak;
@@ -27,6 +29,8 @@ const ANOTHER_KIND: f64 = 2.5;
 const SECTIONS_MAX: usize = 4;
 /// A section is at least this part of the motion.
 const SECTION_MIN: usize = 8;
+/// Turns of the drive are the same where they differ by less than this share of its range.
+const SAME_TURN: f64 = 0.05;
 /// Samples of a part that judges, at least.
 const PART_MIN: usize = 64;
 
@@ -79,6 +83,8 @@ pub fn parts(drive_v: &[f64], sample_rate_hz: f64) -> Parts {
         holds.last().filter(|hold| hold.end == samples && hold.start > first && parts.windows.iter().any(|(_, w)| w.end == hold.end));
     let motion = first..last.map_or(samples, |hold| hold.start);
     let sections = sections(drive_v, motion);
+    let kinds = sections.len();
+    let sections = with_the_loops_of_both_halves(drive_v, sections);
     let mut role = Role::Identify;
     let mut windows: Vec<(Role, Range<usize>)> = Vec::new();
     for section in &sections {
@@ -97,7 +103,11 @@ pub fn parts(drive_v: &[f64], sample_rate_hz: f64) -> Parts {
         let of_role = windows.iter().filter(|(other, _)| *other == role);
         of_role.map(|(_, w)| format!("{:.3} to {:.3} s", seconds(w.start), seconds(w.end))).collect::<Vec<_>>().join(", ")
     };
-    let kinds = if sections.len() > 1 { format!(" ({} kinds of motion, each on both sides)", sections.len()) } else { String::new() };
+    let kinds = match (kinds, sections.len()) {
+        (1, 1) => String::new(),
+        (1, _) => " (its loops differ, so that there are some on both sides)".into(),
+        (kinds, _) => format!(" ({kinds} kinds of motion, each on both sides)"),
+    };
     parts.notes.push(format!(
         "one recording: fitted is {}, held out {}{kinds}; a dataset.toml can name this file several times with other from_s and to_s",
         listed(Role::Identify),
@@ -105,21 +115,6 @@ pub fn parts(drive_v: &[f64], sample_rate_hz: f64) -> Parts {
     ));
     parts.windows.extend(windows);
     parts
-}
-
-/// Runs of samples in which the drive does not change.
-fn holds(drive_v: &[f64], shortest: usize) -> Vec<Range<usize>> {
-    let mut found = Vec::new();
-    let mut start = 0;
-    for k in 1..=drive_v.len() {
-        if k == drive_v.len() || drive_v[k] != drive_v[start] {
-            if k - start >= shortest {
-                found.push(start..k);
-            }
-            start = k;
-        }
-    }
-    found
 }
 
 /// Whether a hold is the first thing that the drive does, after at most a few samples of something else.
@@ -177,19 +172,49 @@ fn sections(drive_v: &[f64], motion: Range<usize>) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// Samples between turns of the drive that go over a tenth of its range, on average.
-fn time_between_turns(drive_v: &[f64]) -> usize {
+/// Cuts the longest section whose halves turn at different voltages into as many even pieces as there may be more of.
+fn with_the_loops_of_both_halves(drive_v: &[f64], sections: Vec<Range<usize>>) -> Vec<Range<usize>> {
+    let uneven = |section: &&Range<usize>| has_other_loops_in_its_halves(&drive_v[(*section).clone()]);
+    let Some(longest) = sections.iter().filter(uneven).max_by_key(|section| section.len()).cloned() else { return sections };
+    let most = (SECTIONS_MAX + 1 - sections.len()).min(longest.len() / (2 * PART_MIN)).max(1);
+    let bound = |of: usize, pieces: usize| longest.start + of * longest.len() / pieces;
+    // Half a piece is a part of its own, and has to move.
+    let moves =
+        |pieces: &usize| (0..2 * pieces).all(|half| peak_to_peak(&drive_v[bound(half, 2 * pieces)..bound(half + 1, 2 * pieces)]) > 0.0);
+    let pieces = (1..=most).rev().find(moves).unwrap_or(1);
+    let cut = |section: Range<usize>| -> Vec<Range<usize>> {
+        if section == longest { (0..pieces).map(|piece| bound(piece, pieces)..bound(piece + 1, pieces)).collect() } else { vec![section] }
+    };
+    sections.into_iter().flat_map(cut).collect()
+}
+
+/// Whether either half of a drive turns at voltages at which the other does not, though it turns.
+fn has_other_loops_in_its_halves(drive_v: &[f64]) -> bool {
+    let same = SAME_TURN * peak_to_peak(drive_v);
+    let turns = turns(drive_v);
+    let (early, late): (Vec<_>, Vec<_>) = turns.into_iter().partition(|(k, _)| *k < drive_v.len() / 2);
+    let lacks = |of: &[(usize, f64)], one: &[(usize, f64)]| one.iter().any(|(_, v)| of.iter().all(|(_, other)| (v - other).abs() > same));
+    (early.len() + late.len() > 1) && (lacks(&early, &late) || lacks(&late, &early))
+}
+
+/// Samples and voltages at which the drive turns and goes back by a tenth of its range at least.
+fn turns(drive_v: &[f64]) -> Vec<(usize, f64)> {
     let limit = 0.1 * peak_to_peak(drive_v);
-    let (mut turns, mut rising, mut extreme) = (0_usize, true, drive_v.first().copied().unwrap_or(0.0));
-    for &u in drive_v {
-        if (rising && u > extreme) || (!rising && u < extreme) {
-            extreme = u;
-        } else if (u - extreme).abs() > limit {
-            (rising, extreme) = (!rising, u);
-            turns += 1;
+    let (mut turns, mut rising, mut extreme) = (Vec::new(), true, (0, drive_v.first().copied().unwrap_or(0.0)));
+    for (k, &u) in drive_v.iter().enumerate() {
+        if (rising && u > extreme.1) || (!rising && u < extreme.1) {
+            extreme = (k, u);
+        } else if (u - extreme.1).abs() > limit {
+            turns.push(extreme);
+            (rising, extreme) = (!rising, (k, u));
         }
     }
-    drive_v.len() / (turns + 1)
+    turns
+}
+
+/// Samples between turns of the drive, on average.
+fn time_between_turns(drive_v: &[f64]) -> usize {
+    drive_v.len() / (turns(drive_v).len() + 1)
 }
 
 /// The records of the parts; each begins where the recording begins, so that all of the drive before it acts on the model.
@@ -278,6 +303,28 @@ mod tests {
         let switched: Vec<f64> = (0..8000).map(|k| if k < 40 { 0.0 } else { sine(k + 220) }).collect();
         let parts = parts(&switched, RATE_HZ);
         assert!(parts.windows[0].1.start > 40 && parts.notes.iter().any(|n| n.contains("switched on")), "{parts:?}");
+    }
+
+    #[test]
+    fn loops_of_one_half_alone_come_to_both_sides() {
+        let corners = [0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0];
+        let drive: Vec<f64> =
+            corners.windows(2).flat_map(|w| (0..1000).map(move |k| w[0] + (w[1] - w[0]) * f64::from(k) / 1000.0)).collect();
+        let cut = parts(&drive, RATE_HZ);
+        // The outer loop, and the inner ones.
+        has_on_both_sides(&cut, &(0..2000));
+        has_on_both_sides(&cut, &(3000..7000));
+        assert!(cut.notes.last().is_some_and(|note| note.contains("its loops differ")), "{:?}", cut.notes);
+        // Nothing is cut so finely that a part rests.
+        let resting: Vec<f64> = drive[..5000].iter().copied().chain(vec![drive[4999]; 1500]).chain(drive[5000..].iter().copied()).collect();
+        let cut = parts(&resting, RATE_HZ);
+        assert!(
+            cut.windows.iter().filter(|(role, _)| *role != Role::Noise).all(|(_, w)| peak_to_peak(&resting[w.clone()]) > 0.0),
+            "{cut:?}"
+        );
+        // The same loop over and over is cut once.
+        let same: Vec<f64> = (0..8).flat_map(|_| drive[..2000].to_vec()).collect();
+        assert_eq!(parts(&same, RATE_HZ).windows.len(), 2);
     }
 
     #[test]

@@ -12,6 +12,7 @@ use super::study::Study;
 
 use crate::parallel;
 use crate::watch::Event;
+use hysteron_sim::effect::thermal_drift;
 
 /// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
 const CLEARLY_MISSED: f64 = 0.5;
@@ -48,14 +49,24 @@ pub struct Supported {
     pub screening: Screening,
     /// What else was fitted in its place.
     pub rivals: Vec<Rival>,
+    /// Nothing of it answers the drive: the free motions of its states do as well alone.
+    pub undriven: bool,
 }
 
 impl Supported {
-    /// The effect and those that the data do not tell from it.
+    /// The effect and those that the data do not tell from it. What does not answer the drive is a drift as much as what is left of a drive before
+    /// the record.
     #[must_use]
     pub fn names(&self) -> Vec<String> {
         let tied = self.rivals.iter().filter(|r| r.decision == Decision::NotToldApart).map(|r| r.id.clone());
-        std::iter::once(self.id.clone()).chain(tied).collect()
+        let drift = self.undriven.then(|| thermal_drift::ID.to_owned());
+        let all = drift.into_iter().chain(std::iter::once(self.id.clone())).chain(tied);
+        all.fold(Vec::new(), |mut names, id| {
+            if !names.contains(&id) {
+                names.push(id);
+            }
+            names
+        })
     }
 }
 
@@ -152,7 +163,8 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
                 for (i, screening) in weighed.into_iter().enumerate() {
                     let decision = decide(study, &without[i], &judged, p[i]);
                     let rivals = rivals_of(study, &added[i], &without[i], &screening, &judged);
-                    supported.push(Supported { id: added[i].clone(), decision, without: without[i].clone(), screening, rivals });
+                    let undriven = does_not_answer_the_drive(study, &added[i], &judged);
+                    supported.push(Supported { id: added[i].clone(), decision, without: without[i].clone(), screening, rivals, undriven });
                 }
                 supported.sort_by(|a, b| {
                     missed(study, &b.without, &judged).total_cmp(&missed(study, &a.without, &judged)).then_with(|| a.id.cmp(&b.id))
@@ -219,6 +231,18 @@ fn p_of(judged: &Judged, screening: &Screening, id: &str) -> Option<f64> {
         return None;
     }
     screening.scores.iter().find(|s| s.id == id).and_then(|s| s.evidence.as_ref()).map(|e| e.p_adjusted)
+}
+
+/// Whether an effect with slow states does as well where nothing of it answers the drive: what it brought are the free motions of its states alone.
+fn does_not_answer_the_drive(study: &Study, id: &str, judged: &Judged) -> bool {
+    let mut model = judged.model.clone();
+    let Some(instance) = model.effects.iter_mut().find(|e| e.id == id) else { return false };
+    let by = instance.effect.answers_drive_by();
+    for place in &by {
+        instance.parameters[*place].value = 0.0;
+        instance.parameters[*place].parameter.fixed = true;
+    }
+    !by.is_empty() && !study.told_apart(&study.judged(study.quickly(&model).model), judged)
 }
 
 /// What else explains much of what the model without an effect leaves, fitted in its place.

@@ -113,6 +113,8 @@ impl NoiseFloor {
 
 /// Rounding matters where it makes this share of the noise's power.
 const ROUNDING_MATTERS: f64 = 0.05;
+/// Noise in the drive's column is spoken of where it makes this share of the reading's own.
+const DRIVE_NOISE_MATTERS: f64 = 0.1;
 /// A declared step may differ by this share from the one that the readings show.
 const DECLARED_STEP_TOLERANCE: f64 = 0.05;
 /// Two estimates whose ratio is larger are said to disagree.
@@ -136,10 +138,19 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     estimates.extend(repeated);
     estimates.extend(driven.iter().filter_map(|r| rest::of_hold(r, step_um)));
     let gain_um_v = dataset.overview().gain_um_v;
+    let drive_noise_v = dataset.records.iter().filter(taking_part).map(rest::drive_noise_v).fold(0.0, f64::max);
+    let drive_noise_um = drive_noise_v * gain_um_v.abs();
+    if drive_noise_um > 0.0 {
+        // A model follows what was read of the drive; the stage followed the drive.
+        estimates.iter_mut().filter(|e| !e.evidence.under_drive()).for_each(|e| e.rms_um = e.rms_um.hypot(drive_noise_um));
+    }
     let bounds: Vec<FloorEstimate> = driven.iter().filter_map(|r| high_band::of_record(r, gain_um_v)).collect();
     let at_least_um = bounds.iter().map(|e| e.rms_um).reduce(f64::min);
-    let of_records_um: Vec<Option<f64>> =
-        dataset.records.iter().map(|r| wander.map(|wander| wander.in_record_um(r)).or_else(|| of_record(r, &estimates))).collect();
+    let of_records_um: Vec<Option<f64>> = dataset
+        .records
+        .iter()
+        .map(|r| wander.map(|wander| wander.in_record_um(r).hypot(drive_noise_um)).or_else(|| of_record(r, &estimates)))
+        .collect();
     let judged = driven.iter().map(|r| wander.map_or(0.0, |wander| wander.relative_std(r)));
     let wander_relative_std = judged.fold(0.0, f64::max);
     let rms_um = over_judging(dataset, &of_records_um);
@@ -150,6 +161,14 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
             "the noise is the stronger the slower it is ({:.2} nm white, {:.2} nm per root of a hertz at 1 Hz): its floor grows with the length of a record",
             1e3 * w.white_um,
             1e3 * w.at_1_hz_um
+        )
+    }));
+    let at_rest_um = rms_um.map_or(0.0, |rms_um| (rms_um * rms_um - drive_noise_um * drive_noise_um).max(0.0).sqrt());
+    warnings.extend((drive_noise_um > DRIVE_NOISE_MATTERS * at_rest_um).then(|| {
+        format!(
+            "the drive was read back with {:.2} mV of noise, which is {:.2} nm that no model can meet: record what was commanded where you can",
+            1e3 * drive_noise_v,
+            1e3 * drive_noise_um
         )
     }));
     let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise_um(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);

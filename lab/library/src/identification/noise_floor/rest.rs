@@ -3,8 +3,9 @@
 use super::random_part::{random, random_part};
 use super::wander::Wander;
 use super::{Evidence, FloorEstimate};
-use crate::dataset::Record;
+use crate::dataset::holds::{holds, read_noise_v};
 use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise_um};
+use crate::dataset::{Record, Role};
 use std::ops::Range;
 
 /// Noise below this share of a step leaves the reading where it is most of the time, and with it the error of rounding.
@@ -28,6 +29,15 @@ pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> (FloorEstimate
     (estimate, Wander::of_rest(&residual_um, record.sample_rate_hz).filter(|_| shown))
 }
 
+/// How much a drive that stands still scatters, because it was read back and not commanded, V.
+pub(super) fn drive_noise_v(record: &Record) -> f64 {
+    let still = match record.role {
+        Role::Noise => Some(record.window.clone()),
+        _ => holds(&record.drive_v, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len),
+    };
+    still.map_or(0.0, |range| read_noise_v(&record.drive_v[range]))
+}
+
 fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) -> f64 {
     match step_um.filter(|step_um| random_um < HIDDEN_BY_STEP * step_um) {
         Some(step_um) => noise_at_rest_um(readings_um, step_um).unwrap_or_else(|| random_um.hypot(rounding_noise_um(step_um))),
@@ -37,7 +47,7 @@ fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) 
 
 /// What the longest hold inside a driven record shows, in front of its window or behind its end too.
 pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEstimate> {
-    let hold = longest_hold(&record.drive_v)?;
+    let hold = holds(&record.drive_v, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len)?;
     if record.left_out.iter().any(|range| range.start < hold.end && hold.start < range.end) {
         return None;
     }
@@ -57,20 +67,6 @@ pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEsti
     of_parts.sort_by(f64::total_cmp);
     let rms_um = *of_parts.get(of_parts.len() / 2)?;
     (rms_um > 0.0).then(|| FloorEstimate::new(Evidence::Hold, vec![record.name.clone()], rms_um, readings_um.len()))
-}
-
-/// The longest stretch over which the drive stands still.
-fn longest_hold(drive_v: &[f64]) -> Option<Range<usize>> {
-    let (mut best, mut start) = (0..0, 0);
-    for k in 1..=drive_v.len() {
-        if k == drive_v.len() || drive_v[k] != drive_v[start] {
-            if k - start > best.len() {
-                best = start..k;
-            }
-            start = k;
-        }
-    }
-    (best.len() >= HOLD_SAMPLES_MIN).then_some(best)
 }
 
 #[cfg(test)]
