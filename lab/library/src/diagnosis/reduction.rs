@@ -12,6 +12,7 @@ use super::study::Study;
 
 use crate::parallel;
 use crate::watch::Event;
+use hysteron_sim::chain::Model;
 use hysteron_sim::effect::thermal_drift;
 
 /// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
@@ -24,6 +25,16 @@ const RIVALS_SIMILARITY: f64 = 0.25;
 const BETTER_RIVALS_MAX: usize = 2;
 /// A rival whose quick fit is worse by this much does not come to a tie, however long it is fitted.
 const CLEARLY_BEHIND: f64 = 0.25;
+
+/// Candidates for the place of a pair that are looked at.
+const ONES_FOR_A_PAIR: usize = 2;
+/// What may do as well as a pair: the error that its signature promises is at most so much larger, as a logarithm. A signature is the beginning of
+/// a curve, and promises less than a fit.
+const MAY_DO_AS_WELL: f64 = 1.0;
+/// One in the place of two is fitted to the end where it is worse by no more than this.
+const NEARLY_AS_WELL: f64 = 0.05;
+/// Ones in the place of two that are fitted.
+const ONES_FITTED: usize = 4;
 
 /// Something else in the place of an effect.
 #[derive(Clone)]
@@ -85,6 +96,12 @@ fn missed(study: &Study, without: &Judged, with: &Judged) -> f64 {
     study.merit(without) - study.merit(with)
 }
 
+/// Whether what was decided takes effects out of the model. Far above the noise, where the library does not know all, a model is as good as its errors,
+/// and evidence is asked for a name alone: what lowers them stays, named or not.
+fn goes(study: &Study, decision: Decision, without: &Judged, with: &Judged) -> bool {
+    !decision.admits() && !(study.far_above_the_noise(with) && missed(study, without, with) > study.policy.least_gain)
+}
+
 /// Takes back what the data do not need and looks for rivals of the rest; a rival that does better than what it was compared with takes its
 /// place, and all is looked at again.
 ///
@@ -133,7 +150,7 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
             (0..added.len())
                 .filter(|i| may_go(&added[*i]))
                 .map(|i| (i, decide(study, &without[i], &judged, weighed[i])))
-                .filter(|(_, decision)| !decision.admits())
+                .filter(|(i, decision)| goes(study, *decision, &without[*i], &judged))
                 .min_by(|a, b| missed(study, &without[a.0], &judged).total_cmp(&missed(study, &without[b.0], &judged)))
         };
         let unweighed = vec![None; added.len()];
@@ -144,6 +161,13 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
                     judged = without_pair;
                     added.retain(|id| !pair.contains(id) && judged.model.effect(id).is_some());
                     taken_back.extend(pair.into_iter().map(|id| (id, decision)));
+                    continue;
+                }
+                if let Some(exchange) = one_in_place_of_two(study, &judged, &added, &may_leave)? {
+                    added.retain(|id| !exchange.pair.contains(id) && exchange.judged.model.effect(id).is_some());
+                    added.push(exchange.by);
+                    judged = exchange.judged;
+                    taken_back.extend(exchange.pair.into_iter().map(|id| (id, exchange.decision)));
                     continue;
                 }
                 study.watch.event(&Event::Doing("weighing the evidence for each effect"));
@@ -193,7 +217,68 @@ fn pair_not_needed(
     let begun = study.begun_again(&study.for_comparison(&quick.model))?;
     let without = study.judged(begun.model);
     let decision = decide(study, &without, judged, None);
-    Ok((!decision.admits()).then(|| ([a.clone(), b.clone()], without, decision)))
+    Ok(goes(study, decision, &without, judged).then(|| ([a.clone(), b.clone()], without, decision)))
+}
+
+/// One effect that does as well as two of those that were added.
+struct Exchange {
+    pair: [String; 2],
+    by: String,
+    judged: Judged,
+    /// Why the two are not needed beside it.
+    decision: Decision,
+}
+
+/// Two lags that were added one after the other may stand in for a delay, and a search that extends one set at a time does not come back. So what
+/// explains nearly all that the model without a pair leaves is tried in its place; the most promising few are fitted.
+fn one_in_place_of_two(
+    study: &Study,
+    judged: &Judged,
+    added: &[String],
+    may_leave: &dyn Fn(&String) -> bool,
+) -> crate::error::Result<Option<Exchange>> {
+    let leaving: Vec<&String> = added.iter().filter(|id| may_leave(id)).collect();
+    let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [*a, *b])).collect();
+    if pairs.is_empty() || study.watch.stopped() {
+        return Ok(None);
+    }
+    study.watch.event(&Event::Doing("trying one effect in the place of two"));
+    let scored = parallel::map(&pairs, |[a, b]| {
+        let base = study.quickly(&study.without(&study.without(&judged.model, a), b)).model;
+        study.score(&base).map(|screening| (base, screening))
+    });
+    let mut promising: Vec<(f64, [&String; 2], Model, Score)> = Vec::new();
+    for (pair, scored) in pairs.into_iter().zip(scored) {
+        let (base, screening) = scored?;
+        let total = screening.total_um2().max(f64::MIN_POSITIVE);
+        let new = |s: &&Score| judged.model.effect(&s.id).is_none();
+        for score in screening.scores.iter().filter(new).take(ONES_FOR_A_PAIR) {
+            let left = 1.0 - score.explained_um2 / total;
+            let merit = study.merit(&study.judged_quickly(base.clone())) + 0.5 * left.max(f64::MIN_POSITIVE).ln();
+            if merit < study.merit(judged) + MAY_DO_AS_WELL {
+                promising.push((merit, pair, base.clone(), score.clone()));
+            }
+        }
+    }
+    promising.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.3.id.cmp(&b.3.id)));
+    promising.truncate(ONES_FITTED);
+    let fitted = parallel::map(&promising, |(_, _, base, score)| {
+        let quick = study.quickly(&study.with(base, &[(score.effect.clone(), score.starts[0].clone())]));
+        if missed(study, &quick, judged) < CLEARLY_MISSED { study.judged(study.for_comparison(&quick.model).model) } else { quick }
+    });
+    for ((_, [a, b], _, score), one) in promising.into_iter().zip(fitted) {
+        if missed(study, &one, judged) > NEARLY_AS_WELL {
+            continue;
+        }
+        // The others' values are still those that made up for it.
+        let one = study.thoroughly(&study.begun_again(&one)?.model);
+        // The same question as for each effect alone: whether the two bring enough beside the one to be kept.
+        let decision = decide(study, &one, judged, None);
+        if !decision.admits() || !study.told_apart(&one, judged) {
+            return Ok(Some(Exchange { pair: [a.clone(), b.clone()], by: score.id, decision, judged: one }));
+        }
+    }
+    Ok(None)
 }
 
 /// What was weighed of all effects, or the one that is not in what the model without it leaves.
@@ -214,7 +299,7 @@ fn weigh_each(
         let model = &without[i].model;
         let screening = study.weigh(model, &study.candidates_for(model), 1000 + i as u64)?;
         let decision = decide(study, &without[i], judged, p_of(judged, &screening, &added[i]));
-        if may_go(&added[i]) && !decision.admits() {
+        if may_go(&added[i]) && goes(study, decision, &without[i], judged) {
             return Ok(Err((i, decision)));
         }
         screenings[i] = Some(screening);
