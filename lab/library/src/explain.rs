@@ -204,7 +204,7 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
     let other_states = other_states.or_else(|| initial_states::compare(&study, last));
     let added: Vec<String> = supported.iter().map(|s| s.id.clone()).collect();
-    let own_row = drive_timing::compare(&study, last, &added);
+    let own_row = drive_timing::compare(&study, last, &added)?;
     let (feedback, reading_limits) = (feedback::followed(dataset, last), reading_limits(dataset));
     let found = Found {
         first,

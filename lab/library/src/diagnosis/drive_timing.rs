@@ -1,19 +1,25 @@
 //! Do the readings follow the drive of their own row?
 //!
 //! Where a program writes a voltage, waits and reads, the reading of a row belongs to the drive of that row, and not to the one before. A straight stage shows that
-//! by itself when a recording is read; loops hide it. A search that is not told then makes up for the period by a mode as fast as
-//! the recording can show at all. So a mode near half the sampling rate that was added is asked for: without it, and with the drive of the own row, the same
-//! effects do as well.
+//! by itself when a recording is read; loops hide it. A search that is not told then makes up for the period by a mode, as fast as the recording can show
+//! or beside a true one, or finds nothing that does. So modes that were added are asked for: without one of them, or without those that are too fast,
+//! and with the drive of the own row, the same effects do as well. Where the search met nothing, the same effects are asked as they are.
 
 use super::judgement::Judged;
 use super::study::Study;
 use crate::dataset::Dataset;
+use crate::error::Result;
+use crate::parallel;
 use crate::watch::Event;
 
 /// A mode above this share of half the sampling rate is as fast as the recording can show.
 const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
 /// The model without it does as well where its rank is worse by no more than this: some per cent of the error.
 const AS_WELL: f64 = 0.03;
+/// Where nothing met the noise, the other timing is said where its rank is better by so much.
+const MUCH_BETTER: f64 = 0.2;
+/// What is worse by more than this before it has begun again does not come to it.
+const MAY_COME_TO_IT: f64 = 0.5;
 
 /// Readings that follow the drive of their own row.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,30 +32,49 @@ pub struct OwnRow {
     pub own_row_um: f64,
 }
 
-/// Asks a model for the modes among the effects that were added to it; nothing where none is that fast, or where it is needed.
-#[must_use]
-pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Option<OwnRow> {
-    let fastest_hz = study.dataset.records.iter().map(|r| r.sample_rate_hz).fold(0.0, f64::max);
-    let limit_rad_s = AS_FAST_AS_CAN_BE_SHOWN * std::f64::consts::PI * fastest_hz;
-    let too_fast = |id: &&String| {
-        let motions = found.model.effect(id).map_or_else(Vec::new, |e| e.effect.free_motions(&found.model, &e.values()));
-        motions.iter().any(|motion| motion.frequency_rad_s > limit_rad_s)
-    };
-    let modes: Vec<&String> = added.iter().filter(too_fast).collect();
-    if modes.is_empty() || study.watch.stopped() {
-        return None;
+/// Asks a model for the modes among the effects that were added to it, and a model that explains too little as it is; nothing where the drive of the row
+/// before does better.
+///
+/// # Errors
+/// As [`Study::begun_again`].
+pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<OwnRow>> {
+    let unexplained = study.floor_um.is_some() && !found.within(study.policy.explained, &study.floors_um, &study.split);
+    let as_it_is = (unexplained && !added.is_empty()).then(Vec::new);
+    let asked: Vec<Vec<&String>> = modes_to_do_without(study, found, added).into_iter().chain(as_it_is).collect();
+    if asked.is_empty() || study.watch.stopped() {
+        return Ok(None);
     }
     study.watch.event(&Event::Doing("asking whether the readings follow the drive of their own row"));
-    let bare = modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id));
     let shifted = drive_of_the_own_row(study.dataset);
     let other = study.of(&shifted);
-    let without = other.judged(other.for_comparison(&other.quickly(&bare).model).model);
+    let fitted =
+        parallel::map(&asked, |modes| other.for_comparison(&modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id))));
+    let best = fitted.into_iter().zip(&asked).min_by(|a, b| other.merit(&a.0).total_cmp(&other.merit(&b.0)));
+    let Some((without, modes)) = best.filter(|(one, _)| other.merit(one) < study.merit(found) + MAY_COME_TO_IT) else { return Ok(None) };
+    let without = other.judged(other.begun_again(&without)?.model);
+    let most = study.merit(found) + if modes.is_empty() { -MUCH_BETTER } else { AS_WELL };
     let gone = |id: &&String| found.model.effect(id).is_some() && without.model.effect(id).is_none();
-    (other.merit(&without) <= study.merit(found) + AS_WELL).then(|| OwnRow {
+    Ok((other.merit(&without) <= most).then(|| OwnRow {
         not_needed: added.iter().filter(gone).cloned().collect(),
         as_said_um: found.error_um(),
         own_row_um: without.error_um(),
-    })
+    }))
+}
+
+/// Which of the added modes may stand for a period: all that are as fast as can be shown together, and each alone.
+fn modes_to_do_without<'a>(study: &Study, found: &Judged, added: &'a [String]) -> Vec<Vec<&'a String>> {
+    let fastest_hz = study.dataset.records.iter().map(|r| r.sample_rate_hz).fold(0.0, f64::max);
+    let limit_rad_s = AS_FAST_AS_CAN_BE_SHOWN * std::f64::consts::PI * fastest_hz;
+    let swings_above = |id: &str, limit_rad_s: f64| {
+        let motions = found.model.effect(id).map_or_else(Vec::new, |e| e.effect.free_motions(&found.model, &e.values()));
+        motions.iter().any(|motion| motion.frequency_rad_s > limit_rad_s)
+    };
+    let too_fast: Vec<&String> = added.iter().filter(|id| swings_above(id, limit_rad_s)).collect();
+    let mut out: Vec<Vec<&String>> = added.iter().filter(|id| swings_above(id, 0.0)).map(|id| vec![id]).collect();
+    if too_fast.len() > 1 {
+        out.push(too_fast);
+    }
+    out
 }
 
 /// The same readings, each with the drive of its own row.

@@ -207,10 +207,10 @@ pub fn other_states(found: &OtherStates) -> String {
 /// That readings follow the drive of their own row, for a reader.
 #[must_use]
 pub fn own_row(found: &OwnRow) -> String {
+    let without = if found.not_needed.is_empty() { String::new() } else { format!(" and without {}", list(&found.not_needed, "and")) };
     format!(
-        "the readings follow the drive of their own row: with `timing = \"hold_before_sample\"` and without {} the error is {} nm, as it is {} nm; say \
+        "the readings follow the drive of their own row: with `timing = \"hold_before_sample\"`{without} the error is {} nm, as it is {} nm; say \
          so in the manifest, or with --timing hold_before_sample",
-        list(&found.not_needed, "and"),
         nm(found.own_row_um),
         nm(found.as_said_um)
     )
