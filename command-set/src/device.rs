@@ -67,6 +67,8 @@ pub struct Diagnosis {
     pub block_checksum: u32,
     /// What the part's option bytes protect: 1 the brown-out level, 2 the watchdog that starts with the supply, 3 both.
     pub protection: u32,
+    /// Gain of the actuator over the model's as the servo adapted it, millionths; 0: the block does not let it.
+    pub adapted_gain_millionths: u32,
 }
 
 /// What carries the amplifier.

@@ -155,7 +155,7 @@ impl Device for Shared {
         self.0.borrow_mut().baud = baud;
     }
     fn diagnosis(&self) -> Diagnosis {
-        Diagnosis { railed_ticks: 7, block_checksum: 0xdead_beef, ..Diagnosis::default() }
+        Diagnosis { railed_ticks: 7, block_checksum: 0xdead_beef, adapted_gain_millionths: 1_050_000, ..Diagnosis::default() }
     }
     fn loop_figures(&self) -> LoopFigures {
         self.0.borrow().telemetry.figures()
@@ -684,7 +684,8 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
     let mut table = Table::ready();
     assert_eq!(table.ask("DIA? 1 3 9"), "1=2 \n3=7 \n9=3735928559\n");
     assert_eq!(table.ask("DIA?").lines().count() + 2, table.ask("HDI?").lines().count());
-    table.tell("DIA? 16", 54);
+    assert_eq!(table.ask("DIA? 16"), "16=1050000\n");
+    table.tell("DIA? 17", 54);
     table.tell("IFC RSBAUD 921600", 0);
     assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
     table.tell("IFC RSBAUD 9000000", 17);

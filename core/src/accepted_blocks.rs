@@ -8,6 +8,7 @@ use std::vec::Vec;
 
 use crate::amplifier::{Amplifier, Command};
 use crate::creep_inverse::CreepInverseParameters;
+use crate::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST};
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
 use crate::learned_feedforward::{LEAST_PERIOD_TICKS, LearningParameters, ROBUSTNESS_TAPS, SETTLING_TICKS};
@@ -73,6 +74,16 @@ fn learning() -> impl Strategy<Value = LearningParameters> {
     })
 }
 
+/// Bounds of an adapted gain that learns from anything.
+fn adaptation() -> impl Strategy<Value = AdaptationParameters> {
+    (1..=MOST, 1..=LARGEST_STEP).prop_map(|(most, most_step)| AdaptationParameters {
+        most,
+        most_step,
+        error_limit: i32::MAX,
+        least_motion: 256,
+    })
+}
+
 /// Lowest drive and range of the actuator, V.
 fn actuator(low_v: f64, range_v: f64) -> impl Strategy<Value = ActuatorParameters> {
     let linear = (-9.0f64..9.0).prop_map(|exponent| {
@@ -124,8 +135,9 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
         (Just(c), Just((low_v, high_v)), actuator(low_v, (high_v - low_v).max(1e-3)))
     };
     let guard = (any::<u16>(), 1u16..300, any::<[u16; 3]>());
-    (converters().prop_flat_map(with_actuator), law(), guard, any::<bool>(), prop::option::of(learning())).prop_map(
-        |((c, (low_v, high_v), actuator), law, guard, delayed, learning)| {
+    let learned = (prop::option::of(learning()), prop::option::of(adaptation()));
+    (converters().prop_flat_map(with_actuator), law(), guard, any::<bool>(), learned).prop_map(
+        |((c, (low_v, high_v), actuator), law, guard, delayed, (learning, adaptation))| {
             let mut parameters = example();
             let (rest, ramp_codes, [jump_codes, tracking_ticks, healthy_ticks]) = guard;
             parameters.physical.drive_min_mv = (low_v * 1000.0) as i32;
@@ -137,6 +149,7 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
             parameters.servo.law = law;
             parameters.servo.delayed = delayed;
             parameters.servo.learning = learning;
+            parameters.servo.adaptation = adaptation.filter(|_| matches!(law, LawParameters::Predictor(_)));
             parameters.guard = GuardParameters {
                 adc_code_min: 0,
                 adc_code_max: u16::MAX,

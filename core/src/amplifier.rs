@@ -291,6 +291,12 @@ impl Amplifier {
         Ok(())
     }
 
+    /// Whether an alarm forbids the servo to adapt its gain.
+    #[inline]
+    pub fn hold_adaptation(&mut self, held: bool) {
+        self.servo.hold_adaptation(held);
+    }
+
     /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest point, so that it begins at the lower
     /// limit.
     fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator {

@@ -18,6 +18,7 @@ pub mod command_schedule;
 pub mod command_text;
 pub mod creep_inverse;
 pub mod extrema_stack;
+pub mod gain_adaptation;
 pub mod guard;
 pub mod host_watch;
 pub mod integer_row;

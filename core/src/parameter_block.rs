@@ -3,11 +3,13 @@
 //! # How it works
 //! Little-endian: `HYST`, version (3), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
 //! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
-//! field by field in the order of [`Wire`]'s implementations; last, and only where a periodic reference is learned, the filters for it. [`read`] refuses what is damaged, of another version, made for another
+//! field by field in the order of [`Wire`]'s implementations; last, and only where a periodic reference is learned, the filters for it, and behind them, only where
+//! the gain is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another
 //! sampling rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
 
 use crate::checksum::crc32;
 use crate::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
+use crate::gain_adaptation::AdaptationParameters;
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
 use crate::learned_feedforward::LearningParameters;
@@ -25,6 +27,8 @@ pub const VERSION: u16 = 3;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
+/// Bounds of the adaptation: filters before them are longer.
+const ADAPTATION_BYTES: usize = 16;
 /// A slew limit beyond this is none, V/s: the whole range of the drive in a tick.
 const MOST_SLEW_V_S: u32 = 20_000_000;
 
@@ -221,6 +225,7 @@ wire_struct!(EstimatorParameters { rows, unknown_input });
 wire_struct!(SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching });
 wire_struct!(PredictorParameters { state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward });
 wire_struct!(LearningParameters { learning, robustness, error_limit, point_limit, periods_per_halving, most_halvings });
+wire_struct!(AdaptationParameters { most, most_step, error_limit, least_motion });
 wire_struct!(GuardParameters {
     adc_code_min,
     adc_code_max,
@@ -244,14 +249,15 @@ wire_struct!(PhysicalDescription {
 
 impl Wire for AmplifierParameters {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
-        let Self { physical, servo: ServoParameters { converters, actuator, law, delayed, learning }, guard } = self;
+        let Self { physical, servo: ServoParameters { converters, actuator, law, delayed, learning, adaptation }, guard } = self;
         physical.write(to)?;
         converters.write(to)?;
         actuator.write(to)?;
         law.write(to)?;
         delayed.write(to)?;
         guard.write(to)?;
-        learning.as_ref().map_or(Ok(()), |learning| learning.write(to))
+        learning.as_ref().map_or(Ok(()), |learning| learning.write(to))?;
+        adaptation.as_ref().map_or(Ok(()), |adaptation| adaptation.write(to))
     }
     fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
         let physical = Wire::read(from)?;
@@ -261,10 +267,14 @@ impl Wire for AmplifierParameters {
             law: Wire::read(from)?,
             delayed: Wire::read(from)?,
             learning: None,
+            adaptation: None,
         };
         let guard = Wire::read(from)?;
-        if !from.rest.is_empty() {
+        if from.rest.len() > ADAPTATION_BYTES {
             servo.learning = Some(Wire::read(from)?);
+        }
+        if !from.rest.is_empty() {
+            servo.adaptation = Some(Wire::read(from)?);
         }
         Ok(Self { physical, servo, guard })
     }
@@ -455,6 +465,24 @@ fn bounded<const N: usize, const Q: u32>(row: &Row<N, Q>) -> bool {
     row.coefficients.iter().map(|c| i64::from(c.unsigned_abs())).sum::<i64>() < 1 << 31
 }
 
+impl PredictorParameters {
+    /// Whether all rows stay [`bounded`] when the gain is within [`crate::gain_adaptation::MOST`] of one.
+    fn has_room_to_scale(&self) -> bool {
+        has_room(&self.feedforward.coefficients)
+            && has_room(&self.gain_row.coefficients)
+            && has_room(&[self.unknown_gain])
+            && has_room(&[self.slope_gain])
+            && self.state_rows.iter().all(|row| has_room(&row.coefficients))
+    }
+}
+
+/// Whether a row stays [`bounded`] when its coefficients are divided by four fifths, or multiplied by less.
+#[inline(never)]
+fn has_room(row: &[i32]) -> bool {
+    // A unit for the rounding of each.
+    row.iter().map(|c| 5 * i64::from(c.unsigned_abs()) + 8).sum::<i64>() < 4 << 31
+}
+
 /// Whether every intermediate value of a polynomial of the drive share stays within 32 bits ([`SURFACE_LIMITS_UM`]), for coefficients
 /// with the degree that each has.
 fn bounded_surface(coefficients: impl Iterator<Item = (usize, i32)> + Clone) -> bool {
@@ -568,6 +596,14 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
     if parameters.servo.learning.as_ref().is_some_and(|learning| !learning.accepted()) {
         return Err(BlockError::Range("the filters of the learned correction are beyond their format"));
     }
+    if let Some(adaptation) = &parameters.servo.adaptation {
+        let LawParameters::Predictor(law) = &parameters.servo.law else {
+            return Err(BlockError::Range("only a predictor adapts its gain"));
+        };
+        if !adaptation.accepted() || !law.has_room_to_scale() {
+            return Err(BlockError::Range("the bounds of the adapted gain are beyond their format"));
+        }
+    }
     // V per tick with 38 fraction bits.
     let slew = (i64::from(physical.slew_limit_v_s.min(MOST_SLEW_V_S)) << 38) / i64::from(sample_rate_hz);
     if c.slew_codes == 0 || i64::from(c.slew_codes) * c.dac_step > slew {
@@ -594,6 +630,10 @@ pub(crate) mod tests {
     extern crate std;
     use super::*;
     use std::vec::Vec;
+
+    /// Bounds of the adapted gain.
+    pub(crate) const ADAPTATION_EXAMPLE: AdaptationParameters =
+        AdaptationParameters { most: 1 << 21, most_step: 1 << 17, error_limit: 1 << 23, least_motion: 1 << 18 };
 
     /// Triangular rows that learn slowly.
     pub(crate) fn learning_example() -> LearningParameters {
@@ -643,6 +683,7 @@ pub(crate) mod tests {
                 }),
                 delayed: true,
                 learning: None,
+                adaptation: None,
             },
             guard: GuardParameters {
                 adc_code_min: 16,
@@ -698,6 +739,9 @@ pub(crate) mod tests {
             for actuator in actuators {
                 parameters.servo.learning = (nth % 2 == 1).then_some(learning);
                 parameters.servo.law = law;
+                let adapts = matches!(law, LawParameters::Predictor(_)) && actuator != ActuatorParameters::Direct;
+                parameters.servo.adaptation = adapts.then_some(ADAPTATION_EXAMPLE);
+                parameters.servo.learning = parameters.servo.learning.filter(|_| !matches!(actuator, ActuatorParameters::Linear { .. }));
                 parameters.servo.actuator = actuator;
                 let mut bytes = [0xff; BLOCK_BYTES];
                 let length = write(&parameters, &mut bytes).expect("fits");

@@ -13,9 +13,12 @@
 //!
 //! `v` is the *force-equivalent displacement that was really applied*, after limits, converter and hysteresis, so neither saturation
 //! nor the converter's steps mislead the observer, and nothing winds up.
+//!
+//! With another gain of the actuator only the coefficients change ([`GainCoefficients`], [`PredictorLaw::rescale`]): the law's output stays in
+//! the um of the actuator's model.
 
 use crate::integer_row::{Integrating, Row, four};
-use crate::reference_window::{ReferenceWindow, WindowRow};
+use crate::reference_window::{ReferenceWindow, WINDOW, WindowRow};
 use crate::signal::saturate;
 
 /// States of the linear dynamics.
@@ -42,6 +45,52 @@ pub struct PredictorParameters {
     pub gain_row: Row<STATES, OUTPUT_ROW_FRACTION_BITS>,
     /// `v_ff` for the period that begins one tick after now, over the reference window.
     pub feedforward: WindowRow<OUTPUT_ROW_FRACTION_BITS>,
+}
+
+/// What depends on the gain of the actuator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GainCoefficients {
+    /// Of the feedforward; divided by the gain, as the next two are.
+    pub feedforward: [i32; WINDOW],
+    /// `K`.
+    pub gain_row: [i32; STATES],
+    /// `l_d` and `l_s`.
+    pub unknown: [i32; 2],
+    /// The column `B` of the drive, multiplied by the gain.
+    pub drive: [i32; STATES],
+}
+
+impl GainCoefficients {
+    /// None.
+    pub const NONE: Self = Self { feedforward: [0; WINDOW], gain_row: [0; STATES], unknown: [0; 2], drive: [0; STATES] };
+}
+
+impl PredictorParameters {
+    /// What depends on the gain of the actuator.
+    #[must_use]
+    pub fn of_gain(&self) -> GainCoefficients {
+        GainCoefficients {
+            feedforward: self.feedforward.coefficients,
+            gain_row: self.gain_row.coefficients,
+            unknown: [self.unknown_gain, self.slope_gain],
+            drive: core::array::from_fn(|nth| self.state_rows.get(nth).map_or(0, |row| row.coefficients[INPUTS - 1])),
+        }
+    }
+
+    /// Takes the column of the drive from what [`Self::of_gain`] gives.
+    pub fn set_drive_column(&mut self, drive: &[i32; STATES]) {
+        for (row, of_drive) in self.state_rows.iter_mut().zip(drive) {
+            row.coefficients[INPUTS - 1] = *of_drive;
+        }
+    }
+
+    /// Takes what [`Self::of_gain`] gives.
+    pub fn set_of_gain(&mut self, coefficients: &GainCoefficients) {
+        self.feedforward.coefficients = coefficients.feedforward;
+        self.gain_row.coefficients = coefficients.gain_row;
+        [self.unknown_gain, self.slope_gain] = coefficients.unknown;
+        self.set_drive_column(&coefficients.drive);
+    }
 }
 
 /// States of the law.
@@ -115,16 +164,38 @@ impl PredictorLaw {
         shift: i32,
         saturated: &mut u32,
     ) {
-        let output = self
-            .feedforward
-            .saturating_sub(before.gain_row.apply(&self.states, saturated))
-            .saturating_sub(self.unknown.state)
-            .saturating_add(shift);
+        let output = self.last_output(before, saturated).saturating_add(shift);
         if !same_dynamics(before, after) {
             (self.states, self.remainders) = ([0; STATES], [0; STATES]);
         }
-        self.feedforward = after.feedforward.apply(reference.positions(), saturated);
-        let without = self.feedforward.saturating_sub(after.gain_row.apply(&self.states, saturated));
+        self.begin_from(output, after, reference, saturated);
+    }
+
+    /// Goes on with the coefficients of another gain as if they had given the last output: the unknown input takes the difference. `reference` is
+    /// that of the last reading.
+    #[inline(never)]
+    pub fn rescale(
+        &mut self,
+        parameters: &mut PredictorParameters,
+        coefficients: &GainCoefficients,
+        reference: &ReferenceWindow,
+        saturated: &mut u32,
+    ) {
+        let output = self.last_output(parameters, saturated);
+        parameters.set_of_gain(coefficients);
+        self.begin_from(output, parameters, reference, saturated);
+    }
+
+    #[inline(never)]
+    fn last_output(&self, parameters: &PredictorParameters, saturated: &mut u32) -> i32 {
+        self.feedforward.saturating_sub(parameters.gain_row.apply(&self.states, saturated)).saturating_sub(self.unknown.state)
+    }
+
+    /// Sets the unknown input such that the last output would have been this one.
+    #[inline(never)]
+    fn begin_from(&mut self, output: i32, parameters: &PredictorParameters, reference: &ReferenceWindow, saturated: &mut u32) {
+        self.feedforward = parameters.feedforward.apply(reference.positions(), saturated);
+        let without = self.feedforward.saturating_sub(parameters.gain_row.apply(&self.states, saturated));
         self.unknown.state = without.saturating_sub(output);
     }
 
@@ -168,5 +239,11 @@ impl PredictorLaw {
     #[must_use]
     pub fn unknown_input(&self) -> i32 {
         self.unknown.state
+    }
+
+    /// What is fed forward for the next period, um of force-equivalent displacement.
+    #[must_use]
+    pub fn feedforward(&self) -> i32 {
+        self.feedforward
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! The formats are those of [`crate::signal`]; where a number has another one, its field says so.
 
+use crate::gain_adaptation::AdaptationParameters;
 use crate::learned_feedforward::LearningParameters;
 use crate::one_sided_hysteresis::SurfaceCoefficients;
 use crate::pid_regulator::PidParameters;
@@ -108,4 +109,6 @@ pub struct ServoParameters {
     pub delayed: bool,
     /// How the correction of a periodic reference is learned; `None`: it is not.
     pub learning: Option<LearningParameters>,
+    /// Bounds within which a predictor corrects the gain of its model; `None`: it does not.
+    pub adaptation: Option<AdaptationParameters>,
 }

@@ -15,9 +15,14 @@
 //! With [`ServoParameters::learning`] a reference whose period was told ([`ServoTick::repeat`]) gets a learned correction
 //! ([`crate::learned_feedforward`]). What the tick reports as the reference is the one that was asked for.
 //!
+//! # A gain that is not the model's
+//! With [`ServoParameters::adaptation`] the predictor law corrects the gain of its model slowly, within bounds ([`crate::gain_adaptation`]). The gain that was
+//! learned stays until the parameters change.
+//!
 //! # What is counted
 //! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left their format.
 
+use crate::gain_adaptation::GainAdaptation;
 use crate::learned_feedforward::LearnedFeedforward;
 use crate::one_sided_hysteresis::OneSidedHysteresis;
 use crate::pid_regulator::PidRegulator;
@@ -63,12 +68,15 @@ pub struct ServoTick {
     limited: i32,
     /// The last code is as far from the one before as the slew limit allows, and the law wanted more.
     slewing: bool,
+    /// Something is learned: a correction, or the gain.
+    learns: bool,
     reading: i32,
     counters: Counters,
     window: ReferenceWindow,
     law: LawState,
     parameters: ServoParameters,
     hysteresis: Option<OneSidedHysteresis>,
+    adaptation: GainAdaptation,
     learner: LearnedFeedforward,
 }
 
@@ -85,6 +93,7 @@ impl ServoTick {
             law: LawState::Off,
             window: ReferenceWindow::at_rest(0),
             learner: LearnedFeedforward::off(),
+            adaptation: GainAdaptation::off(),
             hysteresis,
             code: parameters.converters.dac_code_min,
             drives: [0; 2],
@@ -92,9 +101,11 @@ impl ServoTick {
             rounding_error: 0,
             limited: 0,
             slewing: false,
+            learns: false,
             reading: 0,
             counters: Counters::default(),
         };
+        this.begin_adaptation();
         this.open_loop(parameters.converters.dac_code_min);
         this
     }
@@ -110,12 +121,34 @@ impl ServoTick {
     pub fn enable(&mut self) {
         self.law = LawState::Fresh;
         self.learner.restart();
+        self.adaptation.wait();
     }
 
     /// Tells the period of the references from the next [`Self::enable`] on, ticks; `None`: they do not repeat. Without parameters for it nothing
     /// is learned.
     pub fn repeat(&mut self, period_ticks: Option<u32>) {
         self.learner.begin(period_ticks.filter(|_| self.parameters.learning.is_some()));
+        self.note_learning();
+    }
+
+    /// Believes the model of the law, if its gain is to be adapted.
+    fn begin_adaptation(&mut self) {
+        let law = match &self.parameters.law {
+            LawParameters::Predictor(law) => self.parameters.adaptation.map(|_| law),
+            _ => None,
+        };
+        self.adaptation.begin(law);
+        self.note_learning();
+    }
+
+    fn note_learning(&mut self) {
+        self.learns = self.adaptation.is_on() || self.learner.period_ticks().is_some();
+    }
+
+    /// Whether an alarm forbids to learn the gain.
+    #[inline]
+    pub fn hold_adaptation(&mut self, held: bool) {
+        self.adaptation.hold(held);
     }
 
     /// Changes all parameters; a running law takes over at the next tick. Evaluates the memory of the hysteresis again if its surfaces
@@ -130,6 +163,7 @@ impl ServoTick {
         }
         let running = !matches!(self.law, LawState::Off);
         self.parameters = parameters;
+        self.begin_adaptation();
         self.note(self.code);
         if running {
             self.enable();
@@ -153,12 +187,16 @@ impl ServoTick {
         self.drives = drives;
         let shift = self.applied.saturating_sub(was);
         let (saturated, window) = (&mut self.counters.saturated_values, &self.window);
-        match (&mut self.law, &self.parameters.law, &parameters.law) {
+        match (&mut self.law, &mut self.parameters.law, &parameters.law) {
             (LawState::Off, ..) => {}
             (LawState::Regulator(law), LawParameters::Regulator(before), LawParameters::Regulator(after)) => {
                 law.go_on(before, after, window, shift, saturated);
             }
             (LawState::Predictor(law), LawParameters::Predictor(before), LawParameters::Predictor(after)) => {
+                // Dynamics are compared as the blocks have them.
+                if self.adaptation.is_on() {
+                    before.set_drive_column(&self.adaptation.base().drive);
+                }
                 law.go_on(before, after, window, shift, saturated);
             }
             (law, ..) => *law = LawState::Fresh,
@@ -166,6 +204,8 @@ impl ServoTick {
         self.parameters.law = parameters.law;
         self.parameters.delayed = parameters.delayed;
         self.parameters.learning = parameters.learning;
+        self.parameters.adaptation = parameters.adaptation;
+        self.begin_adaptation();
     }
 
     /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
@@ -173,10 +213,10 @@ impl ServoTick {
     #[inline(never)]
     pub fn tick(&mut self, adc_code: u16, reference_ahead: Micrometres) -> u16 {
         let ahead = reference_ahead.to_bits();
-        if self.learner.period_ticks().is_some() { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead) }
+        if self.learns { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead) }
     }
 
-    /// [`Self::follow`] with the correction of a periodic reference: apart, so that a tick that learns nothing pays for the question only.
+    /// [`Self::follow`] with what is learned: apart, so that a tick that learns nothing pays for the question only.
     #[inline(never)]
     fn tick_and_learn(&mut self, adc_code: u16, ahead: i32) -> u16 {
         let entering = self.learner.enter();
@@ -186,7 +226,24 @@ impl ServoTick {
             let trusted = self.limited == 0 && !self.slewing;
             self.learner.learn(learning, asked.saturating_sub(self.reading), trusted, &mut self.counters.saturated_values);
         }
+        if self.adaptation.is_on() {
+            self.adapt();
+        }
         code
+    }
+
+    /// Looks at what the law did in this tick, and takes the gain that was learned.
+    #[inline(never)]
+    fn adapt(&mut self) {
+        if let Some(bounds) = &self.parameters.adaptation
+            && let (LawState::Predictor(law), LawParameters::Predictor(parameters)) = (&mut self.law, &mut self.parameters.law)
+        {
+            let error = self.window.now().saturating_sub(self.reading);
+            let trusted = self.limited == 0 && !self.slewing && error.saturating_abs() <= bounds.error_limit;
+            if let Some(coefficients) = self.adaptation.observe(bounds, law.unknown_input(), law.feedforward(), trusted) {
+                law.rescale(parameters, coefficients, &self.window, &mut self.counters.saturated_values);
+            }
+        }
     }
 
     /// One period towards a reference.
@@ -317,6 +374,12 @@ impl ServoTick {
     #[must_use]
     pub fn learner(&self) -> &LearnedFeedforward {
         &self.learner
+    }
+
+    /// The gain of the actuator over the model's, as it was learned; `None` where it is not.
+    #[must_use]
+    pub fn adaptation(&self) -> Option<&GainAdaptation> {
+        self.adaptation.is_on().then_some(&self.adaptation)
     }
 
     /// Drive of the newest code.

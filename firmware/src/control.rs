@@ -15,6 +15,7 @@ use embassy_stm32::pac::TIM2 as TIMER;
 use hysteron_core::amplifier::{Amplifier, Command, Mode, Refusal};
 use hysteron_core::command_limits;
 use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
+use hysteron_core::gain_adaptation::{GAIN_FRACTION_BITS, GainAdaptation};
 use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::HostWatch;
 use hysteron_core::parameter_block::AmplifierParameters;
@@ -196,6 +197,10 @@ static ADC_ZERO: AtomicI32 = AtomicI32::new(0);
 static ZEROED: AtomicBool = AtomicBool::new(false);
 static CONDITIONED: AtomicBool = AtomicBool::new(false);
 static CONDITIONING_REQUIRED: AtomicBool = AtomicBool::new(true);
+/// An alarm forbids to adapt the gain.
+static ADAPTATION_HELD: AtomicBool = AtomicBool::new(false);
+/// Gain that is adapted, with its fraction bits; 0: none is.
+static ADAPTED_GAIN: AtomicI32 = AtomicI32::new(0);
 /// Whether whoever gives commands, on whatever channel, is still there.
 static HOST: HostWatch = HostWatch::new();
 
@@ -268,6 +273,16 @@ pub fn zero() -> (i32, bool) {
 /// Whether the actuator is conditioned, and whether the loop closes only when it is.
 pub fn conditioning() -> (bool, bool) {
     (CONDITIONED.load(Ordering::Relaxed), CONDITIONING_REQUIRED.load(Ordering::Relaxed))
+}
+
+/// Gain of the actuator over the model's as the servo adapted it, millionths; 0: it does not.
+pub fn adapted_gain_millionths() -> u32 {
+    ((i64::from(ADAPTED_GAIN.load(Ordering::Relaxed)) * 1_000_000) >> GAIN_FRACTION_BITS) as u32
+}
+
+/// Whether an alarm forbids to adapt it.
+pub fn hold_adaptation(held: bool) {
+    ADAPTATION_HELD.store(held, Ordering::Relaxed);
 }
 
 /// A line came: the host is there.
@@ -375,6 +390,7 @@ extern "C" fn TIM2() {
     if HOST.is_lost(control.tick, control.amplifier.mode()) {
         control.amplifier.refuse(Fault::HostLost);
     }
+    control.amplifier.hold_adaptation(ADAPTATION_HELD.load(Ordering::Relaxed));
     let begin = DWT::cycle_count();
     let sample = control.amplifier.tick(reading, overrun);
     let cycles = DWT::cycle_count().wrapping_sub(begin);
@@ -400,6 +416,7 @@ extern "C" fn TIM2() {
     FLAGS.store(u32::from(sample.flags), Ordering::Relaxed);
     DRIVE_RESTS.store(control.amplifier.drive_rests(), Ordering::Relaxed);
     SATURATED_VALUES.store(control.amplifier.servo().counters().saturated_values, Ordering::Relaxed);
+    ADAPTED_GAIN.store(control.amplifier.servo().adaptation().map_or(0, GainAdaptation::gain), Ordering::Relaxed);
     ADC_ZERO.store(control.amplifier.parameters().servo.converters.adc_zero, Ordering::Relaxed);
     ZEROED.store(control.amplifier.zeroed(), Ordering::Relaxed);
     CONDITIONED.store(control.amplifier.conditioned(), Ordering::Relaxed);

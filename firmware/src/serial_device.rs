@@ -125,6 +125,7 @@ impl Device for Target {
             block_generation,
             block_checksum,
             protection: option_bytes::protection(),
+            adapted_gain_millionths: control::adapted_gain_millionths(),
         }
     }
 

@@ -239,6 +239,7 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
             law: LawParameters::Hold,
             delayed: true,
             learning: None,
+            adaptation: None,
         },
         guard: GuardParameters {
             adc_code_min: 0,

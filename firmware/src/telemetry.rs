@@ -120,6 +120,7 @@ fn measure(sample: &TraceSample, error: i32, drive: i32) {
         } else if telemetry.take(sample.tick, error, drive) == Some(true) {
             say_resonance(telemetry.watch(), telemetry.figures());
         }
+        control::hold_adaptation(telemetry.figures().alarm);
     });
 }
 

@@ -1,5 +1,6 @@
 //! Tests that cross the rooms of Hysteron, and what they share.
 
+pub mod adaptation_study;
 pub mod independent_stage;
 pub mod learning_study;
 pub mod light_mode_study;

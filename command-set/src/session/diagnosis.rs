@@ -29,6 +29,7 @@ impl<D: Device + 'static> Session<D> {
             figures.windows,
             figures.torn_windows,
             u32::from(figures.alarm),
+            counts.adapted_gain_millionths,
         ]
     }
 

@@ -53,6 +53,7 @@ pub fn parameters() -> AmplifierParameters {
             }),
             delayed: true,
             learning: None,
+            adaptation: None,
         },
         guard: GuardParameters {
             adc_code_min: 16,

@@ -16,6 +16,7 @@ use core::hint::black_box;
 use cortex_m::peripheral::DWT;
 use embassy_stm32 as _; // the vector table
 use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::gain_adaptation::{AdaptationParameters, MOST};
 use hysteron_core::integer_row::Row;
 use hysteron_core::learned_feedforward::{LearningParameters, SETTLING_TICKS};
 use hysteron_core::one_sided_hysteresis::STACK_CAPACITY;
@@ -166,6 +167,10 @@ const LEARNING: LearningParameters = LearningParameters {
     most_halvings: 3,
 };
 
+/// Bounds that let every window change the gain.
+const ADAPTATION: AdaptationParameters =
+    AdaptationParameters { most: MOST, most_step: MOST / 40, error_limit: i32::MAX, least_motion: 1 << 8 };
+
 /// Two turns more than there is room for, so that the memory is full whatever the direction.
 const TURNS: u16 = 2 * STACK_CAPACITY as u16 + 2;
 
@@ -212,6 +217,26 @@ fn measure(fresh: ServoTick) {
         plant.step(applied);
     }
     learning.say("learn", &servo);
+
+    // The same with the gain adapted: every window changes it.
+    let mut parameters = *fresh.parameters();
+    parameters.adaptation = Some(ADAPTATION);
+    let mut servo = ServoTick::new(parameters);
+    fill(&mut servo, TURNS);
+    servo.enable();
+    let mut adapting = Cost::NONE;
+    let middle = servo.applied().to_bits();
+    let mut plant = Mode { position: middle, velocity: 0 };
+    for k in 0..6000u32 {
+        let phase = (k % 200) as i32;
+        let reference = middle + (phase.min(200 - phase) - 50) * 16_777;
+        let applied = servo.applied().to_bits();
+        adapting.tick(&mut servo, plant.code(&c, k), reference, empty);
+        plant.step(applied);
+    }
+    adapting.say("adapt", &servo);
+    let adapted = servo.adaptation().map_or(0, |adaptation| adaptation.gain());
+    defmt::info!("adapted gain {=i32}", adapted);
 
     jump(&fresh, None, empty).say("jump", &servo);
     jump(&fresh, Some(LEARNING), empty).say("jump while learning", &servo);

@@ -300,6 +300,9 @@ enum Command {
         /// Let the servo learn the correction of a periodic reference
         #[arg(long)]
         learning: bool,
+        /// Let the servo correct the gain of its model slowly, within 20 %
+        #[arg(long)]
+        adaptation: bool,
         /// Parameter block for the amplifier to write; beside it the commands that bring it to a running target
         #[arg(long, value_name = "FILE")]
         block: Option<PathBuf>,
@@ -456,11 +459,12 @@ fn dispatch(command: Command) -> Result<bool> {
             sensitivity_peak,
             mode_moves,
             learning,
+            adaptation,
             block,
             front_end,
             outputs,
         } => {
-            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning, mode_moves };
+            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning, adaptation, mode_moves };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
             design::design(&files, &wanted, &outputs)

@@ -50,6 +50,8 @@ pub struct Wanted {
     pub sensitivity_peak: f64,
     /// A periodic reference's correction is to be learned.
     pub learning: bool,
+    /// The gain of the model is to be corrected while it runs.
+    pub adaptation: bool,
     /// Share of its frequency by which the first mode moves.
     pub mode_moves: f64,
 }
@@ -70,9 +72,10 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
     desk.target(block)?;
     desk.target(commands_file.as_deref())?;
     outputs.check(&desk)?;
-    let Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning, mode_moves } = *wanted;
+    let Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning, adaptation, mode_moves } = *wanted;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
-    let order = Order { reference_hz, sensor_noise_um, sensitivity_peak, recording, front_end: front_end_said, learning, mode_moves };
+    let order =
+        Order { reference_hz, sensor_noise_um, sensitivity_peak, recording, front_end: front_end_said, learning, adaptation, mode_moves };
     let design = order::design(&chain, &order).map_err(|m| wrong(model, m))?;
     // What a target cannot take is no design: it fails before anything is written.
     let block_bytes = match (block, &front_end) {

@@ -39,6 +39,9 @@ pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> 
         result.saturated_ticks,
         nm(result.noise_um)
     );
+    if let Some(gain) = result.adapted_gain {
+        println!("  the gain was corrected to {gain:.3} times the model's");
+    }
     desk.write_json(outputs.json.as_deref(), &result)?;
     let error_nm = result.sensor_um.iter().zip(&result.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
     let page = Page {

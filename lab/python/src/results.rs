@@ -153,7 +153,7 @@ pub fn design(
     sensitivity_peak: f64,
 ) -> PyResult<(String, String)> {
     let recording = dataset.map(|dataset| dataset.0.as_ref());
-    let order = Order { reference_hz, sensor_noise_um, sensitivity_peak, recording, front_end: None, learning: false, mode_moves: 0.0 };
+    let order = Order { reference_hz, sensor_noise_um, sensitivity_peak, recording, ..Order::default() };
     let design = at_work(py, None, |_| design_servo(&model.model, &order).map_err(|why| hysteron::Error::new("design", why)))?;
     Ok((toml::to_string_pretty(&design).map_err(|error| wrong("design", error))?, json(&design)?))
 }

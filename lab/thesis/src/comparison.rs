@@ -67,6 +67,9 @@ pub const OTHER_SCHEMES: [&str; 7] = [
     "feedforward-pi-notch",
 ];
 
+/// Gain of a model that is wrong, over the identified one.
+const WRONG_GAIN: f64 = 0.9;
+
 /// Other schemes on the full bench, the best design without its second mode, and without noise shaping.
 #[must_use]
 pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<Row> {
@@ -112,6 +115,23 @@ pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>
                 condition: format!("{hz} Hz, {load}, full bench, the best design with the correction of a periodic reference learned"),
             })),
             Err(reason) => rows.push(row_um(format!("ch7.compare.predictor-learning.{load}.rms"), f64::NAN, reason)),
+        }
+        // A gain that is not the model's, left to the unknown input and corrected.
+        let wrong = ServoDesign { model: c.design.model.with_gain(WRONG_GAIN), ..c.design.clone() };
+        for name in ["predictor", "predictor-adaptive"] {
+            match with_scheme(&wrong, name) {
+                Ok(design) => jobs.extend([10.0, 50.0, 150.0].map(|hz| Job {
+                    id: format!("ch7.compare.gain_10_off.{name}.{hz}hz.{load}.rms"),
+                    bench,
+                    variant,
+                    design: design.clone(),
+                    hz,
+                    condition: format!(
+                        "{hz} Hz, {load}, full bench, the best design with a model whose gain is {WRONG_GAIN} times the identified one"
+                    ),
+                })),
+                Err(reason) => rows.push(row_um(format!("ch7.compare.gain_10_off.{name}.{load}.rms"), f64::NAN, reason)),
+            }
         }
         let unshaped = ServoDesign { noise_shaping: false, ..c.design.clone() };
         jobs.extend([1.0, 50.0].map(|hz| Job {

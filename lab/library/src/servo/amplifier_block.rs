@@ -223,6 +223,7 @@ pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f6
             law: LawParameters::Hold,
             delayed: true,
             learning: None,
+            adaptation: None,
         },
         guard: guard(front_end, &converters, u16::MAX, i32::MAX),
     };

@@ -3,6 +3,7 @@
 use super::check::{self, ContinuousConditions};
 use super::design::{SCHEMA, Scheme, ServoDesign, thesis_scheme};
 use super::disturbance_observer;
+use super::gain_adaptation::AdaptationDesign;
 use super::loop_margins::{Loop, LoopMargins};
 use super::model::{ActuatorModel, NominalModel, actuator_model};
 use super::order::{self, ASSUMED_NOISE_UM, Order};
@@ -17,9 +18,10 @@ use nalgebra::Complex;
 use serde::Serialize;
 
 /// Names of the schemes that `track --scheme` takes besides the one of the design.
-pub const SCHEMES: [&str; 16] = [
+pub const SCHEMES: [&str; 17] = [
     "predictor",
     "predictor-learning",
+    "predictor-adaptive",
     "predictor-linear",
     "disturbance-observer",
     "disturbance-observer-inverse",
@@ -87,8 +89,19 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
             judge_law(&PredictorDesign::new(&design.model.linear, tuning), &model, delay_s, ratio, &mut out);
             out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
+            let law = PredictorDesign::new(&design.model.linear, tuning);
+            if let Some(adaptation) = &design.adaptation {
+                let plant = Variation { delay_s, ..Variation::NONE }.sampled(&model.linear);
+                let beliefs = ratio.iter().flat_map(|gain| adaptation.over_beliefs(*gain));
+                let worst = beliefs.map(|gain| law.spectral_radius(&plant, gain, 0)).fold(0.0, f64::max);
+                out.stable &= worst < 1.0;
+                out.remarks.push(format!(
+                    "Wherever the correction of the gain stands within its +-{:.0} % the largest eigenvalue is at most {worst:.3}{}.",
+                    100.0 * adaptation.farthest,
+                    if worst < 1.0 { "" } else { ": UNSTABLE" }
+                ));
+            }
             if let Some(learning) = &design.learning {
-                let law = PredictorDesign::new(&design.model.linear, tuning);
                 let on_it = ratio.map(|gain| learning.contraction_on(&law, &model.linear, gain, delay_s));
                 let (contraction, hz) = on_it.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0));
                 let verdict = if contraction < 1.0 { "converges" } else { "DIVERGES" };
@@ -245,8 +258,9 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
     if name != "predictor-learning" {
         out.learning = None;
     }
+    out.adaptation = (name == "predictor-adaptive").then(|| AdaptationDesign::new(design.model.reach_um()));
     (out.scheme, out.delayed) = match name {
-        "predictor" | "predictor-learning" => (Scheme::Predictor { tuning, hysteresis_inverse: true }, true),
+        "predictor" | "predictor-learning" | "predictor-adaptive" => (Scheme::Predictor { tuning, hysteresis_inverse: true }, true),
         "predictor-linear" => (Scheme::Predictor { tuning, hysteresis_inverse: false }, true),
         "feedforward" => (Scheme::Feedforward { gains, notch: None, creep_inverse: true }, true),
         "feedforward-without-creep" => (Scheme::Feedforward { gains, notch: None, creep_inverse: false }, true),

@@ -1,6 +1,7 @@
 //! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains, and why.
 
 use super::disturbance_observer::{self, DisturbanceObserverGains};
+use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
@@ -92,6 +93,9 @@ pub struct ServoDesign {
     /// How the correction of a periodic reference is learned; none: it is not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub learning: Option<LearningDesign>,
+    /// Bounds within which the gain of the model is corrected; none: it is not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adaptation: Option<AdaptationDesign>,
 }
 
 /// Name of the file format.
@@ -111,6 +115,7 @@ impl ServoDesign {
             model: model.clone(),
             trade_off: Vec::new(),
             learning: None,
+            adaptation: None,
         }
     }
 
@@ -160,7 +165,9 @@ impl ServoDesign {
     #[must_use]
     pub fn scheme_name(&self) -> &'static str {
         match &self.scheme {
+            Scheme::Predictor { .. } if self.learning.is_some() && self.adaptation.is_some() => "predictor-learning-adaptive",
             Scheme::Predictor { .. } if self.learning.is_some() => "predictor-learning",
+            Scheme::Predictor { .. } if self.adaptation.is_some() => "predictor-adaptive",
             Scheme::Predictor { hysteresis_inverse: true, .. } => "predictor",
             Scheme::Predictor { .. } => "predictor-linear",
             Scheme::SlidingMode { estimator, reaching, .. } => match (estimator, reaching) {
@@ -222,7 +229,8 @@ impl ServoDesign {
             }
         };
         let learning = self.learning.as_ref().map(LearningDesign::quantised).transpose()?;
-        Ok(ServoParameters { converters, actuator, law, delayed: self.delayed, learning })
+        let adaptation = self.adaptation.as_ref().map(AdaptationDesign::quantised).transpose()?;
+        Ok(ServoParameters { converters, actuator, law, delayed: self.delayed, learning, adaptation })
     }
 }
 

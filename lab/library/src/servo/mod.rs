@@ -9,6 +9,7 @@
 //!   left possible; [`plant_set`]: plants that are not the model;
 //! * [`moving_mode`]: references where the first mode does not stay where it was recorded;
 //! * [`learned_feedforward`]: the filters by which a periodic reference's correction is learned, and the proof that it converges;
+//! * [`gain_adaptation`]: bounds within which the gain of the model is corrected while it runs;
 //! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
 //! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
 //! * `value_ranges`: what a value of a servo file may be;
@@ -23,6 +24,7 @@ pub mod check;
 pub mod commands;
 pub mod design;
 pub mod disturbance_observer;
+pub mod gain_adaptation;
 pub mod learned_feedforward;
 pub mod loop_margins;
 pub mod model;

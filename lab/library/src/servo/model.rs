@@ -206,6 +206,14 @@ impl ActuatorModel {
         Surfaces { g: self.g_um.clone(), r: self.r_um.clone() }
     }
 
+    /// The same actuator with another gain: every displacement is so many times as large.
+    #[must_use]
+    pub fn with_gain(&self, gain: f64) -> Self {
+        let mut out = self.clone();
+        out.g_um.iter_mut().flatten().chain(&mut out.r_um).for_each(|c| *c *= gain);
+        out
+    }
+
     /// The same hysteresis with surfaces of the degree and size that the servo's tick evaluates (thesis Ch. 4, Eq. 15), and the largest
     /// difference of the surfaces that this makes, um. Least squares on a grid; a model that fits the tick stays as it is. Coefficients that
     /// are large only because they cancel are kept small by a weight on them, as little as makes them fit.

@@ -2,6 +2,7 @@
 
 use super::amplifier_block::FrontEnd;
 use super::design::{Scheme, ServoDesign, undominated};
+use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::{self, LearningDesign};
 use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, actuator_model};
 use super::moving_mode::{FARTHEST, ReferenceBand, with_first_mode_at};
@@ -32,6 +33,8 @@ pub struct Order<'a> {
     pub front_end: Option<&'a FrontEnd>,
     /// The correction of a periodic reference is to be learned.
     pub learning: bool,
+    /// The gain of the model is to be corrected while it runs.
+    pub adaptation: bool,
     /// Share of its frequency by which the first mode moves to either side after it was recorded; zero where it stays.
     pub mode_moves: f64,
 }
@@ -42,7 +45,16 @@ pub const ASSUMED_NOISE_UM: f64 = 0.001;
 impl Default for Order<'_> {
     fn default() -> Self {
         let Demands { reference_hz, sensitivity_peak, .. } = Demands::default();
-        Self { reference_hz, sensor_noise_um: None, sensitivity_peak, recording: None, front_end: None, learning: false, mode_moves: 0.0 }
+        Self {
+            reference_hz,
+            sensor_noise_um: None,
+            sensitivity_peak,
+            recording: None,
+            front_end: None,
+            learning: false,
+            adaptation: false,
+            mode_moves: 0.0,
+        }
     }
 }
 
@@ -398,8 +410,13 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         let learning = LearningDesign::new(&PredictorDesign::new(&model.linear, &chosen.tuning), &task, model.reach_um())?;
         design.explanation.push(learning.in_words());
         design.learning = Some(learning);
-        design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
     }
+    if order.adaptation {
+        let adaptation = AdaptationDesign::new(model.reach_um());
+        design.explanation.push(adaptation.in_words());
+        design.adaptation = Some(adaptation);
+    }
+    design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
     design.trade_off = trade_off(&task, &scan);
     Ok(design)
 }

@@ -9,6 +9,7 @@ use super::design::ServoDesign;
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::QuantisationError;
 use crate::statistics::extremes;
+use hysteron_core::gain_adaptation::ONE;
 use hysteron_core::learned_feedforward::MOST_POINTS;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
@@ -24,12 +25,15 @@ const LOWEST_FREQUENCY_HZ: f64 = 0.01;
 const LEAD_S: f64 = 0.5;
 /// Periods of a reference whose correction is learned that pass at its full amplitude before the error counts.
 const LEARNED_PERIODS: f64 = 10.0;
+/// Time for the gain to be corrected, s: at half a per cent in 0.1 s the largest correction takes four, and the rest of it one.
+const ADAPTED_WITHIN_S: f64 = 6.0;
 
-/// Time before the error counts, s: longer where the correction of a reference of this frequency is learned.
+/// Time before the error counts, s: longer where the correction of a reference of this frequency, or the gain, is learned.
 #[must_use]
 pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
     let learns = design.learning.is_some() && period_ticks(frequency_hz).is_some_and(|ticks| ticks <= MOST_POINTS as u32);
-    if learns { LEAD_S.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz) } else { LEAD_S }
+    let lead_s = if design.adaptation.is_some() { ADAPTED_WITHIN_S } else { LEAD_S };
+    if learns { lead_s.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz) } else { lead_s }
 }
 
 /// The servo of a design that is told, once its reference has grown, after how many ticks that repeats.
@@ -174,6 +178,9 @@ pub struct TrackResult {
     pub steady_state_um: f64,
     /// RMS noise of the sensor, um.
     pub noise_um: f64,
+    /// Gain over the model's at the end, where it is corrected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adapted_gain: Option<f64>,
     /// Ticks in which the drive was at a limit while the error counts, and values that left their format.
     pub saturated_ticks: u32,
     /// Ticks that came too late: none in a simulation.
@@ -258,6 +265,7 @@ pub fn track(
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
         noise_um,
+        adapted_gain: told.servo.adaptation().map(|adaptation| f64::from(adaptation.gain()) / f64::from(ONE)),
         steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),
         saturated_ticks: trace.limited_after(from).saturating_add(trace.counters.saturated_values),
         overruns: 0,

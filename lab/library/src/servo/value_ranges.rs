@@ -3,6 +3,7 @@
 //! An observer for a sensor without noise, or for a mode of a negative frequency, has eigenvalues too, and they look like any others.
 
 use super::design::{Scheme, ServoDesign};
+use super::gain_adaptation::{FARTHEST, LARGEST_STEP};
 use super::model::ActuatorModel;
 use super::predictor::PredictorTuning;
 use std::ops::RangeInclusive;
@@ -53,6 +54,14 @@ impl ServoDesign {
             values.extend(of_tuning(tuning));
         }
         values.extend(self.sensor_noise_um.map(|noise_um| ("sensor_noise_um of the servo", noise_um, ABOVE_ZERO..=FARTHEST_UM)));
+        if let Some(a) = &self.adaptation {
+            values.extend([
+                ("farthest of the adaptation", a.farthest, ABOVE_ZERO..=FARTHEST),
+                ("most_step of the adaptation", a.most_step, ABOVE_ZERO..=LARGEST_STEP),
+                ("error_limit_um of the adaptation", a.error_limit_um, ABOVE_ZERO..=FARTHEST_UM),
+                ("least_motion_um of the adaptation", a.least_motion_um, ABOVE_ZERO..=FARTHEST_UM),
+            ]);
+        }
         let outside = values.into_iter().find(|(_, value, range)| !range.contains(value));
         outside.map(|(name, value, range)| format!("{name} = {value}; expected {:e} to {:e}", range.start(), range.end()))
     }

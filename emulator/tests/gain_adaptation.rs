@@ -1,0 +1,114 @@
+//! The unmodified image corrects the gain of its model: what it reads and drives is what the host's simulation of the same core and plant gives, to
+//! the last bit, the error falls, and the serial port tells the gain.
+
+mod common;
+
+use common::{best_parameters, block, host_run, image, lines, samples};
+use hysteron_core::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST, ONE};
+use hysteron_core::parameter_block::AmplifierParameters;
+use hysteron_core::servo_parameters::ActuatorParameters;
+use hysteron_core::trace_frame::TraceSample;
+use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
+use hysteron_emulator::converters::World;
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_sim::bench::{Bench, Variant};
+
+const ENABLE_TICK: u32 = 22_300;
+const TICKS: u32 = 60_000;
+/// The model's gain over the true one, hundredths.
+const MODEL: i32 = 88;
+
+/// The best servo with a model whose gain is too small, and bounds that let it correct that in a second.
+fn wrong_gain(adaptation: bool) -> AmplifierParameters {
+    let mut out = best_parameters();
+    let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut out.servo.actuator else { panic!("an inverted hysteresis") };
+    surfaces.g.iter_mut().flatten().chain(&mut surfaces.f).for_each(|c| *c = (i64::from(*c) * i64::from(MODEL) / 100) as i32);
+    let bounds = AdaptationParameters { most: MOST, most_step: LARGEST_STEP, error_limit: 1 << 23, least_motion: ONE / 50 };
+    assert!(bounds.accepted());
+    out.servo.adaptation = adaptation.then_some(bounds);
+    out
+}
+
+/// What was asked minus what was read over the last quarter of a second, nm RMS.
+fn error_nm(samples: &[TraceSample], parameters: &AmplifierParameters, zero: f64) -> f64 {
+    let step = parameters.servo.converters.adc_step as f64 / 2f64.powi(40);
+    let last = &samples[samples.len() - 5000..];
+    let square = |s: &TraceSample| (f64::from(s.reference) / f64::from(1 << 24) - (f64::from(s.adc_code) * step - zero)).powi(2);
+    1e3 * (last.iter().map(square).sum::<f64>() / last.len() as f64).sqrt()
+}
+
+/// What `DIA? 16` was answered.
+fn gains(outcome: &Outcome) -> Vec<f64> {
+    let text: String = outcome.serial.iter().map(|(_, byte)| char::from(*byte)).collect();
+    text.lines().map(|line| line.trim().strip_prefix("16=").and_then(|number| number.parse().ok()).expect("a gain")).collect()
+}
+
+#[test]
+fn an_alarm_of_the_resonance_holds_the_gain_where_it_is() {
+    let bench = Bench::reference().expect("the bench");
+    let mut parameters = wrong_gain(true);
+    // So slowly that a second is not enough.
+    parameters.servo.adaptation.as_mut().expect("on").most_step = ONE / 400;
+    let commands = [(100, "conditioning waived"), (300, "reference sine 125000 2000 5600"), (310, "enable")];
+    let world = World::new(&bench, Variant::FULL, 7).shared();
+    // The first second ends near tick 20,310; the error at 125 Hz is then still an alarm.
+    let asked = [16_000, 22_000, 29_000].map(|tick: u64| tick * 50_000);
+    let first = [b"resonance 125000 2\n".to_vec(), lines(&commands)].concat();
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![(2 * MILLISECOND, first)],
+        serial: asked.iter().map(|at| (*at, b"DIA? 16\n".to_vec())).collect(),
+        ..Script::listening(30_000 * 50_000)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    assert_eq!(outcome.texts_with("above the alarm").count(), 1, "{:?}", outcome.messages);
+    let [before, held, later] = gains(&outcome)[..] else { panic!("three answers") };
+    println!("DIA? 16: {before} {held} {later}");
+    assert!(before > 1_002_000.0 && held > before, "it learns until the alarm: {before} {held}");
+    assert!(held == later && held < 1_100_000.0, "and not behind it: {held} {later}");
+}
+
+#[test]
+fn the_gain_that_is_learned_agrees_with_the_host_to_the_last_bit() {
+    let bench = Bench::reference().expect("the bench");
+    let parameters = wrong_gain(true);
+    let commands = [(100, "condition"), (ENABLE_TICK, "reference sine 125000 3000 4000"), (ENABLE_TICK + 1, "enable")];
+    let world = World::new(&bench, Variant::FULL, 7).shared();
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![
+            (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()),
+            (u64::from(ENABLE_TICK) * 50_000 + 20 * MILLISECOND, b"status\n".to_vec()),
+            (u64::from(TICKS) * 50_000, b"status\n".to_vec()),
+        ],
+        serial: vec![(u64::from(TICKS) * 50_000, b"DIA? 16\n".to_vec())],
+        ..Script::listening(u64::from(TICKS) * 50_000 + 30 * MILLISECOND)
+    };
+    let mut board = NucleoBoard::with_plant(&world).expect("a board");
+    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
+    let outcome = run(&image(), board, script).expect("a run");
+    let (target, lost) = samples(&outcome);
+    assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0), "{:?}", outcome.messages);
+    let host =
+        |parameters: &AmplifierParameters| host_run(parameters, &mut World::new(&bench, Variant::FULL, 7), &commands, TICKS as usize);
+    let adapted = host(&parameters);
+    let target: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < TICKS).collect();
+    assert_eq!(target.len(), (TICKS - 100) as usize);
+    for (ours, theirs) in target.iter().zip(&adapted[100..]) {
+        assert_eq!(**ours, *theirs);
+    }
+    // And it has learned something: against the same servo that does not, and against the one whose model is right.
+    let zeroing = &adapted[100 + 2000 + 20_000 - 1024..100 + 2000 + 20_000];
+    let step = parameters.servo.converters.adc_step as f64 / 2f64.powi(40);
+    let zero = zeroing.iter().map(|s| f64::from(s.adc_code)).sum::<f64>() / 1024.0 * step;
+    let error = |samples: &[TraceSample]| error_nm(samples, &parameters, zero);
+    let (before, after, right) = (error(&host(&wrong_gain(false))), error(&adapted), error(&host(&best_parameters())));
+    println!("what was asked minus read: {before:.2} nm with the wrong gain, {after:.2} nm adapted, {right:.2} nm with the right one");
+    assert!(after < 1.05 * right && before > 3.0 * right, "{before} {after} {right}");
+    let [millionths] = gains(&outcome)[..] else { panic!("one answer") };
+    println!("DIA? 16: {millionths}");
+    assert!((millionths / 1e6 * f64::from(MODEL) / 100.0 - 1.0).abs() < 0.02, "{millionths}");
+    let status = outcome.texts_with("status").last().expect("a status").to_string();
+    println!("{status}");
+    assert!(status.contains("overruns: 0"), "{status}");
+}
