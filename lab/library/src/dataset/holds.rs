@@ -3,7 +3,7 @@
 //! A drive that was commanded stands still to the digit. One that was read back through a converter never does: its noise is what is left of it after
 //! two differences, and a rest is where the means of neighbouring stretches differ by no more than this noise explains.
 
-use crate::statistics::mean;
+use crate::statistics::{mean, peak_to_peak};
 use std::ops::Range;
 
 /// Noise read from second differences of a drive that moves: most of its samples lie within so many standard deviations of a straight line.
@@ -11,12 +11,16 @@ const STRETCH_RMS_MAX: f64 = 1.5;
 /// Means of two stretches are the same where they differ by less than so many of their standard deviations.
 const SAME_MEAN: f64 = 5.0;
 
+/// Noise of a drive that was read back is below this share of its range; a multisine to nearly half the sampling rate looks like noise too, and is the motion.
+const NOISE_SHARE_MAX: f64 = 0.02;
+
 /// Ranges of at least so many samples in which the drive stands still, as far as its own noise lets it be seen.
 #[must_use]
 pub fn holds(drive_v: &[f64], shortest: usize) -> Vec<Range<usize>> {
     let exact = exact_holds(drive_v, shortest);
     let noise_v = read_noise_v(drive_v);
-    if exact.is_empty() && noise_v > 0.0 { holds_in_noise(drive_v, shortest.max(2), noise_v) } else { exact }
+    let was_read_back = noise_v > 0.0 && noise_v < NOISE_SHARE_MAX * peak_to_peak(drive_v);
+    if exact.is_empty() && was_read_back { holds_in_noise(drive_v, shortest.max(2), noise_v) } else { exact }
 }
 
 /// Standard deviation of what a drive has beside a motion that is straight over three samples, V. Zero for a drive that mostly moves along straight
@@ -107,6 +111,9 @@ mod tests {
         let mut noise = WhiteNoise::new(0.01, 3);
         let slow: Vec<f64> = (0..20_000).map(|k| 1e-4 * f64::from(k) + noise.next_um()).collect();
         assert!(holds(&slow, 400).is_empty(), "{:?}", holds(&slow, 400));
+        let lines: Vec<usize> = (1..=1920).step_by(3).collect();
+        let fast = hysteron_sim::waveform::multisine(4000, &lines, 8.0, 36.0, 5, 1);
+        assert!(holds(&fast, 400).is_empty(), "a multisine to 9.6 kHz: {:?}", holds(&fast, 400));
         let sine: Vec<f64> = (0..20_000).map(|k| (0.001 * f64::from(k)).sin()).collect();
         assert!(holds(&sine, 400).is_empty());
     }
