@@ -6,6 +6,7 @@ pub mod learning_study;
 pub mod light_mode_study;
 pub mod measured;
 pub mod other_actuators;
+pub mod running_amplifier;
 pub mod servo_study;
 
 use std::io::Write;
