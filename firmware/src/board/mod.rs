@@ -19,10 +19,13 @@ use embassy_stm32::{Config, Peripherals, interrupt, rcc};
 
 use crate::front_end::FrontEnd;
 
+mod flash_words;
 #[cfg(feature = "nucleo-g474re")]
 mod nucleo_g474re;
 #[cfg(feature = "nucleo-h743zi")]
 mod nucleo_h743zi;
+#[cfg(any(feature = "nucleo-g474re", feature = "on-chip-converters"))]
+mod triggered_converters;
 
 /// The board of this image.
 #[cfg(feature = "nucleo-g474re")]

@@ -17,6 +17,7 @@ use embassy_stm32::pac::dac::vals::Mode;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
+use crate::board::triggered_converters;
 use crate::front_end::FrontEnd;
 
 const SENSOR_CHANNEL: u8 = 1;
@@ -26,8 +27,6 @@ const ADC_TRIGGER_TIM2: u8 = 11;
 const DAC_TRIGGER_TIM2: u8 = 4;
 /// HFSEL: a bus clock above 160 MHz (RM0440, DAC_MCR).
 const DAC_ABOVE_160_MHZ: u8 = 2;
-/// Polls of a flag before the converter counts as silent.
-const MOST_POLLS: u32 = 400;
 /// The slowest step of the start is the calibration.
 const MOST_START_US: u32 = 1_000;
 const CYCLES_PER_US: u32 = 170;
@@ -128,20 +127,12 @@ impl FrontEnd for OnChipConverters {
 
     #[inline(always)]
     fn read(&mut self) -> Option<u16> {
-        let mut polls = 0;
-        while !ADC1.isr().read().eoc() {
-            polls += 1;
-            if polls == MOST_POLLS {
-                return None;
-            }
-        }
-        Some(ADC1.dr().read().rdata())
+        triggered_converters::read()
     }
 
     #[inline(always)]
     fn write(&mut self, code: u16) -> bool {
-        DAC1.dhr12r(0).write(|w| w.set_dhr(code.min(Self::MOST_CODE)));
-        true
+        triggered_converters::write(code, Self::MOST_CODE)
     }
 
     /// It has the part's own supply.
@@ -150,10 +141,7 @@ impl FrontEnd for OnChipConverters {
     fn force(&mut self, code: u16) {
         enable_clocks();
         set_analog_pins();
-        DAC1.cr().modify(|w| w.set_ten(0, false));
         begin_drive();
-        // Without a trigger a code acts one bus cycle later.
-        self.write(code);
-        DAC1.cr().modify(|w| w.set_en(0, true));
+        triggered_converters::force(code, Self::MOST_CODE);
     }
 }

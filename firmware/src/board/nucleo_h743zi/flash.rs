@@ -5,6 +5,7 @@
 
 use embassy_stm32::pac::FLASH;
 
+use crate::board::flash_words::{self, FlashError};
 use crate::task_clock;
 
 /// Where bank 2 begins, and the length of its sectors.
@@ -17,9 +18,6 @@ const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 const PARALLELISM: u8 = 3;
 /// A sector's erase takes at most 4 s (DS12110).
 const MOST_WAITS: u32 = 5_000;
-
-/// Why a sector was not written.
-pub type FlashError = &'static str;
 
 /// Waits until bank 2 is idle, and says what went wrong in what it did.
 async fn finished() -> Result<(), FlashError> {
@@ -75,24 +73,8 @@ async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError>
         w.set_ser(false);
         w.set_pg(true);
     });
-    // The register and the array are different places of the memory map: without a barrier the first store may come before PG is set.
     let _ = bank.cr().read();
-    cortex_m::asm::dsb();
-    cortex_m::asm::isb();
-    for (nth, piece) in bytes.chunks(WORD_BYTES).enumerate() {
-        let mut word = [0xFF; WORD_BYTES];
-        word.iter_mut().zip(piece).for_each(|(to, from)| *to = *from);
-        let to = address as usize + nth * WORD_BYTES;
-        for (quarter, four) in word.chunks_exact(4).enumerate() {
-            let value = four.iter().rev().fold(0u32, |sum, byte| sum << 8 | u32::from(*byte));
-            // SAFETY: an address within a sector that no code and no data of the image occupies (memory.x); the flash interface takes the store.
-            unsafe { ((to + 4 * quarter) as *mut u32).write_volatile(value) };
-        }
-        // All of the word has left the processor before the interface is asked whether it is done.
-        cortex_m::asm::dsb();
-        cortex_m::asm::isb();
-        finished().await?;
-    }
+    flash_words::program::<WORD_BYTES>(address, bytes, finished).await?;
     bank.cr().modify(|w| w.set_pg(false));
     Ok(())
 }

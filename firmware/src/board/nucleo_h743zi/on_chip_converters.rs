@@ -15,6 +15,7 @@ use embassy_stm32::pac::adccommon::vals::Ckmode;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
+use crate::board::triggered_converters;
 use crate::front_end::FrontEnd;
 
 const SENSOR_CHANNEL: u8 = 15;
@@ -22,8 +23,6 @@ const SENSOR_CHANNEL: u8 = 15;
 const ADC_TRIGGER_TIM2: u8 = 11;
 /// TIM2_TRGO among the triggers of DAC1 (RM0433, Table 225).
 const DAC_TRIGGER_TIM2: u8 = 2;
-/// Polls of a flag before the converter counts as silent.
-const MOST_POLLS: u32 = 400;
 /// The slowest step of the start is the linearity calibration: 165010 cycles of 25 MHz.
 const MOST_START_US: u32 = 20_000;
 const CYCLES_PER_US: u32 = 400;
@@ -108,20 +107,12 @@ impl FrontEnd for OnChipConverters {
 
     #[inline(always)]
     fn read(&mut self) -> Option<u16> {
-        let mut polls = 0;
-        while !ADC1.isr().read().eoc() {
-            polls += 1;
-            if polls == MOST_POLLS {
-                return None;
-            }
-        }
-        Some(ADC1.dr().read().rdata())
+        triggered_converters::read()
     }
 
     #[inline(always)]
     fn write(&mut self, code: u16) -> bool {
-        DAC1.dhr12r(0).write(|w| w.set_dhr(code.min(Self::MOST_CODE)));
-        true
+        triggered_converters::write(code, Self::MOST_CODE)
     }
 
     /// It has the part's own supply.
@@ -129,9 +120,6 @@ impl FrontEnd for OnChipConverters {
 
     fn force(&mut self, code: u16) {
         enable_clocks();
-        DAC1.cr().modify(|w| w.set_ten(0, false));
-        // Without a trigger a code acts one bus cycle later.
-        self.write(code);
-        DAC1.cr().modify(|w| w.set_en(0, true));
+        triggered_converters::force(code, Self::MOST_CODE);
     }
 }
