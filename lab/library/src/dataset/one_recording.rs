@@ -43,13 +43,13 @@ pub struct Parts {
     pub notes: Vec<String>,
 }
 
-/// Cuts a recording into parts by its drive.
+/// Cuts a recording into parts by its drive; the reading, um, tells a rest in noise from a small motion.
 #[must_use]
-pub fn parts(drive_v: &[f64], sample_rate_hz: f64) -> Parts {
+pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts {
     let samples = drive_v.len();
     let seconds = |k: usize| k as f64 / sample_rate_hz;
     let mut parts = Parts { windows: Vec::new(), notes: Vec::new() };
-    let holds = holds(drive_v, ((REST_MIN_S * sample_rate_hz) as usize).max(REST_MIN));
+    let holds = holds(drive_v, reading_um, ((REST_MIN_S * sample_rate_hz) as usize).max(REST_MIN));
     // A drive that mostly rests moves in steps: its holds are the response, not rest.
     let held: usize = holds.iter().map(Range::len).sum();
     let mut first = 0;
@@ -260,6 +260,10 @@ mod tests {
 
     const RATE_HZ: f64 = 1000.0;
 
+    fn parts_of(drive_v: &[f64]) -> Parts {
+        parts(drive_v, drive_v, RATE_HZ)
+    }
+
     fn has_on_both_sides(parts: &Parts, wanted: &Range<usize>) {
         for role in [Role::Identify, Role::Validate] {
             let covered: usize = parts
@@ -277,7 +281,7 @@ mod tests {
         let mut drive = vec![0.0];
         drive.extend(vec![-90.0; 1499]);
         drive.extend((0..3000).map(|k| -90.0 + 0.03 * f64::from(k) * (1.0 - (f64::from(k) * 0.1).cos())));
-        let parts = parts(&drive, RATE_HZ);
+        let parts = parts_of(&drive);
         assert_eq!(parts.windows[0].0, Role::Noise);
         assert!(parts.windows[0].1.start > 700 && parts.windows[0].1.end.abs_diff(1500) <= 1, "{parts:?}");
         assert!(parts.windows[1..].iter().all(|(role, w)| *role != Role::Noise && w.start >= 1500), "{parts:?}");
@@ -289,7 +293,7 @@ mod tests {
         let slow = (0..4000).map(|k| 30.0 - 30.0 * (f64::from(k) * 0.01).cos());
         let fast = (0..4000).map(|k| 5.0 - 5.0 * (f64::from(k) * 0.3).cos());
         let drive: Vec<f64> = slow.chain(fast).collect();
-        let parts = parts(&drive, RATE_HZ);
+        let parts = parts_of(&drive);
         has_on_both_sides(&parts, &(0..4000));
         has_on_both_sides(&parts, &(4000..8000));
         assert!(parts.notes.last().is_some_and(|note| note.contains("2 kinds of motion")), "{:?}", parts.notes);
@@ -298,10 +302,10 @@ mod tests {
     #[test]
     fn one_motion_is_cut_in_two_and_a_switching_on_left_out() {
         let sine = |k: i32| 150.0 * (f64::from(k) * 0.006).sin();
-        let parts_of_sine = parts(&(0..8000).map(sine).collect::<Vec<_>>(), RATE_HZ);
+        let parts_of_sine = parts_of(&(0..8000).map(sine).collect::<Vec<_>>());
         assert_eq!(parts_of_sine.windows, [(Role::Identify, 0..4000), (Role::Validate, 4000..8000)]);
         let switched: Vec<f64> = (0..8000).map(|k| if k < 40 { 0.0 } else { sine(k + 220) }).collect();
-        let parts = parts(&switched, RATE_HZ);
+        let parts = parts_of(&switched);
         assert!(parts.windows[0].1.start > 40 && parts.notes.iter().any(|n| n.contains("switched on")), "{parts:?}");
     }
 
@@ -310,27 +314,27 @@ mod tests {
         let corners = [0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0];
         let drive: Vec<f64> =
             corners.windows(2).flat_map(|w| (0..1000).map(move |k| w[0] + (w[1] - w[0]) * f64::from(k) / 1000.0)).collect();
-        let cut = parts(&drive, RATE_HZ);
+        let cut = parts_of(&drive);
         // The outer loop, and the inner ones.
         has_on_both_sides(&cut, &(0..2000));
         has_on_both_sides(&cut, &(3000..7000));
         assert!(cut.notes.last().is_some_and(|note| note.contains("its loops differ")), "{:?}", cut.notes);
         // Nothing is cut so finely that a part rests.
         let resting: Vec<f64> = drive[..5000].iter().copied().chain(vec![drive[4999]; 1500]).chain(drive[5000..].iter().copied()).collect();
-        let cut = parts(&resting, RATE_HZ);
+        let cut = parts_of(&resting);
         assert!(
             cut.windows.iter().filter(|(role, _)| *role != Role::Noise).all(|(_, w)| peak_to_peak(&resting[w.clone()]) > 0.0),
             "{cut:?}"
         );
         // The same loop over and over is cut once.
         let same: Vec<f64> = (0..8).flat_map(|_| drive[..2000].to_vec()).collect();
-        assert_eq!(parts(&same, RATE_HZ).windows.len(), 2);
+        assert_eq!(parts_of(&same).windows.len(), 2);
     }
 
     #[test]
     fn a_staircase_is_no_rest() {
         let stairs: Vec<f64> = (0..8000).map(|k| f64::from((k / 500) % 8)).collect();
-        let parts = parts(&stairs, RATE_HZ);
+        let parts = parts_of(&stairs);
         assert!(parts.windows.iter().all(|(role, _)| *role != Role::Noise), "{parts:?}");
     }
 
@@ -338,7 +342,7 @@ mod tests {
     fn a_record_that_rests_for_most_of_its_time_is_judged_where_it_moves() {
         let mut drive = vec![-5.0; 5001];
         drive.extend((0..3000).map(|k| -5.0 + 20.0 * (f64::from(k) * 0.1).sin()));
-        let parts = parts(&drive, RATE_HZ);
+        let parts = parts_of(&drive);
         assert!(parts.windows[1..].iter().all(|(_, w)| w.start >= 5001), "{parts:?}");
         has_on_both_sides(&parts, &(5001..8000));
     }
@@ -348,7 +352,7 @@ mod tests {
         for drive in
             [vec![1.0; 64], vec![0.0; 65], (0..70).map(f64::from).collect(), (0..300).map(|k| f64::from(k % 2)).collect::<Vec<_>>()]
         {
-            let parts = parts(&drive, RATE_HZ);
+            let parts = parts_of(&drive);
             assert!(parts.windows.iter().all(|(_, w)| w.end <= drive.len() && w.start <= w.end), "{parts:?}");
         }
     }

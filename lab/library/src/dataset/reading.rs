@@ -220,7 +220,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         return Err(Error::new(place, format!("has {samples} samples; expected at least {}", 2 * SAMPLES_MIN)));
     }
     let (low, high) = extremes(&even.u_v);
-    let parts = one_recording::parts(&even.u_v, even.sample_rate_hz);
+    let parts = one_recording::parts(&even.u_v, &even.y_um, even.sample_rate_hz);
     let mut notes = even.notes.clone();
     notes.extend(parts.notes.iter().cloned());
     notes.push(format!("limits of the drive taken from the file: {low} to {high} V; the state at its beginning is estimated"));

@@ -99,7 +99,8 @@ fn missed(study: &Study, without: &Judged, with: &Judged) -> f64 {
 /// Whether what was decided takes effects out of the model. Far above the noise, where the library does not know all, a model is as good as its errors,
 /// and evidence is asked for a name alone: what lowers them stays, named or not.
 fn goes(study: &Study, decision: Decision, without: &Judged, with: &Judged) -> bool {
-    !decision.admits() && !(study.far_above_the_noise(with) && missed(study, without, with) > study.policy.least_gain)
+    let lowers_errors = study.far_above_the_noise(with) && missed(study, without, with) > study.policy.least_gain;
+    !decision.admits() && !lowers_errors
 }
 
 /// Takes back what the data do not need and looks for rivals of the rest; a rival that does better than what it was compared with takes its

@@ -33,7 +33,7 @@ pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> (FloorEstimate
 pub(super) fn drive_noise_v(record: &Record) -> f64 {
     let still = match record.role {
         Role::Noise => Some(record.window.clone()),
-        _ => holds(&record.drive_v, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len),
+        _ => holds(&record.drive_v, &record.displacement_um, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len),
     };
     still.map_or(0.0, |range| read_noise_v(&record.drive_v[range]))
 }
@@ -47,7 +47,7 @@ fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) 
 
 /// What the longest hold inside a driven record shows, in front of its window or behind its end too.
 pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEstimate> {
-    let hold = holds(&record.drive_v, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len)?;
+    let hold = holds(&record.drive_v, &record.displacement_um, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len)?;
     if record.left_out.iter().any(|range| range.start < hold.end && hold.start < range.end) {
         return None;
     }
