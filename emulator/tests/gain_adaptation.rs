@@ -3,17 +3,16 @@
 
 mod common;
 
-use common::{best_parameters, block, host_run, image, lines, samples};
+use common::{SineRun, best_parameters, block, image, lines};
 use hysteron_core::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST, ONE};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ActuatorParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
+use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::World;
 use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
 
-const ENABLE_TICK: u32 = 22_300;
 const TICKS: u32 = 60_000;
 /// The model's gain over the true one, hundredths.
 const MODEL: i32 = 88;
@@ -72,43 +71,16 @@ fn an_alarm_of_the_resonance_holds_the_gain_where_it_is() {
 fn the_gain_that_is_learned_agrees_with_the_host_to_the_last_bit() {
     let bench = Bench::reference().expect("the bench");
     let parameters = wrong_gain(true);
-    let commands = [(100, "condition"), (ENABLE_TICK, "reference sine 125000 3000 4000"), (ENABLE_TICK + 1, "enable")];
-    let world = World::new(&bench, Variant::FULL, 7).shared();
-    let script = Script {
-        block: Some(block(&parameters)),
-        commands: vec![
-            (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&commands)].concat()),
-            (u64::from(ENABLE_TICK) * 50_000 + 20 * MILLISECOND, b"status\n".to_vec()),
-            (u64::from(TICKS) * 50_000, b"status\n".to_vec()),
-        ],
-        serial: vec![(u64::from(TICKS) * 50_000, b"DIA? 16\n".to_vec())],
-        ..Script::listening(u64::from(TICKS) * 50_000 + 30 * MILLISECOND)
-    };
-    let mut board = NucleoBoard::with_plant(&world).expect("a board");
-    board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
-    let outcome = run(&image(), board, script).expect("a run");
-    let (target, lost) = samples(&outcome);
-    assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0), "{:?}", outcome.messages);
-    let host =
-        |parameters: &AmplifierParameters| host_run(parameters, &mut World::new(&bench, Variant::FULL, 7), &commands, TICKS as usize);
-    let adapted = host(&parameters);
-    let target: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < TICKS).collect();
-    assert_eq!(target.len(), (TICKS - 100) as usize);
-    for (ours, theirs) in target.iter().zip(&adapted[100..]) {
-        assert_eq!(**ours, *theirs);
-    }
+    let sine = SineRun::new(&bench, &parameters, "reference sine 125000 3000 4000", TICKS);
+    let outcome = sine.on_target(b"DIA? 16\n");
+    let adapted = sine.assert_equal(&outcome);
     // And it has learned something: against the same servo that does not, and against the one whose model is right.
-    let zeroing = &adapted[100 + 2000 + 20_000 - 1024..100 + 2000 + 20_000];
-    let step = parameters.servo.converters.adc_step as f64 / 2f64.powi(40);
-    let zero = zeroing.iter().map(|s| f64::from(s.adc_code)).sum::<f64>() / 1024.0 * step;
+    let zero = sine.zero_um(&adapted);
     let error = |samples: &[TraceSample]| error_nm(samples, &parameters, zero);
-    let (before, after, right) = (error(&host(&wrong_gain(false))), error(&adapted), error(&host(&best_parameters())));
+    let (before, after, right) = (error(&sine.on_host(&wrong_gain(false))), error(&adapted), error(&sine.on_host(&best_parameters())));
     println!("what was asked minus read: {before:.2} nm with the wrong gain, {after:.2} nm adapted, {right:.2} nm with the right one");
     assert!(after < 1.05 * right && before > 3.0 * right, "{before} {after} {right}");
     let [millionths] = gains(&outcome)[..] else { panic!("one answer") };
     println!("DIA? 16: {millionths}");
     assert!((millionths / 1e6 * f64::from(MODEL) / 100.0 - 1.0).abs() < 0.02, "{millionths}");
-    let status = outcome.texts_with("status").last().expect("a status").to_string();
-    println!("{status}");
-    assert!(status.contains("overruns: 0"), "{status}");
 }

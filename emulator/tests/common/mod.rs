@@ -11,9 +11,10 @@ use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalD
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
+use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::World;
-use hysteron_emulator::run::Outcome;
-use hysteron_sim::bench::Bench;
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_sim::bench::{Bench, Variant};
 
 /// The image under test.
 pub fn image() -> PathBuf {
@@ -116,6 +117,72 @@ pub fn host_run(parameters: &AmplifierParameters, world: &mut World, commands: &
             sample
         })
         .collect()
+}
+
+/// A conditioning and a sine of the reference on the reference bench, every tick traced: what the image did, and what the host does.
+pub struct SineRun<'a> {
+    bench: &'a Bench,
+    parameters: &'a AmplifierParameters,
+    commands: [(u32, &'a str); 3],
+    ticks: u32,
+}
+
+impl<'a> SineRun<'a> {
+    /// The tick at which the loop is closed: the conditioning is over by then.
+    const ENABLE_TICK: u32 = 22_300;
+
+    /// `reference` is the command for the sine.
+    pub fn new(bench: &'a Bench, parameters: &'a AmplifierParameters, reference: &'a str, ticks: u32) -> Self {
+        let commands = [(100, "condition"), (Self::ENABLE_TICK, reference), (Self::ENABLE_TICK + 1, "enable")];
+        Self { bench, parameters, commands, ticks }
+    }
+
+    /// The image with its block; what is typed on the serial port comes at the end. Largest values are counted from where the loop is closed.
+    pub fn on_target(&self, typed: &[u8]) -> Outcome {
+        let world = World::new(self.bench, Variant::FULL, 7).shared();
+        let end = u64::from(self.ticks) * 50_000;
+        let script = Script {
+            block: Some(block(self.parameters)),
+            commands: vec![
+                (2 * MILLISECOND, [b"trace 31 1\n".to_vec(), lines(&self.commands)].concat()),
+                (u64::from(Self::ENABLE_TICK) * 50_000 + 20 * MILLISECOND, b"status\n".to_vec()),
+                (end, b"status\n".to_vec()),
+            ],
+            serial: vec![(end, typed.to_vec())],
+            ..Script::listening(end + 30 * MILLISECOND)
+        };
+        let mut board = NucleoBoard::with_plant(&world).expect("a board");
+        board.instructions_per_second = ONE_INSTRUCTION_PER_CYCLE;
+        run(&image(), board, script).expect("a run")
+    }
+
+    /// The host with the same commands, and perhaps another block.
+    pub fn on_host(&self, parameters: &AmplifierParameters) -> Vec<TraceSample> {
+        host_run(parameters, &mut World::new(self.bench, Variant::FULL, 7), &self.commands, self.ticks as usize)
+    }
+
+    /// That the image lost nothing and did what the host does, to the last bit; the host's samples.
+    pub fn assert_equal(&self, outcome: &Outcome) -> Vec<TraceSample> {
+        let (target, lost) = samples(outcome);
+        assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0), "{:?}", outcome.messages);
+        let host = self.on_host(self.parameters);
+        let target: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < self.ticks).collect();
+        assert_eq!(target.len(), (self.ticks - 100) as usize);
+        for (ours, theirs) in target.iter().zip(&host[100..]) {
+            assert_eq!(**ours, *theirs);
+        }
+        let status = outcome.texts_with("status").last().expect("a status").to_string();
+        println!("{status}");
+        assert!(status.contains("overruns: 0"), "{status}");
+        host
+    }
+
+    /// Reading at the zero that the conditioning found, um: a mean over its last 1024 ticks.
+    pub fn zero_um(&self, host: &[TraceSample]) -> f64 {
+        let zeroing = &host[100 + 2000 + 20_000 - 1024..100 + 2000 + 20_000];
+        let step = self.parameters.servo.converters.adc_step as f64 / 2f64.powi(40);
+        zeroing.iter().map(|s| f64::from(s.adc_code)).sum::<f64>() / 1024.0 * step
+    }
 }
 
 /// Commands as bytes for the target, all sent at once, each with its tick.

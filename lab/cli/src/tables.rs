@@ -54,7 +54,9 @@ pub fn say_candidates(diagnosis: &Diagnosis) {
         }
         Verdict::Unexplained => {
             match diagnosis.candidates.first() {
-                Some(c) if c.decision.admits() => println!("  {} is in the model; what it leaves is not in the library", c.effect),
+                Some(c) if c.in_place_of.as_deref() == Some(&c.effect) => {
+                    println!("  {} is in the model; what it leaves is not in the library", c.effect)
+                }
                 Some(c) => println!(
                     "  the nearest is {}: it would explain {:.0} % of what is left; not taken: {}",
                     c.effect,

@@ -215,7 +215,7 @@ fn times_of_day_and_stamps_that_jitter() {
     for word in ["row 52 has the time stamp of the row before", "1 samples are missing", "jitter by up to 40 %", "2000.000000 Hz"] {
         assert!(notes.contains(word), "{word}: {notes}");
     }
-    assert_eq!(dataset.records[1].drive_v.len(), SAMPLES);
+    assert_eq!(dataset.records.last().unwrap().drive_v.len(), SAMPLES);
     let milliseconds = format!("t,u_v,y_um\n{}", rows(|[t, u, y]| format!("{:.1},{u:.6},{y:.6}", 1e3 * t)));
     let notes = from_file("a.csv", milliseconds.as_bytes()).unwrap().notes.join("\n");
     assert!(notes.contains("t = column `t` (column 1), unit not said: taken as s"), "{notes}");

@@ -39,6 +39,11 @@ pub enum Decision {
         /// Share of what a new fit of everything could remove.
         share: f64,
     },
+    /// No name, but part of the model: far above the noise it lowers the errors.
+    LowersErrors {
+        /// Fall of the mean logarithm of fitted and held-out error.
+        by: f64,
+    },
     /// Refused: its signature is not in the residual beside what the model can do by itself.
     NotInTheResidual {
         /// p-value after control of false discoveries.
@@ -60,7 +65,7 @@ pub enum Decision {
     AnotherLeavesLess,
     /// Admitted as an alternative: this data cannot tell it from the one that was taken.
     NotToldApart,
-    /// Refused: it explains too little to be fitted.
+    /// Refused: others that explain as much are more like what is left, and were fitted.
     NotTried,
 }
 

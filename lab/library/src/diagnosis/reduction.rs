@@ -186,7 +186,10 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
             Ok((weighed, p)) => {
                 let mut supported = Vec::new();
                 for (i, screening) in weighed.into_iter().enumerate() {
-                    let decision = decide(study, &without[i], &judged, p[i]);
+                    let evidence = decide(study, &without[i], &judged, p[i]);
+                    let kept_for_errors = !evidence.admits() && study.far_above_the_noise(&judged);
+                    let decision =
+                        if kept_for_errors { Decision::LowersErrors { by: missed(study, &without[i], &judged) } } else { evidence };
                     let rivals = rivals_of(study, &added[i], &without[i], &screening, &judged);
                     let undriven = does_not_answer_the_drive(study, &added[i], &judged);
                     supported.push(Supported { id: added[i].clone(), decision, without: without[i].clone(), screening, rivals, undriven });

@@ -110,7 +110,10 @@ pub fn why(decision: &Decision) -> String {
         Decision::TooSmall { relative } => format!("no record improves by more than {}", percent(relative.max(0.0))),
         Decision::AnotherLeavesLess => "another effect in its place leaves less".into(),
         Decision::NotToldApart => "does as well: this data cannot tell".into(),
-        Decision::NotTried => "explains too little to be tried".into(),
+        Decision::LowersErrors { by } => {
+            format!("lowers the errors by {}, far above the noise; nothing but that speaks for it", percent(1.0 - (-by).exp()))
+        }
+        Decision::NotTried => "not fitted: others are more like what is left, or explain more of it".into(),
     }
 }
 

@@ -1,0 +1,136 @@
+//! Stages whose equations stand here, sample by sample, and not in the simulation: what is missing beside a bare gain.
+
+use hysteron::dataset::{Dataset, Record, Role, folder};
+use hysteron::diagnosis::verdict::Verdict;
+use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::model_file::effects_named;
+use hysteron::synthetic::case::{Order, simulate_case};
+use hysteron::watch::Unwatched;
+use hysteron_sim::noise::WhiteNoise;
+
+const RATE_HZ: f64 = 8000.0;
+const NOISE_UM: f64 = 0.003;
+
+/// Straight lines between voltages, with so many V/s.
+fn triangles(corners_v: &[f64], slope_v_s: f64) -> Vec<f64> {
+    let line = |w: &[f64]| {
+        let samples = ((w[1] - w[0]).abs() / slope_v_s * RATE_HZ) as usize;
+        let (from_v, to_v) = (w[0], w[1]);
+        (0..samples).map(move |k| from_v + (to_v - from_v) * k as f64 / samples as f64)
+    };
+    corners_v.windows(2).flat_map(line).collect()
+}
+
+/// A fitted, a held-out and a resting record of a stage that reads so many um for drives of so many V, one after the other.
+fn explained(reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Explanation {
+    let [fitted, held_out] = drives;
+    let records = [("fitted", Role::Identify, fitted), ("held_out", Role::Validate, held_out), ("rest", Role::Noise, vec![0.0; 4000])];
+    let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
+        let mut noise = WhiteNoise::new(NOISE_UM, 700 + i as u64);
+        let readings = reads(&drive_v).into_iter().map(|um| um + noise.next_um()).collect();
+        Record::new(name, RATE_HZ, drive_v, readings).with_role(role)
+    };
+    let records = records.into_iter().enumerate().map(record).collect();
+    let dataset = Dataset::new("by_hand", 0.0, 80.0, records).unwrap();
+    explain(&dataset, Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap()
+}
+
+/// Read in the row after the one whose drive acts.
+fn in_the_next_row(um: Vec<f64>) -> Vec<f64> {
+    std::iter::once(um[0]).chain(um[..um.len() - 1].iter().copied()).collect()
+}
+
+fn usual_drives() -> [Vec<f64>; 2] {
+    [
+        triangles(&[0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0], 150.0),
+        triangles(&[0.0, 50.0, 10.0, 70.0, 30.0, 60.0, 0.0, 80.0, 0.0], 200.0),
+    ]
+}
+
+/// A stage that moves on at 30 nm/s whatever the drive: the free states of creep would meet that too, and answer no drive.
+#[test]
+fn a_straight_drift_is_not_creep_alone() {
+    let mut drifting = |drive_v: &[f64]| {
+        let straight = drive_v.iter().enumerate().map(|(k, v)| 0.08 * v + 0.03 * k as f64 / RATE_HZ).collect();
+        in_the_next_row(straight)
+    };
+    let d = explained(&mut drifting, usual_drives()).diagnosis;
+    assert!(matches!(d.verdict, Verdict::Named | Verdict::Ambiguous), "{}", d.sentence);
+    assert_eq!(d.findings.len(), 1, "{}", d.sentence);
+    assert_eq!(d.findings[0].effects[0], "thermal_drift", "{}", d.sentence);
+}
+
+/// An amplifier that follows no faster than 6000 V/s in front of a straight stage without inertia.
+#[test]
+fn a_slew_limit_without_inertia_behind_it_is_named() {
+    let mut limited = |drive_v: &[f64]| {
+        let mut voltage_v = drive_v[0];
+        let follow = drive_v.iter().map(|v| {
+            voltage_v += (v - voltage_v).clamp(-6000.0 / RATE_HZ, 6000.0 / RATE_HZ);
+            0.08 * voltage_v
+        });
+        in_the_next_row(follow.collect())
+    };
+    let sine = |hz: f64, samples: usize| -> Vec<f64> {
+        (0..samples).map(|k| 40.0 - 35.0 * (std::f64::consts::TAU * hz * k as f64 / RATE_HZ).cos()).collect()
+    };
+    let d = explained(&mut limited, [sine(50.0, 8000), sine(37.0, 6000)]).diagnosis;
+    assert_eq!((d.verdict, d.named.as_slice()), (Verdict::Named, ["slew_limit".to_owned()].as_slice()), "{}", d.sentence);
+}
+
+/// Twenty plays and a mode, read in the row of their own drive: a second mode would make up for the period beside the true one.
+#[test]
+fn readings_of_their_own_row_are_no_second_mode_beside_a_true_one() {
+    let mut stage = |drive_v: &[f64]| {
+        let mut plays = [0.0_f64; 20];
+        let (mut um, mut velocity, w, fine) = (0.0, 0.0, std::f64::consts::TAU * 900.0, 40);
+        let dt_s = 1.0 / RATE_HZ / f64::from(fine);
+        let read = drive_v.iter().map(|v| {
+            let mut force_um = 0.06 * v;
+            for (i, play) in plays.iter_mut().enumerate() {
+                let half_width_v = 1.0 + i as f64;
+                *play = play.clamp(v - half_width_v, v + half_width_v);
+                force_um += 0.003 * *play;
+            }
+            for _ in 0..fine {
+                velocity += dt_s * (w * w * (force_um - um) - 0.1 * w * velocity);
+                um += dt_s * velocity;
+            }
+            um
+        });
+        read.collect::<Vec<_>>()
+    };
+    let chirped = |phase: f64| -> Vec<f64> {
+        let swept = (0..10_000).map(|k| {
+            let t_s = f64::from(k) / RATE_HZ;
+            40.0 - 35.0 * (std::f64::consts::TAU * (2.0 * t_s + 40.0 * t_s * t_s) + phase).cos() * (t_s / 0.1).min(1.0)
+        });
+        triangles(&[0.0, 80.0, 0.0, 40.0], 400.0).into_iter().chain(swept).collect()
+    };
+    let found = explained(&mut stage, [chirped(std::f64::consts::FRAC_PI_2), chirped(-std::f64::consts::FRAC_PI_2)]);
+    let d = &found.diagnosis;
+    assert_eq!(d.verdict, Verdict::Undecidable, "{} {:?}", d.sentence, found.model.effect_ids());
+    assert!(d.named.is_empty() && d.sentence.contains("the drive of their own row"), "{}", d.sentence);
+}
+
+/// A delay beside friction: a lag of the sensor is found first, and a second mode beside it meets the noise. One delay does as well.
+#[test]
+fn a_delay_takes_the_place_of_two_that_stood_in_for_it() {
+    let ids = |names: &[&str]| names.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>();
+    let hidden = ids(&["delay", "friction", "mains_hum"]);
+    let order = Order {
+        hidden: hidden.iter().map(|id| (id.clone(), 1.0)).collect(),
+        base: ids(&["hysteresis", "initial_curve", "vibration", "creep"]),
+        hysteresis: "hysteresis".into(),
+        seed: 5026,
+    };
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in simulate_case(&order, "case").unwrap().files {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    let dataset = folder::load(folder.path()).unwrap();
+    let from = effects_named("hysteresis,initial_curve,vibration,creep").unwrap();
+    let mut named = explain(&dataset, Start::Effects(&from), &Options::default(), &Unwatched).unwrap().diagnosis.named;
+    named.sort();
+    assert_eq!(named, hidden);
+}
