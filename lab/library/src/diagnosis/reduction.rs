@@ -248,8 +248,8 @@ fn one_in_place_of_two(
     }
     study.watch.event(&Event::Doing("trying one effect in the place of two"));
     let scored = parallel::map(&pairs, |[a, b]| {
-        let base = study.quickly(&study.without(&study.without(&judged.model, a), b)).model;
-        study.score(&base).map(|screening| (base, screening))
+        let base = study.quickly(&study.without(&study.without(&judged.model, a), b));
+        study.score(&base.model).map(|screening| (base, screening))
     });
     let mut promising: Vec<(f64, [&String; 2], Model, Score)> = Vec::new();
     for (pair, scored) in pairs.into_iter().zip(scored) {
@@ -258,9 +258,9 @@ fn one_in_place_of_two(
         let new = |s: &&Score| judged.model.effect(&s.id).is_none();
         for score in screening.scores.iter().filter(new).take(ONES_FOR_A_PAIR) {
             let left = 1.0 - score.explained_um2 / total;
-            let merit = study.merit(&study.judged_quickly(base.clone())) + 0.5 * left.max(f64::MIN_POSITIVE).ln();
+            let merit = study.merit(&base) + 0.5 * left.max(f64::MIN_POSITIVE).ln();
             if merit < study.merit(judged) + MAY_DO_AS_WELL {
-                promising.push((merit, pair, base.clone(), score.clone()));
+                promising.push((merit, pair, base.model.clone(), score.clone()));
             }
         }
     }
