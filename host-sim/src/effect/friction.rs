@@ -45,7 +45,7 @@ impl Bristle {
         Some(Self::with(contact))
     }
 
-    fn with(contact: ElastoplasticFriction) -> Self {
+    pub(super) fn with(contact: ElastoplasticFriction) -> Self {
         let dahl = contact.breakaway_ratio.is_none().then(|| Dahl::of(contact.sliding_bend_um()));
         Self { contact, dahl, displacement: 0.0, bend: 0.0 }
     }
@@ -60,6 +60,18 @@ impl Bristle {
     /// Factor by which a stuck bristle raises the natural frequency.
     pub(super) fn stiffening(&self) -> f64 {
         (1.0 + self.contact.stiffness_n_um).sqrt()
+    }
+
+    /// Whether motion in this direction bends it no further: it then holds back its Coulomb force and acts as no spring.
+    #[inline]
+    pub(super) fn slides(&self, direction: f64) -> bool {
+        let sliding_bend_um = self.contact.sliding_bend_um();
+        (sliding_bend_um - self.bend * direction.signum()).abs() <= SLIDES_WITHIN * sliding_bend_um
+    }
+
+    /// What it holds back now.
+    pub(super) fn held(&self) -> f64 {
+        self.contact.force_n(self.bend, 0.0)
     }
 
     fn bend_after(&self, motion: f64) -> f64 {
@@ -110,6 +122,8 @@ impl Bristle {
     }
 }
 
+/// Share of its bend in steady sliding within which a bristle slides: what it still bends is a hundredth of what any sensor sees.
+const SLIDES_WITHIN: f64 = 1e-5;
 /// Imbalance, in um, below which nothing moves: a millionth of what any sensor sees.
 const BALANCED_UM: f64 = 1e-9;
 /// A step of Newton's, in um, behind which as good as nothing is left: the error is half its square over the sliding bend, less than [`BALANCED_UM`]

@@ -18,6 +18,7 @@ pub mod expression;
 mod formula;
 pub mod friction;
 pub mod gain;
+mod held_mass;
 pub mod hysteresis;
 pub mod initial_curve;
 pub mod load_force;

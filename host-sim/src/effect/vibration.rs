@@ -1,6 +1,7 @@
 //! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
 
 use super::friction::Bristle;
+use super::held_mass::HeldMass;
 use super::{
     Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Resonance, Setting, SimulatedStage, Stage,
 };
@@ -41,6 +42,23 @@ struct Sensor {
     phi: [f64; 3],
     gamma: f64,
     reading: f64,
+}
+
+/// What makes a mode, whatever the interval that it is stepped over.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ModeLaw {
+    pub(super) natural_frequency_rad_s: f64,
+    pub(super) damping_ratio: f64,
+    /// Bandwidth of the sensor that reads its displacement, if one lags behind it.
+    pub(super) sensor_bandwidth_hz: Option<f64>,
+}
+
+impl ModeLaw {
+    /// The mode over an interval whose input is late by a share of it.
+    pub(super) fn over(&self, dt_s: f64, late_share: f64) -> Mode {
+        let punctual = |dt_s: f64| Mode::read_by(self.natural_frequency_rad_s, self.damping_ratio, self.sensor_bandwidth_hz, dt_s);
+        if late_share > 0.0 { punctual(dt_s).late_by(&punctual(dt_s * (1.0 - late_share))) } else { punctual(dt_s) }
+    }
 }
 
 impl Mode {
@@ -100,17 +118,19 @@ impl Mode {
         self.state[0]
     }
 
-    /// One interval as `late` takes it, with the input that acts until the other arrives.
-    fn step_through(&mut self, late: &Self, before: f64, input: f64) -> f64 {
-        let punctual = *self;
-        *self = Self { state: punctual.state, late: Late { before, ..late.late }, ..*late };
-        if let (Some(sensor), Some(punctual)) = (&mut self.sensor, &punctual.sensor) {
-            sensor.reading = punctual.reading;
-        }
-        self.step(input);
-        let sensor = punctual.sensor.map(|sensor| Sensor { reading: self.reading(), ..sensor });
-        *self = Self { state: self.state, sensor, ..punctual };
-        self.state[0]
+    /// What `other` is, over an interval of its own, with the present state of this one.
+    pub(super) fn continued_as(&self, other: &Self) -> Self {
+        let sensor = match (other.sensor, self.sensor) {
+            (Some(sensor), Some(present)) => Some(Sensor { reading: present.reading, ..sensor }),
+            (sensor, _) => sensor,
+        };
+        Self { state: self.state, sensor, ..*other }
+    }
+
+    /// One interval with the input that acts until the other arrives.
+    pub(super) fn step_from(&mut self, before: f64, input: f64) -> f64 {
+        self.late.before = before;
+        self.step(input)
     }
 
     /// Runs over a signal, held over each interval, and leaves what is read in its place.
@@ -131,7 +151,7 @@ impl Mode {
     }
 
     /// The mode stays where it is for some intervals; only the reading goes on.
-    fn stay(&mut self, intervals: usize) {
+    pub(super) fn stay(&mut self, intervals: usize) {
         let displacement = self.state[0];
         if let Some(Sensor { phi, reading, .. }) = &mut self.sensor {
             *reading = displacement + (*reading - displacement) * phi[2].powi(intervals as i32);
@@ -161,65 +181,44 @@ impl Mode {
     }
 }
 
+/// The first mode, its mass free or held by a bristle.
+enum First {
+    Free(Mode),
+    Held(Box<HeldMass>),
+}
+
 /// The modes that share the motion.
 pub(super) struct VibrationStage {
-    first: Option<Mode>,
+    first: Option<First>,
     second: Option<(f64, Mode)>,
-    bristle: Option<(Bristle, usize)>,
     /// Inputs of the whole intervals by which the input is late.
     late: VecDeque<f64>,
-    switch: Option<Switch>,
     /// The first mode over a whole interval, without a bristle: what passes small changes on.
     whole_interval: Option<Mode>,
 }
-
-/// Where in an interval of several pieces a late input arrives.
-struct Switch {
-    piece: usize,
-    /// The first mode over that piece.
-    mode: Mode,
-    before: f64,
-}
-
-/// Largest angle of the mode in one piece of an interval, where a bristle acts on the moving mass.
-const PIECE_RAD: f64 = 0.4;
-/// Most pieces of an interval; with more the ringing within an interval is not followed and the bristle just balances.
-const PIECES_MAX: usize = 150;
-/// Imbalance and motion per piece, in um, below which nothing more happens in an interval.
-const AT_REST_UM: f64 = 1e-5;
 
 impl VibrationStage {
     /// The modes that `model` has.
     pub(super) fn of(model: &Model, dt_s: f64) -> Self {
         let mass_factor = super::mass_change::frequency_factor(model);
-        let bristle = Bristle::of(model).map(|bristle| {
-            // A stuck bristle adds its stiffness: the mode that has to be followed is the faster for it.
-            let angle = model.values(ID).map_or(f64::INFINITY, |v| v[0] * mass_factor * dt_s) * bristle.stiffening();
-            let pieces = (angle / PIECE_RAD).ceil().min(1e6) as usize;
-            (bristle, if pieces > PIECES_MAX { 0 } else { pieces.max(1) })
-        });
-        let pieces = bristle.map_or(1, |(_, pieces)| pieces.max(1)) as f64;
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
-        let sensor_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
-        let mode = |natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64, late_share: f64| {
-            let (frequency_rad_s, damping_ratio) = (natural_frequency_rad_s * mass_factor, damping_ratio * mass_factor);
-            let punctual = |dt_s: f64| Mode::read_by(frequency_rad_s, damping_ratio, sensor_hz, dt_s);
-            if late_share > 0.0 { punctual(dt_s).late_by(&punctual(dt_s * (1.0 - late_share))) } else { punctual(dt_s) }
-        };
+        let sensor_bandwidth_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
         let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
         let late_share = late_intervals.fract();
-        let late_pieces = late_share * pieces;
-        let in_pieces = pieces > 1.0;
-        let first = model.values(ID).map(|v| mode(v[0], v[1], dt_s / pieces, if in_pieces { 0.0 } else { late_share }));
-        let switch = model.values(ID).filter(|_| in_pieces && late_share > 0.0).map(|v| Switch {
-            piece: late_pieces as usize,
-            mode: mode(v[0], v[1], dt_s / pieces, late_pieces.fract()),
-            before: model.drive_min_v,
+        let law = |natural_frequency_rad_s: f64, damping_ratio: f64| ModeLaw {
+            natural_frequency_rad_s: natural_frequency_rad_s * mass_factor,
+            damping_ratio: damping_ratio * mass_factor,
+            sensor_bandwidth_hz,
+        };
+        let first_law = model.values(ID).map(|v| law(v[0], v[1]));
+        let first = first_law.map(|first| match Bristle::of(model) {
+            Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, late_share, model.drive_min_v))),
+            None => First::Free(first.over(dt_s, late_share)),
         });
-        let second = model.values(super::second_mode::ID).map(|v| (v[0], mode(v[1], v[2], dt_s, late_share)));
-        let whole_interval = model.values(ID).map(|v| mode(v[0], v[1], dt_s, late_share));
+        let second = model.values(super::second_mode::ID).map(|v| (v[0], law(v[1], v[2]).over(dt_s, late_share)));
+        let whole_interval = first_law.map(|first| first.over(dt_s, late_share));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
-        Self { first, second, bristle, late, switch, whole_interval }
+        Self { first, second, late, whole_interval }
     }
 
     /// The input of as many whole intervals ago as it is late.
@@ -235,40 +234,13 @@ impl VibrationStage {
 impl Stage for VibrationStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let input = self.arrived(input);
-        let first = match (&mut self.first, &mut self.bristle) {
-            (Some(mode), None) => {
+        let first = match &mut self.first {
+            Some(First::Free(mode)) => {
                 mode.step(input);
                 mode.reading()
             }
-            (Some(mode), Some((bristle, 0))) => {
-                mode.step(bristle.balance(input));
-                mode.reading()
-            }
-            (Some(mode), Some((bristle, pieces))) => {
-                let mut displacement = mode.displacement();
-                let (arrives_in, before) = self.switch.as_ref().map_or((0, input), |switch| (switch.piece, switch.before));
-                for piece in 0..*pieces {
-                    // The bristle in the middle of the piece, from the motion that goes on.
-                    let ahead = mode.motion_ahead();
-                    let held = bristle.after(0.5 * ahead);
-                    let force = if piece < arrives_in { before } else { input };
-                    let nothing_to_come = piece > arrives_in || before == input;
-                    if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - displacement).abs() < AT_REST_UM {
-                        mode.stay(*pieces - piece);
-                        break;
-                    }
-                    displacement = match &self.switch {
-                        Some(switch) if piece == arrives_in => mode.step_through(&switch.mode, before - held, input - held),
-                        _ => mode.step(force - held),
-                    };
-                    bristle.follow(displacement);
-                }
-                if let Some(switch) = &mut self.switch {
-                    switch.before = input;
-                }
-                mode.reading()
-            }
-            (None, _) => input,
+            Some(First::Held(held)) => held.step(input),
+            None => input,
         };
         match &mut self.second {
             None => first,
@@ -279,14 +251,14 @@ impl Stage for VibrationStage {
         }
     }
     fn run(&mut self, from: usize, signal: &mut [f64]) {
-        if self.bristle.is_some() {
+        if matches!(self.first, Some(First::Held(_))) {
             return signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(from + k, *value));
         }
         if !self.late.is_empty() {
             signal.iter_mut().for_each(|value| *value = self.arrived(*value));
         }
         let forces = self.second.map(|_| signal.to_vec());
-        if let Some(first) = &mut self.first {
+        if let Some(First::Free(first)) = &mut self.first {
             first.run_over(signal);
         }
         if let (Some((share, second)), Some(mut by_second)) = (&mut self.second, forces) {
@@ -295,16 +267,14 @@ impl Stage for VibrationStage {
         }
     }
     fn settle(&mut self, input: f64) -> f64 {
-        if let Some(mode) = &mut self.first {
-            mode.settle(input);
-        }
-        if let Some((bristle, _)) = &mut self.bristle {
-            bristle.relax(input);
+        match &mut self.first {
+            Some(First::Free(mode)) => {
+                mode.settle(input);
+            }
+            Some(First::Held(held)) => held.settle(input),
+            None => {}
         }
         self.late.iter_mut().for_each(|value| *value = input);
-        if let Some(switch) = &mut self.switch {
-            switch.before = input;
-        }
         if let Some((_, mode)) = &mut self.second {
             mode.settle(input);
         }

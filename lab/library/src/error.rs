@@ -68,6 +68,9 @@ impl std::error::Error for Error {}
 /// Shorthand of the whole crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
+/// Similarity of Jaro and Winkler from which a known name may have been meant: "creap" and "creep" have 0.9, words that share some letters 0.6 to 0.7.
+const MAY_BE_MEANT: f64 = 0.75;
+
 /// " (did you mean `x`?)" for the nearest known name, or nothing.
 #[must_use]
 pub fn nearest(unknown: &str, known: &[String]) -> String {
@@ -75,7 +78,7 @@ pub fn nearest(unknown: &str, known: &[String]) -> String {
         .iter()
         .map(|k| (strsim::jaro_winkler(&unknown.to_lowercase(), &k.to_lowercase()), k))
         .max_by(|a, b| a.0.total_cmp(&b.0))
-        .filter(|(similarity, _)| *similarity > 0.6)
+        .filter(|(similarity, _)| *similarity > MAY_BE_MEANT)
         .map_or_else(String::new, |(_, k)| format!(" (did you mean `{k}`?)"))
 }
 

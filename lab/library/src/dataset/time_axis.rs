@@ -242,7 +242,11 @@ fn irregularities(t_s: &[f64], known: &Known) -> Result<(f64, String)> {
         what.push(format!("time stamps jitter by up to {:.0} % of a period", 100.0 * largest));
     }
     if let Some(row) = first_gap {
-        what.push(format!("{missing:.0} samples are missing, the first before row {}", (known.line_of)(row + 1)));
+        let row = (known.line_of)(row + 1);
+        what.push(match missing.round() as usize {
+            1 => format!("one sample is missing, before row {row}"),
+            missing => format!("{missing} samples are missing, the first before row {row}"),
+        });
     }
     if what.is_empty() {
         what.push("time stamps drift".into());

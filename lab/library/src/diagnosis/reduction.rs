@@ -12,7 +12,6 @@ use super::study::Study;
 
 use crate::parallel;
 use crate::watch::Event;
-use hysteron_sim::chain::Model;
 use hysteron_sim::effect::thermal_drift;
 
 /// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
@@ -158,13 +157,16 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
         let screenings = match refused(&unweighed) {
             Some((i, decision)) => Err((i, decision)),
             None => {
-                if let Some((pair, without_pair, decision)) = pair_not_needed(study, &judged, &added, &may_leave)? {
+                let without_pairs = without_each_pair(study, &judged, &added, &may_leave);
+                // Of two effects each was looked at alone.
+                let of_more = if added.len() > 2 { without_pairs.as_slice() } else { &[] };
+                if let Some((pair, without_pair, decision)) = pair_not_needed(study, &judged, of_more)? {
                     judged = without_pair;
                     added.retain(|id| !pair.contains(id) && judged.model.effect(id).is_some());
                     taken_back.extend(pair.into_iter().map(|id| (id, decision)));
                     continue;
                 }
-                if let Some(exchange) = one_in_place_of_two(study, &judged, &added, &may_leave)? {
+                if let Some(exchange) = one_in_place_of_two(study, &judged, &without_pairs)? {
                     added.retain(|id| !exchange.pair.contains(id) && exchange.judged.model.effect(id).is_some());
                     added.push(exchange.by);
                     judged = exchange.judged;
@@ -203,25 +205,34 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
     }
 }
 
+/// Two of the added effects, and the others fitted quickly without them.
+struct WithoutPair {
+    pair: [String; 2],
+    quick: Judged,
+}
+
+/// Every two of the added effects that may leave, and what the others come to without them.
+fn without_each_pair(study: &Study, judged: &Judged, added: &[String], may_leave: &dyn Fn(&String) -> bool) -> Vec<WithoutPair> {
+    let leaving: Vec<&String> = added.iter().filter(|id| may_leave(id)).collect();
+    let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [*a, *b])).collect();
+    parallel::map(&pairs, |[a, b]| WithoutPair {
+        pair: [(*a).clone(), (*b).clone()],
+        quick: study.quickly(&study.without(&study.without(&judged.model, a), b)),
+    })
+}
+
 /// Two added effects without which the rest, begun again, does as well; the two whose lack is felt least are tried.
 fn pair_not_needed(
     study: &Study,
     judged: &Judged,
-    added: &[String],
-    may_leave: &dyn Fn(&String) -> bool,
+    without_pairs: &[WithoutPair],
 ) -> crate::error::Result<Option<([String; 2], Judged, Decision)>> {
-    let leaving: Vec<&String> = added.iter().filter(|id| may_leave(id)).collect();
-    if added.len() < 3 || leaving.len() < 2 {
-        return Ok(None);
-    }
-    let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [*a, *b])).collect();
-    let quick = parallel::map(&pairs, |[a, b]| study.quickly(&study.without(&study.without(&judged.model, a), b)));
-    let nearest = quick.into_iter().zip(pairs).min_by(|(x, _), (y, _)| study.merit(x).total_cmp(&study.merit(y)));
-    let Some((quick, [a, b])) = nearest.filter(|(quick, _)| missed(study, quick, judged) < CLEARLY_BEHIND) else { return Ok(None) };
-    let begun = study.begun_again(&study.for_comparison(&quick.model))?;
+    let nearest = without_pairs.iter().min_by(|x, y| study.merit(&x.quick).total_cmp(&study.merit(&y.quick)));
+    let Some(nearest) = nearest.filter(|nearest| missed(study, &nearest.quick, judged) < CLEARLY_BEHIND) else { return Ok(None) };
+    let begun = study.begun_again(&study.for_comparison(&nearest.quick.model))?;
     let without = study.judged(begun.model);
     let decision = decide(study, &without, judged, None);
-    Ok(goes(study, decision, &without, judged).then(|| ([a.clone(), b.clone()], without, decision)))
+    Ok(goes(study, decision, &without, judged).then(|| (nearest.pair.clone(), without, decision)))
 }
 
 /// One effect that does as well as two of those that were added.
@@ -235,42 +246,32 @@ struct Exchange {
 
 /// Two lags that were added one after the other may stand in for a delay, and a search that extends one set at a time does not come back. So what
 /// explains nearly all that the model without a pair leaves is tried in its place; the most promising few are fitted.
-fn one_in_place_of_two(
-    study: &Study,
-    judged: &Judged,
-    added: &[String],
-    may_leave: &dyn Fn(&String) -> bool,
-) -> crate::error::Result<Option<Exchange>> {
-    let leaving: Vec<&String> = added.iter().filter(|id| may_leave(id)).collect();
-    let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [*a, *b])).collect();
-    if pairs.is_empty() || study.watch.stopped() {
+fn one_in_place_of_two(study: &Study, judged: &Judged, without_pairs: &[WithoutPair]) -> crate::error::Result<Option<Exchange>> {
+    if without_pairs.is_empty() || study.watch.stopped() {
         return Ok(None);
     }
     study.watch.event(&Event::Doing("trying one effect in the place of two"));
-    let scored = parallel::map(&pairs, |[a, b]| {
-        let base = study.quickly(&study.without(&study.without(&judged.model, a), b));
-        study.score(&base.model).map(|screening| (base, screening))
-    });
-    let mut promising: Vec<(f64, [&String; 2], Model, Score)> = Vec::new();
-    for (pair, scored) in pairs.into_iter().zip(scored) {
-        let (base, screening) = scored?;
+    let scored = parallel::map(without_pairs, |without| study.score(&without.quick.model));
+    let mut promising: Vec<(f64, &WithoutPair, Score)> = Vec::new();
+    for (without, screening) in without_pairs.iter().zip(scored) {
+        let screening = screening?;
         let total = screening.total_um2().max(f64::MIN_POSITIVE);
         let new = |s: &&Score| judged.model.effect(&s.id).is_none();
         for score in screening.scores.iter().filter(new).take(ONES_FOR_A_PAIR) {
             let left = 1.0 - score.explained_um2 / total;
-            let merit = study.merit(&base) + 0.5 * left.max(f64::MIN_POSITIVE).ln();
+            let merit = study.merit(&without.quick) + 0.5 * left.max(f64::MIN_POSITIVE).ln();
             if merit < study.merit(judged) + MAY_DO_AS_WELL {
-                promising.push((merit, pair, base.model.clone(), score.clone()));
+                promising.push((merit, without, score.clone()));
             }
         }
     }
-    promising.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.3.id.cmp(&b.3.id)));
+    promising.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.2.id.cmp(&b.2.id)));
     promising.truncate(ONES_FITTED);
-    let fitted = parallel::map(&promising, |(_, _, base, score)| {
-        let quick = study.quickly(&study.with(base, &[(score.effect.clone(), score.starts[0].clone())]));
+    let fitted = parallel::map(&promising, |(_, without, score)| {
+        let quick = study.quickly(&study.with(&without.quick.model, &[(score.effect.clone(), score.starts[0].clone())]));
         if missed(study, &quick, judged) < CLEARLY_MISSED { study.judged(study.for_comparison(&quick.model).model) } else { quick }
     });
-    for ((_, [a, b], _, score), one) in promising.into_iter().zip(fitted) {
+    for ((_, without, score), one) in promising.into_iter().zip(fitted) {
         if missed(study, &one, judged) > NEARLY_AS_WELL {
             continue;
         }
@@ -279,7 +280,7 @@ fn one_in_place_of_two(
         // The same question as for each effect alone: whether the two bring enough beside the one to be kept.
         let decision = decide(study, &one, judged, None);
         if !decision.admits() || !study.told_apart(&one, judged) {
-            return Ok(Some(Exchange { pair: [a.clone(), b.clone()], by: score.id, decision, judged: one }));
+            return Ok(Some(Exchange { pair: without.pair.clone(), by: score.id, decision, judged: one }));
         }
     }
     Ok(None)

@@ -338,12 +338,13 @@ impl Said<'_> {
         let (verb, adding) = if d.named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };
         let others = if d.changed.is_empty() { String::new() } else { format!(" Besides, {} has changed.", changed(&d.changed)) };
         format!(
-            "{} {verb} missing: {adding} brings the {} from {} to {} nm; the noise is {} nm.{others}",
+            "{} {verb} missing: {adding} brings the {} from {} to {} nm; the noise is {} nm.{others}{}",
             capital(&list(&d.named, "and")),
             self.which,
             nm(self.before_um),
             nm(self.after_um),
-            self.floor_nm
+            self.floor_nm,
+            likelier(d)
         )
     }
 
@@ -432,16 +433,19 @@ impl Said<'_> {
     }
 }
 
-/// Which of two readings is likelier, by their physics.
+/// What the physics of a finding says of it: which of two readings is likelier, or that the effect is what its values tell rather than what it is called.
 fn likelier(d: &Diagnosis) -> String {
     let against = |id: &String| d.candidates.iter().find(|c| c.effect == *id).and_then(|c| c.unlikely_because.clone());
     let of = |f: &Finding| -> Option<String> {
         let (first, others) = f.effects.split_first()?;
-        if against(first).is_some() {
-            return None;
-        }
-        let (other, reason) = others.iter().find_map(|o| Some((o, against(o)?)))?;
-        Some(format!(" {} is likelier than {}: {reason}.", capital(&spoken(first)), spoken(other)))
+        let Some(reason) = against(first) else {
+            let (other, reason) = others.iter().find_map(|o| Some((o, against(o)?)))?;
+            return Some(format!(" {} is likelier than {}: {reason}.", capital(&spoken(first)), spoken(other)));
+        };
+        Some(match others.iter().find(|other| against(other).is_none()) {
+            Some(likely) => format!(" {} is likelier than {}: {reason}.", capital(&spoken(likely)), spoken(first)),
+            None => format!(" {}: {reason}.", capital(&spoken(first))),
+        })
     };
     d.findings.iter().filter_map(of).collect()
 }

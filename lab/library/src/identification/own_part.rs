@@ -88,29 +88,35 @@ pub fn columns(model: &Model, record: &Record, samples: &Samples) -> DMatrix<f64
     DMatrix::from_columns_or_empty(rows, &columns)
 }
 
-/// Samples after which a power is taken anew, so that rounding does not add up.
-const TAKEN_ANEW: usize = 64;
-
-/// Gaps between samples over which one power leads to the next.
-const GAPS: usize = 64;
+/// Samples over which one power leads to others.
+const LED: usize = 256;
 /// What has died out so far is nothing: multiplied on, it would become a number of the slow kind.
 const DIED_OUT: f64 = 1e-150;
 
-/// `exp(rate k)` at the samples `k` that count, by multiplication from one to the next.
+/// `exp(rate k)` at the samples `k` that count, ascending: one power taken every so often, those behind it by one multiplication each.
 fn powers(rate: Complex<f64>, samples: &Samples) -> Vec<Complex<f64>> {
-    let over_gap: Vec<Complex<f64>> = (0..GAPS).map(|gap| (rate * gap as f64).exp()).collect();
+    let over_gap: Vec<Complex<f64>> = (0..LED).map(|gap| (rate * gap as f64).exp()).collect();
+    let ends = if rate.re < 0.0 { DIED_OUT.ln() / rate.re } else { f64::INFINITY };
     let mut out: Vec<Complex<f64>> = Vec::with_capacity(samples.count());
-    let mut before = 0;
-    for (i, k) in samples.iter().enumerate() {
-        let led = if i.is_multiple_of(TAKEN_ANEW) { None } else { over_gap.get(k - before).zip(out.last()) };
-        let value = match led {
-            Some((factor, last)) => last * factor,
-            None if rate.re * (k as f64) < DIED_OUT.ln() => Complex::ZERO,
-            None => (rate * k as f64).exp(),
-        };
-        out.push(if value.re.abs() + value.im.abs() < DIED_OUT { Complex::ZERO } else { value });
-        before = k;
+    match samples {
+        Samples::Every(range) => {
+            let end = (range.end as f64).min(ends.ceil()) as usize;
+            for anchor in (range.start..end).step_by(LED) {
+                let from = (rate * anchor as f64).exp();
+                out.extend(over_gap.iter().take(end - anchor).map(|factor| from * factor));
+            }
+        }
+        Samples::Some(list) => {
+            let (mut anchor, mut from) = (0, Complex::ONE);
+            for &k in list.iter().take_while(|k| (**k as f64) < ends) {
+                if k - anchor >= LED {
+                    (anchor, from) = (k, (rate * k as f64).exp());
+                }
+                out.push(from * over_gap[k - anchor]);
+            }
+        }
     }
+    out.resize(samples.count(), Complex::ZERO);
     out
 }
 

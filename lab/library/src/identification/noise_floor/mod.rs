@@ -202,15 +202,19 @@ fn over_judging(dataset: &Dataset, of_records_um: &[Option<f64>]) -> Option<f64>
 fn disagreements(estimates: &[FloorEstimate]) -> Vec<String> {
     let Some((first, others)) = estimates.split_first() else { return Vec::new() };
     let differs = |e: &&FloorEstimate| e.rms_um > AGREEMENT * first.rms_um || e.rms_um < first.rms_um / AGREEMENT;
-    let said = |e: &FloorEstimate| {
-        let why = match (first.evidence.under_drive(), e.evidence.under_drive()) {
-            (true, false) if e.rms_um < first.rms_um => ": the stage repeats itself less well than its sensor reads",
-            (false, true) if e.rms_um > first.rms_um => ": the stage repeats itself less well than its sensor reads",
-            _ => ": they disagree",
-        };
-        format!("the floor from {} is {:.2} nm, from {} {:.2} nm{why}", first.basis, 1e3 * first.rms_um, e.basis, 1e3 * e.rms_um)
+    let repeats_less_well = |e: &&FloorEstimate| match (first.evidence.under_drive(), e.evidence.under_drive()) {
+        (true, false) => e.rms_um < first.rms_um,
+        (false, true) => e.rms_um > first.rms_um,
+        _ => false,
     };
-    others.iter().filter(differs).map(said).collect()
+    let (of_the_stage, of_anything): (Vec<&FloorEstimate>, Vec<&FloorEstimate>) =
+        others.iter().filter(differs).partition(repeats_less_well);
+    let said = |these: &[&FloorEstimate], why: &str| {
+        let each: Vec<String> = these.iter().map(|e| format!("from {} {:.2} nm", e.basis, 1e3 * e.rms_um)).collect();
+        (!each.is_empty()).then(|| format!("the floor from {} is {:.2} nm, {}: {why}", first.basis, 1e3 * first.rms_um, each.join(", ")))
+    };
+    let stage = said(&of_the_stage, "the stage repeats itself less well than its sensor reads");
+    stage.into_iter().chain(said(&of_anything, "they disagree")).collect()
 }
 
 fn declared_step(dataset: &Dataset, step_um: Option<f64>) -> Option<String> {
