@@ -1,10 +1,13 @@
 //! The bridge between a socket and the board's serial line: one program at a time, the next when it has gone.
+//!
+//! What the board says goes on in whole lines. A program may rely on that without knowing: PIPython 2.11 takes a record for empty when what it
+//! has received so far ends in `# END_HEADER`, before the line's own end.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-use hysteron_emulator::serial_line::SharedLine;
+use hysteron_emulator::serial_line::{SerialLine, SharedLine};
 
 /// How long the bridge waits for bytes from the program before it looks for bytes from the board.
 const WAIT: Duration = Duration::from_millis(1);
@@ -40,7 +43,35 @@ fn bridge(mut stream: TcpStream, line: &SharedLine) -> std::io::Result<()> {
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
             Err(error) => return Err(error),
         }
-        let answer: Vec<u8> = line.lock().map_or_else(|_| Vec::new(), |mut line| line.from_part.drain(..).map(|(_, byte)| byte).collect());
+        let answer = line.lock().map_or_else(|_| Vec::new(), |mut line| whole_lines(&mut line));
         stream.write_all(&answer)?;
+    }
+}
+
+/// Takes the lines that have come to their end; what has begun stays. Every answer of the board ends in a line feed.
+fn whole_lines(line: &mut SerialLine) -> Vec<u8> {
+    let ended = line.from_part.iter().rposition(|(_, byte)| *byte == b'\n').map_or(0, |last| last + 1);
+    line.from_part.drain(..ended).map(|(_, byte)| byte).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Wherever the bridge looks between two bytes, the end of the header comes with its line's end.
+    #[test]
+    fn a_line_is_passed_on_whole_wherever_the_bridge_comes_between_its_bytes() {
+        let said = b"# NDATA = 400 \n# END_HEADER \n3.0 3.0 \n5.0 5.0\n";
+        for at in 0..=said.len() {
+            let mut line = SerialLine::default();
+            let mut passed = Vec::new();
+            for piece in [&said[..at], &said[at..]] {
+                line.from_part.extend(piece.iter().map(|byte| (0, *byte)));
+                let lines = whole_lines(&mut line);
+                assert!(lines.is_empty() || lines.ends_with(b"\n"), "{at}: {}", String::from_utf8_lossy(&lines));
+                passed.extend(lines);
+            }
+            assert_eq!(passed, said, "{at}: nothing is lost, and nothing stays");
+        }
     }
 }
