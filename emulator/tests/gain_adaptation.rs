@@ -3,10 +3,9 @@
 
 mod common;
 
-use common::{SineRun, best_parameters, block, image, lines};
-use hysteron_core::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST, ONE};
+use common::{SineRun, best_parameters, block, image, learning, lines, wrong_gain};
+use hysteron_core::gain_adaptation::ONE;
 use hysteron_core::parameter_block::AmplifierParameters;
-use hysteron_core::servo_parameters::ActuatorParameters;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::converters::World;
@@ -14,20 +13,6 @@ use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
 
 const TICKS: u32 = 60_000;
-/// The model's gain over the true one, hundredths.
-const MODEL: i32 = 88;
-
-/// The best servo with a model whose gain is too small, and bounds that let it correct that in a second.
-fn wrong_gain(adaptation: bool) -> AmplifierParameters {
-    let mut out = best_parameters();
-    let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut out.servo.actuator else { panic!("an inverted hysteresis") };
-    surfaces.g.iter_mut().flatten().chain(&mut surfaces.f).for_each(|c| *c = (i64::from(*c) * i64::from(MODEL) / 100) as i32);
-    let bounds = AdaptationParameters { most: MOST, most_step: LARGEST_STEP, error_limit: 1 << 23, least_motion: ONE / 50 };
-    assert!(bounds.accepted());
-    out.servo.adaptation = adaptation.then_some(bounds);
-    out
-}
-
 /// What was asked minus what was read over the last quarter of a second, nm RMS.
 fn error_nm(samples: &[TraceSample], parameters: &AmplifierParameters, zero: f64) -> f64 {
     let step = parameters.servo.converters.adc_step as f64 / 2f64.powi(40);
@@ -82,5 +67,27 @@ fn the_gain_that_is_learned_agrees_with_the_host_to_the_last_bit() {
     assert!(after < 1.05 * right && before > 3.0 * right, "{before} {after} {right}");
     let [millionths] = gains(&outcome)[..] else { panic!("one answer") };
     println!("DIA? 16: {millionths}");
-    assert!((millionths / 1e6 * f64::from(MODEL) / 100.0 - 1.0).abs() < 0.02, "{millionths}");
+    assert!((millionths / 1e6 * f64::from(common::MODEL_HUNDREDTHS) / 100.0 - 1.0).abs() < 0.02, "{millionths}");
+}
+
+#[test]
+fn a_gain_and_a_correction_are_learned_together() {
+    let bench = Bench::reference().expect("the bench");
+    let parameters = learning(wrong_gain(true));
+    // 160 ticks: eight points of the reference's period fall into every mean of what the gain is learned from.
+    let sine = SineRun::new(&bench, &parameters, "reference sine 125000 3000 4000", TICKS);
+    let outcome = sine.on_target(b"DIA? 16\n");
+    let both = sine.assert_equal(&outcome);
+    let zero = sine.zero_um(&both);
+    let error = |samples: &[TraceSample]| error_nm(samples, &parameters, zero);
+    let (gain, correction) = (error(&sine.on_host(&wrong_gain(true))), error(&sine.on_host(&learning(wrong_gain(false)))));
+    let (right, both) = (error(&sine.on_host(&learning(best_parameters()))), error(&both));
+    println!(
+        "what was asked minus read: gain alone {gain:.2} nm, correction alone {correction:.2} nm, both {both:.2} nm, right gain and correction {right:.2} nm"
+    );
+    let [millionths] = gains(&outcome)[..] else { panic!("one answer") };
+    println!("DIA? 16: {millionths}");
+    // The correction takes nothing from what the gain is learned from.
+    assert!((millionths / 1e6 * f64::from(common::MODEL_HUNDREDTHS) / 100.0 - 1.0).abs() < 0.02, "{millionths}");
+    assert!(both < 1.05 * right && both < 1.05 * gain.min(correction), "{both} {right} {gain} {correction}");
 }

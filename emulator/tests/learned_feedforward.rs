@@ -3,11 +3,8 @@
 
 mod common;
 
-use common::{SineRun, best_parameters};
-use hysteron_core::integer_row::Row;
-use hysteron_core::learned_feedforward::{
-    LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
-};
+use common::{SineRun, best_parameters, learning};
+use hysteron_core::learned_feedforward::{LEARNING_FRACTION_BITS, LEARNING_TAPS, ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_sim::bench::Bench;
@@ -16,29 +13,6 @@ use std::f64::consts::TAU;
 const TICKS: u32 = 28_000;
 /// 125 Hz.
 const PERIOD_TICKS: usize = 160;
-
-/// Filters that need no design: a share of the error itself, seen through a Hann window in time, which ends near 600 Hz. The loop follows so far
-/// without much phase.
-fn learning(parameters: AmplifierParameters) -> AmplifierParameters {
-    let mut row = [0; LEARNING_TAPS];
-    row[31] = 3 << (LEARNING_FRACTION_BITS - 2);
-    // The same number on both sides: symmetric to the last bit.
-    let hann = |k: usize| (std::f64::consts::PI * k.min(ROBUSTNESS_TAPS - k) as f64 / ROBUSTNESS_TAPS as f64).sin().powi(2);
-    let sum: f64 = (0..ROBUSTNESS_TAPS).map(hann).sum();
-    let smooth = std::array::from_fn(|k| (hann(k) / sum * f64::from(1 << ROBUSTNESS_FRACTION_BITS)) as i32);
-    let learning = LearningParameters {
-        learning: Row { coefficients: row },
-        robustness: Row { coefficients: smooth },
-        error_limit: 1 << 23,
-        point_limit: 1 << 14,
-        periods_per_halving: 4,
-        most_halvings: 2,
-    };
-    assert!(learning.accepted());
-    let mut out = parameters;
-    out.servo.learning = Some(learning);
-    out
-}
 
 /// Periods over which an error is averaged.
 const PERIODS: usize = 20;

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{best_parameters, block, image, lines, parameters, samples};
+use common::{best_parameters, block, image, lines, parameters, samples, wrong_gain};
 use hysteron_core::amplifier::{Amplifier, Mode};
 use hysteron_core::command_text::{Line, parse, write_upload};
 use hysteron_core::parameter_block::AmplifierParameters;
@@ -153,6 +153,32 @@ fn a_predictor_takes_over_at_a_constant_reference_and_at_a_moving_one() {
     for (name, reference) in [("constant", "reference constant 5600"), ("20 Hz, 3 um", "reference sine 20000 3000 5600")] {
         let (difference, own_step) = swaps(name, &best_parameters(), &softer(), reference);
         assert!(difference <= own_step, "{difference} codes, where the drive moves by {own_step} anyway");
+    }
+}
+
+/// By then a gain has been learned, and behind the swap the new block learns its own.
+#[test]
+fn a_gain_that_is_adapted_goes_with_its_block_and_the_drive_makes_no_step() {
+    let reference = "reference sine 125000 3000 5600";
+    let of = |adapts: bool| {
+        let wrong = wrong_gain(adapts);
+        let mut softer = softer();
+        (softer.servo.actuator, softer.servo.adaptation) = (wrong.servo.actuator, wrong.servo.adaptation);
+        (wrong, softer)
+    };
+    let ((adapted, next_adapted), (fixed, next_fixed)) = (of(true), of(false));
+    // Ticks of the first codes that a learned gain alters: before the swap, and so long behind the loop's closing that the rest suffices for another.
+    let [with, without] = [&adapted, &fixed].map(|block| on_host(block, reference, None));
+    let learned =
+        (0..).zip(&with).zip(&without).find(|((_, with), without)| with != without).map(|((tick, _), _)| tick).expect("it learns");
+    assert!(learned < BROUGHT_MS * 20 && BROUGHT_MS * 20 + learned < u64::from(TICKS), "{learned}");
+    for (name, running, new) in [
+        ("adapted to adapted", &adapted, &next_adapted),
+        ("adapted to fixed", &adapted, &next_fixed),
+        ("fixed to adapted", &fixed, &next_adapted),
+    ] {
+        let (difference, own_step) = swaps(name, running, new, reference);
+        assert!(difference <= own_step, "{name}: {difference} codes, where the drive moves by {own_step} anyway");
     }
 }
 

@@ -5,8 +5,12 @@ use std::path::PathBuf;
 
 use hysteron_core::amplifier::Amplifier;
 use hysteron_core::creep_inverse::CreepInverseParameters;
+use hysteron_core::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST, ONE};
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::integer_row::Row;
+use hysteron_core::learned_feedforward::{
+    LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
+};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write};
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
@@ -73,6 +77,43 @@ pub fn parameters() -> AmplifierParameters {
 /// The best design for the reference bench, made from records of it: `lab/examples/reference_block.rs` wrote the file.
 pub fn best_parameters() -> AmplifierParameters {
     read(include_bytes!("../p753.block"), 20_000).expect("a valid block")
+}
+
+/// The gain of the model of [`wrong_gain`] over the true one, hundredths.
+pub const MODEL_HUNDREDTHS: i32 = 88;
+
+/// The best servo with a model whose gain is too small, and bounds that let it correct that in a second.
+pub fn wrong_gain(adaptation: bool) -> AmplifierParameters {
+    let mut out = best_parameters();
+    let ActuatorParameters::OneSidedHysteresis { surfaces, .. } = &mut out.servo.actuator else { panic!("an inverted hysteresis") };
+    surfaces.g.iter_mut().flatten().chain(&mut surfaces.f).for_each(|c| *c = (i64::from(*c) * i64::from(MODEL_HUNDREDTHS) / 100) as i32);
+    let bounds = AdaptationParameters { most: MOST, most_step: LARGEST_STEP, error_limit: 1 << 23, least_motion: ONE / 50 };
+    assert!(bounds.accepted());
+    out.servo.adaptation = adaptation.then_some(bounds);
+    out
+}
+
+/// Filters that need no design: a share of the error itself, seen through a Hann window in time, which ends near 600 Hz. The loop follows so far
+/// without much phase.
+pub fn learning(parameters: AmplifierParameters) -> AmplifierParameters {
+    let mut row = [0; LEARNING_TAPS];
+    row[31] = 3 << (LEARNING_FRACTION_BITS - 2);
+    // The same number on both sides: symmetric to the last bit.
+    let hann = |k: usize| (std::f64::consts::PI * k.min(ROBUSTNESS_TAPS - k) as f64 / ROBUSTNESS_TAPS as f64).sin().powi(2);
+    let sum: f64 = (0..ROBUSTNESS_TAPS).map(hann).sum();
+    let smooth = std::array::from_fn(|k| (hann(k) / sum * f64::from(1 << ROBUSTNESS_FRACTION_BITS)) as i32);
+    let learning = LearningParameters {
+        learning: Row { coefficients: row },
+        robustness: Row { coefficients: smooth },
+        error_limit: 1 << 23,
+        point_limit: 1 << 14,
+        periods_per_halving: 4,
+        most_halvings: 2,
+    };
+    assert!(learning.accepted());
+    let mut out = parameters;
+    out.servo.learning = Some(learning);
+    out
 }
 
 /// A block as bytes.
