@@ -13,7 +13,8 @@ use hysteron_core::gain_adaptation::MOST;
 use hysteron_core::parameter_block;
 use hysteron_sim::chain::Model;
 use hysteron_tests::adaptation_study::{Drift, Way, adapted, sine_um};
-use hysteron_tests::independent_stage::Truth;
+use hysteron_tests::independent_stage::{Change, Truth};
+use hysteron_tests::learning_study::{self, learned};
 use hysteron_tests::servo_study::{Recording, record};
 
 fn recorded(seed: u64) -> (Truth, Dataset, Model) {
@@ -90,4 +91,48 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     let mut impossible = design.clone();
     impossible.adaptation.as_mut().unwrap().farthest = 0.3;
     assert!(impossible.impossible_value().unwrap().contains("farthest"));
+}
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "slow: release mode")]
+fn a_gain_is_corrected_while_a_periodic_correction_is_learned() {
+    let (truth, dataset, chain) = recorded(20);
+    let order = Order { recording: Some(&dataset), learning: true, adaptation: true, ..Order::default() };
+    let both = order::design(&chain, &order).unwrap();
+    let name = "predictor-learning-adaptive";
+    assert_eq!(both.scheme_name(), name);
+    // What a design is called can be asked for, and is the same.
+    assert_eq!(with_scheme(&both, name).unwrap(), both);
+    let learning = ServoDesign { adaptation: None, ..both.clone() };
+    let found = check(&both, &chain).unwrap();
+    println!("{:?}", found.remarks);
+    assert!(found.stable && found.remarks.iter().any(|r| r.contains("Learning converges")), "{:?}", found.remarks);
+    assert!(found.remarks.iter().any(|r| r.contains("stands farthest off")), "{:?}", found.remarks);
+    let text = toml::to_string_pretty(&both).unwrap();
+    assert_eq!(toml::from_str::<ServoDesign>(&text).unwrap(), both);
+    let front_end = FrontEnd { sensor_max_um: 20.0, ..FrontEnd::default() };
+    let parameters = amplifier_parameters(&both, &front_end).unwrap();
+    assert!(parameters.servo.adaptation.is_some() && parameters.servo.learning.is_some());
+    assert_eq!(parameter_block::read(&block(&parameters).unwrap(), 20_000), Ok(parameters));
+
+    // Four seconds: the gain is followed by half a per cent in a tenth of a second.
+    let periods = 400;
+    for gain_ratio in [0.88, 1.12] {
+        let percent = |design: &ServoDesign, way| {
+            let found = learned(&truth, Change { gain_ratio, ..Change::NONE }, design, way, periods);
+            assert_eq!((found.counters.limited_ticks, found.counters.saturated_values), (0, 0));
+            let worst = (20..periods - 1).map(|period| found.percent(period)).fold(0.0, f64::max);
+            (worst, 100.0 * found.at_last.rms_um / found.stroke_um)
+        };
+        let every_tick = learning_study::Way::EveryTick;
+        let [(worst, with), (worst_alone, alone)] = [&both, &learning].map(|design| percent(design, every_tick));
+        // With `Nothing` the period is learned by nobody, and the gain as before.
+        let (_, gain) = percent(&both, learning_study::Way::Nothing);
+        println!(
+            "gain {gain_ratio}: {with:.4} % with both ({worst:.4} in the worst period), {alone:.4} % with the correction alone ({worst_alone:.4}), {gain:.4} % with the gain alone"
+        );
+        assert!(with < 1.05 * alone && 2.0 * with < gain, "{gain_ratio}");
+        // While the gain still moves, what is asked of a learned correction holds.
+        assert!(worst <= 0.05, "{gain_ratio}: {worst}");
+    }
 }

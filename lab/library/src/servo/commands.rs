@@ -18,10 +18,11 @@ use nalgebra::Complex;
 use serde::Serialize;
 
 /// Names of the schemes that `track --scheme` takes besides the one of the design.
-pub const SCHEMES: [&str; 17] = [
+pub const SCHEMES: [&str; 18] = [
     "predictor",
     "predictor-learning",
     "predictor-adaptive",
+    "predictor-learning-adaptive",
     "predictor-linear",
     "disturbance-observer",
     "disturbance-observer-inverse",
@@ -102,13 +103,23 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
                 ));
             }
             if let Some(learning) = &design.learning {
-                let on_it = ratio.map(|gain| learning.contraction_on(&law, &model.linear, gain, delay_s));
-                let (contraction, hz) = on_it.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0));
+                let on_it = |gains: Vec<f64>| {
+                    let found = gains.into_iter().map(|gain| learning.contraction_on(&law, &model.linear, gain, delay_s));
+                    found.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0))
+                };
+                let (contraction, hz) = on_it(ratio.to_vec());
                 let verdict = if contraction < 1.0 { "converges" } else { "DIVERGES" };
                 out.stable &= contraction < 1.0;
                 out.remarks.push(format!(
                     "Learning {verdict} on this actuator: an error becomes at most {contraction:.2} times itself from period to period (at {hz:.0} Hz)."
                 ));
+                if let Some(adaptation) = &design.adaptation {
+                    // It decides nothing: a gain that is learned does not stay where it is wrong.
+                    let (farthest, hz) = on_it(ratio.iter().flat_map(|gain| adaptation.over_beliefs(*gain)).collect());
+                    out.remarks.push(format!(
+                        "While the correction of the gain stands farthest off, to either side, it becomes at most {farthest:.2} times itself (at {hz:.0} Hz)."
+                    ));
+                }
                 out.remarks.push(learning.in_words());
             }
         }
@@ -255,12 +266,16 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
     };
     let mut out = design.clone();
     out.schema = SCHEMA.into();
-    if name != "predictor-learning" {
+    let learning = matches!(name, "predictor-learning" | "predictor-learning-adaptive");
+    if !learning {
         out.learning = None;
     }
-    out.adaptation = (name == "predictor-adaptive").then(|| AdaptationDesign::new(design.model.reach_um()));
+    out.adaptation =
+        matches!(name, "predictor-adaptive" | "predictor-learning-adaptive").then(|| AdaptationDesign::new(design.model.reach_um()));
     (out.scheme, out.delayed) = match name {
-        "predictor" | "predictor-learning" | "predictor-adaptive" => (Scheme::Predictor { tuning, hysteresis_inverse: true }, true),
+        "predictor" | "predictor-learning" | "predictor-adaptive" | "predictor-learning-adaptive" => {
+            (Scheme::Predictor { tuning, hysteresis_inverse: true }, true)
+        }
         "predictor-linear" => (Scheme::Predictor { tuning, hysteresis_inverse: false }, true),
         "feedforward" => (Scheme::Feedforward { gains, notch: None, creep_inverse: true }, true),
         "feedforward-without-creep" => (Scheme::Feedforward { gains, notch: None, creep_inverse: false }, true),
@@ -280,7 +295,7 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
             None => return Err(format!("scheme `{name}` is not known: choose from {}", SCHEMES.join(", "))),
         },
     };
-    if name == "predictor-learning" && out.learning.is_none() {
+    if learning && out.learning.is_none() {
         out.learning = Some(order::learning_without_recording(&out)?);
     }
     Ok(out)
