@@ -276,7 +276,7 @@ fn one_in_place_of_two(study: &Study, judged: &Judged, without_pairs: &[WithoutP
             continue;
         }
         // The others' values are still those that made up for it.
-        let one = study.thoroughly(&study.begun_again(&one)?.model);
+        let one = study.thoroughly(&study.begun_together(&study.begun_again(&one)?)?.model);
         // The same question as for each effect alone: whether the two bring enough beside the one to be kept.
         let decision = decide(study, &one, judged, None);
         if !decision.admits() || !study.told_apart(&one, judged) {

@@ -306,6 +306,30 @@ impl<'a> Study<'a> {
         Ok(best)
     }
 
+    /// The model with an effect and what it acts in begun again together, one after the other: a bristle's stiffness and the natural frequency of the mode
+    /// that it holds make up for each other, and neither comes back from there alone.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn begun_together(&self, judged: &Judged) -> Result<Judged> {
+        let mut best = judged.clone();
+        let coupled = |e: &EffectInstance| {
+            let d = e.effect.declaration();
+            let of = judged.model.effect(d.modifies?)?;
+            (of.effect.declaration().place != d.place && of.effect.starts(&self.overview).len() > 1)
+                .then(|| [of.effect.clone(), e.effect.clone()])
+        };
+        for [of, by] in judged.model.effects.iter().filter_map(coupled) {
+            let without = self.without(&self.without(&best.model, &by.declaration().id), &of.declaration().id);
+            let with_of = self.seated(&without, &of, 2)?;
+            let seated = self.for_comparison(&self.seated(&with_of.model, &by, 2)?.model);
+            if self.merit(&seated) < self.merit(&best) {
+                best = seated;
+            }
+        }
+        Ok(best)
+    }
+
     /// Fits a list of effects, each begun from the start that explains most of what the others leave; then all together. Where the caller
     /// wants the best so far, the rest are begun as they come and fitted quickly.
     ///
