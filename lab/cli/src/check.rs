@@ -13,11 +13,13 @@ use std::path::Path;
 /// Reads a servo file.
 pub fn read_design(desk: &Desk, path: &Path) -> Result<ServoDesign> {
     let text = desk.text(path, "a file written by `hysteron design`")?;
+    // What is no servo at all, such as a model, is told so before its first missing field is.
+    let schema = toml::from_str::<toml::Table>(&text).ok().and_then(|t| t.get("schema")?.as_str().map(str::to_owned));
+    if let Some(other) = schema.filter(|schema| schema != SCHEMA) {
+        return Err(wrong(path, format!("schema = \"{other}\"; expected \"{SCHEMA}\", a file written by `hysteron design`")));
+    }
     let design: ServoDesign =
         toml::from_str(&text).map_err(|e| Error::new(format!("{}: line {}", path.display(), line_of(&text, e.span())), e.message()))?;
-    if design.schema != SCHEMA {
-        return Err(wrong(path, format!("schema = \"{}\"; expected \"{SCHEMA}\"", design.schema)));
-    }
     design.impossible_value().map_or(Ok(design), |impossible| Err(wrong(path, impossible)))
 }
 

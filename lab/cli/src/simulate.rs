@@ -44,7 +44,8 @@ const SAMPLES_MAX: f64 = 2e7;
 
 fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
     let unknown = || {
-        let expected = "sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS, triangle:V_PER_S:PEAK_V:SECONDS (slope and peak above 0) or step:V:SECONDS";
+        let expected =
+            "sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS (HZ above 0), triangle:V_PER_S:PEAK_V:SECONDS (slope and peak above 0) or step:V:SECONDS";
         Error::new("--drive", format!("`{text}` is neither a file that exists nor a waveform; expected {expected}"))
     };
     let mut parts = text.split(':');
@@ -59,7 +60,7 @@ fn waveform(text: &str, rate_hz: f64, rest_v: f64) -> Result<Vec<f64>> {
     let samples = |seconds: f64| (seconds * rate_hz) as usize;
     let time = |k: usize| k as f64 / rate_hz;
     match (kind, &numbers[..]) {
-        ("sine", [hz, amplitude, offset, seconds]) => {
+        ("sine", [hz, amplitude, offset, seconds]) if *hz > 0.0 => {
             Ok((0..samples(*seconds)).map(|k| offset + amplitude * (std::f64::consts::TAU * hz * time(k)).sin()).collect())
         }
         ("triangle", [slope, peak, seconds]) if *slope > 0.0 && *peak > 0.0 => {

@@ -170,6 +170,7 @@ fn drives_out_of_reach_and_waveforms_without_end() {
     for waveform in ["step:1:1e9", "triangle:200:5:0", "step:1:-3"] {
         says(&["simulate", "m.toml", "--drive", waveform, "--out", "y.csv"], folder.path(), "samples long");
     }
+    says(&["simulate", "m.toml", "--drive", "sine:-5:1:1:1", "--out", "y.csv"], folder.path(), "(HZ above 0)");
     says(&["simulate", "m.toml", "--drive", "nowhere.csv", "--out", "y.csv"], folder.path(), "neither a file that exists nor a waveform");
     assert!(!folder.path().join("y.csv").exists());
 }
@@ -193,6 +194,8 @@ fn models_that_were_edited_wrongly() {
     }
     says(&["add", "gain", "m.toml", ".", "--out", "m2.toml"], folder.path(), "is in the model already");
     says(&["explain", ".", "--from", "nowhere.txt"], folder.path(), "nowhere.txt: does not exist");
+    // A model in the place of a servo is told so, and not which field a servo would have.
+    says(&["check", "m.toml", "--model", "m.toml"], folder.path(), "schema = \"hysteron.model/1\"; expected \"hysteron.servo/");
     says(&["identify", ".", "--effects", "gain,hysteresis"], folder.path(), "stand in the same place");
 }
 
@@ -305,4 +308,31 @@ fn what_another_program_does_is_told_without_it() {
     }
     let (_, said) = run(&["status", "--help"]);
     assert!(said.contains("[OPTIONS] <--port <PORT>|--tcp <HOST:PORT>>"), "{said}");
+}
+
+/// Nobody said when the drive of a row acts: a delay that is found says from where it counts, and is silent once that was said.
+#[test]
+fn a_delay_says_from_which_drive_it_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive = |k: usize| 5.0 + 2.0 * (0.11 * k as f64).sin() + 1.5 * (0.047 * k as f64 + 1.0).sin() + (0.29 * k as f64).sin();
+    let mut random = 9_u64;
+    let mut rows = String::from("t_s,u_v,y_um\n");
+    for k in 0..3000_usize {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let noise_um = 4e-3 * ((random >> 11) as f64 / (1_u64 << 53) as f64 - 0.5);
+        let at = |back: usize| if k < 400 + back { 5.0 } else { drive(k - 400 - back) };
+        // Three whole periods and two fifths of one late.
+        let y_um = 0.5 * (0.6 * at(3) + 0.4 * at(4)) + noise_um;
+        rows += &format!("{:.4},{:.6},{y_um:.6}\n", k as f64 * 1e-3, at(0));
+    }
+    std::fs::write(folder.path().join("late.csv"), rows).unwrap();
+    let run = |timing: &[&str]| {
+        let output = hysteron(&[&["explain", "late.csv", "--json", "found.json", "--force"], timing].concat(), folder.path());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        std::fs::read_to_string(folder.path().join("found.json")).unwrap()
+    };
+    let (assumed, said) = (run(&[]), run(&["--timing", "hold_after_sample"]));
+    assert!(said.contains("\"delay\""), "{said}");
+    assert!(assumed.contains("it is one period (1.000 ms) longer"), "{assumed}");
+    assert!(!said.contains("one period (1.000 ms) longer"), "{said}");
 }

@@ -102,8 +102,10 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         }
         records.push(record);
     }
-    notes.extend(bring_to_one_timing(&mut records, instructions.timing.or(manifest.timing)));
+    let timing = instructions.timing.or(manifest.timing);
+    notes.extend(bring_to_one_timing(&mut records, timing));
     Dataset {
+        timing_is_assumed: timing.is_none(),
         name: manifest.name.clone(),
         source: place.to_owned(),
         drive_min_v: manifest.drive_min_v,
@@ -230,6 +232,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     }
     notes.extend(bring_to_one_timing(&mut records, instructions.timing));
     Dataset {
+        timing_is_assumed: instructions.timing.is_none(),
         source: place.to_owned(),
         drive_min_v: low,
         drive_max_v: high,

@@ -14,7 +14,7 @@ use crate::dataset::reading_grid::{grid_by_chance, rounding_noise_um};
 use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::finer_hysteresis::{description, main_effect};
 use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
-use hysteron_sim::effect::{Overview, by_id, gain};
+use hysteron_sim::effect::{Overview, by_id, delay, gain};
 use serde::Serialize;
 
 /// The verdict.
@@ -144,7 +144,7 @@ pub struct Diagnosis {
     pub loops: Vec<String>,
     /// Effects that are there but have other values than in the model that was handed in.
     pub changed: Vec<ChangedValue>,
-    /// What is wrong with the recording itself, in sentences.
+    /// What is wrong with the recording itself, or left open by it, in sentences.
     pub recording: Vec<String>,
     /// Floor used.
     pub noise_floor_um: Option<f64>,
@@ -250,7 +250,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         findings,
         loops: other_loops(found),
         changed: found.elsewhere.map_or_else(Vec::new, Elsewhere::changed),
-        recording: of_the_recording(found),
+        recording: of_the_recording(found, dataset),
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         floor_estimates: floor.estimates.clone(),
@@ -275,13 +275,16 @@ fn other_loops(found: &Found) -> Vec<String> {
     std::iter::once(description(&found.last.model)).chain(found.loops_alike.iter().cloned()).collect()
 }
 
-/// What is wrong with the recording itself, in sentences.
-fn of_the_recording(found: &Found) -> Vec<String> {
+/// What is wrong with the recording itself, or left open by it, in sentences.
+fn of_the_recording(found: &Found, dataset: &Dataset) -> Vec<String> {
     let ends = found.reading_limits.iter().map(super::words::reading_limit);
     let states = found.other_states.map(super::words::other_states);
     let loops = found.feedback.iter().map(super::words::followed_reading);
     let own_row = found.own_row.map(super::words::own_row);
-    ends.chain(states).chain(own_row).chain(loops).collect()
+    let delayed =
+        dataset.timing_is_assumed && found.own_row.is_none() && found.supported.iter().any(|s| s.names().iter().any(|id| id == delay::ID));
+    let timing = delayed.then(|| super::words::delay_counts_from(dataset));
+    ends.chain(states).chain(own_row).chain(loops).chain(timing).collect()
 }
 
 /// What was found, the likeliest reading of each first.

@@ -9,6 +9,7 @@ use super::judgement::Judged;
 use super::path::Change;
 use super::policy::Policy;
 use super::verdict::{Diagnosis, Finding, Found, Verdict};
+use crate::dataset::Dataset;
 use crate::dataset::reading_grid::rounding_noise_um;
 use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::identifiability::CannotIdentify;
@@ -74,6 +75,9 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
         (Some(x), Some(y)) => format!("; held-out error {} to {} nm", nm(x), nm(y)),
         _ => format!("; error {} to {} nm", nm(b.identify_rms_um), nm(after.identify_rms_um)),
     });
+    let same =
+        |b: &Judged| nm(b.identify_rms_um) == nm(after.identify_rms_um) && b.validate_rms_um.map(nm) == after.validate_rms_um.map(nm);
+    let fall = if before.is_some_and(same) { "; it is part of the noise, and no error falls".to_owned() } else { fall };
     match change {
         Change::Start => "the model that was started from".into(),
         Change::Added(id) => {
@@ -216,6 +220,17 @@ pub fn own_row(found: &OwnRow) -> String {
          so in the manifest, or with --timing hold_before_sample",
         nm(found.own_row_um),
         nm(found.as_said_um)
+    )
+}
+
+/// From where a delay counts that was found although nobody said when the drive of a row acts, for a reader.
+#[must_use]
+pub fn delay_counts_from(dataset: &Dataset) -> String {
+    let period_s = dataset.records.iter().map(|r| r.dt_s()).fold(0.0, f64::max);
+    format!(
+        "the delay counts from the drive of a row acting after its reading, which was assumed: of a program that writes, then reads, it is one period \
+         ({} ms) longer; say which with --timing hold_before_sample or hold_after_sample",
+        figure(1e3 * period_s)
     )
 }
 
