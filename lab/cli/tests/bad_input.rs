@@ -329,10 +329,11 @@ fn a_delay_says_from_which_drive_it_counts() {
     let run = |timing: &[&str]| {
         let output = hysteron(&[&["explain", "late.csv", "--json", "found.json", "--force"], timing].concat(), folder.path());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        std::fs::read_to_string(folder.path().join("found.json")).unwrap()
+        String::from_utf8_lossy(&output.stdout).into_owned() + &std::fs::read_to_string(folder.path().join("found.json")).unwrap()
     };
     let (assumed, said) = (run(&[]), run(&["--timing", "hold_after_sample"]));
     assert!(said.contains("\"delay\""), "{said}");
-    assert!(assumed.contains("it is one period (1.000 ms) longer"), "{assumed}");
+    // In the headline on the screen, in that of the file, and among what is said of the recording.
+    assert_eq!(assumed.matches("it is one period (1.000 ms) longer").count(), 3, "{assumed}");
     assert!(!said.contains("one period (1.000 ms) longer"), "{said}");
 }

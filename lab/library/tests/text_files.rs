@@ -212,7 +212,9 @@ fn times_of_day_and_stamps_that_jitter() {
     lines.insert(50, lines[49].clone());
     let dataset = from_file("a.csv", format!("t_s,u_v,y_um\n{}", lines.join("\n")).as_bytes()).unwrap();
     let notes = dataset.notes.join("\n");
-    for word in ["row 52 has the time stamp of the row before", "one sample is missing, before row 103", "jitter by up to 40 %", "2000.000000 Hz"] {
+    for word in
+        ["row 52 has the time stamp of the row before", "one sample is missing, before row 103", "jitter by up to 40 %", "2000.000000 Hz"]
+    {
         assert!(notes.contains(word), "{word}: {notes}");
     }
     assert_eq!(dataset.records.last().unwrap().drive_v.len(), SAMPLES);

@@ -262,6 +262,9 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         where_it_fails: cells(found.first, dataset),
     };
     out.sentence = super::words::sentence(&out, found, floor, policy);
+    if let Some(timing) = timing_left_open(found, dataset) {
+        out.sentence += &format!(" Mind that {timing}.");
+    }
     out
 }
 
@@ -281,10 +284,13 @@ fn of_the_recording(found: &Found, dataset: &Dataset) -> Vec<String> {
     let states = found.other_states.map(super::words::other_states);
     let loops = found.feedback.iter().map(super::words::followed_reading);
     let own_row = found.own_row.map(super::words::own_row);
-    let delayed =
-        dataset.timing_is_assumed && found.own_row.is_none() && found.supported.iter().any(|s| s.names().iter().any(|id| id == delay::ID));
-    let timing = delayed.then(|| super::words::delay_counts_from(dataset));
-    ends.chain(states).chain(own_row).chain(loops).chain(timing).collect()
+    ends.chain(states).chain(own_row).chain(loops).chain(timing_left_open(found, dataset)).collect()
+}
+
+/// From where a delay counts that was found although nobody said when the drive of a row acts.
+fn timing_left_open(found: &Found, dataset: &Dataset) -> Option<String> {
+    let delayed = found.supported.iter().any(|s| s.names().iter().any(|id| id == delay::ID));
+    (dataset.timing_is_assumed && found.own_row.is_none() && delayed).then(|| super::words::delay_counts_from(dataset))
 }
 
 /// What was found, the likeliest reading of each first.
