@@ -54,7 +54,7 @@ impl Bristle {
     pub(super) fn follow(&mut self, displacement: f64) -> f64 {
         self.bend = self.bend_after(displacement - self.displacement);
         self.displacement = displacement;
-        self.contact.force_n(self.bend, 0.0)
+        self.held()
     }
 
     /// Factor by which a stuck bristle raises the natural frequency.
@@ -86,7 +86,7 @@ impl Bristle {
     /// Rest position for a force, without any inertia.
     pub(super) fn balance(&mut self, force: f64) -> f64 {
         let stiffness = self.contact.stiffness_n_um;
-        let unbalanced = force - self.displacement - self.contact.force_n(self.bend, 0.0);
+        let unbalanced = force - self.displacement - self.held();
         if unbalanced.abs() < BALANCED_UM {
             return self.displacement;
         }
