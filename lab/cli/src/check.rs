@@ -2,10 +2,10 @@
 
 use crate::command_line::Outputs;
 use crate::desk::{Desk, wrong};
-use hysteron::error::line_of;
 use hysteron::servo::commands::{self, CheckResult};
 use hysteron::servo::design::{SCHEMA, ServoDesign};
 use hysteron::servo::words;
+use hysteron::toml_file::with_schema;
 use hysteron::{Error, Result};
 use hysteron_report::{Block, Page, Section, nyquist, sensitivity};
 use std::path::Path;
@@ -13,13 +13,7 @@ use std::path::Path;
 /// Reads a servo file.
 pub fn read_design(desk: &Desk, path: &Path) -> Result<ServoDesign> {
     let text = desk.text(path, "a file written by `hysteron design`")?;
-    // What is no servo at all, such as a model, is told so before its first missing field is.
-    let schema = toml::from_str::<toml::Table>(&text).ok().and_then(|t| t.get("schema")?.as_str().map(str::to_owned));
-    if let Some(other) = schema.filter(|schema| schema != SCHEMA) {
-        return Err(wrong(path, format!("schema = \"{other}\"; expected \"{SCHEMA}\", a file written by `hysteron design`")));
-    }
-    let design: ServoDesign =
-        toml::from_str(&text).map_err(|e| Error::new(format!("{}: line {}", path.display(), line_of(&text, e.span())), e.message()))?;
+    let design: ServoDesign = with_schema(&text, &path.display().to_string(), SCHEMA)?;
     design.impossible_value().map_or(Ok(design), |impossible| Err(wrong(path, impossible)))
 }
 

@@ -51,6 +51,7 @@ pub mod simulate;
 pub mod spectrum;
 pub mod statistics;
 pub mod synthetic;
+pub mod toml_file;
 pub mod watch;
 
 pub use dataset::{Dataset, Record, Role};

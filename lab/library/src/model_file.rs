@@ -1,6 +1,7 @@
 //! Models as files: a chain of effects that a person can read and edit, with units and standard deviations beside every value.
 
-use crate::error::{Error, Result, line_of, nearest};
+use crate::error::{Error, Result, nearest};
+use crate::toml_file::with_schema;
 use hysteron_sim::chain::{EffectInstance, Model, ParameterValue};
 use hysteron_sim::effect::expression::ExpressionEffect;
 use hysteron_sim::effect::{Effect, Overview, Parameter, Scale, by_id, registry};
@@ -96,11 +97,7 @@ pub fn to_toml(model: &Model, data_set: &str) -> Result<String> {
 /// # Errors
 /// Names the line, the effect or the parameter that is wrong.
 pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
-    let file: ModelFile =
-        toml::from_str(text).map_err(|e| Error::new(format!("{file_name}: line {}", line_of(text, e.span())), e.message()))?;
-    if file.schema != SCHEMA {
-        return Err(Error::new(file_name, format!("schema = \"{}\"; expected \"{SCHEMA}\"", file.schema)));
-    }
+    let file: ModelFile = with_schema(text, file_name, SCHEMA)?;
     if file.drive_min_v.partial_cmp(&file.drive_max_v) != Some(std::cmp::Ordering::Less) {
         return Err(Error::new(file_name, "drive_min_v is not below drive_max_v"));
     }
