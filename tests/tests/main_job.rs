@@ -12,6 +12,7 @@ use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::{effects_named, own_effect};
 use hysteron::synthetic::case::Truth;
 use hysteron::watch::{Event, Unwatched, Watch};
+use hysteron_sim::noise::WhiteNoise;
 use hysteron_tests::{beside, root};
 use std::path::Path;
 
@@ -213,15 +214,7 @@ fn readings_that_end_say_nothing_of_the_rest() {
 fn a_filter_in_the_electronics_is_told_from_a_resonance_by_its_damping() {
     let (rate_hz, cut_off_hz, fine) = (10_000.0, 400.0, 40);
     let record = |name: &str, seed: u64, role: Role| {
-        let mut random = seed;
-        let mut noise = || {
-            // Twelve uniform numbers make a normal one.
-            let uniform = |_| {
-                random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (random >> 11) as f64 / (1_u64 << 53) as f64
-            };
-            0.002 * ((0..12).map(uniform).sum::<f64>() - 6.0)
-        };
+        let mut noise = WhiteNoise::new(0.002, seed);
         let tones = [7.0, 23.0, 71.0, 190.0, 430.0, 900.0];
         let tone = |t: f64, (n, f): (usize, &f64)| 4.0 * (std::f64::consts::TAU * f * t + (n as f64 + seed as f64).powi(2)).sin();
         let drive_v: Vec<f64> = (0..8000)
@@ -232,15 +225,13 @@ fn a_filter_in_the_electronics_is_told_from_a_resonance_by_its_damping() {
         let (mut x, mut v) = (0.1 * drive_v[0], 0.0);
         let mut displacement_um = Vec::with_capacity(drive_v.len());
         for u in &drive_v {
-            displacement_um.push(x + noise());
+            displacement_um.push(x + noise.next_um());
             for _ in 0..fine {
                 v += h * (w * w * (0.1 * u - x) - 2.0_f64.sqrt() * w * v);
                 x += h * v;
             }
         }
-        let mut record = Record::new(name, rate_hz, drive_v, displacement_um);
-        record.role = role;
-        record
+        Record::new(name, rate_hz, drive_v, displacement_um).with_role(role)
     };
     let records = vec![record("a", 3, Role::Identify), record("b", 8, Role::Validate)];
     let dataset = Dataset::new("a filter", 0.0, 100.0, records).unwrap();

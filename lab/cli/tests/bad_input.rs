@@ -3,6 +3,7 @@
 mod common;
 
 use common::{MANIFEST, folder_with_model, good_rows, hysteron, says};
+use hysteron_sim::noise::WhiteNoise;
 use std::process::Command;
 
 /// Runs explain on a folder with this manifest and file, and returns what it says.
@@ -196,6 +197,8 @@ fn models_that_were_edited_wrongly() {
     says(&["explain", ".", "--from", "nowhere.txt"], folder.path(), "nowhere.txt: does not exist");
     // A model in the place of a servo is told so, and not which field a servo would have.
     says(&["check", "m.toml", "--model", "m.toml"], folder.path(), "schema = \"hysteron.model/1\"; expected \"hysteron.servo/");
+    std::fs::write(folder.path().join("servo.toml"), "schema = \"hysteron.servo/1\"\ndelayed = true\n").unwrap();
+    says(&["compare", "servo.toml", "."], folder.path(), "schema = \"hysteron.servo/1\"; expected \"hysteron.model/");
     says(&["identify", ".", "--effects", "gain,hysteresis"], folder.path(), "stand in the same place");
 }
 
@@ -315,14 +318,12 @@ fn what_another_program_does_is_told_without_it() {
 fn a_delay_says_from_which_drive_it_counts() {
     let folder = tempfile::tempdir().unwrap();
     let drive = |k: usize| 5.0 + 2.0 * (0.11 * k as f64).sin() + 1.5 * (0.047 * k as f64 + 1.0).sin() + (0.29 * k as f64).sin();
-    let mut random = 9_u64;
+    let mut noise = WhiteNoise::new(1.2e-3, 9);
     let mut rows = String::from("t_s,u_v,y_um\n");
     for k in 0..3000_usize {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let noise_um = 4e-3 * ((random >> 11) as f64 / (1_u64 << 53) as f64 - 0.5);
         let at = |back: usize| if k < 400 + back { 5.0 } else { drive(k - 400 - back) };
         // Three whole periods and two fifths of one late.
-        let y_um = 0.5 * (0.6 * at(3) + 0.4 * at(4)) + noise_um;
+        let y_um = 0.5 * (0.6 * at(3) + 0.4 * at(4)) + noise.next_um();
         rows += &format!("{:.4},{:.6},{y_um:.6}\n", k as f64 * 1e-3, at(0));
     }
     std::fs::write(folder.path().join("late.csv"), rows).unwrap();

@@ -6,6 +6,7 @@ use hysteron::Dataset;
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::{Instructions, from_file, from_file_as, from_manifest};
 use hysteron::dataset::recognise::Wanted;
+use hysteron::dataset::timing::Timing;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -326,4 +327,19 @@ fn what_was_recorded_beside_the_drive_is_cut_with_it_where_the_displacement_begi
     assert!((record.drive_v[0] - recording()[10][1]).abs() < 2e-5, "{}", record.drive_v[0]);
     let (force_n, temperature_c) = (record.force_n.as_ref().unwrap()[0], record.auxiliary[0].values[0]);
     assert!((force_n - 100.0 * later).abs() < 1e-3 && (temperature_c - 22.0 - 10.0 * later).abs() < 1e-3, "{force_n} N, {temperature_c}");
+}
+
+/// A delay counts from the timing that was assumed, and nothing was where the records show theirs or somebody says it.
+#[test]
+fn a_timing_is_assumed_only_where_nothing_shows_it() {
+    let assumed = |rows: String, timing| {
+        let instructions = Instructions { timing, ..Instructions::default() };
+        from_file_as("a.csv", format!("t_s,u_v,y_um\n{rows}").as_bytes(), &instructions).unwrap().timing_is_assumed
+    };
+    let fast_v = |k: usize| 5.0 - 5.0 * (0.3 * k as f64).cos();
+    let read_after_writing =
+        (0..500).fold(String::new(), |rows, k| rows + &format!("{:.3},{:.6},{:.6}\n", 1e-3 * k as f64, fast_v(k), 0.1 * fast_v(k)));
+    assert!(assumed(plain(","), None));
+    assert!(!assumed(plain(","), Some(Timing::HoldAfterSample)));
+    assert!(!assumed(read_after_writing, None));
 }

@@ -63,7 +63,8 @@ pub struct Dataset {
     pub sensor_lsb_um: Option<f64>,
     /// The records.
     pub records: Vec<Record>,
-    /// Nobody said whether the drive of a row acts before its reading or after it: the latter is assumed, and a delay counts from there.
+    /// Neither anybody nor the records themselves say whether the drive of a row acts before its reading or after it: the latter is assumed, and a
+    /// delay counts from there.
     pub timing_is_assumed: bool,
     /// What a reader should know about how the data were read.
     pub notes: Vec<String>,

@@ -103,9 +103,11 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         records.push(record);
     }
     let timing = instructions.timing.or(manifest.timing);
-    notes.extend(bring_to_one_timing(&mut records, timing));
+    let shown = bring_to_one_timing(&mut records, timing);
+    let timing_is_assumed = timing.is_none() && shown.is_none();
+    notes.extend(shown);
     Dataset {
-        timing_is_assumed: timing.is_none(),
+        timing_is_assumed,
         name: manifest.name.clone(),
         source: place.to_owned(),
         drive_min_v: manifest.drive_min_v,
@@ -230,9 +232,11 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     if records.len() < parts.windows.len() {
         notes.push("a rest in which the reading does not move shows no noise, and is left out".into());
     }
-    notes.extend(bring_to_one_timing(&mut records, instructions.timing));
+    let shown = bring_to_one_timing(&mut records, instructions.timing);
+    let timing_is_assumed = instructions.timing.is_none() && shown.is_none();
+    notes.extend(shown);
     Dataset {
-        timing_is_assumed: instructions.timing.is_none(),
+        timing_is_assumed,
         source: place.to_owned(),
         drive_min_v: low,
         drive_max_v: high,

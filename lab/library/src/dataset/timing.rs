@@ -43,7 +43,7 @@ pub fn leads(record: &Record) -> bool {
 }
 
 /// Brings the records of one data set to the one timing. What is not said is taken from the records: one that leads shows that the logger reads
-/// after it writes, and so do the others, which may be too slow to show it. Gives a note where something was assumed.
+/// after it writes, and so do the others, which may be too slow to show it. Gives a note where the records said so themselves.
 #[cfg(feature = "readers")]
 pub(super) fn bring_to_one_timing(records: &mut [Record], said: Option<Timing>) -> Option<String> {
     let leading = || records.iter().find(|record| leads(record)).map(|record| record.name.clone());

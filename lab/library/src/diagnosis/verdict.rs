@@ -242,6 +242,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         true if named.is_empty() || !within(policy.explained.max(as_the_noise)) => (Verdict::Unexplained, Vec::new()),
         true => (one_or_all, named),
     };
+    let timing = timing_left_open(found, dataset);
     let mut out = Diagnosis {
         schema: "hysteron.diagnosis/1",
         verdict,
@@ -250,7 +251,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         findings,
         loops: other_loops(found),
         changed: found.elsewhere.map_or_else(Vec::new, Elsewhere::changed),
-        recording: of_the_recording(found, dataset),
+        recording: of_the_recording(found).chain(timing.clone()).collect(),
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         floor_estimates: floor.estimates.clone(),
@@ -262,9 +263,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         where_it_fails: cells(found.first, dataset),
     };
     out.sentence = super::words::sentence(&out, found, floor, policy);
-    if let Some(timing) = timing_left_open(found, dataset) {
-        out.sentence += &format!(" Mind that {timing}.");
-    }
+    out.sentence.extend(timing.map(|timing| format!(" Mind that {timing}.")));
     out
 }
 
@@ -278,13 +277,13 @@ fn other_loops(found: &Found) -> Vec<String> {
     std::iter::once(description(&found.last.model)).chain(found.loops_alike.iter().cloned()).collect()
 }
 
-/// What is wrong with the recording itself, or left open by it, in sentences.
-fn of_the_recording(found: &Found, dataset: &Dataset) -> Vec<String> {
+/// What is wrong with the recording itself, in sentences.
+fn of_the_recording(found: &Found) -> impl Iterator<Item = String> {
     let ends = found.reading_limits.iter().map(super::words::reading_limit);
     let states = found.other_states.map(super::words::other_states);
     let loops = found.feedback.iter().map(super::words::followed_reading);
     let own_row = found.own_row.map(super::words::own_row);
-    ends.chain(states).chain(own_row).chain(loops).chain(timing_left_open(found, dataset)).collect()
+    ends.chain(states).chain(own_row).chain(loops)
 }
 
 /// From where a delay counts that was found although nobody said when the drive of a row acts.

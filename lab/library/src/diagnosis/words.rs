@@ -65,6 +65,7 @@ pub fn figure(value: f64) -> String {
 #[must_use]
 pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> String {
     let fall = before.map_or_else(String::new, |b| match (b.validate_rms_um, after.validate_rms_um) {
+        (x, y) if nm(b.identify_rms_um) == nm(after.identify_rms_um) && x.map(nm) == y.map(nm) => "; no error falls".to_owned(),
         (Some(x), Some(y)) if y > x && after.identify_rms_um < b.identify_rms_um => format!(
             "; fitted error {} to {} nm, held-out error {} to {} nm",
             nm(b.identify_rms_um),
@@ -75,9 +76,6 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
         (Some(x), Some(y)) => format!("; held-out error {} to {} nm", nm(x), nm(y)),
         _ => format!("; error {} to {} nm", nm(b.identify_rms_um), nm(after.identify_rms_um)),
     });
-    let same =
-        |b: &Judged| nm(b.identify_rms_um) == nm(after.identify_rms_um) && b.validate_rms_um.map(nm) == after.validate_rms_um.map(nm);
-    let fall = if before.is_some_and(same) { "; it is part of the noise, and no error falls".to_owned() } else { fall };
     match change {
         Change::Start => "the model that was started from".into(),
         Change::Added(id) => {

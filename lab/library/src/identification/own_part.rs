@@ -93,31 +93,28 @@ const LED: usize = 256;
 /// What has died out so far is nothing: multiplied on, it would become a number of the slow kind.
 const DIED_OUT: f64 = 1e-150;
 
-/// `exp(rate k)` at the samples `k` that count, ascending: one power taken every so often, those behind it by one multiplication each.
+/// `exp(rate k)` at the samples `k` that count.
 fn powers(rate: Complex<f64>, samples: &Samples) -> Vec<Complex<f64>> {
-    let over_gap: Vec<Complex<f64>> = (0..LED).map(|gap| (rate * gap as f64).exp()).collect();
-    let ends = if rate.re < 0.0 { DIED_OUT.ln() / rate.re } else { f64::INFINITY };
-    let mut out: Vec<Complex<f64>> = Vec::with_capacity(samples.count());
+    let mut out = Vec::with_capacity(samples.count());
     match samples {
-        Samples::Every(range) => {
-            let end = (range.end as f64).min(ends.ceil()) as usize;
-            for anchor in (range.start..end).step_by(LED) {
-                let from = (rate * anchor as f64).exp();
-                out.extend(over_gap.iter().take(end - anchor).map(|factor| from * factor));
-            }
-        }
-        Samples::Some(list) => {
-            let (mut anchor, mut from) = (0, Complex::ONE);
-            for &k in list.iter().take_while(|k| (**k as f64) < ends) {
-                if k - anchor >= LED {
-                    (anchor, from) = (k, (rate * k as f64).exp());
-                }
-                out.push(from * over_gap[k - anchor]);
-            }
-        }
+        Samples::Every(range) => lead_powers(rate, range.start, range.clone(), &mut out),
+        Samples::Some(list) => lead_powers(rate, 0, list.iter().copied(), &mut out),
     }
     out.resize(samples.count(), Complex::ZERO);
     out
+}
+
+/// The powers at ascending samples from `anchor` on, until they have died out: one taken every so often, those behind it by one multiplication each.
+fn lead_powers(rate: Complex<f64>, mut anchor: usize, samples: impl Iterator<Item = usize>, out: &mut Vec<Complex<f64>>) {
+    let over_gap: Vec<Complex<f64>> = (0..LED).map(|gap| (rate * gap as f64).exp()).collect();
+    let ends = if rate.re < 0.0 { DIED_OUT.ln() / rate.re } else { f64::INFINITY };
+    let mut from = (rate * anchor as f64).exp();
+    for k in samples.take_while(|k| (*k as f64) < ends) {
+        if k - anchor >= LED {
+            (anchor, from) = (k, (rate * k as f64).exp());
+        }
+        out.push(from * over_gap[k - anchor]);
+    }
 }
 
 /// A matrix of columns that may be none.
