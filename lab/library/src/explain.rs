@@ -316,7 +316,7 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
     steps.push(Step { change: Change::FittedAgain, judged: refitted.clone() });
     let mut grown = Grown { steps, stopped: study.watch.stopped(), ..Grown::default() };
     // Far above the noise, or where nobody knows it, the model left as much at home, and the question was what the new recording has.
-    let near_the_noise = refitted.within(study.policy.near_the_noise, &study.floors_um, &study.split);
+    let near_the_noise = study.near_the_noise(&refitted);
     if (near_the_noise || compared.story.is_empty()) && study.floor_um.is_some() && !grown.stopped {
         let more = grow(study, &refitted)?;
         grown.steps.extend(more.steps.into_iter().skip(1));

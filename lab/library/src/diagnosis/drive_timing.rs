@@ -48,10 +48,10 @@ pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option
     let shifted = drive_of_the_own_row(study.dataset);
     let other = study.of(&shifted);
     let fitted =
-        parallel::map(&asked, |modes| other.for_comparison(&modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id))));
+        parallel::map(&asked, |modes| other.quickly(&modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id))));
     let best = fitted.into_iter().zip(&asked).min_by(|a, b| other.merit(&a.0).total_cmp(&other.merit(&b.0)));
     let Some((without, modes)) = best.filter(|(one, _)| other.merit(one) < study.merit(found) + MAY_COME_TO_IT) else { return Ok(None) };
-    let without = other.judged(other.begun_again(&without)?.model);
+    let without = other.judged(other.begun_again(&other.for_comparison(&without.model))?.model);
     let most = study.merit(found) + if modes.is_empty() { -MUCH_BETTER } else { AS_WELL };
     let gone = |id: &&String| found.model.effect(id).is_some() && without.model.effect(id).is_none();
     Ok((other.merit(&without) <= most).then(|| OwnRow {

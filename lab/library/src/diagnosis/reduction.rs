@@ -16,6 +16,8 @@ use hysteron_sim::effect::thermal_drift;
 
 /// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
 const CLEARLY_MISSED: f64 = 0.5;
+/// The same where both are far above the noise, and only the error decides.
+const CLEARLY_MISSED_FAR_ABOVE: f64 = 0.25;
 /// Rivals of an effect that are fitted at most.
 const RIVALS_MAX: usize = 4;
 /// A rival's signature is at least so much like that of the effect: what acts in quite another way is found by the search itself.
@@ -137,10 +139,12 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
     let mut taken_back = Vec::new();
     loop {
         study.watch.event(&Event::Doing("taking back what is not needed"));
+        let far_above = study.far_above_the_noise(&judged);
+        let clearly_missed = if far_above { CLEARLY_MISSED_FAR_ABOVE } else { CLEARLY_MISSED };
         let without: Vec<Judged> = parallel::map(&added, |id| {
             let quick = study.quickly(&study.without(&judged.model, id));
             // Where much is missed, how much exactly decides nothing.
-            let clear = missed(study, &quick, &judged) > CLEARLY_MISSED;
+            let clear = missed(study, &quick, &judged) > clearly_missed;
             study.judged(if clear { quick.model } else { study.for_comparison(&quick.model).model })
         });
         let may_leave = |id: &String| judged.model.effect(id).is_none_or(|e| e.effect.may_leave());
@@ -157,7 +161,8 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
         let screenings = match refused(&unweighed) {
             Some((i, decision)) => Err((i, decision)),
             None => {
-                let without_pairs = without_each_pair(study, &judged, &added, &may_leave);
+                // Two that stand in for one are worth looking for where the one may reach the noise.
+                let without_pairs = if far_above { Vec::new() } else { without_each_pair(study, &judged, &added, &may_leave) };
                 // Of two effects each was looked at alone.
                 let of_more = if added.len() > 2 { without_pairs.as_slice() } else { &[] };
                 if let Some((pair, without_pair, decision)) = pair_not_needed(study, &judged, of_more)? {
@@ -192,7 +197,8 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
                     let kept_for_errors = !evidence.admits() && study.far_above_the_noise(&judged);
                     let decision =
                         if kept_for_errors { Decision::LowersErrors { by: missed(study, &without[i], &judged) } } else { evidence };
-                    let rivals = rivals_of(study, &added[i], &without[i], &screening, &judged);
+                    // What has no name needs no rival of its name.
+                    let rivals = if kept_for_errors { Vec::new() } else { rivals_of(study, &added[i], &without[i], &screening, &judged) };
                     let undriven = does_not_answer_the_drive(study, &added[i], &judged);
                     supported.push(Supported { id: added[i].clone(), decision, without: without[i].clone(), screening, rivals, undriven });
                 }

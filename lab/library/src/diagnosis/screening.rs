@@ -140,7 +140,7 @@ impl Absorbed {
         let basis = parallel::map(&parts, |part| match &inverse {
             Some(inverse) => {
                 let scaled = DMatrix::from_fn(p, p, |i, j| inverse[(j, i)] * scale[i]);
-                &part.jacobian * scaled
+                &*part.jacobian * scaled
             }
             None => DMatrix::zeros(part.residual.len(), 0),
         });

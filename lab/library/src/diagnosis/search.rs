@@ -52,6 +52,8 @@ pub struct Search<'s, 'a> {
     hopeless: BTreeSet<String>,
     /// Loops of other structures have been tried.
     structures_tried: bool,
+    /// Rounds in which loops of the other kind than the best has did not come nearer to it.
+    others_no_nearer: usize,
     /// The caller wanted the best so far.
     pub stopped: bool,
 }
@@ -86,6 +88,8 @@ const OTHER_LOOPS_WIDTH: usize = 2;
 const LIKELY_MADE_UP: f64 = 0.05;
 /// Extensions of these that are fitted in one round.
 const OTHER_LOOPS_TRIALS: usize = 3;
+/// Rounds in which they come no nearer to the best after which they are left.
+const OTHER_LOOPS_PATIENCE: usize = 2;
 
 /// Others that are tried in the place of an effect.
 const EXCHANGED: usize = 3;
@@ -104,6 +108,7 @@ impl<'s, 'a> Search<'s, 'a> {
             nodes: BTreeMap::new(),
             hopeless: BTreeSet::new(),
             structures_tried: false,
+            others_no_nearer: 0,
             stopped: false,
         };
         let node = Node { added: Vec::new(), judged, extended: false, compared: true };
@@ -169,7 +174,7 @@ impl<'s, 'a> Search<'s, 'a> {
     fn run_rounds(&mut self) -> Result<()> {
         let policy = &self.study.policy;
         let mut without_gain = 0;
-        let rounds = policy.effects_max + policy.rounds_without_gain + policy.exchanges_max;
+        let rounds = policy.effects_max + policy.rounds_without_gain_far_above + policy.exchanges_max;
         let mut exchanges = 0;
         for _ in 0..rounds {
             if self.study.watch.stopped() {
@@ -180,7 +185,9 @@ impl<'s, 'a> Search<'s, 'a> {
             if self.settled() {
                 return Ok(());
             }
-            let mut proposals = if without_gain < policy.rounds_without_gain { self.propose()? } else { Vec::new() };
+            let near = self.study.near_the_noise(&self.best().judged);
+            let patience = if near { policy.rounds_without_gain } else { policy.rounds_without_gain_far_above };
+            let mut proposals = if without_gain < patience { self.propose()? } else { Vec::new() };
             let exchanging = proposals.is_empty();
             if exchanging {
                 exchanges += 1;
@@ -202,6 +209,8 @@ impl<'s, 'a> Search<'s, 'a> {
             // Loops of the other kind that come near are on their way as long as they get nearer.
             let other = self.rank_of_other_loops();
             let other_gained = other < best + COMES_NEAR && other_before - other > policy.least_gain;
+            let nearer = (other_before - before) - (other - best) > policy.least_gain;
+            self.others_no_nearer = if nearer || before.is_infinite() { 0 } else { self.others_no_nearer + 1 };
             without_gain = if gained || other_gained { 0 } else { without_gain + 1 };
         }
         Ok(())
@@ -313,7 +322,8 @@ impl<'s, 'a> Search<'s, 'a> {
         let (kind, near) = (has_surfaces(&best.judged.model), self.rank(best) + COMES_NEAR);
         let open = |of: bool| self.ranked().into_iter().filter(move |(_, n)| !n.extended && has_surfaces(&n.judged.model) == of);
         // What is missing beside loops of one structure is not what seems to be beside those of another: both go on, side by side.
-        let mut others: Vec<(&String, &Node)> = open(!kind).filter(|(_, n)| self.rank(n) < near).collect();
+        let followed = self.others_no_nearer < OTHER_LOOPS_PATIENCE;
+        let mut others: Vec<(&String, &Node)> = open(!kind).filter(|(_, n)| followed && self.rank(n) < near).collect();
         // Effects that were added beside one kind of loops, and bring next to nothing beside the other, made up for the loops.
         let plainly = |n: &Node| self.rank(n) + LIKELY_MADE_UP * n.added.len() as f64;
         others.sort_by(|a, b| plainly(a.1).total_cmp(&plainly(b.1)).then_with(|| a.0.cmp(b.0)));

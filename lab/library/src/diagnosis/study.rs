@@ -224,10 +224,16 @@ impl<'a> Study<'a> {
         both.all(|(r, floor)| floor.is_some_and(|floor_um| holds(rms(r), floor_um)))
     }
 
+    /// The noise is known, and a model leaves not much more.
+    #[must_use]
+    pub fn near_the_noise(&self, judged: &Judged) -> bool {
+        judged.within(self.policy.near_the_noise, &self.floors_um, &self.split)
+    }
+
     /// The noise is known, and a model leaves much more.
     #[must_use]
     pub fn far_above_the_noise(&self, judged: &Judged) -> bool {
-        self.floor_um.is_some() && !judged.within(self.policy.near_the_noise, &self.floors_um, &self.split)
+        self.floor_um.is_some() && !self.near_the_noise(judged)
     }
 
     /// The data prefer one model to its rival: beyond chance and by more than the library leaves out, or because it leaves nothing in

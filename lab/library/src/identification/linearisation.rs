@@ -10,6 +10,7 @@ use crate::parallel;
 use hysteron_sim::chain::Model;
 use hysteron_sim::variations::{Variation, coefficients, walk};
 use nalgebra::{DMatrix, DVector};
+use std::sync::Arc;
 
 /// A parameter of a model by position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,10 +91,10 @@ impl Rows {
 pub struct Linearised {
     /// Measured less modelled.
     pub residual: DVector<f64>,
-    /// Derivative of the modelled reading by each coordinate, a column each.
-    pub jacobian: DMatrix<f64>,
+    /// Derivative of the modelled reading by each coordinate, a column each; shared with whoever keeps it for later steps.
+    pub jacobian: Arc<DMatrix<f64>>,
     /// Orthonormal columns of what the record has of its own.
-    pub own: DMatrix<f64>,
+    pub own: Arc<DMatrix<f64>>,
 }
 
 /// Relative step of the numerical derivatives, in coordinates.
@@ -249,7 +250,7 @@ pub fn linearise_reusing(
         }
         project_out_of(&own, &mut residual);
         project_out(&own, &mut jacobian);
-        out.push(Linearised { residual, jacobian, own });
+        out.push(Linearised { residual, jacobian: Arc::new(jacobian), own: Arc::new(own) });
     }
     out
 }

@@ -16,14 +16,27 @@ use std::ops::Range;
 const SAMPLES_MIN: usize = 200;
 /// A drive repeats itself where it differs from before by less than this share of its span: less than any converter resolves.
 const SAME_DRIVE: f64 = 2e-5;
+/// A drive that was read back differs by the noise of that: by no more than this share of the actuator's span, RMS, ..
+const READ_BACK: f64 = 5e-4;
+/// .. without a pattern: the square of the step from one difference to the next is at least this times that of the differences (twice where they are
+/// random, and next to nothing where the drive itself is another).
+const WITHOUT_PATTERN: f64 = 1.0;
+/// Standard deviations of a read-back drive's noise within which it is the same.
+const READ_BACK_Z: f64 = 6.0;
 /// A drive that spans less than this share of the actuator's does not move it.
 const MOVES: f64 = 0.01;
 /// Parts of a difference by which it is seen where it has settled.
 const PARTS: usize = 20;
 /// A part belongs to the settled rest where its RMS is below this times the median of the later half.
 const SETTLED: f64 = 1.5;
+/// Pairs of neighbouring samples by which it is seen whether a difference is noise.
+const PAIRS_SEEN: usize = 2000;
 /// Lags that are looked at as periods.
 const LAGS_MAX: usize = 12;
+/// Neighbours of such a lag that are looked at where the drive was read back: each of them takes some time.
+const NEIGHBOURS_READ_BACK: usize = 200;
+/// A record may be of so many whole periods, and of nothing else.
+const WHOLE_PERIODS_MAX: usize = 12;
 
 /// What the periods of a record show: those that its manifest names, or those that its drive has.
 pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> {
@@ -31,7 +44,9 @@ pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> 
     if !record.auxiliary.is_empty() {
         return None;
     }
-    let periods = record.periods.filter(|p| p.count >= 2).or_else(|| find_periods(record, span_v))?;
+    // What lies in front of the window shows the noise as well.
+    let found = || find_periods(record, record.window.start, span_v).or_else(|| find_periods(record, 0, span_v));
+    let periods = record.periods.filter(|p| p.count >= 2).or_else(found)?;
     let from = periods.from.max(1);
     let end = periods.from + (periods.count - 1) * periods.length;
     let both_count = |k: &usize| record.counts(*k) && record.counts(k + periods.length);
@@ -81,14 +96,46 @@ fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<FloorEstimate
 /// First sample of both windows from which on two records have the same drive, up to `end`.
 fn common_drive(first: &Record, second: &Record, end: usize, span_v: f64) -> Option<usize> {
     let begin = first.window.start.max(second.window.start);
-    let same = |k: &usize| (first.drive_v[*k] - second.drive_v[*k]).abs() <= SAME_DRIVE * span_v;
-    let count = (begin..end).rev().take_while(same).count();
+    let drives_v = |k: usize| (first.drive_v[k], second.drive_v[k]);
+    let exact = within(begin..end, SAME_DRIVE * span_v, drives_v);
+    let count = if exact >= SAMPLES_MIN { exact } else { but_for_noise(begin..end, SAMPLES_MIN, span_v, drives_v) };
     let start = end - count;
     (count >= SAMPLES_MIN && moves(&first.drive_v[start..end], span_v)).then_some(start)
 }
 
 fn moves(drive_v: &[f64], span_v: f64) -> bool {
     peak_to_peak(drive_v) > MOVES * span_v
+}
+
+/// For how many samples, from the end on backwards, two drives differ by no more than this.
+fn within(samples: Range<usize>, limit_v: f64, drives_v: impl Fn(usize) -> (f64, f64)) -> usize {
+    let same = |k: &usize| {
+        let (a, b) = drives_v(*k);
+        (a - b).abs() <= limit_v
+    };
+    samples.rev().take_while(same).count()
+}
+
+/// The same but for the noise with which they were read back, which the last `seen` samples show.
+fn but_for_noise(samples: Range<usize>, seen: usize, span_v: f64, drives_v: impl Fn(usize) -> (f64, f64)) -> usize {
+    if samples.len() < seen.max(SAMPLES_MIN) {
+        return 0;
+    }
+    // A short stretch shows most drives to be others.
+    let noise_v = [SAMPLES_MIN, seen].into_iter().map(|seen| read_back_noise_v(samples.end - seen..samples.end, span_v, &drives_v));
+    let last = noise_v.reduce(|short, whole| short.and(whole)).flatten();
+    last.map_or(0, |noise_v| within(samples, READ_BACK_Z * noise_v, drives_v))
+}
+
+/// RMS of the difference between two drives over these samples, where it is so small and so irregular that it is the noise of reading them back.
+fn read_back_noise_v(samples: Range<usize>, span_v: f64, drives_v: impl Fn(usize) -> (f64, f64)) -> Option<f64> {
+    let stride = samples.len().div_ceil(PAIRS_SEEN).max(1);
+    let pairs: Vec<[(f64, f64); 2]> =
+        samples.clone().step_by(stride).take_while(|k| k + 1 < samples.end).map(|k| [drives_v(k), drives_v(k + 1)]).collect();
+    let differences_v: Vec<f64> = pairs.iter().map(|[(a, b), _]| a - b).collect();
+    let steps_v: Vec<f64> = pairs.iter().map(|[(a, b), (next_a, next_b)]| (next_a - next_b) - (a - b)).collect();
+    let noise_v = rms(&differences_v);
+    (noise_v <= READ_BACK * span_v && rms(&steps_v).powi(2) >= WITHOUT_PATTERN * noise_v * noise_v).then_some(noise_v)
 }
 
 /// The later part of a difference over which it does not get smaller any more.
@@ -113,21 +160,31 @@ fn settled_part(difference: &[f64]) -> Option<Range<usize>> {
     (settled.len() >= SAMPLES_MIN / 2).then_some(settled)
 }
 
-/// The periods that a drive ends with, if it ends with two or more of the same.
-fn find_periods(record: &Record, span_v: f64) -> Option<Periods> {
-    let drive_v = &record.drive_v[record.window.clone()];
+/// The periods that a drive ends with behind a sample, if it ends with two or more of the same.
+fn find_periods(record: &Record, behind: usize, span_v: f64) -> Option<Periods> {
+    let drive_v = &record.drive_v[behind..record.window.end];
     let n = drive_v.len();
-    let same = |a: f64, b: f64| (a - b).abs() <= SAME_DRIVE * span_v;
-    for length in likely_periods(&drive_v[n / 2..]).into_iter().flat_map(nearest_first).filter(|length| (2..n).contains(length)) {
-        // How far back the drive equals itself one period later.
-        let equal = (0..n - length).rev().take_while(|k| same(drive_v[*k], drive_v[k + length])).count();
-        let count = equal / length + 1;
-        let from = n - count * length;
-        if count >= 2 && equal >= SAMPLES_MIN && moves(&drive_v[from..from + length], span_v) {
-            return Some(Periods { from: record.window.start + from, length, count });
-        }
-    }
-    None
+    let likely = likely_periods(&drive_v[n / 2..]);
+    let periods = |length: usize, same: usize| {
+        let count = same / length + 1;
+        let from = n.saturating_sub(count * length);
+        let found = count >= 2 && same >= SAMPLES_MIN && moves(&drive_v[from..from + length], span_v);
+        found.then_some(Periods { from: behind + from, length, count })
+    };
+    // How far back the drive equals itself one period later.
+    let exact = likely
+        .iter()
+        .copied()
+        .flat_map(nearest_first)
+        .filter(|length| (2..n).contains(length))
+        .find_map(|length| periods(length, within(0..n - length, SAME_DRIVE * span_v, |k| (drive_v[k], drive_v[k + length]))));
+    exact.or_else(|| {
+        let whole = (2..=WHOLE_PERIODS_MAX).rev().filter(|count| n.is_multiple_of(*count)).map(|count| n / count);
+        let near = likely.iter().flat_map(|lag| nearest_first(*lag).take(NEIGHBOURS_READ_BACK));
+        near.chain(whole)
+            .filter(|length| (2..n).contains(length))
+            .find_map(|length| periods(length, but_for_noise(0..n - length, length, span_v, |k| (drive_v[k], drive_v[k + length]))))
+    })
 }
 
 /// A lag and its neighbours: what a signal has beside whole periods moves the peaks of its autocorrelation a little.
@@ -164,7 +221,7 @@ mod tests {
             (0..8000).map(|k| (k as f64 / 2000.0).min(1.0) * 30.0 * (std::f64::consts::TAU * k as f64 / 500.0).sin()).collect();
         let reading = noisy(&drive, 0.02, 3);
         let record = Record::new("r", 10_000.0, drive, reading);
-        let periods = find_periods(&record, 100.0).unwrap();
+        let periods = find_periods(&record, 0, 100.0).unwrap();
         assert_eq!((periods.length, periods.count), (500, 12));
         let found = of_periods(&record, 100.0).unwrap();
         assert!((found.rms_um / 0.02 - 1.0).abs() < 0.05, "{}", found.rms_um);
@@ -187,6 +244,23 @@ mod tests {
     fn a_drive_that_never_comes_back_has_no_periods() {
         let drive: Vec<f64> = (0..4000).map(|k| 20.0 * (1e-6 * (k * k) as f64).sin()).collect();
         let reading = noisy(&drive, 0.003, 1);
-        assert!(find_periods(&Record::new("r", 1000.0, drive, reading), 40.0).is_none());
+        assert!(find_periods(&Record::new("r", 1000.0, drive, reading), 0, 40.0).is_none());
+    }
+
+    /// Two whole periods of a multisine that was read back with noise, the second of them held out: its window has one period, and both show the noise. A
+    /// drive that is a little larger the second time is another one.
+    #[test]
+    fn periods_of_a_drive_that_was_read_back_show_the_noise() {
+        let length = 2048;
+        let sine = |k: usize, line: usize| (std::f64::consts::TAU * (line * k) as f64 / length as f64 + (line * line) as f64).sin();
+        let commanded_v = |k: usize| (1..200).map(|line| 0.05 * sine(k, line)).sum::<f64>();
+        let mut read_back = hysteron_sim::noise::WhiteNoise::new(2e-4, 8);
+        let drive: Vec<f64> = (0..2 * length).map(|k| commanded_v(k) + read_back.next_um()).collect();
+        let reading = noisy(&(0..2 * length).map(commanded_v).collect::<Vec<_>>(), 0.003, 9);
+        let held_out = Record { window: length..2 * length, ..Record::new("r", 6400.0, drive.clone(), reading.clone()) };
+        let found = of_periods(&held_out, 4.0).unwrap();
+        assert!((found.rms_um / 0.003 - 1.0).abs() < 0.06, "{}", found.rms_um);
+        let larger = drive.iter().enumerate().map(|(k, u)| if k < length { *u } else { 1.0005 * u }).collect();
+        assert!(of_periods(&Record::new("r", 6400.0, larger, reading), 4.0).is_none());
     }
 }
