@@ -16,7 +16,7 @@ use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
     amplifier_bandwidth, creep, delay, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 /// What a design is ordered with.
 #[derive(Clone, Copy)]
@@ -64,6 +64,10 @@ const FREQUENCY_KNOWN: f64 = 0.02;
 const DAMPING_KNOWN: f64 = 0.3;
 /// ... and the recording could not hide this share of its peak.
 const PEAK_SHOWN: f64 = 0.5;
+/// Where its resonance stays out of the observer, its share of the motion stays in if that is known to this one, ...
+const SHARE_KNOWN: f64 = 0.3;
+/// ... at its frequency, but at most at this share of half the sampling rate.
+const HIGHEST_COMPLIANCE: f64 = 0.8;
 /// The first mode is a fact where the recording could not hide this share of its peak.
 const FIRST_SHOWN: f64 = 0.2;
 /// Above this damping ratio a mode is so broad that an octave to either side shows it.
@@ -79,7 +83,7 @@ const PROJECTION_ALLOWED: f64 = 0.005;
 
 /// Highest line of the multisine that is recommended, Hz: a mode between it and half the sampling rate, which nothing would show, has to be
 /// stood by every servo.
-pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.48 / SAMPLING_PERIOD_S;
+pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.499 / SAMPLING_PERIOD_S;
 
 /// In words, for a refusal or a recommendation.
 fn missing_drive() -> String {
@@ -106,11 +110,28 @@ pub fn known_delay_s(chain: &Model) -> f64 {
     chain.values(delay::ID).and_then(|v| v.first().copied()).unwrap_or(0.0)
 }
 
-/// The chain without a second mode.
-fn without_second_mode(chain: &Model) -> Model {
-    let mut reduced = chain.clone();
-    reduced.effects.retain(|e| e.id != second_mode::ID);
-    reduced
+/// The chain with another second mode, or without one.
+fn with_second_mode(chain: &Model, second: Option<(f64, ModeModel)>) -> Model {
+    let mut out = chain.clone();
+    match second {
+        None => out.effects.retain(|e| e.id != second_mode::ID),
+        Some((share, mode)) => {
+            for effect in out.effects.iter_mut().filter(|e| e.id == second_mode::ID) {
+                for (p, value) in effect.parameters.iter_mut().zip([share, mode.natural_frequency_rad_s, mode.damping_ratio]) {
+                    p.value = value;
+                }
+            }
+        }
+    }
+    out
+}
+
+/// What is left of a second mode whose resonance is no fact: its compliance, which the drive does show below it. Without that the model would move too late by
+/// the share of the motion that does not go through the first mode.
+fn without_resonance((share, mode): (f64, ModeModel)) -> (f64, ModeModel) {
+    let highest = HIGHEST_COMPLIANCE * PI / SAMPLING_PERIOD_S;
+    let natural_frequency_rad_s = mode.natural_frequency_rad_s.min(highest);
+    (share, ModeModel { natural_frequency_rad_s, damping_ratio: mode.damping_ratio.max(FRAC_1_SQRT_2) })
 }
 
 /// Every effect of a chain is known in a loop: none takes part of what was recorded.
@@ -280,10 +301,14 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
             Ok(Known { model, first, second: Some(ModeSpread::of(std[0], std[1])), recording: Some(with) })
         }
         Some(why) => {
-            said.push(format!("The model's second mode at {:.0} Hz stays out of the observer: {why}.", hertz(&mode)));
-            // The mode that is left out is part of what is missing; how good the model is is judged with it.
-            let recording = Recording { residual_um: with.residual_um, ..Recording::of(&without_second_mode(chain), dataset) };
-            Ok(Known { model: dropped(model), first, second: None, recording: Some(recording) })
+            let kept = (relative_std(chain, second_mode::ID, 0) <= SHARE_KNOWN).then(|| without_resonance((share, mode)));
+            let of_it = if kept.is_some() { ", but for its share of the motion" } else { "" };
+            said.push(format!("The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.", hertz(&mode)));
+            // The resonance that is left out is part of what is missing; how good the model is is judged with it.
+            let recording = Recording { residual_um: with.residual_um, ..Recording::of(&with_second_mode(chain, kept), dataset) };
+            let mut model = model;
+            model.linear.second_mode = kept;
+            Ok(Known { model, first, second: None, recording: Some(recording) })
         }
     }
 }
