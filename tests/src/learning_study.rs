@@ -2,15 +2,22 @@
 
 use crate::independent_stage::{Change, Truth};
 use crate::servo_study::{RATE_HZ, prepared};
+use hysteron::dataset::{Dataset, Record, Role};
+use hysteron::identify::identify;
+use hysteron::model_file::effects_named;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::learned_feedforward::{LearningDesign, from_correction};
 use hysteron::servo::model::SAMPLING_PERIOD_S;
+use hysteron::servo::order::{self, Order};
 use hysteron::servo::predictor::{PredictorDesign, frequency_response};
+use hysteron::watch::Unwatched;
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::servo_tick::{Counters, ServoTick};
-use hysteron_sim::closed_loop::{Controller, ErrorFigures, Surroundings, Trace, follow};
+use hysteron_sim::bench::{Bench, Start, Variant};
+use hysteron_sim::closed_loop::{Controller, ErrorFigures, Experiment, Surroundings, Trace, follow};
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::waveform;
+use hysteron_thesis::commissioning;
 use std::f64::consts::TAU;
 
 /// Samples in a period: 100 Hz.
@@ -180,7 +187,8 @@ impl Controller for Around {
 /// `1 / T` of the model at the harmonics up to half the sampling rate.
 fn inverse_answers(design: &ServoDesign) -> Vec<(f64, f64)> {
     let Scheme::Predictor { tuning, .. } = &design.scheme else { return Vec::new() };
-    let law = PredictorDesign::new(&design.model.linear, tuning);
+    let plain = PredictorDesign::new(&design.model.linear, tuning);
+    let law = design.learning.as_ref().map_or(plain.clone(), |learning| learning.of(&plain));
     let plant = design.model.linear.sampled(SAMPLING_PERIOD_S);
     (0..PERIOD_TICKS / 2)
         .map(|h| {
@@ -243,5 +251,94 @@ pub fn learned(truth: &Truth, change: Change, design: &ServoDesign, way: Way, pe
         stroke_um: 0.6 * truth.travel_um,
         counters: trace.counters,
         trace,
+    }
+}
+
+/// What came of learning on the reference bench, full variant, whose gain and modes are 5 % off those that were recorded: percent of the stroke, RMS.
+#[derive(Clone, Copy, Debug)]
+pub struct OnBench {
+    /// What is read, in the period that was asked for.
+    pub read_percent: f64,
+    /// The true position there.
+    pub true_percent: f64,
+    /// The true position against the reference as late as the sensor's bandwidth makes it read.
+    pub true_but_for_the_lag_percent: f64,
+}
+
+/// The bench with its gain and its modes `ratio` times as they are, its damper the same.
+#[must_use]
+pub fn changed_bench(bench: &Bench, ratio: f64) -> Bench {
+    let mut out = bench.clone();
+    out.hysteresis.f.iter_mut().chain(&mut out.hysteresis.g).for_each(|coefficient| *coefficient *= ratio);
+    out.vibration.natural_frequency_rad_s *= ratio;
+    out.vibration.damping_ratio *= ratio;
+    out.full.second_mode_hz *= ratio;
+    out.full.second_mode_damping_ratio *= ratio;
+    out
+}
+
+/// The design with learning from the commissioning record of the full bench, as it is.
+///
+/// # Errors
+/// The refusal, or that nothing was identified.
+pub fn designed_on_bench(bench: &Bench) -> Result<ServoDesign, String> {
+    let drive = commissioning::drive_v(RATE_HZ, bench.drive_min_v, bench.drive_max_v);
+    let played = bench.record(Variant::FULL, Start::Virgin, &drive, 11);
+    let record = Record::new("commissioning", played.sample_rate_hz, played.drive_v, played.reading_um).from_virgin_state();
+    let rest = bench.record(Variant::FULL, Start::Virgin, &vec![bench.drive_min_v; 8000], 12);
+    let rest = Record::new("rest", rest.sample_rate_hz, rest.drive_v, rest.reading_um).with_role(Role::Noise);
+    let dataset = Dataset::new(&bench.name, bench.drive_min_v, bench.drive_max_v, vec![record, rest]).map_err(|e| e.to_string())?;
+    let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep,amplifier_bandwidth,sensor_bandwidth")
+        .map_err(|e| e.to_string())?;
+    let dataset = Dataset { sensor_bandwidth_hz: Some(bench.data_sheet_sensor_bandwidth_hz()), ..dataset };
+    let chain = identify(&dataset, &effects, &Unwatched).map_err(|e| e.to_string())?.model;
+    order::design(&chain, &Order { recording: Some(&dataset), learning: true, ..Order::default() })
+}
+
+/// The triangle on the bench: 6 um high, from 2.6 um on; in the period of this number (from 0), with learning or without.
+///
+/// # Panics
+/// If the design does not fit the tick's formats.
+#[must_use]
+pub fn learned_on_bench(bench: &Bench, design: &ServoDesign, learning: bool, period: usize) -> OnBench {
+    let stroke_um = 6.0;
+    let mut used = design.clone();
+    if !learning {
+        used.learning = None;
+    }
+    let experiment = Experiment::new(bench, Variant::FULL, 0x1ea1);
+    let scale = bench.converter_scale();
+    let servo = ServoTick::new(used.parameters(scale.parameters()).expect("fits"));
+    let (mut plant, mut servo, zero_um) = experiment.conditioned(servo);
+    let around = Surroundings {
+        scale: scale.zeroed_at(zero_um),
+        noise_um: bench.converters.sensor_noise_um,
+        seed: 0x1ea1,
+        external_um: &[],
+        sensor_zero_um: zero_um,
+        displacement_zero_um: zero_um,
+    };
+    let half = (PERIOD_TICKS / 2) as f64;
+    let triangle = |ticks: f64| 2.6 + stroke_um * (1.0 - (ticks.rem_euclid(2.0 * half) - half).abs() / half);
+    let mut approach = vec![triangle(0.0); 20_000];
+    waveform::grow_from_zero(&mut approach, RATE_HZ);
+    follow(&mut plant, &mut servo, &around, &approach);
+    servo.repeat(Some(PERIOD_TICKS as u32));
+    let mut told = vec![triangle(0.0); PREVIEW_TICKS];
+    told.extend((0..PERIOD_TICKS * (period + 2)).map(|k| triangle(k as f64)));
+    let around = Surroundings { seed: around.seed ^ 1, ..around };
+    let trace = follow(&mut plant, &mut servo, &around, &told);
+    let lag_ticks = RATE_HZ / (TAU * bench.full.sensor_bandwidth_hz);
+    let percent = |signal: &[f64], later_ticks: f64| {
+        let range = period * PERIOD_TICKS..(period + 1) * PERIOD_TICKS;
+        let asked: Vec<f64> = range.clone().map(|k| triangle(k as f64 + later_ticks)).collect();
+        let range = range.start + PREVIEW_TICKS..range.end + PREVIEW_TICKS;
+        100.0 * ErrorFigures::between(&signal[range], &asked, 0).rms_um / stroke_um
+    };
+    OnBench {
+        read_percent: percent(&trace.sensor_um, 0.0),
+        true_percent: percent(&trace.displacement_um, 0.0),
+        // What is read now is where the stage was: the stage itself is ahead.
+        true_but_for_the_lag_percent: percent(&trace.displacement_um, lag_ticks),
     }
 }

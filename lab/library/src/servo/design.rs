@@ -203,7 +203,8 @@ impl ServoDesign {
         let inverse_or_gain = |inverse: bool| if inverse { quantise::hysteresis(&self.model) } else { quantise::linear_actuator(gain) };
         let (actuator, law) = match &self.scheme {
             Scheme::Predictor { tuning, hysteresis_inverse } => {
-                let law = LawParameters::Predictor(PredictorDesign::new(&self.model.linear, tuning).quantised()?);
+                let plain = PredictorDesign::new(&self.model.linear, tuning);
+                let law = LawParameters::Predictor(self.learning.as_ref().map_or(plain.clone(), |l| l.of(&plain)).quantised()?);
                 (inverse_or_gain(*hysteresis_inverse)?, law)
             }
             Scheme::DisturbanceObserver { gains, hysteresis_inverse } => {

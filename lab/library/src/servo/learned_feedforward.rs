@@ -8,21 +8,24 @@
 //! damping moved) and bounded for any missing response that the recording does not exclude:
 //! `|dT| <= W |F + K| |S|^2 / (1 - W |K S|)`, `W` as in [`super::robust`].
 //!
+//! * `F`: the feedforward of a law that learns, least squares of `S (P F - 1)` over the set. What cannot be learned is at least fed forward.
 //! * `L`: least squares of `1 - L T` over the set, with the bound as a weight on `L`, on taps that look as far ahead as back. Where the set's responses
 //!   disagree `L` becomes small by itself.
-//! * `Q`: 1 where the worst `|1 - L T|` of the set is well below one, and as little above zero as a smooth curve allows where it is not. What is not
+//! * `Q`: as near 1 as its taps allow, and below where the worst `|1 - L T|` of the set is not well below one. What is not
 //!   learned must not grow either: `(1 - Q) / (1 - Q |1 - L T|)`, how much of the error is left for good, stays below [`MOST_LEFT`].
 //!
-//! Both are rounded to the tick's integers here, and what is shown is the convergence of the rounded ones.
+//! All are rounded to the tick's integers here, and what is shown is the convergence of the rounded ones.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use super::plant_set::Variation;
 use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::quantise::{QuantisationError, number, row_um};
-use super::robust::{ModeSpread, Task, frequency_grid_hz, law_response};
+use super::robust::{LEAST_DAMPING_SPREAD, ModeSpread, Task, frequency_grid_hz, law_response};
 use hysteron_core::learned_feedforward::{
     LEARNING_FRACTION_BITS, LEARNING_TAPS, LearningParameters, POINT_FRACTION_BITS, ROBUSTNESS_FRACTION_BITS, ROBUSTNESS_TAPS,
 };
+use hysteron_core::predictor_law::OUTPUT_ROW_FRACTION_BITS;
+use hysteron_core::reference_window::{PREVIEW_TICKS, WINDOW};
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -54,6 +57,16 @@ const MOST_HALVINGS: u8 = 3;
 const TAP_WEIGHT: f64 = 3e-3;
 /// Largest sum of the magnitudes of `L`'s taps: the tick's format ends at 128.
 const LARGEST_SUM: f64 = 100.0;
+/// Below this, Hz, a reference is reckoned with as with this: power per frequency falls with its square, between that of steps and that of corners.
+const REFERENCE_HZ: f64 = 100.0;
+/// Standard deviations in the bound on what may be missing.
+const DEVIATIONS_OF_MISSING: f64 = 3.0;
+/// Weight of rest in the feedforward, over that of all frequencies.
+const AT_REST: f64 = 1e6;
+/// Weight on the taps of the feedforward, over the mean power of what they filter; three times as much, and again, where the taps are too large.
+const LEAST_RIDGE: f64 = 1e-9;
+/// Rounds in which weights are moved until `Q` is within what is allowed.
+const MOST_ROUNDS: usize = 400;
 /// Points of the grid on which `Q` is shaped.
 const POINTS: usize = 500;
 
@@ -87,6 +100,9 @@ pub struct LearningDesign {
     pub learning: Vec<f64>,
     /// `Q` from 32 samples before (zero) to 31 after.
     pub robustness: Vec<f64>,
+    /// Feedforward over the reference window, um/um, in the place of the law's own, which ends at some 900 Hz; empty: the law's own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub feedforward: Vec<f64>,
     /// Nothing is learned from errors beyond this, um.
     pub error_limit_um: f64,
     /// Largest correction, um.
@@ -127,6 +143,15 @@ const ROBUSTNESS_BEFORE: usize = ROBUSTNESS_TAPS / 2;
 #[must_use]
 pub fn from_correction(law: &PredictorDesign, plant: Complex<f64>, hz: f64) -> Complex<f64> {
     reference_response(plant, law.feedforward_response(hz), law_response(law, hz))
+}
+
+/// A law with another feedforward, if there is one.
+fn with_feedforward(law: &PredictorDesign, feedforward: &[f64]) -> PredictorDesign {
+    let mut out = law.clone();
+    if !feedforward.is_empty() {
+        out.feedforward = feedforward.to_vec();
+    }
+    out
 }
 
 /// Where a mode may stand, from its lowest frequency to its highest: so close together that its peak is not between two of them.
@@ -207,6 +232,78 @@ fn learning_taps(met: &[Met]) -> Option<Vec<f64>> {
     })
 }
 
+/// Power of a reference at a frequency, over that at [`REFERENCE_HZ`] and below.
+fn of_references(hz: f64) -> f64 {
+    (REFERENCE_HZ / hz.max(REFERENCE_HZ)).powi(2)
+}
+
+/// The feedforward: taps over the reference window with the least `|S (P F - 1)|^2` over the set, weighted as a reference falls. The law's own is the model's
+/// inverse up to 900 Hz and fades from there, and what lies above and is not learned is then not followed at all. What may be missing counts
+/// with its standard deviation, so that `F` is small by itself where nothing is known. Gains that are off to either side do not take part: they
+/// would make it smaller everywhere; nor do modes that are further off than a model has to be reckoned with anyway. Empty where no such taps fit the tick, or
+/// where on the model itself they would leave more of such a reference than the law's own.
+fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
+    let one = Complex::new(1.0, 0.0);
+    let near = |spread: ModeSpread| ModeSpread { frequency: LEAST_FREQUENCY_SPREAD, damping: spread.damping.min(LEAST_DAMPING_SPREAD) };
+    let near = Task { first: near(task.first), second: task.second.map(near), ..*task };
+    let plants: Vec<_> = plants(&near).into_iter().filter(|(gain, _)| *gain == 1.0).collect();
+    let sampled = |linear: &LinearModel| Variation { delay_s: task.delay_s, ..Variation::NONE }.sampled(linear);
+    let set: Vec<_> = plants.iter().map(|(_, linear)| sampled(linear)).collect();
+    let nominal = sampled(&task.linear);
+    let before = (WINDOW - PREVIEW_TICKS) as f64;
+    let grid = grid_hz(&near, &plants);
+    let rows: Vec<(f64, f64, Complex<f64>, f64)> = crate::parallel::map(&grid, |hz| {
+        let k = law_response(law, *hz);
+        let (mut mean, mut power, mut sensitive) = (Complex::new(0.0, 0.0), 0.0, 0.0);
+        for plant in &set {
+            let p = frequency_response(plant, TAU * hz);
+            let s = (one / (one + p * k)).norm_sqr();
+            mean += p.conj() * s;
+            power += p.norm_sqr() * s;
+            sensitive += s;
+        }
+        let n = set.len().max(1) as f64;
+        let missing = task.unknown_at(*hz) / DEVIATIONS_OF_MISSING;
+        (*hz, power / n + missing.powi(2) * sensitive / n, mean / n, of_references(*hz))
+    });
+    let mut a = DMatrix::<f64>::zeros(WINDOW, WINDOW);
+    let mut b = DVector::<f64>::zeros(WINDOW);
+    let mut add = |hz: f64, power: f64, target: Complex<f64>, weight: f64| {
+        let step = TAU * hz * SAMPLING_PERIOD_S;
+        for i in 0..WINDOW {
+            // |P F - 1|: the real part of conj(P e_i).
+            b[i] += weight * (Complex::from_polar(1.0, -step * (i as f64 - before)) * target).re;
+            for j in 0..WINDOW {
+                a[(i, j)] += weight * power * (step * (i as f64 - j as f64)).cos();
+            }
+        }
+    };
+    let (mut last_hz, mut total) = (0.0, 0.0);
+    for (hz, power, target, weight) in &rows {
+        add(*hz, *power, *target, weight * (hz - last_hz));
+        total += power * weight * (hz - last_hz);
+        last_hz = *hz;
+    }
+    // What stands still must be met to the last digit.
+    add(0.0, 1.0, one, AT_REST * total.max(f64::MIN_POSITIVE));
+    let found = (0..20).find_map(|nth| {
+        let ridge = total * LEAST_RIDGE * 3f64.powi(nth);
+        let taps = (&a + DMatrix::identity(WINDOW, WINDOW) * ridge).cholesky()?.solve(&b);
+        (taps.lp_norm(1) < LARGEST_SUM).then(|| taps.as_slice().to_vec())
+    });
+    // What is left of a reference on the model itself.
+    let left = |law: &PredictorDesign| {
+        let (mut sum, mut last_hz) = (0.0, 0.0);
+        for hz in &grid {
+            let t = from_correction(law, frequency_response(&nominal, TAU * hz), *hz);
+            sum += (one - t).norm_sqr() * of_references(*hz) * (hz - last_hz);
+            last_hz = *hz;
+        }
+        sum
+    };
+    found.filter(|taps| left(&with_feedforward(law, taps)) < left(law)).unwrap_or_default()
+}
+
 fn normal_equations(met: &[Met]) -> (DMatrix<f64>, DVector<f64>) {
     let mut a = DMatrix::<f64>::zeros(LEARNING_TAPS, LEARNING_TAPS);
     let mut b = DVector::<f64>::zeros(LEARNING_TAPS);
@@ -241,44 +338,76 @@ fn allowed(worst: f64) -> (f64, f64) {
     (-least.min(converging), largest.min(converging))
 }
 
-/// `Q`: the smooth zero-phase curve that stays below what is allowed, found by lowering it wherever it does not.
-fn robustness_taps(worst: &[(f64, f64)]) -> Vec<f64> {
+/// `Q`: symmetric taps with the least that is left for good, over the set and over references with corners, within what is allowed. Least squares in
+/// which every frequency that is not within its limits gets a larger weight on the nearer limit until all are.
+fn robustness_taps(judged: &[Judged]) -> Vec<f64> {
     let half = ROBUSTNESS_TAPS / 2;
     let step_hz = 0.5 / SAMPLING_PERIOD_S / POINTS as f64;
-    let limits: Vec<(f64, f64)> = (0..POINTS)
+    /// A frequency: `Q` there from the taps, what is allowed, the weight on one, and the weight on the nearer limit.
+    struct Point {
+        cosines: Vec<f64>,
+        limits: (f64, f64),
+        weight: f64,
+        held: f64,
+    }
+    let at = |cosines: &[f64], taps: &[f64]| -> f64 { cosines.iter().zip(taps).map(|(c, t)| c * t).sum() };
+    let mut points: Vec<Point> = (0..POINTS)
         .map(|i| {
             let hz = (i as f64 + 0.5) * step_hz;
-            let near = worst.iter().filter(|(at, _)| (at - hz).abs() <= 1.5 * step_hz);
-            near.map(|(_, worst)| allowed(*worst)).fold((-1.0_f64, 1.0_f64), |(least, largest), (a, b)| (least.max(a), largest.min(b)))
+            let near = || judged.iter().filter(|here| (here.hz - hz).abs() <= 1.5 * step_hz);
+            let limits =
+                near().map(|here| allowed(here.worst)).fold((-1.0_f64, 1.0_f64), |(least, largest), (a, b)| (least.max(a), largest.min(b)));
+            let missed = near().map(|here| here.missed).sum::<f64>() / near().count().max(1) as f64;
+            let cosines =
+                (0..half).map(|k| if k == 0 { 1.0 } else { 2.0 * (PI * (i as f64 + 0.5) * k as f64 / POINTS as f64).cos() }).collect();
+            Point { cosines, limits, weight: (missed + 1e-4) * of_references(hz), held: 0.0 }
         })
         .collect();
-    let cosine = |i: usize, k: usize| (PI * (i as f64 + 0.5) * k as f64 / POINTS as f64).cos();
-    let cosines: Vec<Vec<f64>> = (0..POINTS).map(|i| (0..half).map(|k| cosine(i, k)).collect()).collect();
-    let taps_of = |curve: &[f64]| -> Vec<f64> {
-        (0..half)
-            .map(|k| {
-                let window = 0.5 + 0.5 * (PI * k as f64 / half as f64).cos();
-                window * curve.iter().zip(&cosines).map(|(value, c)| value * c[k]).sum::<f64>() / POINTS as f64
-            })
-            .collect()
-    };
-    let curve_of = |taps: &[f64]| -> Vec<f64> {
-        cosines.iter().map(|c| taps[0] + 2.0 * taps[1..].iter().zip(&c[1..]).map(|(t, c)| t * c).sum::<f64>()).collect()
-    };
-    let mut target: Vec<f64> = limits.iter().map(|(_, largest)| *largest).collect();
-    let mut taps = taps_of(&target);
-    for _ in 0..1000 {
-        let curve = curve_of(&taps);
-        let above: Vec<f64> = curve.iter().zip(&limits).map(|(q, (least, largest))| q - q.clamp(*least, *largest)).collect();
-        if above.iter().zip(&limits).all(|(v, (least, largest))| v.abs() < 0.01 * largest.min(-least)) {
+    let largest_weight = points.iter().map(|p| p.weight).fold(0.0, f64::max);
+    points.iter_mut().for_each(|p| p.weight = p.weight / largest_weight + 1e-6);
+    let mut taps = vec![0.0; half];
+    for _ in 0..MOST_ROUNDS {
+        let mut a = DMatrix::<f64>::identity(half, half) * 1e-9;
+        let mut b = DVector::<f64>::zeros(half);
+        let mut add = |cosines: &[f64], target: f64, weight: f64| {
+            for i in 0..half {
+                b[i] += weight * target * cosines[i];
+                for k in 0..=i {
+                    a[(i, k)] += weight * cosines[i] * cosines[k];
+                }
+            }
+        };
+        for p in &points {
+            add(&p.cosines, 1.0, p.weight);
+            if p.held > 0.0 {
+                let q = at(&p.cosines, &taps);
+                // A little inside.
+                let target = if q > 0.5 * (p.limits.0 + p.limits.1) { p.limits.1 } else { p.limits.0 };
+                add(&p.cosines, 0.98 * target, p.held);
+            }
+        }
+        for i in 0..half {
+            for k in 0..i {
+                a[(k, i)] = a[(i, k)];
+            }
+        }
+        let Some(solved) = a.cholesky() else { break };
+        taps = solved.solve(&b).as_slice().to_vec();
+        let mut all_within = true;
+        for p in &mut points {
+            let q = at(&p.cosines, &taps);
+            let (least, largest) = p.limits;
+            let beyond = (q - largest).max(least - q);
+            if beyond > 0.01 * largest.min(-least) {
+                all_within = false;
+                p.held = (p.held * 1.5).max(1e-4);
+            } else if p.held > 0.0 && beyond < -0.05 {
+                p.held *= 0.7;
+            }
+        }
+        if all_within {
             break;
         }
-        // The adjoint of the smoothing tells which parts of the target made it so.
-        let blame = curve_of(&taps_of(&above));
-        for (to, by) in target.iter_mut().zip(&blame) {
-            *to = (*to - 3.0 * by).clamp(-0.1, 1.0);
-        }
-        taps = taps_of(&target);
     }
     let mut out = vec![0.0; ROBUSTNESS_TAPS];
     for (k, tap) in taps.iter().enumerate() {
@@ -286,6 +415,17 @@ fn robustness_taps(worst: &[(f64, f64)]) -> Vec<f64> {
         out[ROBUSTNESS_BEFORE - k] = *tap;
     }
     out
+}
+
+/// Convergence without `Q` at a frequency.
+struct Judged {
+    hz: f64,
+    /// `|1 - L T|` on the model.
+    nominal: f64,
+    /// The largest over the set and what may be missing.
+    worst: f64,
+    /// Mean power over the set of what a reference leaves without a correction, `|1 - T|^2`.
+    missed: f64,
 }
 
 /// Rounded as the integers are.
@@ -301,33 +441,37 @@ impl LearningDesign {
     /// A message that says why nothing can be learned.
     pub fn new(law: &PredictorDesign, task: &Task<'_>, travel_um: f64) -> Result<Self, String> {
         let plants = plants(task);
+        let feedforward = rounded(&wide_feedforward(law, task), OUTPUT_ROW_FRACTION_BITS);
+        let law = &with_feedforward(law, &feedforward);
         let met = met(law, task, &plants);
         let taps =
             learning_taps(&met).ok_or("no learning filter: the loop answers a correction too little, or its response is no number")?;
         let learning = rounded(&taps, LEARNING_FRACTION_BITS);
-        let judged: Vec<(f64, f64, f64)> = met
+        let one = Complex::new(1.0, 0.0);
+        let judged: Vec<Judged> = met
             .iter()
             .map(|here| {
                 let l = response(&learning, LEARNING_BEFORE, here.hz);
-                let left = |t: &Complex<f64>| (Complex::new(1.0, 0.0) - l * t).norm();
+                let left = |t: &Complex<f64>| (one - l * t).norm();
                 let worst = here.set.iter().map(left).fold(0.0, f64::max) + l.norm() * here.missing;
-                (here.hz, left(&here.nominal), worst)
+                let missed = here.set.iter().map(|t| (one - t).norm_sqr()).sum::<f64>() / here.set.len().max(1) as f64;
+                Judged { hz: here.hz, nominal: left(&here.nominal), worst, missed }
             })
             .collect();
-        let worst: Vec<(f64, f64)> = judged.iter().map(|(hz, _, worst)| (*hz, *worst)).collect();
-        let robustness = rounded(&robustness_taps(&worst), ROBUSTNESS_FRACTION_BITS);
+        let robustness = rounded(&robustness_taps(&judged), ROBUSTNESS_FRACTION_BITS);
         let convergence: Vec<ConvergencePoint> = judged
             .iter()
-            .map(|(hz, nominal, worst)| ConvergencePoint {
-                hz: *hz,
-                robustness: response(&robustness, ROBUSTNESS_BEFORE, *hz).re,
-                nominal: *nominal,
-                worst: *worst,
+            .map(|here| ConvergencePoint {
+                hz: here.hz,
+                robustness: response(&robustness, ROBUSTNESS_BEFORE, here.hz).re,
+                nominal: here.nominal,
+                worst: here.worst,
             })
             .collect();
         let out = Self {
             learning,
             robustness,
+            feedforward,
             error_limit_um: ERROR_LIMIT * travel_um,
             correction_limit_um: (CORRECTION_LIMIT * travel_um).min(LARGEST_POINT_UM),
             periods_per_halving: PERIODS_PER_HALVING,
@@ -340,6 +484,12 @@ impl LearningDesign {
             return Err(format!("learning would not converge: |Q (1 - L T)| is {contraction:.2} at {hz:.0} Hz"));
         }
         Ok(out)
+    }
+
+    /// A law with the feedforward that its corrections are learned with.
+    #[must_use]
+    pub fn of(&self, law: &PredictorDesign) -> PredictorDesign {
+        with_feedforward(law, &self.feedforward)
     }
 
     /// Largest `|Q (1 - L T)|` of the set, and where, Hz.
@@ -359,6 +509,7 @@ impl LearningDesign {
     #[must_use]
     pub fn contraction_on(&self, law: &PredictorDesign, linear: &LinearModel, gain: f64, delay_s: f64) -> (f64, f64) {
         let plant = Variation { gain, delay_s, ..Variation::NONE }.sampled(linear);
+        let law = &self.of(law);
         let at = |hz: f64| {
             let t = from_correction(law, frequency_response(&plant, TAU * hz), hz);
             let left = Complex::new(1.0, 0.0) - response(&self.learning, LEARNING_BEFORE, hz) * t;
@@ -407,8 +558,8 @@ impl LearningDesign {
 mod tests {
     use super::super::model::SampledModel;
     use super::super::predictor::{Demands, PredictorTuning};
+    use super::super::recording::Recording;
     use super::*;
-    use hysteron_core::reference_window::WINDOW;
 
     fn linear() -> LinearModel {
         LinearModel {
@@ -470,6 +621,45 @@ mod tests {
     }
 
     #[test]
+    fn corners_are_fed_forward_beyond_the_band_of_the_laws_own() {
+        let (law, spread) = (law(), ModeSpread { frequency: 0.02, damping: 0.2 });
+        let known = Task { linear: LinearModel { second_mode: None, ..linear() }, first: spread, second: None, ..task() };
+        let plain = PredictorDesign::new(&known.linear, &PredictorTuning { effort_weight: 0.3, ..PredictorTuning::START });
+        // A recording that excludes whatever is larger than a thousandth.
+        let lines: Vec<f64> = (2..1024).map(|i| f64::from(i) * 9.765_625).collect();
+        let level = vec![1e-3; lines.len()];
+        let recording = Recording { blind: level.clone(), level, frequency_hz: lines, noise_um: None, residual_um: 0.0 };
+        let design = LearningDesign::new(&plain, &Task { recording: Some(&recording), ..known }, 12.0).unwrap();
+        let wide = design.of(&plain);
+        let plant = Variation::NONE.sampled(&LinearModel { second_mode: None, ..linear() });
+        let missed = |law: &PredictorDesign, hz: f64| {
+            (frequency_response(&plant, TAU * hz) * law.feedforward_response(hz) - Complex::new(1.0, 0.0)).norm()
+        };
+        assert!(missed(&wide, 0.01) < 1e-5, "at rest: {}", missed(&wide, 0.01));
+        for hz in [3000.0, 4000.0] {
+            assert!(missed(&wide, hz) < 0.5 * missed(&plain, hz), "{hz} Hz: {} {}", missed(&wide, hz), missed(&plain, hz));
+        }
+        assert!(wide.quantised().is_ok());
+        // A design file without it feeds forward as the law does.
+        assert_eq!(LearningDesign { feedforward: Vec::new(), ..design }.of(&law).feedforward, law.feedforward);
+    }
+
+    #[test]
+    fn what_must_not_be_learned_costs_little_of_what_may() {
+        let narrow = |hz: f64| Judged { hz, nominal: 0.1, worst: if (1900.0..2100.0).contains(&hz) { 2.0 } else { 0.2 }, missed: 1.0 };
+        let judged: Vec<Judged> = (0..1000).map(|i| narrow(10.0 * f64::from(i) + 5.0)).collect();
+        let taps = robustness_taps(&judged);
+        assert!(taps[0] == 0.0 && (1..ROBUSTNESS_TAPS).all(|i| taps[i].to_bits() == taps[ROBUSTNESS_TAPS - i].to_bits()), "symmetric");
+        let q = |hz: f64| response(&taps, ROBUSTNESS_BEFORE, hz).re;
+        for here in &judged {
+            let (least, largest) = allowed(here.worst);
+            assert!(q(here.hz) < 1.02 * largest && q(here.hz) > 1.02 * least, "{} Hz: {} of {largest}", here.hz, q(here.hz));
+        }
+        // Where 64 smoothed taps would have lost half, 400 Hz from what must not be learned.
+        assert!(q(1500.0) > 0.85 && q(2500.0) > 0.85 && q(300.0) > 0.95, "{} {} {}", q(1500.0), q(2500.0), q(300.0));
+    }
+
+    #[test]
     fn learning_converges_and_ends_below_the_first_mode_where_nothing_is_known() {
         let design = LearningDesign::new(&law(), &task(), 12.0).unwrap();
         assert!(design.convergence.iter().all(|p| p.contraction() < 1.0));
@@ -489,7 +679,8 @@ mod tests {
     /// The bound on what may be missing against plants that have it: another mode of 5 % at a damping ratio of 0.015, wherever it stands.
     #[test]
     fn a_mode_that_nobody_knows_of_neither_diverges_nor_makes_an_error_much_larger() {
-        let (law, design) = (law(), LearningDesign::new(&law(), &task(), 12.0).unwrap());
+        let design = LearningDesign::new(&law(), &task(), 12.0).unwrap();
+        let law = design.of(&law());
         let one = Complex::new(1.0, 0.0);
         let (mut most_kept, mut most_left) = (0.0_f64, 0.0_f64);
         for mode_hz in [950.0, 1300.0, 1900.0, 2700.0, 3500.0, 4500.0, 6000.0, 7700.0, 9300.0] {
