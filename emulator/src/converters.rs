@@ -47,6 +47,8 @@ pub enum Trouble {
     Stuck,
     /// The cable is off: the line floats high.
     Disconnected,
+    /// So many codes more than the honest one, as from a scale that has slipped.
+    Shifted(u16),
 }
 
 /// Plant, sensor and the codes between them and the target.
@@ -152,6 +154,7 @@ impl World {
             None => honest,
             Some(Trouble::Stuck) => self.last_code,
             Some(Trouble::Disconnected) => u16::MAX,
+            Some(Trouble::Shifted(codes)) => honest.saturating_add(codes),
         };
         self.last_code = code;
         if self.keeps_codes {

@@ -9,7 +9,7 @@ use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
 use hysteron_sim::bench::{Bench, Variant};
 use rigless::mcu::Mcu;
 use rigless::soc::Layout;
-use rigless::soc::stm32h743::generated::{exti, gpioa, pwr, tim2};
+use rigless::soc::stm32h743::generated::{exti, gpioa, pwr, rcc, tim2};
 
 #[test]
 fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
@@ -86,7 +86,8 @@ fn lines_of_the_converters(outcome: &Outcome) {
     }
 }
 
-/// The safety inputs float up, so that a broken wire stops, and the voltage detector is armed (RM0433, 6.8.1, 20.6.1 and 20.6.19).
+/// The safety inputs float up, so that a broken wire stops, and the voltage detector and the clock security system are armed (RM0433, 6.8.1, 8.7.2, 20.6.1
+/// and 20.6.19).
 fn lines_of_the_bench(outcome: &Outcome) {
     let port = |name, pin: u64| register(outcome, "GPIOE", name) >> (2 * pin) & 3;
     for pin in [0, 10, 12] {
@@ -95,6 +96,7 @@ fn lines_of_the_bench(outcome: &Outcome) {
     assert_eq!(port(gpioa::Register::Moder, 14), 1, "enable");
     let control = register(outcome, "PWR", pwr::Register::Cr1);
     assert_eq!((control >> 4 & 1, control >> 5 & 7), (1, 6), "2.76 V");
+    assert_eq!(register(outcome, "RCC", rcc::Register::Cr) >> 19 & 1, 1, "HSECSSON");
     let line = |name| register(outcome, "EXTI", name) >> 16 & 1;
     assert_eq!((line(exti::Register::Rtsr1), line(exti::Register::Ftsr1), line(exti::Register::Cpuimr1)), (1, 0, 1));
 }

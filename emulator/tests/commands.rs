@@ -131,13 +131,13 @@ fn a_restart_waits_for_the_end_of_the_ramp() {
             (4 * MILLISECOND, b"conditioning waived\nreference constant 9000\nenable\n".to_vec()),
             (100 * MILLISECOND, b"disable\n".to_vec()),
             // The ramp takes 40 ms.
-            (110 * MILLISECOND, b"restart\nplay sine 1000 1000 1000 10\n".to_vec()),
+            (110 * MILLISECOND, b"restart\nplay sine 1000 1000 1000 10\ncondition\nidentify 1000\n".to_vec()),
             (180 * MILLISECOND, b"restart\n".to_vec()),
         ],
         ..Script::listening(200 * MILLISECOND)
     };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
-    assert_eq!(outcome.texts_with("only at rest").count(), 2, "{:?}", texts(&outcome));
+    assert_eq!(outcome.texts_with("only at rest").count(), 4, "{:?}", texts(&outcome));
     assert_eq!(outcome.resets, 1, "{:?}", texts(&outcome));
 }
 
@@ -182,6 +182,27 @@ fn a_law_that_asks_for_more_gets_no_more_than_the_slew_limit() {
     assert_eq!((steps(1_900, 2_900), steps(2_900, 3_900)), (Some(468), Some(468)), "up and down, as fast as it may and no faster");
 }
 
+#[test]
+fn no_law_drives_beyond_the_limits_of_the_block() {
+    let world = world();
+    let mut parameters = parameters();
+    // Some 97 V and -6 V would be needed for positions that the sensor has; there are 0 to 80 V, and 10 V on either side that the converter has.
+    parameters.guard.tracking_ticks = 4000;
+    let text =
+        "conditioning waived\nreference constant 1000\n@1000 enable\n@1500 reference constant 13900\n@2800 reference constant -900\n";
+    let script =
+        Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(210 * MILLISECOND) };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    assert_eq!(outcome.texts_with("mode fault").count(), 0, "{:?}", texts(&outcome));
+    let codes = world.lock().expect("the world").codes.clone();
+    let c = parameters.servo.converters;
+    let beat = 100..codes.len();
+    let acting = |range: std::ops::Range<usize>| codes[range].iter().map(|(_, acting)| *acting);
+    assert_eq!((acting(beat.clone()).min(), acting(beat).max()), (Some(c.dac_code_min), Some(c.dac_code_max)));
+    assert_eq!(acting(2_700..2_750).min(), Some(c.dac_code_max), "held at the upper limit");
+    assert_eq!(acting(3_900..4_000).max(), Some(c.dac_code_min), "and at the lower one");
+}
+
 /// The tick at which a sample first has a mode, from a tick on.
 fn first_with(samples: &[TraceSample], mode: Mode, from: u32) -> Option<u32> {
     samples.iter().find(|sample| sample.tick >= from && sample.flags == mode as u16).map(|sample| sample.tick)
@@ -193,7 +214,7 @@ fn a_command_that_waits_for_its_tick_does_not_hold_up_a_stop() {
     let script = Script {
         block: Some(block(&parameters())),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n@60000 enable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n@60000 enable\n@3200 enable\n".to_vec()),
             (100 * MILLISECOND, b"disable\n".to_vec()),
         ],
         ..Script::listening(200 * MILLISECOND)
@@ -204,6 +225,8 @@ fn a_command_that_waits_for_its_tick_does_not_hold_up_a_stop() {
     let opened = first_with(&samples, Mode::Rest, 1_900).expect("opens");
     // The probe writes at 100 ms; the task that reads looks every millisecond.
     assert!(opened <= 2_060, "{opened}");
+    assert_eq!(first_with(&samples, Mode::Closed, opened), None, "what was planned before the stop does not act after it");
+    assert!(samples.last().is_some_and(|sample| sample.tick > 3_300));
     assert_eq!(samples.last().map(|sample| sample.dac_code), Some(parameters().guard.rest_code));
 }
 

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{block, image, parameters, samples};
+use common::{best_parameters, block, image, parameters, samples};
 use hysteron_core::amplifier::Mode;
 use hysteron_core::guard::Fault;
 use hysteron_emulator::board::{NucleoBoard, SafetyLine};
@@ -26,7 +26,7 @@ fn with_trouble(kind: Trouble) -> (Outcome, u16) {
         block: Some(block(&parameters)),
         commands: vec![
             (4 * MILLISECOND, format!("trace 31 1\nconditioning waived\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes()),
-            (205 * MILLISECOND, b"clear\n".to_vec()),
+            (205 * MILLISECOND, b"clear\nenable\n".to_vec()),
             (300 * MILLISECOND, b"clear\nenable\n".to_vec()),
         ],
         ..Script::listening(400 * MILLISECOND)
@@ -47,6 +47,7 @@ fn ends_safe_and_comes_back(kind: Trouble, fault: Fault) {
     println!("{}: named {} ticks after it began", fault.name(), u64::from(first.tick) - TROUBLE_FROM);
     assert_eq!(at(TROUBLE_TO - 1).dac_code, rest, "at rest");
     assert!(outcome.texts_with(&format!("mode fault: {}", fault.name())).count() >= 1, "said");
+    assert_eq!(outcome.texts_with("a fault is latched").count(), 1, "nothing else acts until it is cleared: {:?}", texts(&outcome));
     assert!(outcome.texts_with("has not been healthy long enough").count() == 1, "{:?}", outcome.texts_with("refused").collect::<Vec<_>>());
     let last = samples.last().expect("samples");
     assert_eq!(last.flags, Mode::Closed as u16, "closed again");
@@ -61,6 +62,41 @@ fn a_stuck_sensor() {
 #[test]
 fn a_disconnected_sensor() {
     ends_safe_and_comes_back(Trouble::Disconnected, Fault::SensorOutOfRange);
+}
+
+#[test]
+fn a_sensor_that_jumps() {
+    // 1.4 um between two ticks, where the guard's limit is 1 um; further than that the loop would follow it.
+    ends_safe_and_comes_back(Trouble::Shifted(6_000), Fault::SensorJump);
+}
+
+#[test]
+fn a_law_that_goes_on_wanting_more_than_the_slew_limit() {
+    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let mut parameters = parameters();
+    // 0.1 V a tick: the 56 V of a jump of 8 um take 560 ticks, and the law is given 200.
+    parameters.physical.slew_limit_v_s = 2_010;
+    parameters.servo.converters.slew_codes = 47;
+    parameters.guard.tracking_ticks = 200;
+    parameters.guard.tracking_error = 100 << 24;
+    let text = "trace 31 1\nconditioning waived\nreference constant 1000\n@1000 enable\n@2500 reference constant 9000\n";
+    let script =
+        Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(230 * MILLISECOND) };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let (samples, _) = samples(&outcome);
+    let first = samples.iter().find(|sample| sample.flags as u8 == Mode::Fault as u8).expect("a fault");
+    assert_eq!(first.flags, Mode::Fault as u16 | (Fault::DriveSlew as u16) << 8, "named");
+    // More ticks at the limit than below it by 200, and the tick of the fault.
+    let law = samples.windows(2).filter(|pair| (2_500..first.tick).contains(&pair[1].tick));
+    let counted = law.fold(0u32, |count, pair| match pair[1].dac_code.abs_diff(pair[0].dac_code) {
+        47 => count + 1,
+        _ => count.saturating_sub(1),
+    });
+    assert_eq!(counted, 200, "at tick {}", first.tick);
+    let before = samples.iter().find(|sample| sample.tick + 1 == first.tick).expect("the tick before");
+    assert_eq!(before.flags, Mode::Closed as u16);
+    assert_eq!(before.dac_code - first.dac_code, parameters.guard.ramp_codes, "on the way to rest in the very tick");
+    assert_eq!(samples.last().map(|sample| (sample.dac_code, sample.flags)), Some((parameters.guard.rest_code, first.flags)));
 }
 
 #[test]
@@ -161,10 +197,59 @@ fn an_overrun() {
 #[test]
 fn a_hard_fault() {
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
-    let (outcome, codes) = with_injections(vec![(100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED })]);
+    let (outcome, codes) = with_injections(vec![
+        (100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED }),
+        // Changes nothing: the run stops there, and the enable output is looked at.
+        (100 * MILLISECOND + 80_000, Injection::Line { line: SafetyLine::Interlock, closed: true }),
+    ]);
     // At once: the interrupt that fails begins within 50 us, and neither the edge after it nor the restart 100 us later is waited for.
     rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::HardFault);
     assert_eq!(outcome.resets, 1);
+    let fell = outcome.enabled.iter().find(|(at, on)| *at >= 100 * MILLISECOND && !on).map(|(at, _)| at - 100 * MILLISECOND);
+    assert!(fell.is_some_and(|after_ns| after_ns <= 80_000), "the enable output falls before the restart: {fell:?}");
+}
+
+/// The control interrupt's first instructions are replaced by these at 100 ms.
+fn with_instructions(instructions: &[u16]) -> (Outcome, Codes) {
+    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    let patch = instructions.iter().zip(0u64..).map(|(value, nth)| Injection::Halfword { address: handler + 2 * nth, value: *value });
+    with_injections(patch.map(|injection| (100 * MILLISECOND, injection)).collect())
+}
+
+#[test]
+fn a_hard_fault_with_the_drives_interface_off() {
+    // SPI3 is disabled (CR1 at 0x40003C00): `movw r0, #0x3C00; movt r0, #0x4000; movs r1, #0; str r1, [r0]; udf`.
+    let (outcome, codes) = with_instructions(&[0xF643, 0x4000, 0xF2C4, 0x0000, 0x2100, 0x6001, UNDEFINED]);
+    rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::HardFault);
+    assert_eq!(outcome.resets, 1);
+}
+
+#[test]
+fn a_crystal_that_stops() {
+    // What the clock security system raises is an NMI, and here the program itself: NMIPENDSET of ICSR (Armv7-M, B3.2.4), `movw r0, #0xED04;
+    // movt r0, #0xE000; mov.w r1, #0x80000000; str r1, [r0]; b .`.
+    let (outcome, codes) = with_instructions(&[0xF64E, 0x5004, 0xF2CE, 0x0000, 0xF04F, 0x4100, 0x6001, JUMP_TO_ITSELF]);
+    rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::ClockLost);
+    assert_eq!(outcome.resets, 1);
+}
+
+#[test]
+fn a_tick_that_takes_longer_than_a_period() {
+    /// So slow a core that it has the time for a tick at rest and not for one of the closed loop, which takes less than a period and a half: no edge goes
+    /// by without a tick for a while, so the cycle counter alone would not tell.
+    const SLOW: u64 = 20_000_000;
+    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let script = Script {
+        block: Some(block(&best_parameters())),
+        commands: vec![(200 * MILLISECOND, b"conditioning waived\nreference constant 3000\n@5000 enable\n".to_vec())],
+        ..Script::listening(400 * MILLISECOND)
+    };
+    let mut board = NucleoBoard::with_plant(&world).expect("a board");
+    board.instructions_per_second = SLOW;
+    let outcome = run(&image(), board, script).expect("a run");
+    assert_eq!(outcome.texts_with("mode rest").count(), 1, "at rest there is time: {:?}", texts(&outcome));
+    assert_eq!(outcome.texts_with("mode fault: overrun").count(), 1, "{:?}", texts(&outcome));
+    assert_eq!((outcome.texts_with("mode fault").count(), outcome.resets), (1, 0), "{:?}", texts(&outcome));
 }
 
 #[test]
@@ -215,10 +300,7 @@ const ACKNOWLEDGE_AND_RETURN: [u16; 6] = [0xF04F, 0x4080, 0xF06F, 0x0110, 0x6101
 
 #[test]
 fn tasks_that_go_on_without_ticks_are_not_taken_for_a_program_that_runs() {
-    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
-    let at = |nth: usize| handler + 2 * nth as u64;
-    let patch = ACKNOWLEDGE_AND_RETURN.iter().enumerate().map(|(nth, value)| Injection::Halfword { address: at(nth), value: *value });
-    let (outcome, codes) = with_injections(patch.map(|injection| (100 * MILLISECOND, injection)).collect());
+    let (outcome, codes) = with_instructions(&ACKNOWLEDGE_AND_RETURN);
     rests_and_comes_back(&outcome, &codes, 175 * MILLISECOND, Fault::Watchdog);
     assert_eq!(outcome.resets, 1);
 }
@@ -331,6 +413,34 @@ fn with_an_open_line(line: SafetyLine, fault: Fault) {
     let rests = samples.iter().find(|sample| sample.tick > first.tick && sample.dac_code == parameters.guard.rest_code).expect("rest");
     let rests_ms = (u64::from(rests.tick) * 50_000 + began_ns) / MILLISECOND;
     assert!((rests_ms..=rests_ms + 2).contains(&changes[1].0) && (160..180).contains(&changes[2].0), "{changes:?}, rest at {rests_ms} ms");
+}
+
+#[test]
+fn what_was_planned_before_a_fault_does_not_act_after_it() {
+    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let mut parameters = parameters();
+    parameters.guard.healthy_ticks = 100;
+    let line = SafetyLine::EmergencyStop;
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![
+            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n@3000 enable\n".to_vec()),
+            (100 * MILLISECOND, b"clear\n".to_vec()),
+        ],
+        injections: vec![
+            (60 * MILLISECOND, Injection::Line { line, closed: false }),
+            (80 * MILLISECOND, Injection::Line { line, closed: true }),
+        ],
+        ..Script::listening(180 * MILLISECOND)
+    };
+    let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let (samples, _) = samples(&outcome);
+    let first = |mode: Mode, from: u32| samples.iter().find(|s| s.tick >= from && s.flags as u8 == mode as u8).map(|s| s.tick);
+    let closed = first(Mode::Closed, 0).expect("closed");
+    let stopped = first(Mode::Fault, closed).expect("stopped");
+    let cleared = first(Mode::Rest, stopped).expect("cleared");
+    assert!(cleared < 3_000 && samples.last().is_some_and(|sample| sample.tick > 3_200), "{cleared}: {:?}", texts(&outcome));
+    assert_eq!(first(Mode::Closed, cleared), None, "{:?}", texts(&outcome));
 }
 
 #[test]

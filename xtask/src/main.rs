@@ -12,6 +12,7 @@ mod debian;
 mod emulated_board;
 mod lab_page;
 mod library_alone;
+mod mutate;
 mod pipython;
 mod python_package;
 mod steps;
@@ -32,6 +33,7 @@ cargo xtask emulate    runs the tests of the images on the emulated STM32H743 (a
 cargo xtask operate    what an operator does with the emulated board: PIPython, `hysteron board tune` (after `board`)
 cargo xtask tune SEED.. `hysteron board tune` in front of these independent stages (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
+cargo xtask mutate [NAME..] takes lines of safety out of the firmware, each once, and expects an emulated test to fail (firmware/mutations.toml)
 cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
 fn main() -> ExitCode {
@@ -50,6 +52,11 @@ fn main() -> ExitCode {
         && !seeds.is_empty()
     {
         return ended(board_tune::run_seeds(&seeds.iter().map(String::as_str).collect::<Vec<_>>()));
+    }
+    if let [first, names @ ..] = wanted.as_slice()
+        && first == "mutate"
+    {
+        return ended(mutate::run(names));
     }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         ["check"] => steps::all(),

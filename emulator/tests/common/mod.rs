@@ -25,9 +25,10 @@ pub fn image() -> PathBuf {
     image_named("hysteron-firmware")
 }
 
-/// An image where `cargo xtask check` builds it.
+/// An image where `cargo xtask check` builds it, or where whoever runs the test says (`cargo xtask mutate`).
 pub fn image_named(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release").join(name)
+    let built = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release");
+    std::env::var_os("HYSTERON_IMAGES").map_or_else(built, PathBuf::from).join(name)
 }
 
 /// A servo for the reference bench that needs no identification: integral control through a mean gain, and the guard's limits.
