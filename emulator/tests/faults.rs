@@ -209,6 +209,27 @@ fn a_hard_fault() {
     assert!(fell.is_some_and(|after_ns| after_ns <= 80_000), "the enable output falls before the restart: {fell:?}");
 }
 
+#[test]
+fn a_hard_fault_goes_to_the_rest_that_the_block_says() {
+    let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
+    let mut parameters = parameters();
+    // Not the 0 V that is rest without a block.
+    parameters.guard.rest_code = parameters.servo.converters.dac_code_min + 3_000;
+    let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    let script = Script {
+        block: Some(block(&parameters)),
+        commands: vec![(4 * MILLISECOND, b"conditioning waived\nreference constant 5000\nenable\n".to_vec())],
+        injections: vec![(100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED })],
+        ..Script::listening(110 * MILLISECOND)
+    };
+    run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
+    let world = world.lock().expect("the world");
+    // The interrupt that fails begins within 50 us; the reset, which clamps the converter to ground, comes 100 us later.
+    let at = ((100 * MILLISECOND + 60_000 - world.began_ns()).div_ceil(50_000)) as usize;
+    assert!(world.codes[at - 10].1 > parameters.guard.rest_code + 5_000, "closed before: {:?}", world.codes[at - 10]);
+    assert_eq!(world.codes[at].1, parameters.guard.rest_code);
+}
+
 /// The control interrupt's first instructions are replaced by these at 100 ms.
 fn with_instructions(instructions: &[u16]) -> (Outcome, Codes) {
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
