@@ -20,7 +20,7 @@ const SAME_DRIVE: f64 = 2e-5;
 const READ_BACK: f64 = 5e-4;
 /// .. without a pattern: the square of the step from one difference to the next is at least this times that of the differences (twice where they are
 /// random, and next to nothing where the drive itself is another).
-const WITHOUT_PATTERN: f64 = 1.0;
+const WITHOUT_PATTERN: f64 = 1.5;
 /// Standard deviations of a read-back drive's noise within which it is the same.
 const READ_BACK_Z: f64 = 6.0;
 /// A drive that spans less than this share of the actuator's does not move it.
