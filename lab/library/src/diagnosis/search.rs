@@ -209,8 +209,9 @@ impl<'s, 'a> Search<'s, 'a> {
             // Loops of the other kind that come near are on their way as long as they get nearer.
             let other = self.rank_of_other_loops();
             let other_gained = other < best + COMES_NEAR && other_before - other > policy.least_gain;
-            let nearer = (other_before - before) - (other - best) > policy.least_gain;
-            self.others_no_nearer = if nearer || before.is_infinite() { 0 } else { self.others_no_nearer + 1 };
+            // Where there were none before, they have only come.
+            let stayed_away = other_before.is_finite() && (other_before - before) - (other - best) <= policy.least_gain;
+            self.others_no_nearer = if stayed_away { self.others_no_nearer + 1 } else { 0 };
             without_gain = if gained || other_gained { 0 } else { without_gain + 1 };
         }
         Ok(())
