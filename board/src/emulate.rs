@@ -7,6 +7,7 @@ use hysteron::model_file;
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::servo::chain_plant::ChainPlant;
 use hysteron_board::running_board::{serve_board, witness};
+use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::read;
 use hysteron_emulator::converters::World;
 use hysteron_sim::bench::{Bench, Variant};
@@ -127,8 +128,8 @@ fn world(options: &Options) -> Result<World, String> {
         None => FrontEnd::default(),
     };
     let scale = front_end.scale(chain.drive_min_v, chain.drive_max_v);
-    if scale.drive_v(0) > chain.drive_min_v || scale.drive_v(scale.dac_code_max) < chain.drive_max_v {
-        let (low_v, high_v) = (scale.drive_v(0), scale.drive_v(scale.dac_code_max));
+    let (low_v, high_v) = (scale.drive_v(DriveCode::new(0)), scale.drive_v(DriveCode::highest(scale.dac_bits)));
+    if low_v > chain.drive_min_v || high_v < chain.drive_max_v {
         let stage_v = format!("{} to {} V", chain.drive_min_v, chain.drive_max_v);
         return Err(format!(
             "{}: its drive is {stage_v}, the wiring gives {low_v} to {high_v:.3} V; expected --front-end",

@@ -1,17 +1,17 @@
 //! Recorded codes in lines of text that take little room on the line and show when they were garbled.
 //!
 //! # The format
-//! A line is base 64 (RFC 4648, padded) of up to [`SAMPLES_IN_LINE`] samples of four bytes, the sensor's code and the drive's code, each with its low
-//! byte first, and of the CRC-32 of those bytes behind them, low byte first.
+//! A line is base 64 (RFC 4648, padded) of up to [`SAMPLES_IN_LINE`] samples of five bytes, the sensor's code and the drive's code of 20 bits each, low
+//! byte first ([`code_bytes`]), and of the CRC-32 of those bytes behind them, low byte first.
 
 use heapless::Vec;
 use hysteron_core::checksum::crc32;
-use hysteron_core::trace_frame::TraceSample;
+use hysteron_core::trace_frame::{CODE_BYTES, TraceSample, code_bytes};
 
 /// Most samples in a line.
-pub const SAMPLES_IN_LINE: u32 = 90;
+pub const SAMPLES_IN_LINE: u32 = 72;
 /// Bytes of a full line before they are text.
-const LINE_BYTES: usize = 4 * (SAMPLES_IN_LINE as usize + 1);
+const LINE_BYTES: usize = CODE_BYTES * SAMPLES_IN_LINE as usize + 4;
 
 const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
@@ -20,8 +20,7 @@ const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwx
 pub fn write_line<const ROOM: usize>(samples: impl Iterator<Item = TraceSample>, to: &mut Vec<u8, ROOM>) -> Option<()> {
     let mut bytes: Vec<u8, LINE_BYTES> = Vec::new();
     for sample in samples.take(SAMPLES_IN_LINE as usize) {
-        bytes.extend_from_slice(&sample.adc_code.to_le_bytes()).ok()?;
-        bytes.extend_from_slice(&sample.dac_code.to_le_bytes()).ok()?;
+        bytes.extend_from_slice(&code_bytes(sample.adc_code, sample.dac_code)).ok()?;
     }
     bytes.extend_from_slice(&crc32(&bytes).to_le_bytes()).ok()?;
     for three in bytes.chunks(3) {
@@ -38,6 +37,7 @@ pub fn write_line<const ROOM: usize>(samples: impl Iterator<Item = TraceSample>,
 mod tests {
     extern crate std;
     use super::*;
+    use hysteron_core::codes::{DriveCode, SensorCode};
 
     #[test]
     fn the_examples_of_the_standard() {
@@ -45,11 +45,11 @@ mod tests {
         let mut text: Vec<u8, 16> = Vec::new();
         assert_eq!(write_line(core::iter::empty(), &mut text), Some(()));
         assert_eq!(text.as_slice(), b"AAAAAA==");
-        let sample = TraceSample { adc_code: 0x6f66, dac_code: 0x626f, ..TraceSample::default() };
+        let sample = TraceSample { adc_code: SensorCode::new(0xf_6f66), dac_code: DriveCode::new(0x6_1626), ..TraceSample::default() };
         let mut text: Vec<u8, 16> = Vec::new();
         assert_eq!(write_line(core::iter::once(sample), &mut text), Some(()));
-        // "foob" is Zm9vYg== by itself (RFC 4648, 10).
-        assert!(text.starts_with(b"Zm9vY"), "{:?}", core::str::from_utf8(&text));
+        // "fooba" is Zm9vYmE= by itself (RFC 4648, 10).
+        assert!(text.starts_with(b"Zm9vYm"), "{:?}", core::str::from_utf8(&text));
         let mut short: Vec<u8, 8> = Vec::new();
         assert_eq!(write_line(core::iter::repeat_n(sample, 90), &mut short), None);
     }

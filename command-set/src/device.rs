@@ -1,6 +1,7 @@
 //! What a session needs of whatever carries the amplifier.
 
 use hysteron_core::amplifier::Mode;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
@@ -16,9 +17,9 @@ pub struct View {
     /// The latched fault.
     pub fault: Option<Fault>,
     /// The sensor's code.
-    pub adc_code: u16,
+    pub adc_code: SensorCode,
     /// The drive's code.
-    pub dac_code: u16,
+    pub dac_code: DriveCode,
     /// The reference, um with 24 fraction bits.
     pub reference: i32,
     /// Position at the sensor's code 0 as it was found last, um with 24 fraction bits.

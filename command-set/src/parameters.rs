@@ -16,16 +16,20 @@ pub enum Parameter {
     SettlingTime,
     /// Position at the sensor's code 0, um.
     SensorAtCode0,
-    /// Positions of 65,536 codes of the sensor, um.
+    /// Positions of all codes of the sensor, um.
     SensorSpan,
     /// Drive at code 0, V.
     DriveAtCode0,
-    /// Drives of 65,536 codes, V.
+    /// Drives of all codes, V.
     DriveSpan,
     /// Lowest drive, V.
     DriveMinimum,
     /// Highest drive, V.
     DriveMaximum,
+    /// Bits of the sensor's codes.
+    SensorBits,
+    /// Bits of the drive's codes.
+    DriveBits,
     /// For so long no line may come while the drive is live, s; 0: for ever.
     HostTimeout,
     /// Frequency of the resonance that is listened to, Hz; 0: none.
@@ -54,7 +58,7 @@ pub enum Parameter {
 
 impl Parameter {
     /// Every one with its number, its type, and what it is.
-    pub const ALL: [(Self, u32, &'static str, &'static str); 23] = [
+    pub const ALL: [(Self, u32, &'static str, &'static str); 25] = [
         (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),
         (Self::RangeMaximum, 0x0700_0001, "FLOAT", "Range_Limit_Max_(um)"),
         (Self::Velocity, 0x0700_0200, "FLOAT", "Servo_Loop_Slew-Rate_(um/s)"),
@@ -69,6 +73,8 @@ impl Parameter {
         (Self::HostTimeout, 0x7F00_0006, "FLOAT", "Host_Timeout_(s)_0:_none"),
         (Self::Resonance, 0x7F00_0007, "FLOAT", "Resonance_Listened_to_(Hz)_0:_none"),
         (Self::ResonanceAlarm, 0x7F00_0008, "FLOAT", "Alarm_of_Amplitude_at_Resonance_(nm)_0:_none"),
+        (Self::SensorBits, 0x7F00_0009, "INT", "Bits_of_Sensor_Codes"),
+        (Self::DriveBits, 0x7F00_000A, "INT", "Bits_of_Drive_Codes"),
         (Self::ErrorRms, 0x7F00_0010, "FLOAT", "Tracking_Error_of_Last_Second_RMS_(nm)"),
         (Self::ErrorPeak, 0x7F00_0011, "FLOAT", "Tracking_Error_of_Last_Second_Peak_(nm)"),
         (Self::DriveRms, 0x7F00_0012, "FLOAT", "Drive_of_Last_Second_RMS_(V)"),

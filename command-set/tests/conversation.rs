@@ -8,6 +8,7 @@ use hysteron_command_set::device::{Brought, Device, Diagnosis, Moving, View};
 use hysteron_command_set::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
 use hysteron_command_set::{DIALECT, Lines};
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
+use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
@@ -22,7 +23,7 @@ struct Rig {
     bench: Bench,
     plant: Plant,
     sensor: Sensor,
-    acting: u16,
+    acting: DriveCode,
     tolerance: i32,
     on_target_ticks: u32,
     latest: TraceSample,
@@ -499,8 +500,9 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x0E000200 1", 64);
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
-    assert_eq!(table.ask("SPA?").lines().count(), 23);
-    assert_eq!(table.ask("HPA?").lines().count(), 25);
+    assert_eq!(table.ask("SPA?").lines().count(), 25);
+    assert_eq!(table.ask("SPA? 1 0x7F000009 1 0x7F00000A"), "1 0x7f000009=16 \n1 0x7f00000a=16\n");
+    assert_eq!(table.ask("HPA?").lines().count(), 27);
     assert_eq!(table.ask("SPA? 1 0x7F000001"), "1 0x7f000001=15.000000000\n");
     assert_eq!(table.ask("SPA? 1 0x7F000002"), "1 0x7f000002=-20.000000000\n");
     table.tell("VEL 1 0", 8);
@@ -582,7 +584,7 @@ fn with_the_servo_off_a_wave_is_a_drive_that_begins_and_ends_at_rest() {
     assert_eq!(table.ask("WGO?"), "1=0\n");
     assert!(table.rig.0.borrow().amplifier.drive_rests());
     let codes = table.ask("DRB? 1 190");
-    assert_eq!(codes.lines().count(), 3, "90 samples in a line");
+    assert_eq!(codes.lines().count(), 3, "72 samples in a line");
     assert!(codes.lines().take(2).all(|line| line.ends_with("= ") || line.len() == 489), "{codes}");
     table.tell("DRB? 1 5000", 77);
     // The drive that was recorded is the wave.

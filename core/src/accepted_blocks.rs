@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use std::vec::Vec;
 
 use crate::amplifier::{Amplifier, Command};
+use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::creep_inverse::CreepInverseParameters;
 use crate::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST};
 use crate::guard::GuardParameters;
@@ -105,21 +106,23 @@ fn actuator(low_v: f64, range_v: f64) -> impl Strategy<Value = ActuatorParameter
 
 /// Converters whose spans reach beyond what is accepted.
 fn converters() -> impl Strategy<Value = ConverterParameters> {
-    let sensor = (0.01f64..140.0, -140.0f64..140.0);
-    let drive = (1.0f64..1100.0, -600.0f64..400.0, 8u32..17, any::<[u16; 2]>(), 1u16..20_000, any::<bool>());
-    (sensor, drive).prop_map(|((span_um, zero_um), (span_v, zero_v, bits, limits, slew_codes, noise_shaping))| {
-        let most = ((1u32 << bits) - 1) as u16;
-        let [a, b] = limits.map(|code| code & most);
-        let codes = f64::from(most) + 1.0;
+    let bits = || LEAST_BITS - 1..MOST_BITS + 2;
+    let sensor = (0.01f64..140.0, -140.0f64..140.0, bits());
+    let drive = (1.0f64..1100.0, -600.0f64..400.0, bits(), any::<[u32; 2]>(), (1u32..1 << 20, 0u32..20), any::<bool>());
+    (sensor, drive).prop_map(|((span_um, zero_um, adc_bits), (span_v, zero_v, dac_bits, limits, (slew, less), noise_shaping))| {
+        let [a, b] = limits.map(|code| DriveCode::new(code & DriveCode::highest(dac_bits).steps()));
+        let codes = f64::from(dac_bits).exp2();
         ConverterParameters {
             adc_zero: (zero_um * f64::from(1 << 24)) as i32,
-            adc_step: (span_um * (1i64 << 24) as f64) as i64,
+            adc_step: (span_um * (1i64 << 40) as f64 / f64::from(adc_bits).exp2()) as i64,
             dac_zero: (zero_v * f64::from(1 << 22)) as i32,
             dac_step: (span_v / codes * (1i64 << 38) as f64) as i64,
-            dac_codes_per_volt: (codes / span_v * f64::from(1 << 20)) as i32,
+            dac_codes_per_volt: (codes / span_v * f64::from(1 << 16)) as i32,
             dac_code_min: a.min(b),
             dac_code_max: a.max(b),
-            slew_codes,
+            slew_codes: (slew >> less).max(1),
+            adc_bits,
+            dac_bits,
             noise_shaping,
         }
     })
@@ -127,22 +130,23 @@ fn converters() -> impl Strategy<Value = ConverterParameters> {
 
 fn block() -> impl Strategy<Value = AmplifierParameters> {
     let limits = |c: &ConverterParameters| {
-        let volts = |code: u16| f64::from(c.dac_zero) / f64::from(1 << 22) + f64::from(code) * c.dac_step as f64 / (1i64 << 38) as f64;
+        let volts =
+            |code: DriveCode| f64::from(c.dac_zero) / f64::from(1 << 22) + f64::from(code) * c.dac_step as f64 / (1i64 << 38) as f64;
         (volts(c.dac_code_min), volts(c.dac_code_max))
     };
     let with_actuator = move |c: ConverterParameters| {
         let (low_v, high_v) = limits(&c);
         (Just(c), Just((low_v, high_v)), actuator(low_v, (high_v - low_v).max(1e-3)))
     };
-    let guard = (any::<u16>(), 1u16..300, any::<[u16; 3]>());
+    let guard = (any::<u32>(), (1u32..1 << 20, 0u32..20), any::<u32>(), any::<[u16; 2]>());
     let learned = (prop::option::of(learning()), prop::option::of(adaptation()));
     (converters().prop_flat_map(with_actuator), law(), guard, any::<bool>(), learned).prop_map(
         |((c, (low_v, high_v), actuator), law, guard, delayed, (learning, adaptation))| {
             let mut parameters = example();
-            let (rest, ramp_codes, [jump_codes, tracking_ticks, healthy_ticks]) = guard;
+            let (rest, (ramp, less), jump_codes, [tracking_ticks, healthy_ticks]) = guard;
             parameters.physical.drive_min_mv = (low_v * 1000.0) as i32;
             parameters.physical.drive_max_mv = (high_v * 1000.0) as i32;
-            parameters.physical.sensor_span_nm = (c.adc_step as f64 / (1i64 << 24) as f64 * 1000.0) as i32;
+            parameters.physical.sensor_span_nm = (c.adc_step as f64 * f64::from(c.adc_bits).exp2() / (1i64 << 40) as f64 * 1000.0) as i32;
             parameters.physical.slew_limit_v_s = 20_000_000;
             parameters.servo.converters = c;
             parameters.servo.actuator = actuator;
@@ -151,14 +155,14 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
             parameters.servo.learning = learning;
             parameters.servo.adaptation = adaptation.filter(|_| matches!(law, LawParameters::Predictor(_)));
             parameters.guard = GuardParameters {
-                adc_code_min: 0,
-                adc_code_max: u16::MAX,
+                adc_code_min: SensorCode::new(0),
+                adc_code_max: SensorCode::highest(c.adc_bits),
                 stuck_ticks: 0,
-                jump_codes: jump_codes | 0xc000,
+                jump_codes: jump_codes | 0xc_0000,
                 tracking_error: i32::MAX,
                 tracking_ticks: tracking_ticks | 0x100,
-                ramp_codes,
-                rest_code: rest.clamp(c.dac_code_min, c.dac_code_max),
+                ramp_codes: (ramp >> less).clamp(1, c.slew_codes),
+                rest_code: DriveCode::new(rest & 0xf_ffff).clamp(c.dac_code_min, c.dac_code_max),
                 healthy_ticks,
             };
             parameters
@@ -169,24 +173,24 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
 /// What the sensor reads and what is asked: the ends of the range, and jumps between them.
 #[derive(Clone, Debug)]
 struct Asked {
-    readings: Vec<u16>,
+    readings: Vec<u32>,
     reference: (i32, i32),
     play: (i32, i32),
     increment: u32,
 }
 
 fn asked() -> impl Strategy<Value = Asked> {
-    let reading = prop_oneof![Just(0u16), Just(u16::MAX), any::<u16>()];
+    let reading = prop_oneof![Just(0), Just(u32::MAX), any::<u32>()];
     (prop::collection::vec(reading, 1..12), any::<(i32, i32)>(), any::<(i32, i32)>(), any::<u32>())
         .prop_map(|(readings, reference, play, increment)| Asked { readings, reference, play, increment })
 }
 
 /// The drive of a code without any format, V with 22 fraction bits.
-fn exact_drive(c: &ConverterParameters, code: u16) -> i128 {
-    i128::from(c.dac_zero) + ((i128::from(code) * i128::from(c.dac_step)) >> 16)
+fn exact_drive(c: &ConverterParameters, code: DriveCode) -> i128 {
+    i128::from(c.dac_zero) + ((i128::from(code.steps()) * i128::from(c.dac_step)) >> 16)
 }
 
-fn position(c: ConverterParameters, code: u16) -> i64 {
+fn position(c: ConverterParameters, code: SensorCode) -> i64 {
     let mut parameters = example().servo;
     parameters.converters = c;
     parameters.law = LawParameters::Hold;
@@ -226,13 +230,15 @@ fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseEr
         (100, Some(Command::Disable)),
     ];
     let mut before = parameters.guard.rest_code;
-    let mut readings = asked.readings.iter().cycle();
+    // Mostly those of the converter; now and then one that only a wider one has, which is a fault.
+    let codes = |raw: u32| if raw % 64 == 63 { SensorCode::new(raw >> 12) } else { SensorCode::new(raw >> (32 - c.adc_bits)) };
+    let mut readings = asked.readings.iter().map(|raw| codes(*raw)).cycle();
     for (ticks, command) in phases {
         if let Some(command) = command {
             let _ = amplifier.command(command);
         }
         for _ in 0..ticks {
-            let sample = amplifier.tick(readings.next().copied(), false);
+            let sample = amplifier.tick(readings.next(), false);
             prop_assert!((c.dac_code_min..=c.dac_code_max).contains(&sample.dac_code));
             prop_assert!(sample.dac_code.abs_diff(before) <= c.slew_codes, "{} from {before}", sample.dac_code);
             prop_assert_eq!(i128::from(amplifier.servo().drive().to_bits()), exact_drive(&c, sample.dac_code));
@@ -255,15 +261,16 @@ proptest! {
     #[test]
     fn accepted_converters_keep_the_sign_of_the_feedback(
         wild in (number(), any::<i64>(), 0u32..64),
-        codes in any::<[u16; 2]>(),
+        codes in any::<[u32; 2]>(),
+        bits in LEAST_BITS..=MOST_BITS,
     ) {
         let (adc_zero, adc_step, less) = wild;
         let mut parameters = example();
         let c = &mut parameters.servo.converters;
-        (c.adc_zero, c.adc_step) = (adc_zero, adc_step >> less);
+        (c.adc_zero, c.adc_step, c.adc_bits) = (adc_zero, adc_step >> less, bits);
         prop_assume!(!matches!(verify(&parameters, 20_000), Err(BlockError::Range(_))));
         let c = parameters.servo.converters;
-        let [low, high] = codes;
+        let [low, high] = codes.map(|code| SensorCode::new(code >> (32 - bits)));
         prop_assert!(position(c, low.max(high)) >= position(c, low.min(high)));
     }
 }
@@ -284,14 +291,14 @@ fn a_stage_of_150_um_is_refused_clearly_and_one_of_120_um_is_not() {
 fn a_drive_of_600_v_is_refused_clearly() {
     let mut parameters = example();
     let c = &mut parameters.servo.converters;
-    (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (600i64 << 38) >> 16, ((65_536i64 << 20) / 600) as i32);
-    (c.dac_code_min, c.dac_code_max) = (0, 65_535);
+    (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (600i64 << 38) >> 16, ((65_536i64 << 16) / 600) as i32);
+    (c.dac_code_min, c.dac_code_max) = (DriveCode::new(0), DriveCode::new(65_535));
     assert_eq!(verify(&parameters, 20_000), Err(BlockError::Range("the drive must stay within +-512 V")));
 }
 
 #[test]
 fn a_slew_limit_that_is_none_or_faster_than_it_says_is_refused() {
-    let with = |slew_codes: u16, ramp_codes: u16| {
+    let with = |slew_codes: u32, ramp_codes: u32| {
         let mut parameters = example();
         parameters.servo.converters.slew_codes = slew_codes;
         parameters.guard.ramp_codes = ramp_codes;
@@ -300,5 +307,41 @@ fn a_slew_limit_that_is_none_or_faster_than_it_says_is_refused() {
     assert_eq!(with(2340, 40), Ok(()));
     for (slew_codes, ramp_codes) in [(0, 40), (2345, 40), (30, 40), (2340, 0)] {
         assert!(matches!(with(slew_codes, ramp_codes), Err(BlockError::Range(_))), "{slew_codes} {ramp_codes}");
+    }
+}
+
+#[test]
+fn a_code_beyond_the_bits_of_its_converter_is_refused() {
+    let with = |change: &dyn Fn(&mut AmplifierParameters)| {
+        let mut parameters = example();
+        change(&mut parameters);
+        verify(&parameters, 20_000)
+    };
+    let bits = Err(BlockError::Range("converters have 8 to 20 bits, and no code beyond them"));
+    assert_eq!(with(&|p| p.servo.converters.dac_bits = 21), bits);
+    assert_eq!(with(&|p| p.servo.converters.adc_bits = 7), bits);
+    // 46 811 of the example has 16 bits.
+    assert_eq!(with(&|p| p.servo.converters.dac_bits = 15), bits);
+    assert_eq!(with(&|p| p.guard.adc_code_max = SensorCode::new(65_536)), Err(BlockError::Mismatch));
+}
+
+#[test]
+fn converters_of_20_bits_are_accepted_and_one_code_is_one_code() {
+    let mut parameters = example();
+    let c = &mut parameters.servo.converters;
+    (c.adc_bits, c.adc_step) = (20, 15i64 << 20);
+    (c.dac_bits, c.dac_step) = (20, 140i64 << 18);
+    c.dac_codes_per_volt = ((1i64 << 36) / 140) as i32;
+    (c.dac_code_min, c.dac_code_max) = (DriveCode::new(149_797), DriveCode::new(748_982));
+    c.slew_codes = 37_440;
+    parameters.guard.adc_code_max = SensorCode::new(1_048_575 - 256);
+    parameters.guard.rest_code = c.dac_code_min;
+    assert_eq!(verify(&parameters, 20_000), Ok(()));
+    let c = parameters.servo.converters;
+    for code in [149_797, 149_798, 400_001, 748_982].map(DriveCode::new) {
+        assert_eq!(i64::from(c.steps(c.drive(code))), i64::from(code));
+        // 134 uV.
+        let step_v = f64::from(c.drive(code + 1) - c.drive(code)) / f64::from(1 << 22);
+        assert!((step_v - 140.0 / 1_048_576.0).abs() < 2f64.powi(-22), "{step_v}");
     }
 }

@@ -25,6 +25,7 @@
 //! ([`Command::RequireConditioning`]).
 
 use crate::block_swap;
+use crate::codes::{DriveCode, SensorCode};
 use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
@@ -142,11 +143,11 @@ pub struct Amplifier {
     rest_after_ticks: u32,
     zero_sum: i64,
     /// What is played is this code, until something else is told.
-    held_code: Option<u16>,
+    held_code: Option<DriveCode>,
     zeroed: bool,
     conditioned: bool,
     conditioning_required: bool,
-    code: u16,
+    code: DriveCode,
     tick: u32,
     parameters: AmplifierParameters,
     servo: ServoTick,
@@ -341,7 +342,7 @@ impl Amplifier {
     /// One period: the reading (`None`: the converter did not answer) in, everything about the period out; `dac_code` is to act at
     /// the next edge.
     #[inline]
-    pub fn tick(&mut self, reading: Option<u16>, overrun: bool) -> TraceSample {
+    pub fn tick(&mut self, reading: Option<SensorCode>, overrun: bool) -> TraceSample {
         let tick = self.tick;
         self.tick = tick.wrapping_add(1);
         let mut fault = self.guard.inspect(reading);
@@ -369,7 +370,7 @@ impl Amplifier {
         };
         TraceSample {
             tick,
-            adc_code: reading.unwrap_or(0),
+            adc_code: reading.unwrap_or_default(),
             dac_code: self.code,
             reference: if self.mode == Mode::Closed { self.servo.reference().to_bits() } else { 0 },
             applied: self.servo.applied().to_bits(),
@@ -380,16 +381,14 @@ impl Amplifier {
 
     /// The code of a drive (V with 22 fraction bits) within its limits.
     #[inline]
-    fn code_for(&self, drive: i32) -> u16 {
+    fn code_for(&self, drive: i32) -> DriveCode {
         let c = &self.parameters.servo.converters;
-        // V (22) * codes/V (20) -> codes with 42.
-        let code = (i64::from(drive.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42;
-        code.max(i64::from(c.dac_code_min)).min(i64::from(c.dac_code_max)) as u16
+        DriveCode::new(c.steps(drive).max(0) as u32).max(c.dac_code_min).min(c.dac_code_max)
     }
 
     /// The next code of an open-loop drive.
     #[inline]
-    fn play(&mut self, reading: u16) -> u16 {
+    fn play(&mut self, reading: SensorCode) -> DriveCode {
         if let Some(held) = self.held_code {
             return self.servo.open_loop(self.guard.towards(self.code, held));
         }
@@ -406,7 +405,7 @@ impl Amplifier {
                 self.sweep_tick = self.sweep_tick.wrapping_add(1);
             }
             let (code, c) = (self.code_for(drive), &self.parameters.servo.converters);
-            let (lowest, highest) = (self.code.saturating_sub(c.slew_codes), self.code.saturating_add(c.slew_codes));
+            let (lowest, highest) = (self.code - c.slew_codes, self.code + c.slew_codes);
             return self.servo.open_loop(code.max(lowest).min(highest));
         }
         self.generator.forget_marks();
@@ -509,9 +508,9 @@ mod tests {
     use std::vec::Vec;
 
     /// A massless linear actuator with a gain of 1/7 um/V and a little noise, read by the ADC of the example.
-    fn reading(code: u16, tick: u32) -> u16 {
+    fn reading(code: DriveCode, tick: u32) -> SensorCode {
         let volts = f64::from(code) * 140.0 / 65_536.0 - 20.0;
-        ((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u16 + (tick.wrapping_mul(2_654_435_761) >> 30) as u16
+        SensorCode::new(((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u32 + (tick.wrapping_mul(2_654_435_761) >> 30))
     }
 
     #[test]
@@ -519,23 +518,23 @@ mod tests {
         let mut parameters = example();
         parameters.physical.drive_max_mv = 150_000;
         let c = &mut parameters.servo.converters;
-        (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (200i64 << 38) >> 16, ((65_536i64 << 20) / 200) as i32);
-        (c.dac_code_min, c.dac_code_max) = (0, 49_152);
-        parameters.guard.rest_code = 0;
+        (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (200i64 << 38) >> 16, ((65_536i64 << 16) / 200) as i32);
+        (c.dac_code_min, c.dac_code_max) = (DriveCode::new(0), DriveCode::new(49_152));
+        parameters.guard.rest_code = DriveCode::new(0);
         let mut amplifier = Amplifier::new(parameters);
         assert_eq!(amplifier.command(Command::Identify { ticks: 20_000 }), Ok(()));
         for k in 0..REST_BEFORE_TICKS {
-            assert_eq!(amplifier.tick(Some(reading(9_362, k)), false).dac_code, 0, "rests first");
+            assert_eq!(amplifier.tick(Some(reading(DriveCode::new(9_362), k)), false).dac_code, DriveCode::new(0), "rests first");
         }
-        let (mut highest, mut before) = (0, 0u16);
+        let (mut highest, mut before) = (DriveCode::new(0), DriveCode::new(0));
         for k in 0..20_000 {
-            let sample = amplifier.tick(Some(reading(9_362, k)), false);
+            let sample = amplifier.tick(Some(reading(DriveCode::new(9_362), k)), false);
             // The sweep's 2 % of half the range to either side, and what the tones move in a tick.
             assert!(sample.dac_code.abs_diff(before) < 1_300, "no jump");
             before = sample.dac_code;
             highest = highest.max(before);
         }
-        assert!(highest > 47_000, "{highest}");
+        assert!(highest > DriveCode::new(47_000), "{highest}");
     }
 
     #[test]
@@ -556,11 +555,11 @@ mod tests {
         assert_eq!(amplifier.command(Command::Hold { drive: Some(35 << VOLT_FRACTION_BITS) }), Ok(()));
         let ramp = amplifier.parameters().guard.ramp_codes;
         // The example's converter: -20 V at code 0, 140 V over 65536 codes.
-        assert_eq!(run(&mut amplifier, 4000), (25_746, ramp));
+        assert_eq!(run(&mut amplifier, 4000), (DriveCode::new(25_746), ramp));
         assert_eq!(amplifier.mode(), Mode::Playing);
         assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: 0, ticks: 5 }), Err(Refusal::NotAtRest));
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
-        assert_eq!(run(&mut amplifier, 10), (25_746, 0));
+        assert_eq!(run(&mut amplifier, 10), (DriveCode::new(25_746), 0));
         assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000);
@@ -648,7 +647,7 @@ mod tests {
         assert_eq!(amplifier.command(Command::Play { waveform: table(VOLT_FRACTION_BITS), offset: 0, ticks: 60 }), Ok(()));
         let open = run(&mut amplifier, 70);
         // 23 V above the converter's -20 V, 24 V at the marked point: the code of a tick acts at the edge before the next one.
-        let high = (24 * 65_536 / 140) as u16;
+        let high = DriveCode::new(24 * 65_536 / 140);
         let acts: Vec<bool> = open.windows(2).map(|pair| pair[0].1.dac_code.abs_diff(high) < 200).collect();
         let told: Vec<bool> = open.iter().skip(1).map(|(told, _)| *told).collect();
         assert_eq!(told.iter().filter(|told| **told).count(), 15);

@@ -43,6 +43,7 @@ fn same_scale(running: &ConverterParameters, new: &ConverterParameters) -> bool 
         && running.dac_zero == new.dac_zero
         && running.dac_step == new.dac_step
         && running.dac_codes_per_volt == new.dac_codes_per_volt
+        && (running.adc_bits, running.dac_bits) == (new.adc_bits, new.dac_bits)
         && (running.dac_code_min, running.dac_code_max) == (new.dac_code_min, new.dac_code_max)
 }
 
@@ -65,6 +66,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::amplifier::{Amplifier, Command, Mode};
+    use crate::codes::{DriveCode, SensorCode};
     use crate::guard::Fault;
     use crate::one_sided_hysteresis::SurfaceCoefficients;
     use crate::parameter_block::tests::{example, learning_example};
@@ -76,10 +78,10 @@ mod tests {
     const CODES_PER_VOLT: f64 = 65_536.0 / 140.0;
 
     /// A massless linear actuator with a gain of 1/7 um/V, read by the ADC of the example with so many codes of noise.
-    fn reading(code: u16, tick: u32, noise_codes: u32) -> u16 {
+    fn reading(code: DriveCode, tick: u32, noise_codes: u32) -> SensorCode {
         let volts = f64::from(code) * 140.0 / 65_536.0 - 20.0;
         let noise = (tick.wrapping_mul(2_654_435_761) >> 16) % (noise_codes + 1);
-        ((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u16 + noise as u16
+        SensorCode::new(((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u32 + noise)
     }
 
     /// Gains of a regulator that is stable around that actuator, a feedforward of nearly one, and an actuator's gain that is believed, V/um.
@@ -135,7 +137,7 @@ mod tests {
     /// An amplifier in front of the actuator, and what its law had to do in the last tick, um: error, its change, feedforward.
     struct Running {
         amplifier: Amplifier,
-        code: u16,
+        code: DriveCode,
         tick: u32,
         noise_codes: u32,
     }
@@ -155,7 +157,7 @@ mod tests {
             this
         }
 
-        fn reading(&self) -> u16 {
+        fn reading(&self) -> SensorCode {
             reading(self.code, self.tick, self.noise_codes)
         }
 
@@ -271,13 +273,13 @@ mod tests {
         assert_eq!(refused(&|new| new.servo.converters.dac_zero += 1), SCALE);
         assert_eq!(refused(&|new| new.servo.converters.dac_step += 1), SCALE);
         assert_eq!(refused(&|new| new.servo.converters.dac_codes_per_volt += 1), SCALE);
-        assert_eq!(refused(&|new| new.servo.converters.dac_code_min += 1), SCALE);
-        assert_eq!(refused(&|new| new.servo.converters.dac_code_max -= 1), SCALE);
+        assert_eq!(refused(&|new| new.servo.converters.dac_code_min = new.servo.converters.dac_code_min + 1), SCALE);
+        assert_eq!(refused(&|new| new.servo.converters.dac_code_max = new.servo.converters.dac_code_max - 1), SCALE);
         const REST: Result<(), &str> = Err("another rest, ramp or slew limit");
-        assert_eq!(refused(&|new| new.guard.rest_code += 1), REST);
+        assert_eq!(refused(&|new| new.guard.rest_code = new.guard.rest_code + 1), REST);
         assert_eq!(refused(&|new| new.guard.ramp_codes += 1), REST);
-        assert_eq!(refused(&|new| new.guard.adc_code_max -= 1), REST);
-        assert_eq!(refused(&|new| new.guard.adc_code_min += 1), REST);
+        assert_eq!(refused(&|new| new.guard.adc_code_max = new.guard.adc_code_max - 1), REST);
+        assert_eq!(refused(&|new| new.guard.adc_code_min = new.guard.adc_code_min + 1), REST);
         assert_eq!(refused(&|new| new.servo.converters.slew_codes -= 1), REST);
         assert_eq!(refused(&|new| new.physical.slew_limit_v_s -= 1), REST);
         const KIND: Result<(), &str> = Err("another kind of actuator, or a hysteresis over another range of the drive");
@@ -301,7 +303,7 @@ mod tests {
         let mut running = Running::begin(&family, 10.0, 1.0, 3);
         running.run(3000);
         let mut other = block(&family);
-        other.guard.rest_code += 1;
+        other.guard.rest_code = other.guard.rest_code + 1;
         let mut stayed = Running { amplifier: running.amplifier.clone(), ..running };
         assert_eq!(running.amplifier.swap(&other), Err("another rest, ramp or slew limit"));
         assert_eq!((running.run(500), running.code), (stayed.run(500), stayed.code));

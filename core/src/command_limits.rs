@@ -57,6 +57,7 @@ pub fn check(command: &Command, parameters: &AmplifierParameters) -> Result<(), 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::codes::SensorCode;
     use crate::command_text::{Line, parse};
     use crate::parameter_block::tests::example;
 
@@ -65,8 +66,8 @@ mod tests {
         let mut parameters = example();
         parameters.servo.converters.adc_zero = -(1 << 24);
         parameters.servo.converters.adc_step = (15i64 << 40) / 65_536;
-        parameters.guard.adc_code_min = 0;
-        parameters.guard.adc_code_max = u16::MAX;
+        parameters.guard.adc_code_min = SensorCode::new(0);
+        parameters.guard.adc_code_max = SensorCode::new(65_535);
         (parameters.physical.drive_min_mv, parameters.physical.drive_max_mv) = (0, 80_000);
         let Ok(Line::Control(None, command)) = parse(text, 20_000) else { panic!("{text}") };
         check(&command, &parameters).is_ok()

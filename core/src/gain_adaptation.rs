@@ -281,6 +281,7 @@ fn times(value: i32, gain: i32) -> i32 {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::codes::{DriveCode, SensorCode};
     use crate::parameter_block::tests::example;
     use crate::predictor_law::{OUTPUT_ROW_FRACTION_BITS, PredictorParameters, STATE_ROW_FRACTION_BITS, STATES};
     use crate::reference_window::PREVIEW_TICKS;
@@ -319,9 +320,9 @@ mod tests {
     }
 
     /// An actuator without dynamics whose gain is so many hundredths of the model's, following a triangle; the codes and errors of all ticks.
-    fn run(servo: &mut ServoTick, hundredths: i64, ticks: usize, amplitude: i32) -> (Vec<u16>, Vec<i32>) {
+    fn run(servo: &mut ServoTick, hundredths: i64, ticks: usize, amplitude: i32) -> (Vec<DriveCode>, Vec<i32>) {
         let c = servo.parameters().converters;
-        let code_of = |um: i64| (((um - i64::from(c.adc_zero)) << 16) / c.adc_step).clamp(0, 65_535) as u16;
+        let code_of = |um: i64| SensorCode::new((((um - i64::from(c.adc_zero)) << 16) / c.adc_step).clamp(0, 65_535) as u32);
         let reference = |k: usize| (5 << 24) + ((k % 200).min(200 - k % 200) as i32 - 50) * (amplitude / 50);
         servo.open_loop(c.dac_code_min + 16_000);
         let mut acting = i64::from(servo.applied().to_bits());
@@ -406,7 +407,7 @@ mod tests {
         let (codes, _) = run(&mut servo, 85, 60_000, 1 << 23);
         assert!(gain(&servo) < 0.9);
         // A tick of the triangle is 10 nm, 33 codes.
-        let steps: Vec<u16> = codes.windows(2).skip(1000).map(|pair| pair[0].abs_diff(pair[1])).collect();
+        let steps: Vec<u32> = codes.windows(2).skip(1000).map(|pair| pair[0].abs_diff(pair[1])).collect();
         assert!(steps.iter().all(|step| *step < 80), "{:?}", steps.iter().max());
     }
 
@@ -420,7 +421,7 @@ mod tests {
         servo.exchange(&block);
         assert_eq!((gain(&servo), servo.parameters() == &block), (1.0, true));
         let c = block.converters;
-        let read = ((i64::from(stayed.reference().to_bits() - c.adc_zero) << 16) / c.adc_step) as u16;
+        let read = SensorCode::new(((i64::from(stayed.reference().to_bits() - c.adc_zero) << 16) / c.adc_step) as u32);
         let ahead = stayed.reference();
         let codes = [&mut stayed, &mut servo].map(|servo| servo.tick(read, ahead));
         // The reference moves by 10 nm a tick, 33 codes: a tenth of it is what the gains differ by.

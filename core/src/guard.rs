@@ -17,6 +17,8 @@
 //! | host lost | the drive is live and no command came for longer than a time that the host chose | ramp to rest |
 //! | parameter block, watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
+use crate::codes::{DriveCode, SensorCode};
+
 /// What can be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -96,21 +98,21 @@ impl Fault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GuardParameters {
     /// Lowest code that the sensor can honestly give.
-    pub adc_code_min: u16,
+    pub adc_code_min: SensorCode,
     /// Highest one.
-    pub adc_code_max: u16,
+    pub adc_code_max: SensorCode,
     /// Ticks of the same code that mean a stuck sensor; 0 switches the check off (a noiseless sensor).
     pub stuck_ticks: u16,
     /// Largest honest change from tick to tick, codes.
-    pub jump_codes: u16,
+    pub jump_codes: u32,
     /// Largest tracking error, um with 24 fraction bits.
     pub tracking_error: i32,
     /// Ticks for which it may be larger, or for which the law may want more than the slew limit.
     pub tracking_ticks: u16,
     /// Change of the drive in one tick on the way to rest, codes.
-    pub ramp_codes: u16,
+    pub ramp_codes: u32,
     /// Drive code of rest.
-    pub rest_code: u16,
+    pub rest_code: DriveCode,
     /// Ticks of a healthy sensor before a fault can be cleared.
     pub healthy_ticks: u16,
 }
@@ -119,7 +121,7 @@ pub struct GuardParameters {
 #[derive(Clone, Debug)]
 pub struct Guard {
     parameters: GuardParameters,
-    last_code: Option<u16>,
+    last_code: Option<SensorCode>,
     same: u16,
     late: u16,
     slewing: u16,
@@ -146,7 +148,7 @@ impl Guard {
 
     /// Looks at a reading; `None` if the converter did not answer.
     #[inline]
-    pub fn inspect(&mut self, reading: Option<u16>) -> Option<Fault> {
+    pub fn inspect(&mut self, reading: Option<SensorCode>) -> Option<Fault> {
         let fault = self.sensor_fault(reading);
         self.last_code = reading;
         self.healthy = if fault.is_some() { 0 } else { self.healthy.saturating_add(1) };
@@ -154,7 +156,7 @@ impl Guard {
     }
 
     #[inline]
-    fn sensor_fault(&mut self, reading: Option<u16>) -> Option<Fault> {
+    fn sensor_fault(&mut self, reading: Option<SensorCode>) -> Option<Fault> {
         let p = &self.parameters;
         let Some(code) = reading else { return Some(Fault::SensorSilent) };
         if code < p.adc_code_min || code > p.adc_code_max {
@@ -190,16 +192,16 @@ impl Guard {
     /// The next code on the way to rest.
     #[inline]
     #[must_use]
-    pub fn towards_rest(&self, code: u16) -> u16 {
+    pub fn towards_rest(&self, code: DriveCode) -> DriveCode {
         self.towards(code, self.parameters.rest_code)
     }
 
     /// The next code on the way to another, as fast as to rest.
     #[inline]
     #[must_use]
-    pub fn towards(&self, code: u16, aim: u16) -> u16 {
+    pub fn towards(&self, code: DriveCode, aim: DriveCode) -> DriveCode {
         let ramp = self.parameters.ramp_codes.max(1);
-        if code > aim { code.saturating_sub(ramp).max(aim) } else { code.saturating_add(ramp).min(aim) }
+        if code > aim { (code - ramp).max(aim) } else { (code + ramp).min(aim) }
     }
 }
 
@@ -208,22 +210,22 @@ mod tests {
     use super::*;
 
     const PARAMETERS: GuardParameters = GuardParameters {
-        adc_code_min: 16,
-        adc_code_max: 65_519,
+        adc_code_min: SensorCode::new(16),
+        adc_code_max: SensorCode::new(65_519),
         stuck_ticks: 10,
         jump_codes: 3000,
         tracking_error: 1 << 24,
         tracking_ticks: 5,
         ramp_codes: 100,
-        rest_code: 9362,
+        rest_code: DriveCode::new(9362),
         healthy_ticks: 20,
     };
 
     #[test]
     fn each_sensor_fault_has_its_name() {
-        let after = |codes: &[Option<u16>]| {
+        let after = |codes: &[Option<u32>]| {
             let mut guard = Guard::new(PARAMETERS);
-            codes.iter().find_map(|code| guard.inspect(*code))
+            codes.iter().find_map(|code| guard.inspect(code.map(SensorCode::new)))
         };
         assert_eq!(after(&[Some(5000), Some(5001), Some(4999)]), None);
         assert_eq!(after(&[Some(5000), None]), Some(Fault::SensorSilent));
@@ -247,14 +249,14 @@ mod tests {
     #[test]
     fn rest_is_reached_from_both_sides_and_kept() {
         let guard = Guard::new(PARAMETERS);
-        for start in [0u16, 9300, 9362, 20_000, 65_535] {
-            let mut code = start;
+        for start in [0u32, 9300, 9362, 20_000, 65_535] {
+            let mut code = DriveCode::new(start);
             for _ in 0..600 {
                 let next = guard.towards_rest(code);
                 assert!(next.abs_diff(code) <= 100);
                 code = next;
             }
-            assert_eq!(code, 9362);
+            assert_eq!(code, DriveCode::new(9362));
         }
     }
 

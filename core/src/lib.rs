@@ -12,6 +12,7 @@ mod accepted_blocks;
 pub mod amplifier;
 pub mod block_swap;
 pub mod checksum;
+pub mod codes;
 pub mod command_limits;
 pub mod command_lines;
 pub mod command_schedule;

@@ -1,13 +1,14 @@
 //! The parameter block: everything that the amplifier needs to know, as bytes that can be kept in flash and trusted.
 //!
 //! # How it works
-//! Little-endian: `HYST`, version (3), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
+//! Little-endian: `HYST`, version (4), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
 //! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
 //! field by field in the order of [`Wire`]'s implementations; last, and only where a periodic reference is learned, the filters for it, and behind them, only where
 //! the gain is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another
 //! sampling rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
 
 use crate::checksum::crc32;
+use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use crate::gain_adaptation::AdaptationParameters;
 use crate::guard::GuardParameters;
@@ -16,14 +17,14 @@ use crate::learned_feedforward::LearningParameters;
 use crate::one_sided_hysteresis::{SURFACE_FRACTION_BITS, SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients};
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
-use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
 use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
 
 /// First bytes of a block.
 pub const MAGIC: [u8; 4] = *b"HYST";
 /// Version of the layout.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
@@ -165,6 +166,21 @@ macro_rules! wire_integers {
 }
 wire_integers!(u8, u16, i16, u32, i32, i64);
 
+macro_rules! wire_codes {
+    ($($type:ty),*) => {$(
+        impl Wire for $type {
+            fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+                self.steps().write(to)
+            }
+            fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
+                let steps = u32::read(from)?;
+                if steps > Self::MOST.steps() { Err(BlockError::Value) } else { Ok(Self::new(steps)) }
+            }
+        }
+    )*};
+}
+wire_codes!(SensorCode, DriveCode);
+
 impl Wire for bool {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
         u8::from(*self).write(to)
@@ -217,6 +233,8 @@ wire_struct!(ConverterParameters {
     dac_code_min,
     dac_code_max,
     slew_codes,
+    adc_bits,
+    dac_bits,
     noise_shaping
 });
 wire_struct!(CreepInverseParameters { terms, shares, rates, at_rest });
@@ -530,17 +548,24 @@ impl LawParameters {
 /// Position is within +-128 um and drive within +-512 V ([`crate::signal`]). The sensor is zeroed wherever it stands, so its whole span must
 /// fit on one side of zero: 127 um.
 fn converters_fit(c: &ConverterParameters) -> Result<(), BlockError> {
-    let end = |zero: i32, step: i64, code: u16| step.checked_mul(i64::from(code)).map(|all| i64::from(zero) + (all >> 16));
+    let has_bits = |bits: u8| (LEAST_BITS..=MOST_BITS).contains(&bits);
+    if !has_bits(c.adc_bits) || !has_bits(c.dac_bits) || c.dac_code_max > DriveCode::highest(c.dac_bits) {
+        return Err(BlockError::Range("converters have 8 to 20 bits, and no code beyond them"));
+    }
+    let end = |zero: i32, step: i64, code: i64| step.checked_mul(code).map(|all| i64::from(zero) + (all >> 16));
     let within = |end: Option<i64>| end.is_some_and(|end| i32::try_from(end).is_ok());
-    if c.adc_step <= 0 || c.adc_step > 127 << 24 || !within(end(c.adc_zero, c.adc_step, u16::MAX)) {
+    if c.adc_step <= 0
+        || c.adc_step > (127i64 << 40) >> c.adc_bits
+        || !within(end(c.adc_zero, c.adc_step, SensorCode::highest(c.adc_bits).into()))
+    {
         return Err(BlockError::Range("the sensor's span must be at most 127 um, within +-128 um"));
     }
-    let whole_drive = within(end(0, c.dac_step, c.dac_code_max)) && within(end(c.dac_zero, c.dac_step, c.dac_code_max));
+    let whole_drive = within(end(0, c.dac_step, c.dac_code_max.into())) && within(end(c.dac_zero, c.dac_step, c.dac_code_max.into()));
     if c.dac_step <= 0 || !whole_drive {
         return Err(BlockError::Range("the drive must stay within +-512 V"));
     }
-    // V per code (38) times codes per V (20).
-    if c.dac_codes_per_volt <= 0 || !reciprocal(c.dac_step, c.dac_codes_per_volt.into(), 58) {
+    // V per code (38) times codes per V (16).
+    if c.dac_codes_per_volt <= 0 || !reciprocal(c.dac_step, c.dac_codes_per_volt.into(), 54) {
         return Err(BlockError::Mismatch);
     }
     Ok(())
@@ -606,22 +631,23 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
     }
     // V per tick with 38 fraction bits.
     let slew = (i64::from(physical.slew_limit_v_s.min(MOST_SLEW_V_S)) << 38) / i64::from(sample_rate_hz);
-    if c.slew_codes == 0 || i64::from(c.slew_codes) * c.dac_step > slew {
+    if c.slew_codes == 0 || c.slew_codes > NO_SLEW_LIMIT || i64::from(c.slew_codes) * c.dac_step > slew {
         return Err(BlockError::Range("the slew limit must allow a code a tick, and no more than it says"));
     }
     if guard.ramp_codes == 0 || guard.ramp_codes > c.slew_codes {
         return Err(BlockError::Range("the ramp to rest must move, and no faster than the slew limit"));
     }
     // Drive at a code, mV: V with 22 fraction bits + codes * V with 38.
-    let drive_mv = |code: u16| ((i64::from(c.dac_zero) + ((i64::from(code) * c.dac_step) >> 16)) * 1000) >> 22;
-    let near = |code: u16, limit_mv: i32| (drive_mv(code) - i64::from(limit_mv)).abs() <= 2 * step_mv;
-    let span_nm = (((c.adc_step * 65_536) >> 16) * 1000) >> 24;
+    let drive_mv = |code: DriveCode| ((i64::from(c.dac_zero) + ((i64::from(code) * c.dac_step) >> 16)) * 1000) >> 22;
+    let near = |code: DriveCode, limit_mv: i32| (drive_mv(code) - i64::from(limit_mv)).abs() <= 2 * step_mv;
+    let span_nm = (((c.adc_step << c.adc_bits) >> 16) * 1000) >> 24;
     let fits = c.dac_code_min < c.dac_code_max
         && near(c.dac_code_min, physical.drive_min_mv)
         && near(c.dac_code_max, physical.drive_max_mv)
         && (span_nm - i64::from(physical.sensor_span_nm)).abs() <= i64::from(physical.sensor_span_nm) / 1000 + 1
         && (c.dac_code_min..=c.dac_code_max).contains(&guard.rest_code)
-        && guard.adc_code_min < guard.adc_code_max;
+        && guard.adc_code_min < guard.adc_code_max
+        && guard.adc_code_max <= SensorCode::highest(c.adc_bits);
     if fits { Ok(()) } else { Err(BlockError::Mismatch) }
 }
 
@@ -667,10 +693,12 @@ pub(crate) mod tests {
                     adc_step: (15i64 << 40) >> 16,
                     dac_zero: -20 << 22,
                     dac_step,
-                    dac_codes_per_volt: ((65_536i64 << 20) / 140) as i32,
-                    dac_code_min: 9363,
-                    dac_code_max: 46_811,
+                    dac_codes_per_volt: ((65_536i64 << 16) / 140) as i32,
+                    dac_code_min: DriveCode::new(9363),
+                    dac_code_max: DriveCode::new(46_811),
                     slew_codes: 2340,
+                    adc_bits: 16,
+                    dac_bits: 16,
                     noise_shaping: false,
                 },
                 actuator: ActuatorParameters::Linear { volts_per_micrometre: 7 << 20, micrometres_per_volt: (1 << 28) / 7 },
@@ -686,14 +714,14 @@ pub(crate) mod tests {
                 adaptation: None,
             },
             guard: GuardParameters {
-                adc_code_min: 16,
-                adc_code_max: 65_519,
+                adc_code_min: SensorCode::new(16),
+                adc_code_max: SensorCode::new(65_519),
                 stuck_ticks: 50,
                 jump_codes: 8000,
                 tracking_error: 4 << 24,
                 tracking_ticks: 200,
                 ramp_codes: 40,
-                rest_code: 9363,
+                rest_code: DriveCode::new(9363),
                 healthy_ticks: 1000,
             },
         }
@@ -786,7 +814,7 @@ pub(crate) mod tests {
         unstable.physical.spectral_radius_millionths = 1_000_000;
         assert_eq!(read(&written(&unstable), 20_000), Err(BlockError::Unstable));
         let mut mismatched = good;
-        mismatched.servo.converters.dac_code_max = 65_535;
+        mismatched.servo.converters.dac_code_max = DriveCode::new(65_535);
         assert_eq!(read(&written(&mismatched), 20_000), Err(BlockError::Mismatch));
         let mut mismatched = good;
         mismatched.physical.sensor_span_nm = 10_000;

@@ -2,6 +2,7 @@
 //!
 //! The formats are those of [`crate::signal`]; where a number has another one, its field says so.
 
+use crate::codes::{DriveCode, MOST_BITS, SensorCode};
 use crate::gain_adaptation::AdaptationParameters;
 use crate::learned_feedforward::LearningParameters;
 use crate::one_sided_hysteresis::SurfaceCoefficients;
@@ -10,6 +11,11 @@ use crate::predictor_law::PredictorParameters;
 use crate::signal::narrow;
 use crate::sliding_mode_controller::SlidingModeParameters;
 use crate::state_estimator::EstimatorParameters;
+
+/// Fraction bits of codes per volt.
+pub const CODES_PER_VOLT_FRACTION_BITS: u32 = 16;
+/// More codes than any converter has.
+pub const NO_SLEW_LIMIT: u32 = 1 << MOST_BITS;
 
 /// Converters and limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,14 +28,18 @@ pub struct ConverterParameters {
     pub dac_zero: i32,
     /// Drive per DAC code, V with 38 fraction bits.
     pub dac_step: i64,
-    /// DAC codes per volt, with 20 fraction bits.
+    /// DAC codes per volt, with [`CODES_PER_VOLT_FRACTION_BITS`]: below 32 768 codes per volt, 20 bits over 32 V.
     pub dac_codes_per_volt: i32,
     /// Lowest DAC code within the limits of the actuator.
-    pub dac_code_min: u16,
+    pub dac_code_min: DriveCode,
     /// Highest DAC code within the limits of the actuator.
-    pub dac_code_max: u16,
-    /// Largest change of the drive in one tick, codes: the slew limit of the amplifier; `u16::MAX` is none.
-    pub slew_codes: u16,
+    pub dac_code_max: DriveCode,
+    /// Largest change of the drive in one tick, codes: the slew limit of the amplifier; [`NO_SLEW_LIMIT`] is none.
+    pub slew_codes: u32,
+    /// Bits of the ADC's codes, 8 to 20.
+    pub adc_bits: u8,
+    /// Bits of the DAC's codes, 8 to 20.
+    pub dac_bits: u8,
     /// Carries the rounding error of each code into the next one, which moves it to high frequencies.
     pub noise_shaping: bool,
 }
@@ -38,14 +48,22 @@ impl ConverterParameters {
     /// Position for an ADC code, um with 24 fraction bits.
     #[inline]
     #[must_use]
-    pub fn position(&self, adc_code: u16) -> i32 {
+    pub fn position(&self, adc_code: SensorCode) -> i32 {
         self.adc_zero.saturating_add(narrow((i64::from(adc_code) * self.adc_step) >> 16))
+    }
+
+    /// The nearest DAC code to a drive (V with 22 fraction bits), in steps; below 0 and beyond the last one it is no code.
+    #[inline]
+    #[must_use]
+    pub fn steps(&self, drive: i32) -> i32 {
+        // V (22) * codes/V (16) -> codes; 63 bits less 38 always fit.
+        narrow((i64::from(drive.saturating_sub(self.dac_zero)) * i64::from(self.dac_codes_per_volt) + (1i64 << 37)) >> 38)
     }
 
     /// Drive for a DAC code, V with 22 fraction bits.
     #[inline]
     #[must_use]
-    pub fn drive(&self, dac_code: u16) -> i32 {
+    pub fn drive(&self, dac_code: DriveCode) -> i32 {
         self.dac_zero.saturating_add(narrow((i64::from(dac_code) * self.dac_step) >> 16))
     }
 }

@@ -22,6 +22,7 @@
 //! # What is counted
 //! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left their format.
 
+use crate::codes::{DriveCode, SensorCode};
 use crate::gain_adaptation::GainAdaptation;
 use crate::learned_feedforward::LearnedFeedforward;
 use crate::one_sided_hysteresis::OneSidedHysteresis;
@@ -59,7 +60,7 @@ enum LawState {
 #[repr(C)]
 pub struct ServoTick {
     /// Codes of the last two ticks, newest first, and their drives, V.
-    code: u16,
+    code: DriveCode,
     drives: [i32; 2],
     /// Force-equivalent displacement of the newest drive, um (V for a direct actuator).
     applied: i32,
@@ -111,7 +112,7 @@ impl ServoTick {
     }
 
     /// Switches the servo off and applies a code: conditioning, identification. Returns the code within the limits.
-    pub fn open_loop(&mut self, code: u16) -> u16 {
+    pub fn open_loop(&mut self, code: DriveCode) -> DriveCode {
         self.law = LawState::Off;
         self.note(code.max(self.parameters.converters.dac_code_min).min(self.parameters.converters.dac_code_max));
         self.code
@@ -211,14 +212,14 @@ impl ServoTick {
     /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
     /// Returns the code to apply.
     #[inline(never)]
-    pub fn tick(&mut self, adc_code: u16, reference_ahead: Micrometres) -> u16 {
+    pub fn tick(&mut self, adc_code: SensorCode, reference_ahead: Micrometres) -> DriveCode {
         let ahead = reference_ahead.to_bits();
         if self.learns { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead) }
     }
 
     /// [`Self::follow`] with what is learned: apart, so that a tick that learns nothing pays for the question only.
     #[inline(never)]
-    fn tick_and_learn(&mut self, adc_code: u16, ahead: i32) -> u16 {
+    fn tick_and_learn(&mut self, adc_code: SensorCode, ahead: i32) -> DriveCode {
         let entering = self.learner.enter();
         let code = self.follow(adc_code, ahead.saturating_add(entering));
         if let Some(learning) = &self.parameters.learning {
@@ -249,7 +250,7 @@ impl ServoTick {
     /// One period towards a reference.
     // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it widens them and reloads every address.
     #[inline(never)]
-    fn follow(&mut self, adc_code: u16, ahead: i32) -> u16 {
+    fn follow(&mut self, adc_code: SensorCode, ahead: i32) -> DriveCode {
         let reading = self.parameters.converters.position(adc_code);
         self.reading = reading;
         if matches!(self.law, LawState::Fresh) {
@@ -319,10 +320,10 @@ impl ServoTick {
     fn convert(&mut self, drive: i32, unreachable: i32) {
         let c = &self.parameters.converters;
         let wanted = if c.noise_shaping { drive.saturating_add(self.rounding_error) } else { drive };
-        // V (22) * codes/V (20) -> codes; 62 bits less 42 always fit.
-        let code = narrow((i64::from(wanted.saturating_sub(c.dac_zero)) * i64::from(c.dac_codes_per_volt) + (1i64 << 41)) >> 42);
-        let (before, slew) = (i32::from(self.code), i32::from(c.slew_codes));
-        let within = code.max(i32::from(c.dac_code_min)).min(i32::from(c.dac_code_max));
+        let code = c.steps(wanted);
+        // At most 20 bits, and as many again: no sum leaves 32.
+        let (before, slew) = (self.code.steps() as i32, c.slew_codes as i32);
+        let within = code.max(c.dac_code_min.steps() as i32).min(c.dac_code_max.steps() as i32);
         let reached = within.max(before - slew).min(before + slew);
         self.slewing = reached != within;
         self.limited = i32::from(code > reached) - i32::from(code < reached);
@@ -332,13 +333,13 @@ impl ServoTick {
         if self.limited != 0 {
             self.counters.limited_ticks = self.counters.limited_ticks.saturating_add(1);
         }
-        self.note(reached as u16);
+        self.note(DriveCode::known(reached));
         self.rounding_error = if self.limited == 0 { wanted.saturating_sub(self.drives[0]) } else { 0 };
     }
 
     /// Takes note of a code that will act.
     #[inline]
-    fn note(&mut self, code: u16) {
+    fn note(&mut self, code: DriveCode) {
         let c = &self.parameters.converters;
         let drive = c.drive(code);
         self.code = code;

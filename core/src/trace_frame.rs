@@ -15,17 +15,22 @@
 //! | .. | the chosen channels of each sample, in the order of [`Channels`] |
 //! | 4 | CRC-32 of all that |
 //!
+//! Codes are 20 bits each, the sensor's lowest; mode and fault are 2 and 6 bits.
+//!
 //! A reader finds every loss: sequence numbers that do not follow, and the count.
 
 use crate::checksum::crc32;
+use crate::codes::{DriveCode, MOST_BITS, SensorCode};
 use heapless::Vec;
 
 /// Version of the block's layout.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Samples in a full block.
 pub const BLOCK_SAMPLES: usize = 16;
 const HEADER_BYTES: usize = 13;
 const CHECKSUM_BYTES: usize = 4;
+/// Bytes of both codes.
+pub const CODE_BYTES: usize = 5;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = HEADER_BYTES + BLOCK_SAMPLES * 18 + CHECKSUM_BYTES;
 
@@ -35,9 +40,9 @@ pub struct TraceSample {
     /// Tick since the start.
     pub tick: u32,
     /// ADC code read at this tick.
-    pub adc_code: u16,
+    pub adc_code: SensorCode,
     /// DAC code computed at this tick; it acts from the next tick on.
-    pub dac_code: u16,
+    pub dac_code: DriveCode,
     /// Reference at this tick, um with 24 fraction bits.
     pub reference: i32,
     /// Force-equivalent displacement of the code, um with 24 fraction bits (V with 22 for a direct actuator).
@@ -46,6 +51,68 @@ pub struct TraceSample {
     pub unknown_input: i32,
     /// Mode (low byte) and fault (high byte).
     pub flags: u16,
+}
+
+/// A tick as it is kept and queued, 24 bytes: mode and fault have the bits that the codes leave free.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PackedSample {
+    tick: u32,
+    /// Sensor's code, and the mode above it.
+    sensor: u32,
+    /// Drive's code, and the fault above it.
+    drive: u32,
+    reference: i32,
+    applied: i32,
+    unknown_input: i32,
+}
+
+const CODE_MASK: u32 = (1 << MOST_BITS) - 1;
+
+impl TraceSample {
+    /// Packed.
+    #[inline(always)]
+    #[must_use]
+    pub fn packed(&self) -> PackedSample {
+        PackedSample {
+            tick: self.tick,
+            sensor: self.adc_code.steps() | u32::from(self.flags & 0xFF) << MOST_BITS,
+            drive: self.dac_code.steps() | u32::from(self.flags >> 8) << MOST_BITS,
+            reference: self.reference,
+            applied: self.applied,
+            unknown_input: self.unknown_input,
+        }
+    }
+}
+
+impl PackedSample {
+    /// As it was.
+    #[must_use]
+    pub fn unpacked(&self) -> TraceSample {
+        TraceSample {
+            tick: self.tick,
+            adc_code: SensorCode::new(self.sensor & CODE_MASK),
+            dac_code: DriveCode::new(self.drive & CODE_MASK),
+            reference: self.reference,
+            applied: self.applied,
+            unknown_input: self.unknown_input,
+            flags: (self.sensor >> MOST_BITS) as u16 | ((self.drive >> MOST_BITS) as u16) << 8,
+        }
+    }
+}
+
+/// Both codes in 40 bits, the sensor's lowest.
+#[must_use]
+pub fn code_bytes(sensor: SensorCode, drive: DriveCode) -> [u8; CODE_BYTES] {
+    let [a, b, c, d, e, ..] = (u64::from(sensor.steps()) | u64::from(drive.steps()) << MOST_BITS).to_le_bytes();
+    [a, b, c, d, e]
+}
+
+/// The codes of [`code_bytes`].
+#[must_use]
+pub fn codes_of(bytes: [u8; CODE_BYTES]) -> (SensorCode, DriveCode) {
+    let [a, b, c, d, e] = bytes;
+    let both = u64::from_le_bytes([a, b, c, d, e, 0, 0, 0]);
+    (SensorCode::new(both as u32 & CODE_MASK), DriveCode::new((both >> MOST_BITS) as u32 & CODE_MASK))
 }
 
 /// Which channels of a sample are sent.
@@ -74,11 +141,11 @@ impl Channels {
 
     const fn sample_bytes(self) -> usize {
         let mut bytes = 0;
-        bytes += if self.has(Self::CODES) { 4 } else { 0 };
+        bytes += if self.has(Self::CODES) { CODE_BYTES } else { 0 };
         bytes += if self.has(Self::REFERENCE) { 4 } else { 0 };
         bytes += if self.has(Self::APPLIED) { 4 } else { 0 };
         bytes += if self.has(Self::UNKNOWN_INPUT) { 4 } else { 0 };
-        bytes + if self.has(Self::FLAGS) { 2 } else { 0 }
+        bytes + if self.has(Self::FLAGS) { 1 } else { 0 }
     }
 }
 
@@ -123,8 +190,7 @@ impl TraceBlock {
         }
         let c = self.channels;
         if c.has(Channels::CODES) {
-            let _ = self.bytes.extend_from_slice(&sample.adc_code.to_le_bytes());
-            let _ = self.bytes.extend_from_slice(&sample.dac_code.to_le_bytes());
+            let _ = self.bytes.extend_from_slice(&code_bytes(sample.adc_code, sample.dac_code));
         }
         for (channel, value) in
             [(Channels::REFERENCE, sample.reference), (Channels::APPLIED, sample.applied), (Channels::UNKNOWN_INPUT, sample.unknown_input)]
@@ -134,7 +200,8 @@ impl TraceBlock {
             }
         }
         if c.has(Channels::FLAGS) {
-            let _ = self.bytes.extend_from_slice(&sample.flags.to_le_bytes());
+            // Two bits of mode, six of fault.
+            let _ = self.bytes.push((sample.flags & 3) as u8 | ((sample.flags >> 8) << 2) as u8);
         }
         self.samples += 1;
         self.next_tick = sample.tick.wrapping_add(u32::from(self.decimation));
@@ -220,8 +287,7 @@ impl<'a> ReadBlock<'a> {
             let mut sample = TraceSample { tick: first.wrapping_add(k.wrapping_mul(decimation)), ..TraceSample::default() };
             let mut rest = bytes;
             if channels.has(Channels::CODES) {
-                sample.adc_code = u16::from_le_bytes(take(&mut rest));
-                sample.dac_code = u16::from_le_bytes(take(&mut rest));
+                (sample.adc_code, sample.dac_code) = codes_of(take(&mut rest));
             }
             for (channel, value) in [
                 (Channels::REFERENCE, &mut sample.reference),
@@ -233,7 +299,8 @@ impl<'a> ReadBlock<'a> {
                 }
             }
             if channels.has(Channels::FLAGS) {
-                sample.flags = u16::from_le_bytes(take(&mut rest));
+                let [flags] = take::<1>(&mut rest);
+                sample.flags = u16::from(flags & 3) | u16::from(flags >> 2) << 8;
             }
             sample
         })
@@ -255,8 +322,8 @@ mod tests {
     fn sample(tick: u32) -> TraceSample {
         TraceSample {
             tick,
-            adc_code: tick as u16 ^ 0x5a5a,
-            dac_code: tick as u16,
+            adc_code: SensorCode::new((tick * 7919) & 0xF_FFFF ^ 0x5_a5a5),
+            dac_code: DriveCode::new(0xF_FFFF - tick),
             reference: tick as i32 * -3,
             applied: tick as i32 * 7,
             unknown_input: -1 - tick as i32,
@@ -277,6 +344,27 @@ mod tests {
             blocks.iter().flat_map(|bytes| ReadBlock::read(bytes).expect("whole").samples().collect::<Vec<_>>()).collect();
         assert_eq!(read, ticks.iter().map(|&tick| sample(tick)).collect::<Vec<_>>());
         assert_eq!(blocks.len(), 4); // 16, 16, 8 before the gap, 5 after
+    }
+
+    #[test]
+    fn a_sample_takes_24_bytes_and_comes_back_whole() {
+        assert_eq!(size_of::<PackedSample>(), 24);
+        for (fault, _) in crate::guard::Fault::ALL {
+            for (mode, code) in [(0, 0), (1, 0xF_FFFF), (2, 0x5_5555), (3, 0xA_AAAA)] {
+                let whole = TraceSample {
+                    adc_code: SensorCode::new(code),
+                    dac_code: DriveCode::new(!code & 0xF_FFFF),
+                    flags: mode | (fault as u16) << 8,
+                    ..sample(code)
+                };
+                assert_eq!(whole.packed().unpacked(), whole);
+                let mut sent = Vec::new();
+                let mut block = TraceBlock::new(Channels::ALL, 1);
+                block.push(&whole, 0, |bytes| sent = bytes.to_vec());
+                block.finish(&mut |bytes: &[u8]| sent = bytes.to_vec());
+                assert_eq!(ReadBlock::read(&sent).expect("whole").samples().next(), Some(whole));
+            }
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use hysteron_core::codes::{DriveCode, MOST_BITS, SensorCode};
 use hysteron_sim::bench::{Bench, Variant};
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::converter_scale::ConverterScale;
@@ -48,7 +49,7 @@ pub enum Trouble {
     /// The cable is off: the line floats high.
     Disconnected,
     /// So many codes more than the honest one, as from a scale that has slipped.
-    Shifted(u16),
+    Shifted(u32),
 }
 
 /// Plant, sensor and the codes between them and the target.
@@ -56,20 +57,20 @@ pub struct World {
     scale: ConverterScale,
     plant: Box<dyn Plant + Send>,
     noise: WhiteNoise,
-    acting_code: u16,
-    written_code: u16,
+    acting_code: DriveCode,
+    written_code: DriveCode,
     /// The drive's output is clamped to ground, which is this code.
     clamped: bool,
-    ground_code: u16,
+    ground_code: DriveCode,
     /// No edge has come since the last reset.
     waiting_for_beat: bool,
     first_edge_ns: Option<u64>,
     began_ns: Option<u64>,
     /// The lowest code that acted without waiting for an edge.
-    pub lowest_between_edges: u16,
+    pub lowest_between_edges: DriveCode,
     last_read_ns: Option<u64>,
     edges: u64,
-    last_code: u16,
+    last_code: SensorCode,
     /// The sensor reads the code that acted in the last period: a wire instead of an actuator.
     pub wire: bool,
     /// Troubles of the sensor.
@@ -77,7 +78,7 @@ pub struct World {
     /// Edges at which the drive's converter loses its supply and gets it again: clamped to ground, its register empty.
     pub converter_brown_outs: Vec<u64>,
     /// At each edge: the code that the sensor gave and the code that acts from it on.
-    pub codes: Vec<(u16, u16)>,
+    pub codes: Vec<(SensorCode, DriveCode)>,
     /// Whether `codes` are kept: not in a run without an end.
     pub keeps_codes: bool,
     /// Is told of every edge: the sensor's code, the code that acts from it on, and the true position, um.
@@ -85,7 +86,7 @@ pub struct World {
 }
 
 /// Who is told of every edge.
-pub type Witness = Box<dyn FnMut(u16, u16, f64) + Send>;
+pub type Witness = Box<dyn FnMut(SensorCode, DriveCode, f64) + Send>;
 
 impl std::fmt::Debug for World {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -118,10 +119,10 @@ impl World {
             waiting_for_beat: true,
             first_edge_ns: None,
             began_ns: None,
-            lowest_between_edges: u16::MAX,
+            lowest_between_edges: DriveCode::MOST,
             last_read_ns: None,
             edges: 0,
-            last_code: 0,
+            last_code: SensorCode::default(),
             wire: false,
             troubles: Vec::new(),
             converter_brown_outs: Vec::new(),
@@ -138,23 +139,23 @@ impl World {
     }
 
     /// One edge of the sample clock: the period before it ends, the code written in it begins to act, the sensor is sampled.
-    pub fn edge(&mut self) -> u16 {
+    pub fn edge(&mut self) -> SensorCode {
         if self.edges > 0 {
             self.plant.advance(self.scale.drive_v(self.acting_code), 0.0);
         }
         if self.converter_brown_outs.contains(&self.edges) {
-            (self.clamped, self.written_code) = (true, 0);
+            (self.clamped, self.written_code) = (true, DriveCode::default());
         }
         let next = if self.clamped { self.ground_code } else { self.written_code };
         let acted = std::mem::replace(&mut self.acting_code, next);
-        let honest = if self.wire { acted } else { self.scale.adc_code(self.plant.sensor_um() + self.noise.next_um()) };
+        let honest = if self.wire { self.over_the_wire(acted) } else { self.scale.adc_code(self.plant.sensor_um() + self.noise.next_um()) };
         let now = self.edges;
         let trouble = self.troubles.iter().find(|trouble| (trouble.from..trouble.to).contains(&now));
         let code = match trouble.map(|trouble| trouble.kind) {
             None => honest,
             Some(Trouble::Stuck) => self.last_code,
-            Some(Trouble::Disconnected) => u16::MAX,
-            Some(Trouble::Shifted(codes)) => honest.saturating_add(codes),
+            Some(Trouble::Disconnected) => SensorCode::highest(self.scale.adc_bits),
+            Some(Trouble::Shifted(codes)) => honest + codes,
         };
         self.last_code = code;
         if self.keeps_codes {
@@ -167,15 +168,20 @@ impl World {
         code
     }
 
+    /// The sensor's code of a drive that a wire brings there: the same share of its range.
+    fn over_the_wire(&self, acted: DriveCode) -> SensorCode {
+        SensorCode::new(acted.steps() << self.scale.adc_bits >> self.scale.dac_bits)
+    }
+
     /// Takes a code that acts from the next edge on.
-    pub fn write(&mut self, code: u16) {
+    pub fn write(&mut self, code: DriveCode) {
         self.written_code = code;
     }
 
     /// The drive's converter wakes up: clamped to ground, its register empty.
     pub fn wake_converter(&mut self, now_ns: u64) {
         self.pass_edges(now_ns);
-        (self.clamped, self.written_code, self.waiting_for_beat) = (true, 0, true);
+        (self.clamped, self.written_code, self.waiting_for_beat) = (true, DriveCode::default(), true);
         self.acting_code = self.ground_code;
     }
 
@@ -196,10 +202,11 @@ impl World {
     /// A frame of the drive's converter that ends at an instant.
     fn frame(&mut self, word: u32, now_ns: u64) {
         self.pass_edges(now_ns);
-        match (word >> 20, u16::try_from(word >> 4 & 0xffff)) {
-            (1, Ok(code)) => self.written_code = code,
+        match word >> 20 {
+            // The register has 20 bits; a code of fewer is their upper ones.
+            1 => self.written_code = DriveCode::new((word & 0xF_FFFF) >> (MOST_BITS - self.scale.dac_bits)),
             // Output on ground, or three-state: bits 2 and 3.
-            (2, _) => self.clamped = word & 0b1100 != 0,
+            2 => self.clamped = word & 0b1100 != 0,
             _ => return,
         }
         let by_hand = self.last_read_ns.is_none_or(|last| now_ns.saturating_sub(last) >= BY_HAND_NS);
@@ -212,12 +219,12 @@ impl World {
 
     /// The code that acts now.
     #[must_use]
-    pub fn acting_code(&self) -> u16 {
+    pub fn acting_code(&self) -> DriveCode {
         self.acting_code
     }
 
     /// Lets all edges up to an instant pass and returns the sensor's code of the last one.
-    fn read_at(&mut self, now_ns: u64) -> u16 {
+    fn read_at(&mut self, now_ns: u64) -> SensorCode {
         self.began_ns.get_or_insert(now_ns);
         let mut first = *self.first_edge_ns.get_or_insert(now_ns);
         if self.last_read_ns.is_some_and(|last| now_ns.saturating_sub(last) > RESTARTED_NS) {
@@ -255,11 +262,11 @@ impl SensorConverter {
 
 impl Peer for SensorConverter {
     fn transfer(&mut self, _: u32, _: u8, context: &mut Timeline<'_, '_>) -> u32 {
-        self.world.lock().map_or(0, |mut world| u32::from(world.read_at(context.now().0)))
+        self.world.lock().map_or(0, |mut world| world.read_at(context.now().0).steps())
     }
 }
 
-/// The drive's converter: 24-bit words, of which the top four bits choose the register and the next sixteen are the code.
+/// The drive's converter: 24-bit words, of which the top four bits choose the register and the others are its code of 20 bits.
 #[derive(Debug)]
 pub struct DriveConverter {
     world: SharedWorld,

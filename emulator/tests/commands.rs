@@ -4,6 +4,7 @@ mod common;
 
 use common::{best_parameters, block, image, parameters, samples};
 use hysteron_core::amplifier::{Mode, REST_BEFORE_TICKS};
+use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::Fault;
 use hysteron_core::servo_parameters::LawParameters;
@@ -117,7 +118,7 @@ fn an_identification_drive_stays_within_the_limits_and_is_traced_whole() {
     let (least, most) = (played.iter().map(|s| s.dac_code).min(), played.iter().map(|s| s.dac_code).max());
     println!("drive codes {least:?} to {most:?}, limits {} to {}", c.dac_code_min, c.dac_code_max);
     assert!(least >= Some(c.dac_code_min) && most <= Some(c.dac_code_max));
-    assert!(most > Some(c.dac_code_min + (c.dac_code_max - c.dac_code_min) / 10 * 9), "nearly the whole range");
+    assert!(most > Some(c.dac_code_min + c.dac_code_max.abs_diff(c.dac_code_min) / 10 * 9), "nearly the whole range");
     let largest_step = played.windows(2).map(|pair| pair[1].dac_code.abs_diff(pair[0].dac_code)).max();
     assert!(largest_step <= Some(c.slew_codes), "no jump: {largest_step:?}");
 }
@@ -154,7 +155,7 @@ fn no_mode_drives_faster_than_the_slew_limit() {
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
     let codes = world.lock().expect("the world").codes.clone();
     let steps = |from: usize, to: usize| codes[from..to].windows(2).map(|pair| pair[0].1.abs_diff(pair[1].1)).max();
-    assert!(codes.iter().map(|(_, acting)| *acting).max() > Some(46_000), "{:?}", texts(&outcome));
+    assert!(codes.iter().map(|(_, acting)| *acting).max() > Some(DriveCode::new(46_000)), "{:?}", texts(&outcome));
     assert_eq!(steps(0, 4_000), Some(468), "a played jump");
     assert!(steps(4_000, codes.len()) <= Some(468), "a closed loop, and the ramp to rest: {:?}", steps(4_000, codes.len()));
     assert_eq!(codes.last().map(|(_, acting)| *acting), Some(parameters.guard.rest_code));

@@ -4,6 +4,7 @@ mod common;
 
 use common::{best_parameters, block, image, parameters, samples};
 use hysteron_core::amplifier::Mode;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
 use hysteron_emulator::board::{NucleoBoard, SafetyLine};
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
@@ -15,7 +16,7 @@ const TROUBLE_FROM: u64 = 2000;
 const TROUBLE_TO: u64 = 4000;
 
 /// Closed loop on a constant reference, a sensor in trouble from 100 ms to 200 ms, `clear` too early and again late, `enable`.
-fn with_trouble(kind: Trouble) -> (Outcome, u16) {
+fn with_trouble(kind: Trouble) -> (Outcome, DriveCode) {
     let bench = Bench::reference().expect("the bench");
     let mut world = World::new(&bench, Variant::PLAIN, 3);
     world.troubles.push(SensorTrouble { from: TROUBLE_FROM, to: TROUBLE_TO, kind });
@@ -95,7 +96,7 @@ fn a_law_that_goes_on_wanting_more_than_the_slew_limit() {
     assert_eq!(counted, 200, "at tick {}", first.tick);
     let before = samples.iter().find(|sample| sample.tick + 1 == first.tick).expect("the tick before");
     assert_eq!(before.flags, Mode::Closed as u16);
-    assert_eq!(before.dac_code - first.dac_code, parameters.guard.ramp_codes, "on the way to rest in the very tick");
+    assert_eq!(before.dac_code, first.dac_code + parameters.guard.ramp_codes, "on the way to rest in the very tick");
     assert_eq!(samples.last().map(|sample| (sample.dac_code, sample.flags)), Some((parameters.guard.rest_code, first.flags)));
 }
 
@@ -151,9 +152,9 @@ fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Codes) {
 
 /// What the converters saw.
 struct Codes {
-    codes: Vec<(u16, u16)>,
+    codes: Vec<(SensorCode, DriveCode)>,
     began_ns: u64,
-    lowest_between_edges: u16,
+    lowest_between_edges: DriveCode,
 }
 
 /// The drive rests from a while after `at_ns` until the loop is closed again, and then it is closed.
@@ -199,8 +200,8 @@ fn a_hard_fault() {
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
     let (outcome, codes) = with_injections(vec![
         (100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED }),
-        // Changes nothing: the run stops there, and the enable output is looked at.
-        (100 * MILLISECOND + 80_000, Injection::Line { line: SafetyLine::Interlock, closed: true }),
+        // Changes nothing: the run stops there, at the end of an instruction, and the enable output is looked at.
+        (100 * MILLISECOND + 79_000, Injection::Line { line: SafetyLine::Interlock, closed: true }),
     ]);
     // At once: the interrupt that fails begins within 50 us, and neither the edge after it nor the restart 100 us later is waited for.
     rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::HardFault);
@@ -422,7 +423,7 @@ fn with_an_open_line(line: SafetyLine, fault: Fault) {
     println!("{}: the ramp begins {ticks} ticks after the line was opened", fault.name());
     assert!(ticks <= 2, "{ticks}");
     let before = samples.iter().find(|sample| sample.tick + 1 == first.tick).expect("the tick before");
-    assert_eq!(before.dac_code.saturating_sub(first.dac_code), parameters.guard.ramp_codes, "on the way to rest in the very tick");
+    assert_eq!(before.dac_code, first.dac_code + parameters.guard.ramp_codes, "on the way to rest in the very tick");
     let closed_again = |sample: &&hysteron_core::trace_frame::TraceSample| sample.tick > first.tick && sample.flags == Mode::Closed as u16;
     let again = samples.iter().find(closed_again).expect("closed again");
     assert!(u64::from(again.tick) > (160 * MILLISECOND - began_ns) / 50_000, "not while the line is open: tick {}", again.tick);

@@ -49,7 +49,7 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
     // DAC1 channel 1 is enabled, its trigger (TSEL = 2) on, and it holds rest.
     let control = register(&outcome, "DAC", dac::Register::Cr);
     assert_eq!((control & 1, control >> 1 & 1, control >> 2 & 15), (1, 1, 2), "{control:#x}");
-    assert_eq!(register(&outcome, "DAC", dac::Register::Dhr12r1), u64::from(parameters.guard.rest_code));
+    assert_eq!(register(&outcome, "DAC", dac::Register::Dhr12r1), u64::from(parameters.guard.rest_code.steps()));
     assert_eq!(outcome.texts_with(&format!("mode fault: {}", Fault::SensorSilent.name())).count(), 1, "{:?}", outcome.messages);
     assert_eq!(outcome.texts_with("refused at tick").count(), 2, "{:?}", outcome.messages);
     assert_eq!(outcome.resets, 0);

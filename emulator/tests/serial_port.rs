@@ -65,7 +65,7 @@ fn a_stop_is_not_held_up_by_an_answer_that_is_being_sent() {
     assert!(before > rest + 5_000, "the loop is closed: {before}");
     let ramp = best_parameters().guard.ramp_codes;
     let turned = (edge(100 * MILLISECOND)..world.codes.len() - 20)
-        .find(|at| world.codes[*at..*at + 20].windows(2).all(|pair| pair[0].1 - pair[1].1 == ramp || pair[1].1 == rest))
+        .find(|at| world.codes[*at..*at + 20].windows(2).all(|pair| pair[1].1 + ramp == pair[0].1 || pair[1].1 == rest))
         .expect("a ramp");
     let late_us = (turned as u64 * 50_000 + first).saturating_sub(100 * MILLISECOND) / 1000;
     println!("stop: the ramp began {late_us} us after the byte was given to the line");

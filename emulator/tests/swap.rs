@@ -96,7 +96,7 @@ fn slowest_instructions(outcome: &Outcome) -> u64 {
 
 /// Swaps, and says by how many codes the first drive of the new block is another one than the old block's, and the largest step of the old block's
 /// drive from tick to tick in the 50 ms before.
-fn swaps(name: &str, running: &AmplifierParameters, new: &AmplifierParameters, reference: &str) -> (u16, u16) {
+fn swaps(name: &str, running: &AmplifierParameters, new: &AmplifierParameters, reference: &str) -> (u32, u32) {
     let stayed = on_host(running, reference, None);
     let bytes = block(new);
     let (outcome, target) = on_target(running, reference, &bytes);
@@ -205,7 +205,7 @@ fn a_block_that_may_not_take_over_changes_nothing() {
     let mut damaged = block(&best_parameters());
     damaged[100] ^= 1;
     let refused = [
-        (with(&|other| other.guard.rest_code += 1), "another rest, ramp or slew limit"),
+        (with(&|other| other.guard.rest_code = other.guard.rest_code + 1), "another rest, ramp or slew limit"),
         (with(&|other| other.physical.name[0] ^= 1), "made for another stage"),
         (with(&|other| other.servo.actuator = parameters().servo.actuator), "another kind of actuator"),
         (with(&|other| other.physical.spectral_radius_millionths = 1_000_000), "not stable when sampled"),

@@ -25,8 +25,8 @@ const ENABLE_TICK: u32 = 301;
 /// What a second of the closed loop comes to: error RMS and peak, nm, drive RMS, V, amplitude at the resonance, nm.
 fn figures(parameters: &AmplifierParameters, window: &[TraceSample]) -> [f64; 4] {
     let c = parameters.servo.converters;
-    let position_um = |code: u16| f64::from(c.adc_zero) / f64::from(1 << 24) + f64::from(code) * c.adc_step as f64 / 2f64.powi(40);
-    let drive_v = |code: u16| f64::from(c.dac_zero) / f64::from(1 << 22) + f64::from(code) * c.dac_step as f64 / 2f64.powi(38);
+    let position_um = |code| f64::from(c.adc_zero) / f64::from(1 << 24) + f64::from(code) * c.adc_step as f64 / 2f64.powi(40);
+    let drive_v = |code| f64::from(c.dac_zero) / f64::from(1 << 22) + f64::from(code) * c.dac_step as f64 / 2f64.powi(38);
     let errors: Vec<f64> =
         window.iter().map(|sample| 1000.0 * (f64::from(sample.reference) / f64::from(1 << 24) - position_um(sample.adc_code))).collect();
     let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / window.len() as f64;

@@ -35,7 +35,7 @@ fn the_output_is_high_while_the_chosen_point_acts_in_every_cycle() {
     let world = world.lock().expect("the world");
     let began_ns = world.began_ns();
     // 0.5 V above the 10 V of the others, of -20..120 V.
-    let is_third = |code: u16| f64::from(code) > (10.5 + 20.0) / 140.0 * 65_536.0;
+    let is_third = |code: hysteron_core::codes::DriveCode| f64::from(code) > (10.5 + 20.0) / 140.0 * 65_536.0;
     let acting: Vec<bool> = world.codes.iter().map(|(_, code)| is_third(*code)).collect();
     let edges: Vec<(u64, bool)> = (1u64..)
         .zip(acting.windows(2))

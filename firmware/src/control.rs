@@ -19,7 +19,7 @@ use hysteron_core::gain_adaptation::{GAIN_FRACTION_BITS, GainAdaptation};
 use hysteron_core::guard::Fault;
 use hysteron_core::host_watch::HostWatch;
 use hysteron_core::parameter_block::AmplifierParameters;
-use hysteron_core::trace_frame::TraceSample;
+use hysteron_core::trace_frame::PackedSample;
 
 use crate::board::{Board, Converters, Platform};
 use crate::front_end::FrontEnd;
@@ -83,7 +83,7 @@ pub struct Control {
     /// Converters.
     pub front_end: Converters,
     /// To the trace task.
-    pub samples: Producer<TraceSample, SAMPLE_QUEUE>,
+    pub samples: Producer<PackedSample, SAMPLE_QUEUE>,
     /// From the command task.
     pub commands: Consumer<Scheduled, COMMAND_QUEUE>,
     /// To the command task.
@@ -407,8 +407,9 @@ extern "C" fn TIM2() {
         // What was planned before a fault must not act after it.
         control.schedule.forget_all();
     }
-    control.recorder.take(&sample);
-    if !control.samples.enqueue(sample) {
+    let packed = sample.packed();
+    control.recorder.take(&packed, sample.flags as u8);
+    if !control.samples.enqueue(packed) {
         count(&LOST_SAMPLES);
     }
     control.tick = control.tick.wrapping_add(1);

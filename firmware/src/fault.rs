@@ -11,11 +11,12 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use hysteron_core::codes::DriveCode;
 use hysteron_core::guard::Fault;
 
 use crate::board::{Board, Converters, Platform};
 use crate::control;
-use crate::front_end::FrontEnd;
+use crate::front_end::{CodeBits, FrontEnd};
 use crate::safety_lines;
 use crate::task_clock;
 
@@ -23,17 +24,17 @@ use crate::task_clock;
 const MARK: u32 = 0x4859_5300;
 #[unsafe(link_section = ".uninit.restart_mark")]
 static mut RESTART_MARK: MaybeUninit<u32> = MaybeUninit::uninit();
-/// Until a block says what rest is: 0 V at the actuator.
-static REST_CODE: AtomicU32 = AtomicU32::new(Converters::SAFE_CODE as u32);
+/// In the converter's own bits. Until a block says what rest is: 0 V at the actuator.
+static REST_CODE: AtomicU32 = AtomicU32::new(Converters::SAFE_CODE.steps());
 
 /// Watchdog period: 32 kHz / 16 counts down from this in 50 ms.
 const WATCHDOG_COUNTS: u16 = 100;
 /// Periods of the tasks' clock between two feedings: 10 ms.
 const WATCH_PERIODS: u64 = 10;
 
-/// Tells the fault handlers which code is rest.
-pub fn remember_rest(code: u16) {
-    REST_CODE.store(u32::from(code), Ordering::Relaxed);
+/// Tells the fault handlers which code of so many bits is rest.
+pub fn remember_rest(code: DriveCode, bits: CodeBits) {
+    REST_CODE.store(code.steps() << Converters::BITS.dac.saturating_sub(bits.dac), Ordering::Relaxed);
 }
 
 /// Why the part restarted, if that was a fault; clears the flags.
@@ -85,7 +86,7 @@ pub async fn watch() {
 pub fn stop(fault: Fault) -> ! {
     cortex_m::interrupt::disable();
     safety_lines::set_enable(false);
-    Converters::new().force(REST_CODE.load(Ordering::Relaxed) as u16);
+    Converters::new(Converters::BITS).force(DriveCode::new(REST_CODE.load(Ordering::Relaxed)));
     // SAFETY: interrupts are off; nobody else runs any more.
     unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK | fault as u32) };
     cortex_m::asm::dsb();

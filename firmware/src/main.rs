@@ -35,17 +35,17 @@ use hysteron_core::amplifier::Amplifier;
 use hysteron_core::command_schedule::CommandSchedule;
 use hysteron_core::guard::Fault;
 use hysteron_core::parameter_block::AmplifierParameters;
-use hysteron_core::trace_frame::TraceSample;
+use hysteron_core::trace_frame::PackedSample;
 use rtt_target::{ChannelMode, rtt_init};
 use static_cell::StaticCell;
 
 use board::{Board, Converters, Platform};
 use control::{COMMAND_QUEUE, Control, Reply, SAMPLE_QUEUE, Scheduled};
-use front_end::FrontEnd;
+use front_end::{CodeBits, FrontEnd};
 use ring::{Consumer, Producer, Ring};
 use sample_clock::SAMPLE_RATE_HZ;
 
-static SAMPLES: StaticCell<Ring<TraceSample, SAMPLE_QUEUE>> = StaticCell::new();
+static SAMPLES: StaticCell<Ring<PackedSample, SAMPLE_QUEUE>> = StaticCell::new();
 static COMMANDS: StaticCell<Ring<Scheduled, COMMAND_QUEUE>> = StaticCell::new();
 static REPLIES: StaticCell<Ring<Reply, COMMAND_QUEUE>> = StaticCell::new();
 
@@ -70,26 +70,27 @@ async fn main(spawner: Spawner) {
 
     let (parameters, refused) = match settings::load(SAMPLE_RATE_HZ) {
         Ok(parameters) => (parameters, false),
-        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, Converters::SAFE_CODE), true),
+        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, Converters::SAFE_CODE, Converters::BITS), true),
     };
     let c = &parameters.servo.converters;
     // What a decoder needs to turn codes into um and V, in the formats of the parameter block.
     defmt::info!(
-        "converters {=i32} {=i64} {=i32} {=i64} {=u16} {=u16} {=u32}",
+        "converters {=i32} {=i64} {=i32} {=i64} {=u32} {=u32} {=u32}",
         c.adc_zero,
         c.adc_step,
         c.dac_zero,
         c.dac_step,
-        c.dac_code_min,
-        c.dac_code_max,
+        c.dac_code_min.steps(),
+        c.dac_code_max.steps(),
         SAMPLE_RATE_HZ
     );
     supply::watch();
     option_bytes::say();
     safety_lines::start();
-    let mut front_end = Converters::new();
+    let bits = CodeBits::of(c);
+    let mut front_end = Converters::new(bits);
     front_end.start(parameters.guard.rest_code);
-    fault::remember_rest(parameters.guard.rest_code);
+    fault::remember_rest(parameters.guard.rest_code, bits);
 
     let (sample_producer, sample_consumer) = SAMPLES.init(Ring::new()).split();
     let (command_producer, command_consumer) = COMMANDS.init(Ring::new()).split();
@@ -116,7 +117,7 @@ async fn main(spawner: Spawner) {
 /// What the interrupt gets beside the amplifier.
 struct Ends {
     front_end: Converters,
-    samples: Producer<TraceSample, SAMPLE_QUEUE>,
+    samples: Producer<PackedSample, SAMPLE_QUEUE>,
     commands: Consumer<Scheduled, COMMAND_QUEUE>,
     replies: Producer<Reply, COMMAND_QUEUE>,
 }

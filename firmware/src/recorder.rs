@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::Trigger;
-use hysteron_core::trace_frame::TraceSample;
+use hysteron_core::trace_frame::{PackedSample, TraceSample};
 
 use crate::board::{Board, Platform};
 
@@ -33,7 +33,7 @@ pub enum State {
     Full = 2,
 }
 
-struct Memory(UnsafeCell<[MaybeUninit<TraceSample>; ROOM as usize]>);
+struct Memory(UnsafeCell<[MaybeUninit<PackedSample>; ROOM as usize]>);
 // SAFETY: touched by the interrupt while `STATE` is armed and by the one task that reads it out otherwise.
 unsafe impl Sync for Memory {}
 #[unsafe(link_section = ".bulk.capture")]
@@ -130,7 +130,7 @@ pub fn sample(nth: u32) -> Option<TraceSample> {
     let at = WRITTEN.load(Ordering::Relaxed).wrapping_sub(kept).wrapping_add(nth) % ROOM;
     // SAFETY: the memory is the task's while the state is full, and the last `kept` samples were written.
     let slots = unsafe { &*MEMORY.0.get() };
-    slots.get(at as usize).map(|slot| unsafe { slot.assume_init() })
+    slots.get(at as usize).map(|slot| unsafe { slot.assume_init() }.unpacked())
 }
 
 /// The interrupt's part.
@@ -159,10 +159,9 @@ impl Recorder {
         self.command_acts = true;
     }
 
-    /// Takes the sample of a tick.
+    /// Takes the sample of a tick, and the mode in it.
     #[inline(always)]
-    pub fn take(&mut self, sample: &TraceSample) {
-        let mode = sample.flags as u8;
+    pub fn take(&mut self, sample: &PackedSample, mode: u8) {
         let before = core::mem::replace(&mut self.mode, mode);
         let command_acts = core::mem::replace(&mut self.command_acts, false);
         if STATE.load(Ordering::Acquire) != State::Armed as u8 {

@@ -14,11 +14,12 @@ use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
 use hysteron_command_set::device::Brought;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
 
 use crate::board::{Board, Converters, Platform};
-use crate::front_end::FrontEnd;
+use crate::front_end::{CodeBits, FrontEnd};
 use crate::{control, flash_read};
 
 /// Names and addresses of the blocks A and B.
@@ -64,7 +65,7 @@ fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
 /// Reads a block and asks whether this image's converters have its codes.
 fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let parameters = read(bytes, sample_rate_hz)?;
-    let fits = parameters.servo.converters.dac_code_max <= Converters::MOST_CODE;
+    let fits = Converters::has(CodeBits::of(&parameters.servo.converters));
     if fits { Ok(parameters) } else { Err(BlockError::Mismatch) }
 }
 
@@ -208,8 +209,8 @@ impl Upload {
     }
 }
 
-/// What runs without a valid block: nothing but rest, at this drive code.
-pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
+/// What runs without a valid block: nothing but rest, at this drive code of so many bits.
+pub fn safe_parameters(sample_rate_hz: u32, rest: DriveCode, bits: CodeBits) -> AmplifierParameters {
     use hysteron_core::guard::GuardParameters;
     use hysteron_core::parameter_block::PhysicalDescription;
     use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
@@ -233,6 +234,8 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
                 dac_code_min: rest,
                 dac_code_max: rest,
                 slew_codes: 1,
+                adc_bits: bits.adc,
+                dac_bits: bits.dac,
                 noise_shaping: false,
             },
             actuator: ActuatorParameters::Direct,
@@ -242,10 +245,10 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: u16) -> AmplifierParameters {
             adaptation: None,
         },
         guard: GuardParameters {
-            adc_code_min: 0,
-            adc_code_max: u16::MAX,
+            adc_code_min: SensorCode::new(0),
+            adc_code_max: SensorCode::highest(bits.adc),
             stuck_ticks: 0,
-            jump_codes: u16::MAX,
+            jump_codes: u32::MAX,
             tracking_error: i32::MAX,
             tracking_ticks: u16::MAX,
             ramp_codes: 1,

@@ -8,6 +8,7 @@ use core::cell::{Cell, RefCell};
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Mode;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_limits;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
@@ -34,7 +35,15 @@ struct Telemetry {
 
 static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::new(Telemetry {
     converters: None,
-    latest: TraceSample { tick: 0, adc_code: 0, dac_code: 0, reference: 0, applied: 0, unknown_input: 0, flags: 0 },
+    latest: TraceSample {
+        tick: 0,
+        adc_code: SensorCode::new(0),
+        dac_code: DriveCode::new(0),
+        reference: 0,
+        applied: 0,
+        unknown_input: 0,
+        flags: 0,
+    },
     tolerance: 0,
     on_target_ticks: 0,
     guard: None,

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use hysteron_core::trace_frame::{BLOCK_SAMPLES, Channels, TraceBlock, TraceSample};
+use hysteron_core::trace_frame::{BLOCK_SAMPLES, Channels, PackedSample, TraceBlock};
 
 use crate::control::{self, SAMPLE_QUEUE};
 use crate::ring::Consumer;
@@ -32,7 +32,7 @@ pub fn forget_capture() {
 
 /// Packs samples into blocks and logs them.
 #[embassy_executor::task]
-pub async fn trace(mut samples: Consumer<TraceSample, SAMPLE_QUEUE>) {
+pub async fn trace(mut samples: Consumer<PackedSample, SAMPLE_QUEUE>) {
     let mut choice = TRACE.load(Ordering::Relaxed);
     let mut block = block_for(choice);
     let mut send = |bytes: &[u8]| defmt::info!("trace {=[u8]}", bytes);
@@ -47,6 +47,7 @@ pub async fn trace(mut samples: Consumer<TraceSample, SAMPLE_QUEUE>) {
         let lost = control::lost_samples();
         let reading_out = READING_OUT.load(Ordering::Relaxed);
         while let Some(sample) = samples.dequeue() {
+            let sample = sample.unpacked();
             telemetry::observe(&sample);
             // The channel is the capture's while it is read out.
             if !reading_out {

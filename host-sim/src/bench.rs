@@ -18,6 +18,7 @@ use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use crate::linear_system::{ContinuousSystem, FixedSystem};
 use crate::noise::WhiteNoise;
 use crate::waveform;
+use hysteron_core::codes::SensorCode;
 use serde::Deserialize;
 use std::f64::consts::TAU;
 
@@ -231,10 +232,10 @@ impl Bench {
         ConverterScale {
             adc_zero_um: -ADC_MARGIN_UM,
             adc_lsb_um: self.adc_lsb_um(),
-            adc_code_max: ConverterScale::code_max(c.adc_bits),
+            adc_bits: c.adc_bits as u8,
             dac_zero_v: c.dac_min_v,
             dac_lsb_v: (c.dac_max_v - c.dac_min_v) / 2.0_f64.powi(c.dac_bits as i32),
-            dac_code_max: u16::MAX,
+            dac_bits: c.dac_bits as u8,
             drive_min_v: self.drive_min_v,
             drive_max_v: self.drive_max_v,
         }
@@ -352,7 +353,7 @@ impl Sensor {
     }
 
     /// Reads the plant now, as the converter's code (which knows no zero).
-    pub fn read_code(&mut self, plant: &Plant) -> u16 {
+    pub fn read_code(&mut self, plant: &Plant) -> SensorCode {
         self.scale.adc_code(plant.sensor_um() + self.noise.next_um())
     }
 }

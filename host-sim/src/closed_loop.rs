@@ -9,6 +9,7 @@
 use crate::bench::{self, Bench, Variant};
 use crate::converter_scale::ConverterScale;
 use crate::noise::WhiteNoise;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::servo_parameters::ServoParameters;
 use hysteron_core::servo_tick::{Counters, ServoTick};
@@ -43,7 +44,7 @@ impl Plant for bench::Plant {
 /// A law between two converters.
 pub trait Controller {
     /// Passes a drive's code on while the loop is open, and follows what it does to the hysteresis.
-    fn open_loop(&mut self, dac_code: u16) -> u16;
+    fn open_loop(&mut self, dac_code: DriveCode) -> DriveCode;
 
     /// The sensor has been zeroed: its codes have this scale from now on.
     fn take_scale(&mut self, scale: &ConverterScale);
@@ -55,7 +56,7 @@ pub trait Controller {
     fn drive_v(&self) -> f64;
 
     /// One tick: the sensor's code and the reference [`PREVIEW_TICKS`] ahead, um, give the drive's code.
-    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16;
+    fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode;
 
     /// True where a code acts one period after the reading it was computed from.
     fn delayed(&self) -> bool;
@@ -65,7 +66,7 @@ pub trait Controller {
 }
 
 impl Controller for ServoTick {
-    fn open_loop(&mut self, dac_code: u16) -> u16 {
+    fn open_loop(&mut self, dac_code: DriveCode) -> DriveCode {
         ServoTick::open_loop(self, dac_code)
     }
 
@@ -84,7 +85,7 @@ impl Controller for ServoTick {
         self.drive().to_num()
     }
 
-    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16 {
+    fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode {
         ServoTick::tick(self, adc_code, Micrometres::saturating_from_num(ahead_um))
     }
 
@@ -116,7 +117,7 @@ pub struct RepeatsLater {
 }
 
 impl Controller for RepeatsLater {
-    fn open_loop(&mut self, dac_code: u16) -> u16 {
+    fn open_loop(&mut self, dac_code: DriveCode) -> DriveCode {
         self.servo.open_loop(dac_code)
     }
 
@@ -132,7 +133,7 @@ impl Controller for RepeatsLater {
         Controller::drive_v(&self.servo)
     }
 
-    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16 {
+    fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode {
         if self.wait_ticks == 0 {
             // Once.
             if let Some(period_ticks) = self.period_ticks.take() {
@@ -166,9 +167,9 @@ pub struct Trace {
     /// Drive computed at this tick, V.
     pub drive_v: Vec<f64>,
     /// DAC code computed at this tick.
-    pub codes: Vec<u16>,
+    pub codes: Vec<DriveCode>,
     /// ADC code read at this tick.
-    pub adc_codes: Vec<u16>,
+    pub adc_codes: Vec<SensorCode>,
     /// Estimated position and velocity times the period, um, of laws that estimate them.
     pub estimate_um: Vec<[f64; 2]>,
     /// `e1`, `e2 T`, `q T`, um, of sliding-mode laws.

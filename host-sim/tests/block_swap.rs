@@ -1,6 +1,7 @@
 //! Another block under a running loop, on the reference bench: the step of the drive at the swap, what follows, and the loop that goes on.
 
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::{AmplifierParameters, read, verify};
 use hysteron_core::reference_generator::Waveform;
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
@@ -58,8 +59,8 @@ struct Loop {
     sensor: Sensor,
     amplifier: Amplifier,
     /// What acts, and what acts next.
-    codes: [u16; 2],
-    reading: u16,
+    codes: [DriveCode; 2],
+    reading: SensorCode,
 }
 
 impl Loop {
@@ -73,7 +74,7 @@ impl Loop {
             bench,
             amplifier: Amplifier::new(*parameters),
             codes: [rest; 2],
-            reading: 0,
+            reading: SensorCode::default(),
         };
         this.sample();
         assert_eq!(this.amplifier.command(Command::RequireConditioning(false)), Ok(()));
@@ -94,14 +95,14 @@ impl Loop {
     }
 
     /// The tick of a reading that was taken; returns its code.
-    fn answer(&mut self) -> u16 {
+    fn answer(&mut self) -> DriveCode {
         let code = self.amplifier.tick(Some(self.reading), false).dac_code;
         self.codes[1] = code;
         code
     }
 
     /// So many whole ticks; the largest magnitude of the tracking error, um, and the largest step of the drive from tick to tick, codes.
-    fn run(&mut self, ticks: u32) -> (f64, u16) {
+    fn run(&mut self, ticks: u32) -> (f64, u32) {
         let (mut largest, mut step) = (0.0f64, 0);
         for _ in 0..ticks {
             let before = self.codes[1];
@@ -116,7 +117,7 @@ impl Loop {
 
 /// By how many percent of the largest step that the drive makes from tick to tick anyway (of noise and reference) the first drives of both blocks may
 /// differ: both go on from the same drive, and no gain of the family is more than 1.1 / 0.7 of another.
-const MOST_PERCENT: u16 = 57;
+const MOST_PERCENT: u32 = 57;
 
 /// The tracking error in the 25 ms behind a swap may be larger by so much than both blocks' own, um: what the noise (1.3 nm RMS) makes of it by chance.
 /// Each block's own is that of a loop that had it all along, over 0.15 s and more.

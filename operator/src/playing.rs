@@ -9,6 +9,8 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use hysteron_command_set::code_lines::SAMPLES_IN_LINE;
 use hysteron_core::checksum::crc32;
+use hysteron_core::codes::{DriveCode, SensorCode};
+use hysteron_core::trace_frame::{self, CODE_BYTES};
 
 use crate::board::{BETWEEN_QUESTIONS, Board};
 use crate::error::{Error, Result};
@@ -45,7 +47,7 @@ pub struct Recorded {
     /// Position as the sensor reads it, um.
     pub position_um: Vec<f64>,
     /// The sensor's codes.
-    pub sensor_codes: Vec<u16>,
+    pub sensor_codes: Vec<SensorCode>,
 }
 
 /// Plays a wave and records it, a sample for every point.
@@ -77,7 +79,7 @@ pub fn play(board: &mut Board, scale: &Scale, wave: &Wave) -> Result<Recorded> {
     let recorded = read(board, scale, ticks, samples, &mut |_| Ok(()))?;
     // With the servo on the points are positions.
     let open = recorded.drive_v.len() == samples && board.number("SVO? 1")? == 0.0;
-    let step_v = scale.drive_span_v / 65_536.0;
+    let step_v = scale.drive_step_v();
     let points = wave.points.iter().cycle();
     if let Some((drive_v, point)) =
         recorded.drive_v.iter().zip(points).find(|(drive_v, point)| open && (**drive_v - **point).abs() > 1.5 * step_v)
@@ -139,7 +141,7 @@ fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize,
     while codes.len() < samples {
         let count = (samples - codes.len()).min(LINES_AT_ONCE * SAMPLES_IN_LINE as usize);
         let answer = board.ask(&format!("DRB? {} {count}", codes.len() + 1))?;
-        let whole: Vec<(u16, u16)> = answer.lines().map_while(codes_of).flatten().collect();
+        let whole: Vec<(SensorCode, DriveCode)> = answer.lines().map_while(codes_of).flatten().collect();
         if whole.len() < count {
             repeats += 1;
             if repeats > MOST_REPEATS {
@@ -150,7 +152,7 @@ fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize,
         between(board)?;
     }
     codes.truncate(samples);
-    let sensor_codes: Vec<u16> = codes.iter().map(|(adc, _)| *adc).collect();
+    let sensor_codes: Vec<SensorCode> = codes.iter().map(|(adc, _)| *adc).collect();
     let mut recorded = Recorded {
         sample_rate_hz: scale.sample_rate_hz / f64::from(ticks_per_sample.max(1)),
         drive_v: codes.iter().map(|(_, dac)| scale.drive_v(*dac)).collect(),
@@ -167,17 +169,13 @@ fn read(board: &mut Board, scale: &Scale, ticks_per_sample: u32, samples: usize,
 }
 
 /// The samples of a line, if it came as it was sent.
-fn codes_of(line: &str) -> Option<Vec<(u16, u16)>> {
+fn codes_of(line: &str) -> Option<Vec<(SensorCode, DriveCode)>> {
     let bytes = STANDARD.decode(line.trim()).ok()?;
     let (samples, checksum) = bytes.split_last_chunk::<4>()?;
     if crc32(samples) != u32::from_le_bytes(*checksum) {
         return None;
     }
-    let sample = |four: &[u8]| match four {
-        [a, b, c, d] => Some((u16::from_le_bytes([*a, *b]), u16::from_le_bytes([*c, *d]))),
-        _ => None,
-    };
-    samples.chunks(4).map(sample).collect()
+    samples.chunks(CODE_BYTES).map(|five| five.try_into().ok().map(trace_frame::codes_of)).collect()
 }
 
 #[cfg(test)]
@@ -188,12 +186,16 @@ mod tests {
 
     #[test]
     fn a_line_of_codes_comes_back_and_a_garbled_one_is_found() {
-        let samples = (0..90u16).map(|nth| TraceSample { adc_code: nth * 701, dac_code: 65_535 - nth, ..TraceSample::default() });
-        for count in [1, 2, 3, 89, 90] {
+        let samples = (0..72).map(|nth| TraceSample {
+            adc_code: SensorCode::new(nth * 14_001),
+            dac_code: DriveCode::new(1_048_575 - nth),
+            ..TraceSample::default()
+        });
+        for count in [1, 2, 3, 71, 72] {
             let mut piece = hysteron_command_set::session::Piece::new();
             write_line(samples.clone().take(count), &mut piece).expect("room");
             let text = String::from_utf8(piece.to_vec()).expect("text");
-            let expected: Vec<(u16, u16)> = samples.clone().take(count).map(|s| (s.adc_code, s.dac_code)).collect();
+            let expected: Vec<(SensorCode, DriveCode)> = samples.clone().take(count).map(|s| (s.adc_code, s.dac_code)).collect();
             assert_eq!(codes_of(&text), Some(expected));
             for at in 0..text.len() {
                 let mut garbled = text.clone().into_bytes();

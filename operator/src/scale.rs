@@ -1,5 +1,7 @@
 //! What the board's codes stand for, as the block in use says, and how much of them it keeps.
 
+use hysteron_core::codes::{DriveCode, SensorCode};
+
 use crate::board::Board;
 use crate::error::{Error, Result};
 
@@ -8,12 +10,16 @@ use crate::error::{Error, Result};
 pub struct Scale {
     /// Position at the sensor's code 0, um; a conditioning moves it.
     pub sensor_at_code_0_um: f64,
-    /// Positions of 65,536 codes, um.
+    /// Positions of all its codes, um.
     pub sensor_span_um: f64,
     /// Drive at code 0, V.
     pub drive_at_code_0_v: f64,
-    /// Drives of 65,536 codes, V.
+    /// Drives of all codes, V.
     pub drive_span_v: f64,
+    /// Codes of the sensor.
+    pub sensor_codes: f64,
+    /// Codes of the drive.
+    pub drive_codes: f64,
     /// Lowest drive, V.
     pub drive_min_v: f64,
     /// Highest drive, V.
@@ -33,7 +39,7 @@ impl Scale {
     /// It does not answer, or has no block.
     pub fn ask(board: &mut Board) -> Result<Self> {
         let question = "SPA? 1 0x7F000000 1 0x7F000001 1 0x7F000002 1 0x7F000003 1 0x7F000004 1 0x7F000005 1 0x0E000200 \
-                        1 0x13000004 1 0x16000200 1 0x16000300";
+                        1 0x13000004 1 0x16000200 1 0x16000300 1 0x7F000009 1 0x7F00000A";
         let numbers = board.numbers(question)?;
         let [
             sensor_at_code_0_um,
@@ -46,6 +52,8 @@ impl Scale {
             points,
             all_samples,
             tables,
+            sensor_bits,
+            drive_bits,
         ] = numbers[..]
         else {
             return Err(Error::new(question, "the board does not know these parameters: its image is older than this program"));
@@ -58,6 +66,8 @@ impl Scale {
             sensor_span_um,
             drive_at_code_0_v,
             drive_span_v,
+            sensor_codes: sensor_bits.exp2(),
+            drive_codes: drive_bits.exp2(),
             drive_min_v,
             drive_max_v,
             sample_rate_hz: (1.0 / period_s).round(),
@@ -68,19 +78,25 @@ impl Scale {
 
     /// A sensor's code, um.
     #[must_use]
-    pub fn position_um(&self, code: u16) -> f64 {
-        self.sensor_at_code_0_um + self.sensor_span_um * f64::from(code) / 65_536.0
+    pub fn position_um(&self, code: SensorCode) -> f64 {
+        self.sensor_at_code_0_um + self.sensor_step_um() * f64::from(code)
     }
 
     /// A drive's code, V.
     #[must_use]
-    pub fn drive_v(&self, code: u16) -> f64 {
-        self.drive_at_code_0_v + self.drive_span_v * f64::from(code) / 65_536.0
+    pub fn drive_v(&self, code: DriveCode) -> f64 {
+        self.drive_at_code_0_v + self.drive_step_v() * f64::from(code)
     }
 
     /// Step of the sensor's converter, um.
     #[must_use]
     pub fn sensor_step_um(&self) -> f64 {
-        self.sensor_span_um / 65_536.0
+        self.sensor_span_um / self.sensor_codes
+    }
+
+    /// Step of the drive's converter, V.
+    #[must_use]
+    pub fn drive_step_v(&self) -> f64 {
+        self.drive_span_v / self.drive_codes
     }
 }

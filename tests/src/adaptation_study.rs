@@ -7,6 +7,7 @@ use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::gain_adaptation::AdaptationDesign;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::predictor::PredictorDesign;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::gain_adaptation::{BLOCK_TICKS, ONE, SETTLING_TICKS, WINDOW_BLOCKS};
 use hysteron_core::reference_window::WINDOW;
 use hysteron_core::servo_parameters::ConverterParameters;
@@ -181,7 +182,7 @@ impl Around {
 }
 
 impl Controller for Around {
-    fn open_loop(&mut self, dac_code: u16) -> u16 {
+    fn open_loop(&mut self, dac_code: DriveCode) -> DriveCode {
         self.servo.open_loop(dac_code)
     }
 
@@ -197,7 +198,7 @@ impl Controller for Around {
         self.servo.drive_v()
     }
 
-    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16 {
+    fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode {
         self.references_um.push(ahead_um);
         let code = Controller::tick(&mut self.servo, adc_code, ahead_um);
         if matches!(self.way, Way::WithTheDrive | Way::FromTheError) {

@@ -11,6 +11,7 @@ use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::predictor::{PredictorDesign, frequency_response};
 use hysteron::watch::Unwatched;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::servo_tick::{Counters, ServoTick};
 use hysteron_sim::bench::{Bench, Start, Variant};
@@ -140,7 +141,7 @@ impl Around {
 }
 
 impl Controller for Around {
-    fn open_loop(&mut self, dac_code: u16) -> u16 {
+    fn open_loop(&mut self, dac_code: DriveCode) -> DriveCode {
         self.servo.open_loop(dac_code)
     }
 
@@ -157,7 +158,7 @@ impl Controller for Around {
         self.servo.drive_v()
     }
 
-    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16 {
+    fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode {
         let k = self.ticks;
         self.ticks += 1;
         self.asked_um.push(ahead_um);

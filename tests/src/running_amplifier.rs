@@ -3,6 +3,7 @@
 use crate::independent_stage::{Change, IndependentStage, Truth};
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::reference_generator::Waveform;
 use hysteron_core::trace_frame::TraceSample;
@@ -31,7 +32,7 @@ pub struct RunningAmplifier {
     scale: ConverterScale,
     noise: WhiteNoise,
     /// What acts, and what acts next.
-    codes: [u16; 2],
+    codes: [DriveCode; 2],
     /// The amplifier.
     pub amplifier: Amplifier,
     /// True position at the last reading, um.
@@ -86,14 +87,14 @@ impl RunningAmplifier {
 
     /// What a reading stands for since the sensor was zeroed, um.
     #[must_use]
-    pub fn reading_um(&self, adc_code: u16) -> f64 {
+    pub fn reading_um(&self, adc_code: SensorCode) -> f64 {
         let c = self.amplifier.parameters().servo.converters;
         f64::from(c.adc_zero) / f64::from(1 << 24) + f64::from(adc_code) * c.adc_step as f64 / 2f64.powi(40)
     }
 
     /// What a code of the drive stands for, V.
     #[must_use]
-    pub fn drive_v(&self, dac_code: u16) -> f64 {
+    pub fn drive_v(&self, dac_code: DriveCode) -> f64 {
         self.scale.drive_v(dac_code)
     }
 }

@@ -6,6 +6,7 @@ use hysteron::servo::disturbance_observer::DisturbanceObserverGains;
 use hysteron::servo::model::{ActuatorModel, CreepTerm, LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use hysteron::servo::predictor::{Demands, PredictorDesign, PredictorTuning};
 use hysteron::servo::thesis_schemes::{Notch, PidGains};
+use hysteron_core::codes::SensorCode;
 use hysteron_core::servo_parameters::ServoParameters;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
@@ -244,7 +245,7 @@ proptest! {
         let mut servo = ServoTick::new(p);
         servo.enable();
         for (code, reference) in codes.iter().zip(&references) {
-            let out = servo.tick(*code, Micrometres::from_bits(*reference));
+            let out = servo.tick(SensorCode::from(*code), Micrometres::from_bits(*reference));
             prop_assert!((p.converters.dac_code_min..=p.converters.dac_code_max).contains(&out));
         }
     }

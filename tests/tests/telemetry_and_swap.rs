@@ -175,7 +175,7 @@ fn a_mode_that_loses_its_damping_raises_the_alarm_before_the_guard_stops_it() {
 }
 
 /// The largest step of the drive from tick to tick, codes, and the RMS of the true error, nm, without its mean.
-fn followed(running: &mut RunningAmplifier, ticks: usize) -> (u16, f64) {
+fn followed(running: &mut RunningAmplifier, ticks: usize) -> (u32, f64) {
     let (mut step, mut before) = (0, None);
     let errors: Vec<f64> = (0..ticks)
         .map(|_| {

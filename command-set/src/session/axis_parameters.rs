@@ -102,12 +102,14 @@ impl<D: Device + 'static> Session<D> {
             Parameter::ResonanceAmplitude => of_thousandths(figures.resonance_pm),
             Parameter::ServoPeriod => seconds(1),
             Parameter::SensorAtCode0 => exact(from_fixed(self.converters(&self.device.view()).adc_zero, MICROMETRE_FRACTION_BITS)),
-            // 65,536 codes of um with 40 fraction bits: um with 24; likewise V with 38 and 22.
-            Parameter::SensorSpan => exact(from_wide(c.adc_step, MICROMETRE_FRACTION_BITS)),
+            // All codes of um with 40 fraction bits: um with 24; likewise V with 38 and 22.
+            Parameter::SensorSpan => exact(from_wide((c.adc_step << c.adc_bits) >> 16, MICROMETRE_FRACTION_BITS)),
             Parameter::DriveAtCode0 => exact(from_fixed(c.dac_zero, VOLT_FRACTION_BITS)),
-            Parameter::DriveSpan => exact(from_wide(c.dac_step, VOLT_FRACTION_BITS)),
+            Parameter::DriveSpan => exact(from_wide((c.dac_step << c.dac_bits) >> 16, VOLT_FRACTION_BITS)),
             Parameter::DriveMinimum => exact(from_fixed(c.drive(c.dac_code_min), VOLT_FRACTION_BITS)),
             Parameter::DriveMaximum => exact(from_fixed(c.drive(c.dac_code_max), VOLT_FRACTION_BITS)),
+            Parameter::SensorBits => return self.say(format_args!("1 {number:#x}={}", c.adc_bits)),
+            Parameter::DriveBits => return self.say(format_args!("1 {number:#x}={}", c.dac_bits)),
             Parameter::WavePoints => return self.say(format_args!("1 {number:#x}={}", self.wave_points())),
             Parameter::WaveTables => return self.say(format_args!("1 {number:#x}={WAVE_TABLES}")),
             Parameter::RecorderTables => return self.say(format_args!("1 {number:#x}={MOST_COLUMNS}")),

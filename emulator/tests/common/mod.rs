@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use hysteron_core::amplifier::Amplifier;
+use hysteron_core::codes::SensorCode;
 use hysteron_core::creep_inverse::CreepInverseParameters;
 use hysteron_core::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST, ONE};
 use hysteron_core::guard::GuardParameters;
@@ -62,8 +63,8 @@ pub fn parameters() -> AmplifierParameters {
             adaptation: None,
         },
         guard: GuardParameters {
-            adc_code_min: 16,
-            adc_code_max: 65_519,
+            adc_code_min: SensorCode::new(16),
+            adc_code_max: SensorCode::new(65_519),
             stuck_ticks: 200,
             jump_codes: 4500,
             tracking_error: 4 << 24,

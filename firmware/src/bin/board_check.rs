@@ -45,14 +45,15 @@ use rtt_target::{ChannelMode, rtt_init};
 
 use board::{Board, Converters, Platform};
 use front_end::FrontEnd;
+use hysteron_core::codes::DriveCode;
 
 /// Ticks of one experiment.
 const TICKS: u32 = 4096;
 /// The tick at which a step is written.
 const STEP_AT: u32 = 64;
 /// The pattern stays within these parts of the drive's range.
-const LOW: u16 = Converters::MOST_CODE / 5;
-const HIGH: u16 = Converters::MOST_CODE / 5 * 4;
+const LOW: u32 = (1 << Converters::BITS.dac) / 5;
+const HIGH: u32 = LOW * 4;
 const COMPARE_4: u32 = 1 << 4;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -74,9 +75,10 @@ static MOST_PERIOD: AtomicU32 = AtomicU32::new(0);
 static FIRST_CYCLES: AtomicU32 = AtomicU32::new(0);
 static SILENT: AtomicU32 = AtomicU32::new(0);
 
-fn written(pattern: u32, tick: u32) -> u16 {
-    let ramp = LOW + ((u32::from(HIGH - LOW) * tick.min(TICKS)) / TICKS) as u16;
-    match pattern {
+fn written(pattern: u32, tick: u32) -> DriveCode {
+    // Less than 2^20 codes times 2^12 ticks: within 32 bits.
+    let ramp = LOW + (HIGH - LOW) * tick.min(TICKS) / TICKS;
+    DriveCode::new(match pattern {
         1 => {
             if tick < STEP_AT {
                 LOW
@@ -85,9 +87,9 @@ fn written(pattern: u32, tick: u32) -> u16 {
             }
         }
         2 => ramp,
-        3 => Converters::SAFE_CODE,
+        3 => Converters::SAFE_CODE.steps(),
         _ => LOW,
-    }
+    })
 }
 
 #[unsafe(no_mangle)]
@@ -95,7 +97,7 @@ fn written(pattern: u32, tick: u32) -> u16 {
 extern "C" fn TIM2() {
     let now = DWT::cycle_count();
     TIMER.sr().write(|w| w.0 = !COMPARE_4);
-    let mut converters = Converters::new();
+    let mut converters = Converters::new(Converters::BITS);
     let reading = converters.read();
     let tick = TICK.load(Ordering::Relaxed);
     let mut silent = reading.is_none();
@@ -115,7 +117,7 @@ extern "C" fn TIM2() {
     }
     LAST_CYCLES.store(now, Ordering::Relaxed);
     if let Some(slot) = READINGS.get(tick as usize) {
-        slot.store(reading.unwrap_or(0), Ordering::Relaxed);
+        slot.store(reading.map_or(0, |code| code.steps() as u16), Ordering::Relaxed);
     }
     TICK.store(tick + 1, Ordering::Relaxed);
 }
@@ -223,7 +225,7 @@ async fn main(_spawner: Spawner) {
     let peripherals = board::init(|_| {});
     let clocks = board::clocks(&peripherals);
     defmt::info!("board check: core {=u32} Hz, front end {=str}", clocks.core_hz, Converters::NAME);
-    Converters::new().start(Converters::SAFE_CODE);
+    Converters::new(Converters::BITS).start(Converters::SAFE_CODE);
     sample_clock::start(clocks.timer_hz, Converters::INTERRUPT_AFTER_NS);
 
     let mut verdict = Verdict { failed: 0 };
@@ -251,7 +253,7 @@ async fn main(_spawner: Spawner) {
     let survives = bus_error_survives();
     verdict.say("bus error", f32::from(u8::from(survives)), "of 1 survived", survives);
     defmt::info!("board check: {=u32} failed", verdict.failed);
-    Converters::new().force(Converters::SAFE_CODE);
+    Converters::new(Converters::BITS).force(Converters::SAFE_CODE);
     // The probe reads the log before the end.
     Timer::after_millis(50).await;
     end(verdict.failed);

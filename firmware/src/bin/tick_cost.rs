@@ -16,13 +16,14 @@ use core::hint::black_box;
 use cortex_m::peripheral::DWT;
 use embassy_stm32 as _; // the vector table
 use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::gain_adaptation::{AdaptationParameters, MOST};
 use hysteron_core::integer_row::Row;
 use hysteron_core::learned_feedforward::{LearningParameters, SETTLING_TICKS};
 use hysteron_core::one_sided_hysteresis::STACK_CAPACITY;
 use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::reference_generator::Waveform;
-use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, ServoParameters};
+use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, NO_SLEW_LIMIT, ServoParameters};
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_core::signal::Micrometres;
 use rtt_target::{ChannelMode, rtt_init};
@@ -58,7 +59,7 @@ struct Cost {
 impl Cost {
     const NONE: Self = Self { most: 0, sum: 0, ticks: 0 };
 
-    fn tick(&mut self, servo: &mut ServoTick, adc_code: u16, reference: i32, empty: u32) -> u16 {
+    fn tick(&mut self, servo: &mut ServoTick, adc_code: SensorCode, reference: i32, empty: u32) -> DriveCode {
         let (adc_code, reference) = (black_box(adc_code), black_box(reference));
         let begin = DWT::cycle_count();
         let code = timed(servo, adc_code, reference);
@@ -81,13 +82,13 @@ impl Cost {
 
 /// As the control interrupt calls it.
 #[inline(never)]
-fn timed(servo: &mut ServoTick, adc_code: u16, reference: i32) -> u16 {
+fn timed(servo: &mut ServoTick, adc_code: SensorCode, reference: i32) -> DriveCode {
     servo.tick(adc_code, Micrometres::from_bits(reference))
 }
 
 /// As the control interrupt calls it: guard, reference, servo and the sample for the trace.
 #[inline(never)]
-fn timed_amplifier(amplifier: &mut Amplifier, adc_code: u16) -> u16 {
+fn timed_amplifier(amplifier: &mut Amplifier, adc_code: SensorCode) -> DriveCode {
     amplifier.tick(Some(adc_code), false).dac_code
 }
 
@@ -116,20 +117,20 @@ impl Mode {
     }
 
     /// What the sensor's converter gives, with a little noise.
-    fn code(&self, c: &ConverterParameters, tick: u32) -> u16 {
-        code_at(c, self.position).saturating_add((tick.wrapping_mul(2_654_435_761) >> 30) as u16)
+    fn code(&self, c: &ConverterParameters, tick: u32) -> SensorCode {
+        code_at(c, self.position) + (tick.wrapping_mul(2_654_435_761) >> 30)
     }
 }
 
-fn code_at(c: &ConverterParameters, position: i32) -> u16 {
-    (i64::from(position - c.adc_zero) / (c.adc_step >> 16).max(1)).clamp(0, 65_535) as u16
+fn code_at(c: &ConverterParameters, position: i32) -> SensorCode {
+    SensorCode::new((i64::from(position - c.adc_zero) / (c.adc_step >> 16).max(1)).clamp(0, 65_535) as u32)
 }
 
 /// Fills the memory: a drive that swings around the middle of the range, less at every turn.
-fn fill(servo: &mut ServoTick, turns: u16) {
+fn fill(servo: &mut ServoTick, turns: u32) {
     let c = servo.parameters().converters;
     let (low, high) = (c.dac_code_min, c.dac_code_max);
-    let step = (high - low) / (2 * turns + 4);
+    let step = high.abs_diff(low) / (2 * turns + 4);
     servo.open_loop(high);
     for turn in 1..=turns {
         servo.open_loop(if turn % 2 == 1 { low + turn * step } else { high - turn * step });
@@ -147,7 +148,7 @@ fn main() -> ! {
     if let Ok(parameters) = read(BLOCK, 20_000) {
         // Without the slew limit, so that a leap over the whole memory is one tick.
         let mut leaping = parameters.servo;
-        leaping.converters.slew_codes = u16::MAX;
+        leaping.converters.slew_codes = NO_SLEW_LIMIT;
         measure(ServoTick::new(leaping));
         measure_amplifier(Amplifier::new(parameters));
     }
@@ -172,7 +173,7 @@ const ADAPTATION: AdaptationParameters =
     AdaptationParameters { most: MOST, most_step: MOST / 40, error_limit: i32::MAX, least_motion: 1 << 8 };
 
 /// Two turns more than there is room for, so that the memory is full whatever the direction.
-const TURNS: u16 = 2 * STACK_CAPACITY as u16 + 2;
+const TURNS: u32 = 2 * STACK_CAPACITY as u32 + 2;
 
 fn measure(fresh: ServoTick) {
     let begin = DWT::cycle_count();
@@ -284,7 +285,7 @@ fn jump(fresh: &ServoTick, learning: Option<LearningParameters>, empty: u32) -> 
     let mut cost = Cost::NONE;
     for k in 0..64i32 {
         let mut servo = ServoTick::new(parameters);
-        fill(&mut servo, TURNS - (k as u16 & 1));
+        fill(&mut servo, TURNS - (k as u32 & 1));
         servo.repeat(learning.map(|_| 200));
         servo.enable();
         let middle = servo.applied().to_bits();

@@ -5,6 +5,7 @@ mod common;
 
 use common::page::{Served, body};
 use hysteron_command_set::code_lines::{SAMPLES_IN_LINE, write_line};
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
 use serde_json::Value;
@@ -41,8 +42,8 @@ fn caught(k: usize) -> TraceSample {
     let position_um = 5.0 + 0.4 * phase.sin();
     let drive_v = 40.0 + 3.0 * phase.cos();
     TraceSample {
-        adc_code: ((position_um - SPANS[0]) / SPANS[1] * 65_536.0).round() as u16,
-        dac_code: ((drive_v - SPANS[2]) / SPANS[3] * 65_536.0).round() as u16,
+        adc_code: SensorCode::new(((position_um - SPANS[0]) / SPANS[1] * 65_536.0).round() as u32),
+        dac_code: DriveCode::new(((drive_v - SPANS[2]) / SPANS[3] * 65_536.0).round() as u32),
         ..TraceSample::default()
     }
 }
@@ -69,7 +70,7 @@ fn answer(like: &Like, line: &str) -> Vec<u8> {
         "ATZ?" => "1=1\n".into(),
         "SVO?" => format!("1={}\n", u8::from(mode == 2)),
         "SPA?" => format!(
-            "1 0=-1 \n1 1=15 \n1 2=-20 \n1 3=140 \n1 4=0 \n1 5=100 \n1 6={:.9} \n1 7=4096 \n1 8={} \n1 9=4\n",
+            "1 0=-1 \n1 1=15 \n1 2=-20 \n1 3=140 \n1 4=0 \n1 5=100 \n1 6={:.9} \n1 7=4096 \n1 8={} \n1 9=4 \n1 10=16 \n1 11=16\n",
             1.0 / RATE_HZ,
             4 * room
         ),

@@ -7,6 +7,7 @@ use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::predictor::PredictorDesign;
 use hysteron::servo::quantise::QuantisationError;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::reference_window::{OFFSET_DECAY_SHIFT, PREVIEW_TICKS, WINDOW};
 use hysteron_sim::bench::{Bench, Variant};
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Experiment};
@@ -62,7 +63,7 @@ impl<'a> FloatPredictor<'a> {
         }
     }
 
-    fn apply(&mut self, code: u16) -> u16 {
+    fn apply(&mut self, code: DriveCode) -> DriveCode {
         self.acting_v = self.scale.drive_v(code);
         self.applied_um = self.hysteresis.step(self.acting_v);
         code
@@ -70,7 +71,7 @@ impl<'a> FloatPredictor<'a> {
 }
 
 impl Controller for FloatPredictor<'_> {
-    fn open_loop(&mut self, dac_code: u16) -> u16 {
+    fn open_loop(&mut self, dac_code: DriveCode) -> DriveCode {
         self.apply(dac_code)
     }
 
@@ -88,7 +89,7 @@ impl Controller for FloatPredictor<'_> {
         true
     }
 
-    fn tick(&mut self, adc_code: u16, ahead_um: f64) -> u16 {
+    fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode {
         let reading_um = self.scale.position_um(adc_code);
         let first = self.window.is_empty();
         if first {

@@ -66,10 +66,10 @@ pub fn run(design: &ServoDesign, factor: f64, unknown: bool, noise_um: f64) -> O
     let scale = ConverterScale {
         adc_zero_um: -64.0,
         adc_lsb_um: 128.0 / 65_536.0,
-        adc_code_max: u16::MAX,
+        adc_bits: 16,
         dac_zero_v: -200.0,
         dac_lsb_v: 400.0 / 65_536.0,
-        dac_code_max: u16::MAX,
+        dac_bits: 16,
         drive_min_v: -200.0,
         drive_max_v: 200.0,
     };

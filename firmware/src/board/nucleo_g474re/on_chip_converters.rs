@@ -17,8 +17,10 @@ use embassy_stm32::pac::dac::vals::Mode;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
+use hysteron_core::codes::{DriveCode, SensorCode};
+
 use crate::board::triggered_converters;
-use crate::front_end::FrontEnd;
+use crate::front_end::{CodeBits, FrontEnd};
 
 const SENSOR_CHANNEL: u8 = 1;
 /// TIM2_TRGO among the regular triggers of ADC1 (RM0440, external triggers for regular channels of ADC1 and ADC2).
@@ -35,14 +37,8 @@ const REGULATOR_US: u32 = 20;
 
 /// The on-chip front end.
 pub struct OnChipConverters {
-    _private: (),
-}
-
-impl OnChipConverters {
-    /// Not started yet.
-    pub const fn new() -> Self {
-        Self { _private: () }
-    }
+    /// From a drive's code to the converter's own.
+    shift: u8,
 }
 
 /// Reads the enables back: a clock runs two cycles after its bit is set, and what is written before is lost (RM0440, RCC: peripheral clock enable).
@@ -82,11 +78,19 @@ fn begin_drive() {
 
 impl FrontEnd for OnChipConverters {
     const NAME: &'static str = "on-chip ADC1 and DAC1, 12 bits";
-    const SAFE_CODE: u16 = 0;
-    const MOST_CODE: u16 = 4_095;
+    const BITS: CodeBits = CodeBits { adc: 16, dac: 12 };
+    const SAFE_CODE: DriveCode = DriveCode::new(0);
     const INTERRUPT_AFTER_NS: u32 = 1_000;
 
-    fn start(&mut self, rest_code: u16) {
+    fn has(bits: CodeBits) -> bool {
+        bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac
+    }
+
+    fn new(bits: CodeBits) -> Self {
+        Self { shift: Self::BITS.dac.saturating_sub(bits.dac) }
+    }
+
+    fn start(&mut self, rest_code: DriveCode) {
         enable_clocks();
         set_analog_pins();
         begin_drive();
@@ -126,22 +130,22 @@ impl FrontEnd for OnChipConverters {
     }
 
     #[inline(always)]
-    fn read(&mut self) -> Option<u16> {
+    fn read(&mut self) -> Option<SensorCode> {
         triggered_converters::read()
     }
 
     #[inline(always)]
-    fn write(&mut self, code: u16) -> bool {
-        triggered_converters::write(code, Self::MOST_CODE)
+    fn write(&mut self, code: DriveCode) -> bool {
+        triggered_converters::write(code.steps() << self.shift)
     }
 
     /// It has the part's own supply.
     fn renew(&mut self) {}
 
-    fn force(&mut self, code: u16) {
+    fn force(&mut self, code: DriveCode) {
         enable_clocks();
         set_analog_pins();
         begin_drive();
-        triggered_converters::force(code, Self::MOST_CODE);
+        triggered_converters::force(code.steps() << self.shift);
     }
 }

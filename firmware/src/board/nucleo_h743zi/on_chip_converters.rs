@@ -15,8 +15,10 @@ use embassy_stm32::pac::adccommon::vals::Ckmode;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
+use hysteron_core::codes::{DriveCode, SensorCode};
+
 use crate::board::triggered_converters;
-use crate::front_end::FrontEnd;
+use crate::front_end::{CodeBits, FrontEnd};
 
 const SENSOR_CHANNEL: u8 = 15;
 /// TIM2_TRGO among the regular triggers of ADC1 (RM0433, Table 206).
@@ -29,14 +31,8 @@ const CYCLES_PER_US: u32 = 400;
 
 /// The on-chip front end.
 pub struct OnChipConverters {
-    _private: (),
-}
-
-impl OnChipConverters {
-    /// Not started yet.
-    pub const fn new() -> Self {
-        Self { _private: () }
-    }
+    /// From a drive's code to the converter's own.
+    shift: u8,
 }
 
 /// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost (RM0433, 8.5.11).
@@ -60,11 +56,19 @@ fn wait_for(mut condition: impl FnMut() -> bool) {
 
 impl FrontEnd for OnChipConverters {
     const NAME: &'static str = "on-chip ADC1 and DAC1";
-    const SAFE_CODE: u16 = 0;
-    const MOST_CODE: u16 = 4_095;
+    const BITS: CodeBits = CodeBits { adc: 16, dac: 12 };
+    const SAFE_CODE: DriveCode = DriveCode::new(0);
     const INTERRUPT_AFTER_NS: u32 = 1_500;
 
-    fn start(&mut self, rest_code: u16) {
+    fn has(bits: CodeBits) -> bool {
+        bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac
+    }
+
+    fn new(bits: CodeBits) -> Self {
+        Self { shift: Self::BITS.dac.saturating_sub(bits.dac) }
+    }
+
+    fn start(&mut self, rest_code: DriveCode) {
         enable_clocks();
         for pin in [3, 4] {
             GPIOA.moder().modify(|w| w.set_moder(pin, Moder::ANALOG));
@@ -106,20 +110,20 @@ impl FrontEnd for OnChipConverters {
     }
 
     #[inline(always)]
-    fn read(&mut self) -> Option<u16> {
+    fn read(&mut self) -> Option<SensorCode> {
         triggered_converters::read()
     }
 
     #[inline(always)]
-    fn write(&mut self, code: u16) -> bool {
-        triggered_converters::write(code, Self::MOST_CODE)
+    fn write(&mut self, code: DriveCode) -> bool {
+        triggered_converters::write(code.steps() << self.shift)
     }
 
     /// It has the part's own supply.
     fn renew(&mut self) {}
 
-    fn force(&mut self, code: u16) {
+    fn force(&mut self, code: DriveCode) {
         enable_clocks();
-        triggered_converters::force(code, Self::MOST_CODE);
+        triggered_converters::force(code.steps() << self.shift);
     }
 }

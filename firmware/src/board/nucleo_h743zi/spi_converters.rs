@@ -1,8 +1,8 @@
-//! Precision converters on SPI: a 16-bit SAR converter of the AD4000 family (3-wire, CNV) and a 20-bit DAC of the AD5791 family.
+//! Precision converters on SPI: a SAR converter of 16, 18 or 20 bits of the AD4000 family (3-wire, CNV) and a 20-bit DAC of the AD5791 family.
 //!
 //! | signal | pin | timing |
 //! |---|---|---|
-//! | sensor SCK, SDO | PA5, PA6 (SPI1, 16-bit frames, 25 MHz) | read by the control interrupt |
+//! | sensor SCK, SDO | PA5, PA6 (SPI1, frames of the block's bits, 25 MHz) | read by the control interrupt |
 //! | sensor CNV | PA0 (TIM2_CH1) | rises at the edge: the sample is taken there; low before the read |
 //! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 25 MHz) | written by the control interrupt |
 //! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
@@ -18,7 +18,9 @@ use embassy_stm32::pac::spi::Spi;
 use embassy_stm32::pac::spi::vals::{Comm, Cpha, Cpol, Fthlv, Master, Mbr};
 use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
 
-use crate::front_end::FrontEnd;
+use hysteron_core::codes::{DriveCode, SensorCode};
+
+use crate::front_end::{CodeBits, FrontEnd};
 
 /// Polls of a flag before a converter counts as silent: about ten frames.
 const MOST_POLLS: u32 = 400;
@@ -38,14 +40,10 @@ const SYNC_LOW: u32 = 1 << 25;
 
 /// The SPI front end.
 pub struct SpiConverters {
-    _private: (),
-}
-
-impl SpiConverters {
-    /// Not started yet.
-    pub const fn new() -> Self {
-        Self { _private: () }
-    }
+    /// Bits of the sensor's code: a frame.
+    adc_bits: u8,
+    /// From a drive's code to the register of the AD5791, which has 20 bits.
+    shift: u8,
 }
 
 fn alternate(port: Gpio, pin: usize, function: u8) {
@@ -124,14 +122,30 @@ fn send_to_dac(word: u32) -> bool {
     polls < MOST_POLLS
 }
 
+impl SpiConverters {
+    /// The word that has come; the interface gives a longer one by its whole register only.
+    #[inline(always)]
+    fn take_word(&self) -> u32 {
+        if self.adc_bits > 16 { SPI1.rxdr32().read() } else { SPI1.rxdr16().read().into() }
+    }
+}
+
 impl FrontEnd for SpiConverters {
     const NAME: &'static str = "SPI, AD4000 and AD5791 families";
+    const BITS: CodeBits = CodeBits { adc: 16, dac: 20 };
     /// 0 V of -20..120 V.
-    const SAFE_CODE: u16 = 9362;
-    const MOST_CODE: u16 = u16::MAX;
+    const SAFE_CODE: DriveCode = DriveCode::new(149_797);
     const INTERRUPT_AFTER_NS: u32 = 1_000;
 
-    fn start(&mut self, rest_code: u16) {
+    fn has(bits: CodeBits) -> bool {
+        matches!(bits.adc, 16 | 18 | 20) && bits.dac <= Self::BITS.dac
+    }
+
+    fn new(bits: CodeBits) -> Self {
+        Self { adc_bits: bits.adc, shift: Self::BITS.dac.saturating_sub(bits.dac) }
+    }
+
+    fn start(&mut self, rest_code: DriveCode) {
         enable_clocks();
         hold_lines();
         begin_drive_interface();
@@ -144,18 +158,22 @@ impl FrontEnd for SpiConverters {
         for pin in [5, 6] {
             alternate(GPIOA, pin, 5);
         }
-        start_interface(SPI1, 16, Comm::FULL_DUPLEX, Cpha::FIRST_EDGE);
+        start_interface(SPI1, self.adc_bits, Comm::FULL_DUPLEX, Cpha::FIRST_EDGE);
     }
 
     #[inline(always)]
-    fn read(&mut self) -> Option<u16> {
+    fn read(&mut self) -> Option<SensorCode> {
         // A word that came too late for its tick is not this tick's, and would make every later reading a period old.
         let mut late = 0;
         while late < MOST_LATE_WORDS && SPI1.sr().read().rxp() {
-            let _ = SPI1.rxdr16().read();
+            let _ = self.take_word();
             late += 1;
         }
-        SPI1.txdr16().write_value(0);
+        if self.adc_bits > 16 {
+            SPI1.txdr32().write_value(0);
+        } else {
+            SPI1.txdr16().write_value(0);
+        }
         let mut polls = 0;
         while !SPI1.sr().read().rxp() {
             polls += 1;
@@ -163,14 +181,13 @@ impl FrontEnd for SpiConverters {
                 return None;
             }
         }
-        let code = SPI1.rxdr16().read();
         // A line that floats or is shorted reads all ones or zeros; the guard's limits name that.
-        Some(code)
+        Some(SensorCode::new(self.take_word()))
     }
 
     #[inline(always)]
-    fn write(&mut self, code: u16) -> bool {
-        send_to_dac(WRITE_DAC | (u32::from(code) << 4))
+    fn write(&mut self, code: DriveCode) -> bool {
+        send_to_dac(WRITE_DAC | code.steps() << self.shift)
     }
 
     #[inline(always)]
@@ -178,7 +195,7 @@ impl FrontEnd for SpiConverters {
         send_to_dac(WRITE_CONTROL);
     }
 
-    fn force(&mut self, code: u16) {
+    fn force(&mut self, code: DriveCode) {
         // The internal oscillator: the crystal and the PLL behind it may be what has failed.
         RCC.cr().modify(|w| w.set_hsion(true));
         RCC.d2ccip1r().modify(|w| w.set_spi123sel(Saisel::PER));

@@ -16,6 +16,7 @@ use hysteron::servo::words;
 use hysteron::statistics::{extremes, mean};
 use hysteron::synthetic::drives::board_drives;
 use hysteron::{Dataset, Error, Result};
+use hysteron_core::codes::SensorCode;
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_operator::board::Board;
 use hysteron_operator::playing::{Wave, listen, play};
@@ -62,11 +63,11 @@ struct Followed {
     #[serde(skip)]
     position_um: Vec<f64>,
     #[serde(skip)]
-    sensor_codes: Vec<u16>,
+    sensor_codes: Vec<SensorCode>,
 }
 
 impl Followed {
-    fn new(sample_rate_hz: f64, reference_um: Vec<f64>, position_um: Vec<f64>, sensor_codes: Vec<u16>, noise_um: f64) -> Self {
+    fn new(sample_rate_hz: f64, reference_um: Vec<f64>, position_um: Vec<f64>, sensor_codes: Vec<SensorCode>, noise_um: f64) -> Self {
         let errors: Vec<f64> = position_um.iter().zip(&reference_um).map(|(y, r)| y - r).collect();
         let rms_um = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len().max(1) as f64).sqrt();
         let of_position_um = (rms_um * rms_um - noise_um * noise_um).max(0.0).sqrt();

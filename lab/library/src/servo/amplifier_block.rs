@@ -6,10 +6,11 @@
 //! honest motion is faster than the first mode's answer to a step over the whole range, and a tracking error of a fifth of the range is no
 //! tracking.
 
+use hysteron_core::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, verify, write};
-use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
+use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
 use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
 
@@ -20,8 +21,8 @@ use crate::servo::predictor::PredictorDesign;
 
 /// Sampling rate of the target, Hz.
 pub const SAMPLE_RATE_HZ: u32 = 20_000;
-/// Fraction of the sensor's codes at either end that count as out of range.
-const RAIL_CODES: u16 = 16;
+/// Of 65,536 codes of the sensor, those at either end that count as out of range; as much of the span with other bits.
+const RAIL_CODES: u32 = 16;
 
 /// Fastest slew limit that a block takes, V/s.
 const MOST_SLEW_V_S: f64 = 2e7;
@@ -40,7 +41,9 @@ pub struct FrontEnd {
     pub drive_at_lowest_code_v: f64,
     /// Drive one step beyond the highest code, V at the actuator.
     pub drive_beyond_highest_code_v: f64,
-    /// Bits of the drive's codes: 16 for converters on SPI, 12 for the chip's own.
+    /// Bits of the sensor's codes: those of its converter on SPI, 16 for the chip's own.
+    pub sensor_bits: u8,
+    /// Bits of the drive's codes: up to 20 for converters on SPI, 12 for the chip's own.
     pub drive_bits: u8,
     /// Time for which a code may stay the same, s; 0 for a sensor without noise.
     pub stuck_s: f64,
@@ -63,6 +66,7 @@ impl Default for FrontEnd {
             sensor_max_um: 14.0,
             drive_at_lowest_code_v: -20.0,
             drive_beyond_highest_code_v: 120.0,
+            sensor_bits: 16,
             drive_bits: 16,
             stuck_s: 0.01,
             tracking_s: 0.005,
@@ -84,8 +88,10 @@ impl FrontEnd {
         if !ordered {
             return Err(Error::new(place, "a lowest value is not below its highest"));
         }
-        if !(8..=16).contains(&this.drive_bits) {
-            return Err(Error::new(place, format!("drive_bits = {}: expected 8 to 16", this.drive_bits)));
+        for (name, bits) in [("sensor_bits", this.sensor_bits), ("drive_bits", this.drive_bits)] {
+            if !(LEAST_BITS..=MOST_BITS).contains(&bits) {
+                return Err(Error::new(place, format!("{name} = {bits}: expected {LEAST_BITS} to {MOST_BITS}")));
+            }
         }
         if !(this.slew_v_s > 0.0 && this.slew_v_s <= MOST_SLEW_V_S) {
             return Err(Error::new(place, format!("slew_v_s = {}: expected more than 0, at most {MOST_SLEW_V_S:.0}", this.slew_v_s)));
@@ -98,11 +104,11 @@ impl FrontEnd {
     pub fn scale(&self, drive_min_v: f64, drive_max_v: f64) -> ConverterScale {
         ConverterScale {
             adc_zero_um: self.sensor_min_um,
-            adc_lsb_um: (self.sensor_max_um - self.sensor_min_um) / 65_536.0,
-            adc_code_max: u16::MAX,
+            adc_lsb_um: (self.sensor_max_um - self.sensor_min_um) / 2f64.powi(i32::from(self.sensor_bits)),
+            adc_bits: self.sensor_bits,
             dac_zero_v: self.drive_at_lowest_code_v,
             dac_lsb_v: (self.drive_beyond_highest_code_v - self.drive_at_lowest_code_v) / 2f64.powi(i32::from(self.drive_bits)),
-            dac_code_max: ConverterScale::code_max(self.drive_bits.into()),
+            dac_bits: self.drive_bits,
             drive_min_v,
             drive_max_v,
         }
@@ -140,7 +146,7 @@ fn converters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Resul
             format!("slew_v_s = {}: a code of this converter in a tick is {least:.0} V/s", front_end.slew_v_s),
         ));
     }
-    Ok(ConverterParameters { slew_codes: slew.min(65_535.0) as u16, ..scale.parameters() })
+    Ok(ConverterParameters { slew_codes: slew.min(f64::from(NO_SLEW_LIMIT)) as u32, ..scale.parameters() })
 }
 
 /// What the integers stand for; `radius` is the largest magnitude of the closed loop's eigenvalues.
@@ -149,7 +155,7 @@ fn physical(front_end: &FrontEnd, converters: &ConverterParameters, radius: f64)
     for (to, from) in name.iter_mut().zip(front_end.name.bytes()) {
         *to = from;
     }
-    let drive_mv = |code: u16| {
+    let drive_mv = |code: DriveCode| {
         let drive_v = (f64::from(converters.dac_zero) + f64::from(code) * converters.dac_step as f64 / 65_536.0) / 2f64.powi(22);
         (drive_v * 1e3).round() as i32
     };
@@ -159,22 +165,23 @@ fn physical(front_end: &FrontEnd, converters: &ConverterParameters, radius: f64)
         drive_min_mv: drive_mv(converters.dac_code_min),
         drive_max_mv: drive_mv(converters.dac_code_max),
         slew_limit_v_s: front_end.slew_v_s.ceil() as u32,
-        sensor_span_nm: (converters.adc_step as f64 / 2f64.powi(40) * 65_536.0 * 1e3).round() as i32,
+        sensor_span_nm: (converters.adc_step as f64 / 2f64.powi(40 - i32::from(converters.adc_bits)) * 1e3).round() as i32,
         spectral_radius_millionths: (radius * 1e6).ceil().clamp(0.0, f64::from(u32::MAX)) as u32,
     }
 }
 
 /// The guard's limits; the largest honest change of the sensor, codes, and tracking error, um with 24 fraction bits, are the model's.
-fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u16, tracking_error: i32) -> GuardParameters {
-    let drive_codes = converters.dac_code_max.saturating_sub(converters.dac_code_min);
+fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32, tracking_error: i32) -> GuardParameters {
+    let drive_codes = converters.dac_code_max.abs_diff(converters.dac_code_min);
+    let rail = (RAIL_CODES << converters.adc_bits >> 16).max(1);
     GuardParameters {
-        adc_code_min: RAIL_CODES,
-        adc_code_max: u16::MAX - RAIL_CODES,
+        adc_code_min: SensorCode::new(rail),
+        adc_code_max: SensorCode::highest(converters.adc_bits) - rail,
         stuck_ticks: ticks(front_end.stuck_s),
         jump_codes,
         tracking_error,
         tracking_ticks: ticks(front_end.tracking_s),
-        ramp_codes: (drive_codes / ticks(front_end.ramp_s).max(1)).max(1).min(converters.slew_codes),
+        ramp_codes: (drive_codes / u32::from(ticks(front_end.ramp_s)).max(1)).max(1).min(converters.slew_codes),
         rest_code: converters.dac_code_min,
         healthy_ticks: ticks(front_end.healthy_s),
     }
@@ -197,7 +204,7 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
     let range_um = model.mean_gain_um_v() * (model.drive_max_v - model.drive_min_v);
     let mode = &model.linear.first_mode;
     let fastest_um_s = step_speed(mode) * mode.natural_frequency_rad_s * range_um;
-    let jump_codes = (fastest_um_s * SAMPLING_PERIOD_S / step_um).ceil().clamp(1.0, 65_535.0) as u16;
+    let jump_codes = (fastest_um_s * SAMPLING_PERIOD_S / step_um).ceil().clamp(1.0, f64::from(NO_SLEW_LIMIT)) as u32;
     let tracking_error = (range_um / 5.0 * 2f64.powi(24)).min(f64::from(i32::MAX)) as i32;
     let parameters = AmplifierParameters {
         physical: physical(front_end, &converters, radius),
@@ -225,7 +232,7 @@ pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f6
             learning: None,
             adaptation: None,
         },
-        guard: guard(front_end, &converters, u16::MAX, i32::MAX),
+        guard: guard(front_end, &converters, NO_SLEW_LIMIT, i32::MAX),
     };
     verify(&parameters, SAMPLE_RATE_HZ).map_err(|error| Error::new("parameter block", error.reason()))?;
     Ok(parameters)
@@ -279,7 +286,8 @@ mod tests {
         for (text, part) in [
             ("sensor_max_um = -2.0", "not below"),
             ("sensor_mix_um = 1.0", "unknown field"),
-            ("drive_bits = 20", "8 to 16"),
+            ("drive_bits = 21", "8 to 20"),
+            ("sensor_bits = 7", "8 to 20"),
             ("name = 3", "invalid type"),
             ("slew_v_s = 0.0", "more than 0"),
         ] {
