@@ -35,9 +35,9 @@ fn a_gain_that_is_a_fifth_off_costs_no_more_than_the_right_one() {
         assert_eq!(design.scheme_name(), "predictor-adaptive");
         assert!(design.explanation.iter().any(|said| said.contains("corrected while it runs")), "{:?}", design.explanation);
         let without = ServoDesign { adaptation: None, ..design.clone() };
-        let reference = sine_um(&truth, 150.0, 7.0);
-        // The bound of a fifth counts from the identified gain, which is a few parts in ten thousand off the true one: 1.2 itself may lie beyond it.
-        for gain in [0.8, 0.9, 1.1, 1.19] {
+        // On the light stage what the wrong gain began with is still dying out after seven seconds.
+        let reference = sine_um(&truth, 150.0, 12.0);
+        for gain in [0.8, 0.9, 1.1, 1.2] {
             let run = |way| adapted(&truth, Drift::none(gain), &without, way, &reference);
             let [before, after, known] = [Way::Nothing, Way::InTheTick, Way::Known].map(run);
             let [before_um, after_um, known_um] = [&before, &after, &known].map(|found| found.at_last.rms_um);
