@@ -25,7 +25,7 @@ pub struct Policy {
     /// Rounds without a better model after which the search ends near the noise; two effects that only help together are proposed as a pair.
     pub rounds_without_gain: usize,
     /// The same far above the noise, or where nobody knows it: there several effects are missing, and each may need another beside it. On the recorded stage
-    /// three sets of twelve came further in a second such round (22.7 / 49.0 to 18.4 / 34.0 nm); near the noise it made surfaces of degree 8 of a contact.
+    /// eight sets of twelve came further in a second such round (one from 22.7 / 49.0 to 18.4 / 34.0 nm); near the noise it made surfaces of degree 8 of a contact.
     pub rounds_without_gain_far_above: usize,
     /// How often effects of the best model are exchanged for others where additions bring nothing more.
     pub exchanges_max: usize,

@@ -45,7 +45,9 @@ pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> 
         return None;
     }
     // What lies in front of the window shows the noise as well.
-    let found = || find_periods(record, record.window.start, span_v).or_else(|| find_periods(record, 0, span_v));
+    let begins = [record.window.start, 0];
+    let begins = if record.window.start == 0 { &begins[..1] } else { &begins };
+    let found = || begins.iter().find_map(|begin| find_periods(record, *begin, span_v));
     let periods = record.periods.filter(|p| p.count >= 2).or_else(found)?;
     let from = periods.from.max(1);
     let end = periods.from + (periods.count - 1) * periods.length;
