@@ -21,6 +21,7 @@ use crate::error::Result;
 use crate::identification::fit::{counted_residual, rms};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
+use crate::identification::{finer_creep, finer_hysteresis};
 use crate::identify::require_chain;
 use crate::statistics::largest;
 use crate::watch::{Event, Watch};
@@ -186,26 +187,26 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         require_chain(effects, dataset)?;
     }
     require_signals(&options.own, dataset)?;
-    let floor = noise_floor(dataset);
-    let study = Study::new(dataset, candidates(&options.own), &floor, options.policy.clone(), watch);
-    let grown = match start {
-        Start::Effects(effects) => {
-            let base = study.build(effects)?;
-            require_finite(&base.model, dataset, &study.split.both())?;
-            begun_as_said(&study, &base).map_or_else(|| grow(&study, &base), Ok)?
+    let mut floor = noise_floor(dataset);
+    let mut grown = grown_from(&start, &study_of(dataset, options, &floor, watch))?;
+    for _ in 1..FLOORS_MAX {
+        let Some(beside) = floor_of(&grown, &floor, dataset, &options.policy).filter(|_| !grown.stopped) else { break };
+        let another = differ(floor.rms_um, beside.rms_um);
+        floor = beside;
+        if !another {
+            break;
         }
-        Start::Model(model) => {
-            require_finite(&model, dataset, &study.split.both())?;
-            grow_from_elsewhere(&study, model)?
-        }
-    };
+        watch.event(&Event::Doing("searching again beside what the drive's own noise makes"));
+        grown = grown_from(&start, &study_of(dataset, options, &floor, watch))?;
+    }
+    let study = study_of(dataset, options, &floor, watch);
     let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, stopped } = grown;
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
     let other_states = other_states.or_else(|| initial_states::compare(&study, last));
     let added: Vec<String> = supported.iter().map(|s| s.id.clone()).collect();
     let own_row = drive_timing::compare(&study, last, &added)?;
-    let (feedback, reading_limits) = (feedback::followed(dataset, last), reading_limits(dataset));
+    let (feedback, reading_limits) = (feedback::followed(dataset, last, floor.read_back), reading_limits(dataset));
     let found = Found {
         first,
         last,
@@ -232,6 +233,46 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
     Ok(Explanation { model, steps, supported, elsewhere, beside_start, floor, diagnosis, cannot_identify, split, next_experiment, stopped })
 }
 
+/// How often a search is begun with another floor: the noise of a drive's column makes something else of every model, and the next to nothing of it changes
+/// from the second to the third.
+const FLOORS_MAX: usize = 3;
+/// Floors that differ by more than this share let a search end elsewhere.
+const ANOTHER_FLOOR: f64 = 0.1;
+
+fn differ(one_um: Option<f64>, other_um: Option<f64>) -> bool {
+    one_um.zip(other_um).is_none_or(|(one_um, other_um)| (one_um - other_um).abs() > ANOTHER_FLOOR * one_um.min(other_um))
+}
+
+/// The floor beside the first model on the way that leaves no more than it, or else beside the last: a model that smooths more passes less of the noise in
+/// the drive's column on, and is not better for that.
+fn floor_of(grown: &Grown, floor: &NoiseFloor, dataset: &Dataset, policy: &Policy) -> Option<NoiseFloor> {
+    floor.read_back?;
+    let split = Split::of(dataset);
+    let beside = |judged: &Judged| judged.floor_beside(floor, policy.explained, dataset);
+    let as_the_noise = policy.at_floor + policy.floor_z * floor.relative_std();
+    let leaves_nothing = |judged: &Judged| beside(judged).filter(|beside| judged.within(as_the_noise, &beside.of_records_um, &split));
+    let (last, before) = grown.steps.split_last()?;
+    before.iter().find_map(|step| leaves_nothing(&step.judged)).or_else(|| beside(&last.judged))
+}
+
+fn study_of<'a>(dataset: &'a Dataset, options: &Options, floor: &NoiseFloor, watch: &'a dyn Watch) -> Study<'a> {
+    Study::new(dataset, candidates(&options.own), floor, options.policy.clone(), watch)
+}
+
+fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
+    match start {
+        Start::Effects(effects) => {
+            let base = study.build(effects)?;
+            require_finite(&base.model, study.dataset, &study.split.both())?;
+            begun_as_said(study, &base).map_or_else(|| grow(study, &base), Ok)
+        }
+        Start::Model(model) => {
+            require_finite(model, study.dataset, &study.split.both())?;
+            grow_from_elsewhere(study, model.clone())
+        }
+    }
+}
+
 /// Where records do not begin in the state that was said, nothing is searched: what was found would stand in for it.
 fn begun_as_said(study: &Study, fitted: &Judged) -> Option<Grown> {
     let other_states = initial_states::compare(study, fitted)?;
@@ -256,8 +297,8 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
         search.run()?;
     }
     let best = search.best().clone();
-    let finer = crate::identification::finer_hysteresis::description(&best.judged.model)
-        != crate::identification::finer_hysteresis::description(&base.model);
+    let described = |model: &Model| (finer_hysteresis::description(model), finer_creep::description(model));
+    let finer = described(&best.judged.model) != described(&base.model);
     if best.added.is_empty() && !finer {
         let stopped = search.stopped;
         if beside_start.is_none() && !stopped {

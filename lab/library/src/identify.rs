@@ -101,7 +101,9 @@ fn fitted_around(id: &str, begun: &Model, study: &Study) -> Judged {
 }
 
 fn finished(steps: Vec<Step>, floor: NoiseFloor, study: &Study) -> Result<Identification> {
-    let mut model = steps[steps.len() - 1].judged.model.clone();
+    let last = &steps[steps.len() - 1].judged;
+    let floor = last.floor_beside(&floor, study.policy.explained, study.dataset).unwrap_or(floor);
+    let mut model = last.model.clone();
     require_finite(&model, study.dataset, &study.split.both())?;
     let cannot_identify = identifiability(&mut model, study.dataset, &study.split.identify);
     Ok(Identification { model, floor, steps, cannot_identify, stopped: study.watch.stopped() })

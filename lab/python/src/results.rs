@@ -4,9 +4,8 @@ use crate::at_work::at_work;
 use crate::dataset::Dataset;
 use crate::model::Model;
 use crate::{raised, wrong};
-use hysteron::diagnosis::judgement::require_finite;
+use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::explain::{Explanation, FitFigures, Options, Start, explain as explain_records, fit_figures};
-use hysteron::identification::noise_floor::noise_floor;
 use hysteron::identify::{Identification, add as add_effect, identify as identify_effects};
 use hysteron::model_file;
 use hysteron::servo::order::{Order, design as design_servo};
@@ -137,7 +136,7 @@ pub fn compare(py: Python<'_>, model: &Model, dataset: &Dataset) -> PyResult<Out
     let (model, dataset, started) = (model.model.clone(), &dataset.0, Instant::now());
     at_work(py, None, |_| {
         require_finite(&model, dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
-        let figures = fit_figures(&model, dataset, &noise_floor(dataset), Vec::new(), &[], started.elapsed().as_secs_f64());
+        let figures = fit_figures(&model, dataset, &noise_floor_beside(&model, dataset), Vec::new(), &[], started.elapsed().as_secs_f64());
         Ok(Outcome { model, dataset: Arc::clone(dataset), figures, found: None })
     })
 }

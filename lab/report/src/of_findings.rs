@@ -5,9 +5,9 @@ use crate::explain_report::{
     StepReport,
 };
 use hysteron::dataset::Dataset;
-use hysteron::dataset::reading_grid::{mean_rounding_um, rounding_noise_um};
+use hysteron::dataset::reading_grid::{mean_rounding_um, rounding_noise};
 use hysteron::diagnosis::decision::Decision;
-use hysteron::diagnosis::judgement::{Split, judge};
+use hysteron::diagnosis::judgement::{Split, judge, noise_floor_beside};
 use hysteron::diagnosis::latent_force::latent_force_nm;
 use hysteron::diagnosis::path::Step;
 use hysteron::diagnosis::verdict::{CandidateFigures, Verdict};
@@ -15,7 +15,7 @@ use hysteron::diagnosis::words::{self, nm};
 use hysteron::explain::{Explanation, FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
-use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
+use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::identification::own_part::Samples;
 use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
@@ -93,7 +93,7 @@ fn with_latent_force(found: &Explanation, mut records: Vec<RecordReport>) -> Vec
 /// What is left in the end, and what rounding the modelled reading would do.
 fn evidence_of_rounding(found: &Explanation, dataset: &Dataset) -> EvidenceReport {
     let (step_um, floor_um) = (found.floor.reading_step_um.unwrap_or(f64::MIN_POSITIVE), found.floor.rms_um.unwrap_or(0.0));
-    let sigma_um = (floor_um.powi(2) - rounding_noise_um(step_um).powi(2)).max(0.0).sqrt();
+    let sigma_um = (floor_um.powi(2) - rounding_noise(step_um).powi(2)).max(0.0).sqrt();
     let driven = found.last().residuals.iter().enumerate().filter(|(_, residual)| !residual.is_empty());
     let traces = driven.map(|(record, residual_um)| {
         let record_of = &dataset.records[record];
@@ -218,7 +218,7 @@ pub fn parameter_reports(model: &Model) -> Vec<ParameterReport> {
 #[must_use]
 pub fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures, command: String) -> ExplainReport {
     let judged = judge(model.clone(), dataset, &Split::of(dataset));
-    let floor = noise_floor(dataset);
+    let floor = noise_floor_beside(model, dataset);
     let mut warnings = figures.warnings.clone();
     warnings.extend(figures.cannot_identify.iter().map(|c| format!("cannot be identified from this data: {c}")));
     ExplainReport {

@@ -6,13 +6,14 @@
 //!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
 //!   [`one_recording`]: which part of a single file is fitted and which judges; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
 //!   (feature `files`).
-//! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings;
+//! * `as_said`: what is said of a drive, held against it; [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings;
 //!   [`reading_limits`]: where its range ends, and readings say nothing; `single_outliers`: readings that a disturbance made.
 //!
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
 //! `t[k+1]`.
 
 #[cfg(feature = "readers")]
+mod as_said;
 pub mod behaviour;
 pub mod drive_variety;
 #[cfg(feature = "files")]
@@ -137,6 +138,7 @@ impl Dataset {
         self.notes.extend(together);
         let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
         self.notes.extend(doubts);
+        self.notes.extend(as_said::given_twice(&self.records));
         if !self.records.iter().any(|r| r.role == Role::Identify) {
             self.notes.push("no record has role = \"identify\": those to validate are fitted, and nothing judges".into());
         }
@@ -157,6 +159,7 @@ impl Dataset {
                 ),
             ));
         }
+        as_said::check(&self)?;
         if !self.records.iter().any(|r| r.role != Role::Noise) {
             return Err(Error::new(place, "no record has role = \"identify\" or \"validate\"; expected at least one"));
         }

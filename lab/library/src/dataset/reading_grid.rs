@@ -4,7 +4,7 @@
 //! noise of the step over the root of twelve, evenly distributed and, where the noise of the sensor is smaller than the step, invisible at
 //! rest. (Widrow and Kollar, Quantization Noise, 2008, Ch. 4 and 5.)
 
-use super::{Dataset, Record};
+use super::Dataset;
 
 /// Distinct readings that a record must have before their spacing says anything.
 const LEVELS_MIN: usize = 8;
@@ -21,10 +21,10 @@ pub fn grid_by_chance() -> f64 {
     (2.0 * OFF_GRID_MAX).powi(LEVELS_MIN as i32 - 2)
 }
 
-/// RMS of the error of rounding to whole steps.
+/// RMS of the error of rounding to whole steps, in their unit.
 #[must_use]
-pub fn rounding_noise_um(step_um: f64) -> f64 {
-    step_um / 12f64.sqrt()
+pub fn rounding_noise(step: f64) -> f64 {
+    step / 12f64.sqrt()
 }
 
 /// Noise and rounding together, from what rest shows of noise that seldom leaves a step: how often the reading is above and below its
@@ -41,7 +41,7 @@ pub fn noise_at_rest_um(readings_um: &[f64], step_um: f64) -> Option<f64> {
     }
     let least = 0.5 / readings_um.len() as f64;
     let edges = normal_quantile_above(above.max(least)) + normal_quantile_above(below.max(least));
-    (edges > 0.0).then(|| (step_um / edges).hypot(rounding_noise_um(step_um)))
+    (edges > 0.0).then(|| (step_um / edges).hypot(rounding_noise(step_um)))
 }
 
 /// Noise and rounding together, from the RMS deviation of repeats of one motion, which all round alike as far as noise does not part them:
@@ -55,13 +55,13 @@ pub fn noise_between_repeats_um(deviation_um: f64, step_um: f64) -> f64 {
         };
         (1..=30).map(harmonic).sum()
     };
-    let deviation_um2 = |sigma_um: f64| sigma_um * sigma_um + rounding_noise_um(step_um).powi(2) - common_um2(sigma_um);
+    let deviation_um2 = |sigma_um: f64| sigma_um * sigma_um + rounding_noise(step_um).powi(2) - common_um2(sigma_um);
     let (mut low, mut high) = (0.0, deviation_um + step_um);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if deviation_um2(middle) < deviation_um * deviation_um { low = middle } else { high = middle }
     }
-    low.hypot(rounding_noise_um(step_um))
+    low.hypot(rounding_noise(step_um))
 }
 
 /// What rounding to whole steps adds to a reading on average, where noise of `sigma_um` smooths the staircase (Widrow and Kollar, Ch. 6).
@@ -88,17 +88,19 @@ fn normal_quantile_above(probability: f64) -> f64 {
 #[must_use]
 pub fn reading_step_um(dataset: &Dataset) -> Option<f64> {
     let driven = dataset.records.iter().filter(|r| r.role != super::Role::Noise);
-    let steps_um: Vec<f64> = driven.map(step_of).collect::<Option<_>>()?;
+    let steps_um: Vec<f64> = driven.map(|record| step_of(&record.displacement_um)).collect::<Option<_>>()?;
     let (least, most) = steps_um.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
     (most > 0.0 && most - least <= AGREEMENT * most).then(|| steps_um.iter().sum::<f64>() / steps_um.len() as f64)
 }
 
-fn step_of(record: &Record) -> Option<f64> {
-    let mut levels = record.displacement_um.clone();
+/// The step of a converter whose values these are, in their unit, if they lie on a grid that is coarse enough to be seen.
+#[must_use]
+pub fn step_of(values: &[f64]) -> Option<f64> {
+    let mut levels = values.to_vec();
     levels.sort_by(f64::total_cmp);
-    let equal_um = 1e-9 * (levels.last().copied().unwrap_or(0.0) - levels.first().copied().unwrap_or(0.0));
-    levels.dedup_by(|later, earlier| *later - *earlier <= equal_um);
-    if levels.len() < LEVELS_MIN || levels.len() * SAMPLES_PER_LEVEL > record.displacement_um.len() {
+    let equal = 1e-9 * (levels.last().copied().unwrap_or(0.0) - levels.first().copied().unwrap_or(0.0));
+    levels.dedup_by(|later, earlier| *later - *earlier <= equal);
+    if levels.len() < LEVELS_MIN || levels.len() * SAMPLES_PER_LEVEL > values.len() {
         return None;
     }
     let mut gaps: Vec<f64> = levels.windows(2).map(|w| w[1] - w[0]).collect();
@@ -131,11 +133,6 @@ fn step_of(record: &Record) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn record(displacement_um: Vec<f64>) -> Record {
-        let n = displacement_um.len();
-        Record::new("r", 1000.0, vec![0.0; n], displacement_um).from_virgin_state()
-    }
-
     fn motion_um(k: usize) -> f64 {
         5.0 + 4.0 * (0.01 * k as f64).sin() + 0.003 * ((k * 7919) % 1000) as f64 / 1000.0
     }
@@ -147,7 +144,7 @@ mod tests {
                 let read_um = ((motion_um(k) - 0.123) / step_um).round() * step_um + 0.123;
                 (read_um * 1e5).round() * 1e-5
             };
-            let found = step_of(&record((0..20_000).map(reading).collect())).unwrap();
+            let found = step_of(&(0..20_000).map(reading).collect::<Vec<_>>()).unwrap();
             assert!((found / step_um - 1.0).abs() < 1e-3, "{step_um} {found}");
         }
     }
@@ -192,10 +189,10 @@ mod tests {
     #[test]
     fn what_is_only_written_with_few_digits_is_no_converter() {
         let written = |k: usize| (motion_um(k) * 1e5).round() * 1e-5;
-        assert_eq!(step_of(&record((0..3000).map(written).collect())), None);
+        assert_eq!(step_of(&(0..3000).map(written).collect::<Vec<_>>()), None);
         let held = |k: usize| if k.is_multiple_of(2) { 1.0 } else { 2.0 };
-        assert_eq!(step_of(&record((0..3000).map(held).collect())), None);
+        assert_eq!(step_of(&(0..3000).map(held).collect::<Vec<_>>()), None);
         let uneven = |k: usize| [0.0, 0.1, 0.25, 0.3, 0.47, 0.5, 0.66, 0.7, 0.91, 1.0][k % 10];
-        assert_eq!(step_of(&record((0..3000).map(uneven).collect())), None);
+        assert_eq!(step_of(&(0..3000).map(uneven).collect::<Vec<_>>()), None);
     }
 }

@@ -38,6 +38,9 @@ pub struct OwnRow {
 /// # Errors
 /// As [`Study::begun_again`].
 pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<OwnRow>> {
+    if !study.dataset.timing_is_assumed {
+        return Ok(None);
+    }
     let unexplained = study.floor_um.is_some() && !found.within(study.policy.explained, &study.floors_um, &study.split);
     let as_it_is = (unexplained && !added.is_empty()).then(Vec::new);
     let asked: Vec<Vec<&String>> = modes_to_do_without(study, found, added).into_iter().chain(as_it_is).collect();

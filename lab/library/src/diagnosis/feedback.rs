@@ -6,11 +6,13 @@
 //!
 //! What of a residual its own past does not predict is new noise; what of a drive its own past does not predict is what its
 //! source put in there. Where the second follows the first by a few samples with the opposite sign, clearly and by far more than what chance makes of
-//! samples that lie far apart, a loop was closed.
+//! samples that lie far apart, a loop was closed. Two things look like it and are none: a residual that follows the drive, which is a missing effect (a drive
+//! that is smooth is known before it comes), and one that is made of the noise with which the drive was read back.
 
 use super::judgement::Judged;
 use crate::dataset::{Dataset, Record};
-use crate::identification::fit::dot;
+use crate::identification::fit::{dot, rms};
+use crate::identification::noise_floor::ReadBack;
 use crate::parallel;
 use crate::statistics::{largest, mean};
 use nalgebra::{DMatrix, DVector};
@@ -28,6 +30,10 @@ const BEYOND_CHANCE: f64 = 2.0;
 const LEAST: f64 = 0.2;
 /// What is further than so many median sizes away is a corner of the drive or a disturbance, and counts as that much.
 const LIMITED_AT: f64 = 5.0;
+/// By how many times it must be larger than what of the residual follows the drive.
+const BEYOND_WHAT_FOLLOWS: f64 = 1.5;
+/// Where the noise of the drive's column makes this share of what is left, nothing is said.
+const MADE_BY_THE_COLUMN: f64 = 0.3;
 /// Fewer samples say nothing.
 const SAMPLES_MIN: usize = 2000;
 /// Samples of a record that are looked at.
@@ -48,9 +54,11 @@ pub struct Feedback {
 
 /// The records whose drive follows what a model leaves of them.
 #[must_use]
-pub fn followed(dataset: &Dataset, judged: &Judged) -> Vec<Feedback> {
+pub fn followed(dataset: &Dataset, judged: &Judged, read_back: Option<ReadBack>) -> Vec<Feedback> {
+    let of_the_noise =
+        |record: &Record, left: &[f64]| !read_back.is_some_and(|r| r.response_um(&judged.model, record) > MADE_BY_THE_COLUMN * rms(left));
     let both: Vec<(&Record, &Vec<f64>)> = dataset.records.iter().zip(&judged.residuals).filter(|(_, left)| !left.is_empty()).collect();
-    parallel::map(&both, |(record, left)| of_record(record, left)).into_iter().flatten().collect()
+    parallel::map(&both, |(record, left)| of_record(record, left).filter(|_| of_the_noise(record, left))).into_iter().flatten().collect()
 }
 
 fn of_record(record: &Record, left: &[f64]) -> Option<Feedback> {
@@ -68,7 +76,9 @@ fn of_record(record: &Record, left: &[f64]) -> Option<Feedback> {
     let by_chance = CHANCE.map(|later| correlation(later).abs()).fold(0.0, f64::max);
     let answers = (0..=ANSWERS_WITHIN).map(|later| (later, correlation(later)));
     let (later_samples, correlation) = answers.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let answered = -correlation > LEAST.max(BEYOND_CHANCE * by_chance);
+    let follows = |later: usize| dot(&drive[..drive.len() - later], &noise[later..]).abs() / power;
+    let missing = (1..=ANSWERS_WITHIN).map(follows).fold(0.0, f64::max);
+    let answered = -correlation > LEAST.max(BEYOND_CHANCE * by_chance).max(BEYOND_WHAT_FOLLOWS * missing);
     answered.then(|| Feedback { record: record.name.clone(), later_samples, correlation, by_chance })
 }
 
@@ -149,7 +159,7 @@ mod tests {
     fn a_controller_that_answers_noise_is_told_with_its_delay() {
         let noise = noise(1, 0.002);
         for gain in [0.3, 2.0] {
-            let found = followed(&dataset(closed_loop(gain, &noise), &noise), &left(&noise));
+            let found = followed(&dataset(closed_loop(gain, &noise), &noise), &left(&noise), None);
             assert_eq!(found.len(), 1, "{gain}");
             assert_eq!(found[0].later_samples, 1);
             assert!(found[0].correlation < -0.5 && found[0].by_chance < 0.1, "{:?}", found[0]);
@@ -164,7 +174,7 @@ mod tests {
             let coarse: Vec<f64> = (0..SAMPLES).map(|k| (wave(k) * 200.0).round() / 200.0).collect();
             let monitored: Vec<f64> = (0..SAMPLES).map(wave).zip(noise(500 + seed, 0.01)).map(|(u, n)| u + n).collect();
             for drive_v in [(0..SAMPLES).map(wave).collect(), triangles, coarse, monitored] {
-                assert_eq!(followed(&dataset(drive_v, &readings_noise), &left(&readings_noise)), []);
+                assert_eq!(followed(&dataset(drive_v, &readings_noise), &left(&readings_noise), None), []);
             }
         }
     }
@@ -174,6 +184,6 @@ mod tests {
     fn what_follows_the_drive_is_no_answer() {
         let drive_v: Vec<f64> = (0..SAMPLES).map(wave).zip(noise(3, 0.5)).map(|(u, n)| (u + n).clamp(0.0, 10.0)).collect();
         let late: Vec<f64> = (0..SAMPLES).map(|k| 0.01 * (drive_v[k.saturating_sub(3)] - drive_v[k.saturating_sub(1)])).collect();
-        assert_eq!(followed(&dataset(drive_v, &late), &left(&late)).len(), 0);
+        assert_eq!(followed(&dataset(drive_v, &late), &left(&late), None).len(), 0);
     }
 }

@@ -1,9 +1,11 @@
 //! Models judged on records: errors, by how much one is better than another, and which records are fitted at all.
 
+use super::policy::Policy;
 use crate::dataset::{Dataset, Record, Role};
 use crate::error::{Error, Result};
 use crate::identification::fit::{blocks, dot, rms};
 use crate::identification::linearisation::{Rows, residual_at};
+use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::parallel;
 use hysteron_sim::chain::{Drive, Model};
 use hysteron_sim::effect::Effect;
@@ -53,6 +55,13 @@ impl Judged {
         self.validate_rms_um.unwrap_or(self.identify_rms_um)
     }
 
+    /// The floor with what the noise of the drive's column makes in the readings of this model, as [`NoiseFloor::beside`].
+    #[must_use]
+    pub fn floor_beside(&self, floor: &NoiseFloor, explained: f64, dataset: &Dataset) -> Option<NoiseFloor> {
+        let left_um: Vec<Option<f64>> = self.residuals.iter().map(|r| (!r.is_empty()).then(|| rms(r))).collect();
+        floor.beside(&self.model, &left_um, explained, dataset)
+    }
+
     /// Fitted and held-out error are each below `times` the noise floor of their records; never where a record has no floor.
     #[must_use]
     pub fn within(&self, times: f64, floors_um: &[Option<f64>], split: &Split) -> bool {
@@ -77,6 +86,14 @@ fn rms_of(residuals: &[Vec<f64>], records: &[usize]) -> Option<f64> {
 #[must_use]
 pub fn judge(model: Model, dataset: &Dataset, split: &Split) -> Judged {
     judge_rows(model, dataset, split, &Rows::all(dataset, &split.both()))
+}
+
+/// The floor of a data set beside a model as it is.
+#[must_use]
+pub fn noise_floor_beside(model: &Model, dataset: &Dataset) -> NoiseFloor {
+    let floor = noise_floor(dataset);
+    let judged = judge(model.clone(), dataset, &Split::of(dataset));
+    judged.floor_beside(&floor, Policy::default().explained, dataset).unwrap_or(floor)
 }
 
 /// Judges a fitted model on the samples that count.

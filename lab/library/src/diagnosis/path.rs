@@ -3,7 +3,8 @@
 use super::judgement::Judged;
 use super::study::Study;
 use crate::error::Result;
-use crate::identification::finer_hysteresis::{description, steps_finer, with_the_structure_of};
+use crate::identification::finer_creep;
+use crate::identification::finer_hysteresis::{description, with_the_structure_of};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Effect, Overview};
@@ -29,6 +30,8 @@ pub enum Change {
     AddedUnweighed(Vec<String>),
     /// The same hysteresis was described better: more finely, or by loops of another structure.
     FinerHysteresis(String),
+    /// The same creep was described better.
+    FinerCreep(String),
     /// All values were fitted again, to this recording.
     FittedAgain,
     /// An effect that was there took other values; all others were held.
@@ -83,13 +86,17 @@ pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Re
     // What the end has beside all effects: a finer description, where that brings something, and the values of a fit that went as far as
     // it goes.
     let mut end = end.clone();
-    if description(&last) != description(&end.model) {
+    let finer_creep =
+        finer_creep::description(&end.model).filter(|_| finer_creep::steps_finer(&end.model) != finer_creep::steps_finer(&last));
+    let finer_hysteresis = (description(&last) != description(&end.model)).then(|| description(&end.model));
+    if finer_hysteresis.is_some() || finer_creep.is_some() {
         let coarse = study.thoroughly(&last);
-        let finer_by = steps_finer(&end.model).saturating_sub(steps_finer(&last)) as f64;
+        let finer_by = Study::steps_finer(&end.model).saturating_sub(Study::steps_finer(&last)) as f64;
         if study.merit(&coarse) <= study.merit(&end) + study.policy.gain_per_effect * finer_by {
             end = coarse;
         } else {
-            steps.push(Step { change: Change::FinerHysteresis(description(&end.model)), judged: end.clone() });
+            let change = finer_hysteresis.map(Change::FinerHysteresis).or(finer_creep.map(Change::FinerCreep));
+            steps.extend(change.map(|change| Step { change, judged: end.clone() }));
         }
     }
     if let Some(step) = steps.last_mut().filter(|s| s.change != Change::Start) {

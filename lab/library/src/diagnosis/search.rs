@@ -3,7 +3,7 @@
 //! # How it works
 //! A round scores all candidates on what each of the best models leaves, and proposes the sets that promise most: one effect more, or two
 //! where together they explain what neither does alone (creep is not seen before the lag beside it is), or a finer description of the
-//! hysteresis. The most promising are fitted on a part of the samples and take their place among all that were fitted; the best that have
+//! hysteresis or the creep. The most promising are fitted on a part of the samples and take their place among all that were fitted; the best that have
 //! not been extended yet are extended next. Where additions bring nothing more, effects of the best model are exchanged for others that do much
 //! the same beside it ([`Screening::doing_as`]): the first to be added was the best of few. The search ends when nothing is left above the
 //! noise, or when neither brings a better model.
@@ -18,7 +18,7 @@ use super::judgement::Judged;
 use super::screening::{Score, Screening};
 use super::study::Study;
 use crate::error::Result;
-use crate::identification::finer_hysteresis;
+use crate::identification::{finer_creep, finer_hysteresis};
 use crate::parallel;
 use crate::watch::Event;
 use hysteron_sim::chain::Model;
@@ -118,7 +118,7 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// Rank of a node: its merit, and a little for each effect and each step of a finer hysteresis more.
     fn rank(&self, node: &Node) -> f64 {
-        let more = node.added.len() + finer_hysteresis::steps_finer(&node.judged.model);
+        let more = node.added.len() + Study::steps_finer(&node.judged.model);
         self.study.merit(&node.judged) + self.study.policy.gain_per_effect * more as f64
     }
 
@@ -340,18 +340,21 @@ impl<'s, 'a> Search<'s, 'a> {
             self.study.watch.event(&Event::Scoring { candidates, beside: &node.added });
             self.study.score(&node.judged.model)
         });
-        let (mut out, mut beside_others): (Vec<Proposal>, Vec<Proposal>) = (Vec::new(), Vec::new());
+        // A better description of creep takes the place of no effect that may be missing.
+        let (mut out, mut beside_others, mut finer_creep): (Vec<Proposal>, Vec<Proposal>, Vec<Proposal>) = Default::default();
         for (node, screening) in nodes.iter().zip(screenings) {
             let screening = screening?;
             let proposals = if has_surfaces(&node.judged.model) == kind { &mut out } else { &mut beside_others };
             if proposals.is_empty() {
                 self.propose_finer(node, &screening, proposals);
+                self.propose_finer_creep(node, &screening, &mut finer_creep);
             }
             self.propose_effects(node, &screening, proposals);
         }
         keep_most_promising(&mut out, self.study.policy.trials);
         keep_most_promising(&mut beside_others, OTHER_LOOPS_TRIALS);
         out.extend(beside_others);
+        out.extend(finer_creep);
         Ok(out)
     }
 
@@ -401,6 +404,14 @@ impl<'s, 'a> Search<'s, 'a> {
         }
     }
 
+    fn propose_finer_creep(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
+        let relative = self.study.merit(&node.judged).exp();
+        let left = screening.left_by_finer_um2() / screening.total_um2().max(f64::MIN_POSITIVE);
+        for begin in self.study.finer_creep(&node.judged.model) {
+            self.offer(node, &[], begin, relative, left, out);
+        }
+    }
+
     fn offer(&self, node: &Node, scores: &[&Score], begin: Model, relative: f64, left: f64, out: &mut Vec<Proposal>) {
         if left > self.study.policy.promises_nothing {
             return;
@@ -433,7 +444,8 @@ fn structure(model: &Model) -> Option<String> {
     finer_hysteresis::main_effect(model).map(|e| e.id.clone())
 }
 
-/// A set of effects and how finely its hysteresis is described.
+/// A set of effects and how finely its hysteresis and its creep are described.
 fn key(added: &[String], model: &Model) -> String {
-    format!("{}|{}", added.join("+"), finer_hysteresis::description(model))
+    let creep = finer_creep::description(model).unwrap_or_default();
+    format!("{}|{}|{creep}", added.join("+"), finer_hysteresis::description(model))
 }

@@ -6,11 +6,11 @@ use super::screening::{Screening, Weighing, screen};
 use super::searched_data::for_search;
 use crate::dataset::Dataset;
 use crate::error::Result;
-use crate::identification::finer_hysteresis;
 use crate::identification::fit::{Effort, fit_rows, rms};
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::NoiseFloor;
+use crate::identification::{finer_creep, finer_hysteresis};
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::gain::Gain;
@@ -376,5 +376,17 @@ impl<'a> Study<'a> {
     pub fn finer(&self, model: &Model) -> Vec<Model> {
         let ways = [finer_hysteresis::refined(model, &self.overview, 1), finer_hysteresis::with_play_operators(model, &self.overview)];
         ways.into_iter().flatten().collect()
+    }
+
+    /// Finer descriptions of its creep: more terms, or free time constants.
+    #[must_use]
+    pub fn finer_creep(&self, model: &Model) -> Vec<Model> {
+        [finer_creep::denser(model, &self.overview), finer_creep::freed(model, &self.overview)].into_iter().flatten().collect()
+    }
+
+    /// By how many steps a model is described more finely than its effects are declared.
+    #[must_use]
+    pub fn steps_finer(model: &Model) -> usize {
+        finer_hysteresis::steps_finer(model) + finer_creep::steps_finer(model)
     }
 }

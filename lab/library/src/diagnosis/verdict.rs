@@ -10,7 +10,7 @@ use super::policy::Policy;
 use super::reduction::Supported;
 use super::residual_map::{drive_features, residual_by_feature};
 use crate::dataset::Dataset;
-use crate::dataset::reading_grid::{grid_by_chance, rounding_noise_um};
+use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
 use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::finer_hysteresis::{description, main_effect};
 use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
@@ -470,7 +470,7 @@ fn rounding_figures(found: &Found, floor: &NoiseFloor) -> Option<CandidateFigure
     let (step_um, floor_um) = (floor.reading_step_um?, floor.rms_um?);
     let quantisation = found.quantised.and_then(by_id)?;
     let id = quantisation.declaration().id;
-    let share = (rounding_noise_um(step_um) / floor_um).powi(2).min(1.0);
+    let share = (rounding_noise(step_um) / floor_um).powi(2).min(1.0);
     Some(CandidateFigures {
         effect: id.clone(),
         in_place_of: Some(id),

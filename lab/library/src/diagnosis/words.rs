@@ -10,7 +10,7 @@ use super::path::Change;
 use super::policy::Policy;
 use super::verdict::{Diagnosis, Finding, Found, Verdict};
 use crate::dataset::Dataset;
-use crate::dataset::reading_grid::rounding_noise_um;
+use crate::dataset::reading_grid::rounding_noise;
 use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
@@ -83,6 +83,7 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
             format!("{}{fall}", physics.trim_end_matches('.'))
         }
         Change::AddedUnweighed(ids) => format!("{}: added until the search was stopped, and not weighed{fall}", list(ids, "and")),
+        Change::FinerCreep(how) => format!("creep of {how}: the same effect, described better{fall}"),
         Change::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described better{fall}"),
         Change::FittedAgain => format!("all values fitted again, to this recording{fall}"),
         Change::Changed(id) => format!("{} has other values here, all others held{fall}", spoken(id)),
@@ -327,7 +328,7 @@ impl Said<'_> {
              data could show: the {} is {} nm.",
             capital(&list(&self.diagnosis.named, "and")),
             nm(step_um),
-            nm(rounding_noise_um(step_um)),
+            nm(rounding_noise(step_um)),
             self.floor_nm,
             self.which,
             nm(self.after_um)

@@ -4,8 +4,9 @@
 //! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
 //!   [`identifiability`]: what they leave open;
 //! * [`noise_floor`]: what remains random, and on which evidence;
-//! * [`finer_hysteresis`]: more flexible surfaces, so that a coarse description cannot pose as a missing effect.
+//! * [`finer_creep`], [`finer_hysteresis`]: more terms and more flexible surfaces, so that a coarse description cannot pose as a missing effect.
 
+pub mod finer_creep;
 pub mod finer_hysteresis;
 pub mod fit;
 pub mod held_values;

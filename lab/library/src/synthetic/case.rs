@@ -5,7 +5,7 @@
 //! another structure than the surfaces that are fitted, and it may have effects that no library knows ([`outside_library`]).
 
 use super::drives::{DriveOfRecord, drives, manifest};
-use crate::dataset::reading_grid::rounding_noise_um;
+use crate::dataset::reading_grid::rounding_noise;
 use crate::error::{Error, Result};
 use crate::model_file::effect_named;
 use hysteron_sim::bench::Bench;
@@ -203,7 +203,7 @@ pub fn simulate_case(order: &Order, name: &str) -> Result<SyntheticCase> {
     let converter = plant.model.effects.iter().find(|e| e.effect.declaration().place == Place::Quantisation);
     let lsb_um = converter.map_or(0.0, |e| e.values()[0]);
     plant.model = plant.model.before_rounding().into_owned();
-    let noise_um = plant.noise_um.hypot(rounding_noise_um(lsb_um));
+    let noise_um = plant.noise_um.hypot(rounding_noise(lsb_um));
     let with_force = plant.model.effects.iter().any(|e| e.effect.needs_force());
     let mut without = plant.model.clone();
     without.effects.retain(|e| e.effect.declaration().is_main() || !hidden.iter().any(|(id, _)| *id == e.id));

@@ -11,6 +11,8 @@ use realfft::RealFftPlanner;
 const BAND: (f64, f64) = (0.6, 0.95);
 /// The drive must have less than this share of the power that the reading has in the band.
 const DRIVE_MAX: f64 = 0.1;
+/// Densities of white noise in the two halves of the band differ by less than this factor.
+const FLAT: f64 = 1.4;
 /// Least samples for a spectrum whose leakage is far below the noise.
 const SAMPLES_MIN: usize = 1024;
 
@@ -25,8 +27,24 @@ pub(super) fn of_record(record: &Record, gain_um_v: f64) -> Option<FloorEstimate
     free_of_drive.then(|| FloorEstimate::new(Evidence::HighBand, vec![record.name.clone()], reading.sqrt(), record.window.len()))
 }
 
-/// Mean square that white noise of the density in the band would have, by the median of the ordinates: lines do not count.
+/// RMS of white noise in the column of a drive that has nothing else there, V; `None` where the band is not flat.
+pub(super) fn drive_noise_v(record: &Record) -> Option<f64> {
+    if record.window.len() < SAMPLES_MIN {
+        return None;
+    }
+    let drive_v = &record.drive_v[record.window.clone()];
+    let middle = 0.5 * (BAND.0 + BAND.1);
+    let (low, high) = (density_between(drive_v, (BAND.0, middle))?, density_between(drive_v, (middle, BAND.1))?);
+    (low.max(high) < FLAT * low.min(high)).then(|| (0.5 * (low + high)).sqrt())
+}
+
+/// Mean square that white noise of the density in the band would have.
 fn density_in_band(signal: &[f64]) -> Option<f64> {
+    density_between(signal, BAND)
+}
+
+/// The same between two shares of half the sampling rate, by the median of the ordinates: lines do not count.
+fn density_between(signal: &[f64], band: (f64, f64)) -> Option<f64> {
     let n = signal.len();
     // The second power of a Hann window: what leaks from far away falls with the fifth power of the distance.
     let window = |k: usize| (std::f64::consts::PI * (k as f64 + 0.5) / n as f64).sin().powi(4);
@@ -37,7 +55,7 @@ fn density_in_band(signal: &[f64]) -> Option<f64> {
     transform.process(&mut input, &mut output).ok()?;
     let power: f64 = (0..n).map(|k| window(k).powi(2)).sum();
     let bin = |share: f64| (share * output.len() as f64) as usize;
-    let mut ordinates: Vec<f64> = output[bin(BAND.0)..bin(BAND.1)].iter().map(|c| c.norm_sqr() / power).collect();
+    let mut ordinates: Vec<f64> = output[bin(band.0)..bin(band.1)].iter().map(|c| c.norm_sqr() / power).collect();
     ordinates.sort_by(f64::total_cmp);
     // Exponentially distributed ordinates: the mean is the median over ln 2.
     ordinates.get(ordinates.len() / 2).map(|median| median / std::f64::consts::LN_2)

@@ -2,6 +2,7 @@
 //!
 //! * [`rest`]: records at rest, and where a drive holds still inside a record;
 //! * [`repetition`]: periods and repeated drives, which are found from the drive alone;
+//! * [`read_back`]: noise in the column of the drive, which every model passes on;
 //! * [`high_band`]: a lower bound from what readings have above everything that the drive excites;
 //! * [`random_part`]: lines, slow drift and what follows a measured force are effects, not noise, and are taken out of all of them.
 //! * [`wander`]: noise that is the stronger the slower it is, carried on from a rest to longer records.
@@ -13,15 +14,20 @@
 
 mod high_band;
 mod random_part;
+mod read_back;
 mod repetition;
 mod rest;
 mod wander;
 
 pub use random_part::periodogram;
+pub use read_back::{Known, ReadBack};
 pub use wander::Wander;
 
-use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, rounding_noise_um};
+use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, rounding_noise};
 use crate::dataset::{Dataset, Record, Role};
+use crate::parallel;
+use hysteron_sim::chain::Model;
+use repetition::Repeated;
 use serde::Serialize;
 
 /// What an estimate of the noise rests on.
@@ -100,6 +106,12 @@ pub struct NoiseFloor {
     pub reading_step_um: Option<f64>,
     /// Where estimates disagree.
     pub warnings: Vec<String>,
+    /// Noise in the column of the drive; `None` where the drive stands there as it was commanded.
+    #[serde(skip)]
+    pub read_back: Option<ReadBack>,
+    /// RMS of each record without what that noise makes, um.
+    #[serde(skip)]
+    of_readings_um: Vec<Option<f64>>,
 }
 
 impl NoiseFloor {
@@ -109,12 +121,57 @@ impl NoiseFloor {
         let white = self.estimates.first().filter(|e| e.rms_um > 0.0).map_or(0.0, |e| e.std_um / e.rms_um);
         white.hypot(self.wander_relative_std)
     }
+
+    /// RMS of the readings alone over all records that are fitted or judge, um: without what the noise of the drive's column makes in a model.
+    #[must_use]
+    pub fn of_readings_um(&self, dataset: &Dataset) -> Option<f64> {
+        over_judging(dataset, &self.of_readings_um)
+    }
+
+    /// The floor beside a model that leaves these errors of the records, um: what the noise of the drive's column makes in the readings of this model is part
+    /// of it. `None` where the drive stands in its column as it was commanded, or nothing speaks for noise that nobody saw.
+    ///
+    /// `explained` times the floor is what a model leaves that explains everything.
+    #[must_use]
+    pub fn beside(&self, model: &Model, left_um: &[Option<f64>], explained: f64, dataset: &Dataset) -> Option<Self> {
+        let read_back = self.read_back?;
+        let made_um: Vec<f64> =
+            parallel::map(&dataset.records, |record| if record.role == Role::Noise { 0.0 } else { read_back.response_um(model, record) });
+        let judged = |um: &[Option<f64>]| over_judging(dataset, um);
+        let made: Vec<Option<f64>> = made_um.iter().copied().map(Some).collect();
+        let (left, made, readings) = (judged(left_um)?, judged(&made)?, judged(&self.of_readings_um));
+        let more_than_made = left > LEAVES_WHAT_IT_MAKES * made;
+        let speaks_for_it = || readings.is_some_and(|readings| made > readings && left < explained * made.hypot(readings));
+        let counts = match read_back.known {
+            // What the stage followed as well is no noise of the column.
+            Known::Seen => more_than_made,
+            Known::InItsBand | Known::Steps { .. } if more_than_made && speaks_for_it() => true,
+            Known::InItsBand | Known::Steps { .. } => return None,
+        };
+        Some(self.with_drive_noise(dataset, read_back, |i| if counts { made_um[i] } else { 0.0 }))
+    }
+
+    /// The floor where the noise of the drive's column makes so much of each record, um.
+    fn with_drive_noise(&self, dataset: &Dataset, read_back: ReadBack, made_um: impl Fn(usize) -> f64) -> Self {
+        let with = |(i, readings): (usize, &Option<f64>)| readings.map(|readings_um: f64| readings_um.hypot(made_um(i)));
+        let of_records_um: Vec<Option<f64>> = self.of_readings_um.iter().enumerate().map(with).collect();
+        let rms_um = over_judging(dataset, &of_records_um);
+        let readings_um = over_judging(dataset, &self.of_readings_um).unwrap_or(0.0);
+        let made_um = rms_um.map_or(0.0, |rms_um| (rms_um * rms_um - readings_um * readings_um).max(0.0).sqrt());
+        let mut warnings: Vec<String> = self.warnings.iter().filter(|w| !w.starts_with(READ_BACK)).cloned().collect();
+        warnings.extend((made_um > DRIVE_NOISE_MATTERS * readings_um).then(|| read_back.words(made_um)));
+        Self { rms_um, of_records_um, warnings, ..self.clone() }
+    }
 }
 
 /// Rounding matters where it makes this share of the noise's power.
 const ROUNDING_MATTERS: f64 = 0.05;
 /// Noise in the drive's column is spoken of where it makes this share of the reading's own.
 const DRIVE_NOISE_MATTERS: f64 = 0.1;
+/// A model leaves at least this share of what the noise of its drive makes, unless the stage followed that noise as well.
+const LEAVES_WHAT_IT_MAKES: f64 = 0.9;
+/// How a sentence of that noise begins.
+const READ_BACK: &str = "the drive was read back";
 /// A declared step may differ by this share from the one that the readings show.
 const DECLARED_STEP_TOLERANCE: f64 = 0.05;
 /// Two estimates whose ratio is larger are said to disagree.
@@ -130,27 +187,20 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     let rests = dataset.records.iter().filter(|r| r.role == Role::Noise).map(|r| rest::of_record(r, step_um));
     let (mut estimates, wanders): (Vec<FloorEstimate>, Vec<Option<Wander>>) = rests.unzip();
     let wander = wanders.into_iter().next().flatten();
-    let mut repeated: Vec<FloorEstimate> = driven.iter().filter_map(|r| repetition::of_periods(r, span_v)).collect();
-    repeated.extend(repetition::of_pairs(dataset));
+    let mut repeats: Vec<Repeated> = driven.iter().filter_map(|r| repetition::of_periods(r, span_v)).collect();
+    repeats.extend(repetition::of_pairs(dataset));
+    let read_back = ReadBack::of(dataset, repeats.iter().map(|r| r.drive_noise_v).fold(0.0, f64::max));
+    let mut repeated: Vec<FloorEstimate> = repeats.into_iter().map(|r| r.estimate).collect();
     if let Some(step_um) = step_um {
         repeated.iter_mut().for_each(|e| e.rms_um = noise_between_repeats_um(e.rms_um, step_um));
     }
     estimates.extend(repeated);
     estimates.extend(driven.iter().filter_map(|r| rest::of_hold(r, step_um)));
     let gain_um_v = dataset.overview().gain_um_v;
-    let drive_noise_v = dataset.records.iter().filter(taking_part).map(rest::drive_noise_v).fold(0.0, f64::max);
-    let drive_noise_um = drive_noise_v * gain_um_v.abs();
-    if drive_noise_um > 0.0 {
-        // A model follows what was read of the drive; the stage followed the drive.
-        estimates.iter_mut().filter(|e| !e.evidence.under_drive()).for_each(|e| e.rms_um = e.rms_um.hypot(drive_noise_um));
-    }
     let bounds: Vec<FloorEstimate> = driven.iter().filter_map(|r| high_band::of_record(r, gain_um_v)).collect();
     let at_least_um = bounds.iter().map(|e| e.rms_um).reduce(f64::min);
-    let of_records_um: Vec<Option<f64>> = dataset
-        .records
-        .iter()
-        .map(|r| wander.map(|wander| wander.in_record_um(r).hypot(drive_noise_um)).or_else(|| of_record(r, &estimates)))
-        .collect();
+    let of_records_um: Vec<Option<f64>> =
+        dataset.records.iter().map(|r| wander.map(|wander| wander.in_record_um(r)).or_else(|| of_record(r, &estimates))).collect();
     let judged = driven.iter().map(|r| wander.map_or(0.0, |wander| wander.relative_std(r)));
     let wander_relative_std = judged.fold(0.0, f64::max);
     let rms_um = over_judging(dataset, &of_records_um);
@@ -163,19 +213,29 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
             1e3 * w.at_1_hz_um
         )
     }));
-    let at_rest_um = rms_um.map_or(0.0, |rms_um| (rms_um * rms_um - drive_noise_um * drive_noise_um).max(0.0).sqrt());
-    warnings.extend((drive_noise_um > DRIVE_NOISE_MATTERS * at_rest_um).then(|| {
-        format!(
-            "the drive was read back with {:.2} mV of noise, which is {:.2} nm that no model can meet: record what was commanded where you can",
-            1e3 * drive_noise_v,
-            1e3 * drive_noise_um
-        )
-    }));
-    let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise_um(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);
+    let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);
     let basis = estimates.first().map_or_else(|| "undecidable".to_owned(), |e| e.basis.clone());
     let reading_step_um = step_um.filter(matters);
     estimates.extend(bounds);
-    NoiseFloor { rms_um, basis, of_records_um, at_least_um, estimates, wander, wander_relative_std, reading_step_um, warnings }
+    let of_readings_um = of_records_um.clone();
+    let floor = NoiseFloor {
+        rms_um,
+        basis,
+        of_records_um,
+        at_least_um,
+        estimates,
+        wander,
+        wander_relative_std,
+        reading_step_um,
+        warnings,
+        read_back,
+        of_readings_um,
+    };
+    // A model follows what was read of the drive; the stage followed the drive. Before there is a model, by the gain.
+    match read_back.filter(|r| r.known == Known::Seen) {
+        Some(read_back) => floor.with_drive_noise(dataset, read_back, |_| read_back.noise_v * gain_um_v.abs()),
+        None => floor,
+    }
 }
 
 /// The floor of one record: a rest record's, what its own repetitions show, its own hold's, or the least that any record shows.

@@ -7,9 +7,9 @@
 use super::random_part::random_part;
 use super::{Evidence, FloorEstimate};
 use crate::dataset::{Dataset, Periods, Record, Role};
-use crate::identification::fit::rms;
+use crate::identification::fit::{dot, rms};
 use crate::spectrum::autocorrelation;
-use crate::statistics::peak_to_peak;
+use crate::statistics::{mean, peak_to_peak};
 use std::ops::Range;
 
 /// Least samples of a repetition that say something of the noise.
@@ -38,8 +38,16 @@ const NEIGHBOURS_READ_BACK: usize = 200;
 /// A record may be of so many whole periods, and of nothing else.
 const WHOLE_PERIODS_MAX: usize = 12;
 
+/// What repetitions of a drive show.
+pub(super) struct Repeated {
+    /// Of the readings.
+    pub(super) estimate: FloorEstimate,
+    /// RMS noise in the column of the drive, V; zero where the same was commanded again.
+    pub(super) drive_noise_v: f64,
+}
+
 /// What the periods of a record show: those that its manifest names, or those that its drive has.
-pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> {
+pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<Repeated> {
     // A signal of the user's own need not repeat with the drive, and what follows it is no noise.
     if !record.auxiliary.is_empty() {
         return None;
@@ -53,20 +61,25 @@ pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<FloorEstimate> 
     let end = periods.from + (periods.count - 1) * periods.length;
     let both_count = |k: &usize| record.counts(*k) && record.counts(k + periods.length);
     let compared: Vec<usize> = (from..end).filter(both_count).collect();
-    let difference: Vec<f64> = compared.iter().map(|k| record.displacement_um[k + periods.length] - record.displacement_um[*k]).collect();
-    let settled = settled_part(&difference)?;
+    let earlier_and_later =
+        |signal: &[f64]| -> Differing { Differing::of(compared.iter().map(|k| (signal[*k], signal[k + periods.length]))) };
+    let (drive, reading) = (earlier_and_later(&record.drive_v), earlier_and_later(&record.displacement_um));
+    let settled = settled_part(&reading.difference)?;
     // A measured force need not have the drive's period: what follows its difference is no noise either.
     let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| compared.iter().map(|k| f[k + periods.length] - f[*k]).collect());
     let force = force_n.as_deref().map(|f| (f, settled.start));
-    let rms_um = random_part(&difference[settled.clone()], record.sample_rate_hz, force) / std::f64::consts::SQRT_2;
-    Some(FloorEstimate::new(Evidence::Periods, vec![record.name.clone()], rms_um, settled.len()))
+    let drive_noise_v = drive.noise(settled.clone(), SAME_DRIVE * span_v);
+    let random = reading.but_for_another_size(&drive, drive_noise_v, settled.clone());
+    let rms_um = random_part(&random, record.sample_rate_hz, force) / std::f64::consts::SQRT_2;
+    let estimate = FloorEstimate::new(Evidence::Periods, vec![record.name.clone()], rms_um, settled.len());
+    Some(Repeated { estimate, drive_noise_v })
 }
 
 /// What pairs of records with the same drive show.
-pub(super) fn of_pairs(dataset: &Dataset) -> Vec<FloorEstimate> {
+pub(super) fn of_pairs(dataset: &Dataset) -> Vec<Repeated> {
     let span_v = dataset.drive_max_v - dataset.drive_min_v;
     let driven: Vec<&Record> = dataset.records.iter().filter(|r| r.role != Role::Noise).collect();
-    let mut out: Vec<FloorEstimate> = Vec::new();
+    let mut out: Vec<Repeated> = Vec::new();
     for (i, first) in driven.iter().enumerate() {
         for second in &driven[i + 1..] {
             out.extend(of_pair(first, second, span_v));
@@ -75,7 +88,7 @@ pub(super) fn of_pairs(dataset: &Dataset) -> Vec<FloorEstimate> {
     out
 }
 
-fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<FloorEstimate> {
+fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<Repeated> {
     let takes_part = |record: &Record| record.force_n.is_some() || !record.auxiliary.is_empty();
     if first.sample_rate_hz != second.sample_rate_hz || takes_part(first) || takes_part(second) {
         return None;
@@ -88,11 +101,51 @@ fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<FloorEstimate
         return None;
     }
     let both_count = |k: &usize| first.counts(*k) && second.counts(*k);
-    let difference: Vec<f64> = (start..end).filter(both_count).map(|k| first.displacement_um[k] - second.displacement_um[k]).collect();
-    let settled = settled_part(&difference)?;
-    let rms_um = random_part(&difference[settled.clone()], first.sample_rate_hz, None) / std::f64::consts::SQRT_2;
+    let compared: Vec<usize> = (start..end).filter(both_count).collect();
+    let drive = Differing::of(compared.iter().map(|k| (second.drive_v[*k], first.drive_v[*k])));
+    let reading = Differing::of(compared.iter().map(|k| (second.displacement_um[*k], first.displacement_um[*k])));
+    let settled = settled_part(&reading.difference)?;
+    let drive_noise_v = drive.noise(settled.clone(), SAME_DRIVE * span_v);
+    let random = reading.but_for_another_size(&drive, drive_noise_v, settled.clone());
+    let rms_um = random_part(&random, first.sample_rate_hz, None) / std::f64::consts::SQRT_2;
     // The same samples under two names are no repetition.
-    (rms_um > 0.0).then(|| FloorEstimate::new(Evidence::Repeats, vec![first.name.clone(), second.name.clone()], rms_um, settled.len()))
+    (rms_um > 0.0).then(|| Repeated {
+        estimate: FloorEstimate::new(Evidence::Repeats, vec![first.name.clone(), second.name.clone()], rms_um, settled.len()),
+        drive_noise_v,
+    })
+}
+
+/// A signal under two repetitions of a drive.
+struct Differing {
+    /// The mean of both without its mean: what the signal looks like.
+    shape: Vec<f64>,
+    /// The later less the earlier.
+    difference: Vec<f64>,
+}
+
+impl Differing {
+    fn of(pairs: impl Iterator<Item = (f64, f64)>) -> Self {
+        let (mut shape, difference): (Vec<f64>, Vec<f64>) = pairs.map(|(a, b)| (0.5 * (a + b), b - a)).unzip();
+        let mean = mean(&shape);
+        shape.iter_mut().for_each(|v| *v -= mean);
+        Self { shape, difference }
+    }
+
+    /// RMS of the noise of one repetition, by the steps of the difference from sample to sample, which another size hardly has; zero below this.
+    fn noise(&self, samples: Range<usize>, least: f64) -> f64 {
+        let steps: Vec<f64> = self.difference[samples].windows(2).map(|w| w[1] - w[0]).collect();
+        let noise = 0.5 * rms(&steps);
+        if noise > least { noise } else { 0.0 }
+    }
+
+    /// The difference of readings without what comes of a drive that has another size the second time: an amplifier that warms up, seen below the noise with
+    /// which the drive was read back.
+    fn but_for_another_size(&self, drive: &Self, drive_noise_v: f64, samples: Range<usize>) -> Vec<f64> {
+        let (shape, drive_shape) = (&self.shape[samples.clone()], &drive.shape[samples.clone()]);
+        let power = dot(drive_shape, drive_shape);
+        let larger = if power > 0.0 && drive_noise_v > 0.0 { dot(&drive.difference[samples.clone()], drive_shape) / power } else { 0.0 };
+        self.difference[samples].iter().zip(shape).map(|(difference, shape)| difference - larger * shape).collect()
+    }
 }
 
 /// First sample of both windows from which on two records have the same drive, up to `end`.
@@ -226,7 +279,7 @@ mod tests {
         let periods = find_periods(&record, 0, 100.0).unwrap();
         assert_eq!((periods.length, periods.count), (500, 12));
         let found = of_periods(&record, 100.0).unwrap();
-        assert!((found.rms_um / 0.02 - 1.0).abs() < 0.05, "{}", found.rms_um);
+        assert!((found.estimate.rms_um / 0.02 - 1.0).abs() < 0.05, "{}", found.estimate.rms_um);
     }
 
     /// Two records that begin from different states: what the first remembers dies away and is no noise.
@@ -239,7 +292,7 @@ mod tests {
         let records = vec![Record::new("a", 10_000.0, drive.clone(), first), Record::new("b", 10_000.0, drive.clone(), second)];
         let found = of_pairs(&Dataset::new("d", -40.0, 40.0, records).unwrap());
         assert_eq!(found.len(), 1);
-        assert!((found[0].rms_um / 0.003 - 1.0).abs() < 0.06, "{}", found[0].rms_um);
+        assert!((found[0].estimate.rms_um / 0.003 - 1.0).abs() < 0.06, "{}", found[0].estimate.rms_um);
     }
 
     #[test]
@@ -261,7 +314,7 @@ mod tests {
         let reading = noisy(&(0..2 * length).map(commanded_v).collect::<Vec<_>>(), 0.003, 9);
         let held_out = Record { window: length..2 * length, ..Record::new("r", 6400.0, drive.clone(), reading.clone()) };
         let found = of_periods(&held_out, 4.0).unwrap();
-        assert!((found.rms_um / 0.003 - 1.0).abs() < 0.06, "{}", found.rms_um);
+        assert!((found.estimate.rms_um / 0.003 - 1.0).abs() < 0.06, "{}", found.estimate.rms_um);
         let larger = drive.iter().enumerate().map(|(k, u)| if k < length { *u } else { 1.0005 * u }).collect();
         assert!(of_periods(&Record::new("r", 6400.0, larger, reading), 4.0).is_none());
     }

@@ -4,7 +4,7 @@ use super::random_part::{random, random_part};
 use super::wander::Wander;
 use super::{Evidence, FloorEstimate};
 use crate::dataset::holds::{holds, read_noise_v};
-use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise_um};
+use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise};
 use crate::dataset::{Record, Role};
 use std::ops::Range;
 
@@ -40,7 +40,7 @@ pub(super) fn drive_noise_v(record: &Record) -> f64 {
 
 fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) -> f64 {
     match step_um.filter(|step_um| random_um < HIDDEN_BY_STEP * step_um) {
-        Some(step_um) => noise_at_rest_um(readings_um, step_um).unwrap_or_else(|| random_um.hypot(rounding_noise_um(step_um))),
+        Some(step_um) => noise_at_rest_um(readings_um, step_um).unwrap_or_else(|| random_um.hypot(rounding_noise(step_um))),
         None => random_um,
     }
 }

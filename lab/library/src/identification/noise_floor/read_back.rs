@@ -1,0 +1,119 @@
+//! A drive that was read back: noise in its column, which the stage never saw and every model passes on.
+//!
+//! What no model can meet is not that noise times the gain. A light mode amplifies white noise, a slow stage smooths it, and the model that is compared
+//! does the same: how much is found by giving it the recorded drive with as much noise once more. So the floor depends on the model, and is taken
+//! anew from what a search ends with ([`super::NoiseFloor::beside`]).
+//!
+//! Rest, holds and repeats of the drive show its noise. Where there are none, what the drive has above everything smooth may be noise, or may have been
+//! commanded, and steps of its column may be those of a converter that read it or of one that made it: then the readings decide. A model that leaves
+//! what the noise would make had no better drive to follow.
+
+use super::rest;
+use super::{READ_BACK, high_band};
+use crate::dataset::reading_grid::{rounding_noise, step_of};
+use crate::dataset::{Dataset, Record, Role};
+use crate::identification::fit::rms;
+use hysteron_sim::chain::Model;
+use hysteron_sim::noise::WhiteNoise;
+
+/// How the noise of a drive's column is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Known {
+    /// Rest, holds or repeats of the drive show it.
+    Seen,
+    /// The drive has it above everything smooth: it may have been commanded.
+    InItsBand,
+    /// The column has steps: a converter read them, or made them.
+    Steps {
+        /// One step, V.
+        step_v: f64,
+    },
+}
+
+/// Noise in the column of the drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadBack {
+    /// RMS, V.
+    pub noise_v: f64,
+    /// How it is known.
+    pub known: Known,
+}
+
+/// Samples of a record that are walked to see what the noise makes: light modes forget within a fraction of them.
+const SAMPLES_WALKED: usize = 20_000;
+/// Of the noise that is given once more.
+const SEED: u64 = 71;
+/// Share of moves of one size by which a drive was commanded along straight lines.
+const ALIKE: f64 = 0.9;
+/// Noise of a drive's band is less than this share of what the actuator may be driven by; more of it was commanded.
+const NOISE_SHARE_MAX: f64 = 2e-3;
+
+impl ReadBack {
+    /// What the columns of a data set show; nothing where the drive was commanded as it stands there.
+    pub(super) fn of(dataset: &Dataset, between_repeats_v: f64) -> Option<Self> {
+        let taking_part = || dataset.records.iter().filter(|r| r.role != Role::Test);
+        let span_v = dataset.drive_max_v - dataset.drive_min_v;
+        let at_rest_v = taking_part().map(rest::drive_noise_v).fold(0.0, f64::max);
+        let seen_v = if at_rest_v > 0.0 { at_rest_v } else { between_repeats_v };
+        if seen_v > 0.0 {
+            return Some(Self { noise_v: seen_v, known: Known::Seen });
+        }
+        let driven: Vec<&Record> = taking_part().filter(|r| r.role != Role::Noise).collect();
+        let steps_v: Option<Vec<f64>> = driven.iter().map(|r| step_v(&r.drive_v)).collect();
+        if let Some(step_v) = steps_v.and_then(|steps| steps.into_iter().reduce(f64::max)) {
+            return Some(Self { noise_v: rounding_noise(step_v), known: Known::Steps { step_v } });
+        }
+        let in_band_v = driven.iter().filter_map(|r| high_band::drive_noise_v(r)).fold(0.0, f64::max);
+        (in_band_v > 0.0 && in_band_v < NOISE_SHARE_MAX * span_v).then_some(Self { noise_v: in_band_v, known: Known::InItsBand })
+    }
+
+    /// What to say of it where it makes so much of the readings, um.
+    pub(super) fn words(&self, made_um: f64) -> String {
+        let made_nm = 1e3 * made_um;
+        match self.known {
+            Known::Seen => format!(
+                "{READ_BACK} with {:.2} mV of noise, which is {made_nm:.2} nm that no model can meet: record what was commanded where you can",
+                1e3 * self.noise_v
+            ),
+            Known::InItsBand => format!(
+                "{READ_BACK}, it seems, with {:.2} mV of noise: that makes {made_nm:.2} nm, which is what is left, and no model can meet it; record what was \
+                 commanded where you can",
+                1e3 * self.noise_v
+            ),
+            Known::Steps { step_v } => format!(
+                "{READ_BACK}, it seems, in steps of {:.2} mV: rounding makes {made_nm:.2} nm, which is what is left, and no model can meet it; if the drive was \
+                 commanded in these steps, something of that size is missing",
+                1e3 * step_v
+            ),
+        }
+    }
+
+    /// RMS of what the noise makes in the readings of a model, um.
+    #[must_use]
+    pub fn response_um(&self, model: &Model, record: &Record) -> f64 {
+        let end = record.window.end.min(record.window.start + SAMPLES_WALKED);
+        let mut noise = WhiteNoise::new(self.noise_v, SEED);
+        let read_v: Vec<f64> = record.drive_v[..end].to_vec();
+        let again_v: Vec<f64> = read_v.iter().map(|u| u + noise.next_um()).collect();
+        let simulate = |drive_v: &[f64]| {
+            let mut drive = record.drive();
+            drive.drive_v = drive_v;
+            drive.force_n = record.force_n.as_deref().map(|f| &f[..end]);
+            let auxiliary: Vec<_> = record.auxiliary.iter().map(|signal| signal.with(|values| values[..end].to_vec())).collect();
+            drive.auxiliary = &auxiliary;
+            model.simulate(&drive)
+        };
+        let (read, again) = (simulate(&read_v), simulate(&again_v));
+        let difference: Vec<f64> = (record.window.start..end).map(|k| again[k] - read[k]).collect();
+        rms(&difference)
+    }
+}
+
+/// The step of a converter that read a drive, or made it, V. A triangle that is commanded sample by sample has steps of its own, all of the same size.
+fn step_v(drive_v: &[f64]) -> Option<f64> {
+    let step_v = step_of(drive_v)?;
+    let moves: Vec<i64> = drive_v.windows(2).map(|w| ((w[1] - w[0]) / step_v).round().abs() as i64).filter(|steps| *steps > 0).collect();
+    let first = moves.first()?;
+    let alike = moves.iter().filter(|steps| *steps == first).count();
+    ((alike as f64) < ALIKE * moves.len() as f64).then_some(step_v)
+}
