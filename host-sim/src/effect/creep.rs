@@ -75,7 +75,9 @@ impl Stage for CreepStage {
         output
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        let terms = self.terms.iter().map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
+        // Of a grid, few terms have a share.
+        let with_a_share = self.terms.iter().filter(|t| t.share != 0.0);
+        let terms = with_a_share.map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
         Some(Box::new(CreepLanes { terms, inputs: vec![0.0; lanes] }))
     }
 }
@@ -179,6 +181,7 @@ impl Effect for Creep {
         Some(Box::new(CreepStage::new(values, setting.dt_s)))
     }
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        // Those without a share too: a spectrum of creep is smooth, and shares that are not negative come out sparse.
         values.chunks_exact(2).map(|pair| FreeMotion { decay_per_s: 1.0 / pair[1], frequency_rad_s: 0.0 }).collect()
     }
     fn answers_drive_by(&self) -> Vec<usize> {

@@ -129,13 +129,29 @@ impl Parameter {
     /// A parameter for which steps of `step` matter.
     #[must_use]
     pub fn linear(name: impl Into<String>, unit: &str, lower: f64, upper: f64, step: f64) -> Self {
-        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Linear(step), fixed: false, of_a_grid: false }
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            lower,
+            upper: upper.max(lower),
+            scale: Scale::Linear(step),
+            fixed: false,
+            of_a_grid: false,
+        }
     }
 
-    /// A positive parameter that is varied by ratios.
+    /// A positive parameter that is varied by ratios. Data that reach no further than `lower` leave it there.
     #[must_use]
     pub fn logarithmic(name: impl Into<String>, unit: &str, lower: f64, upper: f64) -> Self {
-        Self { name: name.into(), unit: unit.into(), lower, upper, scale: Scale::Logarithmic, fixed: false, of_a_grid: false }
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            lower,
+            upper: upper.max(lower),
+            scale: Scale::Logarithmic,
+            fixed: false,
+            of_a_grid: false,
+        }
     }
 
     /// The same parameter, kept at its value.

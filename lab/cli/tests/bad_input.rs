@@ -338,3 +338,29 @@ fn a_delay_says_from_which_drive_it_counts() {
     assert_eq!(assumed.matches("it is one period (1.000 ms) longer").count(), 3, "{assumed}");
     assert!(!said.contains("one period (1.000 ms) longer"), "{said}");
 }
+
+/// A recording whose header says no units, with time in microseconds or the reading in metres: what is odd about it is said, and nothing panics.
+#[test]
+fn units_that_nobody_said_are_doubted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut noise = WhiteNoise::new(1e-3, 4);
+    let readings: Vec<(f64, f64)> = (0..4000)
+        .map(|k| 5.0 + 2.0 * (0.013 * k as f64).sin() + (0.0047 * k as f64).sin())
+        .scan(5.0, |y, u| {
+            let read = *y;
+            *y += 0.4 * (u - *y);
+            Some((u, 0.1 * read + noise.next_um()))
+        })
+        .collect();
+    let rows = |time: f64, length: f64| -> String {
+        let row = |(k, (u, y)): (usize, &(f64, f64))| format!("{:.6},{u:.5},{:.9e}\n", k as f64 * time, y * length);
+        std::iter::once("t,u,y\n".to_owned()).chain(readings.iter().enumerate().map(row)).collect()
+    };
+    for (time, length, expected) in [(50.0, 1.0, "samples come 50 s apart"), (5e-5, 1e-6, "the displacement spans")] {
+        std::fs::write(folder.path().join("scope.csv"), rows(time, length)).unwrap();
+        let output = hysteron(&["explain", "scope.csv"], folder.path());
+        let (said, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success() && !err.contains("panicked"), "{err}");
+        assert!(said.contains(expected) && said.contains("in another unit?"), "{said}");
+    }
+}

@@ -14,12 +14,14 @@ use crate::diagnosis::policy::Policy;
 use crate::diagnosis::reduction::{Supported, reduce};
 use crate::diagnosis::screening::Screening;
 use crate::diagnosis::search::Search;
+use crate::diagnosis::searched_data::for_evidence;
 use crate::diagnosis::study::Study;
 use crate::diagnosis::verdict::{self, Diagnosis, Found, Verdict};
 use crate::diagnosis::words;
 use crate::error::Result;
-use crate::identification::fit::{counted_residual, rms};
+use crate::identification::fit::{Effort, counted_residual, fit_rows, rms};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
+use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::identify::require_chain;
@@ -187,6 +189,37 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         require_chain(effects, dataset)?;
     }
     require_signals(&options.own, dataset)?;
+    match for_evidence(dataset, options.policy.weighed_samples) {
+        Some(beginnings) => to_the_whole(dataset, &beginnings, decided(&beginnings, start, options, watch)?, watch),
+        None => decided(dataset, start, options, watch),
+    }
+}
+
+/// What was decided on the beginnings of long records, with the model fitted to the whole of them.
+fn to_the_whole(dataset: &Dataset, beginnings: &Dataset, mut found: Explanation, watch: &dyn Watch) -> Result<Explanation> {
+    let samples = |data: &Dataset| -> usize { found.split.both().iter().map(|i| data.records[*i].window.len()).sum() };
+    found.floor.warnings.push(format!(
+        "long records: decided on the first {:.1} % of each, {} of {} samples; the last model is fitted to the whole, and its errors by record are of that",
+        100.0 * samples(beginnings) as f64 / samples(dataset) as f64,
+        samples(beginnings),
+        samples(dataset)
+    ));
+    if !found.stopped {
+        watch.event(&Event::Doing("fitting the whole of long records"));
+        let rows = Rows::thinned(dataset, &found.split.identify, WHOLE_SAMPLES);
+        let fitted = fit_rows(&found.model, dataset, &rows, WHOLE).model;
+        require_finite(&fitted, dataset, &found.split.both())?;
+        found.model = fitted;
+    }
+    Ok(found)
+}
+
+/// Rows of the fit to the whole of long records, and how far it goes: it begins where their beginnings end.
+const WHOLE_SAMPLES: usize = 100_000;
+const WHOLE: Effort = Effort { iterations: 4, tolerance: 0.2, relative: 1e-3 };
+
+/// Everything that is decided on a data set.
+fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Explanation> {
     let mut floor = noise_floor(dataset);
     let mut grown = grown_from(&start, &study_of(dataset, options, &floor, watch))?;
     for _ in 1..FLOORS_MAX {

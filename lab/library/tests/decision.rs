@@ -60,6 +60,8 @@ fn known(rms_um: Option<f64>, records: usize) -> NoiseFloor {
         wander_relative_std: 0.0,
         reading_step_um: None,
         warnings: Vec::new(),
+        read_back: None,
+        of_readings_um: vec![rms_um; records],
     }
 }
 

@@ -31,9 +31,10 @@ pub(super) fn check(dataset: &Dataset) -> Result<()> {
 /// Records that hold the same readings as one before them.
 pub(super) fn given_twice(records: &[Record]) -> Vec<String> {
     let driven: Vec<&Record> = records.iter().filter(|r| r.role != Role::Noise).collect();
+    // One file may be several records, each with a window of its own.
     let same = |a: &Record, b: &Record| {
-        let samples = a.displacement_um.len().min(b.displacement_um.len());
-        a.sample_rate_hz == b.sample_rate_hz && a.displacement_um[..samples] == b.displacement_um[..samples]
+        let both = a.window.start.max(b.window.start)..a.window.end.min(b.window.end);
+        !both.is_empty() && a.sample_rate_hz == b.sample_rate_hz && a.displacement_um[both.clone()] == b.displacement_um[both]
     };
     let before =
         |(i, record): (usize, &&Record)| driven[..i].iter().find(|earlier| same(earlier, record)).map(|earlier| note(record, earlier));
@@ -136,5 +137,8 @@ mod tests {
         let twice = Record { name: "two".into(), ..record("one", wave) };
         let notes = dataset(vec![record("one", wave), twice]).unwrap().notes;
         assert!(notes.iter().any(|n| n.contains("two holds the same readings as one")), "{notes:?}");
+        let half = |name: &str, window| Record { name: name.into(), window, ..record("one", wave) };
+        let notes = dataset(vec![half("one", 0..3 * LENGTH), half("two", 3 * LENGTH..6 * LENGTH)]).unwrap().notes;
+        assert!(notes.iter().all(|n| !n.contains("holds the same readings")), "{notes:?}");
     }
 }

@@ -296,10 +296,20 @@ fn check_signals(record: &Record) -> Result<()> {
 
 /// Span of a displacement in um beyond which a unit is likely to be missing.
 const LIKELY_SPAN_MAX_UM: f64 = 2000.0;
+/// The same of one that is too small.
+const LIKELY_SPAN_MIN_UM: f64 = 1e-3;
+/// Sampling rate below which the unit of time is likely to be missing.
+const LIKELY_RATE_MIN_HZ: f64 = 50.0;
 /// What looks as if a record were not what its file says.
 fn doubt(record: &Record) -> Option<String> {
     if record.range_um() > LIKELY_SPAN_MAX_UM {
         return Some(format!("{}: the displacement spans {:.0} um; is its column in another unit?", record.name, record.range_um()));
+    }
+    if record.range_um() < LIKELY_SPAN_MIN_UM {
+        return Some(format!("{}: the displacement spans {:.2e} um; is its column in another unit?", record.name, record.range_um()));
+    }
+    if record.sample_rate_hz < LIKELY_RATE_MIN_HZ {
+        return Some(format!("{}: samples come {} s apart; is the column of time in another unit?", record.name, record.dt_s()));
     }
     timing::leads(record).then(|| {
         format!(

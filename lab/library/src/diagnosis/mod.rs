@@ -27,7 +27,7 @@ pub mod residual_map;
 pub mod resonances;
 pub mod screening;
 pub mod search;
-mod searched_data;
+pub mod searched_data;
 pub mod study;
 pub mod verdict;
 pub mod words;

@@ -6,6 +6,9 @@ pub struct Policy {
     /// Samples of the fitted records that are walked while searching, at most: every set of effects walks them some thirty times. Longer
     /// records are searched on their beginnings and fitted whole at the end.
     pub walked_samples: usize,
+    /// Samples of all fitted and judging records on which everything is decided, at most: with as many, an error is known to a thousandth. Of longer
+    /// recordings the beginnings decide, and the last model is fitted to the whole.
+    pub weighed_samples: usize,
     /// Samples on which sets of effects are compared while searching. Enough that the error of any set is known to about one part in a
     /// hundred, few enough that a set is fitted in a tenth of a second.
     pub search_samples: usize,
@@ -86,6 +89,7 @@ impl Default for Policy {
     fn default() -> Self {
         Self {
             walked_samples: 120_000,
+            weighed_samples: 1_500_000,
             search_samples: 16_000,
             scoring_samples: 8_000,
             evidence_samples: 24_000,

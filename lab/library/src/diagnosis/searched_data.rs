@@ -2,7 +2,8 @@
 //!
 //! Every set of effects walks the fitted records some thirty times, from their first sample on. A record that begins at rest in a state that
 //! nobody knows may as well begin just before its window: what the rest left in creep or in a ring is estimated in either case. Records that
-//! are very long are searched on their beginnings; the models at the end are fitted and judged on everything.
+//! are very long are searched on their beginnings; the models at the end are fitted and judged on everything. Where even that is more than the evidence needs
+//! ([`Policy::weighed_samples`](super::policy::Policy)), everything is decided on beginnings, and the last model alone is fitted to the whole.
 
 use crate::dataset::{Dataset, Record, Role};
 use hysteron_sim::chain::InitialState;
@@ -23,6 +24,18 @@ pub(super) fn for_search(dataset: &Dataset, walked_samples: usize) -> Dataset {
         out.records.iter_mut().filter(judging).for_each(|record| shorten(record, share));
     }
     out
+}
+
+/// The beginnings of all records that are fitted or judge, where there is more than the evidence needs: of every record the same share.
+pub fn for_evidence(dataset: &Dataset, weighed_samples: usize) -> Option<Dataset> {
+    let takes_part = |r: &Record| matches!(r.role, Role::Identify | Role::Validate);
+    let samples: usize = dataset.records.iter().filter(|r| takes_part(r)).map(|r| r.window.len()).sum();
+    let share = weighed_samples as f64 / samples.max(1) as f64;
+    (share < 1.0).then(|| {
+        let mut out = dataset.clone();
+        out.records.iter_mut().filter(|r| takes_part(r)).for_each(|record| shorten(record, share));
+        out
+    })
 }
 
 fn without_rest_before(record: &mut Record) {

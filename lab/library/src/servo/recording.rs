@@ -120,7 +120,7 @@ impl Recording {
             frequency_hz: (2..lines).map(|i| i as f64 * LINE_HZ).collect(),
             level: vec![f64::INFINITY; lines.saturating_sub(2)],
             blind: vec![f64::INFINITY; lines.saturating_sub(2)],
-            noise_um: noise_floor(dataset).of_readings_um(dataset),
+            noise_um: noise_floor(dataset).readings_rms_um(dataset),
             residual_um: 0.0,
         };
         let mut squares = Vec::new();

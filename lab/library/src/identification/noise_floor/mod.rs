@@ -111,7 +111,7 @@ pub struct NoiseFloor {
     pub read_back: Option<ReadBack>,
     /// RMS of each record without what that noise makes, um.
     #[serde(skip)]
-    of_readings_um: Vec<Option<f64>>,
+    pub of_readings_um: Vec<Option<f64>>,
 }
 
 impl NoiseFloor {
@@ -124,7 +124,7 @@ impl NoiseFloor {
 
     /// RMS of the readings alone over all records that are fitted or judge, um: without what the noise of the drive's column makes in a model.
     #[must_use]
-    pub fn of_readings_um(&self, dataset: &Dataset) -> Option<f64> {
+    pub fn readings_rms_um(&self, dataset: &Dataset) -> Option<f64> {
         over_judging(dataset, &self.of_readings_um)
     }
 
