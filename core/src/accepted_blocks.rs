@@ -19,6 +19,7 @@ use crate::parameter_block::{AmplifierParameters, BlockError, verify};
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::{PredictorParameters, STATES};
 use crate::reference_generator::Waveform;
+use crate::sensor_lag::SensorLag;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters};
 use crate::servo_tick::ServoTick;
 use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
@@ -140,8 +141,11 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
     };
     let guard = (any::<u32>(), (1u32..1 << 20, 0u32..20), any::<u32>(), any::<[u16; 2]>());
     let learned = (prop::option::of(learning()), prop::option::of(adaptation()));
-    (converters().prop_flat_map(with_actuator), law(), guard, any::<bool>(), learned).prop_map(
-        |((c, (low_v, high_v), actuator), law, guard, delayed, (learning, adaptation))| {
+    let late = (-i32::MAX..=i32::MAX, any::<i32>());
+    let late = late.prop_map(|(carried, before)| SensorLag { carried, before: before % (i32::MAX - carried.abs()).max(1) });
+    let lag = prop_oneof![Just(SensorLag::NONE), late];
+    (converters().prop_flat_map(with_actuator), law(), guard, (any::<bool>(), lag), learned).prop_map(
+        |((c, (low_v, high_v), actuator), law, guard, (delayed, sensor_lag), (learning, adaptation))| {
             let mut parameters = example();
             let (rest, (ramp, less), jump_codes, [tracking_ticks, healthy_ticks]) = guard;
             parameters.physical.drive_min_mv = (low_v * 1000.0) as i32;
@@ -152,6 +156,7 @@ fn block() -> impl Strategy<Value = AmplifierParameters> {
             parameters.servo.actuator = actuator;
             parameters.servo.law = law;
             parameters.servo.delayed = delayed;
+            parameters.servo.sensor_lag = sensor_lag;
             parameters.servo.learning = learning;
             parameters.servo.adaptation = adaptation.filter(|_| matches!(law, LawParameters::Predictor(_)));
             parameters.guard = GuardParameters {

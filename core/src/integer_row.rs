@@ -4,7 +4,7 @@
 //! 2^62 and cannot wrap. An [`Integrating`] row keeps the fraction that the shift would throw away and adds it the next time: a state
 //! with a pole near one loses nothing, however small its increments are.
 
-use crate::signal::{saturate, sum as sum_of};
+use crate::signal::{saturate, saturate_shifted, sum as sum_of};
 
 /// `sum c_i x_i / 2^Q`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +40,7 @@ impl<const N: usize, const Q: u32> Row<N, Q> {
     #[inline]
     #[must_use]
     pub fn apply(&self, signals: &[i32; N], saturated: &mut u32) -> i32 {
-        saturate(self.sum_from(1i64 << (Q - 1), signals) >> Q, saturated)
+        saturate_shifted::<Q>(self.sum_from(1i64 << (Q - 1), signals), saturated)
     }
 }
 
@@ -72,7 +72,7 @@ impl Integrating {
     pub fn replace<const N: usize, const Q: u32>(&mut self, row: &Row<N, Q>, signals: &[i32; N], saturated: &mut u32) {
         let sum = row.sum_from(i64::from(self.remainder), signals);
         self.remainder = (sum & ((1i64 << Q) - 1)) as u32;
-        self.state = saturate(sum >> Q, saturated);
+        self.state = saturate_shifted::<Q>(sum, saturated);
     }
 
     /// Adds `coefficient * signal / 2^Q` to the state.

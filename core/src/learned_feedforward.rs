@@ -25,7 +25,7 @@
 
 use crate::integer_row::{Row, four};
 use crate::reference_window::PREVIEW_TICKS;
-use crate::signal::{saturate, sum as sum_of};
+use crate::signal::{saturate_shifted, sum as sum_of};
 
 /// Most samples in a period: 4.9 Hz at 20 kHz.
 pub const MOST_POINTS: usize = 4096;
@@ -281,7 +281,7 @@ fn symmetric(robustness: &Row<ROBUSTNESS_TAPS, ROBUSTNESS_FRACTION_BITS>, row: &
     for (coefficient, (a, b)) in rest.iter().zip(near_before.iter().zip(near_behind.iter().rev())) {
         sum = sum_of(sum, i64::from(*coefficient) * i64::from(a.saturating_add(*b)));
     }
-    saturate(sum_of(sum, i64::from(robustness.coefficients[POINT]) * i64::from(row[POINT])) >> ROBUSTNESS_FRACTION_BITS, saturated)
+    saturate_shifted::<ROBUSTNESS_FRACTION_BITS>(sum_of(sum, i64::from(robustness.coefficients[POINT]) * i64::from(row[POINT])), saturated)
 }
 
 #[cfg(test)]

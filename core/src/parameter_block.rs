@@ -3,7 +3,7 @@
 //! # How it works
 //! Little-endian: `HYST`, version (4), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
 //! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
-//! field by field in the order of [`Wire`]'s implementations; last, and only where a periodic reference is learned, the filters for it, and behind them, only where
+//! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both; last, and only where a periodic reference is learned, the filters for it, and behind them, only where
 //! the gain is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another
 //! sampling rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
 
@@ -17,6 +17,7 @@ use crate::learned_feedforward::LearningParameters;
 use crate::one_sided_hysteresis::{SURFACE_FRACTION_BITS, SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients};
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
+use crate::sensor_lag::SensorLag;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
 use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
@@ -24,7 +25,7 @@ use crate::state_estimator::EstimatorParameters;
 /// First bytes of a block.
 pub const MAGIC: [u8; 4] = *b"HYST";
 /// Version of the layout.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
@@ -224,6 +225,7 @@ macro_rules! wire_struct {
 
 wire_struct!(Row<const N: usize, const Q: u32> { coefficients });
 wire_struct!(SurfaceCoefficients { g, f });
+wire_struct!(SensorLag { carried, before });
 wire_struct!(ConverterParameters {
     adc_zero,
     adc_step,
@@ -267,12 +269,14 @@ wire_struct!(PhysicalDescription {
 
 impl Wire for AmplifierParameters {
     fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
-        let Self { physical, servo: ServoParameters { converters, actuator, law, delayed, learning, adaptation }, guard } = self;
+        let Self { physical, servo: ServoParameters { sensor_lag, converters, actuator, law, delayed, learning, adaptation }, guard } =
+            self;
         physical.write(to)?;
         converters.write(to)?;
         actuator.write(to)?;
         law.write(to)?;
         delayed.write(to)?;
+        sensor_lag.write(to)?;
         guard.write(to)?;
         learning.as_ref().map_or(Ok(()), |learning| learning.write(to))?;
         adaptation.as_ref().map_or(Ok(()), |adaptation| adaptation.write(to))
@@ -284,6 +288,7 @@ impl Wire for AmplifierParameters {
             actuator: Wire::read(from)?,
             law: Wire::read(from)?,
             delayed: Wire::read(from)?,
+            sensor_lag: Wire::read(from)?,
             learning: None,
             adaptation: None,
         };
@@ -618,6 +623,9 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
     if !parameters.servo.law.bounded() {
         return Err(BlockError::Range("a coefficient of the law is beyond its format"));
     }
+    if !parameters.servo.sensor_lag.accepted() {
+        return Err(BlockError::Range("the lag of the sensor is beyond its format"));
+    }
     if parameters.servo.learning.as_ref().is_some_and(|learning| !learning.accepted()) {
         return Err(BlockError::Range("the filters of the learned correction are beyond their format"));
     }
@@ -688,6 +696,7 @@ pub(crate) mod tests {
                 spectral_radius_millionths: 990_000,
             },
             servo: ServoParameters {
+                sensor_lag: SensorLag::NONE,
                 converters: ConverterParameters {
                     adc_zero: -(1 << 24),
                     adc_step: (15i64 << 40) >> 16,
@@ -771,6 +780,7 @@ pub(crate) mod tests {
                 parameters.servo.adaptation = adapts.then_some(ADAPTATION_EXAMPLE);
                 parameters.servo.learning = parameters.servo.learning.filter(|_| !matches!(actuator, ActuatorParameters::Linear { .. }));
                 parameters.servo.actuator = actuator;
+                parameters.servo.sensor_lag = SensorLag { carried: 1_000_003 * nth as i32 - 5, before: -7 };
                 let mut bytes = [0xff; BLOCK_BYTES];
                 let length = write(&parameters, &mut bytes).expect("fits");
                 assert_eq!(read(&bytes, 20_000), Ok(parameters));
@@ -813,6 +823,9 @@ pub(crate) mod tests {
         let mut unstable = good;
         unstable.physical.spectral_radius_millionths = 1_000_000;
         assert_eq!(read(&written(&unstable), 20_000), Err(BlockError::Unstable));
+        let mut late = good;
+        late.servo.sensor_lag.carried = i32::MIN;
+        assert!(matches!(read(&written(&late), 20_000), Err(BlockError::Range(what)) if what.contains("lag of the sensor")));
         let mut mismatched = good;
         mismatched.servo.converters.dac_code_max = DriveCode::new(65_535);
         assert_eq!(read(&written(&mismatched), 20_000), Err(BlockError::Mismatch));

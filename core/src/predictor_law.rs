@@ -19,7 +19,7 @@
 
 use crate::integer_row::{Integrating, Row, four};
 use crate::reference_window::{ReferenceWindow, WINDOW, WindowRow};
-use crate::signal::saturate;
+use crate::signal::saturate_shifted;
 
 /// States of the linear dynamics.
 pub const STATES: usize = 6;
@@ -127,8 +127,8 @@ fn replace_two(
     add([s4, s5, s6, s7], [a4, a5, a6, a7], [b4, b5, b6, b7]);
     *rest_a = sum_a as u32 & FRACTION;
     *rest_b = sum_b as u32 & FRACTION;
-    *state_a = saturate(sum_a >> STATE_ROW_FRACTION_BITS, saturated);
-    *state_b = saturate(sum_b >> STATE_ROW_FRACTION_BITS, saturated);
+    *state_a = saturate_shifted::<STATE_ROW_FRACTION_BITS>(sum_a, saturated);
+    *state_b = saturate_shifted::<STATE_ROW_FRACTION_BITS>(sum_b, saturated);
 }
 
 /// Whether the states of both mean the same: all but the gains of the observer, which stand behind the states.

@@ -9,8 +9,11 @@
 //!
 //! A jump between the reference and the position at which the servo is enabled is kept as an offset that decays over about
 //! 2^[`OFFSET_DECAY_SHIFT`] samples.
+//!
+//! What stands in the window is the reference as the sensor will read it ([`crate::sensor_lag`]): readings are compared with it.
 
 use crate::integer_row::Row;
+use crate::sensor_lag::SensorLag;
 
 /// Samples in the window.
 pub const WINDOW: usize = 16;
@@ -22,31 +25,37 @@ pub const OFFSET_DECAY_SHIFT: u32 = 8;
 /// Coefficients over the window, oldest first: element `i` is the reference `i + 1 - (WINDOW - PREVIEW_TICKS)` samples after now.
 pub type WindowRow<const Q: u32> = Row<WINDOW, Q>;
 
-/// The reference from 7 samples ago to 8 samples ahead, um.
+/// The reference from 7 samples ago to 8 samples ahead, as the sensor will read it, um.
 #[derive(Clone, Debug)]
 pub struct ReferenceWindow {
     positions: [i32; 2 * WINDOW],
     /// Where the oldest sample stands.
     oldest: usize,
+    /// The newest sample as the sensor will read it, and as it was asked for, without offset and correction.
+    newest: [i32; 2],
     offset: i32,
-    fresh: bool,
 }
 
 impl ReferenceWindow {
-    /// A window at rest at `position`; the offset to the reference is taken at the first sample that is pushed.
+    /// A window at rest at `position`.
     #[must_use]
     pub fn at_rest(position: i32) -> Self {
-        Self { positions: [position; 2 * WINDOW], oldest: 0, offset: 0, fresh: true }
+        Self { positions: [position; 2 * WINDOW], oldest: 0, newest: [position; 2], offset: 0 }
     }
 
-    /// Takes the reference that counts [`PREVIEW_TICKS`] samples from now.
+    /// Begins again at rest at `position`, from where it goes to what is asked for as if that had been there for ever.
+    #[cold]
+    #[inline(never)]
+    pub fn restart(&mut self, position: i32, asked: i32) {
+        *self = Self { newest: [asked; 2], offset: position.saturating_sub(asked), ..Self::at_rest(position) };
+    }
+
+    /// Takes the reference that is asked for [`PREVIEW_TICKS`] samples from now, through the sensor's lag, and what it is corrected by.
     #[inline]
-    pub fn push(&mut self, ahead: i32) {
-        if self.fresh {
-            self.fresh = false;
-            self.offset = self.positions()[WINDOW - 1].saturating_sub(ahead);
-        }
-        let sample = ahead.saturating_add(self.offset);
+    pub fn push(&mut self, lag: &SensorLag, asked: i32, correction: i32) {
+        let lagged = lag.apply(asked, self.newest);
+        self.newest = [lagged, asked];
+        let sample = lagged.saturating_add(self.offset).saturating_add(correction);
         let oldest = self.oldest % WINDOW;
         self.positions[oldest] = sample;
         self.positions[oldest + WINDOW] = sample;
@@ -78,13 +87,33 @@ mod tests {
 
     #[test]
     fn the_window_is_the_last_samples_in_their_order() {
-        let mut window = ReferenceWindow::at_rest(0);
-        window.push(0);
+        let (mut window, lag) = (ReferenceWindow::at_rest(0), SensorLag::NONE);
+        window.push(&lag, 0, 0);
         for k in 1..100 {
-            window.push(k);
+            window.push(&lag, k, 0);
             assert_eq!(window.positions()[WINDOW - 1], k);
             assert_eq!(window.now(), (k - PREVIEW_TICKS as i32).max(0));
             assert!(window.positions().windows(2).all(|pair| pair[1] == pair[0] + 1 || pair == [0, 0]));
+        }
+    }
+
+    /// Asked for something else than where it stands, with a lag: it begins where it stands, and ends where a window that has always been asked for it is.
+    #[test]
+    fn a_jump_decays_and_no_lag_is_seen_of_it() {
+        let lag = SensorLag { carried: -(1 << 29), before: 5 << 28 };
+        let asked = |k: i32| (3 << 24) + 1000 * k;
+        let mut window = ReferenceWindow::at_rest(77);
+        window.restart(1 << 24, asked(0));
+        window.push(&lag, asked(0), 0);
+        assert_eq!(window.positions()[WINDOW - 1], 1 << 24);
+        let mut always = ReferenceWindow::at_rest(asked(0));
+        always.push(&lag, asked(0), 0);
+        for k in 1..10_000 {
+            window.push(&lag, asked(k), 5);
+            always.push(&lag, asked(k), 5);
+            let apart = always.positions()[WINDOW - 1] - window.positions()[WINDOW - 1];
+            assert!((0..=2 << 24).contains(&apart), "{k}: {apart}");
+            assert!(k < 9_000 || apart == 0, "{k}: {apart}");
         }
     }
 }

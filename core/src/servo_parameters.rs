@@ -8,6 +8,7 @@ use crate::learned_feedforward::LearningParameters;
 use crate::one_sided_hysteresis::SurfaceCoefficients;
 use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
+use crate::sensor_lag::SensorLag;
 use crate::signal::narrow;
 use crate::sliding_mode_controller::SlidingModeParameters;
 use crate::state_estimator::EstimatorParameters;
@@ -117,6 +118,8 @@ pub enum LawParameters {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct ServoParameters {
+    /// How late the sensor is known to be: the reference is made as late before a reading is compared with it.
+    pub sensor_lag: SensorLag,
     /// Converters and limits.
     pub converters: ConverterParameters,
     /// What stands between the law and the drive.

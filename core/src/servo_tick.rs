@@ -13,7 +13,11 @@
 //!
 //! # Periodic references
 //! With [`ServoParameters::learning`] a reference whose period was told ([`ServoTick::repeat`]) gets a learned correction
-//! ([`crate::learned_feedforward`]). What the tick reports as the reference is the one that was asked for.
+//! ([`crate::learned_feedforward`]). What the tick reports as the reference is without it.
+//!
+//! # A sensor that is late
+//! The reference passes through the known lag of the sensor first ([`crate::sensor_lag`]), and everything that a reading is compared with is that reference: what
+//! the law and the learning bring to zero, and what the guard and the trace see, is then the error of the stage and not that of its picture.
 //!
 //! # A gain that is not the model's
 //! With [`ServoParameters::adaptation`] the predictor law corrects the gain of its model slowly, within bounds ([`crate::gain_adaptation`]). The gain that was
@@ -204,6 +208,7 @@ impl ServoTick {
         }
         self.parameters.law = parameters.law;
         self.parameters.delayed = parameters.delayed;
+        self.parameters.sensor_lag = parameters.sensor_lag;
         self.parameters.learning = parameters.learning;
         self.parameters.adaptation = parameters.adaptation;
         self.begin_adaptation();
@@ -211,17 +216,17 @@ impl ServoTick {
 
     /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
     /// Returns the code to apply.
-    #[inline(never)]
+    #[inline]
     pub fn tick(&mut self, adc_code: SensorCode, reference_ahead: Micrometres) -> DriveCode {
         let ahead = reference_ahead.to_bits();
-        if self.learns { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead) }
+        if self.learns { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead, 0) }
     }
 
     /// [`Self::follow`] with what is learned: apart, so that a tick that learns nothing pays for the question only.
     #[inline(never)]
     fn tick_and_learn(&mut self, adc_code: SensorCode, ahead: i32) -> DriveCode {
         let entering = self.learner.enter();
-        let code = self.follow(adc_code, ahead.saturating_add(entering));
+        let code = self.follow(adc_code, ahead, entering);
         if let Some(learning) = &self.parameters.learning {
             let asked = self.window.now().saturating_sub(self.learner.present());
             let trusted = self.limited == 0 && !self.slewing;
@@ -247,16 +252,16 @@ impl ServoTick {
         }
     }
 
-    /// One period towards a reference.
+    /// One period towards a reference and its correction.
     // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it widens them and reloads every address.
     #[inline(never)]
-    fn follow(&mut self, adc_code: SensorCode, ahead: i32) -> DriveCode {
+    fn follow(&mut self, adc_code: SensorCode, ahead: i32, correction: i32) -> DriveCode {
         let reading = self.parameters.converters.position(adc_code);
         self.reading = reading;
         if matches!(self.law, LawState::Fresh) {
-            self.window = ReferenceWindow::at_rest(reading);
+            self.window.restart(reading, ahead);
         }
-        self.window.push(ahead);
+        self.window.push(&self.parameters.sensor_lag, ahead, correction);
         let Some(command) = self.run_law(reading) else {
             self.note(self.code);
             return self.code;
@@ -270,13 +275,13 @@ impl ServoTick {
     #[inline]
     fn run_law(&mut self, reading: i32) -> Option<i32> {
         let saturated = &mut self.counters.saturated_values;
-        let acted = if self.parameters.delayed { self.drives[1] } else { self.drives[0] };
         match (&self.parameters.law, &mut self.law) {
             (LawParameters::Hold, _) | (_, LawState::Off) => None,
             (LawParameters::Regulator(parameters), LawState::Regulator(regulator)) => {
                 Some(regulator.output(parameters, reading, &self.window, self.limited, saturated))
             }
             (LawParameters::SlidingMode { estimator, controller }, LawState::SlidingMode(states, law)) => {
+                let acted = if self.parameters.delayed { self.drives[1] } else { self.drives[0] };
                 states.update(estimator, reading, acted, saturated);
                 Some(law.drive(controller, states.position(), states.velocity_per_tick(), &self.window, self.limited, saturated))
             }
@@ -365,7 +370,7 @@ impl ServoTick {
         Micrometres::from_bits(self.reading)
     }
 
-    /// Reference at the last tick, without what was learned.
+    /// Reference at the last tick, without what was learned: what the reading is to be, so as late as the sensor is known to be.
     #[must_use]
     pub fn reference(&self) -> Micrometres {
         Micrometres::from_bits(self.window.now().saturating_sub(self.learner.present()))

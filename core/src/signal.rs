@@ -35,6 +35,15 @@ pub fn saturate(value: i64, saturated: &mut u32) -> i32 {
     if i64::from(low) == value { low } else { end_of_format(value, saturated) }
 }
 
+/// A sum with `Q` fraction bits more than it is to have, which are cut off; counts when what is left is not in 32 bits. `Q` is from 1 to 31.
+#[inline(always)]
+#[must_use]
+pub fn saturate_shifted<const Q: u32>(sum: i64, saturated: &mut u32) -> i32 {
+    // It fits where all bits above the result's are its sign: one comparison of the upper word.
+    let above = ((sum >> 32) as i32).wrapping_add(1 << (Q - 1)) as u32;
+    if above < 1 << Q { (sum >> Q) as i32 } else { end_of_format(sum, saturated) }
+}
+
 /// The value in 32 bits, where it is known to fit.
 #[inline(always)]
 #[must_use]
@@ -64,4 +73,31 @@ pub fn sum(a: i64, b: i64) -> i64 {
 fn end_of_format(value: i64, saturated: &mut u32) -> i32 {
     *saturated = saturated.saturating_add(1);
     if value > 0 { i32::MAX } else { i32::MIN }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+
+    fn both<const Q: u32>(sum: i64) {
+        let mut counts = [0, 0];
+        let [shifted, plain] = &mut counts;
+        assert_eq!(saturate_shifted::<Q>(sum, shifted), saturate(sum >> Q, plain), "{sum} {Q}");
+        assert_eq!(counts[0], counts[1], "{sum} {Q}");
+    }
+
+    proptest! {
+        #[test]
+        fn a_shifted_sum_saturates_as_its_value_does(sum in any::<i64>(), less in 0u32..63, beside in -3i64..3) {
+            let end = (1i64 << 58).wrapping_add(beside);
+            for sum in [sum, sum >> less, end, -end, beside << 58, (beside << 58) - 1, beside << 55, (beside << 55) - 1] {
+                both::<1>(sum);
+                both::<24>(sum);
+                both::<27>(sum);
+                both::<31>(sum);
+            }
+        }
+    }
 }

@@ -22,7 +22,7 @@ const LIMITS: [(&str, u32, u32); 10] = [
     ("amplifier begins", 1_250, 1_050),
     ("amplifier follows", 1_300, 1_050),
     ("exchange", 8_900, 8_800),
-    ("swap", 3_700, 3_700),
+    ("swap", 3_750, 3_750),
 ];
 
 #[test]

@@ -213,6 +213,7 @@ impl Upload {
 pub fn safe_parameters(sample_rate_hz: u32, rest: DriveCode, bits: CodeBits) -> AmplifierParameters {
     use hysteron_core::guard::GuardParameters;
     use hysteron_core::parameter_block::PhysicalDescription;
+    use hysteron_core::sensor_lag::SensorLag;
     use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
     AmplifierParameters {
         physical: PhysicalDescription {
@@ -241,6 +242,7 @@ pub fn safe_parameters(sample_rate_hz: u32, rest: DriveCode, bits: CodeBits) -> 
             actuator: ActuatorParameters::Direct,
             law: LawParameters::Hold,
             delayed: true,
+            sensor_lag: SensorLag::NONE,
             learning: None,
             adaptation: None,
         },

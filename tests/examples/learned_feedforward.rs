@@ -8,11 +8,13 @@
 //!
 //! Models are those of `servo_from_data`, kept in target/servo_from_data.
 
+use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
+use hysteron::servo::sensor_lag::lag_s;
 use hysteron_sim::bench::Bench;
 use hysteron_tests::independent_stage::Truth;
 use hysteron_tests::learning_study::{
-    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, Way, changed_bench, designed_on_bench, learned, learned_on_bench,
+    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, Way, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
 };
 use hysteron_tests::servo_study::{Recording, kept_model, record};
 
@@ -29,16 +31,36 @@ fn on_bench() {
         Err(reason) => return println!("{reason}"),
     };
     println!("{}\n", design.explanation.join(" "));
-    println!("| full bench | learning | read, % of stroke | true | true but for the sensor's lag |");
-    println!("|---|---|---|---|---|");
+    let as_it_reads = ServoDesign { sensor_lag_s: None, ..design.clone() };
+    let ways = [(false, &as_it_reads), (true, &design)];
+    println!("| full bench | lag undone | learning | true, % of stroke | read | read but for the sensor's lag |");
+    println!("|---|---|---|---|---|---|");
     for (change, ratio) in [("as recorded", 1.0), ("5 % less", 0.95), ("5 % more", 1.05)] {
-        for learning in [false, true] {
-            let found = learned_on_bench(&changed_bench(&bench, ratio), &design, learning, 9);
-            println!(
-                "| {change} | {learning} | {:.4} | {:.4} | {:.4} |",
-                found.read_percent, found.true_percent, found.true_but_for_the_lag_percent
-            );
+        for (undone, design) in ways {
+            for learning in [false, true] {
+                let found = learned_on_bench(&changed_bench(&bench, ratio), design, learning, 9);
+                println!(
+                    "| {change} | {undone} | {learning} | {:.4} | {:.4} | {:.4} |",
+                    found.true_percent, found.read_percent, found.read_but_for_the_lag_percent
+                );
+            }
         }
+    }
+    println!("\n| sine, Hz | true, % of the amplitude, lag not undone | undone | read but for the sensor's lag, not undone | undone |");
+    println!("|---|---|---|---|---|");
+    for hz in [1.0, 10.0, 50.0, 100.0, 200.0, 300.0, 500.0] {
+        let [left, undone] = ways.map(|(_, design)| sine_on_bench(&bench, &ServoDesign { learning: None, ..design.clone() }, hz));
+        println!(
+            "| {hz} | {:.4} | {:.4} | {:.4} | {:.4} |",
+            left.true_percent, undone.true_percent, left.read_but_for_the_lag_percent, undone.read_but_for_the_lag_percent
+        );
+    }
+    println!("\n| sensor's lag believed, of its own | true with learning, 5 % less, % of stroke | 5 % more |");
+    println!("|---|---|---|");
+    for share in [0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3] {
+        let believed = ServoDesign { sensor_lag_s: Some(share * lag_s(bench.full.sensor_bandwidth_hz)), ..design.clone() };
+        let [less, more] = [0.95, 1.05].map(|ratio| learned_on_bench(&changed_bench(&bench, ratio), &believed, true, 9).true_percent);
+        println!("| {share} | {less:.4} | {more:.4} |");
     }
 }
 

@@ -14,6 +14,7 @@ use hysteron_core::learned_feedforward::{
 };
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, read, write};
 use hysteron_core::pid_regulator::PidParameters;
+use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
 use hysteron_core::trace_frame::{ReadBlock, TraceSample};
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
@@ -59,6 +60,7 @@ pub fn parameters() -> AmplifierParameters {
                 notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
             }),
             delayed: true,
+            sensor_lag: SensorLag::NONE,
             learning: None,
             adaptation: None,
         },

@@ -288,6 +288,9 @@ enum Command {
         /// RMS noise of the sensor [default: that of the recording, or 0.001]
         #[arg(long, allow_negative_numbers = true)]
         sensor_noise_um: Option<f64>,
+        /// Bandwidth of the sensor, whose lag is undone [default: what the model or the data set knows of it]
+        #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+        sensor_bandwidth_hz: Option<f64>,
         /// Recording that the model was identified from: what it excludes need not be reckoned with
         #[arg(long, value_name = "DATASET")]
         data: Option<PathBuf>,
@@ -455,6 +458,7 @@ fn dispatch(command: Command) -> Result<bool> {
             out,
             reference_hz,
             sensor_noise_um,
+            sensor_bandwidth_hz,
             data,
             sensitivity_peak,
             mode_moves,
@@ -464,7 +468,8 @@ fn dispatch(command: Command) -> Result<bool> {
             front_end,
             outputs,
         } => {
-            let wanted = design::Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning, adaptation, mode_moves };
+            let wanted =
+                design::Wanted { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
             design::design(&files, &wanted, &outputs)

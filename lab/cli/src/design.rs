@@ -46,6 +46,8 @@ pub struct Wanted {
     pub reference_hz: f64,
     /// Noise of the sensor, um.
     pub sensor_noise_um: Option<f64>,
+    /// Bandwidth of the sensor, Hz.
+    pub sensor_bandwidth_hz: Option<f64>,
     /// Largest sensitivity.
     pub sensitivity_peak: f64,
     /// A periodic reference's correction is to be learned.
@@ -72,10 +74,19 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
     desk.target(block)?;
     desk.target(commands_file.as_deref())?;
     outputs.check(&desk)?;
-    let Wanted { reference_hz, sensor_noise_um, sensitivity_peak, learning, adaptation, mode_moves } = *wanted;
+    let Wanted { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves } = *wanted;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
-    let order =
-        Order { reference_hz, sensor_noise_um, sensitivity_peak, recording, front_end: front_end_said, learning, adaptation, mode_moves };
+    let order = Order {
+        reference_hz,
+        sensor_noise_um,
+        sensor_bandwidth_hz,
+        sensitivity_peak,
+        recording,
+        front_end: front_end_said,
+        learning,
+        adaptation,
+        mode_moves,
+    };
     let design = order::design(&chain, &order).map_err(|m| wrong(model, m))?;
     // What a target cannot take is no design: it fails before anything is written.
     let block_bytes = match (block, &front_end) {

@@ -39,6 +39,12 @@ pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> 
         result.saturated_ticks,
         nm(result.noise_um)
     );
+    if let Some(lag_s) = result.sensor_lag_s {
+        println!(
+            "  the sensor reads {:.1} us late, which the servo undoes: the true error counts, the sensor's holds that lag",
+            1e6 * lag_s
+        );
+    }
     if let Some(gain) = result.adapted_gain {
         println!("  the gain was corrected to {gain:.3} times the model's");
     }

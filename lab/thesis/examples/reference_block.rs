@@ -6,6 +6,7 @@
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::predictor::Demands;
+use hysteron::servo::sensor_lag;
 use hysteron_sim::bench::{Bench, Variant};
 use std::error::Error;
 use std::path::Path;
@@ -14,7 +15,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = std::env::args().nth(1).ok_or("expected the file to write")?;
     let bench = Bench::reference()?;
     let identified = hysteron_thesis::commissioning::on_bench(&bench, Variant::FULL, 1).ok_or("no model")?;
-    let design = ServoDesign::best(&identified.model, &Demands::default()).ok_or("no tuning keeps all margins")?;
+    let mut design = ServoDesign::best(&identified.model, &Demands::default()).ok_or("no tuning keeps all margins")?;
+    // The data sheet's, which the model holds.
+    design.sensor_lag_s = identified.model.linear.sensor_bandwidth_hz.map(sensor_lag::lag_s);
     for line in &design.explanation {
         println!("{line}");
     }

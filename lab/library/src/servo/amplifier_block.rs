@@ -10,6 +10,7 @@ use hysteron_core::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, verify, write};
+use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
 use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
@@ -229,6 +230,7 @@ pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f6
             actuator: ActuatorParameters::Direct,
             law: LawParameters::Hold,
             delayed: true,
+            sensor_lag: SensorLag::NONE,
             learning: None,
             adaptation: None,
         },

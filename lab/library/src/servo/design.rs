@@ -6,10 +6,12 @@ use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
 use super::quantise::{self, QuantisationError, Unit};
+use super::sensor_lag;
 use super::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, Feedforward, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator,
 };
 use super::window_fit;
+use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, ServoParameters};
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
@@ -83,6 +85,10 @@ pub struct ServoDesign {
     /// Noise of the sensor that it was designed for, um RMS, without the converter's rounding; none where nobody said it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_noise_um: Option<f64>,
+    /// How late the sensor is known to read at rest, s: the reference is made as late before a reading is compared with it, so that the true position follows what
+    /// was asked for; none where the sensor is ideal or nobody knows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor_lag_s: Option<f64>,
     /// The scheme.
     pub scheme: Scheme,
     /// The model that it was made from.
@@ -111,6 +117,7 @@ impl ServoDesign {
             delayed,
             noise_shaping: false,
             sensor_noise_um: None,
+            sensor_lag_s: None,
             scheme,
             model: model.clone(),
             trade_off: Vec::new(),
@@ -231,7 +238,8 @@ impl ServoDesign {
         };
         let learning = self.learning.as_ref().map(LearningDesign::quantised).transpose()?;
         let adaptation = self.adaptation.as_ref().map(AdaptationDesign::quantised).transpose()?;
-        Ok(ServoParameters { converters, actuator, law, delayed: self.delayed, learning, adaptation })
+        let sensor_lag = self.sensor_lag_s.map_or(Ok(SensorLag::NONE), sensor_lag::quantised)?;
+        Ok(ServoParameters { sensor_lag, converters, actuator, law, delayed: self.delayed, learning, adaptation })
     }
 }
 

@@ -9,6 +9,7 @@
 //!   left possible; [`plant_set`]: plants that are not the model;
 //! * [`moving_mode`]: references where the first mode does not stay where it was recorded;
 //! * [`learned_feedforward`]: the filters by which a periodic reference's correction is learned, and the proof that it converges;
+//! * [`sensor_lag`]: the known lag of the sensor, which the reference is given too;
 //! * [`gain_adaptation`]: bounds within which the gain of the model is corrected while it runs;
 //! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
 //! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
@@ -36,6 +37,7 @@ pub mod quantise;
 pub mod recording;
 pub mod regulator_loop;
 pub mod robust;
+pub mod sensor_lag;
 pub mod thesis_schemes;
 pub mod track;
 mod value_ranges;

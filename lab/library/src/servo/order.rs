@@ -10,6 +10,7 @@ use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
 use super::recording::Recording;
 use super::robust::{Broken, Candidate, ModeSpread, Scan, Task, within_nyquist};
+use super::sensor_lag;
 use crate::dataset::Dataset;
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
@@ -25,6 +26,8 @@ pub struct Order<'a> {
     pub reference_hz: f64,
     /// Noise of the sensor, um RMS; without it that of the recording, or else [`ASSUMED_NOISE_UM`].
     pub sensor_noise_um: Option<f64>,
+    /// Bandwidth of the sensor, Hz, whose lag is undone; without it what the model and the data set know ([`sensor_lag::known`]).
+    pub sensor_bandwidth_hz: Option<f64>,
     /// Largest sensitivity that is accepted.
     pub sensitivity_peak: f64,
     /// The recording that the chain was identified from: it excludes modes, and shows whether the first one is a fact.
@@ -48,6 +51,7 @@ impl Default for Order<'_> {
         Self {
             reference_hz,
             sensor_noise_um: None,
+            sensor_bandwidth_hz: None,
             sensitivity_peak,
             recording: None,
             front_end: None,
@@ -166,6 +170,15 @@ fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
         && !(noise_um > 0.0 && noise_um < 0.05 * travel_um)
     {
         return Err(format!("--sensor-noise-um {noise_um}; expected above 0 and below {:.3}, a twentieth of the travel", 0.05 * travel_um));
+    }
+    if let Some(hz) = order.sensor_bandwidth_hz
+        && !(hz >= sensor_lag::LEAST_BANDWIDTH_HZ && hz.is_finite())
+    {
+        return Err(format!(
+            "--sensor-bandwidth-hz {hz}; expected at least {:.0}, the lag of {:.0} periods",
+            sensor_lag::LEAST_BANDWIDTH_HZ.ceil(),
+            sensor_lag::LARGEST_LAG_S / SAMPLING_PERIOD_S
+        ));
     }
     if !(order.sensitivity_peak > 1.0 && order.sensitivity_peak < 100.0) {
         return Err(format!("--sensitivity-peak {}; expected above 1 and below 100", order.sensitivity_peak));
@@ -349,6 +362,32 @@ fn refusal(scan: &Scan) -> String {
     format!("no servo can be answered for: {}", furthest.as_ref().map_or_else(|| "there is no candidate".into(), in_words))
 }
 
+/// The lag of the sensor that is undone, s, and in words why, or why not.
+fn lag_to_undo(chain: &Model, order: &Order<'_>, said: &mut Vec<String>) -> Option<f64> {
+    match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
+        sensor_lag::Known::Bandwidth(hz, whose) if hz >= sensor_lag::LEAST_BANDWIDTH_HZ => {
+            let lag_s = sensor_lag::lag_s(hz);
+            said.push(format!(
+                "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {:.1} us late before a reading is compared with it, so that the true position is not early.",
+                1e6 * lag_s
+            ));
+            Some(lag_s)
+        }
+        sensor_lag::Known::Bandwidth(hz, _) => {
+            said.push(format!(
+                "CAUTION: the sensor's lag is not undone: a bandwidth of {hz:.0} Hz is below the {:.0} Hz that can be.",
+                sensor_lag::LEAST_BANDWIDTH_HZ.ceil()
+            ));
+            None
+        }
+        sensor_lag::Known::Doubtful(why) => {
+            said.push(format!("CAUTION: the sensor's lag is not undone, {why}; say it with --sensor-bandwidth-hz."));
+            None
+        }
+        sensor_lag::Known::Ideal => None,
+    }
+}
+
 /// Designs a servo that holds for everything that is left possible.
 ///
 /// # Errors
@@ -378,6 +417,7 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let mut design = ServoDesign::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, &model, true);
     design.noise_shaping = true;
     design.sensor_noise_um = told_noise_um;
+    design.sensor_lag_s = lag_to_undo(chain, order, &mut said);
     design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
     let good = scan.candidates.iter().filter(|c| c.broken.is_none()).count();
     design.explanation = vec![

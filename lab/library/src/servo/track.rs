@@ -176,6 +176,9 @@ pub struct TrackResult {
     pub truth: Figures,
     /// Mean error of what the sensor reads, um.
     pub steady_state_um: f64,
+    /// How late the servo takes the sensor to be, s, where it undoes that: what is read is then off what was asked for by so much of the motion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor_lag_s: Option<f64>,
     /// RMS noise of the sensor, um.
     pub noise_um: f64,
     /// Gain over the model's at the end, where it is corrected.
@@ -264,6 +267,7 @@ pub fn track(
         reference: reference_name.into(),
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
+        sensor_lag_s: design.sensor_lag_s,
         noise_um,
         adapted_gain: told.servo.adaptation().map(|adaptation| f64::from(adaptation.gain()) / f64::from(ONE)),
         steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),

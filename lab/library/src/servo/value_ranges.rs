@@ -6,6 +6,7 @@ use super::design::{Scheme, ServoDesign};
 use super::gain_adaptation::{FARTHEST, LARGEST_STEP};
 use super::model::ActuatorModel;
 use super::predictor::PredictorTuning;
+use super::sensor_lag::LARGEST_LAG_S;
 use std::ops::RangeInclusive;
 
 /// A value with its name in the file, and where it may lie.
@@ -54,6 +55,7 @@ impl ServoDesign {
             values.extend(of_tuning(tuning));
         }
         values.extend(self.sensor_noise_um.map(|noise_um| ("sensor_noise_um of the servo", noise_um, ABOVE_ZERO..=FARTHEST_UM)));
+        values.extend(self.sensor_lag_s.map(|lag_s| ("sensor_lag_s of the servo", lag_s, 0.0..=LARGEST_LAG_S)));
         if let Some(a) = &self.adaptation {
             values.extend([
                 ("farthest of the adaptation", a.farthest, ABOVE_ZERO..=FARTHEST),
@@ -86,10 +88,11 @@ mod tests {
     #[test]
     fn every_value_that_cannot_be_is_named() {
         assert_eq!(design().impossible_value(), None);
-        let broken: [(&str, Set); 7] = [
+        let broken: [(&str, Set); 8] = [
             ("drive_max_v", |d, v| d.model.drive_max_v = v),
             ("natural_frequency_rad_s", |d, v| d.model.linear.first_mode.natural_frequency_rad_s = v),
             ("damping_ratio", |d, v| d.model.linear.first_mode.damping_ratio = v),
+            ("sensor_lag_s", |d, v| d.sensor_lag_s = Some(v)),
             ("sensor_bandwidth_hz", |d, v| d.model.linear.sensor_bandwidth_hz = Some(v)),
             ("time_constant_s", |d, v| d.model.creep[0].time_constant_s = v),
             ("sensor_noise_um", |d, v| {

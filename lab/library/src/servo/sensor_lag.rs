@@ -1,0 +1,157 @@
+//! The known lag of the sensor, by which the reference is made late too (core: [`hysteron_core::sensor_lag`]).
+//!
+//! # Which lag is known
+//! From drive and reading alone a lag of the sensor looks much like one of the amplifier, and undoing one that is the amplifier's would make the true position as late as
+//! it was early. So a lag is undone where somebody says it (the order, or a parameter of the model that is held), where the model has both lags and the data tell them
+//! apart ([`KNOWN`]), or where the data set has it from a data sheet; otherwise not, and that is said.
+
+use super::model::SAMPLING_PERIOD_S;
+use super::quantise::{QuantisationError, number};
+use crate::dataset::Dataset;
+use hysteron_core::sensor_lag::{LAG_FRACTION_BITS, SensorLag};
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::{amplifier_bandwidth, sensor_bandwidth};
+use std::f64::consts::TAU;
+
+/// A bandwidth beside that of the amplifier is known where its standard deviation is at most this share of it.
+pub const KNOWN: f64 = 0.1;
+/// Slowest sensor whose lag is undone, Hz: a lag of 20 periods.
+pub const LEAST_BANDWIDTH_HZ: f64 = 1.0 / (TAU * LARGEST_LAG_S);
+/// Its lag, s.
+pub const LARGEST_LAG_S: f64 = 20.0 * SAMPLING_PERIOD_S;
+/// Of a sensor that is hardly late Tustin's rule would ring near half the sampling rate, and `a` and `b` would not fit: `a` is not below this.
+const LEAST_CARRIED: f64 = -0.33;
+
+/// What is known of the sensor's lag.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Known {
+    /// This bandwidth, Hz, by the word or the data that are named.
+    Bandwidth(f64, &'static str),
+    /// The model has a lag, and this is why it is not undone.
+    Doubtful(String),
+    /// The model reads without a lag.
+    Ideal,
+}
+
+/// What a chain, the data set behind it and the order say of the sensor's bandwidth.
+#[must_use]
+pub fn known(chain: &Model, dataset: Option<&Dataset>, ordered_hz: Option<f64>) -> Known {
+    if let Some(hz) = ordered_hz {
+        return Known::Bandwidth(hz, "as ordered");
+    }
+    let in_chain = chain.effect(sensor_bandwidth::ID).and_then(|e| e.parameters.first());
+    if let Some(p) = in_chain
+        && p.parameter.fixed
+    {
+        return Known::Bandwidth(p.value, "as the model holds it");
+    }
+    let beside_amplifier = chain.effect(amplifier_bandwidth::ID).is_some();
+    let spread = in_chain.map(|p| p.std.map_or(f64::INFINITY, |std| std / p.value.abs()));
+    if let (Some(p), Some(spread), true) = (in_chain, spread, beside_amplifier)
+        && spread <= KNOWN
+    {
+        return Known::Bandwidth(p.value, "as identified beside the amplifier's");
+    }
+    if let Some(hz) = dataset.and_then(|d| d.sensor_bandwidth_hz) {
+        return Known::Bandwidth(hz, "from the data set");
+    }
+    match (in_chain, spread) {
+        (Some(p), Some(spread)) if beside_amplifier && spread.is_finite() => {
+            Known::Doubtful(format!("the sensor's bandwidth of {:.0} Hz is known to {:.0} % only", p.value, 100.0 * spread))
+        }
+        (Some(p), _) if beside_amplifier => {
+            Known::Doubtful(format!("the sensor's bandwidth of {:.0} Hz has no standard deviation", p.value))
+        }
+        (Some(p), _) => Known::Doubtful(format!(
+            "the lag of {:.0} Hz that the model calls the sensor's could be the amplifier's: the model has no other",
+            p.value
+        )),
+        (None, _) => Known::Ideal,
+    }
+}
+
+/// The lag of a first-order low-pass at rest, s.
+#[must_use]
+pub fn lag_s(bandwidth_hz: f64) -> f64 {
+    1.0 / (TAU * bandwidth_hz)
+}
+
+/// Coefficients `a` and `b` for a lag.
+fn coefficients(lag_s: f64) -> (f64, f64) {
+    let ticks = lag_s / SAMPLING_PERIOD_S;
+    let carried = ((2.0 * ticks - 1.0) / (2.0 * ticks + 1.0)).max(LEAST_CARRIED);
+    // As late at rest, whatever `a` is.
+    (carried, ticks * (1.0 - carried) - carried)
+}
+
+/// The integers of the tick.
+///
+/// # Errors
+/// A lag beyond [`LARGEST_LAG_S`], or none.
+pub fn quantised(lag_s: f64) -> Result<SensorLag, QuantisationError> {
+    if !(0.0..=LARGEST_LAG_S).contains(&lag_s) {
+        return Err(QuantisationError { what: "lag of the sensor, s".into(), value: lag_s, limit: LARGEST_LAG_S });
+    }
+    let (carried, before) = coefficients(lag_s);
+    let bits = LAG_FRACTION_BITS as i32;
+    Ok(SensorLag { carried: number("lag of the sensor", carried, bits)?, before: number("lag of the sensor", before, bits)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::{Overview, by_id};
+    use nalgebra::Complex;
+
+    /// The integers as a filter, against the first-order low-pass that they stand for.
+    #[test]
+    fn the_reference_is_delayed_as_a_first_order_sensor_reads() {
+        for bandwidth_hz in [200.0, 1000.0, 3000.0, 10_000.0, 12_640.0, 12_732.4, 15_000.0, 40_000.0, 1e6] {
+            let lag = quantised(lag_s(bandwidth_hz)).unwrap();
+            assert!(lag.accepted(), "{bandwidth_hz}");
+            let one = f64::from(1u32 << LAG_FRACTION_BITS);
+            let (a, b) = (f64::from(lag.carried) / one, f64::from(lag.before) / one);
+            let ticks = lag_s(bandwidth_hz) / SAMPLING_PERIOD_S;
+            for hz in [1.0, 10.0, 100.0, 500.0, 1000.0] {
+                let back = Complex::from_polar(1.0, -TAU * hz * SAMPLING_PERIOD_S);
+                let filter = (1.0 - a - b + b * back) / (1.0 - a * back);
+                let sensor = 1.0 / Complex::new(1.0, hz / bandwidth_hz);
+                // Of the third order in the frequency for Tustin's rule, of the second where it would ring.
+                let angle = TAU * hz * SAMPLING_PERIOD_S;
+                let allowed = ticks * angle.powi(3) / 12.0 + (0.25 * ticks * (1.02 - 4.0 * ticks)).max(0.0) * angle.powi(2) + 1e-8;
+                assert!((filter - sensor).norm() < 1.05 * allowed, "{bandwidth_hz} {hz}: {} {allowed}", (filter - sensor).norm());
+            }
+        }
+        assert!(quantised(1.1 * LARGEST_LAG_S).is_err() && quantised(f64::NAN).is_err() && quantised(-1e-6).is_err());
+        assert!(quantised(LARGEST_LAG_S).unwrap().accepted() && quantised(0.0).unwrap().accepted());
+    }
+
+    fn chain(lags: &[(&str, f64, Option<f64>)]) -> Model {
+        let overview = Overview::without_data(0.0, 80.0);
+        let mut chain = Model::new(0.0, 80.0);
+        for (id, hz, std) in lags {
+            let mut effect = EffectInstance::new(by_id(id).unwrap(), &overview, &[*hz]);
+            effect.parameters[0].std = *std;
+            chain.effects.push(effect);
+        }
+        chain
+    }
+
+    #[test]
+    fn a_lag_that_could_be_the_amplifiers_is_not_undone() {
+        let hz = |known: Known| if let Known::Bandwidth(hz, _) = known { Some(hz) } else { None };
+        let both = [("amplifier_bandwidth", 9e3, Some(300.0)), ("sensor_bandwidth", 8e3, Some(400.0))];
+        assert_eq!(hz(known(&chain(&both), None, None)), Some(8e3));
+        let vague = [both[0], ("sensor_bandwidth", 8e3, Some(1000.0))];
+        assert!(matches!(known(&chain(&vague), None, None), Known::Doubtful(why) if why.contains("12 %") || why.contains("13 %")));
+        let alone = chain(&both[1..]);
+        assert!(matches!(known(&alone, None, None), Known::Doubtful(why) if why.contains("amplifier's")));
+        assert_eq!(hz(known(&alone, None, Some(7e3))), Some(7e3));
+        let mut held = alone.clone();
+        held.effects[0].parameters[0].parameter.fixed = true;
+        assert_eq!(hz(known(&held, None, None)), Some(8e3));
+        assert_eq!(known(&chain(&[]), None, None), Known::Ideal);
+        assert_eq!(known(&chain(&both[..1]), None, None), Known::Ideal);
+    }
+}
