@@ -144,7 +144,8 @@ impl Model {
     /// A model without effects.
     #[must_use]
     pub fn new(drive_min_v: f64, drive_max_v: f64) -> Self {
-        Self { drive_min_v, drive_max_v, effects: Vec::new() }
+        // Zero has no sign: "-0 V" is no limit.
+        Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new() }
     }
 
     /// The effect with this identifier.

@@ -28,12 +28,7 @@ pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs
     let chain = desk.model(model)?;
     outputs.check(&desk)?;
     let found = commands::check(&design, &chain).map_err(|m| wrong(model, m))?;
-    let largest = found.sampled_poles.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
-    match (found.sampled_poles.is_empty(), found.stable) {
-        (true, _) => println!("{}: not judged", found.scheme),
-        (false, true) => println!("{}: stable, largest sampled eigenvalue {largest:.4}", found.scheme),
-        (false, false) => println!("{}: UNSTABLE, largest sampled eigenvalue {largest:.4}", found.scheme),
-    }
+    println!("{}: {}", found.scheme, found.verdict());
     if let Some(m) = &found.margins {
         for line in words::margins(m) {
             println!("  {line}");
@@ -46,21 +41,16 @@ pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs
         println!("  {remark}");
     }
     desk.write_json(outputs.json.as_deref(), &found)?;
-    desk.write_page(outputs.report.as_deref(), || page(&found, largest))?;
+    desk.write_page(outputs.report.as_deref(), || page(&found))?;
     Ok(found.stable)
 }
 
-fn page(found: &CheckResult, largest: f64) -> Page {
-    let verdict = match (found.sampled_poles.is_empty(), found.stable) {
-        (true, _) => "is not judged".to_owned(),
-        (false, true) => format!("is stable on this actuator: largest sampled eigenvalue {largest:.4}"),
-        (false, false) => format!("is UNSTABLE on this actuator: largest sampled eigenvalue {largest:.4}"),
-    };
+fn page(found: &CheckResult) -> Page {
     let words = found.margins.as_ref().map(words::margins).unwrap_or_default();
     let blocks = found.margins.as_ref().map(|m| vec![Block::Plot(sensitivity(m)), Block::Plot(nyquist(m))]);
     Page {
         title: format!("Check of {}", found.scheme),
-        lead_sentence: format!("{} {verdict}.", found.scheme),
+        lead_sentence: format!("{} on this actuator: {}.", found.scheme, found.verdict()),
         sections: vec![Section {
             heading: "The loop".into(),
             text: words.iter().chain(&found.remarks).cloned().collect::<Vec<_>>().join("\n\n"),

@@ -8,10 +8,11 @@ pub fn largest(signal: &[f64]) -> f64 {
     signal.iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-/// Least and largest value; infinite the wrong way round without any.
+/// Least and largest value; infinite the wrong way round without any. Zero has no sign: a file's `-0.0` would be told as a limit of "-0".
 #[must_use]
 pub fn extremes(signal: &[f64]) -> (f64, f64) {
-    signal.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
+    let (low, high) = signal.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    (low + 0.0, high + 0.0)
 }
 
 /// Largest less least value.
@@ -31,4 +32,16 @@ pub fn mean(signal: &[f64]) -> f64 {
 #[must_use]
 pub fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(x, y)| x - y).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zero_has_no_sign_as_a_limit() {
+        let (low, high) = extremes(&[-60.0, -0.0, -3.0]);
+        assert_eq!(format!("{low} to {high} V"), "-60 to 0 V");
+        assert_eq!(extremes(&[]), (f64::INFINITY, f64::NEG_INFINITY));
+    }
 }

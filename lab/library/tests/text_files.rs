@@ -343,3 +343,12 @@ fn a_timing_is_assumed_only_where_nothing_shows_it() {
     assert!(!assumed(plain(","), Some(Timing::HoldAfterSample)));
     assert!(!assumed(read_after_writing, None));
 }
+
+#[test]
+fn a_drive_that_is_negative_ends_at_zero_and_not_at_minus_zero() {
+    let text = rows(|[t, u, y]| format!("{t:.4},{:.6},{:.6}", -u, -y));
+    assert!(text.contains(",-0.000000,"), "as a logger writes it");
+    let dataset = from_file("negative.csv", text.as_bytes()).unwrap();
+    assert!(dataset.notes.iter().any(|note| note.contains(" to 0 V; the state")), "{:?}", dataset.notes);
+    assert!(dataset.drive_max_v.is_sign_positive());
+}

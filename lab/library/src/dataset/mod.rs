@@ -121,6 +121,8 @@ impl Dataset {
 
     /// Checks what only the whole can show, and notes what is doubtful.
     fn checked(mut self) -> Result<Self> {
+        // Zero has no sign: a limit of -0.0 would be told as "-0 V".
+        (self.drive_min_v, self.drive_max_v) = (self.drive_min_v + 0.0, self.drive_max_v + 0.0);
         self.check_names()?;
         for record in &self.records {
             check_signals(record)?;

@@ -59,6 +59,9 @@ pub struct CheckResult {
     /// True if all sampled eigenvalues are inside the unit circle wherever the actuator may stand in its hysteresis, the period of delay
     /// included where the design has it.
     pub stable: bool,
+    /// Which criterion says that it is not, where it is judged and is not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unstable_because: Option<String>,
     /// Sampled eigenvalues `[re, im]` at the mean gain.
     pub sampled_poles: Vec<[f64; 2]>,
     /// The thesis' continuous conditions; empty where they do not apply.
@@ -67,6 +70,42 @@ pub struct CheckResult {
     pub margins: Option<LoopMargins>,
     /// What it means, in sentences.
     pub remarks: Vec<String>,
+}
+
+impl CheckResult {
+    /// A criterion that is not met; the first of them is what is said.
+    fn fails(&mut self, because: String) {
+        self.stable = false;
+        self.unstable_because.get_or_insert(because);
+    }
+
+    /// Takes the eigenvalues of the loop at a gain.
+    fn judge_poles(&mut self, poles: &[Complex<f64>], whose: &str) {
+        self.sampled_poles = check::pairs(poles);
+        if !all_inside(poles) {
+            self.fails(format!("the largest eigenvalue {whose} is {:.4}", self.largest_eigenvalue()));
+        }
+    }
+
+    /// Largest magnitude of the sampled eigenvalues at the mean gain; zero where none are taken.
+    #[must_use]
+    pub fn largest_eigenvalue(&self) -> f64 {
+        self.sampled_poles.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max)
+    }
+
+    /// The verdict in words, behind the name of the scheme.
+    #[must_use]
+    pub fn verdict(&self) -> String {
+        let largest = self.largest_eigenvalue();
+        match (&self.unstable_because, self.sampled_poles.is_empty(), self.stable) {
+            (Some(because), _, _) if largest < 1.0 => {
+                format!("UNSTABLE: {because} (the largest eigenvalue with the mean gain, {largest:.4}, is stable)")
+            }
+            (Some(because), ..) => format!("UNSTABLE: {because}"),
+            (None, false, true) => format!("stable, largest sampled eigenvalue {largest:.4}"),
+            (None, ..) => "not judged".to_owned(),
+        }
+    }
 }
 
 /// Checks a design against an actuator's chain.
@@ -79,6 +118,7 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
         schema: "hysteron.check/1".into(),
         scheme: design.scheme_name().into(),
         stable: false,
+        unstable_because: None,
         sampled_poles: Vec::new(),
         continuous: ContinuousConditions::default(),
         margins: None,
@@ -95,7 +135,12 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
                 let plant = Variation { delay_s, ..Variation::NONE }.sampled(&model.linear);
                 let beliefs = ratio.iter().flat_map(|gain| adaptation.over_beliefs(*gain));
                 let worst = beliefs.map(|gain| law.spectral_radius(&plant, gain, 0)).fold(0.0, f64::max);
-                out.stable &= worst < 1.0;
+                if worst.is_nan() || worst >= 1.0 {
+                    out.fails(format!(
+                        "with the correction of the gain at a bound of its +-{:.0} % the largest eigenvalue is {worst:.4}",
+                        100.0 * adaptation.farthest
+                    ));
+                }
                 out.remarks.push(format!(
                     "Wherever the correction of the gain stands within its +-{:.0} % the largest eigenvalue is at most {worst:.3}{}.",
                     100.0 * adaptation.farthest,
@@ -109,7 +154,11 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
                 };
                 let (contraction, hz) = on_it(ratio.to_vec());
                 let verdict = if contraction < 1.0 { "converges" } else { "DIVERGES" };
-                out.stable &= contraction < 1.0;
+                if contraction.is_nan() || contraction >= 1.0 {
+                    out.fails(format!(
+                        "learning diverges, an error becomes {contraction:.2} times itself from period to period at {hz:.0} Hz"
+                    ));
+                }
                 out.remarks.push(format!(
                     "Learning {verdict} on this actuator: an error becomes at most {contraction:.2} times itself from period to period (at {hz:.0} Hz)."
                 ));
@@ -135,8 +184,8 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
                 law.closed_loop(&plant, delay).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect()
             };
             let poles = on_plant(usize::from(design.delayed));
-            out.stable = all_inside(&poles);
-            out.sampled_poles = check::pairs(&poles);
+            out.stable = true;
+            out.judge_poles(&poles, "on the first mode and the mean gain");
             if found.continuous.satisfied && !out.stable {
                 out.remarks.push(
                     "The thesis' continuous conditions hold, yet the sampled loop is unstable: they know nothing of sampling and delay."
@@ -216,8 +265,15 @@ fn judge_law(law: &PredictorDesign, actuator: &ActuatorModel, delay_s: f64, rati
     let poles: Vec<Complex<f64>> =
         law.closed_loop(&plant, ratio[1], 0).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect();
     let margins = Loop { law, linear: &actuator.linear, gain_ratio: ratio, delay_s }.judged();
-    out.stable = all_inside(&poles) && margins.spectral_radius.iter().all(|r| *r < 1.0);
-    out.sampled_poles = check::pairs(&poles);
+    out.stable = true;
+    out.judge_poles(&poles, "with the mean gain");
+    let places = ["smallest", "mean", "largest"].into_iter().zip(ratio.into_iter().zip(margins.spectral_radius));
+    // The mean is what the eigenvalues are of; where only it fails that is said already.
+    for (place, (gain, radius)) in places.filter(|(_, (_, radius))| radius.is_nan() || *radius >= 1.0) {
+        out.fails(format!(
+            "where the actuator's gain is the {place}, {gain:.2} times the one that the law inverts, the largest eigenvalue is {radius:.4}"
+        ));
+    }
     out.margins = Some(margins);
 }
 
@@ -299,4 +355,35 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
         out.learning = Some(order::learning_without_recording(&out)?);
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(stable: bool, poles: &[f64], unstable_because: Option<&str>) -> CheckResult {
+        CheckResult {
+            schema: String::new(),
+            scheme: String::new(),
+            stable,
+            unstable_because: unstable_because.map(Into::into),
+            sampled_poles: poles.iter().map(|re| [*re, 0.0]).collect(),
+            continuous: ContinuousConditions::default(),
+            margins: None,
+            remarks: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn no_verdict_of_unstable_stands_beside_a_stable_eigenvalue_alone() {
+        let learning = found(false, &[0.9753, -0.3], Some("learning diverges"));
+        assert_eq!(learning.verdict(), "UNSTABLE: learning diverges (the largest eigenvalue with the mean gain, 0.9753, is stable)");
+        assert_eq!(found(false, &[1.2], Some("it is 1.2000")).verdict(), "UNSTABLE: it is 1.2000");
+        assert_eq!(found(true, &[0.9], None).verdict(), "stable, largest sampled eigenvalue 0.9000");
+        assert_eq!(found(false, &[], None).verdict(), "not judged");
+        let mut both = found(true, &[], None);
+        both.judge_poles(&[Complex::new(0.0, 1.01)], "with the mean gain");
+        both.fails("another".into());
+        assert_eq!(both.verdict(), "UNSTABLE: the largest eigenvalue with the mean gain is 1.0100");
+    }
 }

@@ -483,6 +483,9 @@ impl LearningDesign {
         if contraction.is_nan() || contraction >= 1.0 {
             return Err(format!("learning would not converge: |Q (1 - L T)| is {contraction:.2} at {hz:.0} Hz"));
         }
+        if out.learns_to_hz() <= 0.0 {
+            return Err(format!("nothing can be learned: {}", out.what_closes()));
+        }
         Ok(out)
     }
 
@@ -519,9 +522,27 @@ impl LearningDesign {
         all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0))
     }
 
+    /// Why nothing is learned beyond [`Self::learns_to_hz`]: the first frequency at which a correction could make an error worse.
+    #[must_use]
+    pub fn what_closes(&self) -> String {
+        let apart_hz = 1.0 / (ROBUSTNESS_TAPS as f64 * SAMPLING_PERIOD_S);
+        self.convergence.iter().find(|p| p.worst >= 1.0).map_or_else(
+            || "the filter that decides what is learned is closed".to_owned(),
+            |p| {
+                format!(
+                    "at {:.0} Hz a correction may leave {:.2} times the error that it is to remove, on a plant of the set or with a response that nothing excludes, and {ROBUSTNESS_TAPS} taps do not tell that from what is up to {apart_hz:.0} Hz away",
+                    p.hz, p.worst
+                )
+            },
+        )
+    }
+
     /// What a reader should know.
     #[must_use]
     pub fn in_words(&self) -> String {
+        if self.learns_to_hz() <= 0.0 {
+            return format!("Nothing of a periodic reference is learned: {}.", self.what_closes());
+        }
         let (contraction, hz) = self.worst_contraction();
         format!(
             "The correction of a periodic reference is learned up to {:.0} Hz: from period to period an error becomes at most {contraction:.2} times itself (at {hz:.0} Hz) on each of {} plants with any missing response that is not excluded. Nothing is learned while the drive is at a limit or the error beyond {:.2} um; a correction is at most {:.2} um.",
@@ -667,6 +688,11 @@ mod tests {
         assert!(design.learns_to_hz() > 100.0 && design.learns_to_hz() < 900.0, "{}", design.learns_to_hz());
         let quantised = design.quantised().unwrap();
         assert!(quantised.accepted());
+        // One that learns nothing says why, and not "up to 0 Hz".
+        let closed = |p: &ConvergencePoint| ConvergencePoint { robustness: 0.1 * p.robustness, ..*p };
+        let closed = LearningDesign { convergence: design.convergence.iter().map(closed).collect(), ..design.clone() };
+        let said = closed.in_words();
+        assert!(said.starts_with("Nothing of a periodic reference is learned: at ") && !said.contains("up to 0 Hz"), "{said}");
         // On plants of the set it converges, and on one with its first mode elsewhere that is seen.
         let (on_model, _) = design.contraction_on(&law(), &linear(), 1.0, 0.0);
         let (on_other, _) = design.contraction_on(&law(), &linear(), 1.1, 0.0);

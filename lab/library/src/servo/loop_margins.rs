@@ -283,21 +283,56 @@ fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable, s
     }
 }
 
+/// A first unstable value with so many digits, rounded away from what is stable: with the number that is read it *is* unstable. A servo that holds with
+/// twice the mass is not told to be unstable with "2.00 times" of it.
+pub(super) fn unstable_from(value: f64, digits: usize, upwards: bool) -> String {
+    let scale = 10f64.powi(digits as i32);
+    // A number that is as short as that already stays.
+    let scaled = value * scale;
+    let nearest = scaled.round();
+    let rounded = match ((scaled - nearest).abs() < 1e-9 * scaled.abs(), upwards) {
+        (true, _) => nearest,
+        (false, true) => scaled.ceil(),
+        (false, false) => scaled.floor(),
+    };
+    format!("{:.digits$}", rounded / scale)
+}
+
 /// What comes first of the first unstable values, with how far it can go as a factor.
 fn least_reserve(first: &FirstUnstable) -> Option<(f64, String)> {
     let mut cases: Vec<(f64, String)> = Vec::new();
     let mut add = |reserve: Option<f64>, text: String| cases.extend(reserve.map(|r| (r, text)));
-    let of = |value: Option<f64>| value.unwrap_or(f64::NAN);
-    add(first.gain_up, format!("{:.2} times the gain", of(first.gain_up)));
-    add(first.gain_down.map(|g| 1.0 / g), format!("{:.2} times the gain", of(first.gain_down)));
-    add(first.mass_up, format!("{:.2} times the mass", of(first.mass_up)));
-    add(first.mass_down.map(|m| 1.0 / m), format!("{:.2} times the mass", of(first.mass_down)));
-    add(first.delay_s.map(|d| 1.0 + d / SAMPLING_PERIOD_S), format!("{:.0} us more of delay", 1e6 * of(first.delay_s)));
+    let from = |value: Option<f64>, digits: usize, upwards: bool| unstable_from(value.unwrap_or(f64::NAN), digits, upwards);
+    add(first.gain_up, format!("{} times the gain", from(first.gain_up, 2, true)));
+    add(first.gain_down.map(|g| 1.0 / g), format!("{} times the gain", from(first.gain_down, 2, false)));
+    add(first.mass_up, format!("{} times the mass", from(first.mass_up, 2, true)));
+    add(first.mass_down.map(|m| 1.0 / m), format!("{} times the mass", from(first.mass_down, 2, false)));
+    let delay_us = first.delay_s.map(|d| 1e6 * d);
+    add(first.delay_s.map(|d| 1.0 + d / SAMPLING_PERIOD_S), format!("{} us more of delay", from(delay_us, 0, true)));
     if let Some(mode) = first.mode {
         add(
             Some(1.0 + mode.share / 0.05),
-            format!("an unknown mode at {:.0} Hz with {:.1} % of the motion", mode.frequency_hz, 100.0 * mode.share),
+            format!("an unknown mode at {:.0} Hz with {} % of the motion", mode.frequency_hz, unstable_from(100.0 * mode.share, 2, true)),
         );
     }
     cases.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_read_is_unstable_whatever_the_rounding() {
+        let shown = |value, upwards| unstable_from(value, 2, upwards);
+        assert_eq!([shown(2.0013, true), shown(2.0, true), shown(0.5, false), shown(0.3889, false)], ["2.01", "2.00", "0.50", "0.38"]);
+        assert_eq!(unstable_from(70.2, 0, true), "71");
+        let first = FirstUnstable { mass_up: Some(2.0013), ..FirstUnstable::default() };
+        let said = worst_case(&[1.0; 3], &[0.9; 3], &first, &FirstUnstable::default());
+        assert_eq!(said, "2.01 times the mass makes it unstable");
+        // Not "0.6 %", with which it is stable.
+        let mode = UnstableMode { frequency_hz: 2834.0, damping_ratio: 0.02, share: 0.006_47 };
+        let said = worst_case(&[1.0; 3], &[0.9; 3], &FirstUnstable { mode: Some(mode), ..first }, &FirstUnstable::default());
+        assert!(said.contains("with 0.65 % of the motion"), "{said}");
+    }
 }

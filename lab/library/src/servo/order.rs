@@ -11,7 +11,9 @@ use super::predictor::{Demands, PredictorDesign};
 use super::recording::Recording;
 use super::robust::{Broken, Candidate, ModeSpread, Scan, Task, within_nyquist};
 use super::sensor_lag;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Role};
+use crate::identification::fit::counted_residual;
+use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
@@ -82,6 +84,8 @@ const UNCONFIRMED: ModeSpread = ModeSpread { frequency: 0.05, damping: 0.4 };
 const LARGE_RESIDUAL: f64 = 2.0;
 /// Another drive is worth recommending where it lets the expected error fall below this share.
 const WORTH_RECORDING: f64 = 0.8;
+/// Data of which a model leaves more than this share (RMS over RMS) are not of its stage.
+const OTHER_STAGE: f64 = 0.2;
 /// Surfaces for the tick may differ from the model's by this share of the travel.
 const PROJECTION_ALLOWED: f64 = 0.005;
 
@@ -162,9 +166,26 @@ pub fn reasonable_frequency(reference_hz: f64) -> Result<(), String> {
     if is_reasonable { Ok(()) } else { Err(format!("{reference_hz}; expected above 0 and below {fastest_hz}")) }
 }
 
+/// Whether the period of the fastest references is one that a correction is learned of.
+fn period_that_is_learned(reference_hz: f64) -> Result<(), String> {
+    let rate_hz = 1.0 / SAMPLING_PERIOD_S;
+    let (lowest_hz, highest_hz) = (rate_hz / MOST_POINTS as f64, rate_hz / f64::from(LEAST_PERIOD_TICKS));
+    if (lowest_hz..=highest_hz).contains(&reference_hz) {
+        return Ok(());
+    }
+    Err(format!(
+        "--learning with --reference-hz {reference_hz}: corrections are learned of periods of {LEAST_PERIOD_TICKS} to {MOST_POINTS} samples, {:.1} to {:.0} Hz at {rate_hz:.0} Hz; name a frequency of these, or leave --learning out",
+        (10.0 * lowest_hz).ceil() / 10.0,
+        highest_hz.floor()
+    ))
+}
+
 /// Checks what is asked.
 fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
     reasonable_frequency(order.reference_hz).map_err(|problem| format!("--reference-hz {problem}"))?;
+    if order.learning {
+        period_that_is_learned(order.reference_hz)?;
+    }
     let travel_um = model.reach_um();
     if let Some(noise_um) = order.sensor_noise_um
         && !(noise_um > 0.0 && noise_um < 0.05 * travel_um)
@@ -342,6 +363,34 @@ fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<Str
     }
 }
 
+/// Whether the data are of the stage that the model describes: what the model leaves of the readings that it should give, over how far they move.
+fn require_same_stage(chain: &Model, dataset: &Dataset) -> Result<(), String> {
+    let (mut sum_yy, mut sum_ys, mut sum_ss, mut count) = (0.0, 0.0, 0.0, 0);
+    for record in dataset.records.iter().filter(|r| !matches!(r.role, Role::Noise | Role::Test)) {
+        let missed = counted_residual(chain, record);
+        let read: Vec<f64> = record.counted().map(|k| record.displacement_um[k]).collect();
+        let mean = |signal: &mut dyn Iterator<Item = f64>| signal.sum::<f64>() / read.len().max(1) as f64;
+        let of_read = mean(&mut read.iter().copied());
+        let of_model = mean(&mut read.iter().zip(&missed).map(|(y, e)| y - e));
+        for (y, e) in read.iter().zip(&missed) {
+            let (y, s) = (y - of_read, y - e - of_model);
+            (sum_yy, sum_ys, sum_ss) = (sum_yy + y * y, sum_ys + y * s, sum_ss + s * s);
+        }
+        count += read.len();
+    }
+    let rms_um = |sum: f64| (sum.max(0.0) / count.max(1) as f64).sqrt();
+    let (moves_um, left_um) = (rms_um(sum_yy), rms_um(sum_yy - 2.0 * sum_ys + sum_ss));
+    if !(moves_um > 0.0 && left_um > OTHER_STAGE * moves_um) {
+        return Ok(());
+    }
+    let factor = sum_ys / sum_ss;
+    let scaled_um = rms_um(sum_yy - factor * sum_ys);
+    Err(format!(
+        "--data is not of the stage that this model describes: of readings that move by {moves_um:.3} um RMS the model leaves {left_um:.3} um ({:.0} %); with {factor:.2} times its displacement it would leave {scaled_um:.3} um; name the recording that the model was identified from, or identify on this one",
+        100.0 * left_um / moves_um
+    ))
+}
+
 /// Why no candidate is left.
 fn refusal(scan: &Scan) -> String {
     let in_words = |broken: &Broken| match broken {
@@ -398,6 +447,9 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         "the model needs the effects `hysteresis` and `vibration` for a servo design: identify it with --effects hysteresis,initial_curve,vibration,creep",
     )?;
     reasonable(order, &model)?;
+    if let Some(dataset) = order.recording {
+        require_same_stage(chain, dataset)?;
+    }
     let mut said = Vec::new();
     let model = formatted(&model, &mut said)?;
     let scale = converters(order, &model)?;
@@ -422,13 +474,15 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let good = scan.candidates.iter().filter(|c| c.broken.is_none()).count();
     design.explanation = vec![
         format!(
-            "Of {} tunings {good} hold for every plant that is left possible; this one has the smallest expected error, {:.2} nm at {} Hz with {:.2} nm of sensor noise ({:.2} nm of it passed on, {:.2} nm of a {:.0} nm hysteresis model error let through).",
+            "Of {} tunings {good} hold for every plant that is left possible; this one has the smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of a {:.0} nm hysteresis model error.",
             scan.candidates.len(),
             1e3 * chosen.expected_um(),
-            demands.reference_hz,
-            1e3 * sensor_noise_um,
             1e3 * chosen.noise_um,
+            1e3 * sensor_noise_um,
             1e3 * chosen.disturbance_um,
+            demands.reference_hz,
+            1e3 * chosen.slow_um,
+            0.1 * demands.reference_hz,
             1e3 * demands.model_error_um
         ),
         format!(
@@ -473,6 +527,13 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     }
     if order.learning {
         let learning = LearningDesign::new(&PredictorDesign::new(&model.linear, &chosen.tuning), &task, model.reach_um())?;
+        if learning.learns_to_hz() < order.reference_hz {
+            return Err(format!(
+                "--learning with --reference-hz {}: {} Name a slower reference, or leave --learning out",
+                order.reference_hz,
+                learning.in_words()
+            ));
+        }
         design.explanation.push(learning.in_words());
         design.learning = Some(learning);
     }

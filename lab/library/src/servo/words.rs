@@ -1,12 +1,16 @@
 //! Findings of a servo in sentences, the same on screens, in pages and in the lab.
 
-use super::loop_margins::{LoopMargins, NO_DIFFERENCE};
+use super::loop_margins::{LoopMargins, NO_DIFFERENCE, unstable_from};
 
 /// Margins, one sentence a line.
 #[must_use]
 pub fn margins(m: &LoopMargins) -> Vec<String> {
     let value = |value: Option<f64>, scale: f64, digits: usize, unit: &str| {
         value.map_or_else(|| "none found".to_owned(), |v| format!("{:.digits$}{unit}", scale * v))
+    };
+    // First unstable values, rounded away from what is stable.
+    let from = |value: Option<f64>, scale: f64, digits: usize, upwards: bool, unit: &str| {
+        value.map_or_else(|| "none found".to_owned(), |v| format!("{}{unit}", unstable_from(scale * v, digits, upwards)))
     };
     let first = &m.first_unstable;
     let [least, mean, most] = m.gain_ratio;
@@ -30,15 +34,15 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
         ));
         let mode = first.mode.map_or_else(
             || "none found".to_owned(),
-            |u| format!("{:.2} % at {:.0} Hz (damping {})", 100.0 * u.share, u.frequency_hz, u.damping_ratio),
+            |u| format!("{} % at {:.0} Hz (damping {})", unstable_from(100.0 * u.share, 2, true), u.frequency_hz, u.damping_ratio),
         );
         lines.push(format!(
             "first unstable: gain {} and {}; mass {} and {}; delay {}; unknown mode {mode}",
-            value(first.gain_down, 1.0, 3, ""),
-            value(first.gain_up, 1.0, 3, ""),
-            value(first.mass_down, 1.0, 3, ""),
-            value(first.mass_up, 1.0, 3, ""),
-            value(first.delay_s, 1e6, 1, " us")
+            from(first.gain_down, 1.0, 3, false, ""),
+            from(first.gain_up, 1.0, 3, true, ""),
+            from(first.mass_down, 1.0, 3, false, ""),
+            from(first.mass_up, 1.0, 3, true, ""),
+            from(first.delay_s, 1e6, 1, true, " us")
         ));
         let swinging = &m.first_swinging;
         let sooner = |limited: Option<f64>, free: Option<f64>| match (limited, free) {
