@@ -4,8 +4,8 @@
 //!     cargo run --release --workspace --example first_unstable [STAGES [FIRST_SEED]]
 //!
 //! Each cell: the prediction; the true value over it where the servo begins at the lower limit of its drive; where the stage changes slowly while it
-//! rests in the middle of its range (not for the mode, which cannot come slowly); and over it what `check` says from where it may swing once the drive
-//! was at a limit.
+//! rests in the middle of its range (not for the mode, which cannot come slowly); and over it what `check` says from where it swings beginning at the lower
+//! limit, and from where it may once the drive was at a limit.
 //!
 //! Models are those of `servo_from_data`, kept in target/servo_from_data.
 
@@ -41,15 +41,17 @@ fn cells(truth: &Truth, chain: &Model, design: &ServoDesign) -> Vec<String> {
     let Some(margins) = check(design, chain).ok().and_then(|c| c.margins) else { return vec!["-".into(); 6] };
     let (first, swinging) = (margins.first_unstable, margins.first_swinging);
     let limit_um = LIMIT_CYCLE * truth.noise_um;
-    let cell = |[free, limited]: [Option<f64>; 2], scale: f64, downwards: bool, comes_slowly: bool, change: &dyn Fn(f64) -> Change| {
-        let Some(value) = free else { return "none".to_owned() };
-        let from_the_limit = |share: f64| rest_um(truth, change(share * value), design) > limit_um;
-        let in_the_middle = |share: f64| rest_after_slow_change_um(truth, change(share * value), design) > limit_um;
-        let words = |found: Result<f64, &str>| found.map_or_else(str::to_owned, |share| format!("{share:.3}"));
-        let slowly = if comes_slowly { words(turn(&in_the_middle, downwards)) } else { "-".into() };
-        let swings = limited.map_or("-".into(), |limited| format!("{:.3}", limited / value));
-        format!("{:.3}: {} / {slowly} / {swings}", scale * value, words(turn(&from_the_limit, downwards)))
-    };
+    let from_rest = margins.first_from_rest.unwrap_or(first);
+    let cell =
+        |[free, begun, limited]: [Option<f64>; 3], scale: f64, downwards: bool, comes_slowly: bool, change: &dyn Fn(f64) -> Change| {
+            let Some(value) = free else { return "none".to_owned() };
+            let from_the_limit = |share: f64| rest_um(truth, change(share * value), design) > limit_um;
+            let in_the_middle = |share: f64| rest_after_slow_change_um(truth, change(share * value), design) > limit_um;
+            let words = |found: Result<f64, &str>| found.map_or_else(str::to_owned, |share| format!("{share:.3}"));
+            let slowly = if comes_slowly { words(turn(&in_the_middle, downwards)) } else { "-".into() };
+            let [begun, swings] = [begun, limited].map(|limited| limited.map_or("-".into(), |limited| format!("{:.3}", limited / value)));
+            format!("{:.3}: {} / {slowly} / {begun} / {swings}", scale * value, words(turn(&from_the_limit, downwards)))
+        };
     let gain = |gain_ratio: f64| Change { gain_ratio, ..Change::NONE };
     let mass = |mass_ratio: f64| Change { mass_ratio, ..Change::NONE };
     let delay = |delay_s: f64| Change { delay_s, ..Change::NONE };
@@ -58,12 +60,12 @@ fn cells(truth: &Truth, chain: &Model, design: &ServoDesign) -> Vec<String> {
         ..Change::NONE
     };
     vec![
-        cell([first.gain_up, swinging.gain_up], 1.0, false, true, &gain),
-        cell([first.gain_down, swinging.gain_down], 1.0, true, true, &gain),
-        cell([first.mass_up, swinging.mass_up], 1.0, false, true, &mass),
-        cell([first.mass_down, swinging.mass_down], 1.0, true, true, &mass),
-        cell([first.delay_s, swinging.delay_s], 1e6, false, true, &delay),
-        cell([first.mode, swinging.mode].map(|m| m.map(|m| m.share)), 100.0, false, false, &mode),
+        cell([first.gain_up, from_rest.gain_up, swinging.gain_up], 1.0, false, true, &gain),
+        cell([first.gain_down, from_rest.gain_down, swinging.gain_down], 1.0, true, true, &gain),
+        cell([first.mass_up, from_rest.mass_up, swinging.mass_up], 1.0, false, true, &mass),
+        cell([first.mass_down, from_rest.mass_down, swinging.mass_down], 1.0, true, true, &mass),
+        cell([first.delay_s, from_rest.delay_s, swinging.delay_s], 1e6, false, true, &delay),
+        cell([first.mode, from_rest.mode, swinging.mode].map(|m| m.map(|m| m.share)), 100.0, false, false, &mode),
     ]
 }
 

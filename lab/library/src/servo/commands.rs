@@ -3,6 +3,7 @@
 use super::check::{self, ContinuousConditions};
 use super::design::{SCHEMA, Scheme, ServoDesign, thesis_scheme};
 use super::disturbance_observer;
+use super::from_rest::Beginning;
 use super::gain_adaptation::AdaptationDesign;
 use super::loop_margins::{Loop, LoopMargins};
 use super::model::{ActuatorModel, NominalModel, actuator_model};
@@ -125,10 +126,14 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
         remarks: Vec::new(),
     };
     let delay_s = order::known_delay_s(chain);
+    let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
+    // What both reach: a reference is told in um, whatever the servo's own model believes.
+    let travel_um = model.reach_um().min(design.model.reach_um());
+    let judged_with = (delay_s, Beginning { design, chain, travel_um, noise_um });
     match &design.scheme {
         Scheme::Predictor { tuning, hysteresis_inverse } => {
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
-            judge_law(&PredictorDesign::new(&design.model.linear, tuning), &model, delay_s, ratio, &mut out);
+            judge_law(&PredictorDesign::new(&design.model.linear, tuning), &model, judged_with, ratio, &mut out);
             out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
             let law = PredictorDesign::new(&design.model.linear, tuning);
             if let Some(adaptation) = &design.adaptation {
@@ -204,17 +209,17 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
         }
         Scheme::DisturbanceObserver { gains, hysteresis_inverse } => {
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
-            judge_law(&disturbance_observer::law(&design.model.linear, gains), &model, delay_s, ratio, &mut out);
+            judge_law(&disturbance_observer::law(&design.model.linear, gains), &model, judged_with, ratio, &mut out);
         }
         Scheme::Feedforward { gains, notch, .. } => {
-            judge_law(&regulator_loop::law(gains, notch.as_ref()), &model, delay_s, gain_ratio(&design.model, &model, true), &mut out);
+            judge_law(&regulator_loop::law(gains, notch.as_ref()), &model, judged_with, gain_ratio(&design.model, &model, true), &mut out);
             out.remarks.push("What is fed forward does not touch stability.".into());
         }
         Scheme::Pid { gains, notch } if design.delayed => {
             let gain = model.mean_gain_um_v();
             let gains = PidGains { p: gain * gains.p, i: gain * gains.i, d: gain * gains.d };
             let (least, most) = model.slope_range();
-            judge_law(&regulator_loop::law(&gains, notch.as_ref()), &model, delay_s, [least, 1.0, most], &mut out);
+            judge_law(&regulator_loop::law(&gains, notch.as_ref()), &model, judged_with, [least, 1.0, most], &mut out);
             out.remarks.push(format!("The drive counts with the mean gain of the largest loop, {gain:.4} um/V."));
         }
         _ => {
@@ -259,12 +264,18 @@ pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bo
     ratio
 }
 
-/// Eigenvalues and margins on an actuator.
-fn judge_law(law: &PredictorDesign, actuator: &ActuatorModel, delay_s: f64, ratio: [f64; 3], out: &mut CheckResult) {
+/// Eigenvalues and margins on an actuator, with a delay of its drive, s, and the beginning that it is run from.
+fn judge_law(
+    law: &PredictorDesign,
+    actuator: &ActuatorModel,
+    (delay_s, beginning): (f64, Beginning<'_>),
+    ratio: [f64; 3],
+    out: &mut CheckResult,
+) {
     let plant = Variation { delay_s, ..Variation::NONE }.sampled(&actuator.linear);
     let poles: Vec<Complex<f64>> =
         law.closed_loop(&plant, ratio[1], 0).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect();
-    let margins = Loop { law, linear: &actuator.linear, gain_ratio: ratio, delay_s }.judged();
+    let margins = Loop { law, linear: &actuator.linear, gain_ratio: ratio, delay_s, beginning: Some(beginning) }.judged();
     out.stable = true;
     out.judge_poles(&poles, "with the mean gain");
     let places = ["smallest", "mean", "largest"].into_iter().zip(ratio.into_iter().zip(margins.spectral_radius));

@@ -5,8 +5,10 @@
 //! Eigenvalues speak of a loop whose drive is free. A servo begins at the lower limit of its drive, and noise or a jump brings it to a limit later;
 //! a loop with a lightly damped mode, wrong gain and wrong mass may then swing between the limits for ever although its eigenvalues are
 //! stable. So every first unstable value is sought twice: with the drive free, and with any share of what is commanded acting
-//! ([`PredictorDesign::at_a_limit`]). Between the two it depends on what happens whether the loop swings.
+//! ([`PredictorDesign::at_a_limit`]). Between the two it depends on what happens whether the loop swings; for the one beginning that every servo has, at the lower limit
+//! of its drive, the value is found by running the loop ([`super::from_rest`]).
 
+use super::from_rest::Beginning;
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::moving_mode::ReferenceBand;
 use super::plant_set::Variation;
@@ -32,6 +34,12 @@ const NEXT_SHARE: f64 = 0.8;
 const LEAST_SHARE: f64 = 0.02;
 /// First unstable values are found to this share.
 const PRECISION: f64 = 1e-3;
+/// Factor between values that are run from the lower limit of the drive, ...
+const RUN_STEP: f64 = 1.02;
+/// ... at most so many of them, ...
+const MOST_RUN_STEPS: f64 = 40.0;
+/// ... and the share to which the first that swings is then found.
+const RUN_PRECISION: f64 = 4e-3;
 
 /// A mode at which a loop becomes unstable.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -102,6 +110,10 @@ pub struct LoopMargins {
     /// The first values with which it may go on swinging once the drive was at a limit (a delay of at most eight
     /// periods, the mode at the same frequency).
     pub first_swinging: FirstUnstable,
+    /// The first values with which it swings where it begins at the lower limit of its drive, as run on this actuator; none where no beginning was said.
+    /// The mode is that of a free drive.
+    #[serde(default)]
+    pub first_from_rest: Option<FirstUnstable>,
     /// The frequency response.
     pub response: Vec<LoopPoint>,
 }
@@ -116,6 +128,8 @@ pub struct Loop<'a> {
     pub gain_ratio: [f64; 3],
     /// Delay of its drive, s.
     pub delay_s: f64,
+    /// How the servo begins, where it is to be run from there.
+    pub beginning: Option<Beginning<'a>>,
 }
 
 impl Loop<'_> {
@@ -220,6 +234,7 @@ impl Loop<'_> {
         let limited: Vec<PredictorDesign> = shares.map(|share| self.law.at_a_limit(share)).collect();
         let same_mode = || first_unstable.mode.and_then(|m| self.unstable_share(&limited, m.frequency_hz, LARGEST_SHARE));
         let first_swinging = self.first_unstable(&limited, LONGEST_DELAY_AT_A_LIMIT, same_mode);
+        let first_from_rest = self.beginning.map(|beginning| first_from_rest(&beginning, &first_unstable, &first_swinging));
         let peak = response.iter().copied().max_by(|a, b| a.sensitivity.total_cmp(&b.sensitivity));
         let mut noise_power = 0.0;
         let mut last_hz = 0.0;
@@ -241,8 +256,42 @@ impl Loop<'_> {
             noise_transmission: noise_power.sqrt(),
             first_unstable,
             first_swinging,
+            first_from_rest,
             response,
         }
+    }
+}
+
+/// Between the first values at a limit and those of a free drive the first that swings from the beginning.
+fn first_from_rest(beginning: &Beginning<'_>, free: &FirstUnstable, limited: &FirstUnstable) -> FirstUnstable {
+    let find = |free: Option<f64>, limited: Option<f64>, at: &dyn Fn(f64) -> Variation| {
+        let (Some(end), Some(begin)) = (free, limited) else { return free };
+        if !differ(begin, end) {
+            return free;
+        }
+        let swings = |value: f64| beginning.swings(&at(value));
+        let steps = ((end / begin).ln().abs() / RUN_STEP.ln()).ceil().clamp(1.0, MOST_RUN_STEPS);
+        let mut good = begin;
+        for value in (0..steps as i32).map(|i| begin * (end / begin).powf(f64::from(i) / steps)) {
+            if swings(value) {
+                let mut bad = value;
+                while (bad / good - 1.0).abs() > RUN_PRECISION {
+                    let middle = (good * bad).sqrt();
+                    if swings(middle) { bad = middle } else { good = middle }
+                }
+                return Some(bad);
+            }
+            good = value;
+        }
+        free
+    };
+    FirstUnstable {
+        gain_up: find(free.gain_up, limited.gain_up, &|gain| Variation { gain, ..Variation::NONE }),
+        gain_down: find(free.gain_down, limited.gain_down, &|gain| Variation { gain, ..Variation::NONE }),
+        mass_up: find(free.mass_up, limited.mass_up, &|mass_ratio| Variation { mass_ratio, ..Variation::NONE }),
+        mass_down: find(free.mass_down, limited.mass_down, &|mass_ratio| Variation { mass_ratio, ..Variation::NONE }),
+        delay_s: find(free.delay_s, limited.delay_s, &|delay_s| Variation { delay_s, ..Variation::NONE }),
+        mode: free.mode,
     }
 }
 
@@ -264,6 +313,11 @@ fn phase_margin_deg(response: &[LoopPoint]) -> Option<f64> {
 
 /// Below this share two first values are the same.
 pub(super) const NO_DIFFERENCE: f64 = 0.01;
+
+/// Whether two first values are not the same.
+pub(super) fn differ(a: f64, b: f64) -> bool {
+    (a / b).ln().abs() > NO_DIFFERENCE
+}
 
 /// What comes first of all that was judged.
 fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable, swinging: &FirstUnstable) -> String {

@@ -15,7 +15,7 @@
 //! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an identified chain;
 //! * `value_ranges`: what a value of a servo file may be;
 //! * [`track`]: a design at work on an identified model ([`chain_plant`]);
-//! * [`loop_margins`]: how far a loop is from the end of its stability on an actuator;
+//! * [`loop_margins`]: how far a loop is from the end of its stability on an actuator; [`from_rest`]: whether it comes to rest from a limit of its drive;
 //! * [`check`]: sampled eigenvalues and the thesis' continuous conditions;
 //! * [`amplifier_block`]: a design as the target keeps it.
 
@@ -25,6 +25,7 @@ pub mod check;
 pub mod commands;
 pub mod design;
 pub mod disturbance_observer;
+pub mod from_rest;
 pub mod gain_adaptation;
 pub mod learned_feedforward;
 pub mod loop_margins;

@@ -1,6 +1,6 @@
 //! Findings of a servo in sentences, the same on screens, in pages and in the lab.
 
-use super::loop_margins::{LoopMargins, NO_DIFFERENCE, unstable_from};
+use super::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
 
 /// Margins, one sentence a line.
 #[must_use]
@@ -44,26 +44,34 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
             from(first.mass_up, 1.0, 3, true, ""),
             from(first.delay_s, 1e6, 1, true, " us")
         ));
-        let swinging = &m.first_swinging;
         let sooner = |limited: Option<f64>, free: Option<f64>| match (limited, free) {
-            (Some(limited), Some(free)) => (limited / free).ln().abs() > NO_DIFFERENCE,
+            (Some(limited), Some(free)) => differ(limited, free),
             // A free drive is tried with longer delays.
             (limited, free) => limited.is_some() && free.is_none(),
         };
-        let pairs = [
-            (swinging.gain_down, first.gain_down, "gain", 3, 1.0, ""),
-            (swinging.gain_up, first.gain_up, "gain", 3, 1.0, ""),
-            (swinging.mass_down, first.mass_down, "mass", 3, 1.0, ""),
-            (swinging.mass_up, first.mass_up, "mass", 3, 1.0, ""),
-            (swinging.delay_s, first.delay_s, "delay", 1, 1e6, " us"),
-        ];
-        let differing: Vec<String> = pairs
-            .into_iter()
-            .filter(|(limited, free, ..)| sooner(*limited, *free))
-            .map(|(limited, _, name, digits, scale, unit)| format!("{name} {}", value(limited, scale, digits, unit)))
-            .collect();
-        if !differing.is_empty() {
-            lines.push(format!("once the drive was at a limit it may go on swinging between its limits from: {}", differing.join(", ")));
+        // Of first values those that come before the ones of a free drive.
+        let before = |these: &FirstUnstable| -> Option<String> {
+            let pairs = [
+                (these.gain_down, first.gain_down, "gain", 3, 1.0, false, ""),
+                (these.gain_up, first.gain_up, "gain", 3, 1.0, true, ""),
+                (these.mass_down, first.mass_down, "mass", 3, 1.0, false, ""),
+                (these.mass_up, first.mass_up, "mass", 3, 1.0, true, ""),
+                (these.delay_s, first.delay_s, "delay", 1, 1e6, true, " us"),
+            ];
+            let differing = pairs
+                .into_iter()
+                .filter(|(limited, free, ..)| sooner(*limited, *free))
+                .map(|(limited, _, name, digits, scale, upwards, unit)| format!("{name} {}", from(limited, scale, digits, upwards, unit)));
+            let differing: Vec<String> = differing.collect();
+            (!differing.is_empty()).then(|| differing.join(", "))
+        };
+        if let Some(values) = m.first_from_rest.as_ref().and_then(before) {
+            lines.push(format!(
+                "beginning at the lower limit of its drive it swings, as run on this model with the sensor's noise, from: {values}"
+            ));
+        }
+        if let Some(values) = before(&m.first_swinging) {
+            lines.push(format!("once the drive was at a limit, by whatever, it may go on swinging between its limits from: {values}"));
         }
     }
     lines
