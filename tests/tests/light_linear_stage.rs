@@ -148,6 +148,20 @@ fn one_creep_term_anywhere_is_creep_alone() {
     }
 }
 
+/// Records so long that a search sees their beginnings only, of which a slow term is a small part: the whole asks for it.
+#[test]
+fn a_slow_creep_term_is_found_in_long_records() {
+    let rate_hz = 20_000.0;
+    let records = [1, 2].map(|seed| {
+        let drive = held(multisine(350.0, 7.0, rate_hz, seed), 3.0, rate_hz);
+        let (fast, slow) = (mode(&drive, 420.0, 0.02, rate_hz), creep_term(&drive, 0.8, rate_hz));
+        let reading = fast.iter().zip(&slow).zip(noise(0.003, drive.len(), 50 + seed)).map(|((x, c), n)| GAIN_UM_V * (x + 0.06 * c) + n);
+        let reading = reading.collect();
+        (drive, reading)
+    });
+    names_exactly(&explained(&dataset(rate_hz, records)), &["creep", "vibration"], "long");
+}
+
 /// What a gain leaves of a mode goes with the drive; of a drive that is smooth it seems to come before it.
 #[test]
 fn a_missing_mode_is_no_closed_loop() {

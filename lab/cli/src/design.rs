@@ -126,6 +126,8 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
     if let Some(block) = block {
         println!("wrote {0}; its lines for a running target are in {0}.commands", block.display());
     }
-    println!("wrote {}; next: hysteron track {} {} --reference sine:50:5", out.display(), model.display(), out.display());
+    // It stands on 1.12 times its amplitude, and has to stay within the travel.
+    let amplitude_um = 5.0_f64.min((40.0 * design.model.reach_um()).floor() / 100.0);
+    println!("wrote {}; next: hysteron track {} {} --reference sine:50:{amplitude_um}", out.display(), model.display(), out.display());
     Ok(true)
 }

@@ -356,7 +356,9 @@ fn units_that_nobody_said_are_doubted() {
         let row = |(k, (u, y)): (usize, &(f64, f64))| format!("{:.6},{u:.5},{:.9e}\n", k as f64 * time, y * length);
         std::iter::once("t,u,y\n".to_owned()).chain(readings.iter().enumerate().map(row)).collect()
     };
-    for (time, length, expected) in [(50.0, 1.0, "samples come 50 s apart"), (5e-5, 1e-6, "the displacement spans")] {
+    std::fs::write(folder.path().join("scope.csv"), rows(50.0, 1.0)).unwrap();
+    says(&["explain", "scope.csv"], folder.path(), "samples come 50 s apart; expected at least one a second");
+    for (time, length, expected) in [(0.05, 1.0, "samples come 0.05 s apart"), (5e-5, 1e-6, "the displacement spans")] {
         std::fs::write(folder.path().join("scope.csv"), rows(time, length)).unwrap();
         let output = hysteron(&["explain", "scope.csv"], folder.path());
         let (said, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));

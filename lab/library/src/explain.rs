@@ -25,6 +25,7 @@ use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::identify::require_chain;
+use crate::parallel;
 use crate::statistics::largest;
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
@@ -351,6 +352,9 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
         let steps = vec![Step { change: Change::Start, judged: base.clone() }, Step { change, judged }];
         return Ok(Grown { steps, beside_start, stopped: true, ..Grown::default() });
     }
+    if study.searched_beginnings() {
+        candidate = with_creep_of_the_whole(study, &candidate);
+    }
     let reduced = reduce(study, &candidate, &best.added)?;
     let loops_alike = loop_structures::doing_as_well(study, &base.model, &reduced.judged);
     study.watch.event(&Event::Doing("fitting to the end"));
@@ -359,6 +363,22 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
     let added: Vec<String> = reduced.supported.iter().map(|s| s.id.clone()).collect();
     let steps = path::from(study, base, &added, &end)?;
     Ok(Grown { steps, supported: reduced.supported, taken_back: reduced.taken_back, beside_start, loops_alike, ..Grown::default() })
+}
+
+/// The model with its creep as fine as whole records ask for: what was searched on their beginnings did not see the slow terms.
+fn with_creep_of_the_whole(study: &Study, found: &Judged) -> Judged {
+    let mut best = study.judged(found.model.clone());
+    while !study.met(&best) && !study.watch.stopped() {
+        let finer = parallel::map(&study.finer_creep(&best.model), |begin| study.thoroughly(begin));
+        let least = study.merit(&best) - study.policy.least_gain;
+        let Some(better) =
+            finer.into_iter().filter(|one| study.merit(one) < least).min_by(|a, b| study.merit(a).total_cmp(&study.merit(b)))
+        else {
+            break;
+        };
+        best = better;
+    }
+    best
 }
 
 /// From a model that was handed in.

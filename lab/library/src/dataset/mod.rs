@@ -71,6 +71,8 @@ pub struct Dataset {
     pub notes: Vec<String>,
 }
 
+/// Lowest sampling rate of a record of something that moves: below, the unit of its time was another.
+const RATE_MIN_HZ: f64 = 1.0;
 /// Fewest samples of a record that say anything.
 const SAMPLES_MIN: usize = 32;
 
@@ -283,6 +285,12 @@ fn check_signals(record: &Record) -> Result<()> {
         if let Some(at) = signal.iter().position(|v| !v.is_finite()) {
             return wrong(format!("sample {}: {what} {}; expected a finite number", at + 1, signal[at]));
         }
+    }
+    if record.sample_rate_hz < RATE_MIN_HZ {
+        return wrong(format!(
+            "samples come {} s apart; expected at least one a second: is time in another unit (--units t=ms, t=us)?",
+            record.dt_s()
+        ));
     }
     if samples < SAMPLES_MIN {
         return wrong(format!("has {samples} samples; expected at least {SAMPLES_MIN}"));

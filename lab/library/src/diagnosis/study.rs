@@ -104,6 +104,13 @@ impl<'a> Study<'a> {
         }
     }
 
+    /// Records are so long that they were searched on their beginnings.
+    #[must_use]
+    pub fn searched_beginnings(&self) -> bool {
+        let judged = |data: &Dataset| -> usize { self.split.both().iter().map(|i| data.records[*i].window.len()).sum() };
+        judged(&self.searched) < judged(self.dataset)
+    }
+
     /// Candidates that make sense beside a model.
     #[must_use]
     pub fn candidates_for(&self, model: &Model) -> Vec<Arc<dyn Effect>> {

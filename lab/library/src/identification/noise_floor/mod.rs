@@ -146,6 +146,12 @@ impl NoiseFloor {
             // What the stage followed as well is no noise of the column.
             Known::Seen => more_than_made,
             Known::InItsBand | Known::Steps { .. } if more_than_made && speaks_for_it() => true,
+            // Of a drive that was commanded in these steps, all of it would be an effect: it is said, and the floor stays.
+            Known::Steps { step_v } if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made => {
+                let mut out = self.clone();
+                out.warnings.push(read_back::words_of_steps(step_v, made));
+                return Some(out);
+            }
             Known::InItsBand | Known::Steps { .. } => return None,
         };
         Some(self.with_drive_noise(dataset, read_back, |i| if counts { made_um[i] } else { 0.0 }))
@@ -168,6 +174,8 @@ impl NoiseFloor {
 const ROUNDING_MATTERS: f64 = 0.05;
 /// Noise in the drive's column is spoken of where it makes this share of the reading's own.
 const DRIVE_NOISE_MATTERS: f64 = 0.1;
+/// Steps of a drive are spoken of where rounding to them would make this share of the readings' noise, and a model leaves this share of that.
+const STEPS_MATTER: f64 = 0.5;
 /// A model leaves at least this share of what the noise of its drive makes, unless the stage followed that noise as well.
 const LEAVES_WHAT_IT_MAKES: f64 = 0.9;
 /// How a sentence of that noise begins.

@@ -43,7 +43,9 @@ pub struct ReadBack {
 const SAMPLES_WALKED: usize = 20_000;
 /// Of the noise that is given once more.
 const SEED: u64 = 71;
-/// Share of moves of one size by which a drive was commanded along straight lines.
+/// Levels from which on a drive moves.
+const LEVELS_MIN: usize = 8;
+/// Share of moves of one size, one in every sample, by which a drive was commanded along straight lines.
 const ALIKE: f64 = 0.9;
 /// Noise of a drive's band is less than this share of what the actuator may be driven by; more of it was commanded.
 const NOISE_SHARE_MAX: f64 = 2e-3;
@@ -59,11 +61,14 @@ impl ReadBack {
             return Some(Self { noise_v: seen_v, known: Known::Seen });
         }
         let driven: Vec<&Record> = taking_part().filter(|r| r.role != Role::Noise).collect();
-        let steps_v: Option<Vec<f64>> = driven.iter().map(|r| step_v(&r.drive_v)).collect();
+        // One that only stands at a few levels says nothing of its steps.
+        let moving = driven.iter().filter(|r| has_levels(&r.drive_v, LEVELS_MIN));
+        let steps_v: Option<Vec<f64>> = moving.map(|r| step_v(&r.drive_v)).collect();
         if let Some(step_v) = steps_v.and_then(|steps| steps.into_iter().reduce(f64::max)) {
             return Some(Self { noise_v: rounding_noise(step_v), known: Known::Steps { step_v } });
         }
-        let in_band_v = driven.iter().filter_map(|r| high_band::drive_noise_v(r)).fold(0.0, f64::max);
+        // A converter that reads one record with noise reads all of them so.
+        let in_band_v = driven.iter().map(|r| high_band::drive_noise_v(r).unwrap_or(0.0)).fold(f64::INFINITY, f64::min);
         (in_band_v > 0.0 && in_band_v < NOISE_SHARE_MAX * span_v).then_some(Self { noise_v: in_band_v, known: Known::InItsBand })
     }
 
@@ -109,11 +114,32 @@ impl ReadBack {
     }
 }
 
+/// What to say of steps of which nobody knows whether a converter read or made them.
+pub(super) fn words_of_steps(step_v: f64, made_um: f64) -> String {
+    format!(
+        "the drive's column has steps of {:.2} mV: if it was read back so, rounding makes up to {:.2} nm of what is left, and no model can meet it; record \
+         what was commanded where you can",
+        1e3 * step_v,
+        1e3 * made_um
+    )
+}
+
 /// The step of a converter that read a drive, or made it, V. A triangle that is commanded sample by sample has steps of its own, all of the same size.
 fn step_v(drive_v: &[f64]) -> Option<f64> {
     let step_v = step_of(drive_v)?;
     let moves: Vec<i64> = drive_v.windows(2).map(|w| ((w[1] - w[0]) / step_v).round().abs() as i64).filter(|steps| *steps > 0).collect();
     let first = moves.first()?;
-    let alike = moves.iter().filter(|steps| *steps == first).count();
-    ((alike as f64) < ALIKE * moves.len() as f64).then_some(step_v)
+    let alike = moves.iter().filter(|steps| *steps == first).count() as f64;
+    let straight = alike > ALIKE * moves.len() as f64 && alike > ALIKE * drive_v.len() as f64;
+    (!straight).then_some(step_v)
+}
+
+fn has_levels(signal: &[f64], least: usize) -> bool {
+    let mut levels: Vec<f64> = Vec::new();
+    signal.iter().any(|value| {
+        if !levels.contains(value) {
+            levels.push(*value);
+        }
+        levels.len() >= least
+    })
 }
