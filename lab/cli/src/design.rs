@@ -127,7 +127,8 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
         println!("wrote {0}; its lines for a running target are in {0}.commands", block.display());
     }
     // It stands on 1.12 times its amplitude, and has to stay within the travel.
-    let amplitude_um = 5.0_f64.min((40.0 * design.model.reach_um()).floor() / 100.0);
+    let reach_um = design.model.reach_um();
+    let amplitude_um = if reach_um > 2.12 * 5.0 { 5.0 } else { (40.0 * reach_um).floor() / 100.0 };
     println!("wrote {}; next: hysteron track {} {} --reference sine:50:{amplitude_um}", out.display(), model.display(), out.display());
     Ok(true)
 }
