@@ -14,8 +14,9 @@ use crate::steps::{cargo, root};
 use crate::toolchain::{self, WEB_ASSEMBLY};
 use crate::{browser, steps};
 
-/// A page that takes longer to open than to leave is not opened: what it may have.
-const MOST_BYTES: usize = 4_000_000;
+/// A page that takes longer to open than to leave is not opened: what it may have. It was four million until `check` ran the servo itself and floors were
+/// taken beside models, which came to 4,020,000.
+const MOST_BYTES: usize = 4_100_000;
 
 /// Where the page is written.
 pub fn file() -> PathBuf {
