@@ -12,8 +12,8 @@
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
 //! `t[k+1]`.
 
-#[cfg(feature = "readers")]
 mod as_said;
+#[cfg(feature = "readers")]
 pub mod behaviour;
 pub mod drive_variety;
 #[cfg(feature = "files")]
