@@ -1,7 +1,7 @@
 //! The parameter block: everything that the amplifier needs to know, as bytes that can be kept in flash and trusted.
 //!
 //! # How it works
-//! Little-endian: `HYST`, version (4), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
+//! Little-endian: `HYST`, version (2), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
 //! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
 //! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both; last, and only where a periodic reference is learned, the filters for it, and behind them, only where
 //! the gain is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another
