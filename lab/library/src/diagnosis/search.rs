@@ -63,6 +63,8 @@ struct Proposal {
     key: String,
     added: Vec<String>,
     begin: Model,
+    /// Effects that begin in it.
+    begun: Vec<String>,
     /// Merit of the model that it extends.
     of: f64,
     /// Error that it may leave, as far as the signatures tell.
@@ -219,7 +221,7 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// Fits what was proposed.
     fn fit(&mut self, proposals: Vec<Proposal>) {
-        let fitted = parallel::map(&proposals, |p| self.study.quickly(&p.begin));
+        let fitted = parallel::map(&proposals, |p| self.study.quickly_beside(&p.begin, &p.begun, p.of));
         for (proposal, judged) in proposals.into_iter().zip(fitted) {
             if self.study.merit(&judged) > proposal.of + HOPELESS {
                 self.hopeless.insert(proposal.added.join("+"));
@@ -269,7 +271,7 @@ impl<'s, 'a> Search<'s, 'a> {
                 let key = key(&added, &begin);
                 if !self.nodes.contains_key(&key) && !out.iter().any(|p| p.key == key) {
                     // Whether the effects are hopeless beside other loops does not follow from what they do here.
-                    out.push(Proposal { key, added, begin, of: f64::INFINITY, promise: 0.0 });
+                    out.push(Proposal { key, added, begin, begun: Vec::new(), of: f64::INFINITY, promise: 0.0 });
                 }
             }
         }
@@ -424,7 +426,8 @@ impl<'s, 'a> Search<'s, 'a> {
         // A set that is known from another side is only tried again from a second beginning in the same round.
         let hopeless = !scores.is_empty() && self.hopeless.contains(&added.join("+"));
         if !self.nodes.contains_key(&key) && !hopeless {
-            out.push(Proposal { key, added, begin, of: self.study.merit(&node.judged), promise: relative * left });
+            let begun = scores.iter().map(|s| s.id.clone()).collect();
+            out.push(Proposal { key, added, begin, begun, of: self.study.merit(&node.judged), promise: relative * left });
         }
     }
 }

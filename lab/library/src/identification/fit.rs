@@ -11,7 +11,7 @@
 
 use super::linearisation::{
     LinearCoefficients, Linearised, ParameterIndex, Rows, free_parameters, left_in_window, linearise, linearise_reusing, normal_equations,
-    residual_at,
+    residual_at, residual_near,
 };
 use super::own_part::Samples;
 use crate::dataset::{Dataset, Record};
@@ -140,6 +140,10 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
     let mut age = Age::Exact;
     let mut parts = linearise(&model, dataset, rows, &free);
     let mut chord_steps = 0;
+    if let Some(begun) = with_coefficients_first(&model, dataset, rows, &free, &parts) {
+        model = begun.model;
+        parts.iter_mut().zip(begun.residuals).for_each(|(part, residual)| part.residual = residual);
+    }
     for taken in 0..effort.iterations {
         if taken > 0 && !goes_on(taken, &model) {
             break;
@@ -212,6 +216,17 @@ struct Better {
     kept: f64,
 }
 
+/// The model with the coefficients of its hysteresis where they serve its other values as they are begun, where that lowers the sum of squares: begun beside
+/// those of a model that lacked an effect, all values together take steps that fail.
+fn with_coefficients_first(model: &Model, dataset: &Dataset, rows: &Rows, free: &[ParameterIndex], parts: &[Linearised]) -> Option<Better> {
+    let (h, g, cost, n) = normal_equations(parts);
+    let variance = (cost / n.max(1) as f64).max(1e-30);
+    let residuals: Vec<DVector<f64>> = parts.iter().map(|part| part.residual.clone()).collect();
+    let model = with_coefficients_following(model, free, &Normal { parts, h, g, cost, variance }, &residuals);
+    let (after, residuals) = residuals_of(&model, dataset, rows, parts);
+    (after < cost).then_some(Better { model, cost: after, residuals, kept: 1.0 })
+}
+
 /// The least damped step that lowers the sum of squares, if one is worth while; damping follows how well promises are kept.
 fn best_step(
     model: &Model,
@@ -232,11 +247,11 @@ fn best_step(
             return None;
         }
         let mut trial = moved(model, free, &step);
-        let (mut cost, mut residuals) = residuals_of(&trial, dataset, rows);
+        let (mut cost, mut residuals) = residuals_of(&trial, dataset, rows, at.parts);
         if cost >= at.cost {
             // The way there may be curved only because the surfaces did not follow.
             trial = with_coefficients_following(&trial, free, at, &residuals);
-            (cost, residuals) = residuals_of(&trial, dataset, rows);
+            (cost, residuals) = residuals_of(&trial, dataset, rows, at.parts);
         }
         if cost < at.cost {
             let kept = (at.cost - cost) / promise;
@@ -269,9 +284,12 @@ fn with_coefficients_following(trial: &Model, free: &[ParameterIndex], at: &Norm
     damped_step(trial, &surfaces, &h, &g, at.variance, 0.0).map_or_else(|| trial.clone(), |step| moved(trial, &surfaces, &step))
 }
 
-/// Sum of squares of a model and its residuals; infinite where anything is no number.
-fn residuals_of(model: &Model, dataset: &Dataset, rows: &Rows) -> (f64, Vec<DVector<f64>>) {
-    let residuals = parallel::map(&rows.records, |(i, samples)| residual_at(model, &dataset.records[*i], samples));
+/// Sum of squares of a model and its residuals, near one whose linearisation is known; infinite where anything is no number.
+fn residuals_of(model: &Model, dataset: &Dataset, rows: &Rows, near: &[Linearised]) -> (f64, Vec<DVector<f64>>) {
+    let residuals = parallel::map_indices(rows.records.len(), |r| {
+        let (i, samples) = &rows.records[r];
+        residual_near(model, &dataset.records[*i], samples, &near[r])
+    });
     let sum: f64 = residuals.iter().map(DVector::norm_squared).sum();
     (if sum.is_finite() { sum } else { f64::INFINITY }, residuals)
 }

@@ -4,7 +4,7 @@
 //! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
 //! most of the parameters, enter linearly: one walk gives what all of them add.
 
-use super::own_part::{self, Samples, amounts, orthonormalised, project_out, project_out_by_rows, project_out_of};
+use super::own_part::{self, OwnMotions, Samples, amounts, orthonormalised, project_out, project_out_by_rows, project_out_of};
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -95,6 +95,8 @@ pub struct Linearised {
     pub jacobian: Arc<DMatrix<f64>>,
     /// Orthonormal columns of what the record has of its own.
     pub own: Arc<DMatrix<f64>>,
+    /// What they depend on.
+    pub motions: Arc<OwnMotions>,
 }
 
 /// Relative step of the numerical derivatives, in coordinates.
@@ -134,6 +136,18 @@ pub fn residual_at(model: &Model, record: &Record, samples: &Samples) -> DVector
     let model = &*model.before_rounding();
     let mut out = raw_residual(model, record, samples);
     project_out_of(&orthonormalised(&own_part::columns(model, record, samples)), &mut out);
+    out
+}
+
+/// The same near a model that was linearised: as long as what the record has of its own moves as it did there, its columns are known.
+#[must_use]
+pub fn residual_near(model: &Model, record: &Record, samples: &Samples, near: &Linearised) -> DVector<f64> {
+    let rounded = model.before_rounding();
+    if OwnMotions::of(&rounded, record) != *near.motions {
+        return residual_at(model, record, samples);
+    }
+    let mut out = raw_residual(&rounded, record, samples);
+    project_out_of(&near.own, &mut out);
     out
 }
 
@@ -221,7 +235,8 @@ pub fn linearise_reusing(
     for (r, (index, samples)) in rows.records.iter().enumerate() {
         let record = &dataset.records[*index];
         let Some(Part::Base((mut residual, by_coefficient))) = parts.next() else { continue };
-        let plain = own_part::columns(model, record, samples);
+        let motions = OwnMotions::of(model, record);
+        let plain = motions.columns(record, samples);
         let held = amounts(&plain, &residual);
         let own = orthonormalised(&plain);
         let mut jacobian = DMatrix::zeros(samples.count(), free.len());
@@ -240,8 +255,9 @@ pub fn linearise_reusing(
                 // The residual falls by what the reading rises.
                 column *= if step == 0.0 { 0.0 } else { -1.0 / step };
                 if step != 0.0 && !held.is_empty() {
-                    let others = own_part::columns(&variation.model, record, samples);
-                    if others.ncols() == plain.ncols() && others != plain {
+                    let moved = OwnMotions::of(&variation.model, record);
+                    let others = (moved != motions).then(|| moved.columns(record, samples)).filter(|o| o.ncols() == plain.ncols());
+                    if let Some(others) = others {
                         column += (others - &plain) * &held / step;
                     }
                 }
@@ -250,7 +266,7 @@ pub fn linearise_reusing(
         }
         project_out_of(&own, &mut residual);
         project_out(&own, &mut jacobian);
-        out.push(Linearised { residual, jacobian: Arc::new(jacobian), own: Arc::new(own) });
+        out.push(Linearised { residual, jacobian: Arc::new(jacobian), own: Arc::new(own), motions: Arc::new(motions) });
     }
     out
 }

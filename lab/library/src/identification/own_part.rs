@@ -6,6 +6,7 @@
 
 use crate::dataset::Record;
 use hysteron_sim::chain::{InitialState, Model};
+use hysteron_sim::effect::FreeMotion;
 use nalgebra::{Complex, DMatrix, DVector};
 
 /// The samples of a record that count in a fit.
@@ -58,34 +59,59 @@ impl Samples {
     }
 }
 
-/// The plain columns of what a record has of its own, for the values of a model.
-#[must_use]
-pub fn columns(model: &Model, record: &Record, samples: &Samples) -> DMatrix<f64> {
-    let dt_s = record.dt_s();
-    let rows = samples.count();
-    let mut columns: Vec<DVector<f64>> = Vec::new();
-    if record.offset_is_fitted {
-        columns.push(DVector::from_element(rows, 1.0));
+/// What the columns of a record's own depend on; most values of a model do not move it, and the columns are then good for many models.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnMotions {
+    constant: bool,
+    free: Vec<FreeMotion>,
+    lines_hz: Vec<f64>,
+}
+
+impl OwnMotions {
+    /// What a record has of its own beside a model.
+    #[must_use]
+    pub fn of(model: &Model, record: &Record) -> Self {
+        let mut out = Self { constant: record.offset_is_fitted, free: Vec::new(), lines_hz: Vec::new() };
+        for instance in &model.effects {
+            let values = instance.values();
+            if record.initial_state == InitialState::Unknown {
+                out.free.extend(instance.effect.free_motions(model, &values));
+            }
+            out.lines_hz.extend(instance.effect.line_frequencies_hz(&values));
+        }
+        out
     }
-    for instance in &model.effects {
-        let values = instance.values();
-        if record.initial_state == InitialState::Unknown {
-            for motion in instance.effect.free_motions(model, &values) {
-                let rate = Complex::new(-motion.decay_per_s, motion.frequency_rad_s);
-                let turning = powers(rate * dt_s, samples);
-                columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.re)));
-                if motion.frequency_rad_s > 0.0 {
-                    columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.im)));
-                }
+
+    /// The plain columns at samples of the record.
+    #[must_use]
+    pub fn columns(&self, record: &Record, samples: &Samples) -> DMatrix<f64> {
+        let dt_s = record.dt_s();
+        let rows = samples.count();
+        let mut columns: Vec<DVector<f64>> = Vec::new();
+        if self.constant {
+            columns.push(DVector::from_element(rows, 1.0));
+        }
+        for motion in &self.free {
+            let rate = Complex::new(-motion.decay_per_s, motion.frequency_rad_s);
+            let turning = powers(rate * dt_s, samples);
+            columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.re)));
+            if motion.frequency_rad_s > 0.0 {
+                columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.im)));
             }
         }
-        for frequency_hz in instance.effect.line_frequencies_hz(&values) {
+        for frequency_hz in &self.lines_hz {
             let turning = powers(Complex::new(0.0, std::f64::consts::TAU * frequency_hz * dt_s), samples);
             columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.im)));
             columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.re)));
         }
+        DMatrix::from_columns_or_empty(rows, &columns)
     }
-    DMatrix::from_columns_or_empty(rows, &columns)
+}
+
+/// The plain columns of what a record has of its own, for the values of a model.
+#[must_use]
+pub fn columns(model: &Model, record: &Record, samples: &Samples) -> DMatrix<f64> {
+    OwnMotions::of(model, record).columns(record, samples)
 }
 
 /// Samples over which one power leads to others.
