@@ -64,6 +64,18 @@ impl ReferenceWindow {
         self.offset -= (self.offset >> OFFSET_DECAY_SHIFT) + i32::from(self.offset > 0);
     }
 
+    /// Goes on with another lag of the sensor: what that would have made of a reference as fast as the last two samples, and what this differs by as an
+    /// offset that decays, so that the reference does not jump.
+    #[cold]
+    #[inline(never)]
+    pub fn change_lag(&mut self, lag: &SensorLag) {
+        let [.., before, last] = *self.positions();
+        let [lagged, asked] = self.newest;
+        let as_read = asked.saturating_sub(lag.late_by(last.saturating_sub(before)));
+        self.offset = self.offset.saturating_add(lagged.saturating_sub(as_read));
+        self.newest = [as_read, asked];
+    }
+
     /// The reference now.
     #[inline]
     #[must_use]
@@ -94,6 +106,26 @@ mod tests {
             assert_eq!(window.positions()[WINDOW - 1], k);
             assert_eq!(window.now(), (k - PREVIEW_TICKS as i32).max(0));
             assert!(window.positions().windows(2).all(|pair| pair[1] == pair[0] + 1 || pair == [0, 0]));
+        }
+    }
+
+    /// From one lag to another on a ramp: no sample jumps, and the end is as late as the other lag says.
+    #[test]
+    fn another_lag_takes_over_without_a_jump() {
+        let [none, late] = [SensorLag::NONE, SensorLag { carried: -(1 << 29), before: 5 << 28 }];
+        for (from, to) in [(none, late), (late, none)] {
+            let (mut window, speed) = (ReferenceWindow::at_rest(0), 100_000);
+            for k in 0..10_000 {
+                let last = window.positions()[WINDOW - 1];
+                if k == 5000 {
+                    window.change_lag(&to);
+                }
+                window.push(if k < 5000 { &from } else { &to }, k * speed, 0);
+                let step = window.positions()[WINDOW - 1] - last;
+                // What decays in a tick of the difference of the two lags, half a tick of the ramp.
+                assert!(k < 100 || (step - speed).abs() <= ((speed / 2) >> OFFSET_DECAY_SHIFT) + 8, "{k}: {step}");
+            }
+            assert!((window.positions()[WINDOW - 1] - (9_999 * speed - to.late_by(speed))).abs() < 8);
         }
     }
 

@@ -45,6 +45,15 @@ impl SensorLag {
         carried < one && carried + before <= one
     }
 
+    /// By how much a reference of constant speed, in um a tick with 24 fraction bits, is read lower than asked.
+    #[must_use]
+    pub fn late_by(&self, speed: i32) -> i32 {
+        // (a + b) / (1 - a) ticks: below 2^62, and the divisor is not zero for what is accepted.
+        let (ticks, of) = (i64::from(self.carried) + i64::from(self.before), (1i64 << LAG_FRACTION_BITS) - i64::from(self.carried));
+        let late = (i64::from(speed) * ticks).checked_div(of).unwrap_or(0);
+        late.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+    }
+
     /// The sample that was asked for (um with 24 fraction bits, as all here) as the sensor will read it, from the last one as the sensor reads it and as it was
     /// asked for.
     #[inline(always)]
@@ -89,6 +98,7 @@ mod tests {
             assert!(lag.accepted());
             let out = run(&lag, (0..2000).map(|k| (k * slope).min(1000 * slope)));
             let late_by = f64::from(700 * slope - out[700]) / f64::from(slope);
+            assert!((f64::from(lag.late_by(slope)) / f64::from(slope) - ticks).abs() < 1e-4, "{ticks}: {}", lag.late_by(slope));
             // Each of two products loses up to two units of 0.06 pm, and the lag remembers them for some of its length.
             let rounding = 4.0 * (1.0 + ticks) / f64::from(slope);
             assert!((late_by - ticks).abs() < rounding, "{ticks}: {late_by}");
@@ -121,6 +131,7 @@ mod tests {
             let before = (f64::from(i32::MAX - carried.abs()) * share) as i32;
             let lag = SensorLag { carried, before };
             prop_assert!(lag.accepted());
+            let _ = asked.iter().map(|speed| lag.late_by(*speed)).max();
             let mut last = [asked[0]; 2];
             for asked in asked {
                 last = [lag.apply(asked, last), asked];

@@ -208,7 +208,10 @@ impl ServoTick {
         }
         self.parameters.law = parameters.law;
         self.parameters.delayed = parameters.delayed;
-        self.parameters.sensor_lag = parameters.sensor_lag;
+        if parameters.sensor_lag != self.parameters.sensor_lag {
+            self.window.change_lag(&parameters.sensor_lag);
+            self.parameters.sensor_lag = parameters.sensor_lag;
+        }
         self.parameters.learning = parameters.learning;
         self.parameters.adaptation = parameters.adaptation;
         self.begin_adaptation();

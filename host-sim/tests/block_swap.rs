@@ -4,6 +4,7 @@ use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::{AmplifierParameters, read, verify};
 use hysteron_core::reference_generator::Waveform;
+use hysteron_core::sensor_lag::{LAG_FRACTION_BITS, SensorLag};
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
 use proptest::prelude::*;
@@ -167,5 +168,59 @@ fn the_same_block_changes_no_code() {
         assert_eq!(running.answer(), stayed.answer());
         running.sample();
         stayed.sample();
+    }
+}
+
+/// The best design with the lag of a sensor undone by Tustin's rule, ticks.
+fn undoing(ticks: f64) -> AmplifierParameters {
+    let mut parameters = best();
+    let fraction = |value: f64| (value * f64::from(1u32 << LAG_FRACTION_BITS)).round() as i32;
+    if ticks > 0.0 {
+        let (carried, before) = ((2.0 * ticks - 1.0) / (2.0 * ticks + 1.0), 1.0 / (2.0 * ticks + 1.0));
+        parameters.servo.sensor_lag = SensorLag { carried: fraction(carried), before: fraction(before) };
+    }
+    assert_eq!(verify(&parameters, 20_000), Ok(()));
+    parameters
+}
+
+/// What another lag does in the 5 ms behind its taking over, against the loop that stayed: the largest change of the reference's and of the position's step from
+/// tick to tick, nm, and of the drive's, codes.
+fn at_another_lag(from_ticks: f64, to_ticks: f64, hz: f64, amplitude_um: f64) -> [f64; 3] {
+    let mut running = Loop::closed(&undoing(from_ticks), hz, amplitude_um, 11);
+    running.run(3000);
+    let mut stayed = running.clone();
+    assert_eq!(running.amplifier.swap(&undoing(to_ticks)), Ok(()));
+    let (mut before, mut largest) = ([[0.0f64; 3]; 2], [0.0f64; 3]);
+    for _ in 0..100 {
+        let codes = [&mut running, &mut stayed].map(|one| f64::from(one.answer().steps()));
+        let [new, old] =
+            [&running, &stayed].map(|one| [1e3 * one.amplifier.servo().reference().to_num::<f64>(), 1e3 * one.plant.displacement_um()]);
+        let apart = [new[0] - old[0], new[1] - old[1], codes[0] - codes[1]];
+        for (most, k) in largest.iter_mut().zip(0..) {
+            *most = most.max((apart[k] - 2.0 * before[0][k] + before[1][k]).abs());
+        }
+        before = [apart, before[0]];
+        running.sample();
+        stayed.sample();
+    }
+    running.run(5000);
+    assert_eq!(running.amplifier.mode(), Mode::Closed);
+    largest
+}
+
+/// Without an offset that takes the difference of the lags the reference jumped by most of it: 10 nm and 86 codes with a lag of 16 us at 50 Hz and 3 um.
+#[test]
+fn another_lag_of_the_sensor_takes_over_without_a_step_of_the_reference() {
+    for (from, to) in [(0.0, 0.32), (0.32, 0.0), (0.32, 3.0), (12.0, 3.0)] {
+        for hz in [50.0, 150.0] {
+            let [reference_nm, position_nm, codes] = at_another_lag(from, to, hz, 3.0);
+            println!(
+                "{from} to {to} ticks, {hz} Hz, 3 um: reference {reference_nm:.3} nm, position {position_nm:.3} nm, drive {codes} codes"
+            );
+            let difference_nm = 1e3 * 3.0 * std::f64::consts::TAU * hz / 20_000.0 * f64::abs(from - to);
+            assert!(reference_nm < 0.01 * difference_nm, "{reference_nm} of {difference_nm} nm");
+            // No more than any other block: the first drives of two may differ by so much.
+            assert!(from + to > 1.0 || codes <= 15.0, "{codes} codes");
+        }
     }
 }
