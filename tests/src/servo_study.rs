@@ -4,6 +4,7 @@ use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Tru
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::model_file::effects_named;
+use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::{ModeModel, actuator_model};
 use hysteron::servo::order::{self, Order};
@@ -98,7 +99,7 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
                 let amplitude_v = top_v * if hz < 60.0 { 0.42 } else { 0.17 };
                 sines.extend(waveform::sine_burst(RATE_HZ, hz, amplitude_v, 0.45 * top_v, (3.0 / hz).clamp(0.03, 0.25)));
             }
-            let highest_hz = if recording == Recording::Usual { 1500.0 } else { order::RECOMMENDED_MULTISINE_HZ };
+            let highest_hz = if recording == Recording::Usual { 1500.0 } else { RECOMMENDED_MULTISINE_HZ };
             let period = 4000;
             let line_hz = RATE_HZ / f64::from(period);
             let lines: Vec<usize> = (1..=(highest_hz / line_hz) as usize).step_by(3).collect();

@@ -7,6 +7,7 @@ use crate::read_arguments::ReadArguments;
 use crate::tables::{print_notes, print_records, print_steps, say_candidates, say_next, say_stopped};
 use hysteron::Result;
 use hysteron::explain::{self, Explanation, Options, Start};
+use hysteron::servo::order;
 use hysteron_report::{explain_page, explain_report, falling_error_svg};
 use std::path::Path;
 use std::time::Instant;
@@ -65,6 +66,9 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
     }
     let model = outputs.out.as_ref().map_or_else(|| "Keep the model with --out model.toml.".into(), |p| format!("Model: {}", p.display()));
     println!("{:.1} s. {model}", figures.seconds);
+    if let Err(why) = order::designable(&found.model) {
+        println!("No servo can be designed from it as it is: {why}.");
+    }
     say_next(files, path);
     Ok(true)
 }

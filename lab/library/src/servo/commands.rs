@@ -6,7 +6,7 @@ use super::disturbance_observer;
 use super::from_rest::Beginning;
 use super::gain_adaptation::AdaptationDesign;
 use super::loop_margins::{Loop, LoopMargins};
-use super::model::{ActuatorModel, NominalModel, actuator_model};
+use super::model::{ActuatorModel, NominalModel, actuator_model, required_model};
 use super::order::{self, ASSUMED_NOISE_UM, Order};
 use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
@@ -114,7 +114,7 @@ impl CheckResult {
 /// # Errors
 /// A message that says what the model lacks.
 pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String> {
-    let model = actuator_model(chain).ok_or("the model needs the effects `hysteresis` and `vibration` to check a servo against")?;
+    let model = required_model(chain)?;
     let mut out = CheckResult {
         schema: "hysteron.check/1".into(),
         scheme: design.scheme_name().into(),
@@ -309,7 +309,10 @@ pub fn follow(
     let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
     let (low_um, high_um) = extremes(&periodic.samples_um(lead_s(&chosen, periodic.frequency_hz)).0);
     if low_um < 0.0 || high_um > reach_um {
-        return Err(format!("the reference goes from {low_um:.2} to {high_um:.2} um; the drive reaches 0 to {reach_um:.2} um"));
+        return Err(format!(
+            "the reference goes from {low_um:.2} to {high_um:.2} um; counted from where the actuator stands at its lowest drive of {} V, the drive reaches 0 to {reach_um:.2} um",
+            chain.drive_min_v
+        ));
     }
     let noise_um = sensor_noise_um.or(design.sensor_noise_um).unwrap_or(ASSUMED_NOISE_UM);
     if !(0.0..0.05 * reach_um).contains(&noise_um) {

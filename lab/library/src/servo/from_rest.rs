@@ -11,7 +11,7 @@ use super::plant_set::Variation;
 use super::track::{PeriodicReference, Shape, track};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::{Overview, by_id, delay, hysteresis, initial_curve, play_operators, second_mode, vibration};
+use hysteron_sim::effect::{Overview, by_id, delay, gain, hysteresis, initial_curve, play_operators, second_mode, vibration};
 
 /// Beginnings that are tried, each with another noise: one that swings is enough.
 const BEGINNINGS: usize = 4;
@@ -41,7 +41,7 @@ fn varied(chain: &Model, variation: &Variation) -> Model {
     let slower = variation.mass_ratio.powf(-0.5);
     for effect in &mut out.effects {
         let (from, factor) = match effect.id.as_str() {
-            hysteresis::ID | initial_curve::ID | play_operators::ID => (0, variation.gain),
+            gain::ID | hysteresis::ID | initial_curve::ID | play_operators::ID => (0, variation.gain),
             vibration::ID => (0, slower),
             // The first of its values is a share.
             second_mode::ID => (1, slower),

@@ -649,7 +649,15 @@ mod tests {
         // A recording that excludes whatever is larger than a thousandth.
         let lines: Vec<f64> = (2..1024).map(|i| f64::from(i) * 9.765_625).collect();
         let level = vec![1e-3; lines.len()];
-        let recording = Recording { blind: level.clone(), level, frequency_hz: lines, noise_um: None, residual_um: 0.0 };
+        let recording = Recording {
+            blind: level.clone(),
+            by_noise: level.clone(),
+            missing: vec![0.0; level.len()],
+            level,
+            frequency_hz: lines,
+            noise_um: None,
+            residual_um: 0.0,
+        };
         let design = LearningDesign::new(&plain, &Task { recording: Some(&recording), ..known }, 12.0).unwrap();
         let wide = design.of(&plain);
         let plant = Variation::NONE.sampled(&LinearModel { second_mode: None, ..linear() });

@@ -5,7 +5,7 @@
 //! * [`window_fit`]: coefficients over the reference window by least squares in the frequency domain;
 //! * [`thesis_schemes`]: the controllers of the thesis, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
-//! * [`order`]: a servo for an identified chain, or the refusal; [`recording`]: what the data exclude; [`robust`]: the design for all that is
+//! * [`order`]: a servo for an identified chain, or the refusal; [`recording`]: what the data exclude; [`data_of_stage`]: whether they are of the model's stage; [`robust`]: the design for all that is
 //!   left possible; [`plant_set`]: plants that are not the model;
 //! * [`moving_mode`]: references where the first mode does not stay where it was recorded;
 //! * [`learned_feedforward`]: the filters by which a periodic reference's correction is learned, and the proof that it converges;
@@ -23,6 +23,7 @@ pub mod amplifier_block;
 pub mod chain_plant;
 pub mod check;
 pub mod commands;
+pub mod data_of_stage;
 pub mod design;
 pub mod disturbance_observer;
 pub mod from_rest;

@@ -4,7 +4,7 @@ use super::quantise;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{
-    amplifier_bandwidth, creep, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    amplifier_bandwidth, creep, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
@@ -308,10 +308,31 @@ impl ActuatorModel {
 /// Degree of the polynomial surfaces that stand for surfaces with play operators beside them, until the tick's own degree is fitted.
 const DEGREE_WITH_PLAYS: usize = 8;
 
-/// What a design needs of a chain.
+/// What a design or a check needs of a chain.
+///
+/// # Errors
+/// What the chain has not, and how to come to a model that has it.
+pub fn required_model(chain: &Model) -> Result<ActuatorModel, String> {
+    actuator_model(chain).ok_or_else(|| {
+        let linear = chain.effect(gain::ID).is_some();
+        let has_loops = linear || chain.effect(hysteresis::ID).is_some();
+        let lacks = match (has_loops, chain.effect(vibration::ID).is_some()) {
+            (true, _) => "no first mode",
+            (false, true) => "neither of the first two",
+            (false, false) => "none of these",
+        };
+        format!(
+            "a servo is computed with the effects `hysteresis` (or `gain`, for a linear stage) and `vibration`, the first mode; this model has {lacks}: identify one with --effects {},vibration,creep",
+            if linear { gain::ID } else { "hysteresis,initial_curve" }
+        )
+    })
+}
+
+/// What a design needs of a chain. A gain is a surface without loops.
 #[must_use]
 pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
-    let g = chain.values(hysteresis::ID)?;
+    let of_gain = || Some(vec![chain.values(gain::ID)?.first()? * (chain.drive_max_v - chain.drive_min_v)]);
+    let g = chain.values(hysteresis::ID).or_else(of_gain)?;
     let r = chain.values(initial_curve::ID).unwrap_or_default();
     let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
     let creep = chain.values(creep::ID).unwrap_or_default();

@@ -1,23 +1,23 @@
 //! A servo for an identified chain: what is asked, what the recording knows, and the refusal where a servo cannot be answered for.
 
 use super::amplifier_block::FrontEnd;
+use super::data_of_stage::{LARGE_RESIDUAL, first_mode_shown, how_to_exclude, require_described, require_same_stage};
 use super::design::{Scheme, ServoDesign, undominated};
 use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::{self, LearningDesign};
-use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, actuator_model};
+use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, required_model};
 use super::moving_mode::{FARTHEST, ReferenceBand, with_first_mode_at};
 use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
 use super::recording::Recording;
 use super::robust::{Broken, Candidate, ModeSpread, Scan, Task, within_nyquist};
 use super::sensor_lag;
-use crate::dataset::{Dataset, Role};
-use crate::identification::fit::counted_residual;
+use crate::dataset::Dataset;
 use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
-    amplifier_bandwidth, creep, delay, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    amplifier_bandwidth, creep, delay, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -74,29 +74,12 @@ const PEAK_SHOWN: f64 = 0.5;
 const SHARE_KNOWN: f64 = 0.3;
 /// ... at its frequency, but at most at this share of half the sampling rate.
 const HIGHEST_COMPLIANCE: f64 = 0.8;
-/// The first mode is a fact where the recording could not hide this share of its peak.
-const FIRST_SHOWN: f64 = 0.2;
-/// Above this damping ratio a mode is so broad that an octave to either side shows it.
-const BROAD: f64 = 0.1;
 /// Spread of a first mode that no recording stands behind: frequency and damping ratio, relative.
 const UNCONFIRMED: ModeSpread = ModeSpread { frequency: 0.05, damping: 0.4 };
-/// A residual of this many times the noise is said aloud.
-const LARGE_RESIDUAL: f64 = 2.0;
 /// Another drive is worth recommending where it lets the expected error fall below this share.
 const WORTH_RECORDING: f64 = 0.8;
-/// Data of which a model leaves more than this share (RMS over RMS) are not of its stage.
-const OTHER_STAGE: f64 = 0.2;
 /// Surfaces for the tick may differ from the model's by this share of the travel.
 const PROJECTION_ALLOWED: f64 = 0.005;
-
-/// Highest line of the multisine that is recommended, Hz: a mode between it and half the sampling rate, which nothing would show, has to be
-/// stood by every servo.
-pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.499 / SAMPLING_PERIOD_S;
-
-/// In words, for a refusal or a recommendation.
-fn missing_drive() -> String {
-    format!("record a multisine to {RECOMMENDED_MULTISINE_HZ:.0} Hz at {:.0} Hz, 2 s, beside the other records", 1.0 / SAMPLING_PERIOD_S)
-}
 
 /// Relative standard deviation of a value; infinite where it has none.
 fn relative_std(chain: &Model, effect: &str, parameter: usize) -> f64 {
@@ -166,6 +149,21 @@ pub fn reasonable_frequency(reference_hz: f64) -> Result<(), String> {
     if is_reasonable { Ok(()) } else { Err(format!("{reference_hz}; expected above 0 and below {fastest_hz}")) }
 }
 
+/// Whether the lag of a sensor with this bandwidth, Hz, can be undone, whatever the actuator.
+///
+/// # Errors
+/// What was expected.
+pub fn reasonable_bandwidth(sensor_bandwidth_hz: Option<f64>) -> Result<(), String> {
+    match sensor_bandwidth_hz {
+        Some(hz) if !(hz >= sensor_lag::LEAST_BANDWIDTH_HZ && hz.is_finite()) => Err(format!(
+            "{hz}; expected at least {:.0}, the lag of {:.0} periods",
+            sensor_lag::LEAST_BANDWIDTH_HZ.ceil(),
+            sensor_lag::LARGEST_LAG_S / SAMPLING_PERIOD_S
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// Whether the period of the fastest references is one that a correction is learned of.
 fn period_that_is_learned(reference_hz: f64) -> Result<(), String> {
     let rate_hz = 1.0 / SAMPLING_PERIOD_S;
@@ -192,15 +190,7 @@ fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
     {
         return Err(format!("--sensor-noise-um {noise_um}; expected above 0 and below {:.3}, a twentieth of the travel", 0.05 * travel_um));
     }
-    if let Some(hz) = order.sensor_bandwidth_hz
-        && !(hz >= sensor_lag::LEAST_BANDWIDTH_HZ && hz.is_finite())
-    {
-        return Err(format!(
-            "--sensor-bandwidth-hz {hz}; expected at least {:.0}, the lag of {:.0} periods",
-            sensor_lag::LEAST_BANDWIDTH_HZ.ceil(),
-            sensor_lag::LARGEST_LAG_S / SAMPLING_PERIOD_S
-        ));
-    }
+    reasonable_bandwidth(order.sensor_bandwidth_hz).map_err(|problem| format!("--sensor-bandwidth-hz {problem}"))?;
     if !(order.sensitivity_peak > 1.0 && order.sensitivity_peak < 100.0) {
         return Err(format!("--sensitivity-peak {}; expected above 1 and below 100", order.sensitivity_peak));
     }
@@ -267,26 +257,6 @@ fn converters(order: &Order<'_>, model: &ActuatorModel) -> Result<ConverterScale
     Ok(front_end.scale(model.drive_min_v, model.drive_max_v))
 }
 
-/// Whether the recording shows the first mode, or why not.
-fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Result<(), String> {
-    let hz = hertz(mode);
-    let around: Vec<f64> = if mode.damping_ratio > BROAD {
-        (-10..=10).map(|i| hz * 2f64.powf(f64::from(i) / 10.0)).collect()
-    } else {
-        vec![hz * (1.0 - mode.damping_ratio), hz, hz * (1.0 + mode.damping_ratio)]
-    };
-    let hidden = around.iter().filter_map(|hz| recording.blind_at(*hz)).fold(f64::INFINITY, f64::min);
-    let peak = 1.0_f64.max(0.5 / mode.damping_ratio);
-    if hidden <= FIRST_SHOWN * peak {
-        return Ok(());
-    }
-    let hidden = if hidden.is_finite() { format!("could hide a response of {hidden:.2} um/um there") } else { "is too slow for it".into() };
-    Err(format!(
-        "the model's first mode at {hz:.0} Hz is no fact: the recording {hidden}, where the mode has {peak:.2}; {}",
-        missing_drive()
-    ))
-}
-
 /// What the observer may know: the model with or without its second mode, the spreads of both, and the recording seen with that model.
 struct Known {
     model: ActuatorModel,
@@ -314,6 +284,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
     let first = ModeSpread::of(first_std[0], first_std[1]);
     let with = Recording::of(chain, dataset);
     first_mode_shown(&with, &model.linear.first_mode)?;
+    require_described(&with, &model.linear)?;
     let Some((share, mode)) = model.linear.second_mode else {
         return Ok(Known { model, first, second: None, recording: Some(with) });
     };
@@ -356,49 +327,24 @@ fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<Str
         && recording.residual_um > LARGE_RESIDUAL * noise_um
     {
         said.push(format!(
-            "CAUTION: the model leaves {:.1} nm where the sensor's noise is {:.1} nm: something is missing in it, and standard deviations are too small.",
+            "CAUTION: the model leaves {:.1} nm where the sensor's noise is {:.1} nm: something is missing in it, so that standard deviations are too small, or --data is of another stage.",
             1e3 * recording.residual_um,
             1e3 * noise_um
         ));
     }
 }
 
-/// Whether the data are of the stage that the model describes: what the model leaves of the readings that it should give, over how far they move.
-fn require_same_stage(chain: &Model, dataset: &Dataset) -> Result<(), String> {
-    let (mut sum_yy, mut sum_ys, mut sum_ss, mut count) = (0.0, 0.0, 0.0, 0);
-    for record in dataset.records.iter().filter(|r| !matches!(r.role, Role::Noise | Role::Test)) {
-        let missed = counted_residual(chain, record);
-        let read: Vec<f64> = record.counted().map(|k| record.displacement_um[k]).collect();
-        let mean = |signal: &mut dyn Iterator<Item = f64>| signal.sum::<f64>() / read.len().max(1) as f64;
-        let of_read = mean(&mut read.iter().copied());
-        let of_model = mean(&mut read.iter().zip(&missed).map(|(y, e)| y - e));
-        for (y, e) in read.iter().zip(&missed) {
-            let (y, s) = (y - of_read, y - e - of_model);
-            (sum_yy, sum_ys, sum_ss) = (sum_yy + y * y, sum_ys + y * s, sum_ss + s * s);
-        }
-        count += read.len();
-    }
-    let rms_um = |sum: f64| (sum.max(0.0) / count.max(1) as f64).sqrt();
-    let (moves_um, left_um) = (rms_um(sum_yy), rms_um(sum_yy - 2.0 * sum_ys + sum_ss));
-    if !(moves_um > 0.0 && left_um > OTHER_STAGE * moves_um) {
-        return Ok(());
-    }
-    let factor = sum_ys / sum_ss;
-    let scaled_um = rms_um(sum_yy - factor * sum_ys);
-    Err(format!(
-        "--data is not of the stage that this model describes: of readings that move by {moves_um:.3} um RMS the model leaves {left_um:.3} um ({:.0} %); with {factor:.2} times its displacement it would leave {scaled_um:.3} um; name the recording that the model was identified from, or identify on this one",
-        100.0 * left_um / moves_um
-    ))
-}
-
 /// Why no candidate is left.
-fn refusal(scan: &Scan) -> String {
+fn refusal(scan: &Scan, recording: Option<&Recording>) -> String {
     let in_words = |broken: &Broken| match broken {
         Broken::Member(name) => format!("with {name} none of the tunings is stable"),
         Broken::Limit(name) => format!("with {name} every tuning could go on swinging between the limits of the drive"),
         Broken::Sensitivity => "none of the tunings keeps the largest sensitivity; accept a larger --sensitivity-peak".to_owned(),
         Broken::Unknown { hz } => {
-            format!("a mode near {hz:.0} Hz, which the recording does not exclude, could make every tuning unstable; {}", missing_drive())
+            format!(
+                "a mode near {hz:.0} Hz, which the recording does not exclude, could make every tuning unstable; {}",
+                how_to_exclude(recording, *hz)
+            )
         }
     };
     // The candidate that came furthest says what is in the way.
@@ -437,15 +383,29 @@ fn lag_to_undo(chain: &Model, order: &Order<'_>, said: &mut Vec<String>) -> Opti
     }
 }
 
+/// The model of an actuator for which a servo can be computed, whatever is asked of it.
+///
+/// # Errors
+/// What the chain has that no loop knows beforehand, or lacks, or that it moves against its drive.
+pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
+    require_known_in_a_loop(chain)?;
+    let model = required_model(chain)?;
+    let travel_um = model.reach_um();
+    if travel_um > 0.0 {
+        Ok(model)
+    } else {
+        Err(format!(
+            "the model moves by {travel_um:.3} um as its drive rises over the whole range; a servo needs a displacement that rises with the drive: record it with the other sign"
+        ))
+    }
+}
+
 /// Designs a servo that holds for everything that is left possible.
 ///
 /// # Errors
 /// A message that says what the model or the recording lacks, or which demand cannot be met.
 pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
-    require_known_in_a_loop(chain)?;
-    let model = actuator_model(chain).ok_or(
-        "the model needs the effects `hysteresis` and `vibration` for a servo design: identify it with --effects hysteresis,initial_curve,vibration,creep",
-    )?;
+    let model = designable(chain)?;
     reasonable(order, &model)?;
     if let Some(dataset) = order.recording {
         require_same_stage(chain, dataset)?;
@@ -465,7 +425,7 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let delay_s = known_delay_s(chain);
     let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), mode_moves: order.mode_moves, demands, delay_s };
     let scan = task.scan();
-    let chosen = scan.best().ok_or_else(|| refusal(&scan))?;
+    let chosen = scan.best().ok_or_else(|| refusal(&scan, recording.as_ref()))?;
     let mut design = ServoDesign::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, &model, true);
     design.noise_shaping = true;
     design.sensor_noise_um = told_noise_um;
@@ -501,12 +461,13 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         design.explanation.push(format!(
             "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
             better.unknown.1,
-            missing_drive(),
+            how_to_exclude(recording.as_ref(), better.unknown.1),
             1e3 * better.expected_um()
         ));
     }
     design.explanation.extend(said);
     let carried = [
+        gain::ID,
         hysteresis::ID,
         initial_curve::ID,
         play_operators::ID,

@@ -36,6 +36,11 @@ pub const LEAST_DAMPING: f64 = 0.01;
 /// Lines over which the residual's power is averaged to either side.
 const NEIGHBOURS: usize = 6;
 
+/// A line is driven if its share of the force's power is not below this one of the strongest: weaker ones are by-products of the hysteresis.
+const DRIVEN: f64 = 1e-5;
+/// A missing response is shown where noise alone would hide less than this share of it.
+const SHOWN: f64 = 0.2;
+
 /// What a recording knows beside the values of a model.
 #[derive(Clone, Debug)]
 pub struct Recording {
@@ -45,6 +50,10 @@ pub struct Recording {
     pub level: Vec<f64>,
     /// The part of it that is there for lack of drive: three standard deviations.
     pub blind: Vec<f64>,
+    /// The part of that which the sensor's white noise alone would leave (infinite where it is not known).
+    pub by_noise: Vec<f64>,
+    /// The missing response that the data show, um/um; zero where they are not driven enough to show one.
+    pub missing: Vec<f64>,
     /// Noise of the sensor, um RMS, where the data show it.
     pub noise_um: Option<f64>,
     /// Residual over the records that were fitted, um RMS.
@@ -96,6 +105,13 @@ impl Sums {
         }
     }
 
+    /// What white noise of this RMS, um, would hide at a line.
+    fn hidden_by(&self, noise_um: f64, line: usize) -> Option<f64> {
+        let power = *self.force_power.get(line).filter(|power| **power > 0.0)?;
+        let of_window = noise_um.powi(2) * self.hann.iter().map(|w| w * w).sum::<f64>();
+        Some(3.0 * (of_window / power).sqrt())
+    }
+
     /// Missing response at a line, and what noise could hide of it.
     fn at(&self, line: usize) -> Option<(f64, f64)> {
         let power = *self.force_power.get(line).filter(|power| **power > 0.0)?;
@@ -120,6 +136,8 @@ impl Recording {
             frequency_hz: (2..lines).map(|i| i as f64 * LINE_HZ).collect(),
             level: vec![f64::INFINITY; lines.saturating_sub(2)],
             blind: vec![f64::INFINITY; lines.saturating_sub(2)],
+            by_noise: vec![f64::INFINITY; lines.saturating_sub(2)],
+            missing: vec![0.0; lines.saturating_sub(2)],
             noise_um: noise_floor(dataset).readings_rms_um(dataset),
             residual_um: 0.0,
         };
@@ -146,6 +164,7 @@ impl Recording {
         for rate_hz in rates_hz {
             let mut sums = Sums::new(rate_hz);
             seen.iter().filter(|(rate, ..)| *rate == rate_hz).for_each(|(_, force, missed)| sums.add(force, missed));
+            let strongest = sums.force_power.iter().skip(2).copied().fold(0.0, f64::max);
             for (i, hz) in
                 out.frequency_hz.iter().enumerate().filter(|(_, hz)| **hz < BELIEVED * rate_hz || rate_hz >= 0.99 / SAMPLING_PERIOD_S)
             {
@@ -153,6 +172,11 @@ impl Recording {
                     let narrow = 1.0 + HANN_LINES * LINE_HZ / (2.0 * LEAST_DAMPING * hz);
                     out.blind[i] = out.blind[i].min(narrow * hidden);
                     out.level[i] = out.level[i].min(narrow * (missing + hidden));
+                    let by_noise = out.noise_um.and_then(|noise_um| sums.hidden_by(noise_um, i + 2));
+                    out.by_noise[i] = out.by_noise[i].min(by_noise.map_or(f64::INFINITY, |by_noise| narrow * by_noise));
+                    if sums.force_power[i + 2] > DRIVEN * strongest && by_noise.is_some_and(|by_noise| by_noise < SHOWN * missing) {
+                        out.missing[i] = out.missing[i].max(missing);
+                    }
                 }
             }
         }
@@ -175,9 +199,15 @@ impl Recording {
         self.at(&self.level, hz)
     }
 
-    /// The part of it that is there for lack of drive.
+    /// The part of it that is there for lack of drive, or for a model that does not describe the data.
     #[must_use]
     pub fn blind_at(&self, hz: f64) -> Option<f64> {
         self.at(&self.blind, hz)
+    }
+
+    /// What is there for lack of drive, whatever the model.
+    #[must_use]
+    pub fn noise_hides_at(&self, hz: f64) -> Option<f64> {
+        self.at(&self.by_noise, hz)
     }
 }

@@ -251,17 +251,21 @@ struct Conditions {
     demands: Demands,
 }
 
+/// Largest missing response that any servo is held against at a frequency, with the first mode at `first_hz`, um/um. Below that nothing resonates; there the
+/// model's own error counts.
+#[must_use]
+pub fn most_reckoned_with(first_hz: f64, hz: f64) -> f64 {
+    if hz < 0.9 * first_hz { 0.2 } else { UNKNOWN_MODE_PEAK }
+}
+
 impl Task<'_> {
     /// Largest missing response that has to be reckoned with at a frequency, um/um.
     #[must_use]
     pub fn unknown_at(&self, hz: f64) -> f64 {
         let first_hz = self.linear.first_mode.natural_frequency_rad_s / TAU;
-        // Below the first mode nothing resonates; there the model's own error counts.
-        let assumed = if hz < 0.9 * first_hz { 0.0 } else { UNKNOWN_MODE_PEAK };
-        let level = match self.recording.and_then(|r| r.level_at(hz)) {
-            Some(level) => level.min(UNKNOWN_MODE_PEAK.min(assumed.max(0.2))),
-            None => assumed,
-        };
+        let most = most_reckoned_with(first_hz, hz);
+        let assumed = if hz < 0.9 * first_hz { 0.0 } else { most };
+        let level = self.recording.and_then(|r| r.level_at(hz)).map_or(assumed, |level| level.min(most));
         GAIN_SPREAD * level
     }
 

@@ -1,7 +1,7 @@
 //! Drives that show what there is to see: those of every simulated data set, and those that are recommended for a recording.
 
+use crate::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use crate::servo::model::SAMPLING_PERIOD_S;
-use crate::servo::order::RECOMMENDED_MULTISINE_HZ;
 use hysteron_sim::waveform;
 
 /// Seed of the phases of the recommended multisines.

@@ -1,0 +1,144 @@
+//! Whether data are of the stage that a model describes, and what is in the way where they do not confirm it: too little drive, or the model itself.
+//!
+//! What hides a response in a recording is all that the model leaves of the readings: noise, and what the model does not describe. What noise alone would hide is known too
+//! ([`Recording::noise_hides_at`]). Where that is little, more drive would not help: the model is of another stage, or lacks something that this stage has.
+
+use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
+use super::predictor::frequency_response;
+use super::recording::Recording;
+use super::robust::most_reckoned_with;
+use crate::dataset::{Dataset, Role};
+use crate::identification::fit::counted_residual;
+use hysteron_sim::chain::Model;
+use std::f64::consts::TAU;
+
+/// The first mode is a fact where the recording could not hide this share of its peak.
+const FIRST_SHOWN: f64 = 0.2;
+/// Above this damping ratio a mode is so broad that an octave to either side shows it.
+const BROAD: f64 = 0.1;
+/// Data of which a model leaves more than this share (RMS over RMS) are not of its stage.
+const OTHER_STAGE: f64 = 0.2;
+/// A residual of this many times the noise is large.
+pub(super) const LARGE_RESIDUAL: f64 = 2.0;
+/// A response that is off by this share of the model's own is another one.
+const WRONG: f64 = 0.5;
+/// The model and not the noise hides a response where noise alone would hide less than this share of it.
+const BY_NOISE: f64 = 0.5;
+
+/// Highest line of the multisine that is recommended, Hz: a mode between it and half the sampling rate, which nothing would show, has to be
+/// stood by every servo.
+pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.499 / SAMPLING_PERIOD_S;
+
+/// In words, for a refusal or a recommendation.
+fn missing_drive() -> String {
+    format!("record a multisine to {RECOMMENDED_MULTISINE_HZ:.0} Hz at {:.0} Hz, 2 s, beside the other records", 1.0 / SAMPLING_PERIOD_S)
+}
+
+/// What the user can do about data that are not those of the model.
+const OTHER_DATA: &str = "name the recording that the model was identified from, or identify on this one";
+
+/// That a model does not describe its data, with the figures, if it leaves far more than the noise.
+fn not_described(recording: &Recording) -> Option<String> {
+    let noise_um = recording.noise_um.filter(|noise_um| recording.residual_um > LARGE_RESIDUAL * noise_um)?;
+    Some(format!(
+        "the model does not describe --data, which is of another stage or shows more than the model has: it leaves {:.1} nm RMS where the sensor's noise is {:.1} nm",
+        1e3 * recording.residual_um,
+        1e3 * noise_um
+    ))
+}
+
+/// What lets a recording exclude a missing response at a frequency, Hz: more drive, or a model that describes it.
+pub(super) fn how_to_exclude(recording: Option<&Recording>, hz: f64) -> String {
+    let by_model = recording.filter(|r| {
+        let level = r.level_at(hz).unwrap_or(f64::INFINITY);
+        level.is_finite() && r.noise_hides_at(hz).is_some_and(|by_noise| by_noise < BY_NOISE * level)
+    });
+    match by_model.and_then(not_described) {
+        Some(not_described) => format!("{not_described}, and that hides it; {OTHER_DATA}"),
+        None => missing_drive(),
+    }
+}
+
+/// Whether the recording shows the first mode.
+///
+/// # Errors
+/// Why not.
+pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Result<(), String> {
+    let hz = mode.natural_frequency_rad_s / TAU;
+    let around: Vec<f64> = if mode.damping_ratio > BROAD {
+        (-10..=10).map(|i| hz * 2f64.powf(f64::from(i) / 10.0)).collect()
+    } else {
+        vec![hz * (1.0 - mode.damping_ratio), hz, hz * (1.0 + mode.damping_ratio)]
+    };
+    let least = |of: &dyn Fn(f64) -> Option<f64>| around.iter().filter_map(|hz| of(*hz)).fold(f64::INFINITY, f64::min);
+    let hidden = least(&|hz| recording.blind_at(hz));
+    let peak = 1.0_f64.max(0.5 / mode.damping_ratio);
+    if hidden <= FIRST_SHOWN * peak {
+        return Ok(());
+    }
+    let by_noise = least(&|hz| recording.noise_hides_at(hz));
+    if let Some(not_described) = not_described(recording).filter(|_| by_noise <= FIRST_SHOWN * peak) {
+        return Err(format!(
+            "{not_described}. That could hide a response of {hidden:.2} um/um at {hz:.0} Hz, where the model's first mode has {peak:.2}, while noise alone would hide {by_noise:.2}; {OTHER_DATA}"
+        ));
+    }
+    let hidden = if hidden.is_finite() { format!("could hide a response of {hidden:.2} um/um there") } else { "is too slow for it".into() };
+    Err(format!(
+        "the model's first mode at {hz:.0} Hz is no fact: the recording {hidden}, where the mode has {peak:.2}; {}",
+        missing_drive()
+    ))
+}
+
+/// Whether the data show no larger missing response than a servo is held against, where that is no small part of the model's own.
+///
+/// # Errors
+/// Where they do, with the figures.
+pub(super) fn require_described(recording: &Recording, linear: &LinearModel) -> Result<(), String> {
+    let first_hz = linear.first_mode.natural_frequency_rad_s / TAU;
+    let sampled = linear.sampled(SAMPLING_PERIOD_S);
+    let (hz, missing, has) = recording
+        .frequency_hz
+        .iter()
+        .zip(&recording.missing)
+        .map(|(hz, missing)| (*hz, *missing, frequency_response(&sampled, TAU * hz).norm()))
+        .filter(|(hz, missing, has)| *missing > most_reckoned_with(first_hz, *hz) && *missing > WRONG * has)
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .unwrap_or_default();
+    match not_described(recording) {
+        Some(not_described) if missing > 0.0 => Err(format!(
+            "{not_described}. At {hz:.0} Hz, where the model (first mode at {first_hz:.0} Hz) has a response of {has:.2} um/um, the data show another one that is {missing:.2} um/um off, more than a servo is held against; {OTHER_DATA}"
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Whether the data are of the stage that the model describes: what the model leaves of the readings that it should give, over how far they move.
+///
+/// # Errors
+/// That they are not, with the figures.
+pub(super) fn require_same_stage(chain: &Model, dataset: &Dataset) -> Result<(), String> {
+    let (mut sum_yy, mut sum_ys, mut sum_ss, mut count) = (0.0, 0.0, 0.0, 0);
+    for record in dataset.records.iter().filter(|r| !matches!(r.role, Role::Noise | Role::Test)) {
+        let missed = counted_residual(chain, record);
+        let read: Vec<f64> = record.counted().map(|k| record.displacement_um[k]).collect();
+        let mean = |signal: &mut dyn Iterator<Item = f64>| signal.sum::<f64>() / read.len().max(1) as f64;
+        let of_read = mean(&mut read.iter().copied());
+        let of_model = mean(&mut read.iter().zip(&missed).map(|(y, e)| y - e));
+        for (y, e) in read.iter().zip(&missed) {
+            let (y, s) = (y - of_read, y - e - of_model);
+            (sum_yy, sum_ys, sum_ss) = (sum_yy + y * y, sum_ys + y * s, sum_ss + s * s);
+        }
+        count += read.len();
+    }
+    let rms_um = |sum: f64| (sum.max(0.0) / count.max(1) as f64).sqrt();
+    let (moves_um, left_um) = (rms_um(sum_yy), rms_um(sum_yy - 2.0 * sum_ys + sum_ss));
+    if !(moves_um > 0.0 && left_um > OTHER_STAGE * moves_um) {
+        return Ok(());
+    }
+    let factor = sum_ys / sum_ss;
+    let scaled_um = rms_um(sum_yy - factor * sum_ys);
+    Err(format!(
+        "--data is not of the stage that this model describes: of readings that move by {moves_um:.3} um RMS the model leaves {left_um:.3} um ({:.0} %); with {factor:.2} times its displacement it would leave {scaled_um:.3} um; {OTHER_DATA}",
+        100.0 * left_um / moves_um
+    ))
+}
