@@ -17,6 +17,9 @@ const TOLD_WITHIN: f64 = 0.25;
 /// Position at the sensor's code 0 of the wiring that the emulated board has, um.
 const SENSOR_AT_CODE_0_UM: f64 = -1.0;
 
+/// Bandwidth that is said of the independent stage's sensor, which is ideal, Hz: that it comes to the servo is seen there, and the motion does not show it.
+const SAID_BANDWIDTH_HZ: f64 = 1e6;
+
 /// Seed of the independent stage that the check tunes.
 const CHECKED_SEED: u64 = 5;
 
@@ -60,9 +63,20 @@ fn independent(seed: u64) -> Result<(), String> {
     let (truth, wiring) = (folder.join("truth.csv"), root().join("board/tests/wide_front_end.toml"));
     let (image, wiring) = (toolchain::image(), wiring.to_string_lossy().into_owned());
     let board = EmulatedBoard::start(&program, &[&seed.to_string(), &image.to_string_lossy(), &wiring, &truth.to_string_lossy()])?;
-    tune(&board, &folder, &["--front-end", &wiring])?;
+    tune(&board, &folder, &["--front-end", &wiring, "--sensor-bandwidth-hz", &SAID_BANDWIDTH_HZ.to_string()])?;
     drop(board);
+    let tuned = figures(&folder.join("tuned"))?;
+    let lag_s = tuned["design"]["sensor_lag_s"].as_f64().unwrap_or(0.0);
+    if (lag_s * std::f64::consts::TAU * SAID_BANDWIDTH_HZ - 1.0).abs() > 1e-6 {
+        return Err(format!("the servo undoes a lag of {lag_s} s, not that of a sensor of {SAID_BANDWIDTH_HZ} Hz"));
+    }
     judge(&truth, &folder.join("tuned"))
+}
+
+/// What `tune` wrote of its work.
+fn figures(out: &Path) -> Result<serde_json::Value, String> {
+    let text = std::fs::read_to_string(out.join("tune.json")).map_err(|error| format!("tune.json: {error}"))?;
+    serde_json::from_str(&text).map_err(|error| format!("tune.json: {error}"))
 }
 
 /// A folder under `target/` for what a run writes.
@@ -94,8 +108,7 @@ fn columns<const N: usize>(path: &Path) -> Result<Vec<[f64; N]>, String> {
 }
 
 fn judge(truth: &Path, out: &Path) -> Result<(), String> {
-    let text = std::fs::read_to_string(out.join("tune.json")).map_err(|error| format!("tune.json: {error}"))?;
-    let tuned: serde_json::Value = serde_json::from_str(&text).map_err(|error| format!("tune.json: {error}"))?;
+    let tuned = figures(out)?;
     let number = |value: &serde_json::Value, name: &str| value.as_f64().ok_or_else(|| format!("tune.json has no {name}"));
     let noise_um = number(&tuned["noise_um"], "noise_um")?;
     let zero_um = number(&tuned["scale"]["sensor_at_code_0_um"], "scale")?;

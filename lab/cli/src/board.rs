@@ -22,6 +22,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
+use crate::command_line::SensorSaid;
 use crate::desk::Desk;
 
 /// The line's speed over a cable unless another one is asked for, bit/s.
@@ -51,6 +52,9 @@ enum BoardCommand {
         /// Highest frequency of references, Hz
         #[arg(long, default_value_t = 50.0, value_name = "HZ")]
         reference_hz: f64,
+        /// What is known of the sensor
+        #[command(flatten)]
+        sensor: SensorSaid,
         /// Where the board is
         #[command(flatten)]
         line: LineArguments,
@@ -249,7 +253,9 @@ pub fn run(words: &[OsString]) -> ExitCode {
 
 fn obey(command: BoardCommand) -> Result<bool> {
     match command {
-        BoardCommand::Tune { out, wiring, reference_hz, line, force } => tune::tune(&out, &wiring, reference_hz, &line, force),
+        BoardCommand::Tune { out, wiring, reference_hz, sensor, line, force } => {
+            tune::tune(&out, &wiring, &tune::Wanted { reference_hz, sensor_bandwidth_hz: sensor.sensor_bandwidth_hz }, &line, force)
+        }
         BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
         BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),
         BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),

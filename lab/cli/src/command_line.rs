@@ -37,6 +37,14 @@ pub struct Outputs {
     pub force: bool,
 }
 
+/// What a servo's design is told of the sensor.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct SensorSaid {
+    /// Bandwidth of the sensor, whose lag is undone [default: what the model or the data set knows of it]
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    pub sensor_bandwidth_hz: Option<f64>,
+}
+
 impl Outputs {
     /// Takes the files as targets.
     pub fn check(&self, desk: &Desk) -> Result<()> {
@@ -288,9 +296,8 @@ enum Command {
         /// RMS noise of the sensor [default: that of the recording, or 0.001]
         #[arg(long, allow_negative_numbers = true)]
         sensor_noise_um: Option<f64>,
-        /// Bandwidth of the sensor, whose lag is undone [default: what the model or the data set knows of it]
-        #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
-        sensor_bandwidth_hz: Option<f64>,
+        #[command(flatten)]
+        sensor: SensorSaid,
         /// Recording that the model was identified from: what it excludes need not be reckoned with
         #[arg(long, value_name = "DATASET")]
         data: Option<PathBuf>,
@@ -458,7 +465,7 @@ fn dispatch(command: Command) -> Result<bool> {
             out,
             reference_hz,
             sensor_noise_um,
-            sensor_bandwidth_hz,
+            sensor: SensorSaid { sensor_bandwidth_hz },
             data,
             sensitivity_peak,
             mode_moves,

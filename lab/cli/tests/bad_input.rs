@@ -235,6 +235,10 @@ fn a_board_that_is_not_there_or_not_told_enough() {
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "80"], nobody),
         // All that can be known without the board is said without it.
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "80", "--reference-hz", "15000"], "--reference-hz"),
+        (
+            &["tune", "out", "--tcp", nobody, "--drive-max-v", "80", "--sensor-bandwidth-hz=50"],
+            "--sensor-bandwidth-hz: 50; expected at least 160",
+        ),
         (&["tune", "taken", "--tcp", nobody, "--drive-max-v", "80"], "servo.toml"),
         (&["tune", "none/out", "--tcp", nobody, "--drive-max-v", "80"], "a folder that exists"),
         (&["record", "taken/servo.toml", "--tcp", nobody], "servo.toml"),

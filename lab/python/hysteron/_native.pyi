@@ -60,5 +60,10 @@ def identify(dataset: Dataset, effects: Sequence[_Effect], progress: _Progress) 
 def add(effect: _Effect, model: Model, dataset: Dataset, progress: _Progress) -> Outcome: ...
 def compare(model: Model, dataset: Dataset) -> Outcome: ...
 def design(
-    model: Model, dataset: Dataset | None, reference_hz: float, sensor_noise_um: float | None, sensitivity_peak: float
+    model: Model,
+    dataset: Dataset | None,
+    reference_hz: float,
+    sensor_noise_um: float | None,
+    sensor_bandwidth_hz: float | None,
+    sensitivity_peak: float,
 ) -> tuple[str, str]: ...

@@ -165,6 +165,15 @@ class Package(unittest.TestCase):
         self.assertEqual(servo.toml, (self.folder / "servo.toml").read_text())
         self.assertTrue(servo.explanation)
 
+    def test_the_lag_of_a_sensor_is_undone_as_the_program_does(self):
+        model = hysteron.Model.load(self.folder / "model.toml")
+        late = hysteron.design(model, sensor_bandwidth_hz=10_000.0)
+        program("design", self.folder / "model.toml", "--sensor-bandwidth-hz", "10000", "--out", self.folder / "late.toml")
+        self.assertEqual(late.toml, (self.folder / "late.toml").read_text())
+        self.assertAlmostEqual(late.figures["sensor_lag_s"], 1 / (2 * math.pi * 10_000.0))
+        with self.assertRaisesRegex(hysteron.HysteronError, "sensor-bandwidth-hz 50; expected at least 160"):
+            hysteron.design(model, sensor_bandwidth_hz=50.0)
+
     def test_wrong_input_is_said(self):
         sine = np.sin(np.arange(100.0))
 

@@ -122,8 +122,16 @@ struct Designed {
     block: Vec<u8>,
 }
 
+/// What is asked of the servo.
+pub struct Wanted {
+    /// Highest frequency of references, Hz.
+    pub reference_hz: f64,
+    /// Bandwidth of the sensor, Hz.
+    pub sensor_bandwidth_hz: Option<f64>,
+}
+
 /// The whole way.
-pub fn tune(out: &Path, wiring: &WiringArguments, reference_hz: f64, line: &LineArguments, force: bool) -> Result<bool> {
+pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &Wanted, line: &LineArguments, force: bool) -> Result<bool> {
     let desk = Desk::new(force);
     let front_end = wiring.front_end(&desk)?;
     let (low_v, high_v) = wiring.limits_v()?;
@@ -135,7 +143,8 @@ pub fn tune(out: &Path, wiring: &WiringArguments, reference_hz: f64, line: &Line
     if recording.exists() {
         desk.folder_to_be(&recording, &names(&drives))?;
     }
-    order::reasonable_frequency(reference_hz).map_err(|problem| Error::new("--reference-hz", problem))?;
+    order::reasonable_frequency(wanted.reference_hz).map_err(|problem| Error::new("--reference-hz", problem))?;
+    order::reasonable_bandwidth(wanted.sensor_bandwidth_hz).map_err(|problem| Error::new("--sensor-bandwidth-hz", problem))?;
     let mut board = line.connect()?;
     desk.make_folder(out)?;
     desk.make_folder(&recording)?;
@@ -149,7 +158,7 @@ pub fn tune(out: &Path, wiring: &WiringArguments, reference_hz: f64, line: &Line
     let scale = Scale::ask(&mut board).map_err(of_board)?;
     write(&desk, &recording, &scale, &drives, &records)?;
 
-    let designed = design(&desk, &recording, &front_end, reference_hz)?;
+    let designed = design(&desk, &recording, &front_end, wanted)?;
     desk.write_model(Some(&out.join("model.toml")), &designed.found.model, &designed.dataset.name)?;
     let servo = toml::to_string_pretty(&designed.design).map_err(|problem| Error::new("servo.toml", problem))?;
     desk.write(&out.join("servo.toml"), servo.as_bytes())?;
@@ -191,14 +200,15 @@ pub fn tune(out: &Path, wiring: &WiringArguments, reference_hz: f64, line: &Line
 }
 
 /// From the recording to the block.
-fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, reference_hz: f64) -> Result<Designed> {
+fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &Wanted) -> Result<Designed> {
     let dataset = desk.dataset(recording, &ReadArguments::default())?;
     let progress = Progress::of_search(false);
     let found = explain::explain(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
     drop(progress);
     println!("{}", found.diagnosis.sentence);
     let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
-    let order = Order { reference_hz, recording: Some(&dataset), front_end: Some(front_end), ..Order::default() };
+    let Wanted { reference_hz, sensor_bandwidth_hz } = *wanted;
+    let order = Order { reference_hz, sensor_bandwidth_hz, recording: Some(&dataset), front_end: Some(front_end), ..Order::default() };
     let design = order::design(&found.model, &order).map_err(|problem| Error::new("design", problem))?;
     for line in &design.explanation {
         println!("  {line}");
@@ -213,6 +223,26 @@ fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, reference_hz: f64
     Ok(Designed { found, noise_um, travel_um: highest_um - lowest_um, design, check, block, dataset })
 }
 
+/// How a sensor reads a sine.
+#[derive(Clone, Copy)]
+struct Late {
+    /// Of the amplitude.
+    share: f64,
+    /// Of the phase.
+    angle_rad: f64,
+}
+
+impl Late {
+    /// As it is.
+    const NOT: Self = Self { share: 1.0, angle_rad: 0.0 };
+
+    /// The lag that the servo undoes is in the reading and not in the position: what is read is compared with what the sensor then reads of the reference.
+    fn of(lag_s: Option<f64>, frequency_rad_s: f64) -> Self {
+        let angle_rad = (frequency_rad_s * lag_s.unwrap_or(0.0)).atan();
+        Self { share: angle_rad.cos(), angle_rad }
+    }
+}
+
 /// Closes the loop, goes to the middle and looks, follows a sine and looks, and stays in the middle. Returns where that is.
 fn verify(board: &mut Board, scale: &Scale, designed: &Designed) -> Result<(f64, Followed, Followed)> {
     let Designed { noise_um, travel_um, .. } = *designed;
@@ -224,12 +254,15 @@ fn verify(board: &mut Board, scale: &Scale, designed: &Designed) -> Result<(f64,
     let reference = vec![middle_um; stays.position_um.len()];
     let on_reference = Followed::new(stays.sample_rate_hz, reference, stays.position_um, stays.sensor_codes, noise_um);
     let amplitude_um = 0.5 * SINE_SHARE * travel_um;
-    let sine = |tick: usize| middle_um + amplitude_um * (TAU * tick as f64 / SINE_TICKS as f64).sin();
-    let wave = Wave { points: (0..SINE_TICKS).map(sine).collect(), ticks_per_point: 1, cycles: SINE_PERIODS };
+    let sine = |late: Late| {
+        move |tick: usize| middle_um + amplitude_um * late.share * (TAU * tick as f64 / SINE_TICKS as f64 - late.angle_rad).sin()
+    };
+    let wave = Wave { points: (0..SINE_TICKS).map(sine(Late::NOT)).collect(), ticks_per_point: 1, cycles: SINE_PERIODS };
     let follows = play(board, scale, &wave).map_err(of_board)?;
     // The record begins two ticks behind the first point, which counts after the window that the servo looks ahead.
     let from = SINE_TICKS;
-    let reference = (from..follows.position_um.len()).map(|k| sine(k + 2 + SINE_TICKS - PREVIEW_TICKS)).collect();
+    let read = sine(Late::of(designed.design.sensor_lag_s, TAU * stays.sample_rate_hz / SINE_TICKS as f64));
+    let reference = (from..follows.position_um.len()).map(|k| read(k + 2 + SINE_TICKS - PREVIEW_TICKS)).collect();
     let rest = |values: Vec<f64>| values.into_iter().skip(from).collect::<Vec<f64>>();
     let codes = follows.sensor_codes.into_iter().skip(from).collect();
     let on_sine = Followed::new(follows.sample_rate_hz, reference, rest(follows.position_um), codes, noise_um);
