@@ -4,7 +4,7 @@ use crate::command_line::Outputs;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use hysteron::{Error, Result};
-use hysteron_thesis::overview::{ReproduceFile, compare, figure, page};
+use hysteron_thesis::overview::{ReproduceFile, compare, number, page};
 use hysteron_thesis::{CHAPTERS, Chapter, chapter, goals};
 
 /// Reproduces chapters of the thesis on the bench; false if a goal is missed.
@@ -17,20 +17,21 @@ pub fn reproduce(numbers: &[u32], outputs: &Outputs) -> Result<bool> {
     }
     let goals = goals().map_err(|e| Error::new("goals.toml", e))?;
     let mut chapters: Vec<Chapter> = Vec::new();
-    for number in numbers {
+    for nth in numbers {
         let progress = Progress::start();
-        let done = chapter(number, &|message| progress.say(message)).map_err(|e| Error::new(format!("chapter {number}"), e))?;
+        let done = chapter(nth, &|message| progress.say(message)).map_err(|e| Error::new(format!("chapter {nth}"), e))?;
         drop(progress);
         chapters.push(done);
-        println!("chapter {number}{:42}{:>10}{:>10}{:>10}", "", "thesis", "goal", "ours");
+        println!("chapter {nth}{:42}{:>10}{:>10}{:>10}{:>10}", "", "thesis", "goal", "true", "ours");
+        // True: the error of the displacement itself, where ours is that of the reading.
         for c in compare(&chapters[chapters.len() - 1..], &goals) {
-            let number = |v: Option<f64>| v.map_or_else(|| "-".into(), figure);
             let mark = if c.met() { "" } else { "  missed" };
             println!(
-                "  {:48}{:>10}{:>10}{:>10} {}{mark}",
+                "  {:48}{:>10}{:>10}{:>10}{:>10} {}{mark}",
                 c.goal.id,
                 number(c.goal.thesis),
                 number(c.goal.goal),
+                number(c.truth),
                 number(c.ours),
                 c.goal.unit
             );

@@ -23,6 +23,12 @@ pub fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Row 
     Row::new(id, ours, "um", note)
 }
 
+/// The error of a run from a sample on, true and as the sensor reads it.
+fn row_of_run(id: impl Into<String>, trace: &Trace, from: usize, condition: &str) -> Row {
+    let truth = Some(trace.true_error(from).rms_um);
+    Row { truth, ..row_um(id, trace.sensor_error(from).rms_um, note_of(trace, from, condition)) }
+}
+
 /// Steps of the plant in a period.
 pub const SUBSTEPS: usize = 10;
 
@@ -108,9 +114,8 @@ pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
 }
 
 fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
-    let (sensor, truth) = (trace.sensor_error(from), trace.true_error(from));
     let c = &trace.counters;
-    let mut note = format!("{condition}; max {:.4} um; true displacement {:.4} um RMS", sensor.max_um, truth.rms_um);
+    let mut note = format!("{condition}; max {:.4} um", trace.sensor_error(from).max_um);
     let limited_ticks = trace.limited_after(from);
     if limited_ticks + c.saturated_values > 0 {
         note += &format!("; drive at a limit in {} ticks, {} saturated values", limited_ticks, c.saturated_values);
@@ -121,7 +126,7 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
 pub fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
     let (reference, from) = sine_that_counts_after_um(bench, hz, amplitude_um, lead_s(design, hz));
     match run_repeating(bench, variant, design, &reference, period_ticks(hz), 7) {
-        Ok(trace) => row_um(id, trace.sensor_error(from).rms_um, note_of(&trace, from, condition)),
+        Ok(trace) => row_of_run(id, &trace, from, condition),
         Err(e) => row_um(id, f64::NAN, e.to_string()),
     }
 }
@@ -176,24 +181,10 @@ pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id
             let chatter_v = (jumps.iter().map(|j| j * j).sum::<f64>() / jumps.len().max(1) as f64).sqrt();
             let settle = settling_s(&trace, 0.01, fs);
             vec![
-                row_um(
-                    format!("{id}.step.rms"),
-                    trace.sensor_error(0).rms_um,
-                    note_of(&trace, 0, &format!("quasi-step, 8 s, {condition}")),
-                ),
+                row_of_run(format!("{id}.step.rms"), &trace, 0, &format!("quasi-step, 8 s, {condition}")),
                 row_um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}")),
-                Row {
-                    id: format!("{id}.step.chatter"),
-                    ours: chatter_v,
-                    unit: "V".into(),
-                    note: "RMS change of the drive from tick to tick at rest".into(),
-                },
-                Row {
-                    id: format!("{id}.step.settling"),
-                    ours: 1e3 * settle,
-                    unit: "ms".into(),
-                    note: "to 10 nm after the end of the step; 7850 if never".into(),
-                },
+                Row::new(format!("{id}.step.chatter"), chatter_v, "V", "RMS change of the drive from tick to tick at rest"),
+                Row::new(format!("{id}.step.settling"), 1e3 * settle, "ms", "to 10 nm after the end of the step; 7850 if never"),
             ]
         }
         Err(e) => vec![row_um(format!("{id}.step.rms"), f64::NAN, e.to_string())],

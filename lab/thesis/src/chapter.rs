@@ -8,7 +8,10 @@ use serde::Serialize;
 pub struct Row {
     /// Identifier, that of `goals.toml` where it is listed there.
     pub id: String,
-    /// What was measured here.
+    /// Error of the true displacement, where `ours` is that of what the sensor reads: a sensor that is late shows another one.
+    #[serde(rename = "true", skip_serializing_if = "Option::is_none")]
+    pub truth: Option<f64>,
+    /// What was measured here; an error, as the sensor reads it.
     pub ours: f64,
     /// Unit.
     pub unit: String,
@@ -19,7 +22,7 @@ pub struct Row {
 impl Row {
     /// A figure.
     pub fn new(id: impl Into<String>, ours: f64, unit: &str, note: impl Into<String>) -> Self {
-        Self { id: id.into(), ours, unit: unit.into(), note: note.into() }
+        Self { id: id.into(), truth: None, ours, unit: unit.into(), note: note.into() }
     }
 }
 

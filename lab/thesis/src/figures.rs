@@ -4,6 +4,7 @@ use crate::bench_runs::{Commissioned, quasi_step_um, run, sine_reference_um, wit
 use crate::chapter::Row;
 use crate::chapter_6::NamedScheme;
 use crate::chapter_7::equation_35_v;
+use hysteron::identification::fit::rms;
 use hysteron::servo::check::sliding_surface_parameter;
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
@@ -11,29 +12,38 @@ use hysteron::servo::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw, estimator_rows,
 };
 use hysteron::spectrum::amplitude_density;
+use hysteron::statistics::difference;
 use hysteron_report::{Block, Plot, Role, Section, Series, Style};
 use hysteron_sim::bench::{Bench, Start, Variant};
 use hysteron_sim::waveform;
 
+/// A true error that differs from that of the reading by this share is drawn beside it.
+const APART: f64 = 0.05;
+
 /// Errors over frequency: one curve for each group of rows `prefix.<hz>hz.suffix`.
 fn over_frequency(title: &str, rows: &[Row], curves: &[(&str, &str, &str, Role)]) -> Plot {
-    let mut plot = Plot::new(title)
-        .x_axis("frequency", "Hz")
-        .y_axis("RMS error", "um")
-        .log(true, true)
-        .caption("Of what the sensor reads, noise removed.");
+    let mut plot =
+        Plot::new(title).x_axis("frequency", "Hz").y_axis("RMS error", "um").log(true, true).caption(
+            "Of what the sensor reads, noise removed; where the true error is another one it is drawn, and the reading's is dashed.",
+        );
     for (label, prefix, suffix, role) in curves {
-        let mut points: Vec<(f64, f64)> = rows
+        let mut points: Vec<(f64, f64, f64)> = rows
             .iter()
             .filter_map(|r| {
                 let rest = r.id.strip_prefix(prefix)?;
                 let hz = rest.strip_suffix(suffix)?.parse::<f64>().ok()?;
-                Some((hz, r.ours))
+                Some((hz, r.truth.unwrap_or(r.ours), r.ours))
             })
             .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (x, y) = points.into_iter().unzip();
-        plot = plot.with(Series::line(*label, *role, x, y));
+        let x: Vec<f64> = points.iter().map(|p| p.0).collect();
+        let line = |label: String, y: Vec<f64>| Series::line(label, *role, x.clone(), y);
+        let read = line((*label).to_owned(), points.iter().map(|p| p.2).collect());
+        if points.iter().any(|(_, truth, read)| (truth - read).abs() > APART * read) {
+            plot = plot.with(line(format!("{label}, true"), points.iter().map(|p| p.1).collect())).with(read.style(Style::Dashed));
+        } else {
+            plot = plot.with(read);
+        }
     }
     plot
 }
@@ -177,9 +187,15 @@ fn errors_at_100_hz(bench: &Bench, commissioned: &Commissioned, variant: Variant
     let mut add = |label: &str, role: Role, variant: Variant, design: &ServoDesign| {
         if let Ok(trace) = run(bench, variant, design, &reference, 7) {
             let from = trace.sensor_um.len().saturating_sub(400);
-            let time = (from..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
-            let error = trace.sensor_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).collect();
-            plot.series.push(Series::line(label, role, time, error));
+            let time: Vec<f64> = (from..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
+            let error = |of_um: &[f64]| of_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).collect::<Vec<f64>>();
+            let (truth, read) = (error(&trace.displacement_um), error(&trace.sensor_um));
+            if rms(&difference(&truth, &read)) > APART * rms(&read) {
+                plot.series.push(Series::line(format!("{label}, true"), role, Vec::clone(&time), truth));
+                plot.series.push(Series::line(label, role, time, read).style(Style::Dashed));
+            } else {
+                plot.series.push(Series::line(label, role, time, read));
+            }
         }
     };
     for (label, name, role) in [("PIDSMC + alpha-beta", "pidsmc-alpha-beta", Role::Other2), ("PIDSMOC", "pidsmoc", Role::Other1)] {

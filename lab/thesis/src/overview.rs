@@ -26,6 +26,8 @@ impl ReproduceFile {
 pub struct Comparison<'a> {
     /// The line of the goals' file.
     pub goal: &'a Goal,
+    /// The error of the true displacement, where ours is an error that the sensor reads.
+    pub truth: Option<f64>,
     /// What was measured here; nothing if the figure is missing.
     pub ours: Option<f64>,
 }
@@ -48,7 +50,10 @@ pub fn compare<'a>(chapters: &[Chapter], goals: &'a [Goal]) -> Vec<Comparison<'a
     goals
         .iter()
         .filter(|g| chapters.iter().any(|c| c.number == g.chapter))
-        .map(|goal| Comparison { goal, ours: chapters.iter().flat_map(|c| &c.rows).find(|r| r.id == goal.id).map(|r| r.ours) })
+        .map(|goal| {
+            let row = chapters.iter().flat_map(|c| &c.rows).find(|r| r.id == goal.id);
+            Comparison { goal, truth: row.and_then(|r| r.truth), ours: row.map(|r| r.ours) }
+        })
         .collect()
 }
 
@@ -62,6 +67,12 @@ pub fn figure(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
+/// The same of one that may be missing.
+#[must_use]
+pub fn number(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".into(), figure)
+}
+
 /// The page with every figure of the chapters.
 #[must_use]
 pub fn page(chapters: Vec<Chapter>, goals: &[Goal]) -> Page {
@@ -69,32 +80,32 @@ pub fn page(chapters: Vec<Chapter>, goals: &[Goal]) -> Page {
     let met = comparisons.iter().filter(|c| c.met()).count();
     let table = Table {
         title: "Ours beside the thesis".into(),
-        columns: ["figure", "condition", "thesis", "goal", "ours", "unit"].map(String::from).to_vec(),
+        columns: ["figure", "condition", "thesis", "goal", "true", "ours", "unit"].map(String::from).to_vec(),
         rows: comparisons
             .iter()
             .map(|c| {
-                let number = |v: Option<f64>| v.map_or_else(|| "-".into(), figure);
                 vec![
                     format!("Ch. {}: {}", c.goal.chapter, c.goal.item),
                     c.goal.condition.clone(),
                     number(c.goal.thesis),
                     number(c.goal.goal),
+                    number(c.truth),
                     number(c.ours),
                     c.goal.unit.clone(),
                 ]
             })
             .collect(),
         highlighted_rows: comparisons.iter().enumerate().filter(|(_, c)| !c.met()).map(|(k, _)| k).collect(),
-        caption: "Rows that miss their goal are set off. Errors are of what the sensor reads, noise removed.".into(),
+        caption: "Rows that miss their goal are set off. Errors of ours are of what the sensor reads, noise removed, as the thesis has them; true: of the displacement itself, which a late sensor does not show.".into(),
     };
     let all = met == comparisons.len();
     let mut others = Table {
         title: "All other figures".into(),
-        columns: ["figure", "ours", "unit", "how"].map(String::from).to_vec(),
+        columns: ["figure", "true", "ours", "unit", "how"].map(String::from).to_vec(),
         ..Table::default()
     };
     for row in chapters.iter().flat_map(|c| &c.rows).filter(|r| !goals.iter().any(|g| g.id == r.id)) {
-        others.rows.push(vec![row.id.clone(), figure(row.ours), row.unit.clone(), row.note.clone()]);
+        others.rows.push(vec![row.id.clone(), number(row.truth), figure(row.ours), row.unit.clone(), row.note.clone()]);
     }
     let mut sections: Vec<Section> = chapters.iter().flat_map(|c| c.sections.clone()).collect();
     sections.push(Section {

@@ -154,14 +154,14 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<Row> {
         law.spectral_radius(&wrong.sampled(SAMPLING_PERIOD_S), 1.5, 0)
     };
     // Of the 10 um that the reference spans.
-    let mut rows = vec![Row {
-        id: "ch7.robust.pct".into(),
-        ours: 100.0 * max_um / 10.0,
-        unit: "%".into(),
-        note: format!(
+    let mut rows = vec![Row::new(
+        "ch7.robust.pct",
+        100.0 * max_um / 10.0,
+        "%",
+        format!(
             "largest error of 10 um, 100 Hz, xi, wn and K +50 %, unknown input 10 sin(150 t + 1) + 10 V, 0.05 um noise, one period of delay; largest sampled eigenvalue there {radius:.3}; tuning {tuning:?}"
         ),
-    }];
+    )];
     if let Some(nominal) = figures(design, 1.0, true, 0.05) {
         rows.push(row_um("ch7.robust.nominal.rms", nominal.rms_um, "the same design, noise and unknown input on the nominal plant"));
     }
@@ -182,12 +182,8 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<Row> {
         thesis.delayed = false;
         for (factor, id) in [(1.0, "nominal"), (1.5, "plus50")] {
             if let Some(f) = figures(&thesis, factor, true, 0.05) {
-                rows.push(Row {
-                    id: format!("ch7.robust.thesis_pidsmoc.{id}.pct"),
-                    ours: 100.0 * f.max_um / 10.0,
-                    unit: "%".into(),
-                    note: "thesis gains, no delay, sampled at 20 kHz".into(),
-                });
+                let id = format!("ch7.robust.thesis_pidsmoc.{id}.pct");
+                rows.push(Row::new(id, 100.0 * f.max_um / 10.0, "%", "thesis gains, no delay, sampled at 20 kHz"));
             }
         }
     }
