@@ -3,7 +3,7 @@
 use crate::check::read_design;
 use crate::command_line::Outputs;
 use crate::desk::Desk;
-use hysteron::servo::commands;
+use hysteron::servo::{commands, words};
 use hysteron::{Error, Result};
 use hysteron_report::{Block, Page, Plot, Role, Section, Series};
 use std::path::Path;
@@ -39,11 +39,8 @@ pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> 
         result.saturated_ticks,
         nm(result.noise_um)
     );
-    if let Some(lag_s) = result.sensor_lag_s {
-        println!(
-            "  the sensor reads {:.1} us late, which the servo undoes: the true error counts, the sensor's holds that lag",
-            1e6 * lag_s
-        );
+    if let Some(sentence) = words::sensor_lag(result.sensor_lag_s, result.model_sensor_lag_s) {
+        println!("  {sentence}");
     }
     if let Some(gain) = result.adapted_gain {
         println!("  the gain was corrected to {gain:.3} times the model's");

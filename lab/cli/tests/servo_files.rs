@@ -88,12 +88,87 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
     says(&arguments, folder, "times its displacement it would leave");
     assert!(!folder.join("no.toml").exists());
 
+    // A stage whose first mode is elsewhere, and hardly damped: more drive would not show it.
+    edit_model("m.toml", "elsewhere.toml", folder, |model| {
+        let mode = model.effects.iter_mut().find(|e| e.id == "vibration").unwrap();
+        mode.parameters[0].value *= 0.6;
+        mode.parameters[1].value *= 0.1;
+    });
+    // One that is there, but elsewhere: the data show it.
+    edit_model("m.toml", "stiff.toml", folder, |model| {
+        model.effects.iter_mut().find(|e| e.id == "vibration").unwrap().parameters[0].value *= 3.0;
+    });
+    says(&["design", "stiff.toml", "--data", &example, "--out", "no.toml"], folder, "does not describe --data");
+    let refused = String::from_utf8_lossy(&hysteron(&["design", "elsewhere.toml", "--data", &example, "--out", "no.toml"], folder).stderr)
+        .into_owned();
+    assert!(refused.contains("does not describe --data") && !refused.contains("record a multisine"), "{refused}");
+    let [left_nm, noise_nm, ..] = numbers(refused.split("it leaves").nth(1).unwrap_or_default())[..] else { panic!("{refused}") };
+    assert!(left_nm > 5.0 * noise_nm && noise_nm > 0.5, "{refused}");
+
     // A bandwidth of the sensor that is said is undone, and told beside the errors.
     let late = done(&["design", "m.toml", "--data", &example, "--sensor-bandwidth-hz", "10000", "--out", "late.toml"], folder);
     assert!(late.contains("15.9 us late"), "{late}");
     let tracked = done(&["track", "m.toml", "late.toml", "--reference", "sine:50:3"], folder);
-    assert!(tracked.contains("reads 15.9 us late, which the servo undoes"), "{tracked}");
+    assert!(tracked.contains("undoes 15.9 us") && tracked.contains("the model's sensor has none"), "{tracked}");
+    edit_model("m.toml", "slow.toml", folder, |model| {
+        let overview = hysteron_sim::effect::Overview::without_data(model.drive_min_v, model.drive_max_v);
+        let sensor = hysteron_sim::effect::by_id("sensor_bandwidth").unwrap();
+        model.effects.push(hysteron_sim::chain::EffectInstance::new(sensor, &overview, &[8000.0]));
+    });
+    for (servo, expected) in
+        [("late.toml", "reads 19.9 us late and the servo undoes 15.9 us"), ("s.toml", "reads 19.9 us late, and the servo does not undo it")]
+    {
+        let tracked = done(&["track", "slow.toml", servo, "--reference", "sine:50:3"], folder);
+        assert!(tracked.contains(expected), "{tracked}");
+    }
+    let tracked = done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
+    assert!(!tracked.contains("late"), "{tracked}");
     says(&["design", "m.toml", "--sensor-bandwidth-hz=50", "--out", "no.toml"], folder, "expected at least 160");
+}
+
+/// Writes a model that differs from another one.
+fn edit_model(from: &str, to: &str, folder: &Path, edit: impl Fn(&mut hysteron_sim::chain::Model)) {
+    let text = std::fs::read_to_string(folder.join(from)).unwrap();
+    let mut model = hysteron::model_file::from_toml(&text, from).unwrap();
+    edit(&mut model);
+    std::fs::write(folder.join(to), hysteron::model_file::to_toml(&model, to).unwrap()).unwrap();
+}
+
+#[test]
+fn a_stage_without_loops_gets_a_servo_and_one_without_a_mode_is_told_why_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let example = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../examples/hidden_effect");
+    let example = example.to_string_lossy();
+    done(&["identify", &example, "--effects", "gain,vibration", "--out", "fitted.toml"], folder);
+    edit_model("fitted.toml", "linear.toml", folder, |model| {
+        let mode = model.effects.iter_mut().find(|e| e.id == "vibration").unwrap();
+        mode.parameters.iter_mut().zip([4000.0, 0.4]).for_each(|(p, value)| p.value = value);
+    });
+    done(&["design", "linear.toml", "--out", "servo.toml", "--block", "servo.block"], folder);
+    let judged = done(&["check", "servo.toml", "--model", "linear.toml"], folder);
+    assert!(judged.contains("predictor: stable"), "{judged}");
+    let tracked = done(&["track", "linear.toml", "servo.toml", "--reference", "sine:50:2", "--json", "t.json"], folder);
+    let text = std::fs::read_to_string(folder.join("t.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let (error_um, noise_um) = (figures["true"]["rms_um"].as_f64().unwrap(), figures["noise_um"].as_f64().unwrap());
+    assert!(error_um < 1.3 * noise_um, "{tracked}");
+
+    edit_model("linear.toml", "still.toml", folder, |model| model.effects.retain(|e| e.id == "gain"));
+    let expected = "has no first mode: identify one with --effects gain,vibration";
+    says(&["design", "still.toml", "--out", "no.toml"], folder, expected);
+    says(&["check", "servo.toml", "--model", "still.toml"], folder, expected);
+    // A recording that is too slow for a mode: nothing of it is found.
+    let rows: Vec<String> = (0..4000)
+        .map(|k| 0.01 * f64::from(k))
+        .map(|t| (t, 5.0 - 5.0 * (3.0 * t).cos()))
+        .map(|(t, u)| format!("{t:.2},{u:.6},{:.6}", 0.1 * u))
+        .collect();
+    std::fs::write(folder.join("slow.csv"), format!("t,u_v,y_um\n{}", rows.join("\n"))).unwrap();
+    let explained = done(&["explain", "slow.csv", "--from", "gain"], folder);
+    assert!(explained.contains("No servo can be designed from it as it is") && explained.contains("no first mode"), "{explained}");
+    edit_model("linear.toml", "against.toml", folder, |model| model.effects[0].parameters[0].value *= -1.0);
+    says(&["design", "against.toml", "--out", "no.toml"], folder, "rises with the drive");
 }
 
 #[test]

@@ -14,8 +14,12 @@ const TOLERANCE_V: f64 = 1e-9;
 /// sample.
 pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
     let (low, high) = (model.drive_min_v, model.drive_max_v);
-    if let Some(u) = drive.drive_v.iter().find(|u| !(low - TOLERANCE_V..=high + TOLERANCE_V).contains(*u)) {
-        return Err(Error::new(place, format!("reaches {u} V; the model holds from {low} to {high} V")));
+    let beyond_v = |u: f64| (low - u).max(u - high);
+    let outside = drive.drive_v.iter().copied().filter(|u| !(low - TOLERANCE_V..=high + TOLERANCE_V).contains(u));
+    if let Some(farthest) = outside.max_by(|a, b| beyond_v(*a).total_cmp(&beyond_v(*b))) {
+        // Rounded away from the limit: it must not look as if it were inside.
+        let reached = if farthest > high { (1e3 * farthest).ceil() } else { (1e3 * farthest).floor() } / 1e3;
+        return Err(Error::new(place, format!("reaches {reached} V; the model holds from {low} to {high} V")));
     }
     let needed = model.effects.iter().flat_map(|e| e.effect.auxiliary().iter().map(|name| (&e.id, name)));
     for (effect, name) in needed {

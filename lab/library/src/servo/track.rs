@@ -8,6 +8,7 @@ use super::chain_plant::ChainPlant;
 use super::design::ServoDesign;
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::QuantisationError;
+use super::sensor_lag;
 use crate::statistics::extremes;
 use hysteron_core::gain_adaptation::ONE;
 use hysteron_core::learned_feedforward::MOST_POINTS;
@@ -15,6 +16,7 @@ use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, RepeatsLater, Surroundings, condition, follow};
 use hysteron_sim::converter_scale::ConverterScale;
+use hysteron_sim::effect::sensor_bandwidth;
 use hysteron_sim::waveform;
 use serde::Serialize;
 
@@ -179,6 +181,9 @@ pub struct TrackResult {
     /// How late the servo takes the sensor to be, s, where it undoes that: what is read is then off what was asked for by so much of the motion.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor_lag_s: Option<f64>,
+    /// How late the sensor of the model is at rest, s, where the model has such a lag.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model_sensor_lag_s: Option<f64>,
     /// RMS noise of the sensor, um.
     pub noise_um: f64,
     /// Gain over the model's at the end, where it is corrected.
@@ -268,6 +273,7 @@ pub fn track(
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
         sensor_lag_s: design.sensor_lag_s,
+        model_sensor_lag_s: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()).map(sensor_lag::lag_s),
         noise_um,
         adapted_gain: told.servo.adaptation().map(|adaptation| f64::from(adaptation.gain()) / f64::from(ONE)),
         steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),

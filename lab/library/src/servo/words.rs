@@ -2,6 +2,28 @@
 
 use super::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
 
+/// What a lag of the sensor does to the errors that are told: the lag that the servo undoes and the one that the actuator's sensor has, s.
+#[must_use]
+pub fn sensor_lag(undone_s: Option<f64>, of_sensor_s: Option<f64>) -> Option<String> {
+    let us = |lag_s: f64| format!("{:.1} us", 1e6 * lag_s);
+    Some(match (undone_s, of_sensor_s) {
+        (None, None) => return None,
+        (Some(undone_s), Some(lag_s)) => format!(
+            "the model's sensor reads {} late and the servo undoes {}: the true error counts, the sensor's holds that lag",
+            us(lag_s),
+            us(undone_s)
+        ),
+        (Some(undone_s), None) => format!(
+            "the servo undoes {} of a sensor's lag, and the model's sensor has none: the true position follows so much late",
+            us(undone_s)
+        ),
+        (None, Some(lag_s)) => format!(
+            "the model's sensor reads {} late, and the servo does not undo it: the true position is so much early, which no reading shows",
+            us(lag_s)
+        ),
+    })
+}
+
 /// Margins, one sentence a line.
 #[must_use]
 pub fn margins(m: &LoopMargins) -> Vec<String> {
