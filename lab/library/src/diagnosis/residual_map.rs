@@ -41,7 +41,9 @@ pub fn drive_features(drive_min_v: f64, drive_max_v: f64) -> Vec<DriveFeature> {
     let mut features: Vec<_> = (0..LEVELS)
         .map(|i| {
             let from_v = drive_min_v + step_v * i as f64;
-            let label = format!("{from_v:.0} to {:.0}", from_v + step_v);
+            // Zero has no sign: a limit a little below it would be told as "-0".
+            let [from, to] = [from_v, from_v + step_v].map(|volts| volts.round() + 0.0);
+            let label = format!("{from} to {to}");
             column("drive level, V", label)
         })
         .collect();
@@ -189,6 +191,12 @@ pub fn residual_by_feature(
 mod tests {
     use super::*;
     use std::f64::consts::TAU;
+
+    #[test]
+    fn levels_are_told_in_whole_volts_without_a_signed_zero() {
+        let labels: Vec<String> = drive_features(-0.3, 79.7).into_iter().take(LEVELS).map(|feature| feature.label).collect();
+        assert_eq!(labels, ["0 to 16", "16 to 32", "32 to 48", "48 to 64", "64 to 80"]);
+    }
 
     /// A triangle 0-50-0-30-0 V at 200 V/s, then a hold.
     fn drive() -> Vec<f64> {
