@@ -162,34 +162,46 @@ pub fn compare(study: &Study, model: Model) -> Result<Elsewhere> {
     out.tried = try_all(study, &out.base.model, &rows, &[], out.refitted.identify_rms_um);
     let square = |judged: &Judged| judged.identify_rms_um * judged.identify_rms_um;
     let removable = square(&out.base) - square(&out.refitted);
-    let Some(first) = out.tried.first().cloned() else { return Ok(out) };
-    // A second one must lower the error itself, the more where several values do it.
-    let several = |t: &Tried| if t.values > 1 { 1.0 / WORTH_SEVERAL_VALUES.sqrt() } else { 1.0 };
-    let mut story = vec![first];
-    let mut alternatives = vec![alike(&out.tried, out.base.identify_rms_um, out.refitted.identify_rms_um)];
-    // One or two more beside it, as long as each takes much of what is left.
-    while story.len() < 3 {
-        let last = &story[story.len() - 1];
-        if last.judged.identify_rms_um < 1.3 * out.refitted.identify_rms_um {
+    let share = |judged: &Judged| if removable > 0.0 { (square(&out.base) - square(judged)) / removable } else { 0.0 };
+    let explains = |judged: &Judged| share(judged) > EXPLAINS_ALONE;
+    // The cheapest may explain next to nothing; then the story begins with what explains most of it.
+    let explaining: Vec<Tried> = out.tried.iter().filter(|t| explains(&t.judged)).cloned().collect();
+    for first_of in [&out.tried, &explaining] {
+        let Some((story, alternatives)) = story_from(study, &out, first_of, &rows) else { continue };
+        let last = &story[story.len() - 1].judged;
+        out.explained_share = share(last);
+        if last.identify_rms_um < NEAR_REFIT * out.refitted.identify_rms_um && explains(last) {
+            (out.story, out.alternatives) = (story, alternatives);
             break;
         }
-        let known: Vec<String> = story.iter().map(|t| t.hypothesis.effect(&out.base.model)).collect();
-        let beside = try_all(study, &last.judged.model, &rows, &known, out.refitted.identify_rms_um);
+    }
+    Ok(out)
+}
+
+/// The first of what was tried, and one or two more beside it, as long as each takes much of what is left; for each the others that the data do not tell from
+/// it.
+fn story_from(study: &Study, compared: &Elsewhere, tried: &[Tried], rows: &Rows) -> Option<(Vec<Tried>, Vec<Vec<Tried>>)> {
+    let (base, refitted_um) = (&compared.base, compared.refitted.identify_rms_um);
+    let mut story = vec![tried.first()?.clone()];
+    let mut alternatives = vec![alike(tried, base.identify_rms_um, refitted_um)];
+    // A second one must lower the error itself, the more where several values do it.
+    let several = |t: &Tried| if t.values > 1 { 1.0 / WORTH_SEVERAL_VALUES.sqrt() } else { 1.0 };
+    while story.len() < 3 {
+        let last = &story[story.len() - 1];
+        if last.judged.identify_rms_um < 1.3 * refitted_um {
+            break;
+        }
+        let known: Vec<String> = story.iter().map(|t| t.hypothesis.effect(&base.model)).collect();
+        let beside = try_all(study, &last.judged.model, rows, &known, refitted_um);
         let Some(next) =
             beside.first().filter(|t| several(t) * t.judged.identify_rms_um < WORTH_A_SECOND * last.judged.identify_rms_um).cloned()
         else {
             break;
         };
-        alternatives.push(alike(&beside, last.judged.identify_rms_um, out.refitted.identify_rms_um));
+        alternatives.push(alike(&beside, last.judged.identify_rms_um, refitted_um));
         story.push(next);
     }
-    let last = &story[story.len() - 1].judged;
-    out.explained_share = if removable > 0.0 { (square(&out.base) - square(last)) / removable } else { 0.0 };
-    let near = last.identify_rms_um < NEAR_REFIT * out.refitted.identify_rms_um;
-    if near && out.explained_share > EXPLAINS_ALONE {
-        (out.story, out.alternatives) = (story, alternatives);
-    }
-    Ok(out)
+    Some((story, alternatives))
 }
 
 /// Others that the data do not tell from the first.

@@ -57,6 +57,8 @@ const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003 };
 /// sixth of the time, and one of them would have come to a gain, of 0.04.
 const LOOKED_AT_AFTER: usize = 3;
 const PLAINLY_BEHIND: f64 = 0.2;
+/// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it belongs.
+const OUT_OF_REACH: f64 = 1.0;
 /// How far what is added is fitted by itself.
 const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01 };
 /// How far it goes before two sets are compared.
@@ -184,20 +186,21 @@ impl<'a> Study<'a> {
     /// fit of a few steps does not bring them back.
     #[must_use]
     pub fn quickly_beside(&self, begin: &Model, added: &[String], of: f64) -> Judged {
-        let behind = |model: &Model| self.merit(&self.judged_quickly(model.clone())) > of + PLAINLY_BEHIND;
-        let alone = |begin: &Model| {
-            let held = holding(begin, |effect, _| !added.iter().any(|id| id == effect));
-            as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, begin)
-        };
-        let begin = if !added.is_empty() && behind(begin) { alone(begin) } else { begin.clone() };
-        let goes_on = |taken: usize, model: &Model| taken != LOOKED_AT_AFTER || !behind(model);
-        let fitted = fit_while(&begin, &self.searched, &self.quick, QUICK, goes_on).model;
-        judge_rows(fitted, &self.searched, &self.split, &self.quick_judging)
+        let behind = |model: &Model| self.merit(&self.judged_quickly(model.clone())) - of;
+        let mut begin = begin.clone();
+        if !added.is_empty() && behind(&begin) > PLAINLY_BEHIND {
+            let held = holding(&begin, |effect, _| !added.iter().any(|id| id == effect));
+            begin = as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, &begin);
+            if behind(&begin) > OUT_OF_REACH {
+                return self.judged_quickly(begin);
+            }
+        }
+        let goes_on = |taken: usize, model: &Model| taken != LOOKED_AT_AFTER || behind(model) < PLAINLY_BEHIND;
+        self.judged_quickly(fit_while(&begin, &self.searched, &self.quick, QUICK, goes_on).model)
     }
 
     fn fitted_quickly(&self, model: &Model, effort: Effort) -> Judged {
-        let fitted = fit_rows(model, &self.searched, &self.quick, effort).model;
-        judge_rows(fitted, &self.searched, &self.split, &self.quick_judging)
+        self.judged_quickly(fit_rows(model, &self.searched, &self.quick, effort).model)
     }
 
     /// Fits as far as it goes, judged on all samples.
