@@ -129,29 +129,18 @@ impl Parameter {
     /// A parameter for which steps of `step` matter.
     #[must_use]
     pub fn linear(name: impl Into<String>, unit: &str, lower: f64, upper: f64, step: f64) -> Self {
-        Self {
-            name: name.into(),
-            unit: unit.into(),
-            lower,
-            upper: upper.max(lower),
-            scale: Scale::Linear(step),
-            fixed: false,
-            of_a_grid: false,
-        }
+        Self::varied(name.into(), unit, (lower, upper), Scale::Linear(step))
     }
 
     /// A positive parameter that is varied by ratios. Data that reach no further than `lower` leave it there.
     #[must_use]
     pub fn logarithmic(name: impl Into<String>, unit: &str, lower: f64, upper: f64) -> Self {
-        Self {
-            name: name.into(),
-            unit: unit.into(),
-            lower,
-            upper: upper.max(lower),
-            scale: Scale::Logarithmic,
-            fixed: false,
-            of_a_grid: false,
-        }
+        Self::varied(name.into(), unit, (lower, upper), Scale::Logarithmic)
+    }
+
+    /// Data may reach no further than a limit; bounds never cross.
+    fn varied(name: String, unit: &str, (lower, upper): (f64, f64), scale: Scale) -> Self {
+        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, of_a_grid: false }
     }
 
     /// The same parameter, kept at its value.

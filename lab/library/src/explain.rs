@@ -222,18 +222,19 @@ const WHOLE: Effort = Effort { iterations: 4, tolerance: 0.2, relative: 1e-3 };
 /// Everything that is decided on a data set.
 fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Explanation> {
     let mut floor = noise_floor(dataset);
-    let mut grown = grown_from(&start, &study_of(dataset, options, &floor, watch))?;
+    let mut study = study_of(dataset, options, &floor, watch);
+    let mut grown = grown_from(&start, &study)?;
     for _ in 1..FLOORS_MAX {
         let Some(beside) = floor_of(&grown, &floor, dataset, &options.policy).filter(|_| !grown.stopped) else { break };
         let another = differ(floor.rms_um, beside.rms_um);
         floor = beside;
+        study = study_of(dataset, options, &floor, watch);
         if !another {
             break;
         }
         watch.event(&Event::Doing("searching again beside what the drive's own noise makes"));
-        grown = grown_from(&start, &study_of(dataset, options, &floor, watch))?;
+        grown = grown_from(&start, &study)?;
     }
-    let study = study_of(dataset, options, &floor, watch);
     let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, stopped } = grown;
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);

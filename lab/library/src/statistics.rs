@@ -28,6 +28,13 @@ pub fn mean(signal: &[f64]) -> f64 {
     if signal.is_empty() { 0.0 } else { signal.iter().sum::<f64>() / signal.len() as f64 }
 }
 
+/// RMS of what has a pattern in a signal whose steps from sample to sample are these: what is random has steps of the root of two times its size, a pattern
+/// next to none.
+#[must_use]
+pub fn pattern_rms(signal: &[f64], steps: &[f64]) -> f64 {
+    (rms(signal).powi(2) - 0.5 * rms(steps).powi(2)).max(0.0).sqrt()
+}
+
 /// Element by element, `a - b`.
 #[must_use]
 pub fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -37,6 +44,21 @@ pub fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn noise_has_no_pattern_and_a_wave_is_one() {
+        let mut noise = hysteron_sim::noise::WhiteNoise::new(0.1, 5);
+        let wave = |k: usize| (0.01 * k as f64).sin();
+        let (mut alone, mut on_a_wave) = (Vec::new(), Vec::new());
+        for k in 0..20_000 {
+            let random = noise.next_um();
+            alone.push(random);
+            on_a_wave.push(wave(k) + random);
+        }
+        let pattern = |signal: &[f64]| pattern_rms(signal, &signal.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
+        assert!(pattern(&alone) < 0.015, "{}", pattern(&alone));
+        assert!((pattern(&on_a_wave) / 0.5_f64.sqrt() - 1.0).abs() < 0.01, "{}", pattern(&on_a_wave));
+    }
 
     #[test]
     fn zero_has_no_sign_as_a_limit() {

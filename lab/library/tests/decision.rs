@@ -62,6 +62,7 @@ fn known(rms_um: Option<f64>, records: usize) -> NoiseFloor {
         warnings: Vec::new(),
         read_back: None,
         of_readings_um: vec![rms_um; records],
+        of_readings_warnings: Vec::new(),
     }
 }
 

@@ -3,8 +3,7 @@
 
 use super::{Dataset, Record, Role};
 use crate::error::{Error, Result};
-use crate::identification::fit::rms;
-use crate::statistics::{mean, peak_to_peak};
+use crate::statistics::{mean, pattern_rms, peak_to_peak, rms};
 
 /// Two drives are not the same where they differ, beside what is irregular from sample to sample, by more than this share of what they move.
 const DIFFERS: f64 = 0.02;
@@ -86,8 +85,7 @@ fn same(pairs: impl Iterator<Item = (f64, f64)>, drive_v: &[f64]) -> std::result
     let steps_v: Vec<f64> = differences_v.windows(2).map(|w| w[1] - w[0]).collect();
     let middle_v = mean(drive_v);
     let moves_v = rms(&drive_v.iter().map(|u| u - middle_v).collect::<Vec<_>>());
-    // What is random has steps of the root of two times its size; what has a pattern, next to none.
-    let pattern_v = (rms(&differences_v).powi(2) - 0.5 * rms(&steps_v).powi(2)).max(0.0).sqrt();
+    let pattern_v = pattern_rms(&differences_v, &steps_v);
     if pattern_v <= DIFFERS * moves_v {
         return Ok(());
     }

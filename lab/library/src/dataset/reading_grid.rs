@@ -6,8 +6,8 @@
 
 use super::Dataset;
 
-/// Distinct readings that a record must have before their spacing says anything.
-const LEVELS_MIN: usize = 8;
+/// Distinct values that a column must have before their spacing says anything.
+pub(crate) const LEVELS_MIN: usize = 8;
 /// Least number of samples per distinct reading: a record of ever new values shows no grid that matters.
 const SAMPLES_PER_LEVEL: usize = 2;
 /// Largest deviation of a reading from the grid, in steps.

@@ -112,6 +112,9 @@ pub struct NoiseFloor {
     /// RMS of each record without what that noise makes, um.
     #[serde(skip)]
     pub of_readings_um: Vec<Option<f64>>,
+    /// Where estimates disagree, without what is said of that noise.
+    #[serde(skip)]
+    pub of_readings_warnings: Vec<String>,
 }
 
 impl NoiseFloor {
@@ -148,9 +151,7 @@ impl NoiseFloor {
             Known::InItsBand | Known::Steps { .. } if more_than_made && speaks_for_it() => true,
             // Of a drive that was commanded in these steps, all of it would be an effect: it is said, and the floor stays.
             Known::Steps { step_v } if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made => {
-                let mut out = self.clone();
-                out.warnings.push(read_back::words_of_steps(step_v, made));
-                return Some(out);
+                return Some(Self { warnings: self.warnings_and(Some(read_back::words_of_steps(step_v, made))), ..self.clone() });
             }
             Known::InItsBand | Known::Steps { .. } => return None,
         };
@@ -164,9 +165,12 @@ impl NoiseFloor {
         let rms_um = over_judging(dataset, &of_records_um);
         let readings_um = over_judging(dataset, &self.of_readings_um).unwrap_or(0.0);
         let made_um = rms_um.map_or(0.0, |rms_um| (rms_um * rms_um - readings_um * readings_um).max(0.0).sqrt());
-        let mut warnings: Vec<String> = self.warnings.iter().filter(|w| !w.starts_with(READ_BACK)).cloned().collect();
-        warnings.extend((made_um > DRIVE_NOISE_MATTERS * readings_um).then(|| read_back.words(made_um)));
+        let warnings = self.warnings_and((made_um > DRIVE_NOISE_MATTERS * readings_um).then(|| read_back.words(made_um)));
         Self { rms_um, of_records_um, warnings, ..self.clone() }
+    }
+
+    fn warnings_and(&self, of_the_drive: Option<String>) -> Vec<String> {
+        self.of_readings_warnings.iter().cloned().chain(of_the_drive).collect()
     }
 }
 
@@ -178,8 +182,6 @@ const DRIVE_NOISE_MATTERS: f64 = 0.1;
 const STEPS_MATTER: f64 = 0.5;
 /// A model leaves at least this share of what the noise of its drive makes, unless the stage followed that noise as well.
 const LEAVES_WHAT_IT_MAKES: f64 = 0.9;
-/// How a sentence of that noise begins.
-const READ_BACK: &str = "the drive was read back";
 /// A declared step may differ by this share from the one that the readings show.
 const DECLARED_STEP_TOLERANCE: f64 = 0.05;
 /// Two estimates whose ratio is larger are said to disagree.
@@ -235,6 +237,7 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         wander,
         wander_relative_std,
         reading_step_um,
+        of_readings_warnings: warnings.clone(),
         warnings,
         read_back,
         of_readings_um,

@@ -8,9 +8,9 @@
 //! commanded, and steps of its column may be those of a converter that read it or of one that made it: then the readings decide. A model that leaves
 //! what the noise would make had no better drive to follow.
 
+use super::high_band;
 use super::rest;
-use super::{READ_BACK, high_band};
-use crate::dataset::reading_grid::{rounding_noise, step_of};
+use crate::dataset::reading_grid::{LEVELS_MIN, rounding_noise, step_of};
 use crate::dataset::{Dataset, Record, Role};
 use crate::identification::fit::rms;
 use hysteron_sim::chain::Model;
@@ -43,8 +43,6 @@ pub struct ReadBack {
 const SAMPLES_WALKED: usize = 20_000;
 /// Of the noise that is given once more.
 const SEED: u64 = 71;
-/// Levels from which on a drive moves.
-const LEVELS_MIN: usize = 8;
 /// Share of moves of one size, one in every sample, by which a drive was commanded along straight lines.
 const ALIKE: f64 = 0.9;
 /// Noise of a drive's band is less than this share of what the actuator may be driven by; more of it was commanded.
@@ -77,16 +75,16 @@ impl ReadBack {
         let made_nm = 1e3 * made_um;
         match self.known {
             Known::Seen => format!(
-                "{READ_BACK} with {:.2} mV of noise, which is {made_nm:.2} nm that no model can meet: record what was commanded where you can",
+                "the drive was read back with {:.2} mV of noise, which is {made_nm:.2} nm that no model can meet: record what was commanded where you can",
                 1e3 * self.noise_v
             ),
             Known::InItsBand => format!(
-                "{READ_BACK}, it seems, with {:.2} mV of noise: that makes {made_nm:.2} nm, which is what is left, and no model can meet it; record what was \
+                "the drive was read back, it seems, with {:.2} mV of noise: that makes {made_nm:.2} nm, which is what is left, and no model can meet it; record what was \
                  commanded where you can",
                 1e3 * self.noise_v
             ),
             Known::Steps { step_v } => format!(
-                "{READ_BACK}, it seems, in steps of {:.2} mV: rounding makes {made_nm:.2} nm, which is what is left, and no model can meet it; if the drive was \
+                "the drive was read back, it seems, in steps of {:.2} mV: rounding makes {made_nm:.2} nm, which is what is left, and no model can meet it; if the drive was \
                  commanded in these steps, something of that size is missing",
                 1e3 * step_v
             ),

@@ -9,7 +9,7 @@ use super::{Evidence, FloorEstimate};
 use crate::dataset::{Dataset, Periods, Record, Role};
 use crate::identification::fit::{dot, rms};
 use crate::spectrum::autocorrelation;
-use crate::statistics::{mean, peak_to_peak};
+use crate::statistics::{mean, pattern_rms, peak_to_peak};
 use std::ops::Range;
 
 /// Least samples of a repetition that say something of the noise.
@@ -18,9 +18,8 @@ const SAMPLES_MIN: usize = 200;
 const SAME_DRIVE: f64 = 2e-5;
 /// A drive that was read back differs by the noise of that: by no more than this share of the actuator's span, RMS, ..
 const READ_BACK: f64 = 5e-4;
-/// .. without a pattern: the square of the step from one difference to the next is at least this times that of the differences (twice where they are
-/// random, and next to nothing where the drive itself is another).
-const WITHOUT_PATTERN: f64 = 1.5;
+/// .. without a pattern: no more than this share of the differences has one.
+const PATTERN_MAX: f64 = 0.5;
 /// Standard deviations of a read-back drive's noise within which it is the same.
 const READ_BACK_Z: f64 = 6.0;
 /// A drive that spans less than this share of the actuator's does not move it.
@@ -190,7 +189,7 @@ fn read_back_noise_v(samples: Range<usize>, span_v: f64, drives_v: impl Fn(usize
     let differences_v: Vec<f64> = pairs.iter().map(|[(a, b), _]| a - b).collect();
     let steps_v: Vec<f64> = pairs.iter().map(|[(a, b), (next_a, next_b)]| (next_a - next_b) - (a - b)).collect();
     let noise_v = rms(&differences_v);
-    (noise_v <= READ_BACK * span_v && rms(&steps_v).powi(2) >= WITHOUT_PATTERN * noise_v * noise_v).then_some(noise_v)
+    (noise_v <= READ_BACK * span_v && pattern_rms(&differences_v, &steps_v) <= PATTERN_MAX * noise_v).then_some(noise_v)
 }
 
 /// The later part of a difference over which it does not get smaller any more.
