@@ -115,14 +115,20 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
         let sensor = hysteron_sim::effect::by_id("sensor_bandwidth").unwrap();
         model.effects.push(hysteron_sim::chain::EffectInstance::new(sensor, &overview, &[8000.0]));
     });
+    let mut true_nm = Vec::new();
     for (servo, expected) in
         [("late.toml", "reads 19.9 us late and the servo undoes 15.9 us"), ("s.toml", "reads 19.9 us late, and the servo does not undo it")]
     {
         let tracked = done(&["track", "slow.toml", servo, "--reference", "sine:50:3"], folder);
         assert!(tracked.contains(expected), "{tracked}");
+        true_nm.push(numbers(tracked.split("true    RMS").nth(1).unwrap())[0]);
     }
+    // 19.9 us of 3 um at 50 Hz are 13.3 nm RMS, of which 15.9 us leave 2.7: the position counts, not the reading.
+    assert!(true_nm[0] < 5.0 && (true_nm[1] - 13.3).abs() < 3.0, "{true_nm:?}");
     let tracked = done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
     assert!(!tracked.contains("late"), "{tracked}");
+    let slower = done(&["design", "slow.toml", "--sensor-bandwidth-hz", "1000", "--out", "slower.toml"], folder);
+    assert!(slower.contains("CAUTION: that is more than everything that is late in the model, 19.9 us"), "{slower}");
     says(&["design", "m.toml", "--sensor-bandwidth-hz=50", "--out", "no.toml"], folder, "expected at least 160");
 }
 

@@ -3,7 +3,7 @@
 use super::model::SAMPLING_PERIOD_S;
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::Plant;
-use hysteron_sim::effect::{Place, Setting, Signals, Stage};
+use hysteron_sim::effect::{Place, Setting, Signals, Stage, sensor_bandwidth};
 
 /// Steps of the plant in a period.
 pub const SUBSTEPS: usize = 10;
@@ -27,13 +27,27 @@ impl<'a> ChainPlant<'a> {
             drive_min_v: chain.drive_min_v,
             drive_max_v: chain.drive_max_v,
         };
-        let stages = chain.stages(&setting).into_iter().map(|(i, mut stage)| {
-            let place = chain.effects[i].effect.declaration().place;
+        let stages = position_and_reading_apart(chain, &setting).into_iter().map(|(place, mut stage)| {
             stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });
             (place >= Place::SensorNonlinearity, stage)
         });
         Self { stages: stages.collect(), interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
     }
+}
+
+/// The stages of a chain in their order, the sensor's lag by itself: a mode takes it in, which is exact over a long interval and leaves nothing of the position that
+/// the sensor reads.
+fn position_and_reading_apart<'a>(chain: &Model, setting: &Setting<'a>) -> Vec<(Place, Box<dyn Stage + 'a>)> {
+    let stages_of = |of_the_lag: bool| {
+        let mut part = chain.clone();
+        part.effects.retain(|e| (e.id == sensor_bandwidth::ID) == of_the_lag);
+        let stages = part.stages(setting).into_iter().map(|(i, stage)| (part.effects[i].effect.declaration().place, stage));
+        stages.collect::<Vec<_>>()
+    };
+    let mut out = stages_of(false);
+    out.extend(stages_of(true));
+    out.sort_by_key(|(place, _)| *place);
+    out
 }
 
 impl Plant for ChainPlant<'_> {
@@ -57,5 +71,41 @@ impl Plant for ChainPlant<'_> {
 
     fn sensor_um(&self) -> f64 {
         self.sensor_um
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::{Overview, by_id};
+    use std::f64::consts::TAU;
+
+    /// Behind a ramp a mode is late by 2 xi / omega, and its sensor by its own lag more: closed forms.
+    #[test]
+    fn the_position_is_in_front_of_the_sensors_lag_whether_or_not_a_mode_stands_there() {
+        let overview = Overview::without_data(0.0, 100.0);
+        let (gain_um_v, frequency_rad_s, damping_ratio, bandwidth_hz) = (0.1, 5000.0, 0.5, 1000.0);
+        let effects: [(&str, Vec<f64>); 3] =
+            [("gain", vec![gain_um_v]), ("vibration", vec![frequency_rad_s, damping_ratio]), ("sensor_bandwidth", vec![bandwidth_hz])];
+        for with_mode in [true, false] {
+            let mut chain = Model::new(0.0, 100.0);
+            for (id, values) in effects.iter().filter(|(id, _)| with_mode || *id != "vibration") {
+                chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+            }
+            let mut plant = ChainPlant::at_rest(&chain, 0.0);
+            let (per_period_v, periods) = (0.05, 400);
+            for k in 0..periods {
+                plant.advance(per_period_v * f64::from(k), 0.0);
+            }
+            let speed_um_s = gain_um_v * per_period_v / SAMPLING_PERIOD_S;
+            let reads_late_um = plant.displacement_um() - plant.sensor_um();
+            let lag_um = speed_um_s / (TAU * bandwidth_hz);
+            // The staircase of the drive comes to half a step of it.
+            assert!((reads_late_um - lag_um).abs() < 0.51 * gain_um_v * per_period_v, "{with_mode} {reads_late_um} {lag_um}");
+            let mode_s = if with_mode { 2.0 * damping_ratio / frequency_rad_s } else { 0.0 };
+            let expected_um = gain_um_v * per_period_v * f64::from(periods - 1) - speed_um_s * mode_s;
+            assert!((plant.displacement_um() - expected_um).abs() < 1.1 * gain_um_v * per_period_v, "{with_mode}");
+        }
     }
 }

@@ -357,6 +357,9 @@ fn refusal(scan: &Scan, recording: Option<&Recording>) -> String {
     format!("no servo can be answered for: {}", furthest.as_ref().map_or_else(|| "there is no candidate".into(), in_words))
 }
 
+/// A sensor cannot be this many times as late as everything that is late in the model together.
+const MORE_THAN_ALL: f64 = 1.5;
+
 /// The lag of the sensor that is undone, s, and in words why, or why not.
 fn lag_to_undo(chain: &Model, order: &Order<'_>, said: &mut Vec<String>) -> Option<f64> {
     match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
@@ -366,6 +369,12 @@ fn lag_to_undo(chain: &Model, order: &Order<'_>, said: &mut Vec<String>) -> Opti
                 "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {:.1} us late before a reading is compared with it, so that the true position is not early.",
                 1e6 * lag_s
             ));
+            if let Some(all_s) = sensor_lag::of_chain_s(chain).filter(|all_s| lag_s > MORE_THAN_ALL * all_s) {
+                said.push(format!(
+                    "CAUTION: that is more than everything that is late in the model, {:.1} us: a recording that shows it has no sensor as slow; look at --sensor-bandwidth-hz.",
+                    1e6 * all_s
+                ));
+            }
             Some(lag_s)
         }
         sensor_lag::Known::Bandwidth(hz, _) => {

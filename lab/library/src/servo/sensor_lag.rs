@@ -10,7 +10,7 @@ use super::quantise::{QuantisationError, number};
 use crate::dataset::Dataset;
 use hysteron_core::sensor_lag::{LAG_FRACTION_BITS, SensorLag};
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::{amplifier_bandwidth, sensor_bandwidth};
+use hysteron_sim::effect::{amplifier_bandwidth, delay, sensor_bandwidth};
 use std::f64::consts::TAU;
 
 /// A bandwidth beside that of the amplifier is known where its standard deviation is at most this share of it.
@@ -74,6 +74,14 @@ pub fn known(chain: &Model, dataset: Option<&Dataset>, ordered_hz: Option<f64>) 
 #[must_use]
 pub fn lag_s(bandwidth_hz: f64) -> f64 {
     1.0 / (TAU * bandwidth_hz)
+}
+
+/// How late the lags and delays of a chain are together, s; `None` where it has none.
+#[must_use]
+pub fn of_chain_s(chain: &Model) -> Option<f64> {
+    let first = |id: &str| chain.values(id).and_then(|values| values.first().copied());
+    let lags = [amplifier_bandwidth::ID, sensor_bandwidth::ID].into_iter().filter_map(first).map(lag_s);
+    lags.chain(first(delay::ID)).reduce(|a, b| a + b)
 }
 
 /// Coefficients `a` and `b` for a lag.
@@ -151,6 +159,8 @@ mod tests {
         let mut held = alone.clone();
         held.effects[0].parameters[0].parameter.fixed = true;
         assert_eq!(hz(known(&held, None, None)), Some(8e3));
+        let all_s = of_chain_s(&chain(&[both[0], both[1], ("delay", 20e-6, None)])).unwrap();
+        assert!((all_s - (1.0 / (TAU * 9e3) + 1.0 / (TAU * 8e3) + 20e-6)).abs() < 1e-12 && of_chain_s(&chain(&[])).is_none());
         assert_eq!(known(&chain(&[]), None, None), Known::Ideal);
         assert_eq!(known(&chain(&both[..1]), None, None), Known::Ideal);
     }
