@@ -1,6 +1,6 @@
 //! `capture`.
 
-use crate::desk::Desk;
+use crate::desk::{Desk, as_argument};
 use hysteron::Result;
 use std::path::Path;
 
@@ -22,6 +22,6 @@ pub fn capture(elf: &Path, raw: &Path, out: &Path, force: bool) -> Result<bool> 
             summary.gaps, summary.damaged, summary.lost_on_target
         );
     }
-    println!("Next: hysteron explain {}", out.display());
+    println!("Next: hysteron explain {}", as_argument(out));
     Ok(true)
 }

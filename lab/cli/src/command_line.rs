@@ -301,6 +301,8 @@ enum Command {
         /// Recording that the model was identified from: what it excludes need not be reckoned with
         #[arg(long, value_name = "DATASET")]
         data: Option<PathBuf>,
+        #[command(flatten)]
+        reading: ReadArguments,
         /// Largest sensitivity that is accepted
         #[arg(long, default_value_t = 2.5)]
         sensitivity_peak: f64,
@@ -467,6 +469,7 @@ fn dispatch(command: Command) -> Result<bool> {
             sensor_noise_um,
             sensor: SensorSaid { sensor_bandwidth_hz },
             data,
+            reading,
             sensitivity_peak,
             mode_moves,
             learning,
@@ -479,7 +482,7 @@ fn dispatch(command: Command) -> Result<bool> {
                 design::Wanted { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
-            design::design(&files, &wanted, &outputs)
+            design::design(&files, &wanted, &reading, &outputs)
         }
         Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
         Command::Track { model, servo, reference, scheme, sensor_noise_um, outputs } => {

@@ -1,7 +1,7 @@
 //! `design`.
 
 use crate::command_line::Outputs;
-use crate::desk::{Desk, wrong};
+use crate::desk::{Desk, as_argument, wrong};
 use crate::read_arguments::ReadArguments;
 use hysteron::Result;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
@@ -59,7 +59,7 @@ pub struct Wanted {
 }
 
 /// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end front_end.toml]`.
-pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool> {
+pub fn design(files: &Files, wanted: &Wanted, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
     let Files { model, data, out, block, front_end } = *files;
     let desk = Desk::new(outputs.force);
     let front_end = match front_end {
@@ -68,7 +68,7 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
         None => block.map(|_| FrontEnd::default()),
     };
     let chain = desk.model(model)?;
-    let recording = data.map(|path| desk.dataset(path, &ReadArguments::default())).transpose()?;
+    let recording = data.map(|path| desk.dataset(path, reading)).transpose()?;
     let commands_file = block.map(beside);
     desk.target(Some(out))?;
     desk.target(block)?;
@@ -129,6 +129,7 @@ pub fn design(files: &Files, wanted: &Wanted, outputs: &Outputs) -> Result<bool>
     // It stands on 1.12 times its amplitude, and has to stay within the travel.
     let reach_um = design.model.reach_um();
     let amplitude_um = if reach_um > 2.12 * 5.0 { 5.0 } else { (40.0 * reach_um).floor() / 100.0 };
-    println!("wrote {}; next: hysteron track {} {} --reference sine:50:{amplitude_um}", out.display(), model.display(), out.display());
+    let [model, servo] = [model, out].map(as_argument);
+    println!("wrote {}; next: hysteron track {model} {servo} --reference sine:50:{amplitude_um}", out.display());
     Ok(true)
 }

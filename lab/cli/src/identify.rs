@@ -2,7 +2,7 @@
 
 use crate::command_line::StudyOutputs;
 use crate::compare::write_fit;
-use crate::desk::Desk;
+use crate::desk::{Desk, as_argument};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{print_notes, print_records, say_stopped};
@@ -54,7 +54,7 @@ pub fn identify(path: &Path, effects: &str, kind: Option<&str>, reading: &ReadAr
     write_fit(&desk, &found.model, &figures, &dataset, outputs.out.as_deref(), &outputs.recordings)?;
     let next = outputs.out.as_ref().map_or_else(
         || "Keep the model with --out model.toml.".into(),
-        |p| format!("Next: hysteron diagnose {} {}", p.display(), path.display()),
+        |p| format!("Next: hysteron diagnose {} {}{}", as_argument(p), as_argument(path), reading.as_typed()),
     );
     println!("{:.1} s. {next}", figures.seconds);
     Ok(true)

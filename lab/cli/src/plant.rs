@@ -1,7 +1,7 @@
 //! `plant`.
 
 use crate::command_line::PlantArguments;
-use crate::desk::{Desk, wrong};
+use crate::desk::{Desk, as_argument, wrong};
 use crate::progress::Progress;
 use hysteron::synthetic::case::{Order, SyntheticCase, simulate_case, truths_json};
 use hysteron::synthetic::case_set::{SetOrder, kinds, simulate_set};
@@ -41,7 +41,7 @@ pub fn plant(wanted: &PlantArguments) -> Result<bool> {
     write_case(&case, &wanted.out, wanted.force)?;
     let truth = case.truth;
     println!("{}: hidden {}, noise {:.2} nm", wanted.out.display(), list_or_nothing(&order.hidden), 1e3 * truth.noise_um);
-    println!("Next: hysteron explain {} --from {}", wanted.out.display(), order.base.join(","));
+    println!("Next: hysteron explain {} --from {}", as_argument(&wanted.out), order.base.join(","));
     Ok(true)
 }
 
@@ -65,7 +65,7 @@ fn plant_many(order: &SetOrder, wanted: &PlantArguments) -> Result<bool> {
     drop(bar);
     desk.write(&wanted.out.join("truth.json"), &truths_json(&truths)?)?;
     println!("{}: {} cases", wanted.out.display(), truths.len());
-    println!("Next: hysteron score {}", wanted.out.display());
+    println!("Next: hysteron score {}", as_argument(&wanted.out));
     Ok(true)
 }
 

@@ -1,11 +1,13 @@
 //! What a person says about the files of a data set: columns, units, sampling rate.
 
+use crate::desk::as_argument;
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
 use hysteron::dataset::recognise::Wanted;
 use hysteron::dataset::timing::Timing;
 use hysteron::{Error, Result};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Arguments of every command that reads recordings.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -31,6 +33,21 @@ pub struct ReadArguments {
 }
 
 impl ReadArguments {
+    /// The same as they are typed behind a data set, each with a space before it, for a command that is told.
+    pub fn as_typed(&self) -> String {
+        let rate = self.sample_rate_hz.map(|rate| rate.to_string());
+        let rows = self.skip_rows.map(|rows| rows.to_string());
+        let said = [
+            ("--columns", &self.columns),
+            ("--units", &self.units),
+            ("--auxiliary", &self.auxiliary),
+            ("--sample-rate-hz", &rate),
+            ("--timing", &self.timing),
+            ("--skip-rows", &rows),
+        ];
+        said.iter().filter_map(|(name, value)| value.as_ref().map(|value| format!(" {name} {}", as_argument(Path::new(value))))).collect()
+    }
+
     /// The same in the words of the library.
     ///
     /// # Errors

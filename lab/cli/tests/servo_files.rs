@@ -127,6 +127,12 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
     assert!(true_nm[0] < 5.0 && (true_nm[1] - 13.3).abs() < 3.0, "{true_nm:?}");
     let tracked = done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
     assert!(!tracked.contains("late"), "{tracked}");
+    // A recording is read as it was said when the model was made, and what is told next can be typed.
+    says(&["design", "m.toml", "--data", &example, "--timing", "sideways", "--out", "no.toml"], folder, "hold_after_sample");
+    std::fs::copy(Path::new(example.as_ref()).join("validation.csv"), folder.join("my data.csv")).unwrap();
+    let read_as = ["--timing", "hold_after_sample"];
+    let told = done(&["identify", "my data.csv", "--effects", "gain", "--out", "my gain.toml", read_as[0], read_as[1]], folder);
+    assert!(told.contains("hysteron diagnose \"my gain.toml\" \"my data.csv\" --timing hold_after_sample"), "{told}");
     let slower = done(&["design", "slow.toml", "--sensor-bandwidth-hz", "1000", "--out", "slower.toml"], folder);
     assert!(slower.contains("CAUTION: that is more than everything that is late in the model, 19.9 us"), "{slower}");
     says(&["design", "m.toml", "--sensor-bandwidth-hz=50", "--out", "no.toml"], folder, "expected at least 160");

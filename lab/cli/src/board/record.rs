@@ -1,7 +1,7 @@
 //! `board record`: drives that the board plays, as a data set.
 
 use super::{LineArguments, WiringArguments, of_board};
-use crate::desk::Desk;
+use crate::desk::{Desk, as_argument};
 use hysteron::servo::amplifier_block::{block, wiring_parameters};
 use hysteron::synthetic::drives::{DriveOfRecord, board_drives, manifest};
 use hysteron::{Error, Result};
@@ -32,7 +32,7 @@ pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force:
     board.condition().map_err(of_board)?;
     let records = play_all(&mut board, &drives)?;
     write(&desk, out, &scale, &drives, &records)?;
-    println!("next: hysteron explain {} --from hysteresis,vibration,creep --out model.toml", out.display());
+    println!("next: hysteron explain {} --from hysteresis,vibration,creep --out model.toml", as_argument(out));
     Ok(true)
 }
 
