@@ -345,7 +345,7 @@ enum Command {
         model: PathBuf,
         /// Servo file
         servo: PathBuf,
-        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers
+        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, or a file with a column of time in s and one of um
         #[arg(long)]
         reference: String,
         /// Another scheme for the same model
@@ -354,6 +354,12 @@ enum Command {
         /// RMS noise of the sensor [default: what the servo was designed for, or 0.001]
         #[arg(long, allow_negative_numbers = true)]
         sensor_noise_um: Option<f64>,
+        /// Force from outside, as what it moves at rest: `sine:HZ:UM` or `step:UM`
+        #[arg(long, value_name = "FORCE")]
+        disturbance: Option<String>,
+        /// Mass added to the moving part, as a ratio to it
+        #[arg(long, value_name = "RATIO", default_value_t = 0.0, allow_negative_numbers = true)]
+        added_mass: f64,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -485,8 +491,14 @@ fn dispatch(command: Command) -> Result<bool> {
             design::design(&files, &wanted, &reading, &outputs)
         }
         Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
-        Command::Track { model, servo, reference, scheme, sensor_noise_um, outputs } => {
-            let wanted = track::Wanted { reference: &reference, scheme: scheme.as_deref(), sensor_noise_um };
+        Command::Track { model, servo, reference, scheme, sensor_noise_um, disturbance, added_mass, outputs } => {
+            let wanted = track::Wanted {
+                reference: &reference,
+                scheme: scheme.as_deref(),
+                sensor_noise_um,
+                disturbance: disturbance.as_deref(),
+                added_mass,
+            };
             track::track(&model, &servo, &wanted, &outputs)
         }
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),

@@ -2,8 +2,13 @@
 
 use crate::check::read_design;
 use crate::command_line::Outputs;
-use crate::desk::Desk;
-use hysteron::servo::{commands, words};
+use crate::desk::{Desk, wrong};
+use hysteron::dataset::readers::{self, Hints};
+use hysteron::servo::commands::{self, Work};
+use hysteron::servo::disturbance::Disturbance;
+use hysteron::servo::reference::Reference;
+use hysteron::servo::track::PeriodicReference;
+use hysteron::servo::words;
 use hysteron::{Error, Result};
 use hysteron_report::{Block, Page, Plot, Role, Section, Series};
 use std::path::Path;
@@ -20,17 +25,45 @@ pub struct Wanted<'a> {
     pub scheme: Option<&'a str>,
     /// Noise of the sensor, um.
     pub sensor_noise_um: Option<f64>,
+    /// Force from outside.
+    pub disturbance: Option<&'a str>,
+    /// Mass added, as a ratio.
+    pub added_mass: f64,
 }
 
-/// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N]`.
+/// The reference that was named: a shape, or a file of points.
+fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
+    let path = Path::new(text);
+    let file_is_meant = path.is_file() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    if !file_is_meant {
+        return PeriodicReference::parse(text).map(Reference::Periodic).map_err(|m| Error::new("", m));
+    }
+    let table = readers::read(text, &desk.bytes(path, "a reference")?, Hints::default())?;
+    let [time_s, reference_um] = table.columns.as_slice() else {
+        return Err(wrong(path, format!("{} columns; expected two, time in s and the reference in um", table.columns.len())));
+    };
+    for (column, expected) in [(time_s, "s"), (reference_um, "um")] {
+        if let Some(unit) = column.unit.as_ref().filter(|unit| *unit != expected) {
+            return Err(wrong(path, format!("column {} is in {unit}; expected {expected}", column.called())));
+        }
+    }
+    Reference::through(&time_s.values, &reference_um.values).map_err(|m| wrong(path, m))
+}
+
+/// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D] [--added-mass RATIO]`.
 pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> Result<bool> {
-    let Wanted { reference, scheme, sensor_noise_um } = *wanted;
+    let Wanted { reference, scheme, sensor_noise_um, disturbance, added_mass } = *wanted;
     let desk = Desk::new(outputs.force);
     let design = read_design(&desk, servo)?;
     let chain = desk.model(model)?;
     outputs.check(&desk)?;
-    let result = commands::follow(&chain, &design, reference, scheme, sensor_noise_um).map_err(|m| Error::new("", m))?;
-    println!("{} on {reference}", result.scheme);
+    let followed = reference_of(&desk, reference)?;
+    let disturbance_said = disturbance.map(Disturbance::parse).transpose().map_err(|m| Error::new("", m))?;
+    let work = Work { scheme, sensor_noise_um, disturbance: disturbance_said, added_mass };
+    let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(|m| Error::new("", m))?;
+    let pushed = disturbance.map_or_else(String::new, |d| format!(", disturbed by {d}"));
+    let loaded = if added_mass > 0.0 { format!(", {} times the moving mass", 1.0 + added_mass) } else { String::new() };
+    println!("{} on {reference}{pushed}{loaded}", result.scheme);
     println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
     println!("  sensor  RMS {}, max {}", nm(result.sensor.rms_um), nm(result.sensor.max_um));
     println!(

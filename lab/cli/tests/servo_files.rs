@@ -138,6 +138,44 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
     says(&["design", "m.toml", "--sensor-bandwidth-hz=50", "--out", "no.toml"], folder, "expected at least 160");
 }
 
+/// What is around a servo at work: a reference by points, a force from outside, a load.
+#[test]
+fn a_servo_is_put_to_work_under_other_circumstances() {
+    let folder = folder();
+    let folder = folder.path();
+    let track = |more: &[&str]| done(&[&["track", "m.toml", "s.toml"], more].concat(), folder);
+    let true_nm = |told: &str| numbers(told.split("true    RMS").nth(1).unwrap())[0];
+
+    // A sine by points is the sine.
+    let by_name = true_nm(&track(&["--reference", "sine:20:3:5"]));
+    let points: String = (0..20_001)
+        .map(|k| f64::from(k) * 5e-5)
+        .fold("t_s,reference_um\n".into(), |text, t| format!("{text}{t},{}\n", 5.0 - 3.0 * (std::f64::consts::TAU * 20.0 * t).cos()));
+    std::fs::write(folder.join("points.csv"), points).unwrap();
+    let by_points = true_nm(&track(&["--reference", "points.csv"]));
+    assert!((by_points / by_name - 1.0).abs() < 0.3, "{by_points} {by_name}");
+
+    // A force far above what the loop holds down moves the stage, one far below hardly; and a step is met in the end.
+    let rest = ["--reference", "sine:1:0:5", "--sensor-noise-um", "0"];
+    let pushed = |force: &str| true_nm(&track(&[&rest[..], &["--disturbance", force]].concat()));
+    let (slow, fast) = (pushed("sine:1:0.1"), pushed("sine:3000:0.1"));
+    assert!(slow < 10.0 && fast < 20.0 && pushed("step:0.1") < 30.0, "{slow} {fast}");
+    let quiet = true_nm(&track(&rest));
+    assert!(pushed("sine:100:0.1") > 5.0 * quiet.max(0.05), "{quiet}");
+
+    // Beyond its margins a load makes an end of it.
+    let loaded = hysteron(&["track", "m.toml", "s.toml", "--reference", "sine:20:3:5", "--added-mass", "20"], folder);
+    assert!(String::from_utf8_lossy(&loaded.stdout).contains("21 times the moving mass"));
+
+    says(&["track", "m.toml", "s.toml", "--reference", "missing.csv"], folder, "missing.csv");
+    std::fs::write(folder.join("back.csv"), "t_s,r_um\n0,1\n0.2,1\n0.1,1\n").unwrap();
+    says(&["track", "m.toml", "s.toml", "--reference", "back.csv"], folder, "point 2");
+    std::fs::write(folder.join("nm.csv"), "t [s],r [nm]\n0,1\n0.2,1\n").unwrap();
+    says(&["track", "m.toml", "s.toml", "--reference", "nm.csv"], folder, "expected um");
+    says(&["track", "m.toml", "s.toml", "--reference", "sine:20:3", "--disturbance", "push:3"], folder, "sine:HZ:UM");
+    says(&["track", "m.toml", "s.toml", "--reference", "sine:20:3", "--added-mass=-1"], folder, "from 0 to 50");
+}
+
 /// Writes a model that differs from another one.
 fn edit_model(from: &str, to: &str, folder: &Path, edit: impl Fn(&mut hysteron_sim::chain::Model)) {
     let text = std::fs::read_to_string(folder.join(from)).unwrap();

@@ -11,6 +11,8 @@ pub const SUBSTEPS: usize = 10;
 /// The chain of a model as a plant under control.
 pub struct ChainPlant<'a> {
     stages: Vec<(bool, Box<dyn Stage + 'a>)>,
+    /// The stage before which a force from outside acts.
+    force_at: usize,
     interval: usize,
     displacement_um: f64,
     sensor_um: f64,
@@ -29,9 +31,11 @@ impl<'a> ChainPlant<'a> {
         };
         let stages = position_and_reading_apart(chain, &setting).into_iter().map(|(place, mut stage)| {
             stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });
-            (place >= Place::SensorNonlinearity, stage)
+            (place, (place >= Place::SensorNonlinearity, stage))
         });
-        Self { stages: stages.collect(), interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
+        let (places, stages): (Vec<Place>, Vec<_>) = stages.unzip();
+        let force_at = places.iter().position(|place| *place > Place::LoadForce).unwrap_or(places.len());
+        Self { stages, force_at, interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
     }
 }
 
@@ -51,14 +55,22 @@ fn position_and_reading_apart<'a>(chain: &Model, setting: &Setting<'a>) -> Vec<(
 }
 
 impl Plant for ChainPlant<'_> {
-    fn advance(&mut self, drive_v: f64, _external_um: f64) {
+    fn advance(&mut self, drive_v: f64, external_um: f64) {
         for _ in 0..SUBSTEPS {
             let mut signal = drive_v;
-            for (of_sensor, stage) in &mut self.stages {
+            for (at, (of_sensor, stage)) in self.stages.iter_mut().enumerate() {
+                if at == self.force_at {
+                    signal += external_um;
+                    self.displacement_um = signal;
+                }
                 signal = stage.step(self.interval, signal);
                 if !*of_sensor {
                     self.displacement_um = signal;
                 }
+            }
+            if self.force_at == self.stages.len() {
+                signal += external_um;
+                self.displacement_um = signal;
             }
             self.sensor_um = signal;
             self.interval += 1;
@@ -80,6 +92,21 @@ mod tests {
     use hysteron_sim::chain::EffectInstance;
     use hysteron_sim::effect::{Overview, by_id};
     use std::f64::consts::TAU;
+
+    /// A force moves the stage at rest by what it is given as, whatever stands behind it.
+    #[test]
+    fn a_force_from_outside_moves_what_the_sensor_reads() {
+        let overview = Overview::without_data(0.0, 100.0);
+        for ids in [vec!["gain"], vec!["gain", "sensor_bandwidth"], vec!["gain", "vibration", "sensor_bandwidth"]] {
+            let mut chain = Model::new(0.0, 100.0);
+            ids.iter().for_each(|id| {
+                chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, &[]));
+            });
+            let mut plant = ChainPlant::at_rest(&chain, 0.0);
+            (0..20_000).for_each(|_| plant.advance(0.0, 0.3));
+            assert!((plant.displacement_um() - 0.3).abs() < 1e-6 && (plant.sensor_um() - 0.3).abs() < 1e-6, "{ids:?}");
+        }
+    }
 
     /// Behind a ramp a mode is late by 2 xi / omega, and its sensor by its own lag more: closed forms.
     #[test]

@@ -2,19 +2,22 @@
 
 use super::check::{self, ContinuousConditions};
 use super::design::{SCHEMA, Scheme, ServoDesign, thesis_scheme};
+use super::disturbance::Disturbance;
 use super::disturbance_observer;
-use super::from_rest::Beginning;
+use super::from_rest::{Beginning, varied};
 use super::gain_adaptation::AdaptationDesign;
 use super::loop_margins::{Loop, LoopMargins};
 use super::model::{ActuatorModel, NominalModel, actuator_model, required_model};
 use super::order::{self, ASSUMED_NOISE_UM, Order};
 use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
+use super::reference::Reference;
 use super::regulator_loop;
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
-use super::track::{PeriodicReference, TrackResult, lead_s, track};
+use super::track::{Circumstances, TrackResult, track};
 use crate::statistics::extremes;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::vibration;
 use nalgebra::Complex;
 use serde::Serialize;
 
@@ -288,26 +291,49 @@ fn judge_law(
     out.margins = Some(margins);
 }
 
-/// Follows a reference on a chain; `scheme` replaces the design's own by name, `sensor_noise_um` (RMS) the noise that it was designed for.
+/// How a servo is put to work on a chain.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Work<'a> {
+    /// A scheme in the place of the design's own, by name.
+    pub scheme: Option<&'a str>,
+    /// RMS noise of the sensor, um, in the place of that which it was designed for.
+    pub sensor_noise_um: Option<f64>,
+    /// A force from outside.
+    pub disturbance: Option<Disturbance>,
+    /// Mass added to the moving part, as a ratio to it.
+    pub added_mass: f64,
+}
+
+/// Largest mass that is added.
+const ADDED_MASS_MAX: f64 = 50.0;
+
+/// Follows a reference on a chain.
 ///
 /// # Errors
 /// A message that names the field, or the number that does not fit the servo's formats.
 pub fn follow(
     chain: &Model,
     design: &ServoDesign,
-    reference: &str,
-    scheme: Option<&str>,
-    sensor_noise_um: Option<f64>,
+    reference: &Reference,
+    reference_name: &str,
+    work: &Work,
 ) -> Result<TrackResult, String> {
+    let Work { scheme, sensor_noise_um, disturbance, added_mass } = *work;
     order::require_known_in_a_loop(chain)?;
-    let periodic = PeriodicReference::parse(reference)?;
+    if !(0.0..=ADDED_MASS_MAX).contains(&added_mass) {
+        return Err(format!("--added-mass {added_mass}; expected a ratio to the moving mass from 0 to {ADDED_MASS_MAX}"));
+    }
+    if added_mass > 0.0 && chain.effect(vibration::ID).is_none() {
+        return Err("--added-mass: the model has no vibration, so no mass that it could be added to".into());
+    }
+    let chain = &varied(chain, &Variation { mass_ratio: 1.0 + added_mass, ..Variation::NONE });
     let mut chosen = design.clone();
     if let Some(name) = scheme {
         chosen = with_scheme(design, name)?;
     }
     // What the actuator reaches counts, not what the servo's own model believes.
     let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
-    let (low_um, high_um) = extremes(&periodic.samples_um(lead_s(&chosen, periodic.frequency_hz)).0);
+    let (low_um, high_um) = extremes(&reference.samples_um(&chosen).0);
     if low_um < 0.0 || high_um > reach_um {
         return Err(format!(
             "the reference goes from {low_um:.2} to {high_um:.2} um; counted from where the actuator stands at its lowest drive of {} V, the drive reaches 0 to {reach_um:.2} um",
@@ -321,7 +347,7 @@ pub fn follow(
             0.05 * reach_um
         ));
     }
-    track(chain, &chosen, &periodic, reference, noise_um, 1).map_err(|e| e.to_string())
+    track(chain, &chosen, reference, reference_name, Circumstances { noise_um, seed: 1, disturbance }).map_err(|e| e.to_string())
 }
 
 /// The same model under another scheme.

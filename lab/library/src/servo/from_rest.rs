@@ -8,7 +8,8 @@
 
 use super::design::ServoDesign;
 use super::plant_set::Variation;
-use super::track::{PeriodicReference, Shape, track};
+use super::reference::Reference;
+use super::track::{Circumstances, PeriodicReference, Shape, track};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Overview, by_id, delay, gain, hysteresis, initial_curve, play_operators, second_mode, vibration};
@@ -36,7 +37,7 @@ pub struct Beginning<'a> {
 }
 
 /// A chain with another gain, mass and delay.
-fn varied(chain: &Model, variation: &Variation) -> Model {
+pub(super) fn varied(chain: &Model, variation: &Variation) -> Model {
     let mut out = chain.clone();
     let slower = variation.mass_ratio.powf(-0.5);
     for effect in &mut out.effects {
@@ -84,7 +85,8 @@ impl Beginning<'_> {
             offset_um: 0.5 * self.travel_um,
             phase_deg: 0.0,
         };
-        let Ok(found) = track(chain, design, &reference, "rest", self.noise_um, seed) else { return 0.0 };
+        let circumstances = Circumstances { noise_um: self.noise_um, seed, disturbance: None };
+        let Ok(found) = track(chain, design, &Reference::Periodic(reference), "rest", circumstances) else { return 0.0 };
         let tail = &found.sensor_um[found.sensor_um.len().saturating_sub(AT_REST)..];
         let mean = tail.iter().sum::<f64>() / tail.len().max(1) as f64;
         (tail.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / tail.len().max(1) as f64).sqrt()

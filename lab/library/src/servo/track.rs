@@ -6,8 +6,10 @@
 
 use super::chain_plant::ChainPlant;
 use super::design::ServoDesign;
+use super::disturbance::Disturbance;
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::QuantisationError;
+use super::reference::Reference;
 use super::sensor_lag;
 use crate::statistics::extremes;
 use hysteron_core::gain_adaptation::ONE;
@@ -186,6 +188,9 @@ pub struct TrackResult {
     pub model_sensor_lag_s: Option<f64>,
     /// RMS noise of the sensor, um.
     pub noise_um: f64,
+    /// Force from outside, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub disturbance: Option<Disturbance>,
     /// Gain over the model's at the end, where it is corrected.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub adapted_gain: Option<f64>,
@@ -232,19 +237,31 @@ impl TrackResult {
 /// An error of this share of the reference, peak to peak, is no tracking.
 const LARGE_ERROR: f64 = 0.1;
 
-/// Follows a reference on a model; a correction is learned from the tick on at which the reference has its full amplitude. `noise_um` is the RMS
-/// noise of the sensor; the same seed gives the same noise.
+/// What surrounds a servo at work.
+#[derive(Clone, Copy, Debug)]
+pub struct Circumstances {
+    /// RMS noise of the sensor, um.
+    pub noise_um: f64,
+    /// The same seed gives the same noise.
+    pub seed: u64,
+    /// A force from outside.
+    pub disturbance: Option<Disturbance>,
+}
+
+/// Follows a reference on a model; a correction is learned from the tick on at which the reference has its full amplitude.
 ///
 /// # Errors
 /// If the design does not fit the tick's formats.
 pub fn track(
     chain: &Model,
     design: &ServoDesign,
-    reference: &PeriodicReference,
+    reference: &Reference,
     reference_name: &str,
-    noise_um: f64,
-    seed: u64,
+    circumstances: Circumstances,
 ) -> Result<TrackResult, QuantisationError> {
+    let Circumstances { noise_um, seed, disturbance } = circumstances;
+    let (reference_um, from) = reference.samples_um(design);
+    let external_um = disturbance.map_or_else(Vec::new, |d| d.samples_um(reference_um.len(), from));
     let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
     let scale = ConverterScale::around(low_v, high_v, design.model.surfaces().initial_ascending_curve(1.0));
     let mut plant = ChainPlant::at_rest(chain, low_v);
@@ -256,12 +273,11 @@ pub fn track(
         scale: scale.zeroed_at(plant.sensor_um()),
         noise_um,
         seed,
-        external_um: &[],
+        external_um: &external_um,
         sensor_zero_um: plant.sensor_um(),
         displacement_zero_um: plant.displacement_um(),
     };
     servo.take_scale(&around.scale);
-    let (reference_um, from) = reference.samples_um(lead_s(design, reference.frequency_hz));
     let mut told = told_when_grown(servo, reference.period_ticks());
     let trace = follow(&mut plant, &mut told, &around, &reference_um);
     let samples = trace.sensor_um.len();
@@ -275,6 +291,7 @@ pub fn track(
         sensor_lag_s: design.sensor_lag_s,
         model_sensor_lag_s: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()).map(sensor_lag::lag_s),
         noise_um,
+        disturbance,
         adapted_gain: told.servo.adaptation().map(|adaptation| f64::from(adaptation.gain()) / f64::from(ONE)),
         steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),
         saturated_ticks: trace.limited_after(from).saturating_add(trace.counters.saturated_values),
