@@ -2,10 +2,11 @@
 
 use hysteron::dataset::Dataset;
 use hysteron::model_file::effects_named;
-use hysteron::servo::commands::{check, follow, with_scheme};
+use hysteron::servo::commands::{Work, check, follow, with_scheme};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::learned_feedforward::LearningDesign;
 use hysteron::servo::order::{self, Order};
+use hysteron::servo::reference::Reference;
 use hysteron::servo::track::lead_s;
 use hysteron::watch::Unwatched;
 use hysteron_sim::bench::Bench;
@@ -105,10 +106,11 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     assert!(found.stable && found.remarks.iter().any(|r| r.contains("Learning converges")), "{:?}", found.remarks);
     let text = toml::to_string_pretty(design).unwrap();
     assert_eq!(&toml::from_str::<ServoDesign>(&text).unwrap(), design);
-    let error_um = |scheme: Option<&str>| follow(chain, design, "triangle:100:2:4", scheme, None).unwrap().truth.rms_um;
+    let followed = |name: &str, work: Work| follow(chain, design, &Reference::named(name).unwrap(), name, &work).unwrap();
+    let error_um = |scheme: Option<&str>| followed("triangle:100:2:4", Work { scheme, ..Work::default() }).truth.rms_um;
     assert!(error_um(None) < 0.6 * error_um(Some("predictor")), "{} {}", error_um(None), error_um(Some("predictor")));
     // The noise is the one that the servo was designed for, unless another is said; the error counts ten periods after the reference has grown.
-    let noise_um = |said: Option<f64>| follow(chain, design, "triangle:20:2:4", None, said).unwrap().noise_um;
+    let noise_um = |sensor_noise_um: Option<f64>| followed("triangle:20:2:4", Work { sensor_noise_um, ..Work::default() }).noise_um;
     assert_eq!((Some(noise_um(None)), noise_um(Some(0.004))), (design.sensor_noise_um, 0.004));
     assert!((lead_s(design, 20.0) - 0.8).abs() < 1e-9 && (lead_s(design, 30.0) - 0.5).abs() < 1e-9, "30 Hz has no whole period");
     // Without a recording a design learns below its first mode only.

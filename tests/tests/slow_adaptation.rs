@@ -4,9 +4,10 @@
 use hysteron::dataset::Dataset;
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
-use hysteron::servo::commands::{check, follow, with_scheme};
+use hysteron::servo::commands::{Work, check, follow, with_scheme};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
+use hysteron::servo::reference::Reference;
 use hysteron::servo::track::lead_s;
 use hysteron::watch::Unwatched;
 use hysteron_core::gain_adaptation::MOST;
@@ -76,7 +77,8 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     assert!(found.stable && found.remarks.iter().any(|r| r.contains("correction of the gain stands")), "{:?}", found.remarks);
     let text = toml::to_string_pretty(design).unwrap();
     assert_eq!(&toml::from_str::<ServoDesign>(&text).unwrap(), design);
-    let follow = |scheme: Option<&str>| follow(&weaker, design, "sine:150:2:4", scheme, None).unwrap();
+    let reference = Reference::named("sine:150:2:4").unwrap();
+    let follow = |scheme: Option<&str>| follow(&weaker, design, &reference, "sine:150:2:4", &Work { scheme, ..Work::default() }).unwrap();
     let (adaptive, plain) = (follow(None), follow(Some("predictor")));
     println!("track: {:.2} nm, {:.2} without", 1e3 * adaptive.truth.rms_um, 1e3 * plain.truth.rms_um);
     assert!(plain.truth.rms_um > 8.0 * adaptive.truth.rms_um);

@@ -7,7 +7,6 @@ use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::predictor::least_expected;
 use hysteron::servo::reference::Reference;
-use hysteron::servo::track::PeriodicReference;
 use hysteron::servo::words;
 use hysteron::{Dataset, Error, Result};
 use hysteron_sim::chain::Model;
@@ -106,7 +105,7 @@ fn designed(design: &ServoDesign, model: &Model) -> Result<Answer> {
 /// The integer servo on the simulated model.
 fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Result<Answer> {
     let name = format!("sine:{hz}:{amplitude_um}");
-    let reference = Reference::Periodic(PeriodicReference::parse(&name).map_err(refused)?);
+    let reference = Reference::named(&name).map_err(refused)?;
     let found = commands::follow(model, design, &reference, &name, &Work::default()).map_err(refused)?;
     let error_um = found.sensor_um.iter().zip(&found.reference_um).map(|(y, r)| y - r).collect();
     Ok(Answer {

@@ -7,7 +7,6 @@ use hysteron::dataset::readers::{self, Hints};
 use hysteron::servo::commands::{self, Work};
 use hysteron::servo::disturbance::Disturbance;
 use hysteron::servo::reference::Reference;
-use hysteron::servo::track::PeriodicReference;
 use hysteron::servo::words;
 use hysteron::{Error, Result};
 use hysteron_report::{Block, Page, Plot, Role, Section, Series};
@@ -36,7 +35,7 @@ fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
     let path = Path::new(text);
     let file_is_meant = path.is_file() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     if !file_is_meant {
-        return PeriodicReference::parse(text).map(Reference::Periodic).map_err(|m| Error::new("", m));
+        return Reference::named(text).map_err(|m| Error::new("", m));
     }
     let table = readers::read(text, &desk.bytes(path, "a reference")?, Hints::default())?;
     let [time_s, reference_um] = table.columns.as_slice() else {

@@ -18,6 +18,14 @@ pub enum Reference {
 const LONGEST_S: f64 = 600.0;
 
 impl Reference {
+    /// One that repeats, by its name ([`PeriodicReference::parse`]).
+    ///
+    /// # Errors
+    /// A message that names the field.
+    pub fn named(text: &str) -> Result<Self, String> {
+        PeriodicReference::parse(text).map(Self::Periodic)
+    }
+
     /// A reference through points at these times, s, in straight lines between them.
     ///
     /// # Errors
