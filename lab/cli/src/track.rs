@@ -62,7 +62,8 @@ pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> 
     let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(|m| Error::new("", m))?;
     let pushed = disturbance.map_or_else(String::new, |d| format!(", disturbed by {d}"));
     let loaded = if added_mass > 0.0 { format!(", {} times the moving mass", 1.0 + added_mass) } else { String::new() };
-    println!("{} on {reference}{pushed}{loaded}", result.scheme);
+    let at_work = format!("{} on {reference}{pushed}{loaded}", result.scheme);
+    println!("{at_work}");
     println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
     println!("  sensor  RMS {}, max {}", nm(result.sensor.rms_um), nm(result.sensor.max_um));
     println!(
@@ -80,7 +81,7 @@ pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> 
     desk.write_json(outputs.json.as_deref(), &result)?;
     let error_nm = result.sensor_um.iter().zip(&result.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
     let page = Page {
-        title: format!("{} on {reference}", result.scheme),
+        title: at_work,
         lead_sentence: format!(
             "The true position's error is {} RMS, {} at most; the sensor reads {} RMS.",
             nm(result.truth.rms_um),

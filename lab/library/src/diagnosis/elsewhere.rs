@@ -164,8 +164,9 @@ pub fn compare(study: &Study, model: Model) -> Result<Elsewhere> {
     let removable = square(&out.base) - square(&out.refitted);
     let share = |judged: &Judged| if removable > 0.0 { (square(&out.base) - square(judged)) / removable } else { 0.0 };
     let explains = |judged: &Judged| share(judged) > EXPLAINS_ALONE;
-    // The cheapest may explain next to nothing; then the story begins with what explains most of it.
-    let explaining: Vec<Tried> = out.tried.iter().filter(|t| explains(&t.judged)).cloned().collect();
+    // The cheapest may explain next to nothing; then the story begins with the cheapest that explains most of it.
+    let first_explains = out.tried.first().is_some_and(|t| explains(&t.judged));
+    let explaining: Vec<Tried> = out.tried.iter().filter(|t| !first_explains && explains(&t.judged)).cloned().collect();
     for first_of in [&out.tried, &explaining] {
         let Some((story, alternatives)) = story_from(study, &out, first_of, &rows) else { continue };
         let last = &story[story.len() - 1].judged;

@@ -190,10 +190,11 @@ impl<'a> Study<'a> {
         let mut begin = begin.clone();
         if !added.is_empty() && behind(&begin) > PLAINLY_BEHIND {
             let held = holding(&begin, |effect, _| !added.iter().any(|id| id == effect));
-            begin = as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, &begin);
-            if behind(&begin) > OUT_OF_REACH {
-                return self.judged_quickly(begin);
+            let alone = self.judged_quickly(as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, &begin));
+            if self.merit(&alone) - of > OUT_OF_REACH {
+                return alone;
             }
+            begin = alone.model;
         }
         let goes_on = |taken: usize, model: &Model| taken != LOOKED_AT_AFTER || behind(model) < PLAINLY_BEHIND;
         self.judged_quickly(fit_while(&begin, &self.searched, &self.quick, QUICK, goes_on).model)
