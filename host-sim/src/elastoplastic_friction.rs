@@ -46,6 +46,11 @@ pub struct Dahl {
     per_sliding_bend: f64,
 }
 
+/// Steps towards a balance, at most: three reach it from anywhere.
+const BALANCING_STEPS_MAX: usize = 6;
+/// A step that is so short a part of the bend in steady sliding is the last: what a step of third order leaves is the cube of it.
+const LAST_STEP_OF_SLIDING_BEND: f64 = 1e-3;
+
 impl Dahl {
     /// The law of a bristle that bends so far in steady sliding, um; of none, with zero.
     #[must_use]
@@ -62,6 +67,43 @@ impl Dahl {
     pub fn bend_after(&self, bend_um: f64, travel_um: f64) -> f64 {
         let towards_um = self.sliding_bend_um.copysign(travel_um);
         towards_um + (bend_um - towards_um) * dying(travel_um.abs() * self.per_sliding_bend)
+    }
+
+    /// Motion by which a spring of unit stiffness and the bristle beside it take up an imbalance, and the bend after it, all in um; `stiffness` is
+    /// that of the bristle.
+    ///
+    /// Towards the imbalance `m + S (1 - exp(-m / z_s)) = c`, with `S` what the bristle can still take on. Both a bristle that goes on bending as it
+    /// does now and one that slides give too short a motion; from the longer one, steps of third order.
+    #[inline]
+    #[must_use]
+    pub fn balanced(&self, stiffness: f64, bend_um: f64, unbalanced_um: f64) -> (f64, f64) {
+        let direction = 1.0_f64.copysign(unbalanced_um);
+        let imbalance_um = unbalanced_um.abs();
+        let room_um = self.sliding_bend_um - direction * bend_um;
+        let may_take_um = stiffness * room_um;
+        if self.sliding_bend_um <= 0.0 || may_take_um <= 0.0 {
+            return (direction * (imbalance_um - may_take_um).max(0.0), direction * self.sliding_bend_um);
+        }
+        let stiffness_now = may_take_um * self.per_sliding_bend;
+        let mut motion_um = (imbalance_um / (1.0 + stiffness_now)).max(imbalance_um - may_take_um);
+        let mut left = 1.0;
+        for _ in 0..BALANCING_STEPS_MAX {
+            left = dying(motion_um * self.per_sliding_bend);
+            let excess_um = motion_um + may_take_um * (1.0 - left) - imbalance_um;
+            let slope = stiffness_now * left;
+            let per_slope = 1.0 / (1.0 + slope);
+            let newton_um = excess_um * per_slope;
+            // The curvature of the bristle is `slope / z_s`, downward.
+            let further_um = -newton_um * (1.0 - 0.5 * newton_um * slope * self.per_sliding_bend * per_slope);
+            motion_um += further_um;
+            // So short a way is a parabola.
+            let further = further_um * self.per_sliding_bend;
+            left *= 1.0 - further * (1.0 - 0.5 * further);
+            if further_um.abs() < LAST_STEP_OF_SLIDING_BEND * self.sliding_bend_um {
+                break;
+            }
+        }
+        (direction * motion_um, direction * (self.sliding_bend_um - room_um * left))
     }
 }
 
@@ -198,6 +240,26 @@ mod tests {
             assert!((dying(x) - (-x).exp()).abs() < 3e-14, "{x}");
         }
         assert_eq!((Dahl::of(0.0).bend_after(0.0, 0.0), Dahl::of(0.0).bend_after(0.0, 3.0)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn spring_and_bristle_balance_where_bisection_says() {
+        let dahl = Dahl::of(0.1);
+        for stiffness in [0.02, 1.0, 50.0] {
+            for bend in [-0.1, -0.03, 0.0, 0.06, 0.0999, 0.1] {
+                for unbalanced in [-3.0, -0.2, -1e-3, 1e-7, 0.004, 0.15, 8.0] {
+                    let (motion, after) = dahl.balanced(stiffness, bend, unbalanced);
+                    assert!((after - dahl.bend_after(bend, motion)).abs() < 1e-9, "{stiffness} {bend} {unbalanced}: {motion} {after}");
+                    let (mut low, mut high) = (0.0_f64.min(unbalanced), 0.0_f64.max(unbalanced));
+                    for _ in 0..80 {
+                        let middle = 0.5 * (low + high);
+                        let taken = middle + stiffness * (dahl.bend_after(bend, middle) - bend);
+                        if taken < unbalanced { low = middle } else { high = middle }
+                    }
+                    assert!((motion - low).abs() < 1e-9, "{stiffness} {bend} {unbalanced}: {motion} {low}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //!
 //! # How it works
 //! The record is walked in chunks that stay in the processor's cache. The chain itself goes through all its stages; a variation (a moved
-//! value, one effect more) has stages of its own from the first one that differs, and takes what the chain brings there. What each plain
-//! coefficient of the hysteresis adds comes from one walk of all coefficients side by side, which then pass the stages behind as lanes
+//! value, one effect more) has stages of its own from the first one that differs, and takes what the chain brings there, also from a costly
+//! part of that stage which is the same in both. What each plain coefficient of the hysteresis adds comes from one walk of all coefficients
+//! side by side, which then pass the stages behind as lanes
 //! ([`crate::effect::LinearLanes`]); a stage that does not say how it passes small changes on is tried, lane by lane.
 //!
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
@@ -98,6 +99,8 @@ fn stages_of<'a>(model: &Model, substeps: usize, drive: &Drive<'a>) -> Vec<OwnSt
 /// A variation with the stages that it does not share.
 struct Beside<'a> {
     from: usize,
+    /// A costly part of its first stage is the same as in the chain.
+    shares: bool,
     stages: Vec<OwnStage<'a>>,
     sampled: Sampled,
 }
@@ -163,8 +166,9 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], with_coeffic
                 (Some(b), _) => {
                     let Some(input) = &kept[b.from] else { continue };
                     let mut signal = Stretch { values: input.values.clone(), fine: input.fine };
-                    for own in &mut b.stages {
-                        pass(own, &mut signal, substeps, from);
+                    for (i, own) in b.stages.iter_mut().enumerate() {
+                        let shared = (i == 0 && b.shares).then(|| stages[b.from].stage.by_shared_part());
+                        pass_sharing(own, &mut signal, substeps, from, shared);
                     }
                     b.sampled.take(&signal, substeps, out);
                 }
@@ -183,11 +187,19 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], with_coeffic
 }
 
 fn pass(own: &mut OwnStage, signal: &mut Stretch, substeps: usize, from: usize) {
+    pass_sharing(own, signal, substeps, from, None);
+}
+
+fn pass_sharing(own: &mut OwnStage, signal: &mut Stretch, substeps: usize, from: usize, shared: Option<&[f64]>) {
     if own.fine && !signal.fine {
         signal.values = signal.values.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect();
         signal.fine = true;
     }
-    own.stage.run(if signal.fine { from * substeps } else { from }, &mut signal.values);
+    let from = if signal.fine { from * substeps } else { from };
+    match shared {
+        Some(part) => own.stage.run_sharing(from, &mut signal.values, part),
+        None => own.stage.run(from, &mut signal.values),
+    }
 }
 
 /// The stages that a variation has of its own: from the first that may differ.
@@ -202,7 +214,9 @@ fn beside_of<'a>(variation: &Variation, stages: &[OwnStage], substeps: usize, dr
     let alike = own.iter().zip(stages).take_while(|(a, b)| a.id == b.id && a.fine == b.fine).count();
     let from = differs.min(alike);
     own.drain(..from);
-    Beside { from, stages: own, sampled: Sampled { last: 0.0 } }
+    let part = |of: Option<&OwnStage>| of.and_then(|s| s.stage.shared_part());
+    let shares = part(own.first()).is_some_and(|values| part(stages.get(from)).is_some_and(|others| others == values));
+    Beside { from, shares, stages: own, sampled: Sampled { last: 0.0 } }
 }
 
 fn lanes_of<'a>(

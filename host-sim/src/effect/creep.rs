@@ -25,7 +25,7 @@ impl Default for Creep {
     }
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Term {
     share: f64,
     decay: f64,
@@ -39,6 +39,9 @@ struct CreepStage {
     input: f64,
 }
 
+/// Terms that are carried side by side: as many as the recursion of one lets others be reckoned meanwhile.
+const SIDE_BY_SIDE: usize = 4;
+
 impl CreepStage {
     fn new(values: &[f64], dt_s: f64) -> Self {
         let terms = values
@@ -50,20 +53,54 @@ impl CreepStage {
                 let mean = -(-dt_s / tau_s).exp_m1() * tau_s / dt_s;
                 Term { share, decay, from_start: mean - decay, from_end: 1.0 - mean, state: 0.0 }
             })
+            // Of a grid, few terms have a share.
+            .filter(|term| term.share != 0.0)
             .collect();
         Self { terms, input: 0.0 }
     }
+}
+
+/// Carries a few terms over inputs and adds what they give.
+fn run_side_by_side(terms: &mut [Term; SIDE_BY_SIDE], mut before: f64, inputs: &[f64], outputs: &mut [f64]) {
+    let [share, decay, from_start, from_end] =
+        [|t: &Term| t.share, |t: &Term| t.decay, |t: &Term| t.from_start, |t: &Term| t.from_end].map(|of| terms.each_ref().map(of));
+    let mut states = terms.each_ref().map(|t| t.state);
+    for (input, output) in inputs.iter().zip(outputs) {
+        let mut sum = 0.0;
+        for i in 0..SIDE_BY_SIDE {
+            states[i] = decay[i] * states[i] + (from_start[i] * before + from_end[i] * input);
+            sum += share[i] * states[i];
+        }
+        *output += sum;
+        before = *input;
+    }
+    terms.iter_mut().zip(states).for_each(|(term, state)| term.state = state);
 }
 
 impl Stage for CreepStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let mut output = input;
         for term in &mut self.terms {
-            term.state = term.decay * term.state + term.from_start * self.input + term.from_end * input;
+            term.state = term.decay * term.state + (term.from_start * self.input + term.from_end * input);
             output += term.share * term.state;
         }
         self.input = input;
         output
+    }
+    fn run(&mut self, _from: usize, signal: &mut [f64]) {
+        let Some(last) = signal.last().copied() else { return };
+        let inputs = signal.to_vec();
+        let (fours, rest) = self.terms.as_chunks_mut::<SIDE_BY_SIDE>();
+        for terms in fours {
+            run_side_by_side(terms, self.input, &inputs, signal);
+        }
+        if !rest.is_empty() {
+            let mut padded = [Term::default(); SIDE_BY_SIDE];
+            padded[..rest.len()].copy_from_slice(rest);
+            run_side_by_side(&mut padded, self.input, &inputs, signal);
+            rest.copy_from_slice(&padded[..rest.len()]);
+        }
+        self.input = last;
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.input = input;
@@ -75,9 +112,7 @@ impl Stage for CreepStage {
         output
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        // Of a grid, few terms have a share.
-        let with_a_share = self.terms.iter().filter(|t| t.share != 0.0);
-        let terms = with_a_share.map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
+        let terms = self.terms.iter().map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
         Some(Box::new(CreepLanes { terms, inputs: vec![0.0; lanes] }))
     }
 }

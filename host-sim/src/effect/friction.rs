@@ -26,6 +26,8 @@ pub(super) struct Bristle {
     contact: ElastoplasticFriction,
     /// Its law, where it has no elastic range.
     dahl: Option<Dahl>,
+    /// Bend in steady sliding, um.
+    sliding_bend: f64,
     displacement: f64,
     bend: f64,
 }
@@ -46,15 +48,9 @@ impl Bristle {
     }
 
     pub(super) fn with(contact: ElastoplasticFriction) -> Self {
-        let dahl = contact.breakaway_ratio.is_none().then(|| Dahl::of(contact.sliding_bend_um()));
-        Self { contact, dahl, displacement: 0.0, bend: 0.0 }
-    }
-
-    /// Follows a displacement and returns the force-equivalent that the bristle holds back.
-    pub(super) fn follow(&mut self, displacement: f64) -> f64 {
-        self.bend = self.bend_after(displacement - self.displacement);
-        self.displacement = displacement;
-        self.held()
+        let sliding_bend = contact.sliding_bend_um();
+        let dahl = contact.breakaway_ratio.is_none().then(|| Dahl::of(sliding_bend));
+        Self { contact, dahl, sliding_bend, displacement: 0.0, bend: 0.0 }
     }
 
     /// Factor by which a stuck bristle raises the natural frequency.
@@ -62,47 +58,74 @@ impl Bristle {
         (1.0 + self.contact.stiffness_n_um).sqrt()
     }
 
+    /// Its bend, for those who carry it themselves for a while, um.
+    pub(super) fn bend(&self) -> f64 {
+        self.bend
+    }
+
+    /// Puts it where it has come to.
+    pub(super) fn put(&mut self, displacement: f64, bend: f64) {
+        (self.displacement, self.bend) = (displacement, bend);
+    }
+
     /// Whether motion in this direction bends it no further: it then holds back its Coulomb force and acts as no spring.
     #[inline]
-    pub(super) fn slides(&self, direction: f64) -> bool {
-        let sliding_bend_um = self.contact.sliding_bend_um();
-        (sliding_bend_um - self.bend * direction.signum()).abs() <= SLIDES_WITHIN * sliding_bend_um
+    pub(super) fn slides(&self, bend: f64, direction: f64) -> bool {
+        (self.sliding_bend - bend * direction.signum()).abs() <= SLIDES_WITHIN * self.sliding_bend
     }
 
-    /// What it holds back now.
-    pub(super) fn held(&self) -> f64 {
-        self.contact.force_n(self.bend, 0.0)
+    /// What it holds back at this bend.
+    #[inline]
+    pub(super) fn held_at(&self, bend: f64) -> f64 {
+        self.contact.force_n(bend, 0.0)
     }
 
-    fn bend_after(&self, motion: f64) -> f64 {
-        self.dahl.map_or_else(|| self.contact.bend_after(self.bend, motion), |dahl| dahl.bend_after(self.bend, motion))
+    /// Its bend after a motion from this one.
+    #[inline]
+    pub(super) fn bend_after(&self, bend: f64, motion: f64) -> f64 {
+        match &self.dahl {
+            Some(dahl) => dahl.bend_after(bend, motion),
+            None => self.contact.bend_after(bend, motion),
+        }
     }
 
-    /// What the bristle would hold after a further motion.
-    pub(super) fn after(&self, motion: f64) -> f64 {
-        self.contact.force_n(self.bend_after(motion), 0.0)
+    /// What makes it, for those who compare: stiffness, Coulomb force, elastic range.
+    pub(super) fn values(&self) -> [f64; 3] {
+        [self.contact.stiffness_n_um, self.contact.coulomb_force_n, self.contact.breakaway_ratio.unwrap_or(0.0)]
     }
 
     /// Rest position for a force, without any inertia.
     pub(super) fn balance(&mut self, force: f64) -> f64 {
-        let stiffness = self.contact.stiffness_n_um;
-        let unbalanced = force - self.displacement - self.held();
+        let unbalanced = force - self.displacement - self.held_at(self.bend);
         if unbalanced.abs() < BALANCED_UM {
             return self.displacement;
         }
+        let (motion, bend) = match &self.dahl {
+            Some(dahl) => dahl.balanced(self.contact.stiffness_n_um, self.bend, unbalanced),
+            None => self.balanced(unbalanced),
+        };
+        self.displacement += motion;
+        self.bend = bend;
+        self.displacement
+    }
+
+    /// Motion that takes up an imbalance, and the bend after it, where the contact has an elastic range.
+    fn balanced(&self, unbalanced: f64) -> (f64, f64) {
+        let stiffness = self.contact.stiffness_n_um;
         // x + z(x) = force. The bristle holds back no more than one that goes on bending as it does now, and no more than the Coulomb force:
         // both solutions are short of the true one. Since the bristle only stiffens less and less, Newton's steps from the longer one stay
         // on its side.
         let slides = self.contact.coulomb_force_n > 0.0;
         let elastic_share = |bend: f64| if slides { self.contact.elastic_share(bend, unbalanced).0 } else { 0.0 };
+        let force = unbalanced + self.held_at(self.bend);
         let bending = unbalanced / (1.0 + stiffness * elastic_share(self.bend));
-        let sliding = force - self.displacement - self.contact.coulomb_force_n.copysign(unbalanced);
+        let sliding = force - self.contact.coulomb_force_n.copysign(unbalanced);
         let mut motion = if sliding * unbalanced > 0.0 && sliding.abs() > bending.abs() { sliding } else { bending };
         let mut bend = self.bend;
         for _ in 0..6 {
-            bend = self.bend_after(motion);
+            bend = self.bend_after(self.bend, motion);
             let share = elastic_share(bend);
-            let further = (force - self.displacement - motion - stiffness * bend) / (1.0 + stiffness * share);
+            let further = (force - motion - stiffness * bend) / (1.0 + stiffness * share);
             motion += further;
             // So short a way is straight.
             bend += share * further;
@@ -110,9 +133,7 @@ impl Bristle {
                 break;
             }
         }
-        self.bend = bend;
-        self.displacement += motion;
-        self.displacement
+        (motion, bend)
     }
 
     /// Relaxed at a displacement.
@@ -137,6 +158,12 @@ struct FrictionStage {
 impl Stage for FrictionStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.bristle.balance(input)
+    }
+    fn run(&mut self, _from: usize, signal: &mut [f64]) {
+        // A copy stays in registers.
+        let mut bristle = self.bristle;
+        signal.iter_mut().for_each(|value| *value = bristle.balance(*value));
+        self.bristle = bristle;
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.bristle.relax(input);
@@ -213,7 +240,8 @@ mod tests {
                     displacement += direction * step_um;
                     bend += step_um * contact.bend_rate(bend, direction);
                 }
-                let held = bristle.follow(displacement);
+                bristle.put(displacement, bristle.bend_after(bristle.bend, displacement - bristle.displacement));
+                let held = bristle.held_at(bristle.bend);
                 assert!((held - 2.0 * bend).abs() < 1e-4, "{breakaway_ratio:?}: {held} {}", 2.0 * bend);
             }
         }

@@ -6,7 +6,7 @@
 //! the time that it costs to run.
 
 use super::friction::Bristle;
-use super::vibration::{Mode, ModeLaw};
+use super::vibration::{ModeLaw, Motion, Propagator};
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
 const PIECE_RAD: f64 = 0.4;
@@ -19,15 +19,23 @@ const AT_REST_UM: f64 = 1e-5;
 
 /// A mode with a bristle at its mass.
 pub(super) struct HeldMass {
-    mode: Mode,
+    motion: Motion,
     bristle: Bristle,
-    /// How an interval is walked; of a mode that is too fast to be followed in it, nothing: the bristle balances and the mode comes behind.
-    pieces: Option<Pieces>,
+    law: ModeLaw,
+    way: Way,
+}
+
+/// How an interval is walked.
+enum Way {
+    /// The mode is too fast to be followed in it: the bristle balances and the mode comes behind.
+    Balanced(Propagator),
+    Pieces(Pieces),
 }
 
 /// The pieces of an interval.
 struct Pieces {
     count: usize,
+    piece: Propagator,
     stretch: Option<Stretch>,
     switch: Option<Switch>,
 }
@@ -35,106 +43,135 @@ struct Pieces {
 /// Several pieces at once, for a bristle that slides.
 struct Stretch {
     pieces: usize,
-    mode: Mode,
+    propagator: Propagator,
 }
 
 /// Where in an interval of several pieces a late input arrives.
 struct Switch {
     piece: usize,
     /// The mode over that piece.
-    mode: Mode,
+    propagator: Propagator,
     before: f64,
 }
 
 impl HeldMass {
     /// A mode held by `bristle` over intervals of `dt_s`, its input late by a share of them; until then `at_rest` acts.
     pub(super) fn new(bristle: Bristle, law: &ModeLaw, dt_s: f64, late_share: f64, at_rest: f64) -> Self {
-        let angle = law.natural_frequency_rad_s * dt_s;
-        let stiffened = angle * bristle.stiffening();
-        if stiffened / PIECE_RAD > PIECES_MAX {
-            return Self { mode: law.over(dt_s, late_share), bristle, pieces: None };
-        }
-        let stretches = (angle / STRETCH_RAD).ceil().max(1.0);
-        let of_a_stretch = (stiffened / PIECE_RAD / stretches).ceil().max(1.0);
-        let (count, in_one) = (stretches * of_a_stretch, of_a_stretch as usize);
-        if count <= 1.0 {
-            return Self { mode: law.over(dt_s, late_share), bristle, pieces: Some(Pieces { count: 1, stretch: None, switch: None }) };
-        }
-        let late_pieces = late_share * count;
-        let switch = (late_share > 0.0).then(|| Switch {
-            piece: late_pieces as usize,
-            mode: law.over(dt_s / count, late_pieces.fract()),
-            before: at_rest,
-        });
-        let stretch = (in_one > 1).then(|| Stretch { pieces: in_one, mode: law.over(dt_s / stretches, 0.0) });
-        Self { mode: law.over(dt_s / count, 0.0), bristle, pieces: Some(Pieces { count: count as usize, stretch, switch }) }
+        Self { motion: Motion::default(), bristle, law: *law, way: Way::of(&bristle, law, dt_s, late_share, at_rest) }
+    }
+
+    /// What makes it, for those who compare.
+    pub(super) fn values(&self) -> Vec<f64> {
+        let ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz } = self.law;
+        let of_mode = [natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz.unwrap_or(0.0)];
+        of_mode.into_iter().chain(self.bristle.values()).collect()
     }
 
     /// One interval; what is read at its end.
     pub(super) fn step(&mut self, input: f64) -> f64 {
-        match &mut self.pieces {
-            None => {
-                self.mode.step(self.bristle.balance(input));
+        let mut signal = [input];
+        self.run_over(&mut signal);
+        signal[0]
+    }
+
+    /// Runs over a signal, held over each interval, and leaves what is read in its place.
+    pub(super) fn run_over(&mut self, signal: &mut [f64]) {
+        // Copies stay in registers: nothing but the recursion itself then stands between two pieces.
+        let mut motion = self.motion;
+        match &mut self.way {
+            Way::Balanced(propagator) => {
+                for value in signal {
+                    motion = propagator.after(motion, self.bristle.balance(*value));
+                    *value = motion.reading;
+                }
             }
-            Some(pieces) => pieces.walk(&mut self.mode, &mut self.bristle, input),
+            Way::Pieces(pieces) => {
+                let mut bend = self.bristle.bend();
+                for value in signal {
+                    (motion, bend) = pieces.walk(&self.bristle, motion, bend, *value);
+                    *value = motion.reading;
+                }
+                self.bristle.put(motion.displacement, bend);
+            }
         }
-        self.mode.reading()
+        self.motion = motion;
     }
 
     /// At rest under a constant input.
     pub(super) fn settle(&mut self, input: f64) {
-        self.mode.settle(input);
+        self.motion = Motion::settled(input);
         self.bristle.relax(input);
-        if let Some(Pieces { switch: Some(switch), .. }) = &mut self.pieces {
+        if let Way::Pieces(Pieces { switch: Some(switch), .. }) = &mut self.way {
             switch.before = input;
         }
     }
 }
 
+impl Way {
+    fn of(bristle: &Bristle, law: &ModeLaw, dt_s: f64, late_share: f64, at_rest: f64) -> Self {
+        let angle = law.natural_frequency_rad_s * dt_s;
+        let stiffened = angle * bristle.stiffening();
+        if stiffened / PIECE_RAD > PIECES_MAX {
+            return Self::Balanced(law.over(dt_s, late_share));
+        }
+        let stretches = (angle / STRETCH_RAD).ceil().max(1.0);
+        let of_a_stretch = (stiffened / PIECE_RAD / stretches).ceil().max(1.0);
+        let (count, in_one) = (stretches * of_a_stretch, of_a_stretch as usize);
+        if count <= 1.0 {
+            return Self::Pieces(Pieces { count: 1, piece: law.over(dt_s, late_share), stretch: None, switch: None });
+        }
+        let late_pieces = late_share * count;
+        let switch = (late_share > 0.0).then(|| Switch {
+            piece: late_pieces as usize,
+            propagator: law.over(dt_s / count, late_pieces.fract()),
+            before: at_rest,
+        });
+        let stretch = (in_one > 1).then(|| Stretch { pieces: in_one, propagator: law.over(dt_s / stretches, 0.0) });
+        Self::Pieces(Pieces { count: count as usize, piece: law.over(dt_s / count, 0.0), stretch, switch })
+    }
+}
+
 impl Pieces {
-    /// Carries mode and bristle over one interval.
-    fn walk(&mut self, mode: &mut Mode, bristle: &mut Bristle, input: f64) {
+    /// Carries a mode and the bend of a bristle over one interval.
+    #[inline]
+    fn walk(&mut self, bristle: &Bristle, mut motion: Motion, mut bend: f64, input: f64) -> (Motion, f64) {
         let (arrives_in, before) = self.switch.as_ref().map_or((0, input), |switch| (switch.piece, switch.before));
         let mut piece = 0;
         while piece < self.count {
             let force = if piece < arrives_in { before } else { input };
             let nothing_to_come = piece > arrives_in || before == input;
-            let ahead = mode.motion_ahead();
+            let ahead = self.piece.motion_ahead(motion);
             if let Some(stretch) = &self.stretch
                 && piece + stretch.pieces <= if nothing_to_come { self.count } else { arrives_in }
-                && bristle.slides(ahead)
+                && bristle.slides(bend, ahead)
             {
-                let mut onward = mode.continued_as(&stretch.mode);
-                let displacement = onward.step(force - bristle.held());
+                let onward = stretch.propagator.after(motion, force - bristle.held_at(bend));
                 // It slides to the end where the motion has not turned.
-                if onward.motion_ahead() * ahead > 0.0 {
-                    *mode = onward.continued_as(mode);
-                    bristle.follow(displacement);
+                if stretch.propagator.motion_ahead(onward) * ahead > 0.0 {
+                    bend = bristle.bend_after(bend, onward.displacement - motion.displacement);
+                    motion = onward;
                     piece += stretch.pieces;
                     continue;
                 }
             }
             // The bristle in the middle of the piece, from the motion that goes on.
-            let held = bristle.after(0.5 * ahead);
-            if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - mode.displacement()).abs() < AT_REST_UM {
-                mode.stay(self.count - piece);
+            let held = bristle.held_at(bristle.bend_after(bend, 0.5 * ahead));
+            if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - motion.displacement).abs() < AT_REST_UM {
+                motion = self.piece.after_rest(motion, self.count - piece);
                 break;
             }
-            let displacement = match &self.switch {
-                Some(switch) if piece == arrives_in => {
-                    let mut through = mode.continued_as(&switch.mode);
-                    let displacement = through.step_from(before - held, input - held);
-                    *mode = through.continued_as(mode);
-                    displacement
-                }
-                _ => mode.step(force - held),
+            let onward = match &self.switch {
+                Some(switch) if piece == arrives_in => switch.propagator.after(motion.with_input_before(before - held), input - held),
+                _ => self.piece.after(motion, force - held),
             };
-            bristle.follow(displacement);
+            bend = bristle.bend_after(bend, onward.displacement - motion.displacement);
+            motion = onward;
             piece += 1;
         }
         if let Some(switch) = &mut self.switch {
             switch.before = input;
         }
+        (motion, bend)
     }
 }
 

@@ -400,6 +400,21 @@ pub trait Stage: Send {
         }
     }
 
+    /// What makes a costly part of the stage that another may share with it: two with the same values here make the same of the same input.
+    fn shared_part(&self) -> Option<Vec<f64>> {
+        None
+    }
+
+    /// What that part gave over the last signal.
+    fn by_shared_part(&self) -> &[f64] {
+        &[]
+    }
+
+    /// As `run`, with what the shared part gives taken from another stage.
+    fn run_sharing(&mut self, from: usize, signal: &mut [f64], _part: &[f64]) {
+        self.run(from, signal);
+    }
+
     /// How the stage passes many small changes of its input on, where it does so linearly (a small bend may be left out); `None` where
     /// that is not known and must be tried. For derivatives only.
     fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {

@@ -16,36 +16,64 @@ pub const ID: &str = "vibration";
 /// First mode of the actuator with its load.
 pub struct Vibration;
 
-/// One mode of unit static gain, exact for an input that is held over an interval.
+/// How a mode of unit static gain goes over an interval in which its input is held: exact however long the interval is.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Mode {
+pub(super) struct Propagator {
     phi: [f64; 4],
     gamma: [f64; 2],
-    state: [f64; 2],
     angle_rad: f64,
-    sensor: Option<Sensor>,
+    sensor: Option<SensorPropagator>,
     late: Late,
 }
 
-/// An input that arrives inside an interval: until then the one before it acts.
+/// Of an input that arrives inside an interval: what the one before it, which acts until then, adds.
 #[derive(Clone, Copy, Debug, Default)]
 struct Late {
     gamma: [f64; 2],
     sensor_gamma: f64,
+}
+
+/// A sensor that follows the displacement of a mode as a first-order lag: the third state of one linear system.
+#[derive(Clone, Copy, Debug)]
+struct SensorPropagator {
+    phi: [f64; 3],
+    gamma: f64,
+}
+
+/// Where a mode is.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Motion {
+    /// Displacement, um.
+    pub(super) displacement: f64,
+    /// Velocity over the natural frequency, um, so that both are of one size.
+    velocity: f64,
+    /// What the sensor reads, um: the displacement where none lags behind it.
+    pub(super) reading: f64,
+    /// The last input, um.
     before: f64,
 }
 
-/// A sensor that follows the displacement of a mode as a first-order lag: the third state of one linear system, so that it is exact
-/// however long the interval is.
-#[derive(Clone, Copy, Debug)]
-struct Sensor {
-    phi: [f64; 3],
-    gamma: f64,
-    reading: f64,
+impl Motion {
+    /// At rest under a constant input.
+    pub(super) fn settled(input: f64) -> Self {
+        Self { displacement: input, velocity: 0.0, reading: input, before: input }
+    }
+
+    /// The same behind another input.
+    pub(super) fn with_input_before(self, before: f64) -> Self {
+        Self { before, ..self }
+    }
+}
+
+/// One mode of unit static gain, exact for an input that is held over an interval.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mode {
+    propagator: Propagator,
+    motion: Motion,
 }
 
 /// What makes a mode, whatever the interval that it is stepped over.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ModeLaw {
     pub(super) natural_frequency_rad_s: f64,
     pub(super) damping_ratio: f64,
@@ -55,41 +83,35 @@ pub(super) struct ModeLaw {
 
 impl ModeLaw {
     /// The mode over an interval whose input is late by a share of it.
-    pub(super) fn over(&self, dt_s: f64, late_share: f64) -> Mode {
-        let punctual = |dt_s: f64| Mode::read_by(self.natural_frequency_rad_s, self.damping_ratio, self.sensor_bandwidth_hz, dt_s);
-        if late_share > 0.0 { punctual(dt_s).late_by(&punctual(dt_s * (1.0 - late_share))) } else { punctual(dt_s) }
-    }
-}
-
-impl Mode {
-    /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. (5).
-    #[must_use]
-    pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
-        Self::read_by(natural_frequency_rad_s, damping_ratio, None, dt_s)
+    pub(super) fn over(&self, dt_s: f64, late_share: f64) -> Propagator {
+        let punctual = self.punctual_over(dt_s);
+        if late_share > 0.0 { punctual.late_by(&self.punctual_over(dt_s * (1.0 - late_share))) } else { punctual }
     }
 
-    /// A mode whose displacement is read by a sensor of this bandwidth.
-    fn read_by(natural_frequency_rad_s: f64, damping_ratio: f64, sensor_bandwidth_hz: Option<f64>, dt_s: f64) -> Self {
-        let w = natural_frequency_rad_s;
-        let lag_rad_s = std::f64::consts::TAU * sensor_bandwidth_hz.unwrap_or(0.0);
-        // States: displacement in um, velocity divided by omega, so that both are of one size, and the reading.
+    fn punctual_over(&self, dt_s: f64) -> Propagator {
+        let w = self.natural_frequency_rad_s;
+        let lag_rad_s = std::f64::consts::TAU * self.sensor_bandwidth_hz.unwrap_or(0.0);
+        // States: displacement in um, velocity divided by omega, and the reading.
         let system = ContinuousSystem {
-            a: DMatrix::from_row_slice(3, 3, &[0.0, w, 0.0, -w, -2.0 * damping_ratio * w, 0.0, lag_rad_s, 0.0, -lag_rad_s]),
+            a: DMatrix::from_row_slice(3, 3, &[0.0, w, 0.0, -w, -2.0 * self.damping_ratio * w, 0.0, lag_rad_s, 0.0, -lag_rad_s]),
             b: DVector::from_row_slice(&[0.0, w, 0.0]),
             c: DVector::from_row_slice(&[1.0, 0.0, 0.0]),
             d: 0.0,
         };
         let (phi, gamma) = system.held_matrices(dt_s);
-        Self {
+        Propagator {
             phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
             gamma: [gamma[0], gamma[1]],
-            state: [0.0, 0.0],
             angle_rad: w * dt_s,
-            sensor: sensor_bandwidth_hz.map(|_| Sensor { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: gamma[2], reading: 0.0 }),
+            sensor: self
+                .sensor_bandwidth_hz
+                .map(|_| SensorPropagator { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: gamma[2] }),
             late: Late::default(),
         }
     }
+}
 
+impl Propagator {
     /// The same mode with its input late by a share of the interval: it acts over the rest, the one before it until then.
     fn late_by(mut self, punctual_over_the_rest: &Self) -> Self {
         let rest = punctual_over_the_rest;
@@ -102,81 +124,85 @@ impl Mode {
         self
     }
 
+    /// Where one interval with the input held ends.
+    #[inline]
+    pub(super) fn after(&self, from: Motion, input: f64) -> Motion {
+        let Motion { displacement: x, velocity: v, reading, before } = from;
+        let displacement = self.phi[0] * x + self.phi[1] * v + (self.gamma[0] * input + self.late.gamma[0] * before);
+        let velocity = self.phi[2] * x + self.phi[3] * v + (self.gamma[1] * input + self.late.gamma[1] * before);
+        let reading = match &self.sensor {
+            Some(SensorPropagator { phi, gamma }) => {
+                phi[0] * x + phi[1] * v + phi[2] * reading + (gamma * input + self.late.sensor_gamma * before)
+            }
+            None => displacement,
+        };
+        Motion { displacement, velocity, reading, before: input }
+    }
+
+    /// Where some intervals end in which the mode stays where it is and only the reading goes on.
+    pub(super) fn after_rest(&self, from: Motion, intervals: usize) -> Motion {
+        let Motion { displacement, reading, .. } = from;
+        let left = self.sensor.map_or(0.0, |sensor| sensor.phi[2].powi(intervals as i32));
+        Motion { reading: displacement + (reading - displacement) * left, ..from }
+    }
+
+    /// How far the mode would move in one interval at its present speed.
+    #[inline]
+    pub(super) fn motion_ahead(&self, from: Motion) -> f64 {
+        from.velocity * self.angle_rad
+    }
+}
+
+impl Mode {
+    /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. (5).
+    #[must_use]
+    pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
+        Self::of(ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz: None }.over(dt_s, 0.0))
+    }
+
+    fn of(propagator: Propagator) -> Self {
+        Self { propagator, motion: Motion::default() }
+    }
+
     /// One interval with the input held; the displacement at its end.
     #[inline]
     pub fn step(&mut self, input: f64) -> f64 {
-        let [x, v] = self.state;
-        let Late { gamma: late, sensor_gamma, before } = self.late;
-        if let Some(Sensor { phi, gamma, reading }) = &mut self.sensor {
-            *reading = phi[0] * x + phi[1] * v + phi[2] * *reading + (*gamma * input + sensor_gamma * before);
-        }
-        self.state = [
-            self.phi[0] * x + self.phi[1] * v + (self.gamma[0] * input + late[0] * before),
-            self.phi[2] * x + self.phi[3] * v + (self.gamma[1] * input + late[1] * before),
-        ];
-        self.late.before = input;
-        self.state[0]
-    }
-
-    /// What `other` is, over an interval of its own, with the present state of this one.
-    pub(super) fn continued_as(&self, other: &Self) -> Self {
-        let sensor = match (other.sensor, self.sensor) {
-            (Some(sensor), Some(present)) => Some(Sensor { reading: present.reading, ..sensor }),
-            (sensor, _) => sensor,
-        };
-        Self { state: self.state, sensor, ..*other }
-    }
-
-    /// One interval with the input that acts until the other arrives.
-    pub(super) fn step_from(&mut self, before: f64, input: f64) -> f64 {
-        self.late.before = before;
-        self.step(input)
+        self.motion = self.propagator.after(self.motion, input);
+        self.motion.displacement
     }
 
     /// Runs over a signal, held over each interval, and leaves what is read in its place.
     fn run_over(&mut self, signal: &mut [f64]) {
         // A copy stays in registers: nothing but the recursion itself then stands between two intervals.
-        let mut mode = *self;
+        let (propagator, mut motion) = (self.propagator, self.motion);
         for value in signal {
-            mode.step(*value);
-            *value = mode.reading();
+            motion = propagator.after(motion, *value);
+            *value = motion.reading;
         }
-        *self = mode;
+        self.motion = motion;
     }
 
     /// What is read: the displacement where no sensor lags behind it.
     #[must_use]
     pub fn reading(&self) -> f64 {
-        self.sensor.map_or(self.state[0], |sensor| sensor.reading)
-    }
-
-    /// The mode stays where it is for some intervals; only the reading goes on.
-    pub(super) fn stay(&mut self, intervals: usize) {
-        let displacement = self.state[0];
-        if let Some(Sensor { phi, reading, .. }) = &mut self.sensor {
-            *reading = displacement + (*reading - displacement) * phi[2].powi(intervals as i32);
-        }
+        self.motion.reading
     }
 
     /// Present displacement.
     #[must_use]
     pub fn displacement(&self) -> f64 {
-        self.state[0]
+        self.motion.displacement
     }
 
     /// How far the mode would move in one interval at its present speed.
     #[must_use]
     pub fn motion_ahead(&self) -> f64 {
-        self.state[1] * self.angle_rad
+        self.propagator.motion_ahead(self.motion)
     }
 
     /// At rest under a constant input.
     pub fn settle(&mut self, input: f64) -> f64 {
-        self.state = [input, 0.0];
-        self.late.before = input;
-        if let Some(sensor) = &mut self.sensor {
-            sensor.reading = input;
-        }
+        self.motion = Motion::settled(input);
         input
     }
 }
@@ -194,7 +220,9 @@ pub(super) struct VibrationStage {
     /// Inputs of the whole intervals by which the input is late.
     late: VecDeque<f64>,
     /// The first mode over a whole interval, without a bristle: what passes small changes on.
-    whole_interval: Option<Mode>,
+    whole_interval: Option<Propagator>,
+    /// What a first mode whose mass is held read over the last signal: it takes most of the time, and a second mode does not change it.
+    by_held: Vec<f64>,
 }
 
 impl VibrationStage {
@@ -213,12 +241,20 @@ impl VibrationStage {
         let first_law = model.values(ID).map(|v| law(v[0], v[1]));
         let first = first_law.map(|first| match Bristle::of(model) {
             Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, late_share, model.drive_min_v))),
-            None => First::Free(first.over(dt_s, late_share)),
+            None => First::Free(Mode::of(first.over(dt_s, late_share))),
         });
-        let second = model.values(super::second_mode::ID).map(|v| (v[0], law(v[1], v[2]).over(dt_s, late_share)));
+        let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::of(law(v[1], v[2]).over(dt_s, late_share))));
         let whole_interval = first_law.map(|first| first.over(dt_s, late_share));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
-        Self { first, second, late, whole_interval }
+        Self { first, second, late, whole_interval, by_held: Vec::new() }
+    }
+
+    /// Carries the second mode over its forces and lets it share what the first one reads.
+    fn second_beside(&mut self, mut forces: Vec<f64>, by_first: &mut [f64]) {
+        if let Some((share, second)) = &mut self.second {
+            second.run_over(&mut forces);
+            by_first.iter_mut().zip(forces).for_each(|(value, by_second)| *value += *share * (by_second - *value));
+        }
     }
 
     /// The input of as many whole intervals ago as it is late.
@@ -250,21 +286,37 @@ impl Stage for VibrationStage {
             }
         }
     }
-    fn run(&mut self, from: usize, signal: &mut [f64]) {
-        if matches!(self.first, Some(First::Held(_))) {
-            return signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(from + k, *value));
-        }
+    fn run(&mut self, _from: usize, signal: &mut [f64]) {
         if !self.late.is_empty() {
             signal.iter_mut().for_each(|value| *value = self.arrived(*value));
         }
         let forces = self.second.map(|_| signal.to_vec());
-        if let Some(First::Free(first)) = &mut self.first {
-            first.run_over(signal);
+        match &mut self.first {
+            Some(First::Free(first)) => first.run_over(signal),
+            Some(First::Held(held)) => {
+                held.run_over(signal);
+                self.by_held.clear();
+                self.by_held.extend_from_slice(signal);
+            }
+            None => {}
         }
-        if let (Some((share, second)), Some(mut by_second)) = (&mut self.second, forces) {
-            second.run_over(&mut by_second);
-            signal.iter_mut().zip(by_second).for_each(|(value, by_second)| *value += *share * (by_second - *value));
+        if let Some(forces) = forces {
+            self.second_beside(forces, signal);
         }
+    }
+    fn shared_part(&self) -> Option<Vec<f64>> {
+        match &self.first {
+            Some(First::Held(held)) if self.late.is_empty() => Some(held.values()),
+            _ => None,
+        }
+    }
+    fn by_shared_part(&self) -> &[f64] {
+        &self.by_held
+    }
+    fn run_sharing(&mut self, _from: usize, signal: &mut [f64], part: &[f64]) {
+        let forces = signal.to_vec();
+        signal.copy_from_slice(part);
+        self.second_beside(forces, signal);
     }
     fn settle(&mut self, input: f64) -> f64 {
         match &mut self.first {
@@ -283,7 +335,7 @@ impl Stage for VibrationStage {
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(VibrationLanes {
             first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
-            second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
+            second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode.propagator, lanes))),
             late: self.late.iter().map(|_| vec![0.0; lanes]).collect(),
         }))
     }
@@ -291,7 +343,7 @@ impl Stage for VibrationStage {
 
 /// A mode with a state for each lane.
 struct ModeLanes {
-    mode: Mode,
+    mode: Propagator,
     displacement: Vec<f64>,
     velocity: Vec<f64>,
     reading: Vec<f64>,
@@ -299,7 +351,7 @@ struct ModeLanes {
 }
 
 impl ModeLanes {
-    fn new(mode: Mode, lanes: usize) -> Self {
+    fn new(mode: Propagator, lanes: usize) -> Self {
         let zeros = || vec![0.0; lanes];
         Self { mode, displacement: zeros(), velocity: zeros(), reading: zeros(), before: zeros() }
     }
@@ -313,7 +365,7 @@ impl ModeLanes {
 
     /// One interval; what is read is left in the place of the input.
     fn step(&mut self, row: &mut [f64]) {
-        let Mode { phi, gamma, sensor, late, .. } = self.mode;
+        let Propagator { phi, gamma, sensor, late, .. } = self.mode;
         let lanes = row.len();
         let (x, v) = (&mut self.displacement[..lanes], &mut self.velocity[..lanes]);
         let (reading, before) = (&mut self.reading[..lanes], &mut self.before[..lanes]);
