@@ -20,3 +20,18 @@ pub fn map_indices<R: Send>(count: usize, f: impl Fn(usize) -> R + Sync + Send) 
 pub fn map_indices<R: Send>(count: usize, f: impl Fn(usize) -> R + Sync + Send) -> Vec<R> {
     (0..count).map(f).collect()
 }
+
+/// Into how many parts work on some things of a kind is worth dividing, so that every core has some.
+pub fn parts_of_each(things: usize) -> usize {
+    cores().div_ceil(things.max(1))
+}
+
+#[cfg(feature = "threads")]
+fn cores() -> usize {
+    rayon::current_num_threads()
+}
+
+#[cfg(not(feature = "threads"))]
+fn cores() -> usize {
+    1
+}

@@ -13,11 +13,14 @@ use super::study::Study;
 use crate::parallel;
 use crate::watch::Event;
 use hysteron_sim::effect::thermal_drift;
+use std::collections::BTreeSet;
 
 /// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
 const CLEARLY_MISSED: f64 = 0.5;
 /// The same where both are far above the noise, and only the error decides.
 const CLEARLY_MISSED_FAR_ABOVE: f64 = 0.25;
+/// Half way through a quick fit, what is still so far behind is clearly missed at its end too.
+const FAR_BEHIND: f64 = 1.0;
 /// Rivals of an effect that are fitted at most.
 const RIVALS_MAX: usize = 4;
 /// A rival's signature is at least so much like that of the effect: what acts in quite another way is found by the search itself.
@@ -137,28 +140,33 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
     let mut judged = study.judged(found.model.clone());
     let mut added: Vec<String> = added.to_vec();
     let mut taken_back = Vec::new();
+    let mut clearly_missed: BTreeSet<String> = BTreeSet::new();
     loop {
         study.watch.event(&Event::Doing("taking back what is not needed"));
         let far_above = study.far_above_the_noise(&judged);
-        let clearly_missed = if far_above { CLEARLY_MISSED_FAR_ABOVE } else { CLEARLY_MISSED };
-        let without: Vec<Judged> = parallel::map(&added, |id| {
-            let quick = study.quickly(&study.without(&judged.model, id));
-            // Where much is missed, how much exactly decides nothing.
-            let clear = missed(study, &quick, &judged) > clearly_missed;
-            study.judged(if clear { quick.model } else { study.for_comparison(&quick.model).model })
-        });
+        let clear = if far_above { CLEARLY_MISSED_FAR_ABOVE } else { CLEARLY_MISSED };
+        // What was clearly missed before another effect went is missed beside what stayed, and is asked once nothing else goes.
+        let mut without = without_each(study, &judged, &added, clear, |id| !clearly_missed.contains(id));
         let may_leave = |id: &String| judged.model.effect(id).is_none_or(|e| e.effect.may_leave());
         // Loops that were added in the place of a gain can go back to one.
         let may_go = |id: &String| may_leave(id) || judged.model.effect(id).is_some_and(|e| e.effect.declaration().is_main());
-        let refused = |weighed: &[Option<f64>]| -> Option<(usize, Decision)> {
-            (0..added.len())
-                .filter(|i| may_go(&added[*i]))
-                .map(|i| (i, decide(study, &without[i], &judged, weighed[i])))
-                .filter(|(i, decision)| goes(study, *decision, &without[*i], &judged))
-                .min_by(|a, b| missed(study, &without[a.0], &judged).total_cmp(&missed(study, &without[b.0], &judged)))
+        let refused = |without: &[(usize, Judged)]| -> Option<(usize, Decision)> {
+            without
+                .iter()
+                .filter(|(i, _)| may_go(&added[*i]))
+                .map(|(i, without)| (*i, without, decide(study, without, &judged, None)))
+                .filter(|(_, without, decision)| goes(study, *decision, without, &judged))
+                .min_by(|a, b| missed(study, a.1, &judged).total_cmp(&missed(study, b.1, &judged)))
+                .map(|(i, _, decision)| (i, decision))
         };
-        let unweighed = vec![None; added.len()];
-        let screenings = match refused(&unweighed) {
+        let mut goes_first = refused(&without);
+        if goes_first.is_none() && without.len() < added.len() {
+            without.extend(without_each(study, &judged, &added, clear, |id| clearly_missed.contains(id)));
+            without.sort_by_key(|(i, _)| *i);
+            goes_first = refused(&without);
+        }
+        clearly_missed.extend(without.iter().filter(|(_, one)| missed(study, one, &judged) > clear).map(|(i, _)| added[*i].clone()));
+        let screenings = match goes_first {
             Some((i, decision)) => Err((i, decision)),
             None => {
                 // Two that stand in for one are worth looking for where the one may reach the noise.
@@ -179,28 +187,29 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
                     continue;
                 }
                 study.watch.event(&Event::Doing("weighing the evidence for each effect"));
+                let without: Vec<&Judged> = without.iter().map(|(_, one)| one).collect();
                 weigh_each(study, &added, &without, &judged, &may_go)?
             }
         };
         match screenings {
             Err((i, decision)) => {
                 let id = added.remove(i);
-                judged = without.into_iter().nth(i).unwrap_or(judged);
+                judged = without.into_iter().find(|(of, _)| *of == i).map_or(judged, |(_, one)| one);
                 // What built on it went with it.
                 added.retain(|other| judged.model.effect(other).is_some());
                 taken_back.push((id, decision));
             }
             Ok((weighed, p)) => {
                 let mut supported = Vec::new();
-                for (i, screening) in weighed.into_iter().enumerate() {
-                    let evidence = decide(study, &without[i], &judged, p[i]);
+                for ((i, without), (screening, p)) in without.into_iter().zip(weighed.into_iter().zip(p)) {
+                    let id = added[i].clone();
+                    let evidence = decide(study, &without, &judged, p);
                     let kept_for_errors = !evidence.admits() && study.far_above_the_noise(&judged);
-                    let decision =
-                        if kept_for_errors { Decision::LowersErrors { by: missed(study, &without[i], &judged) } } else { evidence };
+                    let decision = if kept_for_errors { Decision::LowersErrors { by: missed(study, &without, &judged) } } else { evidence };
                     // What has no name needs no rival of its name.
-                    let rivals = if kept_for_errors { Vec::new() } else { rivals_of(study, &added[i], &without[i], &screening, &judged) };
-                    let undriven = does_not_answer_the_drive(study, &added[i], &judged);
-                    supported.push(Supported { id: added[i].clone(), decision, without: without[i].clone(), screening, rivals, undriven });
+                    let rivals = if kept_for_errors { Vec::new() } else { rivals_of(study, &id, &without, &screening, &judged) };
+                    let undriven = does_not_answer_the_drive(study, &id, &judged);
+                    supported.push(Supported { id, decision, without, screening, rivals, undriven });
                 }
                 supported.sort_by(|a, b| {
                     missed(study, &b.without, &judged).total_cmp(&missed(study, &a.without, &judged)).then_with(|| a.id.cmp(&b.id))
@@ -209,6 +218,18 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
             }
         }
     }
+}
+
+/// The model without each of the effects that are asked for, fitted again: its place among all, and what the rest leaves.
+fn without_each(study: &Study, judged: &Judged, added: &[String], clear: f64, asked: impl Fn(&String) -> bool) -> Vec<(usize, Judged)> {
+    let asked: Vec<usize> = (0..added.len()).filter(|i| asked(&added[*i])).collect();
+    parallel::map(&asked, |i| {
+        let begin = study.without(&judged.model, &added[*i]);
+        let quick = study.quickly_within(&begin, study.merit(judged), FAR_BEHIND);
+        // Where much is missed, how much exactly decides nothing.
+        let clear = missed(study, &quick, judged) > clear;
+        (*i, study.judged(if clear { quick.model } else { study.for_comparison(&quick.model).model }))
+    })
 }
 
 /// Two of the added effects, and the others fitted quickly without them.
@@ -299,18 +320,18 @@ type Weighed = Result<(Vec<Screening>, Vec<Option<f64>>), (usize, Decision)>;
 fn weigh_each(
     study: &Study,
     added: &[String],
-    without: &[Judged],
+    without: &[&Judged],
     judged: &Judged,
     may_go: &dyn Fn(&String) -> bool,
 ) -> crate::error::Result<Weighed> {
     let mut order: Vec<usize> = (0..added.len()).collect();
-    order.sort_by(|a, b| missed(study, &without[*a], judged).total_cmp(&missed(study, &without[*b], judged)));
+    order.sort_by(|a, b| missed(study, without[*a], judged).total_cmp(&missed(study, without[*b], judged)));
     let mut screenings: Vec<Option<Screening>> = vec![None; added.len()];
     for i in order {
         let model = &without[i].model;
         let screening = study.weigh(model, &study.candidates_for(model), 1000 + i as u64)?;
-        let decision = decide(study, &without[i], judged, p_of(judged, &screening, &added[i]));
-        if may_go(&added[i]) && goes(study, decision, &without[i], judged) {
+        let decision = decide(study, without[i], judged, p_of(judged, &screening, &added[i]));
+        if may_go(&added[i]) && goes(study, decision, without[i], judged) {
             return Ok(Err((i, decision)));
         }
         screenings[i] = Some(screening);

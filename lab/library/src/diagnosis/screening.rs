@@ -419,7 +419,7 @@ fn line_directions(starts: &[Vec<f64>], lines: &[f64], records: usize, columns: 
 }
 
 /// Variations that are walked beside one walk of the chain.
-const BESIDE: usize = 12;
+const BESIDE: usize = 32;
 
 fn columns_of_record(
     model: &Model,

@@ -32,6 +32,8 @@ pub struct Node {
     pub added: Vec<String>,
     /// The model and its errors on the samples of the search.
     pub judged: Judged,
+    /// Its merit, which is asked for often.
+    merit: f64,
     extended: bool,
     compared: bool,
 }
@@ -113,7 +115,7 @@ impl<'s, 'a> Search<'s, 'a> {
             others_no_nearer: 0,
             stopped: false,
         };
-        let node = Node { added: Vec::new(), judged, extended: false, compared: true };
+        let node = Node { added: Vec::new(), merit: study.merit(&judged), judged, extended: false, compared: true };
         search.nodes.insert(key(&[], start), node);
         search
     }
@@ -121,7 +123,7 @@ impl<'s, 'a> Search<'s, 'a> {
     /// Rank of a node: its merit, and a little for each effect and each step of a finer hysteresis more.
     fn rank(&self, node: &Node) -> f64 {
         let more = node.added.len() + Study::steps_finer(&node.judged.model);
-        self.study.merit(&node.judged) + self.study.policy.gain_per_effect * more as f64
+        node.merit + self.study.policy.gain_per_effect * more as f64
     }
 
     /// All nodes with their keys, best first.
@@ -223,10 +225,11 @@ impl<'s, 'a> Search<'s, 'a> {
     fn fit(&mut self, proposals: Vec<Proposal>) {
         let fitted = parallel::map(&proposals, |p| self.study.quickly_beside(&p.begin, &p.begun, p.of));
         for (proposal, judged) in proposals.into_iter().zip(fitted) {
-            if self.study.merit(&judged) > proposal.of + HOPELESS {
+            let merit = self.study.merit(&judged);
+            if merit > proposal.of + HOPELESS {
                 self.hopeless.insert(proposal.added.join("+"));
             }
-            self.keep(proposal.key, Node { added: proposal.added, judged, extended: false, compared: false });
+            self.keep(proposal.key, Node { added: proposal.added, judged, merit, extended: false, compared: false });
         }
     }
 
@@ -239,7 +242,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let leaving: Vec<&String> = best.added.iter().filter(may_leave).collect();
         let bases: Vec<Model> = leaving.iter().map(|id| self.study.without(&best.judged.model, id)).collect();
         let screenings = parallel::map(&bases, |base| self.study.score(base));
-        let relative = self.study.merit(&best.judged).exp();
+        let relative = best.merit.exp();
         let mut out = Vec::new();
         for ((id, base), screening) in leaving.into_iter().zip(&bases).zip(screenings) {
             let screening = screening?;
@@ -314,6 +317,7 @@ impl<'s, 'a> Search<'s, 'a> {
             let Some(node) = self.nodes.get_mut(&key) else { continue };
             node.compared = true;
             // What a fit comes to is what counts, on held-out records too: a good error half way is chance.
+            node.merit = self.study.merit(&judged);
             node.judged = judged;
         }
         more
@@ -365,7 +369,7 @@ impl<'s, 'a> Search<'s, 'a> {
             return;
         }
         let total = screening.total_um2().max(f64::MIN_POSITIVE);
-        let relative = self.study.merit(&node.judged).exp();
+        let relative = node.merit.exp();
         let scores = &screening.scores;
         for (place, score) in scores.iter().take(SINGLES).enumerate() {
             let left = 1.0 - score.explained_um2 / total;
@@ -399,7 +403,7 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     fn propose_finer(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
-        let relative = self.study.merit(&node.judged).exp();
+        let relative = node.merit.exp();
         let left = screening.left_by_finer_um2() / screening.total_um2().max(f64::MIN_POSITIVE);
         for begin in self.study.finer(&node.judged.model) {
             self.offer(node, &[], begin, relative, left, out);
@@ -407,7 +411,7 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     fn propose_finer_creep(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
-        let relative = self.study.merit(&node.judged).exp();
+        let relative = node.merit.exp();
         let left = screening.left_by_finer_um2() / screening.total_um2().max(f64::MIN_POSITIVE);
         for begin in self.study.finer_creep(&node.judged.model) {
             self.offer(node, &[], begin, relative, left, out);
@@ -427,7 +431,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let hopeless = !scores.is_empty() && self.hopeless.contains(&added.join("+"));
         if !self.nodes.contains_key(&key) && !hopeless {
             let begun = scores.iter().map(|s| s.id.clone()).collect();
-            out.push(Proposal { key, added, begin, begun, of: self.study.merit(&node.judged), promise: relative * left });
+            out.push(Proposal { key, added, begin, begun, of: node.merit, promise: relative * left });
         }
     }
 }

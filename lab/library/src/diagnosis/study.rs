@@ -196,8 +196,15 @@ impl<'a> Study<'a> {
             }
             begin = alone.model;
         }
-        let goes_on = |taken: usize, model: &Model| taken != LOOKED_AT_AFTER || behind(model) < PLAINLY_BEHIND;
-        self.judged_quickly(fit_while(&begin, &self.searched, &self.quick, QUICK, goes_on).model)
+        self.quickly_within(&begin, of, PLAINLY_BEHIND)
+    }
+
+    /// Fits as [`Self::quickly`], and no further where the model is behind a merit by so much half way.
+    #[must_use]
+    pub fn quickly_within(&self, begin: &Model, of: f64, behind: f64) -> Judged {
+        let goes_on =
+            |taken: usize, model: &Model| taken != LOOKED_AT_AFTER || self.merit(&self.judged_quickly(model.clone())) - of < behind;
+        self.judged_quickly(fit_while(begin, &self.searched, &self.quick, QUICK, goes_on).model)
     }
 
     fn fitted_quickly(&self, model: &Model, effort: Effort) -> Judged {

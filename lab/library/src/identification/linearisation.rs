@@ -101,9 +101,6 @@ pub struct Linearised {
 
 /// Relative step of the numerical derivatives, in coordinates.
 const DERIVATIVE_STEP: f64 = 1e-3;
-/// Variations that are walked beside one walk of the chain.
-const BESIDE: usize = 6;
-
 /// The coefficients of the hysteresis: most of a model's parameters, and they enter linearly.
 #[derive(Clone, Debug)]
 pub struct LinearCoefficients(Vec<(String, usize)>);
@@ -217,24 +214,20 @@ pub fn linearise_reusing(
     let linear = LinearCoefficients::of(model);
     let lanes: Vec<Option<usize>> = free.iter().map(|index| linear.lane(model, *index)).collect();
     let walked: Vec<usize> = (0..free.len()).filter(|p| lanes[*p].is_none()).collect();
-    // One task walks the coefficients of a record, others a few variations each.
     let with_coefficients = earlier.is_none() && lanes.iter().any(Option::is_some);
-    let groups: Vec<&[usize]> = walked.chunks(BESIDE).collect();
-    let tasks: Vec<(usize, Option<&[usize]>)> =
-        (0..rows.records.len()).flat_map(|r| std::iter::once((r, None)).chain(groups.iter().map(move |group| (r, Some(*group))))).collect();
-    let parts: Vec<Part> = parallel::map(&tasks, |(r, group)| {
+    // Every part of a record walks the chain once more, so there are no more of them than there are cores.
+    let groups: Vec<&[usize]> = in_groups(&walked, parallel::parts_of_each(rows.records.len()));
+    let tasks: Vec<(usize, usize)> = (0..rows.records.len()).flat_map(|r| (0..groups.len()).map(move |g| (r, g))).collect();
+    let parts: Vec<Part> = parallel::map(&tasks, |(r, g)| {
         let (index, samples) = &rows.records[*r];
-        let record = &dataset.records[*index];
-        match group {
-            None => Part::Base(walk_base(model, record, samples, with_coefficients, &lanes)),
-            Some(group) => Part::Moved(walk_moved(model, record, samples, free, group)),
-        }
+        walk_part(model, &dataset.records[*index], samples, free, groups[*g], (*g == 0 && with_coefficients).then_some(&lanes))
     });
     let mut parts = parts.into_iter();
     let mut out = Vec::with_capacity(rows.records.len());
     for (r, (index, samples)) in rows.records.iter().enumerate() {
         let record = &dataset.records[*index];
-        let Some(Part::Base((mut residual, by_coefficient))) = parts.next() else { continue };
+        let Some(Part { mut residual, by_coefficient, moved: of_first }) = parts.next() else { continue };
+        let of_others: Vec<Part> = parts.by_ref().take(groups.len() - 1).collect();
         let motions = OwnMotions::of(model, record);
         let plain = motions.columns(record, samples);
         let held = amounts(&plain, &residual);
@@ -248,9 +241,8 @@ pub fn linearise_reusing(
                 None => jacobian.set_column(p, &(by_coefficient.column(*lane) * scale)),
             }
         }
-        for group in &groups {
-            let Some(Part::Moved(columns)) = parts.next() else { continue };
-            for (p, (mut column, step, variation)) in group.iter().zip(columns) {
+        for (group, moved) in groups.iter().zip(std::iter::once(of_first).chain(of_others.into_iter().map(|part| part.moved))) {
+            for (p, Moved { residual: mut column, step, variation }) in group.iter().zip(moved) {
                 column -= &residual;
                 // The residual falls by what the reading rises.
                 column *= if step == 0.0 { 0.0 } else { -1.0 / step };
@@ -271,51 +263,59 @@ pub fn linearise_reusing(
     out
 }
 
-/// What one task of a linearisation brings.
-enum Part {
-    Base((DVector<f64>, DMatrix<f64>)),
-    Moved(Vec<(DVector<f64>, f64, Variation)>),
+/// As even parts of a list as can be, at least one.
+fn in_groups(list: &[usize], most: usize) -> Vec<&[usize]> {
+    if list.is_empty() { vec![list] } else { list.chunks(list.len().div_ceil(most.max(1))).collect() }
 }
 
-/// Residual at the samples, and what each coefficient adds there.
-fn walk_base(
-    model: &Model,
-    record: &Record,
-    samples: &Samples,
-    with_coefficients: bool,
-    lanes: &[Option<usize>],
-) -> (DVector<f64>, DMatrix<f64>) {
-    let count = lanes.iter().flatten().max().map_or(0, |lane| lane + 1);
-    let mut residual = DVector::zeros(samples.count());
-    let mut by_coefficient = DMatrix::zeros(if with_coefficients { samples.count() } else { 0 }, count);
-    walk(model, &record.drive(), &[], with_coefficients, &mut |chunk| {
-        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
-        let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
-        for (i, k) in within.into_iter().enumerate() {
-            let at = k - chunk.from;
-            residual[before + i] = record.displacement_um[k] - chunk.reading_um[at];
-            if width > 0 {
-                for lane in 0..count {
-                    by_coefficient[(before + i, lane)] = chunk.by_coefficient[at * width + lane];
-                }
-            }
-        }
-    });
-    (residual, by_coefficient)
+/// What one walk along a record brings to its linearisation.
+struct Part {
+    /// Measured less modelled at the samples.
+    residual: DVector<f64>,
+    /// What each coefficient adds there; empty where none was asked for.
+    by_coefficient: DMatrix<f64>,
+    moved: Vec<Moved>,
 }
 
-/// Residuals at the samples with some coordinates moved.
-fn walk_moved(
+/// The residual with one coordinate moved.
+struct Moved {
+    residual: DVector<f64>,
+    step: f64,
+    variation: Variation,
+}
+
+/// Residual at the samples, with some coordinates moved too, and what each coefficient adds where lanes are given.
+fn walk_part(
     model: &Model,
     record: &Record,
     samples: &Samples,
     free: &[ParameterIndex],
     group: &[usize],
-) -> Vec<(DVector<f64>, f64, Variation)> {
+    lanes: Option<&Vec<Option<usize>>>,
+) -> Part {
     let (variations, steps): (Vec<Variation>, Vec<f64>) = group.iter().map(|p| moved(model, free[*p])).unzip();
-    let readings = walk_variations(model, record, samples, &variations);
-    let residuals = readings.into_iter().map(|reading| measured(record, samples) - reading);
-    residuals.zip(steps).zip(variations).map(|((residual, step), variation)| (residual, step, variation)).collect()
+    let count = lanes.and_then(|lanes| lanes.iter().flatten().max()).map_or(0, |lane| lane + 1);
+    let mut residual = DVector::zeros(samples.count());
+    let mut of_moved: Vec<DVector<f64>> = variations.iter().map(|_| DVector::zeros(samples.count())).collect();
+    let mut by_coefficient = DMatrix::zeros(if count > 0 { samples.count() } else { 0 }, count);
+    walk(model, &record.drive(), &variations, count > 0, &mut |chunk| {
+        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+        let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
+        for (i, k) in within.iter().enumerate() {
+            let at = k - chunk.from;
+            residual[before + i] = record.displacement_um[*k] - chunk.reading_um[at];
+            for lane in 0..count {
+                by_coefficient[(before + i, lane)] = chunk.by_coefficient[at * width + lane];
+            }
+        }
+        for (residual, reading_um) in of_moved.iter_mut().zip(chunk.variations_um) {
+            for (i, k) in within.iter().enumerate() {
+                residual[before + i] = record.displacement_um[*k] - reading_um[k - chunk.from];
+            }
+        }
+    });
+    let moved = of_moved.into_iter().zip(steps).zip(variations);
+    Part { residual, by_coefficient, moved: moved.map(|((residual, step), variation)| Moved { residual, step, variation }).collect() }
 }
 
 /// The measured displacement at the samples that count.
