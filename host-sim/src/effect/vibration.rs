@@ -103,9 +103,7 @@ impl ModeLaw {
             phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
             gamma: [gamma[0], gamma[1]],
             angle_rad: w * dt_s,
-            sensor: self
-                .sensor_bandwidth_hz
-                .map(|_| SensorPropagator { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: gamma[2] }),
+            sensor: self.sensor_bandwidth_hz.map(|_| SensorPropagator { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: gamma[2] }),
             late: Late::default(),
         }
     }
