@@ -29,7 +29,7 @@ pub(super) struct HeldMass {
 enum Way {
     /// The mode is too fast to be followed in it: the bristle balances and the mode comes behind.
     Balanced(Propagator),
-    Pieces(Pieces),
+    Pieces(Box<Pieces>),
 }
 
 /// The pieces of an interval.
@@ -101,7 +101,9 @@ impl HeldMass {
     pub(super) fn settle(&mut self, input: f64) {
         self.motion = Motion::settled(input);
         self.bristle.relax(input);
-        if let Way::Pieces(Pieces { switch: Some(switch), .. }) = &mut self.way {
+        if let Way::Pieces(pieces) = &mut self.way
+            && let Some(switch) = &mut pieces.switch
+        {
             switch.before = input;
         }
     }
@@ -118,7 +120,7 @@ impl Way {
         let of_a_stretch = (stiffened / PIECE_RAD / stretches).ceil().max(1.0);
         let (count, in_one) = (stretches * of_a_stretch, of_a_stretch as usize);
         if count <= 1.0 {
-            return Self::Pieces(Pieces { count: 1, piece: law.over(dt_s, late_share), stretch: None, switch: None });
+            return Self::Pieces(Box::new(Pieces { count: 1, piece: law.over(dt_s, late_share), stretch: None, switch: None }));
         }
         let late_pieces = late_share * count;
         let switch = (late_share > 0.0).then(|| Switch {
@@ -127,7 +129,7 @@ impl Way {
             before: at_rest,
         });
         let stretch = (in_one > 1).then(|| Stretch { pieces: in_one, propagator: law.over(dt_s / stretches, 0.0) });
-        Self::Pieces(Pieces { count: count as usize, piece: law.over(dt_s / count, 0.0), stretch, switch })
+        Self::Pieces(Box::new(Pieces { count: count as usize, piece: law.over(dt_s / count, 0.0), stretch, switch }))
     }
 }
 

@@ -328,6 +328,7 @@ impl<'s, 'a> Search<'s, 'a> {
     fn propose(&mut self) -> Result<Vec<Proposal>> {
         let best = self.best();
         let (kind, near) = (has_surfaces(&best.judged.model), self.rank(best) + COMES_NEAR);
+        let far_above = !self.study.near_the_noise(&best.judged);
         let open = |of: bool| self.ranked().into_iter().filter(move |(_, n)| !n.extended && has_surfaces(&n.judged.model) == of);
         // What is missing beside loops of one structure is not what seems to be beside those of another: both go on, side by side.
         let followed = self.others_no_nearer < OTHER_LOOPS_PATIENCE;
@@ -356,8 +357,8 @@ impl<'s, 'a> Search<'s, 'a> {
             if first {
                 self.propose_finer(node, &screening, proposals);
             }
-            // A finer creep decides which of two that are nearly as good goes on.
-            if first || has_surfaces(&node.judged.model) == kind {
+            // Far above the noise a finer creep decides which of two that are nearly as good goes on; near it, it would stand in for what is missing.
+            if first || (far_above && has_surfaces(&node.judged.model) == kind) {
                 self.propose_finer_creep(node, &screening, &mut finer_creep);
             }
             self.propose_effects(node, &screening, proposals);

@@ -248,8 +248,7 @@ fn best_step(
         }
         let mut trial = moved(model, free, &step);
         let (mut cost, mut residuals) = residuals_of(&trial, dataset, rows, at.parts);
-        let far = cost > FAR_TIMES * at.cost;
-        if cost >= at.cost && !far {
+        if cost >= at.cost {
             // The way there may be curved only because the surfaces did not follow.
             trial = with_coefficients_following(&trial, free, at, &residuals);
             (cost, residuals) = residuals_of(&trial, dataset, rows, at.parts);
@@ -263,15 +262,10 @@ fn best_step(
         if at.cost - cost > -1e-9 * at.cost {
             return None; // no longer a matter of the step
         }
-        *lambda = (*lambda * if far { 100.0 } else { 10.0 }).max(DAMPED);
+        *lambda = (*lambda * 10.0).max(1e-7);
     }
     None
 }
-
-/// A step after which this many times the squares are left was far too long: its coefficients cannot make up for it.
-const FAR_TIMES: f64 = 5.0;
-/// Least damping of a step that is taken again: of 228 that failed at first on a recorded stage 192 came to a fall with this or more.
-const DAMPED: f64 = 1e-3;
 
 /// By how much a step would lower the sum of squares if the model were linear.
 fn promised(h: &DMatrix<f64>, g: &DVector<f64>, step: &DVector<f64>) -> f64 {
