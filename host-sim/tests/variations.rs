@@ -20,13 +20,15 @@ fn of(ids: &[&str]) -> Model {
     model
 }
 
-const MODELS: [&[&str]; 6] = [
+const MODELS: [&[&str]; 8] = [
     &["gain"],
     &["hysteresis", "initial_curve", "vibration"],
     &["hysteresis", "initial_curve", "vibration", "delay", "creep"],
     &["hysteresis", "rate_dependence", "friction"],
     &["hysteresis", "play_operators", "amplifier_bandwidth", "vibration", "second_mode", "sensor_bandwidth"],
     &["hysteresis", "initial_curve", "rate_dependence", "delay", "vibration", "load_force"],
+    &["hysteresis", "friction", "vibration", "delay"],
+    &["hysteresis", "friction", "vibration", "second_mode", "sensor_bandwidth"],
 ];
 
 fn with_every_drive(check: impl Fn(&Drive)) {

@@ -22,6 +22,7 @@ pub(super) struct HeldMass {
     motion: Motion,
     bristle: Bristle,
     law: ModeLaw,
+    late_share: f64,
     way: Way,
 }
 
@@ -57,13 +58,13 @@ struct Switch {
 impl HeldMass {
     /// A mode held by `bristle` over intervals of `dt_s`, its input late by a share of them; until then `at_rest` acts.
     pub(super) fn new(bristle: Bristle, law: &ModeLaw, dt_s: f64, late_share: f64, at_rest: f64) -> Self {
-        Self { motion: Motion::default(), bristle, law: *law, way: Way::of(&bristle, law, dt_s, late_share, at_rest) }
+        Self { motion: Motion::default(), bristle, law: *law, late_share, way: Way::of(&bristle, law, dt_s, late_share, at_rest) }
     }
 
     /// What makes it, for those who compare.
     pub(super) fn values(&self) -> Vec<f64> {
         let ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz } = self.law;
-        let of_mode = [natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz.unwrap_or(0.0)];
+        let of_mode = [natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz.unwrap_or(0.0), self.late_share];
         of_mode.into_iter().chain(self.bristle.values()).collect()
     }
 
