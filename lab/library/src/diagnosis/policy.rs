@@ -28,7 +28,7 @@ pub struct Policy {
     /// Rounds without a better model after which the search ends near the noise; two effects that only help together are proposed as a pair.
     pub rounds_without_gain: usize,
     /// The same far above the noise, or where nobody knows it: there several effects are missing, and each may need another beside it. On the recorded stage
-    /// two sets of eight came further in a fourth such round than in a third (one from 18.4 / 34.0 to 14.7 / 22.6 nm); near the noise a second one made
+    /// two sets of eight came further in a fourth such round than in a third when that was chosen (one from 18.4 / 34.0 to 14.7 / 22.6 nm); near the noise a second one made
     /// surfaces of degree 8 of a contact.
     pub rounds_without_gain_far_above: usize,
     /// How often effects of the best model are exchanged for others where additions bring nothing more.

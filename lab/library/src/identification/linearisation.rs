@@ -8,7 +8,7 @@ use super::own_part::{self, OwnMotions, Samples, amounts, orthonormalised, proje
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
-use hysteron_sim::variations::{Variation, coefficients, walk};
+use hysteron_sim::variations::{Chunk, Variation, coefficients, walk};
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
@@ -101,6 +101,7 @@ pub struct Linearised {
 
 /// Relative step of the numerical derivatives, in coordinates.
 const DERIVATIVE_STEP: f64 = 1e-3;
+
 /// The coefficients of the hysteresis: most of a model's parameters, and they enter linearly.
 #[derive(Clone, Debug)]
 pub struct LinearCoefficients(Vec<(String, usize)>);
@@ -295,27 +296,37 @@ fn walk_part(
 ) -> Part {
     let (variations, steps): (Vec<Variation>, Vec<f64>) = group.iter().map(|p| moved(model, free[*p])).unzip();
     let count = lanes.and_then(|lanes| lanes.iter().flatten().max()).map_or(0, |lane| lane + 1);
-    let mut residual = DVector::zeros(samples.count());
-    let mut of_moved: Vec<DVector<f64>> = variations.iter().map(|_| DVector::zeros(samples.count())).collect();
+    let mut reading = DVector::zeros(samples.count());
+    let mut of_variations = vec![reading.clone(); variations.len()];
     let mut by_coefficient = DMatrix::zeros(if count > 0 { samples.count() } else { 0 }, count);
     walk(model, &record.drive(), &variations, count > 0, &mut |chunk| {
-        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+        let within = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+        take(&mut reading, &within, chunk.from, chunk.reading_um);
+        take_each(&mut of_variations, &within, chunk);
         let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
+        let (before, within) = within;
         for (i, k) in within.iter().enumerate() {
-            let at = k - chunk.from;
-            residual[before + i] = record.displacement_um[*k] - chunk.reading_um[at];
             for lane in 0..count {
-                by_coefficient[(before + i, lane)] = chunk.by_coefficient[at * width + lane];
-            }
-        }
-        for (residual, reading_um) in of_moved.iter_mut().zip(chunk.variations_um) {
-            for (i, k) in within.iter().enumerate() {
-                residual[before + i] = record.displacement_um[*k] - reading_um[k - chunk.from];
+                by_coefficient[(before + i, lane)] = chunk.by_coefficient[(k - chunk.from) * width + lane];
             }
         }
     });
-    let moved = of_moved.into_iter().zip(steps).zip(variations);
-    Part { residual, by_coefficient, moved: moved.map(|((residual, step), variation)| Moved { residual, step, variation }).collect() }
+    let measured = measured(record, samples);
+    let moved = of_variations.into_iter().zip(steps).zip(variations);
+    let moved = moved.map(|((reading, step), variation)| Moved { residual: &measured - reading, step, variation }).collect();
+    Part { residual: measured - reading, by_coefficient, moved }
+}
+
+/// Takes of a chunk's values, which begin at sample `from`, those at the samples that count: so many stand before them.
+fn take(out: &mut DVector<f64>, (before, within): &(usize, Vec<usize>), from: usize, values: &[f64]) {
+    for (i, k) in within.iter().enumerate() {
+        out[before + i] = values[k - from];
+    }
+}
+
+/// The same of every variation.
+fn take_each(out: &mut [DVector<f64>], within: &(usize, Vec<usize>), chunk: &Chunk) {
+    out.iter_mut().zip(chunk.variations_um).for_each(|(reading, values)| take(reading, within, chunk.from, values));
 }
 
 /// The measured displacement at the samples that count.
@@ -329,12 +340,7 @@ pub fn measured(record: &Record, samples: &Samples) -> DVector<f64> {
 pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variations: &[Variation]) -> Vec<DVector<f64>> {
     let mut out: Vec<DVector<f64>> = variations.iter().map(|_| DVector::zeros(samples.count())).collect();
     walk(model, &record.drive(), variations, false, &mut |chunk| {
-        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
-        for (reading, of_variation) in out.iter_mut().zip(chunk.variations_um) {
-            for (i, k) in within.iter().enumerate() {
-                reading[before + i] = of_variation[k - chunk.from];
-            }
-        }
+        take_each(&mut out, &samples.within(chunk.from, chunk.from + chunk.reading_um.len()), chunk);
     });
     out
 }
