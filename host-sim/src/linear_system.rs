@@ -68,18 +68,24 @@ impl ContinuousSystem {
         (exponential.view((0, 0), (n, n)).into_owned(), exponential.view((0, n), (n, 1)).column(0).into_owned())
     }
 
-    /// Discretises for inputs that run straight from one instant to the next (a held input is the special case of no slope).
+    /// Transition matrix, and input vectors over one interval for an input that is held, and for one that rises straight from zero to one.
     #[must_use]
-    pub fn discretise(&self, dt_s: f64) -> DiscreteSystem {
+    pub fn straight_matrices(&self, dt_s: f64) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let n = self.a.nrows();
         let mut augmented = DMatrix::zeros(n + 2, n + 2);
         augmented.view_mut((0, 0), (n, n)).copy_from(&(&self.a * dt_s));
         augmented.view_mut((0, n), (n, 1)).copy_from(&(&self.b * dt_s));
         augmented[(n, n + 1)] = 1.0;
         let exponential = augmented.exp();
-        let phi = exponential.view((0, 0), (n, n)).into_owned();
-        let gamma_held = exponential.view((0, n), (n, 1)).column(0).into_owned();
-        let gamma_slope = exponential.view((0, n + 1), (n, 1)).column(0).into_owned();
+        let column = |at: usize| exponential.view((0, at), (n, 1)).column(0).into_owned();
+        (exponential.view((0, 0), (n, n)).into_owned(), column(n), column(n + 1))
+    }
+
+    /// Discretises for inputs that run straight from one instant to the next (a held input is the special case of no slope).
+    #[must_use]
+    pub fn discretise(&self, dt_s: f64) -> DiscreteSystem {
+        let n = self.a.nrows();
+        let (phi, gamma_held, gamma_slope) = self.straight_matrices(dt_s);
         DiscreteSystem {
             phi: phi.transpose().as_slice().to_vec(),
             gamma_start: (&gamma_held - &gamma_slope).as_slice().to_vec(),

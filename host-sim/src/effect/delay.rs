@@ -145,10 +145,9 @@ mod tests {
     fn a_delay_between_samples_is_a_shift_of_a_finer_held_drive() {
         for fifths in [15, 17, 19] {
             assert!(largest_difference_from_shifted_drive(fifths, false, 50e-6) < 1e-9);
-            // At this period the bristle is followed in five pieces of an interval, so that both chains take the same steps. Where nothing arrives
-            // inside an interval one takes all five at once while the bristle slides, to a hundred-thousandth of the 0.05 um that it holds back.
-            let most_um = if fifths % 5 == 0 { 1e-5 * 0.05 } else { 1e-9 };
-            assert!(largest_difference_from_shifted_drive(fifths, true, 200e-6) < most_um, "{fifths}");
+            // At this period the bristle is followed in five pieces of an interval, so that both chains take the same steps. While it slides its bend
+            // is taken to be that of steady sliding, to a hundred-thousandth of the 0.05 um that it holds back; how often that is, is not the same.
+            assert!(largest_difference_from_shifted_drive(fifths, true, 350e-6) < 1e-5 * 0.05, "{fifths}");
         }
     }
 

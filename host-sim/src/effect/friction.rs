@@ -74,6 +74,12 @@ impl Bristle {
         (self.sliding_bend - bend * direction.signum()).abs() <= SLIDES_WITHIN * self.sliding_bend
     }
 
+    /// Its bend where it slides in this direction.
+    #[inline]
+    pub(super) fn bend_in_sliding(&self, direction: f64) -> f64 {
+        self.sliding_bend.copysign(direction)
+    }
+
     /// What it holds back at this bend.
     #[inline]
     pub(super) fn held_at(&self, bend: f64) -> f64 {

@@ -6,14 +6,14 @@
 //! the time that it costs to run.
 
 use super::friction::Bristle;
-use super::vibration::{ModeLaw, Motion, Propagator};
+use super::vibration::{ModeLaw, Motion, Propagator, Within};
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
-const PIECE_RAD: f64 = 0.4;
+const PIECE_RAD: f64 = 0.7;
 /// Largest angle of the mode in one step where the bristle slides, rad: under a held force the motion cannot turn twice in it.
 const STRETCH_RAD: f64 = std::f64::consts::PI;
 /// Most pieces of an interval; with more the ringing within an interval is not followed and the bristle just balances.
-const PIECES_MAX: f64 = 150.0;
+const PIECES_MAX: f64 = 86.0;
 /// Imbalance and motion per piece, in um, below which nothing more happens in an interval.
 const AT_REST_UM: f64 = 1e-5;
 
@@ -37,7 +37,8 @@ enum Way {
 struct Pieces {
     count: usize,
     piece: Propagator,
-    stretch: Option<Stretch>,
+    within: Within,
+    stretch: Stretch,
     switch: Option<Switch>,
 }
 
@@ -52,6 +53,8 @@ struct Switch {
     piece: usize,
     /// The mode over that piece.
     propagator: Propagator,
+    /// What the late input makes of the mean displacement in it, of what it would make if it came at its beginning.
+    of_mean: f64,
     before: f64,
 }
 
@@ -113,24 +116,26 @@ impl HeldMass {
 impl Way {
     fn of(bristle: &Bristle, law: &ModeLaw, dt_s: f64, late_share: f64, at_rest: f64) -> Self {
         let angle = law.natural_frequency_rad_s * dt_s;
-        let stiffened = angle * bristle.stiffening();
+        // A mode that is damped so much that it creeps back does that the more slowly the more it is damped.
+        let stiffening = bristle.stiffening();
+        let stiffened = angle * stiffening * (stiffening / (2.0 * law.damping_ratio)).min(1.0);
         if stiffened / PIECE_RAD > PIECES_MAX {
             return Self::Balanced(law.over(dt_s, late_share));
         }
         let stretches = (angle / STRETCH_RAD).ceil().max(1.0);
         let of_a_stretch = (stiffened / PIECE_RAD / stretches).ceil().max(1.0);
         let (count, in_one) = (stretches * of_a_stretch, of_a_stretch as usize);
-        if count <= 1.0 {
-            return Self::Pieces(Box::new(Pieces { count: 1, piece: law.over(dt_s, late_share), stretch: None, switch: None }));
-        }
+        let piece_s = dt_s / count;
         let late_pieces = late_share * count;
         let switch = (late_share > 0.0).then(|| Switch {
             piece: late_pieces as usize,
-            propagator: law.over(dt_s / count, late_pieces.fract()),
+            propagator: law.over(piece_s, late_pieces.fract()),
+            of_mean: law.within(piece_s).of_mean_late_by(late_pieces.fract(), &law.within(piece_s * (1.0 - late_pieces.fract()))),
             before: at_rest,
         });
-        let stretch = (in_one > 1).then(|| Stretch { pieces: in_one, propagator: law.over(dt_s / stretches, 0.0) });
-        Self::Pieces(Box::new(Pieces { count: count as usize, piece: law.over(dt_s / count, 0.0), stretch, switch }))
+        let stretch = Stretch { pieces: in_one, propagator: law.over(dt_s / stretches, 0.0) };
+        let (piece, within) = (law.over(piece_s, 0.0), law.within(piece_s));
+        Self::Pieces(Box::new(Pieces { count: count as usize, piece, within, stretch, switch }))
     }
 }
 
@@ -141,24 +146,28 @@ impl Pieces {
         let (arrives_in, before) = self.switch.as_ref().map_or((0, input), |switch| (switch.piece, switch.before));
         let mut piece = 0;
         while piece < self.count {
-            let force = if piece < arrives_in { before } else { input };
+            let force = match &self.switch {
+                Some(_) if piece < arrives_in => before,
+                Some(switch) if piece == arrives_in => before + switch.of_mean * (input - before),
+                _ => input,
+            };
             let nothing_to_come = piece > arrives_in || before == input;
             let ahead = self.piece.motion_ahead(motion);
-            if let Some(stretch) = &self.stretch
-                && piece + stretch.pieces <= if nothing_to_come { self.count } else { arrives_in }
-                && bristle.slides(bend, ahead)
-            {
+            let stretch = &self.stretch;
+            if piece + stretch.pieces <= if nothing_to_come { self.count } else { arrives_in } && bristle.slides(bend, ahead) {
                 let onward = stretch.propagator.after(motion, force - bristle.held_at(bend));
                 // It slides to the end where the motion has not turned.
                 if stretch.propagator.motion_ahead(onward) * ahead > 0.0 {
-                    bend = bristle.bend_after(bend, onward.displacement - motion.displacement);
+                    bend = bristle.bend_in_sliding(ahead);
                     motion = onward;
                     piece += stretch.pieces;
                     continue;
                 }
             }
             // The bristle in the middle of the piece, from the motion that goes on.
-            let held = bristle.held_at(bristle.bend_after(bend, 0.5 * ahead));
+            let held_before = bristle.held_at(bend);
+            let mean = self.within.mean_displacement(motion, force - held_before);
+            let held = bristle.held_at(bristle.bend_after(bend, mean - motion.displacement));
             if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - motion.displacement).abs() < AT_REST_UM {
                 motion = self.piece.after_rest(motion, self.count - piece);
                 break;
@@ -167,6 +176,7 @@ impl Pieces {
                 Some(switch) if piece == arrives_in => switch.propagator.after(motion.with_input_before(before - held), input - held),
                 _ => self.piece.after(motion, force - held),
             };
+            let onward = self.within.risen(onward, held_before - held);
             bend = bristle.bend_after(bend, onward.displacement - motion.displacement);
             motion = onward;
             piece += 1;

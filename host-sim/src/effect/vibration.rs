@@ -40,6 +40,37 @@ struct SensorPropagator {
     gamma: f64,
 }
 
+/// How a mode moves inside an interval, beside [`Propagator`], which says where it ends.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Within {
+    /// Of the mean displacement: by the displacement, the velocity and the held input.
+    mean: [f64; 3],
+    /// What an input that rises straight from minus one to one adds at the end to displacement, velocity and what a sensor with a lag reads.
+    rising: [f64; 3],
+}
+
+impl Within {
+    /// Displacement in the mean of an interval with the input held.
+    #[inline]
+    pub(super) fn mean_displacement(&self, from: Motion, input: f64) -> f64 {
+        self.mean[0] * from.displacement + self.mean[1] * from.velocity + self.mean[2] * input
+    }
+
+    /// What an input that is late by a share of the interval makes of the mean displacement, of what it would make if it came in time; `rest` is what is
+    /// left of the interval then.
+    pub(super) fn of_mean_late_by(&self, late_share: f64, rest: &Self) -> f64 {
+        (1.0 - late_share) * rest.mean[2] / self.mean[2]
+    }
+
+    /// The end of the interval where the input rose by so much on either side of its mean.
+    #[inline]
+    pub(super) fn risen(&self, end: Motion, by: f64) -> Motion {
+        let displacement = end.displacement + self.rising[0] * by;
+        let reading = end.reading + self.rising[2] * by;
+        Motion { displacement, velocity: end.velocity + self.rising[1] * by, reading, before: end.before }
+    }
+}
+
 /// Where a mode is.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Motion {
@@ -88,17 +119,46 @@ impl ModeLaw {
         if late_share > 0.0 { punctual.late_by(&self.punctual_over(dt_s * (1.0 - late_share))) } else { punctual }
     }
 
-    fn punctual_over(&self, dt_s: f64) -> Propagator {
+    /// Displacement in um, velocity divided by omega, and the reading.
+    fn system(&self) -> ContinuousSystem {
         let w = self.natural_frequency_rad_s;
         let lag_rad_s = std::f64::consts::TAU * self.sensor_bandwidth_hz.unwrap_or(0.0);
-        // States: displacement in um, velocity divided by omega, and the reading.
-        let system = ContinuousSystem {
+        ContinuousSystem {
             a: DMatrix::from_row_slice(3, 3, &[0.0, w, 0.0, -w, -2.0 * self.damping_ratio * w, 0.0, lag_rad_s, 0.0, -lag_rad_s]),
             b: DVector::from_row_slice(&[0.0, w, 0.0]),
             c: DVector::from_row_slice(&[1.0, 0.0, 0.0]),
             d: 0.0,
-        };
-        let (phi, gamma) = system.held_matrices(dt_s);
+        }
+    }
+
+    /// What an interval brings beside its end: where the mode is in the mean, and what an input that rises adds.
+    pub(super) fn within(&self, dt_s: f64) -> Within {
+        let ContinuousSystem { a, b, .. } = self.system();
+        let (phi, held, slope) = ContinuousSystem {
+            // The mean displacement is one state more.
+            a: DMatrix::from_fn(4, 4, |i, j| {
+                if i < 3 && j < 3 {
+                    a[(i, j)]
+                } else if i == 3 && j == 0 {
+                    1.0 / dt_s
+                } else {
+                    0.0
+                }
+            }),
+            b: b.push(0.0),
+            c: DVector::zeros(4),
+            d: 0.0,
+        }
+        .straight_matrices(dt_s);
+        Within {
+            mean: [phi[(3, 0)], phi[(3, 1)], held[3]],
+            rising: [0, 1, if self.sensor_bandwidth_hz.is_some() { 2 } else { 0 }].map(|i: usize| 2.0 * slope[i] - held[i]),
+        }
+    }
+
+    fn punctual_over(&self, dt_s: f64) -> Propagator {
+        let w = self.natural_frequency_rad_s;
+        let (phi, gamma) = self.system().held_matrices(dt_s);
         Propagator {
             phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
             gamma: [gamma[0], gamma[1]],

@@ -150,7 +150,7 @@ impl Absorbed {
     /// Removes what the model could absorb from columns given by record.
     fn remove(&self, columns: &mut [DMatrix<f64>]) {
         for (part, values) in self.parts.iter().zip(columns.iter_mut()) {
-            project_out(&part.own, values);
+            project_out(&part.own.orthonormal, values);
         }
         let along = parallel::map_indices(columns.len(), |r| transposed_times(&self.basis[r], &columns[r]));
         let Some(sum) = along.into_iter().reduce(|a, b| a + b) else { return };
@@ -633,7 +633,7 @@ impl Screening {
             let products = columns.tr_mul(&residual);
             let inside = block.start - self.begins[*r];
             let by_model = absorbed.basis[*r].rows(inside, block.len()).transpose() * columns;
-            let by_record = absorbed.parts[*r].own.rows(inside, block.len()).transpose() * columns;
+            let by_record = absorbed.parts[*r].own.orthonormal.rows(inside, block.len()).transpose() * columns;
             let noise = DVector::from_fn(m, |c, _| {
                 let power = columns.column(c).norm_squared();
                 if power <= 0.0 {

@@ -10,7 +10,7 @@
 //!   cost as much as a step, and brought a fall in one of twelve cases where those did not.
 
 use super::linearisation::{
-    LinearCoefficients, Linearised, ParameterIndex, Rows, free_parameters, left_in_window, linearise, linearise_reusing, normal_equations,
+    LinearCoefficients, Linearised, ParameterIndex, Rows, free_parameters, left_in_window, linearise, linearise_near, normal_equations,
     residual_at, residual_near,
 };
 use super::own_part::Samples;
@@ -171,13 +171,13 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
                 break;
             }
             // A last look with exact derivatives.
-            (parts, age, chord_steps) = (linearise(&model, dataset, rows, &free), Age::Exact, 0);
+            (parts, age, chord_steps) = (linearise_near(&model, dataset, rows, &free, Some(&parts), None), Age::Exact, 0);
         } else if kept > KEPT_WELL && chord_steps < CHORD_STEPS {
             (age, chord_steps) = (Age::Older, chord_steps + 1);
         } else {
             let near = known.as_ref().filter(|(at, _)| shape_change(at, &model, &free) < SHAPE_TOLERANCE);
             age = if near.is_some() { Age::Older } else { Age::Exact };
-            parts = linearise_reusing(&model, dataset, rows, &free, near.map(|(_, parts)| parts.as_slice()));
+            parts = linearise_near(&model, dataset, rows, &free, Some(&parts), near.map(|(_, parts)| parts.as_slice()));
             chord_steps = 0;
         }
     }

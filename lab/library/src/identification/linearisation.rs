@@ -4,7 +4,7 @@
 //! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
 //! most of the parameters, enter linearly: one walk gives what all of them add.
 
-use super::own_part::{self, OwnMotions, Samples, amounts, orthonormalised, project_out, project_out_by_rows, project_out_of};
+use super::own_part::{self, OwnBasis, OwnMotions, Samples, amounts, project_out, project_out_by_rows, project_out_of};
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -93,10 +93,8 @@ pub struct Linearised {
     pub residual: DVector<f64>,
     /// Derivative of the modelled reading by each coordinate, a column each; shared with whoever keeps it for later steps.
     pub jacobian: Arc<DMatrix<f64>>,
-    /// Orthonormal columns of what the record has of its own.
-    pub own: Arc<DMatrix<f64>>,
-    /// What they depend on.
-    pub motions: Arc<OwnMotions>,
+    /// What the record has of its own.
+    pub own: Arc<OwnBasis>,
 }
 
 /// Relative step of the numerical derivatives, in coordinates.
@@ -131,22 +129,29 @@ pub fn raw_residual(model: &Model, record: &Record, samples: &Samples) -> DVecto
 /// Measured less modelled at the samples that count, free of what the record has of its own.
 #[must_use]
 pub fn residual_at(model: &Model, record: &Record, samples: &Samples) -> DVector<f64> {
-    let model = &*model.before_rounding();
-    let mut out = raw_residual(model, record, samples);
-    project_out_of(&orthonormalised(&own_part::columns(model, record, samples)), &mut out);
-    out
+    residual_beside(model, record, samples, None)
 }
 
 /// The same near a model that was linearised: as long as what the record has of its own moves as it did there, its columns are known.
 #[must_use]
 pub fn residual_near(model: &Model, record: &Record, samples: &Samples, near: &Linearised) -> DVector<f64> {
-    let rounded = model.before_rounding();
-    if OwnMotions::of(&rounded, record) != *near.motions {
-        return residual_at(model, record, samples);
-    }
-    let mut out = raw_residual(&rounded, record, samples);
-    project_out_of(&near.own, &mut out);
+    residual_beside(model, record, samples, Some(&near.own))
+}
+
+fn residual_beside(model: &Model, record: &Record, samples: &Samples, known: Option<&Arc<OwnBasis>>) -> DVector<f64> {
+    let model = &*model.before_rounding();
+    let mut out = raw_residual(model, record, samples);
+    project_out_of(&own_basis(model, record, samples, known).orthonormal, &mut out);
     out
+}
+
+/// What a record has of its own, made of what is known of it beside another model as far as that serves.
+fn own_basis(model: &Model, record: &Record, samples: &Samples, known: Option<&Arc<OwnBasis>>) -> Arc<OwnBasis> {
+    let motions = OwnMotions::of(model, record);
+    match known.filter(|known| known.motions == motions) {
+        Some(known) => known.clone(),
+        None => Arc::new(OwnBasis::of(motions, record, samples, known.map(|known| &**known))),
+    }
 }
 
 /// What a reading of the whole record leaves inside its window, free of what the record has of its own as far as the samples that count show
@@ -155,12 +160,11 @@ pub fn residual_near(model: &Model, record: &Record, samples: &Samples, near: &L
 pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec<f64> {
     let every = Samples::Every(record.window.clone());
     let mut left = DVector::from_iterator(every.count(), every.iter().map(|k| record.displacement_um[k] - reading_um[k]));
-    let columns = own_part::columns(model, record, &every);
     if record.left_out.is_empty() {
-        project_out_of(&orthonormalised(&columns), &mut left);
+        project_out_of(&own_basis(model, record, &every, None).orthonormal, &mut left);
     } else {
         let counted: Vec<usize> = record.counted().map(|k| k - record.window.start).collect();
-        project_out_by_rows(&columns, &counted, &mut left);
+        project_out_by_rows(&own_part::columns(model, record, &every), &counted, &mut left);
     }
     left.as_slice().to_vec()
 }
@@ -196,19 +200,21 @@ fn moved(model: &Model, index: ParameterIndex) -> (Variation, f64) {
 /// Linearises the model over records in the coordinates of `free`.
 #[must_use]
 pub fn linearise(model: &Model, dataset: &Dataset, rows: &Rows, free: &[ParameterIndex]) -> Vec<Linearised> {
-    linearise_reusing(model, dataset, rows, free, None)
+    linearise_near(model, dataset, rows, free, None, None)
 }
 
-/// As [`linearise`], but takes the derivatives by plain coefficients from an earlier linearisation.
+/// As [`linearise`], with what the records have of their own made of that of the last linearisation as far as it serves, and with the derivatives by plain
+/// coefficients of an earlier one, where that is given.
 ///
 /// They depend on the other parameters alone and change little with them; the step stays right because every step is judged by the
 /// true sum of squares.
 #[must_use]
-pub fn linearise_reusing(
+pub fn linearise_near(
     model: &Model,
     dataset: &Dataset,
     rows: &Rows,
     free: &[ParameterIndex],
+    last: Option<&[Linearised]>,
     earlier: Option<&[Linearised]>,
 ) -> Vec<Linearised> {
     let model = &*model.before_rounding();
@@ -229,10 +235,12 @@ pub fn linearise_reusing(
         let record = &dataset.records[*index];
         let Some(Part { mut residual, by_coefficient, moved: of_first }) = parts.next() else { continue };
         let of_others: Vec<Part> = parts.by_ref().take(groups.len() - 1).collect();
-        let motions = OwnMotions::of(model, record);
-        let plain = motions.columns(record, samples);
-        let held = amounts(&plain, &residual);
-        let own = orthonormalised(&plain);
+        let own = own_basis(model, record, samples, last.map(|last| &last[r].own));
+        let moves =
+            |moved: &Moved| (moved.step != 0.0).then(|| OwnMotions::of(&moved.variation.model, record)).filter(|m| *m != own.motions);
+        let any_moves = of_first.iter().chain(of_others.iter().flat_map(|part| &part.moved)).any(|moved| moves(moved).is_some());
+        let plain = any_moves.then(|| own.motions.columns(record, samples));
+        let held = plain.as_ref().map(|plain| amounts(plain, &residual));
         let mut jacobian = DMatrix::zeros(samples.count(), free.len());
         for (p, lane) in lanes.iter().enumerate() {
             let Some(lane) = lane else { continue };
@@ -243,23 +251,23 @@ pub fn linearise_reusing(
             }
         }
         for (group, moved) in groups.iter().zip(std::iter::once(of_first).chain(of_others.into_iter().map(|part| part.moved))) {
-            for (p, Moved { residual: mut column, step, variation }) in group.iter().zip(moved) {
+            for (p, moved) in group.iter().zip(moved) {
+                let others = moves(&moved).map(|motions| motions.columns(record, samples));
+                let Moved { residual: mut column, step, .. } = moved;
                 column -= &residual;
                 // The residual falls by what the reading rises.
                 column *= if step == 0.0 { 0.0 } else { -1.0 / step };
-                if step != 0.0 && !held.is_empty() {
-                    let moved = OwnMotions::of(&variation.model, record);
-                    let others = (moved != motions).then(|| moved.columns(record, samples)).filter(|o| o.ncols() == plain.ncols());
-                    if let Some(others) = others {
-                        column += (others - &plain) * &held / step;
-                    }
+                if let (Some(others), Some(plain), Some(held)) = (others, &plain, &held)
+                    && others.ncols() == plain.ncols()
+                {
+                    column += (others - plain) * held / step;
                 }
                 jacobian.set_column(*p, &column);
             }
         }
-        project_out_of(&own, &mut residual);
-        project_out(&own, &mut jacobian);
-        out.push(Linearised { residual, jacobian: Arc::new(jacobian), own: Arc::new(own), motions: Arc::new(motions) });
+        project_out_of(&own.orthonormal, &mut residual);
+        project_out(&own.orthonormal, &mut jacobian);
+        out.push(Linearised { residual, jacobian: Arc::new(jacobian), own });
     }
     out
 }

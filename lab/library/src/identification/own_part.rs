@@ -59,53 +59,104 @@ impl Samples {
     }
 }
 
+/// One thing that a record has of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum OwnMotion {
+    Constant,
+    Free(FreeMotion),
+    LineHz(f64),
+}
+
+impl OwnMotion {
+    /// Those that values which are fitted seldom move come first: what is made of them serves many models.
+    fn rank(&self) -> usize {
+        match self {
+            Self::Constant => 0,
+            Self::Free(motion) if motion.frequency_rad_s == 0.0 => 1,
+            Self::Free(_) => 2,
+            Self::LineHz(_) => 3,
+        }
+    }
+
+    /// Its columns at samples that are `dt_s` apart.
+    fn columns(&self, dt_s: f64, samples: &Samples) -> Vec<DVector<f64>> {
+        let rows = samples.count();
+        match self {
+            Self::Constant => vec![DVector::from_element(rows, 1.0)],
+            Self::Free(motion) if motion.frequency_rad_s == 0.0 => {
+                vec![DVector::from_vec(powers(Complex::new(-motion.decay_per_s * dt_s, 0.0), samples, |z| z.re))]
+            }
+            Self::Free(motion) => swinging(Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * dt_s, samples),
+            Self::LineHz(frequency_hz) => swinging(Complex::new(0.0, std::f64::consts::TAU * frequency_hz * dt_s), samples),
+        }
+    }
+}
+
 /// What the columns of a record's own depend on; most values of a model do not move it, and the columns are then good for many models.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OwnMotions {
-    constant: bool,
-    free: Vec<FreeMotion>,
-    lines_hz: Vec<f64>,
-}
+pub struct OwnMotions(Vec<OwnMotion>);
 
 impl OwnMotions {
     /// What a record has of its own beside a model.
     #[must_use]
     pub fn of(model: &Model, record: &Record) -> Self {
-        let mut out = Self { constant: record.offset_is_fitted, free: Vec::new(), lines_hz: Vec::new() };
+        let mut out = Vec::new();
+        if record.offset_is_fitted {
+            out.push(OwnMotion::Constant);
+        }
         for instance in &model.effects {
             let values = instance.values();
             if record.initial_state == InitialState::Unknown {
-                out.free.extend(instance.effect.free_motions(model, &values));
+                out.extend(instance.effect.free_motions(model, &values).into_iter().map(OwnMotion::Free));
             }
-            out.lines_hz.extend(instance.effect.line_frequencies_hz(&values));
+            out.extend(instance.effect.line_frequencies_hz(&values).into_iter().map(OwnMotion::LineHz));
         }
-        out
+        out.sort_by_key(OwnMotion::rank);
+        Self(out)
     }
 
     /// The plain columns at samples of the record.
     #[must_use]
     pub fn columns(&self, record: &Record, samples: &Samples) -> DMatrix<f64> {
-        let dt_s = record.dt_s();
-        let rows = samples.count();
-        let mut columns: Vec<DVector<f64>> = Vec::new();
-        if self.constant {
-            columns.push(DVector::from_element(rows, 1.0));
-        }
-        for motion in &self.free {
-            let rate = Complex::new(-motion.decay_per_s, motion.frequency_rad_s);
-            let turning = powers(rate * dt_s, samples);
-            columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.re)));
-            if motion.frequency_rad_s > 0.0 {
-                columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.im)));
-            }
-        }
-        for frequency_hz in &self.lines_hz {
-            let turning = powers(Complex::new(0.0, std::f64::consts::TAU * frequency_hz * dt_s), samples);
-            columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.im)));
-            columns.push(DVector::from_iterator(rows, turning.iter().map(|z| z.re)));
-        }
-        DMatrix::from_columns_or_empty(rows, &columns)
+        let columns: Vec<DVector<f64>> = self.0.iter().flat_map(|motion| motion.columns(record.dt_s(), samples)).collect();
+        DMatrix::from_columns_or_empty(samples.count(), &columns)
     }
+}
+
+/// What a record has of its own, orthonormal.
+#[derive(Clone, Debug)]
+pub struct OwnBasis {
+    /// What it is made of.
+    pub motions: OwnMotions,
+    /// Orthonormal columns.
+    pub orthonormal: DMatrix<f64>,
+    /// How many of them the motions up to each have made.
+    made: Vec<usize>,
+}
+
+impl OwnBasis {
+    /// That of motions at samples of a record; `known` is one at the same samples, whose first columns may serve.
+    #[must_use]
+    pub fn of(motions: OwnMotions, record: &Record, samples: &Samples, known: Option<&Self>) -> Self {
+        let alike = known.map_or(0, |known| known.motions.0.iter().zip(&motions.0).take_while(|(a, b)| a == b).count());
+        let kept = known.filter(|_| alike > 0).map(|known| (&known.orthonormal, &known.made[..alike]));
+        let mut made = kept.map_or_else(Vec::new, |(_, made)| made.to_vec());
+        let first = made.last().copied().unwrap_or(0);
+        let mut basis: Vec<DVector<f64>> =
+            kept.map_or_else(Vec::new, |(columns, _)| columns.column_iter().take(first).map(|c| c.clone_owned()).collect());
+        for motion in &motions.0[alike..] {
+            motion.columns(record.dt_s(), samples).into_iter().for_each(|column| append(&mut basis, column, |a, b| a.dot(b)));
+            made.push(basis.len());
+        }
+        Self { motions, orthonormal: DMatrix::from_columns_or_empty(samples.count(), &basis), made }
+    }
+}
+
+/// Real and imaginary part of the powers of `exp(rate)` that oscillate.
+fn swinging(rate: Complex<f64>, samples: &Samples) -> Vec<DVector<f64>> {
+    let turning = powers(rate, samples, |z| z);
+    let part = |of: fn(&Complex<f64>) -> f64| DVector::from_iterator(turning.len(), turning.iter().map(of));
+    vec![part(|z| z.re), part(|z| z.im)]
 }
 
 /// The plain columns of what a record has of its own, for the values of a model.
@@ -119,19 +170,19 @@ const LED: usize = 256;
 /// What has died out so far is nothing: multiplied on, it would become a number of the slow kind.
 const DIED_OUT: f64 = 1e-150;
 
-/// `exp(rate k)` at the samples `k` that count.
-fn powers(rate: Complex<f64>, samples: &Samples) -> Vec<Complex<f64>> {
+/// What `part` takes of `exp(rate k)` at the samples `k` that count.
+fn powers<T: Copy + Default>(rate: Complex<f64>, samples: &Samples, part: fn(Complex<f64>) -> T) -> Vec<T> {
     let mut out = Vec::with_capacity(samples.count());
     match samples {
-        Samples::Every(range) => lead_powers(rate, range.start, range.clone(), &mut out),
-        Samples::Some(list) => lead_powers(rate, 0, list.iter().copied(), &mut out),
+        Samples::Every(range) => lead_powers(rate, range.start, range.clone(), |z| out.push(part(z))),
+        Samples::Some(list) => lead_powers(rate, 0, list.iter().copied(), |z| out.push(part(z))),
     }
-    out.resize(samples.count(), Complex::ZERO);
+    out.resize(samples.count(), T::default());
     out
 }
 
 /// The powers at ascending samples from `anchor` on, until they have died out: one taken every so often, those behind it by one multiplication each.
-fn lead_powers(rate: Complex<f64>, mut anchor: usize, samples: impl Iterator<Item = usize>, out: &mut Vec<Complex<f64>>) {
+fn lead_powers(rate: Complex<f64>, mut anchor: usize, samples: impl Iterator<Item = usize>, mut take: impl FnMut(Complex<f64>)) {
     let over_gap: Vec<Complex<f64>> = (0..LED).map(|gap| (rate * gap as f64).exp()).collect();
     let ends = if rate.re < 0.0 { DIED_OUT.ln() / rate.re } else { f64::INFINITY };
     let mut from = (rate * anchor as f64).exp();
@@ -139,7 +190,7 @@ fn lead_powers(rate: Complex<f64>, mut anchor: usize, samples: impl Iterator<Ite
         if k - anchor >= LED {
             (anchor, from) = (k, (rate * k as f64).exp());
         }
-        out.push(from * over_gap[k - anchor]);
+        take(from * over_gap[k - anchor]);
     }
 }
 
@@ -163,21 +214,23 @@ pub fn orthonormalised(columns: &DMatrix<f64>) -> DMatrix<f64> {
 /// The same by another inner product, such as that over some of the rows.
 fn orthonormalised_by(columns: &DMatrix<f64>, inner: impl Fn(&DVector<f64>, &DVector<f64>) -> f64) -> DMatrix<f64> {
     let mut out: Vec<DVector<f64>> = Vec::new();
-    for column in columns.column_iter() {
-        let mut column = column.clone_owned();
-        let before = inner(&column, &column).sqrt();
-        for _ in 0..2 {
-            for base in &out {
-                let along = inner(base, &column);
-                column.axpy(-along, base, 1.0);
-            }
-        }
-        let norm = inner(&column, &column).sqrt();
-        if norm > 1e-7 * before && norm > 0.0 {
-            out.push(column / norm);
+    columns.column_iter().for_each(|column| append(&mut out, column.clone_owned(), &inner));
+    DMatrix::from_columns_or_empty(columns.nrows(), &out)
+}
+
+/// Appends to orthonormal columns what another has beside them, if that is anything.
+fn append(basis: &mut Vec<DVector<f64>>, mut column: DVector<f64>, inner: impl Fn(&DVector<f64>, &DVector<f64>) -> f64) {
+    let before = inner(&column, &column).sqrt();
+    for _ in 0..2 {
+        for base in basis.iter() {
+            let along = inner(base, &column);
+            column.axpy(-along, base, 1.0);
         }
     }
-    DMatrix::from_columns_or_empty(columns.nrows(), &out)
+    let norm = inner(&column, &column).sqrt();
+    if norm > 1e-7 * before && norm > 0.0 {
+        basis.push(column / norm);
+    }
 }
 
 /// `A' B`, with the transposed matrix in full: a product of two plain matrices is several times faster.
