@@ -46,6 +46,8 @@ pub struct Dahl {
     per_sliding_bend: f64,
 }
 
+/// Share of its bend in steady sliding within which a bristle slides: what it still bends is a hundredth of what any sensor sees.
+pub const SLIDES_WITHIN: f64 = 1e-5;
 /// Steps towards a balance, at most: three reach it from anywhere.
 const BALANCING_STEPS_MAX: usize = 6;
 /// A step that is so short a part of the bend in steady sliding is the last: what a step of third order leaves is the cube of it.
@@ -73,7 +75,7 @@ impl Dahl {
     /// that of the bristle.
     ///
     /// Towards the imbalance `m + S (1 - exp(-m / z_s)) = c`, with `S` what the bristle can still take on. Both a bristle that goes on bending as it
-    /// does now and one that slides give too short a motion; from the longer one, steps of third order.
+    /// does now and one that slides give too short a motion; from the longer one, the first with its curvature, steps of third order.
     #[inline]
     #[must_use]
     pub fn balanced(&self, stiffness: f64, bend_um: f64, unbalanced_um: f64) -> (f64, f64) {
@@ -81,11 +83,16 @@ impl Dahl {
         let imbalance_um = unbalanced_um.abs();
         let room_um = self.sliding_bend_um - direction * bend_um;
         let may_take_um = stiffness * room_um;
-        if self.sliding_bend_um <= 0.0 || may_take_um <= 0.0 {
+        // It slides, or as good as that.
+        if room_um <= SLIDES_WITHIN * self.sliding_bend_um && imbalance_um > may_take_um {
             return (direction * (imbalance_um - may_take_um).max(0.0), direction * self.sliding_bend_um);
         }
         let stiffness_now = may_take_um * self.per_sliding_bend;
-        let mut motion_um = (imbalance_um / (1.0 + stiffness_now)).max(imbalance_um - may_take_um);
+        let per_slope_now = 1.0 / (1.0 + stiffness_now);
+        // As it bends now, and a little more for its curvature.
+        let straight_um = imbalance_um * per_slope_now;
+        let curved_um = straight_um * (1.0 + 0.5 * straight_um * self.per_sliding_bend * stiffness_now * per_slope_now);
+        let mut motion_um = curved_um.min(imbalance_um).max(imbalance_um - may_take_um);
         let mut left = 1.0;
         for _ in 0..BALANCING_STEPS_MAX {
             left = dying(motion_um * self.per_sliding_bend);

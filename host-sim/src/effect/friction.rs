@@ -11,7 +11,7 @@ use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
 use crate::chain::Model;
-use crate::elastoplastic_friction::{Dahl, ElastoplasticFriction};
+use crate::elastoplastic_friction::{Dahl, ElastoplasticFriction, SLIDES_WITHIN};
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "friction";
@@ -149,8 +149,6 @@ impl Bristle {
     }
 }
 
-/// Share of its bend in steady sliding within which a bristle slides: what it still bends is a hundredth of what any sensor sees.
-const SLIDES_WITHIN: f64 = 1e-5;
 /// Imbalance, in um, below which nothing moves: a millionth of what any sensor sees.
 const BALANCED_UM: f64 = 1e-9;
 /// A step of Newton's, in um, behind which as good as nothing is left: the error is half its square over the sliding bend, less than [`BALANCED_UM`]

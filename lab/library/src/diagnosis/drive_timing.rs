@@ -18,8 +18,10 @@ const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
 const AS_WELL: f64 = 0.03;
 /// Where nothing met the noise, the other timing is said where its rank is better by so much.
 const MUCH_BETTER: f64 = 0.2;
-/// What is worse by more than this before it has begun again does not come to it.
+/// What is worse by more than this than what was found does not come to it, however long it is fitted.
 const MAY_COME_TO_IT: f64 = 0.5;
+/// What is behind by more than this where it went as far as it goes does not come to it either, if its effects begin again.
+const MAY_COME_TO_IT_BEGUN_AGAIN: f64 = 0.2;
 
 /// Readings that follow the drive of their own row.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,8 +56,12 @@ pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option
         parallel::map(&asked, |modes| other.quickly(&modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id))));
     let best = fitted.into_iter().zip(&asked).min_by(|a, b| other.merit(&a.0).total_cmp(&other.merit(&b.0)));
     let Some((without, modes)) = best.filter(|(one, _)| other.merit(one) < study.merit(found) + MAY_COME_TO_IT) else { return Ok(None) };
-    let without = other.judged(other.begun_again(&other.for_comparison(&without.model))?.model);
     let most = study.merit(found) + if modes.is_empty() { -MUCH_BETTER } else { AS_WELL };
+    let fitted = other.for_comparison(&without.model);
+    if other.merit(&fitted) > most + MAY_COME_TO_IT_BEGUN_AGAIN {
+        return Ok(None);
+    }
+    let without = other.judged(other.begun_again(&fitted)?.model);
     let gone = |id: &&String| found.model.effect(id).is_some() && without.model.effect(id).is_none();
     Ok((other.merit(&without) <= most).then(|| OwnRow {
         not_needed: added.iter().filter(gone).cloned().collect(),

@@ -75,12 +75,12 @@ pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Re
     }
     while !left.is_empty() {
         let possible: Vec<usize> = (0..left.len()).filter(|i| left[*i].may_join(&last, &study.overview)).collect();
-        // Begun where the end has it: what is shown is the way there.
+        // Begun where the end has it: what is shown is the way there. Which comes next shows before its fit is at its end.
         let tried: Vec<(usize, Judged)> =
-            parallel::map(&possible, |i| (*i, study.quickly(&joined(&last, &left[*i], &end.model, &study.overview))));
+            parallel::map(&possible, |i| (*i, study.roughly(&joined(&last, &left[*i], &end.model, &study.overview))));
         let Some((i, judged)) = tried.into_iter().min_by(|a, b| study.merit(&a.1).total_cmp(&study.merit(&b.1))) else { break };
         let effect = left.remove(i);
-        last = judged.model;
+        last = study.quickly(&judged.model).model;
         steps.push(Step { change: Change::Added(effect.declaration().id), judged: study.judged(last.clone()) });
     }
     // What the end has beside all effects: a finer description, where that brings something, and the values of a fit that went as far as

@@ -274,8 +274,9 @@ impl<'s, 'a> Search<'s, 'a> {
                 added.sort();
                 let key = key(&added, &begin);
                 if !self.nodes.contains_key(&key) && !out.iter().any(|p| p.key == key) {
-                    // Whether the effects are hopeless beside other loops does not follow from what they do here.
-                    out.push(Proposal { key, added, begin, begun: Vec::new(), of: f64::INFINITY, promise: 0.0 });
+                    // Whether the effects are hopeless beside other loops does not follow from what they do here; these loops are, where half way they come
+                    // nowhere near.
+                    out.push(Proposal { key, added, begin, begun: Vec::new(), of: node.merit + COMES_NEAR, promise: 0.0 });
                 }
             }
         }

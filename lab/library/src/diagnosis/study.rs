@@ -59,7 +59,7 @@ const LOOKED_AT_AFTER: usize = 3;
 const PLAINLY_BEHIND: f64 = 0.2;
 /// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it belongs.
 const OUT_OF_REACH: f64 = 1.0;
-/// How far what is added is fitted by itself.
+/// How far what is added is fitted by itself, and what is only ranked.
 const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01 };
 /// How far it goes before two sets are compared.
 const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4 };
@@ -165,6 +165,12 @@ impl<'a> Study<'a> {
     fn first_value_first(&self, model: &Model, id: &str) -> Model {
         let held = holding(model, |effect, place| effect == id && place > 0);
         as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, model)
+    }
+
+    /// Fits far enough to see which of several brings most.
+    #[must_use]
+    pub fn roughly(&self, model: &Model) -> Judged {
+        self.fitted_quickly(model, FIRST)
     }
 
     /// Fits far enough to see whether it can compete.
