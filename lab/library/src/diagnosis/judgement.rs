@@ -4,9 +4,8 @@ use super::policy::Policy;
 use crate::dataset::{Dataset, Record, Role};
 use crate::error::{Error, Result};
 use crate::identification::fit::{blocks, dot, rms};
-use crate::identification::linearisation::{Rows, residual_at};
+use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
-use crate::parallel;
 use hysteron_sim::chain::{Drive, Model};
 use hysteron_sim::effect::Effect;
 use std::sync::Arc;
@@ -99,10 +98,9 @@ pub fn noise_floor_beside(model: &Model, dataset: &Dataset) -> NoiseFloor {
 /// Judges a fitted model on the samples that count.
 #[must_use]
 pub fn judge_rows(model: Model, dataset: &Dataset, split: &Split, rows: &Rows) -> Judged {
-    let each = parallel::map(&rows.records, |(i, samples)| residual_at(&model, &dataset.records[*i], samples).as_slice().to_vec());
     let mut residuals = vec![Vec::new(); dataset.records.len()];
-    for ((i, _), residual) in rows.records.iter().zip(each) {
-        residuals[*i] = residual;
+    for ((i, _), residual) in rows.records.iter().zip(rows.residuals(&model, dataset)) {
+        residuals[*i] = residual.as_slice().to_vec();
     }
     let identify_rms_um = rms_of(&residuals, &split.identify).unwrap_or(0.0);
     let validate_rms_um = rms_of(&residuals, &split.validate);

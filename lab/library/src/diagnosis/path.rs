@@ -50,6 +50,9 @@ impl Change {
     }
 }
 
+/// What is behind by so much where it can be compared does not come to it, fitted to the end.
+const DOES_NOT_COME_TO_IT: f64 = 0.1;
+
 /// A model with one effect more, at the values that another model has for it; its hysteresis begins as coarse as it is declared.
 fn joined(model: &Model, effect: &Arc<dyn Effect>, of: &Model, overview: &Overview) -> Model {
     let mut out = model.clone();
@@ -90,9 +93,11 @@ pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Re
         finer_creep::description(&end.model).filter(|_| finer_creep::steps_finer(&end.model) != finer_creep::steps_finer(&last));
     let finer_hysteresis = (description(&last) != description(&end.model)).then(|| description(&end.model));
     if finer_hysteresis.is_some() || finer_creep.is_some() {
-        let coarse = study.thoroughly(&last);
         let finer_by = Study::steps_finer(&end.model).saturating_sub(Study::steps_finer(&last)) as f64;
-        if study.merit(&coarse) <= study.merit(&end) + study.policy.gain_per_effect * finer_by {
+        let most = study.merit(&end) + study.policy.gain_per_effect * finer_by;
+        let coarse = study.for_comparison(&last);
+        let coarse = (study.merit(&coarse) < most + DOES_NOT_COME_TO_IT).then(|| study.thoroughly(&coarse.model));
+        if let Some(coarse) = coarse.filter(|coarse| study.merit(coarse) <= most) {
             end = coarse;
         } else {
             let change = finer_hysteresis.map(Change::FinerHysteresis).or(finer_creep.map(Change::FinerCreep));

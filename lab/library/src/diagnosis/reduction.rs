@@ -200,17 +200,28 @@ fn reduce_once(study: &Study, found: &Judged, added: &[String]) -> crate::error:
                 taken_back.push((id, decision));
             }
             Ok((weighed, p)) => {
-                let mut supported = Vec::new();
-                for ((i, without), (screening, p)) in without.into_iter().zip(weighed.into_iter().zip(p)) {
-                    let id = added[i].clone();
-                    let evidence = decide(study, &without, &judged, p);
+                let found: Vec<_> = without.into_iter().zip(weighed.into_iter().zip(p)).collect();
+                let asked = parallel::map(&found, |((i, without), (screening, p))| {
+                    let id = &added[*i];
+                    let evidence = decide(study, without, &judged, *p);
                     let kept_for_errors = !evidence.admits() && study.far_above_the_noise(&judged);
-                    let decision = if kept_for_errors { Decision::LowersErrors { by: missed(study, &without, &judged) } } else { evidence };
+                    let decision = if kept_for_errors { Decision::LowersErrors { by: missed(study, without, &judged) } } else { evidence };
                     // What has no name needs no rival of its name.
-                    let rivals = if kept_for_errors { Vec::new() } else { rivals_of(study, &id, &without, &screening, &judged) };
-                    let undriven = does_not_answer_the_drive(study, &id, &judged);
-                    supported.push(Supported { id, decision, without, screening, rivals, undriven });
-                }
+                    let rivals = if kept_for_errors { Vec::new() } else { rivals_of(study, id, without, screening, &judged) };
+                    (decision, rivals, does_not_answer_the_drive(study, id, &judged))
+                });
+                let mut supported: Vec<Supported> = found
+                    .into_iter()
+                    .zip(asked)
+                    .map(|(((i, without), (screening, _)), (decision, rivals, undriven))| Supported {
+                        id: added[i].clone(),
+                        decision,
+                        without,
+                        screening,
+                        rivals,
+                        undriven,
+                    })
+                    .collect();
                 supported.sort_by(|a, b| {
                     missed(study, &b.without, &judged).total_cmp(&missed(study, &a.without, &judged)).then_with(|| a.id.cmp(&b.id))
                 });
@@ -327,14 +338,19 @@ fn weigh_each(
     let mut order: Vec<usize> = (0..added.len()).collect();
     order.sort_by(|a, b| missed(study, without[*a], judged).total_cmp(&missed(study, without[*b], judged)));
     let mut screenings: Vec<Option<Screening>> = vec![None; added.len()];
-    for i in order {
-        let model = &without[i].model;
-        let screening = study.weigh(model, &study.candidates_for(model), 1000 + i as u64)?;
-        let decision = decide(study, without[i], judged, p_of(judged, &screening, &added[i]));
-        if may_go(&added[i]) && goes(study, decision, without[i], judged) {
-            return Ok(Err((i, decision)));
+    for some in order.chunks(parallel::parts_of_each(1)) {
+        let weighed = parallel::map(some, |i| {
+            let model = &without[*i].model;
+            study.weigh(model, &study.candidates_for(model), 1000 + *i as u64)
+        });
+        for (i, screening) in some.iter().copied().zip(weighed) {
+            let screening = screening?;
+            let decision = decide(study, without[i], judged, p_of(judged, &screening, &added[i]));
+            if may_go(&added[i]) && goes(study, decision, without[i], judged) {
+                return Ok(Err((i, decision)));
+            }
+            screenings[i] = Some(screening);
         }
-        screenings[i] = Some(screening);
     }
     let screenings: Vec<Screening> = screenings.into_iter().flatten().collect();
     let p = screenings.iter().zip(added).map(|(s, id)| p_of(judged, s, id)).collect();

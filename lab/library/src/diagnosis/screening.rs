@@ -30,10 +30,10 @@ use crate::identification::fit::blocks;
 use crate::identification::linearisation::{
     Linearised, Rows, fill_left_out, free_parameters, left_in_window, linearise, normal_equations, walk_variations,
 };
-use crate::identification::own_part::{Samples, project_out, transposed_times};
+use crate::identification::own_part::{Samples, project_out, swinging, transposed_times};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, InitialState, Model};
-use hysteron_sim::effect::{Effect, Overview, Resonance};
+use hysteron_sim::effect::{Effect, FreeMotion, Overview, Resonance};
 use hysteron_sim::variations::Variation;
 use nalgebra::{DMatrix, DVector};
 use rand::{Rng, SeedableRng};
@@ -320,8 +320,8 @@ struct Signatures {
 enum Column {
     /// What a variation adds to the reading.
     Variation(usize),
-    /// A time function in one record.
-    Function { record: usize, decay_per_s: f64, frequency_rad_s: f64, phase: f64 },
+    /// A motion that swings in one record, as a sine or as a cosine.
+    Function { record: usize, decay_per_s: f64, frequency_rad_s: f64, in_phase: bool },
 }
 
 impl Signatures {
@@ -390,8 +390,8 @@ fn free_columns(
             continue;
         }
         for motion in effect.free_motions(&with, &values).into_iter().filter(|m| m.frequency_rad_s > 0.0) {
-            for phase in [0.0, std::f64::consts::FRAC_PI_2] {
-                out.push(Column::Function { record, decay_per_s: motion.decay_per_s, frequency_rad_s: motion.frequency_rad_s, phase });
+            for in_phase in [true, false] {
+                out.push(Column::Function { record, decay_per_s: motion.decay_per_s, frequency_rad_s: motion.frequency_rad_s, in_phase });
             }
         }
     }
@@ -409,8 +409,13 @@ fn line_directions(starts: &[Vec<f64>], lines: &[f64], records: usize, columns: 
         seen.push(frequency_hz);
         let from = columns.len();
         for record in 0..records {
-            for phase in [0.0, std::f64::consts::FRAC_PI_2] {
-                columns.push(Column::Function { record, decay_per_s: 0.0, frequency_rad_s: std::f64::consts::TAU * frequency_hz, phase });
+            for in_phase in [true, false] {
+                columns.push(Column::Function {
+                    record,
+                    decay_per_s: 0.0,
+                    frequency_rad_s: std::f64::consts::TAU * frequency_hz,
+                    in_phase,
+                });
             }
         }
         out.push(Direction { starts: vec![start.clone()], columns: from..columns.len(), one_sided: false });
@@ -444,12 +449,10 @@ fn columns_of_record(
                 }
                 out.set_column(c, &signature);
             }
-            Column::Function { record: of, decay_per_s, frequency_rad_s, phase } if *of == at => {
-                let value = |k: usize| {
-                    let t_s = k as f64 * record.dt_s();
-                    (-decay_per_s * t_s).exp() * (frequency_rad_s * t_s + phase).sin()
-                };
-                out.set_column(c, &DVector::from_iterator(samples.count(), samples.iter().map(value)));
+            Column::Function { record: of, decay_per_s, frequency_rad_s, in_phase } if *of == at => {
+                let motion = FreeMotion { decay_per_s: *decay_per_s, frequency_rad_s: *frequency_rad_s };
+                let [cosine, sine] = swinging(motion, record, samples);
+                out.set_column(c, if *in_phase { &sine } else { &cosine });
             }
             Column::Function { .. } => {}
         }

@@ -64,6 +64,9 @@ const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01 };
 /// How far it goes before two sets are compared.
 const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4 };
 
+/// How far a last fit goes where the model leaves many times the noise: the last hundredths of a per cent are none of its knowledge.
+const TO_THE_END_FAR_ABOVE: Effort = Effort { iterations: 30, tolerance: 0.05, relative: 2e-4 };
+
 /// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come past it.
 const CANNOT_CATCH_UP: f64 = 0.15;
 
@@ -220,8 +223,9 @@ impl<'a> Study<'a> {
     /// Fits as far as it goes, judged on all samples.
     #[must_use]
     pub fn thoroughly(&self, model: &Model) -> Judged {
-        let fitted = fit_rows(model, self.dataset, &self.thorough, Effort::default()).model;
-        self.judged(fitted)
+        let far_above = self.far_above_the_noise(&self.judged_quickly(model.clone()));
+        let effort = if far_above { TO_THE_END_FAR_ABOVE } else { Effort::default() };
+        self.judged(fit_rows(model, self.dataset, &self.thorough, effort).model)
     }
 
     /// Judges a model as it is on all samples.

@@ -10,8 +10,8 @@
 //!   cost as much as a step, and brought a fall in one of twelve cases where those did not.
 
 use super::linearisation::{
-    LinearCoefficients, Linearised, ParameterIndex, Rows, free_parameters, left_in_window, linearise, linearise_near, normal_equations,
-    residual_at, residual_near,
+    LinearCoefficients, Linearised, ParameterIndex, Rows, along_residual, free_parameters, left_in_window, linearise, linearise_reusing,
+    residual_at, residual_near, squares_of_derivatives,
 };
 use super::own_part::Samples;
 use crate::dataset::{Dataset, Record};
@@ -140,7 +140,8 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
     let mut age = Age::Exact;
     let mut parts = linearise(&model, dataset, rows, &free);
     let mut chord_steps = 0;
-    if let Some(begun) = with_coefficients_first(&model, dataset, rows, &free, &parts) {
+    let mut h = squares_of_derivatives(&parts);
+    if let Some(begun) = with_coefficients_first(&model, dataset, rows, &free, &parts, &h) {
         model = begun.model;
         parts.iter_mut().zip(begun.residuals).for_each(|(part, residual)| part.residual = residual);
     }
@@ -148,7 +149,7 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         if taken > 0 && !goes_on(taken, &model) {
             break;
         }
-        let (h, g, cost, n) = normal_equations(&parts);
+        let (g, cost, n) = along_residual(&parts);
         if free.is_empty() || n == 0 {
             break;
         }
@@ -157,7 +158,7 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         }
         let variance = (cost / n as f64).max(1e-30);
         let worthwhile = (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost);
-        let step = best_step(&model, dataset, rows, &free, &Normal { parts: &parts, h, g, cost, variance }, worthwhile, &mut lambda);
+        let step = best_step(&model, dataset, rows, &free, &Normal { parts: &parts, h: &h, g, cost, variance }, worthwhile, &mut lambda);
         let gain = step.as_ref().map_or(0.0, |s| cost - s.cost);
         let mut kept = 0.0;
         if let Some(step) = step {
@@ -171,13 +172,15 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
                 break;
             }
             // A last look with exact derivatives.
-            (parts, age, chord_steps) = (linearise_near(&model, dataset, rows, &free, Some(&parts), None), Age::Exact, 0);
+            (parts, age, chord_steps) = (linearise(&model, dataset, rows, &free), Age::Exact, 0);
+            h = squares_of_derivatives(&parts);
         } else if kept > KEPT_WELL && chord_steps < CHORD_STEPS {
             (age, chord_steps) = (Age::Older, chord_steps + 1);
         } else {
             let near = known.as_ref().filter(|(at, _)| shape_change(at, &model, &free) < SHAPE_TOLERANCE);
             age = if near.is_some() { Age::Older } else { Age::Exact };
-            parts = linearise_near(&model, dataset, rows, &free, Some(&parts), near.map(|(_, parts)| parts.as_slice()));
+            parts = linearise_reusing(&model, dataset, rows, &free, near.map(|(_, parts)| parts.as_slice()));
+            h = squares_of_derivatives(&parts);
             chord_steps = 0;
         }
     }
@@ -203,7 +206,7 @@ const CHORD_STEPS: usize = 3;
 /// Derivatives and normal equations where a step begins.
 struct Normal<'l> {
     parts: &'l [Linearised],
-    h: DMatrix<f64>,
+    h: &'l DMatrix<f64>,
     g: DVector<f64>,
     cost: f64,
     variance: f64,
@@ -220,8 +223,15 @@ struct Better {
 
 /// The model with the coefficients of its hysteresis where they serve its other values as they are begun, where that lowers the sum of squares: begun beside
 /// those of a model that lacked an effect, all values together take steps that fail.
-fn with_coefficients_first(model: &Model, dataset: &Dataset, rows: &Rows, free: &[ParameterIndex], parts: &[Linearised]) -> Option<Better> {
-    let (h, g, cost, n) = normal_equations(parts);
+fn with_coefficients_first(
+    model: &Model,
+    dataset: &Dataset,
+    rows: &Rows,
+    free: &[ParameterIndex],
+    parts: &[Linearised],
+    h: &DMatrix<f64>,
+) -> Option<Better> {
+    let (g, cost, n) = along_residual(parts);
     let variance = (cost / n.max(1) as f64).max(1e-30);
     let residuals: Vec<DVector<f64>> = parts.iter().map(|part| part.residual.clone()).collect();
     let model = with_coefficients_following(model, free, &Normal { parts, h, g, cost, variance }, &residuals);
@@ -240,11 +250,11 @@ fn best_step(
     lambda: &mut f64,
 ) -> Option<Better> {
     for _ in 0..12 {
-        let Some(step) = damped_step(model, free, &at.h, &at.g, at.variance, *lambda) else {
+        let Some(step) = damped_step(model, free, at.h, &at.g, at.variance, *lambda) else {
             *lambda *= DAMPED_MORE;
             continue;
         };
-        let promise = promised(&at.h, &at.g, &step);
+        let promise = promised(at.h, &at.g, &step);
         if promise < worthwhile {
             return None;
         }

@@ -4,7 +4,7 @@
 //! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
 //! most of the parameters, enter linearly: one walk gives what all of them add.
 
-use super::own_part::{self, OwnBasis, OwnMotions, Samples, amounts, project_out, project_out_by_rows, project_out_of};
+use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Samples, amounts, project_out, project_out_by_rows, project_out_of};
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -36,10 +36,12 @@ pub fn free_parameters(model: &Model) -> Vec<ParameterIndex> {
 }
 
 /// The records that are looked at, each with the samples that count.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct Rows {
     /// Index of the record, and its samples; by the names of the records, so that their order in the data set does not matter.
     pub records: Vec<(usize, Samples)>,
+    /// What each record has of its own beside the last models.
+    bases: Vec<OwnBases>,
 }
 
 impl Rows {
@@ -76,7 +78,23 @@ impl Rows {
             };
             Samples::Some(window.clone().step_by(stride).enumerate().map(block).filter(|k| record.counts(*k)).collect())
         };
-        Self { records: by_name.into_iter().map(|i| (i, samples(i))).collect() }
+        Self {
+            bases: by_name.iter().map(|_| OwnBases::default()).collect(),
+            records: by_name.into_iter().map(|i| (i, samples(i))).collect(),
+        }
+    }
+
+    /// Of each record what a model leaves of it, free of what it has of its own.
+    #[must_use]
+    pub fn residuals(&self, model: &Model, dataset: &Dataset) -> Vec<DVector<f64>> {
+        let model = &*model.before_rounding();
+        parallel::map_indices(self.records.len(), |r| {
+            let (i, samples) = &self.records[r];
+            let record = &dataset.records[*i];
+            let mut out = raw_residual(model, record, samples);
+            project_out_of(&self.bases[r].of(OwnMotions::of(model, record), record, samples).orthonormal, &mut out);
+            out
+        })
     }
 
     /// Samples in all.
@@ -132,7 +150,7 @@ pub fn residual_at(model: &Model, record: &Record, samples: &Samples) -> DVector
     residual_beside(model, record, samples, None)
 }
 
-/// The same near a model that was linearised: as long as what the record has of its own moves as it did there, its columns are known.
+/// The same near a model that was linearised: what the record has of its own is made of what it had there as far as that serves.
 #[must_use]
 pub fn residual_near(model: &Model, record: &Record, samples: &Samples, near: &Linearised) -> DVector<f64> {
     residual_beside(model, record, samples, Some(&near.own))
@@ -141,17 +159,12 @@ pub fn residual_near(model: &Model, record: &Record, samples: &Samples, near: &L
 fn residual_beside(model: &Model, record: &Record, samples: &Samples, known: Option<&Arc<OwnBasis>>) -> DVector<f64> {
     let model = &*model.before_rounding();
     let mut out = raw_residual(model, record, samples);
-    project_out_of(&own_basis(model, record, samples, known).orthonormal, &mut out);
-    out
-}
-
-/// What a record has of its own, made of what is known of it beside another model as far as that serves.
-fn own_basis(model: &Model, record: &Record, samples: &Samples, known: Option<&Arc<OwnBasis>>) -> Arc<OwnBasis> {
     let motions = OwnMotions::of(model, record);
     match known.filter(|known| known.motions == motions) {
-        Some(known) => known.clone(),
-        None => Arc::new(OwnBasis::of(motions, record, samples, known.map(|known| &**known))),
+        Some(known) => project_out_of(&known.orthonormal, &mut out),
+        None => project_out_of(&OwnBasis::of(motions, record, samples, known.map(|known| &**known)).orthonormal, &mut out),
     }
+    out
 }
 
 /// What a reading of the whole record leaves inside its window, free of what the record has of its own as far as the samples that count show
@@ -161,7 +174,7 @@ pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec
     let every = Samples::Every(record.window.clone());
     let mut left = DVector::from_iterator(every.count(), every.iter().map(|k| record.displacement_um[k] - reading_um[k]));
     if record.left_out.is_empty() {
-        project_out_of(&own_basis(model, record, &every, None).orthonormal, &mut left);
+        project_out_of(&OwnBasis::of(OwnMotions::of(model, record), record, &every, None).orthonormal, &mut left);
     } else {
         let counted: Vec<usize> = record.counted().map(|k| k - record.window.start).collect();
         project_out_by_rows(&own_part::columns(model, record, &every), &counted, &mut left);
@@ -200,21 +213,19 @@ fn moved(model: &Model, index: ParameterIndex) -> (Variation, f64) {
 /// Linearises the model over records in the coordinates of `free`.
 #[must_use]
 pub fn linearise(model: &Model, dataset: &Dataset, rows: &Rows, free: &[ParameterIndex]) -> Vec<Linearised> {
-    linearise_near(model, dataset, rows, free, None, None)
+    linearise_reusing(model, dataset, rows, free, None)
 }
 
-/// As [`linearise`], with what the records have of their own made of that of the last linearisation as far as it serves, and with the derivatives by plain
-/// coefficients of an earlier one, where that is given.
+/// As [`linearise`], but takes the derivatives by plain coefficients from an earlier linearisation.
 ///
 /// They depend on the other parameters alone and change little with them; the step stays right because every step is judged by the
 /// true sum of squares.
 #[must_use]
-pub fn linearise_near(
+pub fn linearise_reusing(
     model: &Model,
     dataset: &Dataset,
     rows: &Rows,
     free: &[ParameterIndex],
-    last: Option<&[Linearised]>,
     earlier: Option<&[Linearised]>,
 ) -> Vec<Linearised> {
     let model = &*model.before_rounding();
@@ -229,47 +240,70 @@ pub fn linearise_near(
         let (index, samples) = &rows.records[*r];
         walk_part(model, &dataset.records[*index], samples, free, groups[*g], (*g == 0 && with_coefficients).then_some(&lanes))
     });
-    let mut parts = parts.into_iter();
-    let mut out = Vec::with_capacity(rows.records.len());
-    for (r, (index, samples)) in rows.records.iter().enumerate() {
+    let with_earlier = Assembling { model, free, lanes: &lanes, groups: &groups };
+    parallel::map_indices(rows.records.len(), |r| {
+        let (index, samples) = &rows.records[r];
         let record = &dataset.records[*index];
-        let Some(Part { mut residual, by_coefficient, moved: of_first }) = parts.next() else { continue };
-        let of_others: Vec<Part> = parts.by_ref().take(groups.len() - 1).collect();
-        let own = own_basis(model, record, samples, last.map(|last| &last[r].own));
+        let own = rows.bases[r].of(OwnMotions::of(model, record), record, samples);
+        let of_record = &parts[r * groups.len()..(r + 1) * groups.len()];
+        with_earlier.linearised(record, samples, of_record, own, earlier.map(|earlier| &earlier[r]))
+    })
+}
+
+/// What the walks along one record are put together by.
+struct Assembling<'a> {
+    model: &'a Model,
+    free: &'a [ParameterIndex],
+    /// The lane of each free value that is a coefficient.
+    lanes: &'a [Option<usize>],
+    /// Places of the others, by walk.
+    groups: &'a [&'a [usize]],
+}
+
+impl Assembling<'_> {
+    fn linearised(
+        &self,
+        record: &Record,
+        samples: &Samples,
+        walks: &[Part],
+        own: Arc<OwnBasis>,
+        earlier: Option<&Linearised>,
+    ) -> Linearised {
+        let first = &walks[0];
         let moves =
             |moved: &Moved| (moved.step != 0.0).then(|| OwnMotions::of(&moved.variation.model, record)).filter(|m| *m != own.motions);
-        let any_moves = of_first.iter().chain(of_others.iter().flat_map(|part| &part.moved)).any(|moved| moves(moved).is_some());
-        let plain = any_moves.then(|| own.motions.columns(record, samples));
-        let held = plain.as_ref().map(|plain| amounts(plain, &residual));
-        let mut jacobian = DMatrix::zeros(samples.count(), free.len());
-        for (p, lane) in lanes.iter().enumerate() {
+        let any_moves = walks.iter().flat_map(|walk| &walk.moved).any(|moved| moves(moved).is_some());
+        let held = any_moves.then(|| amounts(&own.motions.columns(record, samples), &first.residual));
+        let mut jacobian = DMatrix::zeros(samples.count(), self.free.len());
+        for (p, lane) in self.lanes.iter().enumerate() {
             let Some(lane) = lane else { continue };
-            let scale = model.effects[free[p].effect].parameters[free[p].parameter].value_per_coordinate();
             match earlier {
-                Some(known) => jacobian.set_column(p, &known[r].jacobian.column(p)),
-                None => jacobian.set_column(p, &(by_coefficient.column(*lane) * scale)),
+                Some(known) => jacobian.set_column(p, &known.jacobian.column(p)),
+                None => {
+                    let index = self.free[p];
+                    let scale = self.model.effects[index.effect].parameters[index.parameter].value_per_coordinate();
+                    jacobian.set_column(p, &(first.by_coefficient.column(*lane) * scale));
+                }
             }
         }
-        for (group, moved) in groups.iter().zip(std::iter::once(of_first).chain(of_others.into_iter().map(|part| part.moved))) {
-            for (p, moved) in group.iter().zip(moved) {
-                let others = moves(&moved).map(|motions| motions.columns(record, samples));
-                let Moved { residual: mut column, step, .. } = moved;
-                column -= &residual;
+        for (group, walk) in self.groups.iter().zip(walks) {
+            for (p, moved) in group.iter().zip(&walk.moved) {
+                let mut column = &moved.residual - &first.residual;
                 // The residual falls by what the reading rises.
-                column *= if step == 0.0 { 0.0 } else { -1.0 / step };
-                if let (Some(others), Some(plain), Some(held)) = (others, &plain, &held)
-                    && others.ncols() == plain.ncols()
+                column *= if moved.step == 0.0 { 0.0 } else { -1.0 / moved.step };
+                if let (Some(others), Some(held)) = (moves(moved), &held)
+                    && let Some(change) = own.motions.change_to(&others, held, record, samples)
                 {
-                    column += (others - plain) * held / step;
+                    column += change / moved.step;
                 }
                 jacobian.set_column(*p, &column);
             }
         }
+        let mut residual = first.residual.clone();
         project_out_of(&own.orthonormal, &mut residual);
         project_out(&own.orthonormal, &mut jacobian);
-        out.push(Linearised { residual, jacobian: Arc::new(jacobian), own });
+        Linearised { residual, jacobian: Arc::new(jacobian), own }
     }
-    out
 }
 
 /// As even parts of a list as can be, at least one.
@@ -356,19 +390,24 @@ pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variat
 /// Normal equations of linearised records: `J'J`, `J'r`, `r'r`, samples.
 #[must_use]
 pub fn normal_equations(parts: &[Linearised]) -> (DMatrix<f64>, DVector<f64>, f64, usize) {
-    let p = parts.first().map_or(0, |l| l.jacobian.ncols());
-    let each =
-        parallel::map(parts, |part| (own_part::transposed_times(&part.jacobian, &part.jacobian), part.jacobian.tr_mul(&part.residual)));
-    let mut h = DMatrix::zeros(p, p);
-    let mut g = DVector::zeros(p);
-    let (mut cost, mut samples) = (0.0, 0);
-    for (part, (of_h, of_g)) in parts.iter().zip(each) {
-        h += of_h;
-        g += of_g;
-        cost += part.residual.norm_squared();
-        samples += part.residual.len();
-    }
-    (h, g, cost, samples)
+    let (g, cost, samples) = along_residual(parts);
+    (squares_of_derivatives(parts), g, cost, samples)
+}
+
+/// `J'J` of linearised records.
+#[must_use]
+pub fn squares_of_derivatives(parts: &[Linearised]) -> DMatrix<f64> {
+    let each = parallel::map(parts, |part| own_part::transposed_times(&part.jacobian, &part.jacobian));
+    each.into_iter().reduce(|sum, of_record| sum + of_record).unwrap_or_default()
+}
+
+/// `J'r`, `r'r` and the samples of linearised records.
+#[must_use]
+pub fn along_residual(parts: &[Linearised]) -> (DVector<f64>, f64, usize) {
+    let each = parallel::map(parts, |part| part.jacobian.tr_mul(&part.residual));
+    let g = each.into_iter().reduce(|sum, of_record| sum + of_record).unwrap_or_default();
+    let (cost, samples) = parts.iter().fold((0.0, 0), |(c, n), part| (c + part.residual.norm_squared(), n + part.residual.len()));
+    (g, cost, samples)
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use crate::dataset::Record;
 use hysteron_sim::chain::{InitialState, Model};
 use hysteron_sim::effect::FreeMotion;
 use nalgebra::{Complex, DMatrix, DVector};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The samples of a record that count in a fit.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -78,6 +79,11 @@ impl OwnMotion {
         }
     }
 
+    /// Number of its columns.
+    fn width(&self) -> usize {
+        if self.rank() < 2 { 1 } else { 2 }
+    }
+
     /// Its columns at samples that are `dt_s` apart.
     fn columns(&self, dt_s: f64, samples: &Samples) -> Vec<DVector<f64>> {
         let rows = samples.count();
@@ -86,8 +92,8 @@ impl OwnMotion {
             Self::Free(motion) if motion.frequency_rad_s == 0.0 => {
                 vec![DVector::from_vec(powers(Complex::new(-motion.decay_per_s * dt_s, 0.0), samples, |z| z.re))]
             }
-            Self::Free(motion) => swinging(Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * dt_s, samples),
-            Self::LineHz(frequency_hz) => swinging(Complex::new(0.0, std::f64::consts::TAU * frequency_hz * dt_s), samples),
+            Self::Free(motion) => turning(Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * dt_s, samples).to_vec(),
+            Self::LineHz(frequency_hz) => turning(Complex::new(0.0, std::f64::consts::TAU * frequency_hz * dt_s), samples).to_vec(),
         }
     }
 }
@@ -115,6 +121,31 @@ impl OwnMotions {
         Self(out)
     }
 
+    /// What changes of a record's own, held in these amounts, where others take the place of these motions; none where they are of another kind.
+    #[must_use]
+    pub fn change_to(&self, others: &Self, held: &DVector<f64>, record: &Record, samples: &Samples) -> Option<DVector<f64>> {
+        let mut out = DVector::zeros(samples.count());
+        let mut at = 0;
+        for (before, after) in self.0.iter().zip(&others.0) {
+            if before.width() != after.width() {
+                return None;
+            }
+            if before != after {
+                let [before, after] = [before, after].map(|motion| motion.columns(record.dt_s(), samples));
+                for (k, (before, after)) in before.into_iter().zip(after).enumerate() {
+                    out += (after - before) * held[at + k];
+                }
+            }
+            at += before.width();
+        }
+        (self.0.len() == others.0.len()).then_some(out)
+    }
+
+    /// How many of the first are those of others.
+    fn alike(&self, others: &Self) -> usize {
+        self.0.iter().zip(&others.0).take_while(|(a, b)| a == b).count()
+    }
+
     /// The plain columns at samples of the record.
     #[must_use]
     pub fn columns(&self, record: &Record, samples: &Samples) -> DMatrix<f64> {
@@ -138,7 +169,7 @@ impl OwnBasis {
     /// That of motions at samples of a record; `known` is one at the same samples, whose first columns may serve.
     #[must_use]
     pub fn of(motions: OwnMotions, record: &Record, samples: &Samples, known: Option<&Self>) -> Self {
-        let alike = known.map_or(0, |known| known.motions.0.iter().zip(&motions.0).take_while(|(a, b)| a == b).count());
+        let alike = known.map_or(0, |known| known.motions.alike(&motions));
         let kept = known.filter(|_| alike > 0).map(|known| (&known.orthonormal, &known.made[..alike]));
         let mut made = kept.map_or_else(Vec::new, |(_, made)| made.to_vec());
         let first = made.last().copied().unwrap_or(0);
@@ -152,11 +183,49 @@ impl OwnBasis {
     }
 }
 
-/// Real and imaginary part of the powers of `exp(rate)` that oscillate.
-fn swinging(rate: Complex<f64>, samples: &Samples) -> Vec<DVector<f64>> {
-    let turning = powers(rate, samples, |z| z);
-    let part = |of: fn(&Complex<f64>) -> f64| DVector::from_iterator(turning.len(), turning.iter().map(of));
-    vec![part(|z| z.re), part(|z| z.im)]
+/// Values of bases that are kept for one record, at most: some ten of a search's.
+const KEPT_VALUES: usize = 2_000_000;
+
+/// Bases of one record at the same samples, the last that was asked for first: models of a search differ little in what the record has of its own.
+#[derive(Clone, Debug, Default)]
+pub struct OwnBases(Arc<Mutex<Vec<Arc<OwnBasis>>>>);
+
+impl OwnBases {
+    /// The basis of motions, made of what is known as far as that serves. It is the same, bit for bit, whatever is known.
+    #[must_use]
+    pub fn of(&self, motions: OwnMotions, record: &Record, samples: &Samples) -> Arc<OwnBasis> {
+        let nearest = {
+            let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(at) = known.iter().position(|basis| basis.motions == motions) {
+                let basis = known.remove(at);
+                known.insert(0, basis.clone());
+                return basis;
+            }
+            known.iter().max_by_key(|basis| basis.motions.alike(&motions)).cloned()
+        };
+        let basis = Arc::new(OwnBasis::of(motions, record, samples, nearest.as_deref()));
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        known.insert(0, basis.clone());
+        let mut values = 0;
+        known.retain(|basis| {
+            values += basis.orthonormal.len();
+            values <= KEPT_VALUES
+        });
+        basis
+    }
+}
+
+/// A motion that swings, as a cosine and as a sine of the time since a record's first sample, at samples of it.
+#[must_use]
+pub fn swinging(motion: FreeMotion, record: &Record, samples: &Samples) -> [DVector<f64>; 2] {
+    turning(Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * record.dt_s(), samples)
+}
+
+/// Real and imaginary part of the powers of `exp(rate)`.
+fn turning(rate: Complex<f64>, samples: &Samples) -> [DVector<f64>; 2] {
+    let powers = powers(rate, samples, |z| z);
+    let part = |of: fn(&Complex<f64>) -> f64| DVector::from_iterator(powers.len(), powers.iter().map(of));
+    [part(|z| z.re), part(|z| z.im)]
 }
 
 /// The plain columns of what a record has of its own, for the values of a model.
