@@ -113,16 +113,24 @@ pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
     walker.map_or_else(Vec::new, |w| w.coefficients().into_iter().map(|(id, parameter)| (id.to_owned(), parameter)).collect())
 }
 
+/// How a walk is done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Manner {
+    /// What each coefficient adds is given too.
+    pub with_coefficients: bool,
+    /// Variations that move inside a sampling period go in the intervals of the model itself: where their shape is enough.
+    pub as_coarse_as_the_model: bool,
+}
+
 /// Walks a model and its variations along a record; `see` is shown every chunk.
-///
-/// `with_coefficients` asks for what each coefficient adds.
-pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], with_coefficients: bool, see: &mut dyn FnMut(&Chunk)) {
+pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Manner, see: &mut dyn FnMut(&Chunk)) {
     let dt_s = drive.dt_s;
     let substeps = model.substeps(dt_s);
     let mut stages = stages_of(model, substeps, drive);
     let resting = model.resting_drive_v(drive);
     // Variations that need another resolution walk alone.
-    let shares = |v: &Variation| v.model.substeps(dt_s) == substeps && v.model.resting_drive_v(drive) == resting;
+    let as_fine = |v: &Variation| manner.as_coarse_as_the_model || v.model.substeps(dt_s) == substeps;
+    let shares = |v: &Variation| as_fine(v) && v.model.resting_drive_v(drive) == resting;
     let alone: Vec<Option<Vec<f64>>> = variations.iter().map(|v| (!shares(v)).then(|| v.model.simulate(drive))).collect();
     let mut beside: Vec<Option<Beside>> =
         variations.iter().zip(&alone).map(|(v, alone)| alone.is_none().then(|| beside_of(v, &stages, substeps, drive))).collect();
@@ -140,7 +148,7 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], with_coeffic
         }
         b.sampled.last = value;
     }
-    let mut lanes = if with_coefficients { lanes_of(model, substeps, drive, &stages, &at_rest) } else { None };
+    let mut lanes = if manner.with_coefficients { lanes_of(model, substeps, drive, &stages, &at_rest) } else { None };
     let mut sampled = Sampled { last: at_rest[at_rest.len() - 1] };
 
     let (mut reading, mut block) = (Vec::new(), Vec::new());

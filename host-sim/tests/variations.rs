@@ -2,7 +2,7 @@
 
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Effect, Overview, registry};
-use hysteron_sim::variations::{Variation, coefficients, walk};
+use hysteron_sim::variations::{Manner, Variation, coefficients, walk};
 use std::sync::Arc;
 
 fn overview() -> Overview {
@@ -46,7 +46,7 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
 /// Reading, variations and coefficients of a whole record.
 fn walked(model: &Model, drive: &Drive, variations: &[Variation]) -> (Vec<f64>, Vec<Vec<f64>>, Vec<f64>) {
     let (mut reading, mut others, mut by_coefficient) = (Vec::new(), vec![Vec::new(); variations.len()], Vec::new());
-    walk(model, drive, variations, true, &mut |chunk| {
+    walk(model, drive, variations, Manner { with_coefficients: true, as_coarse_as_the_model: false }, &mut |chunk| {
         assert_eq!(chunk.from, reading.len());
         reading.extend_from_slice(chunk.reading_um);
         others.iter_mut().zip(chunk.variations_um).for_each(|(all, part)| all.extend_from_slice(part));

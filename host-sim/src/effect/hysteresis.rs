@@ -140,14 +140,14 @@ struct Contributions {
 }
 
 impl Contributions {
-    /// At the next input: of the loop surface, the initial curve and the play operators, in this order.
-    fn step(&mut self, x: f64) -> Vec<f64> {
-        let mut out = self.walk.step(x).to_vec();
+    /// At the next input, in the place of those at the last: of the loop surface, the initial curve and the play operators, in this order.
+    fn step(&mut self, x: f64, out: &mut Vec<f64>) {
+        out.clear();
+        out.extend_from_slice(self.walk.step(x));
         if let Some(plays) = &mut self.plays {
             plays.step(x);
-            out.extend(plays.positions());
+            out.extend_from_slice(plays.positions());
         }
-        out
     }
 
     /// The same of the initial ascending curve where it was left, or is.
@@ -246,7 +246,7 @@ struct SurfaceWalker {
 impl SurfaceWalker {
     fn next(&mut self, drive_v: f64) {
         let Some(rate_v_s) = self.drive.next(drive_v) else { return };
-        self.present = self.contributions.step(self.drive.normalised(drive_v));
+        self.contributions.step(self.drive.normalised(drive_v), &mut self.present);
         if let Some(law) = self.drive.rate {
             // The law is linear in what it is applied to.
             let curve = self.contributions.curve_at_maximum();
@@ -261,7 +261,7 @@ impl CoefficientWalker for SurfaceWalker {
     }
     fn settle(&mut self, input: f64, row: &mut [f64]) {
         self.drive.settle(input);
-        self.present = self.contributions.step(self.drive.normalised(input));
+        self.contributions.step(self.drive.normalised(input), &mut self.present);
         row.copy_from_slice(&self.present);
     }
     fn run(&mut self, inputs: &[f64], block: &mut [f64]) {

@@ -15,14 +15,19 @@ const THRESHOLDS: usize = 20;
 /// A weighted sum of play operators (backlash elements), each with its threshold in units of the drive range.
 #[derive(Clone, Debug)]
 pub(super) struct PlayOperators {
-    thresholds_and_weights: Vec<(f64, f64)>,
+    thresholds: Vec<f64>,
+    weights: Vec<f64>,
     plays: Vec<f64>,
 }
+
+/// Sums that run side by side: one alone would wait for itself at every element.
+const SUMS: usize = 4;
 
 impl PlayOperators {
     /// Virgin operators.
     pub(super) fn new(thresholds_and_weights: Vec<(f64, f64)>) -> Self {
-        Self { plays: vec![0.0; thresholds_and_weights.len()], thresholds_and_weights }
+        let (thresholds, weights): (Vec<f64>, Vec<f64>) = thresholds_and_weights.into_iter().unzip();
+        Self { plays: vec![0.0; thresholds.len()], thresholds, weights }
     }
 
     /// The operators that `model` has beside its surfaces.
@@ -33,12 +38,22 @@ impl PlayOperators {
 
     /// Follows an input and returns the weighted sum.
     pub(super) fn step(&mut self, x: f64) -> f64 {
-        let mut sum = 0.0;
-        for ((threshold, weight), play) in self.thresholds_and_weights.iter().zip(&mut self.plays) {
-            *play = play.clamp(x - threshold, x + threshold);
-            sum += weight * *play;
+        let followed = |play: f64, threshold: f64| play.max(x - threshold).min(x + threshold);
+        let mut sums = [0.0; SUMS];
+        let mut plays = self.plays.chunks_exact_mut(SUMS);
+        let (mut thresholds, mut weights) = (self.thresholds.chunks_exact(SUMS), self.weights.chunks_exact(SUMS));
+        for ((plays, thresholds), weights) in (&mut plays).zip(&mut thresholds).zip(&mut weights) {
+            for i in 0..SUMS {
+                plays[i] = followed(plays[i], thresholds[i]);
+                sums[i] += weights[i] * plays[i];
+            }
         }
-        sum
+        let rest = plays.into_remainder().iter_mut().zip(thresholds.remainder()).zip(weights.remainder());
+        for (((play, threshold), weight), sum) in rest.zip(&mut sums) {
+            *play = followed(*play, *threshold);
+            *sum += weight * *play;
+        }
+        (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 
     /// Where each element stands: what a unit of its weight gives.
@@ -48,12 +63,12 @@ impl PlayOperators {
 
     /// What the first rise to `x` gives.
     pub(super) fn initial_ascending_curve(&self, x: f64) -> f64 {
-        self.initial_ascending_curves(x).zip(&self.thresholds_and_weights).map(|(rise, (_, weight))| weight * rise).sum()
+        self.initial_ascending_curves(x).zip(&self.weights).map(|(rise, weight)| weight * rise).sum()
     }
 
     /// The same for a unit weight of each element.
     pub(super) fn initial_ascending_curves(&self, x: f64) -> impl Iterator<Item = f64> {
-        self.thresholds_and_weights.iter().map(move |(threshold, _)| (x - threshold).max(0.0))
+        self.thresholds.iter().map(move |threshold| (x - threshold).max(0.0))
     }
 }
 

@@ -34,7 +34,7 @@ use crate::identification::own_part::{Samples, project_out, swinging, transposed
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Effect, FreeMotion, Overview, Resonance};
-use hysteron_sim::variations::Variation;
+use hysteron_sim::variations::{Manner, Variation};
 use nalgebra::{DMatrix, DVector};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -193,13 +193,15 @@ pub fn screen(
     remove_skew(&readings, dataset, rows, &absorbed, &mut residual);
     let peaks = resonances_of(&residual, dataset, rows, model, &readings);
 
+    // The shape of what an amplifier adds is the same in whole intervals.
+    let manner = Manner { as_coarse_as_the_model: weighing == Weighing::Quick, ..Manner::default() };
     let mut light = model.clone();
     light.effects.retain(|e| !e.effect.costly());
     let signatures = if weighing == Weighing::Quick && light.effects.len() < model.effects.len() {
         let readings = parallel::map(&rows.records, |(i, _)| light.simulate(&dataset.records[*i].drive()));
-        Signatures::collect(&light, overview, dataset, rows, candidates, &peaks, &readings)?
+        Signatures::collect(&light, overview, dataset, rows, candidates, &peaks, &readings, manner)?
     } else {
-        Signatures::collect(model, overview, dataset, rows, candidates, &peaks, &readings)?
+        Signatures::collect(model, overview, dataset, rows, candidates, &peaks, &readings, manner)?
     };
     let mut columns = signatures.columns;
     let before = squares(&columns);
@@ -333,6 +335,7 @@ impl Signatures {
         candidates: &[Arc<dyn Effect>],
         peaks: &[Resonance],
         readings: &[Vec<f64>],
+        manner: Manner,
     ) -> Result<Self> {
         let mut variations: Vec<Variation> = Vec::new();
         let mut columns: Vec<Column> = Vec::new();
@@ -365,7 +368,7 @@ impl Signatures {
         }
         let per_record = parallel::map_indices(rows.records.len(), |r| {
             let (i, samples) = &rows.records[r];
-            columns_of_record(model, &dataset.records[*i], samples, &variations, &columns, r, &readings[r])
+            columns_of_record(model, &dataset.records[*i], samples, &variations, &columns, r, &readings[r], manner)
         });
         let columns: Vec<DMatrix<f64>> = per_record.into_iter().collect::<Result<_>>()?;
         Ok(Self { columns, directions, of_candidate })
@@ -434,9 +437,10 @@ fn columns_of_record(
     columns: &[Column],
     at: usize,
     reading: &[f64],
+    manner: Manner,
 ) -> Result<DMatrix<f64>> {
     let groups: Vec<&[Variation]> = variations.chunks(BESIDE).collect();
-    let walked: Vec<DVector<f64>> = parallel::map(&groups, |group| walk_variations(model, record, samples, group)).concat();
+    let walked: Vec<DVector<f64>> = parallel::map(&groups, |group| walk_variations(model, record, samples, group, manner)).concat();
     let base = DVector::from_iterator(samples.count(), samples.iter().map(|k| reading[k]));
     let mut out = DMatrix::zeros(samples.count(), columns.len());
     for (c, column) in columns.iter().enumerate() {

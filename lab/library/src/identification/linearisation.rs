@@ -8,7 +8,7 @@ use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Samples, amounts, pr
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
-use hysteron_sim::variations::{Chunk, Variation, coefficients, walk};
+use hysteron_sim::variations::{Chunk, Manner, Variation, coefficients, walk};
 use nalgebra::{DMatrix, DVector};
 use std::sync::Arc;
 
@@ -341,7 +341,7 @@ fn walk_part(
     let mut reading = DVector::zeros(samples.count());
     let mut of_variations = vec![reading.clone(); variations.len()];
     let mut by_coefficient = DMatrix::zeros(if count > 0 { samples.count() } else { 0 }, count);
-    walk(model, &record.drive(), &variations, count > 0, &mut |chunk| {
+    walk(model, &record.drive(), &variations, Manner { with_coefficients: count > 0, ..Manner::default() }, &mut |chunk| {
         let within = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
         take(&mut reading, &within, chunk.from, chunk.reading_um);
         take_each(&mut of_variations, &within, chunk);
@@ -379,9 +379,9 @@ pub fn measured(record: &Record, samples: &Samples) -> DVector<f64> {
 
 /// What each variation would read at the samples that count.
 #[must_use]
-pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variations: &[Variation]) -> Vec<DVector<f64>> {
+pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variations: &[Variation], manner: Manner) -> Vec<DVector<f64>> {
     let mut out: Vec<DVector<f64>> = variations.iter().map(|_| DVector::zeros(samples.count())).collect();
-    walk(model, &record.drive(), variations, false, &mut |chunk| {
+    walk(model, &record.drive(), variations, manner, &mut |chunk| {
         take_each(&mut out, &samples.within(chunk.from, chunk.from + chunk.reading_um.len()), chunk);
     });
     out
