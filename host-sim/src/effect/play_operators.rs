@@ -38,7 +38,12 @@ impl PlayOperators {
 
     /// Follows an input and returns the weighted sum.
     pub(super) fn step(&mut self, x: f64) -> f64 {
-        let followed = |play: f64, threshold: f64| play.max(x - threshold).min(x + threshold);
+        // Plain comparisons: of two numbers each is one instruction, for several elements at once.
+        let followed = |play: f64, threshold: f64| {
+            let (lower, upper) = (x - threshold, x + threshold);
+            let play = if play < lower { lower } else { play };
+            if play > upper { upper } else { play }
+        };
         let mut sums = [0.0; SUMS];
         let mut plays = self.plays.chunks_exact_mut(SUMS);
         let (mut thresholds, mut weights) = (self.thresholds.chunks_exact(SUMS), self.weights.chunks_exact(SUMS));

@@ -75,7 +75,7 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     let before = study.judged(model);
     // First alone, all else held: where the values of the model are knowledge, only the effect has to be found.
     let held = holding(&before.model, |_, _| true);
-    let alone = study.seated(&held, effect, 3)?;
+    let alone = study.seated(&held, effect, 3, f64::INFINITY)?;
     let mut begun = before.model.clone();
     if let Some(found) = alone.model.effect(&id) {
         begun.add(found.clone());

@@ -6,7 +6,7 @@
 //! and with the drive of the own row, the same effects do as well. Where the search met nothing, the same effects are asked as they are.
 
 use super::judgement::Judged;
-use super::study::Study;
+use super::study::{FAR_BEHIND, Study};
 use crate::dataset::Dataset;
 use crate::error::Result;
 use crate::parallel;
@@ -52,8 +52,10 @@ pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option
     study.watch.event(&Event::Doing("asking whether the readings follow the drive of their own row"));
     let shifted = drive_of_the_own_row(study.dataset);
     let other = study.of(&shifted);
-    let fitted =
-        parallel::map(&asked, |modes| other.quickly(&modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id))));
+    let fitted = parallel::map(&asked, |modes| {
+        let begin = modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id));
+        other.quickly_within(&begin, study.merit(found), FAR_BEHIND)
+    });
     let best = fitted.into_iter().zip(&asked).min_by(|a, b| other.merit(&a.0).total_cmp(&other.merit(&b.0)));
     let Some((without, modes)) = best.filter(|(one, _)| other.merit(one) < study.merit(found) + MAY_COME_TO_IT) else { return Ok(None) };
     let most = study.merit(found) + if modes.is_empty() { -MUCH_BETTER } else { AS_WELL };

@@ -8,7 +8,7 @@
 use super::decision::{Decision, decide};
 use super::judgement::Judged;
 use super::screening::{Score, Screening};
-use super::study::Study;
+use super::study::{FAR_BEHIND, Study};
 
 use crate::parallel;
 use crate::watch::Event;
@@ -19,8 +19,6 @@ use std::collections::BTreeSet;
 const CLEARLY_MISSED: f64 = 0.5;
 /// The same where both are far above the noise, and only the error decides.
 const CLEARLY_MISSED_FAR_ABOVE: f64 = 0.25;
-/// Half way through a quick fit, what is still so far behind is clearly missed at its end too.
-const FAR_BEHIND: f64 = 1.0;
 /// Rivals of an effect that are fitted at most.
 const RIVALS_MAX: usize = 4;
 /// A rival's signature is at least so much like that of the effect: what acts in quite another way is found by the search itself.
@@ -375,7 +373,7 @@ fn does_not_answer_the_drive(study: &Study, id: &str, judged: &Judged) -> bool {
         instance.parameters[*place].value = 0.0;
         instance.parameters[*place].parameter.fixed = true;
     }
-    !by.is_empty() && !study.told_apart(&study.judged(study.quickly(&model).model), judged)
+    !by.is_empty() && !study.told_apart(&study.judged(study.quickly_within(&model, study.merit(judged), FAR_BEHIND).model), judged)
 }
 
 /// What else explains much of what the model without an effect leaves, fitted in its place.
@@ -388,7 +386,10 @@ fn rivals_of(study: &Study, id: &str, without: &Judged, screening: &Screening, b
         study.watch.event(&Event::Doing("trying what else could do"));
     }
     let mut rivals = parallel::map(&worth, |score| {
-        let begun = |start: &Vec<f64>| study.quickly(&study.with(&without.model, &[(score.effect.clone(), start.clone())]));
+        let begun = |start: &Vec<f64>| {
+            let begin = study.with(&without.model, &[(score.effect.clone(), start.clone())]);
+            study.quickly_within(&begin, study.merit(best), FAR_BEHIND)
+        };
         let mut fitted = begun(&score.starts[0]);
         if missed(study, &fitted, best) < CLEARLY_MISSED {
             let others = score.starts.iter().skip(1).take(if score.effect.starts_combine() { 0 } else { 1 }).map(begun);

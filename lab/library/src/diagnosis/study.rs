@@ -59,6 +59,8 @@ const LOOKED_AT_AFTER: usize = 3;
 const PLAINLY_BEHIND: f64 = 0.2;
 /// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it belongs.
 const OUT_OF_REACH: f64 = 1.0;
+/// What is so far behind half way through a quick fit is behind at its end.
+pub const FAR_BEHIND: f64 = 1.0;
 /// How far what is added is fitted by itself, and what is only ranked.
 const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01 };
 /// How far it goes before two sets are compared.
@@ -315,18 +317,19 @@ impl<'a> Study<'a> {
         out
     }
 
-    /// The model with an effect begun from the start that explains most of what the others leave.
+    /// The model with an effect begun from the start that explains most of what the others leave; where half way it is far behind a merit, it is fitted
+    /// no further.
     ///
     /// # Errors
     /// As [`screen`].
-    pub fn seated(&self, model: &Model, effect: &Arc<dyn Effect>, starts: usize) -> Result<Judged> {
+    pub fn seated(&self, model: &Model, effect: &Arc<dyn Effect>, starts: usize, of: f64) -> Result<Judged> {
         let screening = screen(model, &self.overview, &self.searched, &self.scoring, std::slice::from_ref(effect), None, Weighing::Quick)?;
         let begun = |start: &[f64]| self.with(model, &[(effect.clone(), start.to_vec())]);
         let trials: Vec<Model> = match screening.scores.first() {
             Some(score) => score.starts.iter().take(if effect.starts_combine() { 1 } else { starts }).map(|s| begun(s)).collect(),
             None => vec![begun(&[])],
         };
-        let fitted = crate::parallel::map(&trials, |trial| self.quickly(trial));
+        let fitted = crate::parallel::map(&trials, |trial| self.quickly_within(trial, of, FAR_BEHIND));
         let best = fitted.into_iter().min_by(|a, b| a.identify_rms_um.total_cmp(&b.identify_rms_um));
         Ok(best.unwrap_or_else(|| self.quickly(&begun(&[]))))
     }
@@ -350,7 +353,7 @@ impl<'a> Study<'a> {
                 continue;
             }
             self.watch.event(&Event::Fitting { effect: &id });
-            let seated = self.seated(&self.without(&best.model, &id), &effect, 1)?;
+            let seated = self.seated(&self.without(&best.model, &id), &effect, 1, self.merit(&best))?;
             if self.merit(&seated) > self.merit(&best) + CANNOT_CATCH_UP {
                 continue;
             }
@@ -377,8 +380,8 @@ impl<'a> Study<'a> {
         };
         for [of, by] in judged.model.effects.iter().filter_map(coupled) {
             let without = self.without(&self.without(&best.model, &by.declaration().id), &of.declaration().id);
-            let with_of = self.seated(&without, &of, 2)?;
-            let seated = self.for_comparison(&self.seated(&with_of.model, &by, 2)?.model);
+            let with_of = self.seated(&without, &of, 2, f64::INFINITY)?;
+            let seated = self.for_comparison(&self.seated(&with_of.model, &by, 2, f64::INFINITY)?.model);
             if self.merit(&seated) < self.merit(&best) {
                 best = seated;
             }
@@ -407,7 +410,7 @@ impl<'a> Study<'a> {
                 self.quickly(&self.with(&model, &[(effect.clone(), Vec::new())])).model
             } else {
                 several += 1;
-                self.seated(&model, effect, 3)?.model
+                self.seated(&model, effect, 3, f64::INFINITY)?.model
             };
         }
         self.watch.event(&Event::Doing("fitting all effects together"));
