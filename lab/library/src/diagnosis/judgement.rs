@@ -3,11 +3,12 @@
 use super::policy::Policy;
 use crate::dataset::{Dataset, Record, Role};
 use crate::error::{Error, Result};
-use crate::identification::fit::{blocks, dot, rms};
+use crate::identification::fit::{Fit, blocks, dot, rms};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron_sim::chain::{Drive, Model};
 use hysteron_sim::effect::Effect;
+use nalgebra::DVector;
 use std::sync::Arc;
 
 /// Which records are fitted and which judge.
@@ -98,10 +99,28 @@ pub fn noise_floor_beside(model: &Model, dataset: &Dataset) -> NoiseFloor {
 /// Judges a fitted model on the samples that count.
 #[must_use]
 pub fn judge_rows(model: Model, dataset: &Dataset, split: &Split, rows: &Rows) -> Judged {
+    let each = rows.residuals(&model, dataset);
+    judged_by(model, dataset, split, rows.records.iter().map(|(i, _)| *i).zip(each))
+}
+
+/// Judges what a fit came to on the samples that count; of those that were fitted it says itself what it leaves.
+#[must_use]
+pub fn judge_fit(fit: Fit, fitted: &Rows, dataset: &Dataset, split: &Split, rows: &Rows) -> Judged {
+    let said: Vec<(usize, DVector<f64>)> = fitted
+        .records
+        .iter()
+        .zip(fit.residuals)
+        .filter(|(of_record, _)| rows.records.contains(of_record))
+        .map(|((i, _), residual)| (*i, residual))
+        .collect();
+    let others = rows.without(fitted);
+    let each = others.residuals(&fit.model, dataset);
+    judged_by(fit.model, dataset, split, others.records.iter().map(|(i, _)| *i).zip(each).chain(said))
+}
+
+fn judged_by(model: Model, dataset: &Dataset, split: &Split, each: impl Iterator<Item = (usize, DVector<f64>)>) -> Judged {
     let mut residuals = vec![Vec::new(); dataset.records.len()];
-    for ((i, _), residual) in rows.records.iter().zip(rows.residuals(&model, dataset)) {
-        residuals[*i] = residual.as_slice().to_vec();
-    }
+    each.for_each(|(i, residual)| residuals[i] = residual.as_slice().to_vec());
     let identify_rms_um = rms_of(&residuals, &split.identify).unwrap_or(0.0);
     let validate_rms_um = rms_of(&residuals, &split.validate);
     Judged { model, residuals, identify_rms_um, validate_rms_um }

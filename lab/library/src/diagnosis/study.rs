@@ -1,12 +1,12 @@
 //! What a diagnosis works on, and the moves by which models are made of it: effects added, taken away, begun again, fitted.
 
-use super::judgement::{Judged, Split, improvement, judge_rows};
+use super::judgement::{Judged, Split, improvement, judge_fit, judge_rows};
 use super::policy::Policy;
 use super::screening::{Screening, Weighing, screen};
 use super::searched_data::for_search;
 use crate::dataset::Dataset;
 use crate::error::Result;
-use crate::identification::fit::{Effort, fit_rows, fit_while, rms};
+use crate::identification::fit::{Effort, Fit, fit_rows, fit_while, rms};
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::NoiseFloor;
@@ -215,11 +215,15 @@ impl<'a> Study<'a> {
     pub fn quickly_within(&self, begin: &Model, of: f64, behind: f64) -> Judged {
         let goes_on =
             |taken: usize, model: &Model| taken != LOOKED_AT_AFTER || self.merit(&self.judged_quickly(model.clone())) - of < behind;
-        self.judged_quickly(fit_while(begin, &self.searched, &self.quick, QUICK, goes_on).model)
+        self.judged_as_fitted(fit_while(begin, &self.searched, &self.quick, QUICK, goes_on))
     }
 
     fn fitted_quickly(&self, model: &Model, effort: Effort) -> Judged {
-        self.judged_quickly(fit_rows(model, &self.searched, &self.quick, effort).model)
+        self.judged_as_fitted(fit_rows(model, &self.searched, &self.quick, effort))
+    }
+
+    fn judged_as_fitted(&self, fit: Fit) -> Judged {
+        judge_fit(fit, &self.quick, &self.searched, &self.split, &self.quick_judging)
     }
 
     /// Fits as far as it goes, judged on all samples.
@@ -227,7 +231,7 @@ impl<'a> Study<'a> {
     pub fn thoroughly(&self, model: &Model) -> Judged {
         let far_above = self.far_above_the_noise(&self.judged_quickly(model.clone()));
         let effort = if far_above { TO_THE_END_FAR_ABOVE } else { Effort::default() };
-        self.judged(fit_rows(model, self.dataset, &self.thorough, effort).model)
+        judge_fit(fit_rows(model, self.dataset, &self.thorough, effort), &self.thorough, self.dataset, &self.split, &self.all)
     }
 
     /// Judges a model as it is on all samples.

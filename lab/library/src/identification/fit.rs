@@ -113,6 +113,8 @@ pub struct Fit {
     pub rms_um: f64,
     /// Samples fitted.
     pub samples: usize,
+    /// What the model leaves of each record of the rows that were fitted, free of what the record has of its own.
+    pub residuals: Vec<DVector<f64>>,
 }
 
 /// Surface derivatives are taken again when some other parameter has moved this far.
@@ -186,7 +188,8 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
     }
     let (cost, samples) = parts.iter().fold((0.0, 0), |(c, n), p| (c + p.residual.norm_squared(), n + p.residual.len()));
     store_lines(&mut model, dataset, rows);
-    Fit { model, rms_um: (cost / samples.max(1) as f64).sqrt(), samples }
+    let residuals = parts.into_iter().map(|part| part.residual).collect();
+    Fit { model, rms_um: (cost / samples.max(1) as f64).sqrt(), samples, residuals }
 }
 
 /// Whether all derivatives belong to the present model.

@@ -84,6 +84,14 @@ impl Rows {
         }
     }
 
+    /// Those records of which others do not have the same samples.
+    #[must_use]
+    pub fn without(&self, others: &Self) -> Self {
+        let kept = self.records.iter().zip(&self.bases).filter(|(of_record, _)| !others.records.contains(of_record));
+        let (records, bases) = kept.map(|(of_record, bases)| (of_record.clone(), bases.clone())).unzip();
+        Self { records, bases }
+    }
+
     /// Of each record what a model leaves of it, free of what it has of its own.
     #[must_use]
     pub fn residuals(&self, model: &Model, dataset: &Dataset) -> Vec<DVector<f64>> {
