@@ -134,6 +134,9 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Mann
     let alone: Vec<Option<Vec<f64>>> = variations.iter().map(|v| (!shares(v)).then(|| v.model.simulate(drive))).collect();
     let mut beside: Vec<Option<Beside>> =
         variations.iter().zip(&alone).map(|(v, alone)| alone.is_none().then(|| beside_of(v, &stages, substeps, drive))).collect();
+    for b in beside.iter().flatten().filter(|b| b.shares) {
+        stages[b.from].stage.keep_shared_part();
+    }
 
     // At rest before the first interval.
     let mut at_rest = vec![resting];

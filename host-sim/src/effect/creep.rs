@@ -35,8 +35,12 @@ struct Term {
 }
 
 struct CreepStage {
+    /// Terms that are carried: of a grid few have a share, and only where others take their states those without one are among them.
     terms: Vec<Term>,
+    all: Vec<Term>,
     input: f64,
+    /// What others take of the last signal.
+    kept: Option<Vec<f64>>,
 }
 
 /// Terms that are carried side by side: as many as the recursion of one lets others be reckoned meanwhile.
@@ -44,7 +48,7 @@ const SIDE_BY_SIDE: usize = 4;
 
 impl CreepStage {
     fn new(values: &[f64], dt_s: f64) -> Self {
-        let terms = values
+        let all: Vec<Term> = values
             .chunks_exact(2)
             .map(|pair| {
                 let (share, tau_s) = (pair[0], pair[1].max(1e-9));
@@ -53,15 +57,20 @@ impl CreepStage {
                 let mean = -(-dt_s / tau_s).exp_m1() * tau_s / dt_s;
                 Term { share, decay, from_start: mean - decay, from_end: 1.0 - mean, state: 0.0 }
             })
-            // Of a grid, few terms have a share.
-            .filter(|term| term.share != 0.0)
             .collect();
-        Self { terms, input: 0.0 }
+        Self { terms: all.iter().filter(|term| term.share != 0.0).copied().collect(), all, input: 0.0, kept: None }
     }
 }
 
-/// Carries a few terms over inputs and adds what they give.
-fn run_side_by_side(terms: &mut [Term; SIDE_BY_SIDE], mut before: f64, inputs: &[f64], outputs: &mut [f64]) {
+/// Carries a few terms over inputs and adds what they give; `see` is shown their states.
+#[inline]
+fn run_side_by_side(
+    terms: &mut [Term; SIDE_BY_SIDE],
+    mut before: f64,
+    inputs: &[f64],
+    outputs: &mut [f64],
+    mut see: impl FnMut(&[f64; SIDE_BY_SIDE]),
+) {
     let [share, decay, from_start, from_end] =
         [|t: &Term| t.share, |t: &Term| t.decay, |t: &Term| t.from_start, |t: &Term| t.from_end].map(|of| terms.each_ref().map(of));
     let mut states = terms.each_ref().map(|t| t.state);
@@ -71,6 +80,7 @@ fn run_side_by_side(terms: &mut [Term; SIDE_BY_SIDE], mut before: f64, inputs: &
             states[i] = decay[i] * states[i] + (from_start[i] * before + from_end[i] * input);
             sum += share[i] * states[i];
         }
+        see(&states);
         *output += sum;
         before = *input;
     }
@@ -90,17 +100,46 @@ impl Stage for CreepStage {
     fn run(&mut self, _from: usize, signal: &mut [f64]) {
         let Some(last) = signal.last().copied() else { return };
         let inputs = signal.to_vec();
-        let (fours, rest) = self.terms.as_chunks_mut::<SIDE_BY_SIDE>();
-        for terms in fours {
-            run_side_by_side(terms, self.input, &inputs, signal);
-        }
-        if !rest.is_empty() {
+        let mut states: Option<Vec<f64>> = self.kept.as_ref().map(|_| Vec::with_capacity((self.terms.len() + SIDE_BY_SIDE) * inputs.len()));
+        for terms in self.terms.chunks_mut(SIDE_BY_SIDE) {
             let mut padded = [Term::default(); SIDE_BY_SIDE];
-            padded[..rest.len()].copy_from_slice(rest);
-            run_side_by_side(&mut padded, self.input, &inputs, signal);
-            rest.copy_from_slice(&padded[..rest.len()]);
+            padded[..terms.len()].copy_from_slice(terms);
+            match &mut states {
+                Some(states) => run_side_by_side(&mut padded, self.input, &inputs, signal, |now| states.extend_from_slice(now)),
+                None => run_side_by_side(&mut padded, self.input, &inputs, signal, |_| ()),
+            }
+            terms.copy_from_slice(&padded[..terms.len()]);
+        }
+        if let (Some(kept), Some(states)) = (&mut self.kept, states) {
+            kept.clear();
+            kept.extend(self.terms.iter().map(|term| term.share));
+            kept.extend_from_slice(signal);
+            kept.extend(states);
         }
         self.input = last;
+    }
+    fn shared_part(&self) -> Option<Vec<f64>> {
+        // Whatever their shares, terms with these time constants have the same states.
+        Some(self.all.iter().map(|term| term.decay).collect())
+    }
+    fn keep_shared_part(&mut self) {
+        self.terms.clone_from(&self.all);
+        self.kept = Some(Vec::new());
+    }
+    fn by_shared_part(&self) -> &[f64] {
+        self.kept.as_deref().unwrap_or_default()
+    }
+    fn run_sharing(&mut self, _from: usize, signal: &mut [f64], part: &[f64]) {
+        let (shares, rest) = part.split_at(self.all.len());
+        let (outputs, states) = rest.split_at(signal.len());
+        signal.copy_from_slice(outputs);
+        for (k, (term, share)) in self.all.iter().zip(shares).enumerate().filter(|(_, (term, share))| term.share != **share) {
+            let more = term.share - share;
+            let of_some = &states[k / SIDE_BY_SIDE * SIDE_BY_SIDE * signal.len()..];
+            for (value, states) in signal.iter_mut().zip(of_some.chunks_exact(SIDE_BY_SIDE)) {
+                *value += more * states[k % SIDE_BY_SIDE];
+            }
+        }
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.input = input;
@@ -112,7 +151,7 @@ impl Stage for CreepStage {
         output
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        let terms = self.terms.iter().map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
+        let terms = self.all.iter().filter(|t| t.share != 0.0).map(|t| (Term { state: 0.0, ..*t }, vec![0.0; lanes])).collect();
         Some(Box::new(CreepLanes { terms, inputs: vec![0.0; lanes] }))
     }
 }

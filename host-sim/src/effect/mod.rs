@@ -405,7 +405,10 @@ pub trait Stage: Send {
         None
     }
 
-    /// What that part gave over the last signal.
+    /// Told before anything else that others will take what that part gives.
+    fn keep_shared_part(&mut self) {}
+
+    /// What that part gave over the last signal, in a form that the stage knows.
     fn by_shared_part(&self) -> &[f64] {
         &[]
     }

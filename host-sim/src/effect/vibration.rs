@@ -279,8 +279,9 @@ pub(super) struct VibrationStage {
     late: VecDeque<f64>,
     /// The first mode over a whole interval, without a bristle: what passes small changes on.
     whole_interval: Option<Propagator>,
-    /// What a first mode whose mass is held read over the last signal: it takes most of the time, and a second mode does not change it.
-    by_held: Vec<f64>,
+    /// What a first mode whose mass is held read over the last signal, where others take it: it takes most of the time, and a second mode does not change
+    /// it.
+    by_held: Option<Vec<f64>>,
 }
 
 impl VibrationStage {
@@ -304,7 +305,7 @@ impl VibrationStage {
         let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::of(law(v[1], v[2]).over(dt_s, late_share))));
         let whole_interval = first_law.map(|first| first.over(dt_s, late_share));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
-        Self { first, second, late, whole_interval, by_held: Vec::new() }
+        Self { first, second, late, whole_interval, by_held: None }
     }
 
     /// Carries the second mode over its forces and lets it share what the first one reads.
@@ -353,8 +354,10 @@ impl Stage for VibrationStage {
             Some(First::Free(first)) => first.run_over(signal),
             Some(First::Held(held)) => {
                 held.run_over(signal);
-                self.by_held.clear();
-                self.by_held.extend_from_slice(signal);
+                if let Some(kept) = &mut self.by_held {
+                    kept.clear();
+                    kept.extend_from_slice(signal);
+                }
             }
             None => {}
         }
@@ -368,8 +371,11 @@ impl Stage for VibrationStage {
             _ => None,
         }
     }
+    fn keep_shared_part(&mut self) {
+        self.by_held = Some(Vec::new());
+    }
     fn by_shared_part(&self) -> &[f64] {
-        &self.by_held
+        self.by_held.as_deref().unwrap_or_default()
     }
     fn run_sharing(&mut self, _from: usize, signal: &mut [f64], part: &[f64]) {
         let forces = signal.to_vec();
