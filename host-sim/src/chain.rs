@@ -209,14 +209,22 @@ impl Model {
         order
     }
 
-    /// The stages for a drive of this period. What holds its value over a period is carried once a period, as far as the first stage that
-    /// moves inside it; from there on all go in sub-intervals.
+    /// The effects in the order of the chain, each with whether it goes in sub-intervals of a period. What holds its value over a period is carried once a
+    /// period, as far as the first stage that moves inside it; from there on all go in sub-intervals, but for the last ones where ends of periods tell
+    /// them all.
+    pub(crate) fn order_with_fineness(&self, dt_s: f64) -> Vec<(usize, bool)> {
+        let order = self.order();
+        let fine_from = order.iter().position(|&effect| self.goes_in_sub_intervals(effect, dt_s)).unwrap_or(order.len());
+        let by_ends = |effect: &&usize| self.effects[**effect].effect.goes_by_ends(self) && !self.goes_in_sub_intervals(**effect, dt_s);
+        let fine_until = order.len() - order.iter().rev().take_while(by_ends).count();
+        order.into_iter().enumerate().map(|(place, effect)| (effect, (fine_from..fine_until).contains(&place))).collect()
+    }
+
+    /// The stages for a drive of this period.
     fn walk<'a>(&self, drive: &Drive<'a>, resolution: Resolution) -> Vec<WalkStage<'a>> {
-        let mut fine = resolution.all_fine;
         let mut out = Vec::new();
-        for effect in self.order() {
-            let instance = &self.effects[effect];
-            fine |= self.goes_in_sub_intervals(effect, drive.dt_s);
+        for (effect, fine) in self.order_with_fineness(drive.dt_s) {
+            let (instance, fine) = (&self.effects[effect], fine || resolution.all_fine);
             let setting = self.setting(drive.dt_s, if fine { resolution.substeps } else { 1 }, drive.signals());
             out.extend(instance.stage(self, &setting).map(|stage| WalkStage { fine, stage }));
         }
@@ -288,13 +296,23 @@ impl Carried {
             self.fine = true;
         }
     }
+
+    /// Goes back to whole periods: where it stands at the end of each.
+    fn coarsen(&mut self, substeps: usize) {
+        if self.fine {
+            self.signal = ends(&self.signal, substeps);
+            self.fine = false;
+        }
+    }
 }
 
 /// Carries a signal through stages.
 fn carry<'a>(stages: impl IntoIterator<Item = WalkStage<'a>>, mut carried: Carried, substeps: usize, samples: usize) -> Vec<f64> {
     for WalkStage { fine, mut stage } in stages {
         if fine {
-            carried.refine(substeps);
+            carried.refine(substeps)
+        } else {
+            carried.coarsen(substeps)
         }
         carried.at_rest = stage.settle(carried.at_rest);
         stage.run(0, &mut carried.signal);
@@ -319,6 +337,11 @@ fn spread(signal: &[f64], substeps: usize) -> Vec<f64> {
         return signal.to_vec();
     }
     signal.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect()
+}
+
+/// The values at the ends of sampling periods of a signal in sub-intervals.
+pub(crate) fn ends(signal: &[f64], substeps: usize) -> Vec<f64> {
+    signal.iter().skip(substeps - 1).step_by(substeps).copied().collect()
 }
 
 /// What is measured at every sample: the value at the end of the interval before it.

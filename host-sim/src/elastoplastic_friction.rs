@@ -116,6 +116,7 @@ impl Dahl {
 
 impl ElastoplasticFriction {
     /// Bend in steady sliding `z_s = F_c / sigma_0`, um.
+    #[inline]
     #[must_use]
     pub fn sliding_bend_um(&self) -> f64 {
         self.coulomb_force_n / self.stiffness_n_um
@@ -170,6 +171,7 @@ impl ElastoplasticFriction {
     }
 
     /// Friction force on the driven surface, N (Ch. 3, Eq. 5; the viscous term is left out, as there).
+    #[inline]
     #[must_use]
     pub fn force_n(&self, bend_um: f64, bend_rate_um_s: f64) -> f64 {
         self.stiffness_n_um * bend_um + self.damping_n_s_um * bend_rate_um_s

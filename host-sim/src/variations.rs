@@ -9,7 +9,7 @@
 //!
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
 
-use crate::chain::{Drive, Model};
+use crate::chain::{Drive, Model, ends};
 use crate::effect::{CoefficientWalker, LinearLanes, Signals, Stage};
 
 /// Samples in a chunk.
@@ -83,11 +83,9 @@ enum Passing<'a> {
 }
 
 fn stages_of<'a>(model: &Model, substeps: usize, drive: &Drive<'a>) -> Vec<OwnStage<'a>> {
-    let mut fine = false;
     let mut out = Vec::new();
-    for effect in model.order() {
+    for (effect, fine) in model.order_with_fineness(drive.dt_s) {
         let instance = &model.effects[effect];
-        fine |= model.goes_in_sub_intervals(effect, drive.dt_s);
         let setting = model.setting(drive.dt_s, if fine { substeps } else { 1 }, drive.signals());
         if let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) {
             out.push(OwnStage { effect, id: instance.id.clone(), fine, stage });
@@ -205,6 +203,9 @@ fn pass_sharing(own: &mut OwnStage, signal: &mut Stretch, substeps: usize, from:
     if own.fine && !signal.fine {
         signal.values = signal.values.iter().flat_map(|value| std::iter::repeat_n(*value, substeps)).collect();
         signal.fine = true;
+    } else if !own.fine && signal.fine {
+        signal.values = ends(&signal.values, substeps);
+        signal.fine = false;
     }
     let from = if signal.fine { from * substeps } else { from };
     match shared {
@@ -284,6 +285,9 @@ impl CoefficientLanes<'_> {
             if *is_fine && !fine {
                 block = block.chunks_exact(lanes).flat_map(|row| std::iter::repeat_n(row, substeps)).flatten().copied().collect();
                 fine = true;
+            } else if !*is_fine && fine {
+                block = block.chunks_exact(lanes).skip(substeps - 1).step_by(substeps).flatten().copied().collect();
+                fine = false;
             }
             match passing {
                 Passing::Linear(linear) => linear.run(&mut block),
@@ -314,8 +318,11 @@ impl CoefficientLanes<'_> {
 fn try_each(stages: &mut [Box<dyn Stage + '_>], before: &Stretch, behind: &Stretch, from: usize, parts: usize, block: &mut [f64]) {
     let lanes = stages.len();
     let rows = block.len() / lanes.max(1);
-    // What was kept in front may be coarser than the stage.
-    let input = |k: usize| before.values[if before.fine || before.values.len() == rows { k } else { k / parts }];
+    // What was kept in front may be coarser than the stage, or finer.
+    let input = |k: usize| match before.values.len() / rows.max(1) {
+        0 => before.values[k / parts],
+        finer => before.values[k * finer + finer - 1],
+    };
     for (lane, stage) in stages.iter_mut().enumerate() {
         for k in 0..rows {
             let value = &mut block[k * lanes + lane];

@@ -251,6 +251,9 @@ impl Effect for Creep {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(CreepStage::new(values, setting.dt_s)))
     }

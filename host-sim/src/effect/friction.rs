@@ -101,6 +101,7 @@ impl Bristle {
     }
 
     /// Rest position for a force, without any inertia.
+    #[inline]
     pub(super) fn balance(&mut self, force: f64) -> f64 {
         let unbalanced = force - self.displacement - self.held_at(self.bend);
         if unbalanced.abs() < BALANCED_UM {

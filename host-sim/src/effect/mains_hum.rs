@@ -63,6 +63,9 @@ impl Effect for MainsHum {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let (rs, rc) = (std::f64::consts::TAU * values[0] * setting.dt_s).sin_cos();
         Some(Box::new(HumStage { sine_um: values[1], cosine_um: values[2], rotation: (rc, rs), phasor: (1.0, 0.0) }))

@@ -581,6 +581,12 @@ pub trait Effect: Send + Sync {
         false
     }
 
+    /// Whether what it makes of a motion in `model` is known from where that stands at the ends of sampling periods: behind what moves inside them it then
+    /// goes in whole periods, if all that stand behind it do.
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        false
+    }
+
     /// The text that defines an effect which is not built in.
     fn definition(&self) -> Option<&str> {
         None

@@ -50,6 +50,9 @@ impl Effect for Quantisation {
     fn values_in_readings(&self, step_um: f64) -> Option<Vec<f64>> {
         Some(vec![step_um])
     }
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(RoundStage { lsb_um: values[0] }))
     }

@@ -70,6 +70,9 @@ impl Effect for SensorBandwidth {
         let by_data_sheet = overview.sensor_bandwidth_hz.map(|bandwidth_hz| vec![bandwidth_hz]);
         by_data_sheet.into_iter().chain(super::lag_starts(overview)).collect()
     }
+    fn goes_by_ends(&self, model: &Model) -> bool {
+        model.effect(super::vibration::ID).is_some()
+    }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         if model.effect(super::vibration::ID).is_some() {
             return None;

@@ -55,6 +55,9 @@ impl Effect for SensorNonlinearity {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PolynomialStage { quadratic: values[0], cubic: values[1] }))
     }

@@ -66,6 +66,9 @@ impl Effect for ThermalDrift {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DriftStage { rate_um_per_interval: values[0] * setting.dt_s, slowing_per_interval: values[1] * setting.dt_s }))
     }

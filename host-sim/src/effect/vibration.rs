@@ -27,7 +27,7 @@ pub(super) struct Propagator {
 }
 
 /// Of an input that arrives inside an interval: what the one before it, which acts until then, adds.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Late {
     gamma: [f64; 2],
     sensor_gamma: f64,
@@ -64,9 +64,9 @@ impl Within {
 
     /// The end of the interval where the input rose by so much on either side of its mean.
     #[inline]
-    pub(super) fn risen(&self, end: Motion, by: f64) -> Motion {
+    pub(super) fn risen<const LAGS: bool>(&self, end: Motion, by: f64) -> Motion {
         let displacement = end.displacement + self.rising[0] * by;
-        let reading = end.reading + self.rising[2] * by;
+        let reading = if LAGS { end.reading + self.rising[2] * by } else { displacement };
         Motion { displacement, velocity: end.velocity + self.rising[1] * by, reading, before: end.before }
     }
 }
@@ -91,6 +91,7 @@ impl Motion {
     }
 
     /// The same behind another input.
+    #[inline]
     pub(super) fn with_input_before(self, before: f64) -> Self {
         Self { before, ..self }
     }
@@ -150,10 +151,7 @@ impl ModeLaw {
             d: 0.0,
         }
         .straight_matrices(dt_s);
-        Within {
-            mean: [phi[(3, 0)], phi[(3, 1)], held[3]],
-            rising: [0, 1, if self.sensor_bandwidth_hz.is_some() { 2 } else { 0 }].map(|i: usize| 2.0 * slope[i] - held[i]),
-        }
+        Within { mean: [phi[(3, 0)], phi[(3, 1)], held[3]], rising: [0, 1, 2].map(|i| 2.0 * slope[i] - held[i]) }
     }
 
     fn punctual_over(&self, dt_s: f64) -> Propagator {
@@ -185,14 +183,21 @@ impl Propagator {
     /// Where one interval with the input held ends.
     #[inline]
     pub(super) fn after(&self, from: Motion, input: f64) -> Motion {
+        if self.sensor.is_some() { self.after_as::<true, true>(from, input) } else { self.after_as::<true, false>(from, input) }
+    }
+
+    /// The same for those who know whether the input is late and whether a sensor lags behind: recursions that run over millions of intervals.
+    #[inline]
+    pub(super) fn after_as<const LATE: bool, const LAGS: bool>(&self, from: Motion, input: f64) -> Motion {
         let Motion { displacement: x, velocity: v, reading, before } = from;
-        let displacement = self.phi[0] * x + self.phi[1] * v + (self.gamma[0] * input + self.late.gamma[0] * before);
-        let velocity = self.phi[2] * x + self.phi[3] * v + (self.gamma[1] * input + self.late.gamma[1] * before);
+        let forced = |by_input: f64, by_late: f64| if LATE { by_input * input + by_late * before } else { by_input * input };
+        let displacement = self.phi[0] * x + self.phi[1] * v + forced(self.gamma[0], self.late.gamma[0]);
+        let velocity = self.phi[2] * x + self.phi[3] * v + forced(self.gamma[1], self.late.gamma[1]);
         let reading = match &self.sensor {
-            Some(SensorPropagator { phi, gamma }) => {
-                phi[0] * x + phi[1] * v + phi[2] * reading + (gamma * input + self.late.sensor_gamma * before)
+            Some(SensorPropagator { phi, gamma }) if LAGS => {
+                phi[0] * x + phi[1] * v + phi[2] * reading + forced(*gamma, self.late.sensor_gamma)
             }
-            None => displacement,
+            _ => displacement,
         };
         Motion { displacement, velocity, reading, before: input }
     }
@@ -231,10 +236,20 @@ impl Mode {
 
     /// Runs over a signal, held over each interval, and leaves what is read in its place.
     fn run_over(&mut self, signal: &mut [f64]) {
+        let late = self.propagator.late != Late::default();
+        match (late, self.propagator.sensor.is_some()) {
+            (false, false) => self.run_over_as::<false, false>(signal),
+            (false, true) => self.run_over_as::<false, true>(signal),
+            (true, false) => self.run_over_as::<true, false>(signal),
+            (true, true) => self.run_over_as::<true, true>(signal),
+        }
+    }
+
+    fn run_over_as<const LATE: bool, const LAGS: bool>(&mut self, signal: &mut [f64]) {
         // A copy stays in registers: nothing but the recursion itself then stands between two intervals.
         let (propagator, mut motion) = (self.propagator, self.motion);
         for value in signal {
-            motion = propagator.after(motion, *value);
+            motion = propagator.after_as::<LATE, LAGS>(motion, *value);
             *value = motion.reading;
         }
         self.motion = motion;
