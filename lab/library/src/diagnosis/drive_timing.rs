@@ -21,7 +21,7 @@ const MUCH_BETTER: f64 = 0.2;
 /// What is worse by more than this than what was found does not come to it, however long it is fitted.
 const MAY_COME_TO_IT: f64 = 0.5;
 /// What is behind by more than this where it went as far as it goes does not come to it either, if its effects begin again.
-const MAY_COME_TO_IT_BEGUN_AGAIN: f64 = 0.2;
+const MAY_COME_TO_IT_BEGUN_AGAIN: f64 = 0.1;
 
 /// Readings that follow the drive of their own row.
 #[derive(Clone, Debug, PartialEq)]

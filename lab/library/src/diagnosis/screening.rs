@@ -194,7 +194,7 @@ pub fn screen(
     let peaks = resonances_of(&residual, dataset, rows, model, &readings);
 
     // The shape of what an amplifier adds is the same in whole intervals.
-    let manner = Manner { as_coarse_as_the_model: weighing == Weighing::Quick, ..Manner::default() };
+    let manner = Manner { as_coarse_as_the_model: true, ..Manner::default() };
     let mut light = model.clone();
     light.effects.retain(|e| !e.effect.costly());
     let signatures = if weighing == Weighing::Quick && light.effects.len() < model.effects.len() {

@@ -275,8 +275,9 @@ impl<'s, 'a> Search<'s, 'a> {
                 let key = key(&added, &begin);
                 if !self.nodes.contains_key(&key) && !out.iter().any(|p| p.key == key) {
                     // Whether the effects are hopeless beside other loops does not follow from what they do here; these loops are, where half way they come
-                    // nowhere near.
-                    out.push(Proposal { key, added, begin, begun: Vec::new(), of: node.merit + COMES_NEAR, promise: 0.0 });
+                    // nowhere near. Once all that was added stands beside them they would have to be better.
+                    let near = if self.structures_tried { 0.5 * COMES_NEAR } else { COMES_NEAR };
+                    out.push(Proposal { key, added, begin, begun: Vec::new(), of: node.merit + near, promise: 0.0 });
                 }
             }
         }
