@@ -228,3 +228,44 @@ pub fn improvement(before: &Judged, after: &Judged, split: &Split) -> Improvemen
         record_relative: both.iter().map(fall).fold(0.0, f64::max),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identification::fit::{Effort, fit_rows};
+    use crate::model_file::effects_named;
+    use hysteron_sim::chain::{EffectInstance, InitialState};
+
+    /// One fitted record, one that is held out, in states that nobody knows; once as many samples are judged as were fitted, once more.
+    #[test]
+    fn what_a_fit_says_that_it_leaves_is_what_the_model_leaves() {
+        let drive_v: Vec<f64> = (0..3000).map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos()).collect();
+        let records = [("a", 1.0, Role::Identify), ("b", 1.1, Role::Validate)].map(|(name, bend, role)| {
+            let read_um: Vec<f64> =
+                (0..3000_usize).map(|k| 0.1 * drive_v[k.saturating_sub(1)] + 1e-4 * bend * drive_v[k.saturating_sub(3)]).collect();
+            let mut record = Record::new(name, 1000.0, drive_v.clone(), read_um).with_role(role);
+            record.initial_state = InitialState::Unknown;
+            record
+        });
+        let dataset = Dataset::new("d", 0.0, 100.0, records.to_vec()).unwrap();
+        let split = Split::of(&dataset);
+        let mut model = Model::new(0.0, 100.0);
+        for effect in effects_named("gain,creep,vibration").unwrap() {
+            model.add(EffectInstance::new(effect, &dataset.overview(), &[]));
+        }
+        let fitted = Rows::strided(&dataset, &split.identify, 3);
+        for stride in [3, 2] {
+            let rows = Rows::strided(&dataset, &split.both(), stride);
+            let by_fit = judge_fit(fit_rows(&model, &dataset, &fitted, Effort::default()), &fitted, &dataset, &split, &rows);
+            let by_itself = judge_rows(by_fit.model.clone(), &dataset, &split, &rows);
+            assert_eq!(by_fit.validate_rms_um, by_itself.validate_rms_um);
+            for (a, b) in by_fit.residuals.iter().flatten().zip(by_itself.residuals.iter().flatten()) {
+                assert!((a - b).abs() < 1e-11, "{a} {b}");
+            }
+            assert_eq!(
+                by_fit.residuals.iter().map(Vec::len).collect::<Vec<_>>(),
+                by_itself.residuals.iter().map(Vec::len).collect::<Vec<_>>()
+            );
+        }
+    }
+}

@@ -349,3 +349,56 @@ pub fn amounts(columns: &DMatrix<f64>, residual: &DVector<f64>) -> DVector<f64> 
     let solved = scaled.cholesky().map_or_else(|| DVector::zeros(n), |c| c.solve(&right));
     DVector::from_fn(n, |i, _| scale[i] * solved[i])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Dataset;
+    use crate::model_file::effects_named;
+    use hysteron_sim::chain::EffectInstance;
+
+    /// Creep and a mode beside a constant: with another frequency, another time constant and a line more.
+    #[test]
+    fn a_basis_is_the_same_whatever_is_known_of_it() {
+        let drive_v: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos()).collect();
+        let dataset = Dataset::new("d", 0.0, 100.0, vec![Record::new("r", 1000.0, drive_v.clone(), drive_v)]).unwrap();
+        let mut record = dataset.records[0].clone();
+        (record.initial_state, record.offset_is_fitted) = (InitialState::Unknown, true);
+        let model = |ids: &str, natural_frequency_rad_s: f64, longer: f64| {
+            let mut model = Model::new(0.0, 100.0);
+            for effect in effects_named(ids).unwrap() {
+                model.add(EffectInstance::new(effect, &dataset.overview(), &[]));
+            }
+            for value in model.effects.iter_mut().flat_map(|e| &mut e.parameters) {
+                match value.parameter.name.as_str() {
+                    "natural_frequency_rad_s" => value.value = natural_frequency_rad_s,
+                    "time_constant_3_s" => value.value *= longer,
+                    _ => {}
+                }
+            }
+            model
+        };
+        let samples = Samples::Some((0..6000).step_by(7).collect());
+        let (bases, models) = (
+            OwnBases::default(),
+            [
+                model("gain,vibration,creep", 300.0, 1.0),
+                model("gain,vibration,creep", 310.0, 1.0),
+                model("gain,creep", 0.0, 1.0),
+                model("gain,vibration,creep,mains_hum", 310.0, 1.2),
+                model("gain,vibration,creep", 300.0, 1.0),
+            ],
+        );
+        for model in &models {
+            let motions = OwnMotions::of(model, &record);
+            let anew = OwnBasis::of(motions.clone(), &record, &samples, None);
+            let known = bases.of(motions.clone(), &record, &samples);
+            assert_eq!((&known.orthonormal, &known.made), (&anew.orthonormal, &anew.made));
+            // It spans the plain columns, and nothing else of their number.
+            let mut left = motions.columns(&record, &samples);
+            let before = left.norm();
+            project_out(&known.orthonormal, &mut left);
+            assert!(left.norm() < 1e-6 * before && known.orthonormal.ncols() <= left.ncols(), "{}", left.norm() / before);
+        }
+    }
+}
