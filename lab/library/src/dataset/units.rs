@@ -265,7 +265,11 @@ pub fn factor(quantity: Quantity, unit: &str, place: &str, column: &str) -> Resu
         Some((exponent, rest)) if !number.is_empty() && !exponent.is_empty() => (format!("{number}e{exponent}"), rest),
         _ => (number.to_owned(), rest),
     };
-    let scale = if number.is_empty() { Some(1.0) } else { number.parse::<f64>().ok().filter(|v| v.is_finite() && *v != 0.0) };
+    let scale = match number.as_str() {
+        "" | "+" => Some(1.0),
+        "-" => Some(-1.0),
+        number => number.parse::<f64>().ok().filter(|v| v.is_finite() && *v != 0.0),
+    };
     let (numerator, denominator) = rest.split_once('/').map_or((rest, None), |(above, below)| (above, Some(below.trim())));
     let is_sensitivity = denominator.is_some();
     if let Some(below) =
@@ -329,6 +333,8 @@ mod tests {
             (Quantity::Displacement, "m", 1e6),
             (Quantity::Displacement, "5 um/V", 5.0),
             (Quantity::Displacement, "-2.5e2nm/V", -0.25),
+            (Quantity::Displacement, "-um/V", -1.0),
+            (Quantity::Displacement, "-nm", -1e-3),
             (Quantity::Drive, "15V/V", 15.0),
         ] {
             assert!((of(quantity, unit).unwrap() / expected - 1.0).abs() < 1e-12, "{unit}");

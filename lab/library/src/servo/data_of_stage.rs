@@ -31,7 +31,10 @@ pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.499 / SAMPLING_PERIOD_S;
 
 /// In words, for a refusal or a recommendation.
 fn missing_drive() -> String {
-    format!("record a multisine to {RECOMMENDED_MULTISINE_HZ:.0} Hz at {:.0} Hz, 2 s, beside the other records", 1.0 / SAMPLING_PERIOD_S)
+    format!(
+        "record a multisine to {RECOMMENDED_MULTISINE_HZ:.0} Hz at {:.0} Hz, 2 s, beside the other records (`hysteron drives` writes it)",
+        1.0 / SAMPLING_PERIOD_S
+    )
 }
 
 /// What the user can do about data that are not those of the model.
@@ -79,12 +82,12 @@ pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Resul
     let by_noise = least(&|hz| recording.noise_hides_at(hz));
     if let Some(not_described) = not_described(recording).filter(|_| by_noise <= FIRST_SHOWN * peak) {
         return Err(format!(
-            "{not_described}. That could hide a response of {hidden:.2} um/um at {hz:.0} Hz, where the model's first mode has {peak:.2}, while noise alone would hide {by_noise:.2}; {OTHER_DATA}"
+            "{not_described}. That could hide a response of {hidden:.2} um/um at {hz:.0} Hz, where the model's first mode has {peak:.2} um/um, while noise alone would hide {by_noise:.2}; {OTHER_DATA}"
         ));
     }
     let hidden = if hidden.is_finite() { format!("could hide a response of {hidden:.2} um/um there") } else { "is too slow for it".into() };
     Err(format!(
-        "the model's first mode at {hz:.0} Hz is no fact: the recording {hidden}, where the mode has {peak:.2}; {}",
+        "the model's first mode at {hz:.0} Hz is no fact: the recording {hidden}, where the mode has {peak:.2} um/um; {}",
         missing_drive()
     ))
 }

@@ -404,7 +404,7 @@ pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
         Ok(model)
     } else {
         Err(format!(
-            "the model moves by {travel_um:.3} um as its drive rises over the whole range; a servo needs a displacement that rises with the drive: record it with the other sign"
+            "the model moves by {travel_um:.3} um as its drive rises over the whole range; a servo needs a displacement that rises with the drive: record it with the other sign, or read it so (--units y=-um)"
         ))
     }
 }
