@@ -34,7 +34,7 @@ use crate::identification::own_part::{Samples, project_out, swinging, transposed
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Effect, FreeMotion, Overview, Resonance};
-use hysteron_sim::variations::{Manner, Variation};
+use hysteron_sim::variations::Variation;
 use nalgebra::{DMatrix, DVector};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -193,15 +193,13 @@ pub fn screen(
     remove_skew(&readings, dataset, rows, &absorbed, &mut residual);
     let peaks = resonances_of(&residual, dataset, rows, model, &readings);
 
-    // The shape of what an amplifier adds is the same in whole intervals.
-    let manner = Manner { as_coarse_as_the_model: true, ..Manner::default() };
     let mut light = model.clone();
     light.effects.retain(|e| !e.effect.costly());
     let signatures = if weighing == Weighing::Quick && light.effects.len() < model.effects.len() {
         let readings = parallel::map(&rows.records, |(i, _)| light.simulate(&dataset.records[*i].drive()));
-        Signatures::collect(&light, overview, dataset, rows, candidates, &peaks, &readings, manner)?
+        Signatures::collect(&light, overview, dataset, rows, candidates, &peaks, &readings)?
     } else {
-        Signatures::collect(model, overview, dataset, rows, candidates, &peaks, &readings, manner)?
+        Signatures::collect(model, overview, dataset, rows, candidates, &peaks, &readings)?
     };
     let mut columns = signatures.columns;
     let before = squares(&columns);
@@ -335,7 +333,6 @@ impl Signatures {
         candidates: &[Arc<dyn Effect>],
         peaks: &[Resonance],
         readings: &[Vec<f64>],
-        manner: Manner,
     ) -> Result<Self> {
         let mut variations: Vec<Variation> = Vec::new();
         let mut columns: Vec<Column> = Vec::new();
@@ -368,7 +365,7 @@ impl Signatures {
         }
         let per_record = parallel::map_indices(rows.records.len(), |r| {
             let (i, samples) = &rows.records[r];
-            columns_of_record(model, &dataset.records[*i], samples, &variations, &columns, r, &readings[r], manner)
+            columns_of_record(model, &dataset.records[*i], samples, &variations, &columns, r, &readings[r])
         });
         let columns: Vec<DMatrix<f64>> = per_record.into_iter().collect::<Result<_>>()?;
         Ok(Self { columns, directions, of_candidate })
@@ -437,10 +434,9 @@ fn columns_of_record(
     columns: &[Column],
     at: usize,
     reading: &[f64],
-    manner: Manner,
 ) -> Result<DMatrix<f64>> {
     let groups: Vec<&[Variation]> = variations.chunks(BESIDE).collect();
-    let walked: Vec<DVector<f64>> = parallel::map(&groups, |group| walk_variations(model, record, samples, group, manner)).concat();
+    let walked: Vec<DVector<f64>> = parallel::map(&groups, |group| walk_variations(model, record, samples, group)).concat();
     let base = DVector::from_iterator(samples.count(), samples.iter().map(|k| reading[k]));
     let mut out = DMatrix::zeros(samples.count(), columns.len());
     for (c, column) in columns.iter().enumerate() {

@@ -385,9 +385,10 @@ pub fn measured(record: &Record, samples: &Samples) -> DVector<f64> {
     DVector::from_iterator(samples.count(), samples.iter().map(|k| record.displacement_um[k]))
 }
 
-/// What each variation would read at the samples that count.
+/// What each variation would read at the samples that count, all in the intervals of the model: the shape of what an amplifier adds is the same there.
 #[must_use]
-pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variations: &[Variation], manner: Manner) -> Vec<DVector<f64>> {
+pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variations: &[Variation]) -> Vec<DVector<f64>> {
+    let manner = Manner { as_coarse_as_the_model: true, ..Manner::default() };
     let mut out: Vec<DVector<f64>> = variations.iter().map(|_| DVector::zeros(samples.count())).collect();
     walk(model, &record.drive(), variations, manner, &mut |chunk| {
         take_each(&mut out, &samples.within(chunk.from, chunk.from + chunk.reading_um.len()), chunk);
