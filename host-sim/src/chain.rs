@@ -353,3 +353,41 @@ fn sample(signal: &[f64], at_rest: f64, substeps: usize, samples: usize) -> Vec<
     out.truncate(samples);
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::{Overview, by_id};
+
+    /// Behind what moves inside a period creep and a sensor's curve go by the ends of periods; a sensor's lag without a mode does not, and neither does
+    /// what stands in front of it. Against every stage in steps of a fortieth of a period.
+    #[test]
+    fn last_stages_go_by_the_ends_of_periods() {
+        let overview = Overview::without_data(0.0, 70.0);
+        let model = |effects: &[(&str, &[f64])]| {
+            let mut model = Model::new(0.0, 70.0);
+            for (id, values) in effects {
+                model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+            }
+            model
+        };
+        let creep: &[f64] = &[0.01, 0.02, 0.01, 0.2, 0.01, 2.0, 0.01, 20.0];
+        let front: &[(&str, &[f64])] = &[("amplifier_bandwidth", &[900.0]), ("hysteresis", &[10.0, 1.0, -1.0]), ("creep", creep)];
+        let with_mode =
+            model(&[front, &[("vibration", &[2500.0, 0.2]), ("sensor_nonlinearity", &[0.01]), ("sensor_bandwidth", &[2000.0])]].concat());
+        let with_lag = model(&[front, &[("sensor_bandwidth", &[2000.0])]].concat());
+        let drive_v: Vec<f64> = (0..2000).map(|k| 35.0 + 30.0 * (0.3 * f64::from(k)).sin() * (0.017 * f64::from(k)).cos()).collect();
+        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 100e-6, initial_state: InitialState::Settled };
+        for (model, fine) in [(&with_mode, 3), (&with_lag, 4)] {
+            let order = model.order_with_fineness(drive.dt_s);
+            let ids: Vec<&str> = order.iter().filter(|(_, fine)| *fine).map(|(effect, _)| model.effects[*effect].id.as_str()).collect();
+            assert_eq!(ids.len(), fine, "{ids:?}");
+            let finely = model.simulate_finely(&drive, 40);
+            let rms_um =
+                |reading: &[f64]| (reading.iter().zip(&finely).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / finely.len() as f64).sqrt();
+            // What four steps of every stage leave of this fast drive is the amplifier's.
+            let (plain_um, all_in_four_um) = (rms_um(&model.simulate(&drive)), rms_um(&model.simulate_finely(&drive, 4)));
+            assert!(plain_um < all_in_four_um + 1e-5, "{ids:?}: {plain_um} {all_in_four_um}");
+        }
+    }
+}
