@@ -73,6 +73,12 @@ fn a_missing_effect_is_no_other_state() {
     let d = explained(&recorded(&stage(false), 0), "gain").diagnosis;
     assert_eq!(d.named, ["vibration"], "{}", d.sentence);
     assert!(d.recording.is_empty(), "{:?}", d.recording);
+    // A drift from each record's first sample on is met by unknown states of creep too, which are many more values.
+    let mut drifting = stage(true);
+    drifting.add(EffectInstance::new(by_id("thermal_drift").unwrap(), &Overview::without_data(0.0, 10.0), &[0.05, 0.5]));
+    let d = explained(&recorded(&drifting, 0), "gain,vibration,creep").diagnosis;
+    assert_eq!(d.named, ["thermal_drift"], "{}", d.sentence);
+    assert!(d.recording.is_empty(), "{:?}", d.recording);
 }
 
 /// The same stage in a loop with an integrating controller, whose drive was recorded: what was found stands, and the loop is said.
