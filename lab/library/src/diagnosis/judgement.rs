@@ -65,11 +65,16 @@ impl Judged {
     /// Fitted and held-out error are each below `times` the noise floor of their records; never where a record has no floor.
     #[must_use]
     pub fn within(&self, times: f64, floors_um: &[Option<f64>], split: &Split) -> bool {
+        // The same sums whatever the order of the records.
+        let sum = |mut of_records: Vec<f64>| -> f64 {
+            of_records.sort_by(f64::total_cmp);
+            of_records.iter().sum()
+        };
         [&split.identify, &split.validate].into_iter().all(|records| {
-            let floor: Option<f64> =
-                records.iter().map(|i| floors_um[*i].map(|floor_um| floor_um * floor_um * self.residuals[*i].len() as f64)).sum();
-            let left: f64 = records.iter().map(|i| dot(&self.residuals[*i], &self.residuals[*i])).sum();
-            records.is_empty() || floor.is_some_and(|floor| left < times * times * floor)
+            let squares_of_floor = |i: &usize| floors_um[*i].map(|floor_um| floor_um * floor_um * self.residuals[*i].len() as f64);
+            let floor: Option<Vec<f64>> = records.iter().map(squares_of_floor).collect();
+            let left = sum(records.iter().map(|i| dot(&self.residuals[*i], &self.residuals[*i])).collect());
+            records.is_empty() || floor.is_some_and(|floor| left < times * times * sum(floor))
         })
     }
 }
