@@ -34,10 +34,13 @@ pub fn run() -> Result<(), String> {
         value.as_array().into_iter().flatten().filter_map(|name| name.as_str().map(String::from)).collect()
     };
     let diagnosis = &found["diagnosis"];
-    let effects: Vec<String> = diagnosis["findings"].as_array().into_iter().flatten().flat_map(|one| texts(&one["effects"])).collect();
+    let findings: Vec<Vec<String>> = diagnosis["findings"].as_array().into_iter().flatten().map(|one| texts(&one["effects"])).collect();
+    let named = texts(&diagnosis["named"]);
     let error_nm = |when: &str, role: &str| diagnosis[when][role].as_f64().map_or(f64::INFINITY, |um| 1e3 * um);
-    if effects != [HIDDEN] {
-        return Err(format!("the diagnosis finds {effects:?}, not {HIDDEN}"));
+    // The image's stage is no model of the library, and what is left is some five times the noise: what lowers that may stand behind what is missed most, and
+    // nothing else has a name.
+    if findings.first().is_none_or(|first| first != &[HIDDEN]) || named.iter().any(|id| id != HIDDEN) {
+        return Err(format!("the diagnosis finds {findings:?} and names {named:?}, not {HIDDEN} first and nothing else"));
     }
     for role in ["identify", "validate"] {
         let (before_nm, after_nm) = (error_nm("residual_rms_um", role), error_nm("residual_rms_after_um", role));
