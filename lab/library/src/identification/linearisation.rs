@@ -248,13 +248,13 @@ pub fn linearise_reusing(
         let (index, samples) = &rows.records[*r];
         walk_part(model, &dataset.records[*index], samples, free, groups[*g], (*g == 0 && with_coefficients).then_some(&lanes))
     });
-    let with_earlier = Assembling { model, free, lanes: &lanes, groups: &groups };
+    let assembling = Assembling { model, free, lanes: &lanes, groups: &groups };
     parallel::map_indices(rows.records.len(), |r| {
         let (index, samples) = &rows.records[r];
         let record = &dataset.records[*index];
         let own = rows.bases[r].of(OwnMotions::of(model, record), record, samples);
         let of_record = &parts[r * groups.len()..(r + 1) * groups.len()];
-        with_earlier.linearised(record, samples, of_record, own, earlier.map(|earlier| &earlier[r]))
+        assembling.linearised(record, samples, of_record, own, earlier.map(|earlier| &earlier[r]))
     })
 }
 
