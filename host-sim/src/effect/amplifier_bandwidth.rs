@@ -1,4 +1,7 @@
 //! Bandwidth of the amplifier: the voltage on the piezo follows the drive as a first-order lag.
+//!
+//! The stage gives the voltage at the end of each interval; how it goes there is what stages behind are told ([`super::arrival`]). In front of a slew limit,
+//! which makes another shape of it, it goes in sub-intervals and gives their means.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
@@ -50,11 +53,9 @@ impl Effect for AmplifierBandwidth {
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let (decay, mean_weight) = super::lag_weights(values[0], setting.dt_s);
-        let output_weight = if super::takes_the_mean_in(model) { mean_weight } else { decay };
+        let gives_mean = super::arrival::gliding_s(model).is_none() && super::takes_the_mean_in(model);
+        let output_weight = if gives_mean { mean_weight } else { decay };
         Some(Box::new(LagStage { decay, output_weight, voltage_v: model.drive_min_v }))
-    }
-    fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
-        super::substeps_inside_period(dt_s)
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         Some(vec![3000.0 / strength.max(0.01)])

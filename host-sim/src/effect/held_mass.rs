@@ -6,6 +6,7 @@
 //! holds back a constant force, the mode is linear, and several pieces are one exact step: most of a recording, and nearly all
 //! the time that it costs to run.
 
+use super::arrival::Arrival;
 use super::friction::Bristle;
 use super::vibration::{ModeLaw, Motion, Propagator, Within};
 
@@ -23,7 +24,7 @@ pub(super) struct HeldMass {
     motion: Motion,
     bristle: Bristle,
     law: ModeLaw,
-    late_share: f64,
+    arrival: Arrival,
     way: Way,
 }
 
@@ -40,13 +41,32 @@ struct Pieces {
     piece: Propagator,
     within: Within,
     stretch: Stretch,
-    switch: Option<Switch>,
+    enters: Enters,
+}
+
+/// How the input comes in.
+enum Enters {
+    /// At the beginning of the interval.
+    AtOnce,
+    Late(Switch),
+    Gliding(Glide),
 }
 
 /// Several pieces at once, for a bristle that slides.
 struct Stretch {
     pieces: usize,
     propagator: Propagator,
+}
+
+/// An input that glides from one end of an interval to the next.
+struct Glide {
+    /// What is left of the way to where it would come behind an interval, a piece of it and a stretch.
+    left: f64,
+    left_of_piece: f64,
+    left_of_stretch: f64,
+    /// What the end of a piece makes of the mean displacement in it, of what it would make if it came at its beginning.
+    of_mean: f64,
+    before: f64,
 }
 
 /// Where in an interval of several pieces a late input arrives.
@@ -60,16 +80,16 @@ struct Switch {
 }
 
 impl HeldMass {
-    /// A mode held by `bristle` over intervals of `dt_s`, its input late by a share of them; until then `at_rest` acts.
-    pub(super) fn new(bristle: Bristle, law: &ModeLaw, dt_s: f64, late_share: f64, at_rest: f64) -> Self {
-        Self { motion: Motion::default(), bristle, law: *law, late_share, way: Way::of(&bristle, law, dt_s, late_share, at_rest) }
+    /// A mode held by `bristle` over intervals of `dt_s`, in which its input arrives so; until then `at_rest` acts.
+    pub(super) fn new(bristle: Bristle, law: &ModeLaw, dt_s: f64, arrival: Arrival, at_rest: f64) -> Self {
+        Self { motion: Motion::default(), bristle, law: *law, arrival, way: Way::of(&bristle, law, dt_s, arrival, at_rest) }
     }
 
     /// What makes it, for those who compare.
     pub(super) fn values(&self) -> Vec<f64> {
         let ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz } = self.law;
-        let of_mode = [natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz.unwrap_or(0.0), self.late_share];
-        of_mode.into_iter().chain(self.bristle.values()).collect()
+        let of_mode = [natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz.unwrap_or(0.0)];
+        of_mode.into_iter().chain(self.arrival.values()).chain(self.bristle.values()).collect()
     }
 
     /// One interval; what is read at its end.
@@ -79,7 +99,7 @@ impl HeldMass {
         signal[0]
     }
 
-    /// Runs over a signal, held over each interval, and leaves what is read in its place.
+    /// Runs over a signal, its value at the end of each interval, and leaves what is read in its place.
     pub(super) fn run_over(&mut self, signal: &mut [f64]) {
         // Copies stay in registers: nothing but the recursion itself then stands between two pieces.
         let mut motion = self.motion;
@@ -93,11 +113,13 @@ impl HeldMass {
             Way::Pieces(pieces) => {
                 let at = (motion, self.bristle.bend());
                 let lags = self.law.sensor_bandwidth_hz.is_some();
-                let (end, bend) = match (pieces.switch.is_some(), lags) {
-                    (false, false) => pieces.walk_over::<false, false>(&self.bristle, at, signal),
-                    (false, true) => pieces.walk_over::<false, true>(&self.bristle, at, signal),
-                    (true, false) => pieces.walk_over::<true, false>(&self.bristle, at, signal),
-                    (true, true) => pieces.walk_over::<true, true>(&self.bristle, at, signal),
+                let (end, bend) = match (&pieces.enters, lags) {
+                    (Enters::AtOnce, false) => pieces.walk_over::<false, false>(&self.bristle, at, signal),
+                    (Enters::AtOnce, true) => pieces.walk_over::<false, true>(&self.bristle, at, signal),
+                    (Enters::Late(_), false) => pieces.walk_over::<true, false>(&self.bristle, at, signal),
+                    (Enters::Late(_), true) => pieces.walk_over::<true, true>(&self.bristle, at, signal),
+                    (Enters::Gliding(_), false) => pieces.glide_over::<false>(&self.bristle, at, signal),
+                    (Enters::Gliding(_), true) => pieces.glide_over::<true>(&self.bristle, at, signal),
                 };
                 motion = end;
                 self.bristle.put(motion.displacement, bend);
@@ -110,37 +132,57 @@ impl HeldMass {
     pub(super) fn settle(&mut self, input: f64) {
         self.motion = Motion::settled(input);
         self.bristle.relax(input);
-        if let Way::Pieces(pieces) = &mut self.way
-            && let Some(switch) = &mut pieces.switch
-        {
-            switch.before = input;
+        if let Way::Pieces(pieces) = &mut self.way {
+            match &mut pieces.enters {
+                Enters::AtOnce => {}
+                Enters::Late(switch) => switch.before = input,
+                Enters::Gliding(glide) => glide.before = input,
+            }
         }
     }
 }
 
 impl Way {
-    fn of(bristle: &Bristle, law: &ModeLaw, dt_s: f64, late_share: f64, at_rest: f64) -> Self {
+    fn of(bristle: &Bristle, law: &ModeLaw, dt_s: f64, arrival: Arrival, at_rest: f64) -> Self {
         let angle = law.natural_frequency_rad_s * dt_s;
         // A mode that is damped so much that it creeps back does that the more slowly the more it is damped.
         let stiffening = bristle.stiffening();
         let stiffened = angle * stiffening * (stiffening / (2.0 * law.damping_ratio)).min(1.0);
         if stiffened / PIECE_RAD > PIECES_MAX {
-            return Self::Balanced(law.over(dt_s, late_share));
+            return Self::Balanced(law.over(dt_s, arrival));
         }
         let stretches = (angle / STRETCH_RAD).ceil().max(1.0);
         let of_a_stretch = (stiffened / PIECE_RAD / stretches).ceil().max(1.0);
         let (count, in_one) = (stretches * of_a_stretch, of_a_stretch as usize);
-        let piece_s = dt_s / count;
-        let late_pieces = late_share * count;
-        let switch = (late_share > 0.0).then(|| Switch {
+        let (piece_s, stretch_s) = (dt_s / count, dt_s / stretches);
+        let enters = match arrival {
+            Arrival::Late(share) if share > 0.0 => Enters::Late(Switch::of(law, piece_s, share * count, at_rest)),
+            Arrival::Late(_) => Enters::AtOnce,
+            Arrival::Gliding(_) => Enters::Gliding(Glide {
+                left: arrival.left_after(dt_s),
+                left_of_piece: arrival.left_after(piece_s),
+                left_of_stretch: arrival.left_after(stretch_s),
+                of_mean: law.share_in_mean(piece_s, arrival),
+                before: at_rest,
+            }),
+        };
+        // A late input changes in one piece only, one that glides in all.
+        let in_each = if matches!(arrival, Arrival::Gliding(_)) { arrival } else { Arrival::Late(0.0) };
+        let stretch = Stretch { pieces: in_one, propagator: law.over(stretch_s, in_each) };
+        let (piece, within) = (law.over(piece_s, in_each), law.within(piece_s));
+        Self::Pieces(Box::new(Pieces { count: count as usize, piece, within, stretch, enters }))
+    }
+}
+
+impl Switch {
+    fn of(law: &ModeLaw, piece_s: f64, late_pieces: f64, at_rest: f64) -> Self {
+        let arrival = Arrival::Late(late_pieces.fract());
+        Self {
             piece: late_pieces as usize,
-            propagator: law.over(piece_s, late_pieces.fract()),
-            of_mean: law.within(piece_s).of_mean_late_by(late_pieces.fract(), &law.within(piece_s * (1.0 - late_pieces.fract()))),
+            propagator: law.over(piece_s, arrival),
+            of_mean: law.share_in_mean(piece_s, arrival),
             before: at_rest,
-        });
-        let stretch = Stretch { pieces: in_one, propagator: law.over(dt_s / stretches, 0.0) };
-        let (piece, within) = (law.over(piece_s, 0.0), law.within(piece_s));
-        Self::Pieces(Box::new(Pieces { count: count as usize, piece, within, stretch, switch }))
+        }
     }
 }
 
@@ -169,7 +211,7 @@ impl Pieces {
         mut bend: f64,
         input: f64,
     ) -> (Motion, f64) {
-        let late = self.switch.as_ref().filter(|_| LATE);
+        let late = if let (Enters::Late(switch), true) = (&self.enters, LATE) { Some(switch) } else { None };
         let (arrives_in, before) = late.map_or((0, input), |switch| (switch.piece, switch.before));
         let mut piece = 0;
         while piece < self.count {
@@ -210,8 +252,73 @@ impl Pieces {
             motion = onward;
             piece += 1;
         }
-        if let Some(switch) = self.switch.as_mut().filter(|_| LATE) {
+        if let (Enters::Late(switch), true) = (&mut self.enters, LATE) {
             switch.before = input;
+        }
+        (motion, bend)
+    }
+
+    /// As [`Self::walk_over`], of an input that glides.
+    fn glide_over<const LAGS: bool>(&mut self, bristle: &Bristle, (mut motion, mut bend): (Motion, f64), signal: &mut [f64]) -> (Motion, f64) {
+        let Enters::Gliding(glide) = &self.enters else { return (motion, bend) };
+        let mut before = glide.before;
+        for value in signal {
+            (motion, bend) = self.glide::<LAGS>(glide, bristle, (motion, bend), before, *value);
+            before = *value;
+            *value = motion.reading;
+        }
+        if let Enters::Gliding(glide) = &mut self.enters {
+            glide.before = before;
+        }
+        (motion, bend)
+    }
+
+    /// Carries a mode and the bend of a bristle over one interval in which the input glides from one value to another.
+    #[inline]
+    fn glide<const LAGS: bool>(
+        &self,
+        glide: &Glide,
+        bristle: &Bristle,
+        (mut motion, mut bend): (Motion, f64),
+        before: f64,
+        input: f64,
+    ) -> (Motion, f64) {
+        // Where it would come, and what it is at the beginning of the next piece.
+        let aim = (input - glide.left * before) / (1.0 - glide.left);
+        let mut force = before;
+        let mut piece = 0;
+        while piece < self.count {
+            let ahead = self.piece.motion_ahead(motion);
+            let held_before = bristle.held_at(bend);
+            let stretch = &self.stretch;
+            if piece + stretch.pieces <= self.count && bristle.slides(bend, ahead) {
+                let force_after = aim + glide.left_of_stretch * (force - aim);
+                let begun = motion.with_input_before(force - held_before);
+                let onward = stretch.propagator.after_as::<true, LAGS>(begun, force_after - held_before);
+                // A force that comes may turn a motion back that had turned before, which then shows where the force had not come.
+                let uncome = stretch.propagator.after_as::<true, false>(begun, force - held_before);
+                let turned = [onward, uncome].into_iter().any(|end| stretch.propagator.motion_ahead(end) * ahead <= 0.0);
+                if !turned {
+                    bend = bristle.bend_in_sliding(ahead);
+                    (motion, force) = (onward, force_after);
+                    piece += stretch.pieces;
+                    continue;
+                }
+            }
+            let force_after = aim + glide.left_of_piece * (force - aim);
+            let in_the_mean = force + glide.of_mean * (force_after - force);
+            let mean = self.within.mean_displacement(motion, in_the_mean - held_before);
+            let held = bristle.held_at(bristle.bend_after(bend, mean - motion.displacement));
+            let nothing_to_come = (input - force).abs() < AT_REST_UM;
+            if nothing_to_come && ahead.abs() < AT_REST_UM && (force - held - motion.displacement).abs() < AT_REST_UM {
+                motion = self.piece.after_rest(motion, self.count - piece);
+                break;
+            }
+            let onward = self.piece.after_as::<true, LAGS>(motion.with_input_before(force - held), force_after - held);
+            let onward = self.within.risen::<LAGS>(onward, held_before - held);
+            bend = bristle.bend_after(bend, onward.displacement - motion.displacement);
+            (motion, force) = (onward, force_after);
+            piece += 1;
         }
         (motion, bend)
     }
@@ -234,18 +341,25 @@ mod tests {
         }
     }
 
-    /// The same equations by a Runge-Kutta method of fourth order: mode, and `dz = (1 - z sgn(v) / z_s) dx` at its mass.
-    fn integrated(law: &ModeLaw, contact: &ElastoplasticFriction, kind: usize, samples: usize) -> Vec<f64> {
+    /// The same equations by a Runge-Kutta method of fourth order: mode, and `dz = (1 - z sgn(v) / z_s) dx` at its mass; where the force follows the drive with
+    /// a time constant, that as well.
+    fn integrated(law: &ModeLaw, contact: &ElastoplasticFriction, gliding_s: Option<f64>, kind: usize, samples: usize) -> Vec<f64> {
         let (w, xi) = (law.natural_frequency_rad_s, law.damping_ratio);
         let (k, sliding_bend) = (contact.stiffness_n_um, contact.sliding_bend_um());
         let steps = (w * (1.0 + k).sqrt() * DT_S / 0.02).ceil() as usize;
         let h = DT_S / steps as f64;
-        let mut state = [0.0_f64; 3];
+        let mut state = [0.0_f64; 4];
         let mut out = Vec::with_capacity(samples);
         for sample in 0..samples {
-            let force = drive(kind, sample as f64 * DT_S);
-            let rate = |[x, v, z]: [f64; 3]| [v, w * w * (force - x - k * z) - 2.0 * xi * w * v, v - v.abs() * z / sliding_bend];
-            let along = |s: [f64; 3], d: [f64; 3], t: f64| [s[0] + t * d[0], s[1] + t * d[1], s[2] + t * d[2]];
+            let driven = drive(kind, sample as f64 * DT_S);
+            if gliding_s.is_none() {
+                state[3] = driven;
+            }
+            let rate = |[x, v, z, force]: [f64; 4]| {
+                let follows = gliding_s.map_or(0.0, |time_constant_s| (driven - force) / time_constant_s);
+                [v, w * w * (force - x - k * z) - 2.0 * xi * w * v, v - v.abs() * z / sliding_bend, follows]
+            };
+            let along = |s: [f64; 4], d: [f64; 4], t: f64| std::array::from_fn(|i| s[i] + t * d[i]);
             for _ in 0..steps {
                 // A bristle that is short against the way of a step is walked in shorter ones.
                 let parts = (state[1].abs() * h / (0.2 * sliding_bend)).ceil().clamp(1.0, 200.0);
@@ -255,7 +369,7 @@ mod tests {
                     let b = rate(along(state, a, 0.5 * h));
                     let c = rate(along(state, b, 0.5 * h));
                     let d = rate(along(state, c, h));
-                    for i in 0..3 {
+                    for i in 0..4 {
                         state[i] += h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]);
                     }
                 }
@@ -274,18 +388,24 @@ mod tests {
             for (coulomb_force_n, stiffness_n_um) in [(0.05, 0.3), (0.2, 1.0), (0.1, 12.0), (0.4, 50.0), (0.02, 50.0)] {
                 let law = ModeLaw { natural_frequency_rad_s: TAU * natural_frequency_hz, damping_ratio, sensor_bandwidth_hz: None };
                 let contact = ElastoplasticFriction { stiffness_n_um, damping_n_s_um: 0.0, coulomb_force_n, breakaway_ratio: None };
-                let (mut sum, mut count) = (0.0, 0);
-                for kind in 0..3 {
-                    let mut held = HeldMass::new(Bristle::with(contact), &law, DT_S, 0.0, 0.0);
-                    for (sample, expected) in integrated(&law, &contact, kind, samples).iter().enumerate() {
-                        sum += (held.step(drive(kind, sample as f64 * DT_S)) - expected).powi(2);
-                        count += 1;
+                for gliding_s in [None, Some(1.0 / (TAU * 800.0)), Some(1.0 / (TAU * 5000.0))] {
+                    let arrival = gliding_s.map_or(Arrival::Late(0.0), Arrival::Gliding);
+                    let (mut sum, mut count) = (0.0, 0);
+                    for kind in 0..3 {
+                        let mut held = HeldMass::new(Bristle::with(contact), &law, DT_S, arrival, 0.0);
+                        let mut force = 0.0;
+                        for (sample, expected) in integrated(&law, &contact, gliding_s, kind, samples).iter().enumerate() {
+                            let driven = drive(kind, sample as f64 * DT_S);
+                            force = driven + arrival.left_after(DT_S) * (force - driven);
+                            sum += (held.step(force) - expected).powi(2);
+                            count += 1;
+                        }
                     }
+                    let rms_nm = 1e3 * (sum / f64::from(count)).sqrt();
+                    // A mode that hardly loses anything rings on with the phase that it has got.
+                    let most_nm = if damping_ratio < 0.1 { 10.0 } else { 1.5 };
+                    assert!(rms_nm < most_nm, "{law:?}, {contact:?}, {gliding_s:?}: {rms_nm:.3} nm");
                 }
-                let rms_nm = 1e3 * (sum / f64::from(count)).sqrt();
-                // A mode that hardly loses anything rings on with the phase that it has got.
-                let most_nm = if damping_ratio < 0.1 { 10.0 } else { 1.5 };
-                assert!(rms_nm < most_nm, "{law:?}, {contact:?}: {rms_nm:.3} nm");
             }
         }
     }

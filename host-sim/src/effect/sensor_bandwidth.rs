@@ -1,10 +1,13 @@
 //! Bandwidth of the sensor: its reading follows the displacement as a first-order lag.
 //!
 //! Where the model has inertia, the vibration stage takes the lag in: together they are one linear system, exact for a held force.
-//! Without inertia the displacement itself is held over an interval.
+//! Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
+use super::arrival::{Arrival, ByInput};
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
+use crate::linear_system::ContinuousSystem;
+use nalgebra::{DMatrix, DVector};
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "sensor_bandwidth";
@@ -12,38 +15,66 @@ pub const ID: &str = "sensor_bandwidth";
 /// First-order lag behind everything mechanical.
 pub struct SensorBandwidth;
 
+/// One interval: what is left of the reading, and what start and end of the displacement add.
+#[derive(Clone, Copy)]
+struct Interval {
+    left: f64,
+    by_start: f64,
+    by_end: f64,
+}
+
+impl Interval {
+    fn of(bandwidth_hz: f64, arrival: Arrival, dt_s: f64) -> Self {
+        let rate = std::f64::consts::TAU * bandwidth_hz;
+        let one = |value: f64| DVector::from_element(1, value);
+        let lag = ContinuousSystem { a: DMatrix::from_element(1, 1, -rate), b: one(rate), c: one(1.0), d: 0.0 };
+        let ByInput { start, end } = arrival.over(&lag, dt_s);
+        Self { left: (-rate * dt_s).exp(), by_start: start[0], by_end: end[0] }
+    }
+
+    #[inline]
+    fn step(&self, reading: f64, before: f64, input: f64) -> f64 {
+        self.left * reading + (self.by_start * before + self.by_end * input)
+    }
+}
+
 struct SensorLag {
-    decay: f64,
+    interval: Interval,
+    before: f64,
     reading: f64,
 }
 
 impl Stage for SensorLag {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
-        self.reading = input + self.decay * (self.reading - input);
+        self.reading = self.interval.step(self.reading, self.before, input);
+        self.before = input;
         self.reading
     }
     fn settle(&mut self, input: f64) -> f64 {
-        self.reading = input;
+        (self.reading, self.before) = (input, input);
         input
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        Some(Box::new(LagLanes { decay: self.decay, readings: vec![0.0; lanes] }))
+        Some(Box::new(LagLanes { interval: self.interval, readings: vec![0.0; lanes], before: vec![0.0; lanes] }))
     }
 }
 
 struct LagLanes {
-    decay: f64,
+    interval: Interval,
     readings: Vec<f64>,
+    before: Vec<f64>,
 }
 
 impl LinearLanes for LagLanes {
     fn settle(&mut self, row: &mut [f64]) {
         self.readings.copy_from_slice(row);
+        self.before.copy_from_slice(row);
     }
     fn run(&mut self, block: &mut [f64]) {
         for row in block.chunks_exact_mut(self.readings.len()) {
-            for (value, reading) in row.iter_mut().zip(&mut self.readings) {
-                *reading = *value + self.decay * (*reading - *value);
+            for ((value, reading), before) in row.iter_mut().zip(&mut self.readings).zip(&mut self.before) {
+                *reading = self.interval.step(*reading, *before, *value);
+                *before = *value;
                 *value = *reading;
             }
         }
@@ -77,8 +108,8 @@ impl Effect for SensorBandwidth {
         if model.effect(super::vibration::ID).is_some() {
             return None;
         }
-        let (decay, _) = super::lag_weights(values[0], setting.dt_s);
-        Some(Box::new(SensorLag { decay, reading: 0.0 }))
+        let interval = Interval::of(values[0], Arrival::of(model, setting.dt_s), setting.dt_s);
+        Some(Box::new(SensorLag { interval, before: 0.0, reading: 0.0 }))
     }
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         vec![FreeMotion { decay_per_s: std::f64::consts::TAU * values[0], frequency_rad_s: 0.0 }]

@@ -3,6 +3,7 @@
 //! Most capacitive and strain-gauge electronics end in one, as a rule of Butterworth's form (damping ratio 0.71). It is as a mode by its equation,
 //! and told from one by its damping alone: filters are designed flat, mechanical resonances are not.
 
+use super::arrival::{Arrival, ByInput};
 use super::vibration::free_motions_of;
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
@@ -16,7 +17,7 @@ pub struct SensorFilter;
 /// A filter with that damping ratio or less would ring for several periods: nobody builds it.
 const DESIGNED_DAMPING_MIN: f64 = 0.3;
 
-/// The filter over one interval in which its input runs straight; states: reading, and its rate over the natural frequency.
+/// The filter over one interval; states: reading, and its rate over the natural frequency.
 #[derive(Clone, Copy)]
 struct Interval {
     phi: [f64; 4],
@@ -25,8 +26,8 @@ struct Interval {
 }
 
 impl Interval {
-    /// `held`: the input jumps at the start of the interval instead.
-    fn new(natural_frequency_hz: f64, damping_ratio: f64, dt_s: f64, held: bool) -> Self {
+    /// `arrival`: how its input goes inside the interval; where it is that of a mass, straight.
+    fn new(natural_frequency_hz: f64, damping_ratio: f64, dt_s: f64, arrival: Option<Arrival>) -> Self {
         let w = TAU * natural_frequency_hz;
         let system = ContinuousSystem {
             a: DMatrix::from_row_slice(2, 2, &[0.0, w, -w, -2.0 * damping_ratio * w]),
@@ -34,20 +35,13 @@ impl Interval {
             c: DVector::from_row_slice(&[1.0, 0.0]),
             d: 0.0,
         };
-        let (phi, gamma) = system.held_matrices(dt_s);
-        // A straight input is a held rate that is integrated: a third state in front of the two.
-        let mut ramp = DMatrix::zeros(3, 3);
-        ramp.view_mut((0, 0), (2, 2)).copy_from(&system.a);
-        ramp.view_mut((0, 2), (2, 1)).copy_from(&system.b);
-        let ramp = ContinuousSystem {
-            a: ramp,
-            b: DVector::from_row_slice(&[0.0, 0.0, 1.0 / dt_s]),
-            c: DVector::from_row_slice(&[1.0, 0.0, 0.0]),
-            d: 0.0,
-        };
-        let (_, by_slope) = ramp.held_matrices(dt_s);
-        let at_end = if held { [gamma[0], gamma[1]] } else { [by_slope[0], by_slope[1]] };
-        Self { phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]], at_start: [gamma[0] - at_end[0], gamma[1] - at_end[1]], at_end }
+        let (phi, held, slope) = system.straight_matrices(dt_s);
+        let ByInput { start, end } = arrival.map_or_else(|| ByInput { start: &held - &slope, end: slope }, |arrival| arrival.over(&system, dt_s));
+        Self {
+            phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
+            at_start: [start[0], start[1]],
+            at_end: [end[0], end[1]],
+        }
     }
 
     #[inline]
@@ -58,6 +52,11 @@ impl Interval {
             phi[2] * reading + phi[3] * rate + (at_start[1] * before + at_end[1] * input),
         ]
     }
+}
+
+/// Whether what the filter reads is the motion of a mass.
+fn has_inertia(model: &Model) -> bool {
+    model.effects.iter().any(|e| e.effect.declaration().place == Place::Vibration)
 }
 
 struct FilterStage {
@@ -133,12 +132,14 @@ impl Effect for SensorFilter {
         by_data_sheet.into_iter().chain(elsewhere).map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2]).collect()
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        // Without inertia the displacement is held over an interval; with it, it moves.
-        let held = !model.effects.iter().any(|e| e.effect.declaration().place == Place::Vibration);
-        let interval = Interval::new(values[0], values[1], setting.dt_s, held);
+        let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting.dt_s));
+        let interval = Interval::new(values[0], values[1], setting.dt_s, arrival);
         Some(Box::new(FilterStage { interval, state: [0.0; 2], before: 0.0 }))
     }
-    fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
+    fn substeps(&self, model: &Model, dt_s: f64) -> usize {
+        if !has_inertia(model) {
+            return 1;
+        }
         // What is read between two instants is taken as straight: finer than others need where records are neither fast nor at rest at every sample.
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
         super::substeps_inside_period(dt_s).max(straight)

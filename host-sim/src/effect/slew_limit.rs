@@ -3,6 +3,9 @@
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 
+/// Identifier in files and on the command line.
+pub const ID: &str = "slew_limit";
+
 /// Limit of the slope of the piezo voltage.
 pub struct SlewLimit;
 
@@ -38,7 +41,7 @@ impl Stage for SlewStage {
 impl Effect for SlewLimit {
     fn declaration(&self) -> Declaration {
         Declaration {
-            id: "slew_limit".into(),
+            id: ID.into(),
             physics: "The amplifier's current limit clamps how fast the voltage on the piezo can change.".into(),
             reference: "Fleming and Leang (2014), Ch. 14".into(),
             place: Place::AmplifierSlew,

@@ -1,5 +1,6 @@
 //! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
 
+use super::arrival::{Arrival, ByInput};
 use super::friction::Bristle;
 use super::held_mass::HeldMass;
 use super::{
@@ -16,19 +17,19 @@ pub const ID: &str = "vibration";
 /// First mode of the actuator with its load.
 pub struct Vibration;
 
-/// How a mode of unit static gain goes over an interval in which its input is held: exact however long the interval is.
+/// How a mode of unit static gain goes over an interval at whose end its input has come to a value: exact however long the interval is.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Propagator {
     phi: [f64; 4],
     gamma: [f64; 2],
     angle_rad: f64,
     sensor: Option<SensorPropagator>,
-    late: Late,
+    start: ByStart,
 }
 
-/// Of an input that arrives inside an interval: what the one before it, which acts until then, adds.
+/// Of an input that comes to its value inside an interval: what the one before it, with which the interval starts, adds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Late {
+struct ByStart {
     gamma: [f64; 2],
     sensor_gamma: f64,
 }
@@ -54,12 +55,6 @@ impl Within {
     #[inline]
     pub(super) fn mean_displacement(&self, from: Motion, input: f64) -> f64 {
         self.mean[0] * from.displacement + self.mean[1] * from.velocity + self.mean[2] * input
-    }
-
-    /// What an input that is late by a share of the interval makes of the mean displacement, of what it would make if it came in time; `rest` is what is
-    /// left of the interval then.
-    pub(super) fn of_mean_late_by(&self, late_share: f64, rest: &Self) -> f64 {
-        (1.0 - late_share) * rest.mean[2] / self.mean[2]
     }
 
     /// The end of the interval where the input rose by so much on either side of its mean.
@@ -114,10 +109,19 @@ pub(super) struct ModeLaw {
 }
 
 impl ModeLaw {
-    /// The mode over an interval whose input is late by a share of it.
-    pub(super) fn over(&self, dt_s: f64, late_share: f64) -> Propagator {
-        let punctual = self.punctual_over(dt_s);
-        if late_share > 0.0 { punctual.late_by(&self.punctual_over(dt_s * (1.0 - late_share))) } else { punctual }
+    /// The mode over an interval in which its input arrives so.
+    pub(super) fn over(&self, dt_s: f64, arrival: Arrival) -> Propagator {
+        let system = self.system();
+        let (phi, _) = system.held_matrices(dt_s);
+        let ByInput { start, end } = arrival.over(&system, dt_s);
+        let sensor = |_| SensorPropagator { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: end[2] };
+        Propagator {
+            phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
+            gamma: [end[0], end[1]],
+            angle_rad: self.natural_frequency_rad_s * dt_s,
+            sensor: self.sensor_bandwidth_hz.map(sensor),
+            start: ByStart { gamma: [start[0], start[1]], sensor_gamma: start[2] },
+        }
     }
 
     /// Displacement in um, velocity divided by omega, and the reading.
@@ -134,9 +138,20 @@ impl ModeLaw {
 
     /// What an interval brings beside its end: where the mode is in the mean, and what an input that rises adds.
     pub(super) fn within(&self, dt_s: f64) -> Within {
+        let (phi, held, slope) = self.system_with_mean(dt_s).straight_matrices(dt_s);
+        Within { mean: [phi[(3, 0)], phi[(3, 1)], held[3]], rising: [0, 1, 2].map(|i| 2.0 * slope[i] - held[i]) }
+    }
+
+    /// What an input that arrives so makes of the mean displacement over an interval, of what it would make if it came at its beginning.
+    pub(super) fn share_in_mean(&self, dt_s: f64, arrival: Arrival) -> f64 {
+        let ByInput { start, end } = arrival.over(&self.system_with_mean(dt_s), dt_s);
+        end[3] / (start[3] + end[3])
+    }
+
+    /// The mode with the mean of its displacement over an interval as one state more.
+    fn system_with_mean(&self, dt_s: f64) -> ContinuousSystem {
         let ContinuousSystem { a, b, .. } = self.system();
-        let (phi, held, slope) = ContinuousSystem {
-            // The mean displacement is one state more.
+        ContinuousSystem {
             a: DMatrix::from_fn(4, 4, |i, j| {
                 if i < 3 && j < 3 {
                     a[(i, j)]
@@ -150,52 +165,26 @@ impl ModeLaw {
             c: DVector::zeros(4),
             d: 0.0,
         }
-        .straight_matrices(dt_s);
-        Within { mean: [phi[(3, 0)], phi[(3, 1)], held[3]], rising: [0, 1, 2].map(|i| 2.0 * slope[i] - held[i]) }
-    }
-
-    fn punctual_over(&self, dt_s: f64) -> Propagator {
-        let w = self.natural_frequency_rad_s;
-        let (phi, gamma) = self.system().held_matrices(dt_s);
-        Propagator {
-            phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
-            gamma: [gamma[0], gamma[1]],
-            angle_rad: w * dt_s,
-            sensor: self.sensor_bandwidth_hz.map(|_| SensorPropagator { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: gamma[2] }),
-            late: Late::default(),
-        }
     }
 }
 
 impl Propagator {
-    /// The same mode with its input late by a share of the interval: it acts over the rest, the one before it until then.
-    fn late_by(mut self, punctual_over_the_rest: &Self) -> Self {
-        let rest = punctual_over_the_rest;
-        self.late.gamma = [self.gamma[0] - rest.gamma[0], self.gamma[1] - rest.gamma[1]];
-        self.gamma = rest.gamma;
-        if let (Some(sensor), Some(rest)) = (&mut self.sensor, &rest.sensor) {
-            self.late.sensor_gamma = sensor.gamma - rest.gamma;
-            sensor.gamma = rest.gamma;
-        }
-        self
-    }
-
-    /// Where one interval with the input held ends.
+    /// Where one interval ends at whose end the input is this.
     #[inline]
     pub(super) fn after(&self, from: Motion, input: f64) -> Motion {
         if self.sensor.is_some() { self.after_as::<true, true>(from, input) } else { self.after_as::<true, false>(from, input) }
     }
 
-    /// The same for those who know whether the input is late and whether a sensor lags behind: recursions that run over millions of intervals.
+    /// The same for those who know whether the input before counts and whether a sensor lags behind: recursions that run over millions of intervals.
     #[inline]
-    pub(super) fn after_as<const LATE: bool, const LAGS: bool>(&self, from: Motion, input: f64) -> Motion {
+    pub(super) fn after_as<const STARTS: bool, const LAGS: bool>(&self, from: Motion, input: f64) -> Motion {
         let Motion { displacement: x, velocity: v, reading, before } = from;
-        let forced = |by_input: f64, by_late: f64| if LATE { by_input * input + by_late * before } else { by_input * input };
-        let displacement = self.phi[0] * x + self.phi[1] * v + forced(self.gamma[0], self.late.gamma[0]);
-        let velocity = self.phi[2] * x + self.phi[3] * v + forced(self.gamma[1], self.late.gamma[1]);
+        let forced = |by_input: f64, by_start: f64| if STARTS { by_input * input + by_start * before } else { by_input * input };
+        let displacement = self.phi[0] * x + self.phi[1] * v + forced(self.gamma[0], self.start.gamma[0]);
+        let velocity = self.phi[2] * x + self.phi[3] * v + forced(self.gamma[1], self.start.gamma[1]);
         let reading = match &self.sensor {
             Some(SensorPropagator { phi, gamma }) if LAGS => {
-                phi[0] * x + phi[1] * v + phi[2] * reading + forced(*gamma, self.late.sensor_gamma)
+                phi[0] * x + phi[1] * v + phi[2] * reading + forced(*gamma, self.start.sensor_gamma)
             }
             _ => displacement,
         };
@@ -220,24 +209,24 @@ impl Mode {
     /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. (5).
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
-        Self::of(ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz: None }.over(dt_s, 0.0))
+        Self::of(ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz: None }.over(dt_s, Arrival::Late(0.0)))
     }
 
     fn of(propagator: Propagator) -> Self {
         Self { propagator, motion: Motion::default() }
     }
 
-    /// One interval with the input held; the displacement at its end.
+    /// One interval; the displacement at its end.
     #[inline]
     pub fn step(&mut self, input: f64) -> f64 {
         self.motion = self.propagator.after(self.motion, input);
         self.motion.displacement
     }
 
-    /// Runs over a signal, held over each interval, and leaves what is read in its place.
+    /// Runs over a signal, its value at the end of each interval, and leaves what is read in its place.
     fn run_over(&mut self, signal: &mut [f64]) {
-        let late = self.propagator.late != Late::default();
-        match (late, self.propagator.sensor.is_some()) {
+        let starts = self.propagator.start != ByStart::default();
+        match (starts, self.propagator.sensor.is_some()) {
             (false, false) => self.run_over_as::<false, false>(signal),
             (false, true) => self.run_over_as::<false, true>(signal),
             (true, false) => self.run_over_as::<true, false>(signal),
@@ -245,11 +234,11 @@ impl Mode {
         }
     }
 
-    fn run_over_as<const LATE: bool, const LAGS: bool>(&mut self, signal: &mut [f64]) {
+    fn run_over_as<const STARTS: bool, const LAGS: bool>(&mut self, signal: &mut [f64]) {
         // A copy stays in registers: nothing but the recursion itself then stands between two intervals.
         let (propagator, mut motion) = (self.propagator, self.motion);
         for value in signal {
-            motion = propagator.after_as::<LATE, LAGS>(motion, *value);
+            motion = propagator.after_as::<STARTS, LAGS>(motion, *value);
             *value = motion.reading;
         }
         self.motion = motion;
@@ -305,8 +294,8 @@ impl VibrationStage {
         let mass_factor = super::mass_change::frequency_factor(model);
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
         let sensor_bandwidth_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
+        let arrival = Arrival::of(model, dt_s);
         let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
-        let late_share = late_intervals.fract();
         let law = |natural_frequency_rad_s: f64, damping_ratio: f64| ModeLaw {
             natural_frequency_rad_s: natural_frequency_rad_s * mass_factor,
             damping_ratio: damping_ratio * mass_factor,
@@ -314,11 +303,11 @@ impl VibrationStage {
         };
         let first_law = model.values(ID).map(|v| law(v[0], v[1]));
         let first = first_law.map(|first| match Bristle::of(model) {
-            Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, late_share, model.drive_min_v))),
-            None => First::Free(Mode::of(first.over(dt_s, late_share))),
+            Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, arrival, model.drive_min_v))),
+            None => First::Free(Mode::of(first.over(dt_s, arrival))),
         });
-        let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::of(law(v[1], v[2]).over(dt_s, late_share))));
-        let whole_interval = first_law.map(|first| first.over(dt_s, late_share));
+        let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::of(law(v[1], v[2]).over(dt_s, arrival))));
+        let whole_interval = first_law.map(|first| first.over(dt_s, arrival));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
         Self { first, second, late, whole_interval, by_held: None }
     }
@@ -444,7 +433,7 @@ impl ModeLanes {
 
     /// One interval; what is read is left in the place of the input.
     fn step(&mut self, row: &mut [f64]) {
-        let Propagator { phi, gamma, sensor, late, .. } = self.mode;
+        let Propagator { phi, gamma, sensor, start, .. } = self.mode;
         let lanes = row.len();
         let (x, v) = (&mut self.displacement[..lanes], &mut self.velocity[..lanes]);
         let (reading, before) = (&mut self.reading[..lanes], &mut self.before[..lanes]);
@@ -453,13 +442,13 @@ impl ModeLanes {
                 reading[i] = sensor.phi[0] * x[i]
                     + sensor.phi[1] * v[i]
                     + sensor.phi[2] * reading[i]
-                    + (sensor.gamma * row[i] + late.sensor_gamma * before[i]);
+                    + (sensor.gamma * row[i] + start.sensor_gamma * before[i]);
             }
         }
         for i in 0..lanes {
             let (x0, v0, u, b) = (x[i], v[i], row[i], before[i]);
-            x[i] = phi[0] * x0 + phi[1] * v0 + (gamma[0] * u + late.gamma[0] * b);
-            v[i] = phi[2] * x0 + phi[3] * v0 + (gamma[1] * u + late.gamma[1] * b);
+            x[i] = phi[0] * x0 + phi[1] * v0 + (gamma[0] * u + start.gamma[0] * b);
+            v[i] = phi[2] * x0 + phi[3] * v0 + (gamma[1] * u + start.gamma[1] * b);
             before[i] = u;
         }
         row.copy_from_slice(if sensor.is_some() { reading } else { x });
