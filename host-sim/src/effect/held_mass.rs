@@ -259,7 +259,12 @@ impl Pieces {
     }
 
     /// As [`Self::walk_over`], of an input that glides.
-    fn glide_over<const LAGS: bool>(&mut self, bristle: &Bristle, (mut motion, mut bend): (Motion, f64), signal: &mut [f64]) -> (Motion, f64) {
+    fn glide_over<const LAGS: bool>(
+        &mut self,
+        bristle: &Bristle,
+        (mut motion, mut bend): (Motion, f64),
+        signal: &mut [f64],
+    ) -> (Motion, f64) {
         let Enters::Gliding(glide) = &self.enters else { return (motion, bend) };
         let mut before = glide.before;
         for value in signal {

@@ -36,12 +36,9 @@ impl Interval {
             d: 0.0,
         };
         let (phi, held, slope) = system.straight_matrices(dt_s);
-        let ByInput { start, end } = arrival.map_or_else(|| ByInput { start: &held - &slope, end: slope }, |arrival| arrival.over(&system, dt_s));
-        Self {
-            phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
-            at_start: [start[0], start[1]],
-            at_end: [end[0], end[1]],
-        }
+        let ByInput { start, end } =
+            arrival.map_or_else(|| ByInput { start: &held - &slope, end: slope }, |arrival| arrival.over(&system, dt_s));
+        Self { phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]], at_start: [start[0], start[1]], at_end: [end[0], end[1]] }
     }
 
     #[inline]

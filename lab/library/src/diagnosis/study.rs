@@ -61,8 +61,10 @@ const PLAINLY_BEHIND: f64 = 0.2;
 const OUT_OF_REACH: f64 = 1.0;
 /// What is so far behind half way through a quick fit is behind at its end.
 pub const FAR_BEHIND: f64 = 1.0;
-/// How far what is added is fitted by itself, and what is only ranked.
+/// How far what is added is fitted by itself.
 const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01 };
+/// How far what is only ranked: begun where its values are known, one step shows which brings most.
+const RANKED: Effort = Effort { iterations: 1, ..FIRST };
 /// How far it goes before two sets are compared.
 const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4 };
 
@@ -175,7 +177,7 @@ impl<'a> Study<'a> {
     /// Fits far enough to see which of several brings most.
     #[must_use]
     pub fn roughly(&self, model: &Model) -> Judged {
-        self.fitted_quickly(model, FIRST)
+        self.fitted_quickly(model, RANKED)
     }
 
     /// Fits far enough to see whether it can compete.
