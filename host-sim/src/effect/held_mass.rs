@@ -4,7 +4,7 @@
 //! then walked in pieces that resolve the stiffened mode. In each the bristle is held at what it is where the mass is in the mean, and what its force rises
 //! by is added: for a bristle of constant stiffness that leaves an error of fourth order in the length of a piece. While it slides it
 //! holds back a constant force, the mode is linear, and several pieces are one exact step: most of a recording, and nearly all
-//! the time that it costs to run.
+//! the time that it costs to run. A force that glides ([`super::arrival`]) glides in every piece, and in a stretch of them.
 
 use super::arrival::Arrival;
 use super::friction::Bristle;

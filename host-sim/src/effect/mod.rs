@@ -388,7 +388,8 @@ pub fn substeps_inside_period(dt_s: f64) -> usize {
 
 /// One physical effect walking along a signal.
 pub trait Stage: Send {
-    /// Carries the stage over interval `k`: its input there in, its output out.
+    /// Carries the stage over interval `k`: where its input stands at the end of it in, where its output stands then out. How they go there is the same for all
+    /// that stand behind the amplifier (`arrival.rs`).
     fn step(&mut self, k: usize, input: f64) -> f64;
 
     /// Puts the stage at rest for a constant input and returns the output.
