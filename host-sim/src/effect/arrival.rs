@@ -1,9 +1,9 @@
 //! How a signal goes, inside an interval of the chain, from where it ended the one before to where it ends this one.
 //!
 //! Stages hand on where their signal stands at the ends of intervals. Between two ends a held drive steps, late where it is delayed; behind an amplifier of
-//! first order it glides, `exp(-t / tau)` of the way being left. Hysteresis passes either on as it comes, since within one interval both go one way only and its
-//! path is as good as straight. So what takes time, a mode or a sensor, is exact over whole sampling periods: no sub-intervals are needed to see how
-//! the voltage moves.
+//! first order it glides, `exp(-t / tau)` of the way being left. Within one interval both go one way only, so hysteresis passes either on as it comes, as
+//! far as its path is straight there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the bend of the loops alone, and two are
+//! as good as four were in which the mean of the voltage was held.
 
 use super::{amplifier_bandwidth, delay, slew_limit};
 use crate::chain::Model;

@@ -297,7 +297,16 @@ fn what_another_program_does_is_told_without_it() {
     let alone = folder.path().join("hysteron");
     std::fs::copy(env!("CARGO_BIN_EXE_hysteron"), &alone).unwrap();
     let run = |words: &[&str]| {
-        let output = std::process::Command::new(&alone).arg("board").args(words).env("PATH", folder.path()).output().unwrap();
+        // A process that another test starts just now may still hold the copy open for writing.
+        let attempts =
+            (0..200).find_map(|_| match std::process::Command::new(&alone).arg("board").args(words).env("PATH", folder.path()).output() {
+                Err(e) if e.kind() == std::io::ErrorKind::ExecutableFileBusy => {
+                    std::thread::sleep(std::time::Duration::from_millis(10));
+                    None
+                }
+                ended => Some(ended.unwrap()),
+            });
+        let output = attempts.expect("the copy can be run");
         (output.status.code(), String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned())
     };
     for (words, expected) in [
