@@ -19,8 +19,9 @@ pub(super) enum Arrival {
     Gliding(f64),
 }
 
-/// What a linear system adds to its states over an interval for one unit of its input's start and end.
-pub(super) struct ByInput {
+/// How a linear system goes over an interval: what its states make of themselves, and what is added for one unit of its input's start and end.
+pub(super) struct Over {
+    pub(super) phi: DMatrix<f64>,
     pub(super) start: DVector<f64>,
     pub(super) end: DVector<f64>,
 }
@@ -43,19 +44,19 @@ impl Arrival {
         }
     }
 
-    /// What start and end of the input add to the states of a system over an interval.
-    pub(super) fn over(self, system: &ContinuousSystem, dt_s: f64) -> ByInput {
-        let (_, held) = system.held_matrices(dt_s);
+    /// How a system goes over an interval in which its input arrives so.
+    pub(super) fn over(self, system: &ContinuousSystem, dt_s: f64) -> Over {
+        let (phi, held) = system.held_matrices(dt_s);
         match self {
             Self::Late(share) => {
                 let end = if share > 0.0 { system.held_matrices(dt_s * (1.0 - share)).1 } else { held.clone() };
-                ByInput { start: held - &end, end }
+                Over { phi, start: held - &end, end }
             }
             Self::Gliding(time_constant_s) => {
                 let left = self.left_after(dt_s);
                 // From one at the start to zero at the end: what decays, less what is left of it.
                 let start = (decaying(system, time_constant_s, dt_s) - left * &held) / (1.0 - left);
-                ByInput { end: held - &start, start }
+                Over { phi, end: held - &start, start }
             }
         }
     }

@@ -360,7 +360,8 @@ pub fn lag_weights(bandwidth_hz: f64, dt_s: f64) -> (f64, f64) {
     ((-dt_s / tau_s).exp(), -(-dt_s / tau_s).exp_m1() * tau_s / dt_s)
 }
 
-/// Whether something behind the amplifier takes in what its voltage does over an interval: inertia or a lag in the sensor. Without either the sensor reads the voltage at the end of the interval through what follows at once.
+/// Whether something behind the amplifier takes in what its voltage does over an interval: inertia or a lag in the sensor. Without either the sensor
+/// reads the voltage at the end of the interval through what follows at once.
 fn takes_the_mean_in(model: &Model) -> bool {
     model.effects.iter().any(|e| matches!(e.effect.declaration().place, Place::Vibration | Place::SensorBandwidth))
 }

@@ -3,7 +3,7 @@
 //! Where the model has inertia, the vibration stage takes the lag in: together they are one linear system, exact for a held force.
 //! Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
-use super::arrival::{Arrival, ByInput};
+use super::arrival::{Arrival, Over};
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
@@ -28,7 +28,7 @@ impl Interval {
         let rate = std::f64::consts::TAU * bandwidth_hz;
         let one = |value: f64| DVector::from_element(1, value);
         let lag = ContinuousSystem { a: DMatrix::from_element(1, 1, -rate), b: one(rate), c: one(1.0), d: 0.0 };
-        let ByInput { start, end } = arrival.over(&lag, dt_s);
+        let Over { start, end, .. } = arrival.over(&lag, dt_s);
         Self { left: (-rate * dt_s).exp(), by_start: start[0], by_end: end[0] }
     }
 

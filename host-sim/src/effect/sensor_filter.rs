@@ -3,7 +3,7 @@
 //! Most capacitive and strain-gauge electronics end in one, as a rule of Butterworth's form (damping ratio 0.71). It is as a mode by its equation,
 //! and told from one by its damping alone: filters are designed flat, mechanical resonances are not.
 
-use super::arrival::{Arrival, ByInput};
+use super::arrival::{Arrival, Over};
 use super::vibration::free_motions_of;
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;
@@ -35,9 +35,11 @@ impl Interval {
             c: DVector::from_row_slice(&[1.0, 0.0]),
             d: 0.0,
         };
-        let (phi, held, slope) = system.straight_matrices(dt_s);
-        let ByInput { start, end } =
-            arrival.map_or_else(|| ByInput { start: &held - &slope, end: slope }, |arrival| arrival.over(&system, dt_s));
+        let straight = || {
+            let (phi, held, slope) = system.straight_matrices(dt_s);
+            Over { phi, start: held - &slope, end: slope }
+        };
+        let Over { phi, start, end } = arrival.map_or_else(straight, |arrival| arrival.over(&system, dt_s));
         Self { phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]], at_start: [start[0], start[1]], at_end: [end[0], end[1]] }
     }
 

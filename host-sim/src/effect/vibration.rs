@@ -1,6 +1,6 @@
 //! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
 
-use super::arrival::{Arrival, ByInput};
+use super::arrival::{Arrival, Over};
 use super::friction::Bristle;
 use super::held_mass::HeldMass;
 use super::{
@@ -111,9 +111,7 @@ pub(super) struct ModeLaw {
 impl ModeLaw {
     /// The mode over an interval in which its input arrives so.
     pub(super) fn over(&self, dt_s: f64, arrival: Arrival) -> Propagator {
-        let system = self.system();
-        let (phi, _) = system.held_matrices(dt_s);
-        let ByInput { start, end } = arrival.over(&system, dt_s);
+        let Over { phi, start, end } = arrival.over(&self.system(), dt_s);
         let sensor = |_| SensorPropagator { phi: [phi[(2, 0)], phi[(2, 1)], phi[(2, 2)]], gamma: end[2] };
         Propagator {
             phi: [phi[(0, 0)], phi[(0, 1)], phi[(1, 0)], phi[(1, 1)]],
@@ -144,7 +142,7 @@ impl ModeLaw {
 
     /// What an input that arrives so makes of the mean displacement over an interval, of what it would make if it came at its beginning.
     pub(super) fn share_in_mean(&self, dt_s: f64, arrival: Arrival) -> f64 {
-        let ByInput { start, end } = arrival.over(&self.system_with_mean(dt_s), dt_s);
+        let Over { start, end, .. } = arrival.over(&self.system_with_mean(dt_s), dt_s);
         end[3] / (start[3] + end[3])
     }
 
