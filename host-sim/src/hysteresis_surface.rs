@@ -139,6 +139,24 @@ pub fn horner(coefficients: &[f64], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
+/// Inputs at which a polynomial is taken side by side.
+const SIDE_BY_SIDE: usize = 8;
+
+/// The same at many inputs, in their place.
+fn horner_at_each(coefficients: &[f64], inputs: &mut [f64]) {
+    let mut some = inputs.chunks_exact_mut(SIDE_BY_SIDE);
+    for x in &mut some {
+        let mut sums = [0.0; SIDE_BY_SIDE];
+        for c in coefficients.iter().rev() {
+            for i in 0..SIDE_BY_SIDE {
+                sums[i] = sums[i] * x[i] + c;
+            }
+        }
+        x.copy_from_slice(&sums);
+    }
+    some.into_remainder().iter_mut().for_each(|x| *x = horner(coefficients, *x));
+}
+
 /// One-sided rate-independent hysteresis (thesis Ch. 4, Eqs. 12-13) walking along an input.
 #[derive(Clone, Debug)]
 pub struct OneSidedHysteresis {
@@ -172,13 +190,32 @@ impl OneSidedHysteresis {
     /// Takes the next drive voltage and returns the force-equivalent displacement in um (zero for the virgin state).
     pub fn step(&mut self, drive_v: f64) -> f64 {
         let x = (drive_v - self.lower_limit_v) / self.range_v;
+        if let Some(unchanged) = self.leaves_section(x) {
+            self.collapse(unchanged);
+        }
+        horner(&self.section, x)
+    }
+
+    /// Walks along inputs in units of the drive range above the lower limit, and leaves in their place what [`Self::step`] gives: a section is one
+    /// polynomial, at many inputs at once.
+    pub fn run(&mut self, inputs: &mut [f64]) {
+        let mut began = 0;
+        for k in 0..inputs.len() {
+            if let Some(unchanged) = self.leaves_section(inputs[k]) {
+                horner_at_each(&self.section, &mut inputs[began..k]);
+                began = k;
+                self.collapse(unchanged);
+            }
+        }
+        horner_at_each(&self.section, &mut inputs[began..]);
+    }
+
+    /// Remembers the next input; where it leaves the section that ran, how many leading pairs of the stack are those of that section.
+    fn leaves_section(&mut self, x: f64) -> Option<usize> {
         let before = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
         let unchanged = self.stack.update(x);
         let after = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
-        if before != after || unchanged != after.0 {
-            self.collapse(unchanged);
-        }
-        horner(&self.section, self.stack.input())
+        (before != after || unchanged != after.0).then_some(unchanged)
     }
 
     /// Memory of the input, in units of the drive range above the lower limit.
@@ -266,6 +303,23 @@ mod tests {
         assert!((surfaces.loop_loss(70.0 / 80.0, 0.0) - 9.31).abs() < 0.05);
         for k in 0..=80 {
             assert!(surfaces.loop_loss(f64::from(k) / 80.0, f64::from(k) / 80.0).abs() < 1e-9);
+        }
+    }
+
+    proptest! {
+        /// Input by input and all at once are the same, bit for bit.
+        #[test]
+        fn many_inputs_at_once_are_what_each_gives(inputs in proptest::collection::vec(-0.1f64..1.0, 1..200), slow in 1usize..20) {
+            let inputs: Vec<f64> = inputs.windows(2).flat_map(|w| (0..slow).map(move |k| w[0] + (w[1] - w[0]) * k as f64 / slow as f64)).collect();
+            let coefficients: Vec<f64> = (0..15).map(|k| f64::from(7 * k % 5) - 2.0).collect();
+            let virgin = OneSidedHysteresis::virgin(Surfaces::from_legendre(5, &coefficients, &[0.3, -0.1]), 0.0, 1.0);
+            let (mut one_by_one, mut at_once, mut together) = (virgin.clone(), virgin, inputs.clone());
+            let (first, rest) = together.split_at_mut(inputs.len() / 3);
+            at_once.run(first);
+            at_once.run(rest);
+            for (x, y) in inputs.iter().zip(&together) {
+                prop_assert_eq!(one_by_one.step(*x).to_bits(), y.to_bits());
+            }
         }
     }
 

@@ -113,6 +113,20 @@ impl Stage for HysteresisStage {
         }
         self.output_um
     }
+    fn run(&mut self, from: usize, signal: &mut [f64]) {
+        let Some(last_v) = signal.last().copied().filter(|_| self.drive.rate.is_none()) else {
+            signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(from + k, *value));
+            return;
+        };
+        signal.iter_mut().for_each(|value| *value = self.drive.normalised(*value));
+        let inputs = self.plays.is_some().then(|| signal.to_vec());
+        self.operator.run(signal);
+        if let (Some(plays), Some(inputs)) = (&mut self.plays, inputs) {
+            plays.add_to(signal, &inputs);
+        }
+        self.drive.settle(last_v);
+        self.output_um = signal[signal.len() - 1];
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.drive.settle(input);
         self.output_um = self.rate_independent(input);
@@ -146,7 +160,7 @@ impl Contributions {
         out.extend_from_slice(self.walk.step(x));
         if let Some(plays) = &mut self.plays {
             plays.step(x);
-            out.extend_from_slice(plays.positions());
+            out.extend(plays.positions());
         }
     }
 

@@ -12,69 +12,88 @@ pub const ID: &str = "play_operators";
 /// Thresholds in the range of the drive.
 const THRESHOLDS: usize = 20;
 
+/// Elements that are carried side by side, and as many sums: one alone would wait for itself at every element.
+const SIDE_BY_SIDE: usize = 4;
+
+/// Some elements; those that fill it up weigh nothing.
+#[derive(Clone, Copy, Debug, Default)]
+struct Elements {
+    thresholds: [f64; SIDE_BY_SIDE],
+    weights: [f64; SIDE_BY_SIDE],
+    plays: [f64; SIDE_BY_SIDE],
+}
+
 /// A weighted sum of play operators (backlash elements), each with its threshold in units of the drive range.
 #[derive(Clone, Debug)]
 pub(super) struct PlayOperators {
-    thresholds: Vec<f64>,
-    weights: Vec<f64>,
-    plays: Vec<f64>,
+    elements: Vec<Elements>,
+    count: usize,
 }
-
-/// Sums that run side by side: one alone would wait for itself at every element.
-const SUMS: usize = 4;
 
 impl PlayOperators {
     /// Virgin operators.
-    pub(super) fn new(thresholds_and_weights: Vec<(f64, f64)>) -> Self {
-        let (thresholds, weights): (Vec<f64>, Vec<f64>) = thresholds_and_weights.into_iter().unzip();
-        Self { plays: vec![0.0; thresholds.len()], thresholds, weights }
+    pub(super) fn new(thresholds_and_weights: &[(f64, f64)]) -> Self {
+        let some = |given: &[(f64, f64)]| {
+            let mut out = Elements::default();
+            given.iter().enumerate().for_each(|(i, (threshold, weight))| (out.thresholds[i], out.weights[i]) = (*threshold, *weight));
+            out
+        };
+        Self { elements: thresholds_and_weights.chunks(SIDE_BY_SIDE).map(some).collect(), count: thresholds_and_weights.len() }
     }
 
     /// The operators that `model` has beside its surfaces.
     pub(super) fn of(model: &Model) -> Option<Self> {
         let weights = model.values(ID)?;
-        Some(Self::new(weights.iter().enumerate().map(|(i, w)| (threshold(i), *w)).collect()))
+        Some(Self::new(&weights.iter().enumerate().map(|(i, w)| (threshold(i), *w)).collect::<Vec<_>>()))
     }
 
     /// Follows an input and returns the weighted sum.
+    #[inline]
     pub(super) fn step(&mut self, x: f64) -> f64 {
-        // Plain comparisons: of two numbers each is one instruction, for several elements at once.
-        let followed = |play: f64, threshold: f64| {
-            let (lower, upper) = (x - threshold, x + threshold);
-            let play = if play < lower { lower } else { play };
-            if play > upper { upper } else { play }
-        };
-        let mut sums = [0.0; SUMS];
-        let mut plays = self.plays.chunks_exact_mut(SUMS);
-        let (mut thresholds, mut weights) = (self.thresholds.chunks_exact(SUMS), self.weights.chunks_exact(SUMS));
-        for ((plays, thresholds), weights) in (&mut plays).zip(&mut thresholds).zip(&mut weights) {
-            for i in 0..SUMS {
-                plays[i] = followed(plays[i], thresholds[i]);
+        let mut sums = [0.0; SIDE_BY_SIDE];
+        for Elements { thresholds, weights, plays } in &mut self.elements {
+            for i in 0..SIDE_BY_SIDE {
+                // Plain comparisons: of two numbers each is one instruction, for several elements at once.
+                let (lower, upper) = (x - thresholds[i], x + thresholds[i]);
+                let play = if plays[i] < lower { lower } else { plays[i] };
+                plays[i] = if play > upper { upper } else { play };
                 sums[i] += weights[i] * plays[i];
             }
-        }
-        let rest = plays.into_remainder().iter_mut().zip(thresholds.remainder()).zip(weights.remainder());
-        for (((play, threshold), weight), sum) in rest.zip(&mut sums) {
-            *play = followed(*play, *threshold);
-            *sum += weight * *play;
         }
         (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 
+    /// Follows inputs and adds the weighted sum at each.
+    pub(super) fn add_to(&mut self, outputs: &mut [f64], inputs: &[f64]) {
+        outputs.iter_mut().zip(inputs).for_each(|(out, x)| *out += self.step(*x));
+    }
+
+    /// Of each element what `of` takes of its threshold, its weight and where it stands.
+    fn each(&self, of: impl Fn(f64, f64, f64) -> f64) -> impl Iterator<Item = f64> {
+        let all =
+            self.elements.iter().flat_map(|e| std::array::from_fn::<_, SIDE_BY_SIDE, _>(|i| (e.thresholds[i], e.weights[i], e.plays[i])));
+        all.take(self.count).map(move |(threshold, weight, play)| of(threshold, weight, play))
+    }
+
     /// Where each element stands: what a unit of its weight gives.
-    pub(super) fn positions(&self) -> &[f64] {
-        &self.plays
+    pub(super) fn positions(&self) -> impl Iterator<Item = f64> {
+        self.each(|_, _, play| play)
     }
 
     /// What the first rise to `x` gives.
     pub(super) fn initial_ascending_curve(&self, x: f64) -> f64 {
-        self.initial_ascending_curves(x).zip(&self.weights).map(|(rise, weight)| weight * rise).sum()
+        self.each(|threshold, weight, _| weight * rise(x, threshold)).sum()
     }
 
     /// The same for a unit weight of each element.
     pub(super) fn initial_ascending_curves(&self, x: f64) -> impl Iterator<Item = f64> {
-        self.thresholds.iter().map(move |threshold| (x - threshold).max(0.0))
+        self.each(move |threshold, _, _| rise(x, threshold))
     }
+}
+
+/// Where an element stands once the input has come from rest to `x`.
+fn rise(x: f64, threshold: f64) -> f64 {
+    (x - threshold).max(0.0)
 }
 
 /// Half of the width of the loop at which element `i` begins to move: a threshold of zero would be a plain gain, and one of half the range never closes a loop.

@@ -79,7 +79,9 @@ impl Effect for PrandtlIshlinskii {
         let (weights, rest) = values.split_at(PLAYS.min(values.len()));
         let (dead_zones, span_um) = rest.split_last().map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
         Some(Box::new(PlayStage {
-            operators: PlayOperators::new(weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect()),
+            operators: PlayOperators::new(
+                &weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>(),
+            ),
             dead_zones: dead_zones.to_vec(),
             span_um,
             lower_limit_v: model.drive_min_v,

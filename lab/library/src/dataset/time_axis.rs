@@ -17,6 +17,8 @@ const TWICE_MAX: f64 = 0.2;
 const JITTER_MAX: f64 = 0.4;
 /// Share of steps that are uneven where stamps are only written with few digits.
 const ROUNDED_MIN: f64 = 0.02;
+/// Samples per second beyond which the unit of the stamps is another one: no displacement is read so fast.
+const FASTEST_HZ: f64 = 5e6;
 /// Share of stamps that may jitter more.
 const IRREGULAR_MAX: f64 = 0.02;
 
@@ -78,6 +80,13 @@ impl TimeAxis {
         }
         let even = |period_s: f64, note, plan| Self { sample_rate_hz: 1.0 / period_s, start_s, note, plan };
         let mean_s = (end_s - start_s) / (t_s.len() - 1) as f64;
+        if mean_s * FASTEST_HZ < 1.0 {
+            let often = format!("time stamps are {mean_s:.1e} s apart, {:.1e} samples per second", mean_s.recip());
+            return known.wrong(
+                1,
+                format!("{often}; expected at most {FASTEST_HZ:.0e}: is their unit another one? --units t=s, or unit = {{ t = \"s\" }}"),
+            );
+        }
         if let Some(period_s) = even_period(t_s, known)? {
             return Ok(even(period_s, None, Plan::AsTheyAre));
         }
@@ -264,6 +273,13 @@ mod tests {
 
     fn even(n: usize) -> Vec<f64> {
         (0..n).map(|k| 0.25 + k as f64 * 1e-3).collect()
+    }
+
+    #[test]
+    fn stamps_of_another_unit_than_was_said_are_refused() {
+        let in_us: Vec<f64> = (0..500).map(|k| 1e-6 * 1e-4 * f64::from(k)).collect();
+        let message = axis(&in_us, None, None).unwrap_err().to_string();
+        assert!(message.contains("1.0e10 samples per second") && message.contains("--units t=s"), "{message}");
     }
 
     #[test]

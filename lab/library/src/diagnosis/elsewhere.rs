@@ -274,7 +274,7 @@ fn scaled(study: &Study, model: &Model, rows: &Rows) -> Model {
         let record = &study.dataset.records[*i];
         let reading = model.simulate(&record.drive());
         let own = orthonormalised(&columns(model, record, samples));
-        let mut modelled = nalgebra::DVector::from_iterator(samples.count(), samples.iter().map(|k| reading[k]));
+        let mut modelled = samples.of(&reading);
         let mut found = measured(record, samples);
         project_out_of(&own, &mut modelled);
         project_out_of(&own, &mut found);

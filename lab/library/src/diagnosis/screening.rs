@@ -437,7 +437,7 @@ fn columns_of_record(
 ) -> Result<DMatrix<f64>> {
     let groups: Vec<&[Variation]> = variations.chunks(BESIDE).collect();
     let walked: Vec<DVector<f64>> = parallel::map(&groups, |group| walk_variations(model, record, samples, group)).concat();
-    let base = DVector::from_iterator(samples.count(), samples.iter().map(|k| reading[k]));
+    let base = samples.of(reading);
     let mut out = DMatrix::zeros(samples.count(), columns.len());
     for (c, column) in columns.iter().enumerate() {
         match column {

@@ -4,7 +4,7 @@
 //! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
 //! most of the parameters, enter linearly: one walk gives what all of them add.
 
-use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Samples, amounts, project_out, project_out_by_rows, project_out_of};
+use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Samples, Within, amounts, project_out, project_out_by_rows, project_out_of};
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -149,7 +149,9 @@ impl LinearCoefficients {
 #[must_use]
 pub fn raw_residual(model: &Model, record: &Record, samples: &Samples) -> DVector<f64> {
     let reading = model.simulate(&record.drive());
-    DVector::from_iterator(samples.count(), samples.iter().map(|k| record.displacement_um[k] - reading[k]))
+    let mut out = measured(record, samples);
+    out -= samples.of(&reading);
+    out
 }
 
 /// Measured less modelled at the samples that count, free of what the record has of its own.
@@ -346,19 +348,16 @@ fn walk_part(
 ) -> Part {
     let (variations, steps): (Vec<Variation>, Vec<f64>) = group.iter().map(|p| moved(model, free[*p])).unzip();
     let count = lanes.and_then(|lanes| lanes.iter().flatten().max()).map_or(0, |lane| lane + 1);
-    let mut reading = DVector::zeros(samples.count());
-    let mut of_variations = vec![reading.clone(); variations.len()];
+    let nothing = || DVector::zeros(samples.count());
+    let (mut reading, mut of_variations): (_, Vec<_>) = (nothing(), variations.iter().map(|_| nothing()).collect());
     let mut by_coefficient = DMatrix::zeros(if count > 0 { samples.count() } else { 0 }, count);
     walk(model, &record.drive(), &variations, Manner { with_coefficients: count > 0, ..Manner::default() }, &mut |chunk| {
-        let within = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
-        take(&mut reading, &within, chunk.from, chunk.reading_um);
-        take_each(&mut of_variations, &within, chunk);
-        let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
-        let (before, within) = within;
-        for (i, k) in within.iter().enumerate() {
-            for lane in 0..count {
-                by_coefficient[(before + i, lane)] = chunk.by_coefficient[(k - chunk.from) * width + lane];
-            }
+        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+        within.take(chunk.reading_um, &mut reading.as_mut_slice()[before..]);
+        take_each(&mut of_variations, before, &within, chunk);
+        if count > 0 {
+            let width = chunk.by_coefficient.len() / chunk.reading_um.len().max(1);
+            within.take_rows(chunk.by_coefficient, width, before, &mut by_coefficient);
         }
     });
     let measured = measured(record, samples);
@@ -367,22 +366,15 @@ fn walk_part(
     Part { residual: measured - reading, by_coefficient, moved }
 }
 
-/// Takes of a chunk's values, which begin at sample `from`, those at the samples that count: so many stand before them.
-fn take(out: &mut DVector<f64>, (before, within): &(usize, Vec<usize>), from: usize, values: &[f64]) {
-    for (i, k) in within.iter().enumerate() {
-        out[before + i] = values[k - from];
-    }
-}
-
-/// The same of every variation.
-fn take_each(out: &mut [DVector<f64>], within: &(usize, Vec<usize>), chunk: &Chunk) {
-    out.iter_mut().zip(chunk.variations_um).for_each(|(reading, values)| take(reading, within, chunk.from, values));
+/// Takes what each variation reads in a chunk at the samples that count: so many stand before them.
+fn take_each(out: &mut [DVector<f64>], before: usize, within: &Within, chunk: &Chunk) {
+    out.iter_mut().zip(chunk.variations_um).for_each(|(reading, values)| within.take(values, &mut reading.as_mut_slice()[before..]));
 }
 
 /// The measured displacement at the samples that count.
 #[must_use]
 pub fn measured(record: &Record, samples: &Samples) -> DVector<f64> {
-    DVector::from_iterator(samples.count(), samples.iter().map(|k| record.displacement_um[k]))
+    samples.of(&record.displacement_um)
 }
 
 /// What each variation would read at the samples that count, all in the intervals of the model: the shape of what an amplifier adds is the same there.
@@ -391,7 +383,8 @@ pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variat
     let manner = Manner { as_coarse_as_the_model: true, ..Manner::default() };
     let mut out: Vec<DVector<f64>> = variations.iter().map(|_| DVector::zeros(samples.count())).collect();
     walk(model, &record.drive(), variations, manner, &mut |chunk| {
-        take_each(&mut out, &samples.within(chunk.from, chunk.from + chunk.reading_um.len()), chunk);
+        let (before, within) = samples.within(chunk.from, chunk.from + chunk.reading_um.len());
+        take_each(&mut out, before, &within, chunk);
     });
     out
 }

@@ -7,7 +7,7 @@
 use crate::dataset::Record;
 use hysteron_sim::chain::{InitialState, Model};
 use hysteron_sim::effect::FreeMotion;
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{Complex, DMatrix, DVector, DVectorView};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The samples of a record that count in a fit.
@@ -44,18 +44,67 @@ impl Samples {
         }
     }
 
-    /// Those among the samples `from..to`, and how many stand before them.
+    /// Of values of a whole record those at the samples.
     #[must_use]
-    pub fn within(&self, from: usize, to: usize) -> (usize, Vec<usize>) {
+    pub fn of(&self, values: &[f64]) -> DVector<f64> {
+        match self {
+            Self::Every(range) => DVector::from_column_slice(&values[range.clone()]),
+            Self::Some(list) => DVector::from_iterator(list.len(), list.iter().map(|k| values[*k])),
+        }
+    }
+
+    /// The places, counted from `from`, of those among the samples `from..to`, and how many stand before them.
+    #[must_use]
+    pub fn within(&self, from: usize, to: usize) -> (usize, Within<'_>) {
         match self {
             Self::Every(range) => {
                 let (start, end) = (from.clamp(range.start, range.end), to.clamp(range.start, range.end));
-                (start - range.start, (start..end).collect())
+                let places = if start < end { start - from..end - from } else { 0..0 };
+                (start - range.start, Within::Every(places))
             }
             Self::Some(list) => {
                 let (start, end) = (list.partition_point(|k| *k < from), list.partition_point(|k| *k < to));
-                (start, list[start..end].to_vec())
+                (start, Within::Some { list: &list[start..end], from })
             }
+        }
+    }
+}
+
+/// Places of samples in a stretch of a record.
+#[derive(Clone, Debug)]
+pub enum Within<'s> {
+    /// All between two.
+    Every(std::ops::Range<usize>),
+    /// Those of these samples of the record, where the stretch begins at `from`.
+    Some {
+        /// The samples.
+        list: &'s [usize],
+        /// Where the stretch begins.
+        from: usize,
+    },
+}
+
+impl Within<'_> {
+    /// Puts the values at these places side by side.
+    pub fn take(&self, values: &[f64], out: &mut [f64]) {
+        match self {
+            Self::Every(places) => out[..places.len()].copy_from_slice(&values[places.clone()]),
+            Self::Some { list, from } => out.iter_mut().zip(*list).for_each(|(out, k)| *out = values[k - from]),
+        }
+    }
+
+    /// The same of rows of so many values, of each value for itself: the columns of `out`, from row `before` on.
+    pub fn take_rows(&self, rows: &[f64], width: usize, before: usize, out: &mut DMatrix<f64>) {
+        let (height, columns) = out.shape();
+        let values = out.as_mut_slice();
+        let mut put = |at: usize, place: usize| {
+            for (column, value) in rows[place * width..][..columns].iter().enumerate() {
+                values[column * height + before + at] = *value;
+            }
+        };
+        match self {
+            Self::Every(places) => places.clone().enumerate().for_each(|(at, place)| put(at, place)),
+            Self::Some { list, from } => list.iter().enumerate().for_each(|(at, k)| put(at, k - from)),
         }
     }
 }
@@ -149,8 +198,10 @@ impl OwnMotions {
     /// The plain columns at samples of the record.
     #[must_use]
     pub fn columns(&self, record: &Record, samples: &Samples) -> DMatrix<f64> {
-        let columns: Vec<DVector<f64>> = self.0.iter().flat_map(|motion| motion.columns(record.dt_s(), samples)).collect();
-        DMatrix::from_columns_or_empty(samples.count(), &columns)
+        let mut out = DMatrix::zeros(samples.count(), self.0.iter().map(OwnMotion::width).sum());
+        let columns = self.0.iter().flat_map(|motion| motion.columns(record.dt_s(), samples));
+        columns.enumerate().for_each(|(c, column)| out.set_column(c, &column));
+        out
     }
 }
 
@@ -169,19 +220,62 @@ impl OwnBasis {
     /// That of motions at samples of a record; `known` is one at the same samples, whose first columns may serve.
     #[must_use]
     pub fn of(motions: OwnMotions, record: &Record, samples: &Samples, known: Option<&Self>) -> Self {
-        let alike = known.map_or(0, |known| known.motions.alike(&motions));
-        let kept = known.filter(|_| alike > 0).map(|known| (&known.orthonormal, &known.made[..alike]));
-        let mut made = kept.map_or_else(Vec::new, |(_, made)| made.to_vec());
-        let first = made.last().copied().unwrap_or(0);
-        let mut basis: Vec<DVector<f64>> =
-            kept.map_or_else(Vec::new, |(columns, _)| columns.column_iter().take(first).map(|c| c.clone_owned()).collect());
-        for motion in &motions.0[alike..] {
-            motion.columns(record.dt_s(), samples).into_iter().for_each(|column| append(&mut basis, column, |a, b| a.dot(b)));
-            made.push(basis.len());
+        let known = known.map(|known| (known, known.motions.alike(&motions))).filter(|(_, alike)| *alike > 0);
+        let mut made = known.map_or_else(Vec::new, |(known, alike)| known.made[..alike].to_vec());
+        let added: usize = motions.0[made.len()..].iter().map(OwnMotion::width).sum();
+        let mut basis = Orthonormal::with_room(samples.count(), made.last().copied().unwrap_or(0) + added);
+        if let (Some((known, _)), Some(first)) = (known, made.last()) {
+            basis.begin_with(&known.orthonormal, *first);
         }
-        Self { motions, orthonormal: DMatrix::from_columns_or_empty(samples.count(), &basis), made }
+        for motion in &motions.0[made.len()..] {
+            motion.columns(record.dt_s(), samples).into_iter().for_each(|column| basis.append(column, |a, b| a.dot(b)));
+            made.push(basis.filled);
+        }
+        Self { motions, orthonormal: basis.columns(), made }
     }
 }
+
+/// Orthonormal columns that become more.
+struct Orthonormal {
+    columns: DMatrix<f64>,
+    filled: usize,
+}
+
+impl Orthonormal {
+    fn with_room(rows: usize, columns: usize) -> Self {
+        Self { columns: DMatrix::zeros(rows, columns), filled: 0 }
+    }
+
+    /// The first columns are those of another.
+    fn begin_with(&mut self, other: &DMatrix<f64>, columns: usize) {
+        self.columns.columns_mut(0, columns).copy_from(&other.columns(0, columns));
+        self.filled = columns;
+    }
+
+    /// Appends what another column has beside them, if that is anything, by an inner product: Gram-Schmidt, twice for accuracy.
+    fn append(&mut self, mut column: DVector<f64>, inner: impl Fn(&DVectorView<f64>, &DVector<f64>) -> f64) {
+        let before = inner(&column.as_view(), &column).sqrt();
+        for _ in 0..2 {
+            for base in self.columns.column_iter().take(self.filled) {
+                let along = inner(&base, &column);
+                column.axpy(-along, &base, 1.0);
+            }
+        }
+        let norm = inner(&column.as_view(), &column).sqrt();
+        if norm > DEPENDS * before && norm > 0.0 {
+            self.columns.set_column(self.filled, &(column / norm));
+            self.filled += 1;
+        }
+    }
+
+    fn columns(self) -> DMatrix<f64> {
+        let (filled, room) = (self.filled, self.columns.ncols());
+        if filled < room { self.columns.remove_columns(filled, room - filled) } else { self.columns }
+    }
+}
+
+/// A column of which less than this is left beside others depends on them.
+const DEPENDS: f64 = 1e-7;
 
 /// Values of bases that are kept for one record, at most: some ten of a search's.
 const KEPT_VALUES: usize = 2_000_000;
@@ -263,43 +357,17 @@ fn lead_powers(rate: Complex<f64>, mut anchor: usize, samples: impl Iterator<Ite
     }
 }
 
-/// A matrix of columns that may be none.
-trait ColumnsOrEmpty {
-    fn from_columns_or_empty(rows: usize, columns: &[DVector<f64>]) -> Self;
-}
-
-impl ColumnsOrEmpty for DMatrix<f64> {
-    fn from_columns_or_empty(rows: usize, columns: &[DVector<f64>]) -> Self {
-        if columns.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(columns) }
-    }
-}
-
-/// Gram-Schmidt, twice for accuracy; columns that depend on earlier ones are left out.
+/// Orthonormal columns that span those of a matrix; what depends on earlier ones is left out.
 #[must_use]
 pub fn orthonormalised(columns: &DMatrix<f64>) -> DMatrix<f64> {
     orthonormalised_by(columns, |a, b| a.dot(b))
 }
 
 /// The same by another inner product, such as that over some of the rows.
-fn orthonormalised_by(columns: &DMatrix<f64>, inner: impl Fn(&DVector<f64>, &DVector<f64>) -> f64) -> DMatrix<f64> {
-    let mut out: Vec<DVector<f64>> = Vec::new();
-    columns.column_iter().for_each(|column| append(&mut out, column.clone_owned(), &inner));
-    DMatrix::from_columns_or_empty(columns.nrows(), &out)
-}
-
-/// Appends to orthonormal columns what another has beside them, if that is anything.
-fn append(basis: &mut Vec<DVector<f64>>, mut column: DVector<f64>, inner: impl Fn(&DVector<f64>, &DVector<f64>) -> f64) {
-    let before = inner(&column, &column).sqrt();
-    for _ in 0..2 {
-        for base in basis.iter() {
-            let along = inner(base, &column);
-            column.axpy(-along, base, 1.0);
-        }
-    }
-    let norm = inner(&column, &column).sqrt();
-    if norm > 1e-7 * before && norm > 0.0 {
-        basis.push(column / norm);
-    }
+fn orthonormalised_by(columns: &DMatrix<f64>, inner: impl Fn(&DVectorView<f64>, &DVector<f64>) -> f64) -> DMatrix<f64> {
+    let mut out = Orthonormal::with_room(columns.nrows(), columns.ncols());
+    columns.column_iter().for_each(|column| out.append(column.clone_owned(), &inner));
+    out.columns()
 }
 
 /// `A' B`, with the transposed matrix in full: a product of two plain matrices is several times faster.
@@ -326,9 +394,8 @@ pub fn project_out_of(orthonormal: &DMatrix<f64>, values: &mut DVector<f64>) {
 
 /// Removes from all rows of `values` what lies in the span of `columns` in the rows that count, ascending.
 pub fn project_out_by_rows(columns: &DMatrix<f64>, counted: &[usize], values: &mut DVector<f64>) {
-    let over_counted = |a: &DVector<f64>, b: &DVector<f64>| counted.iter().map(|k| a[*k] * b[*k]).sum::<f64>();
+    let over_counted = |a: &DVectorView<f64>, b: &DVector<f64>| counted.iter().map(|k| a[*k] * b[*k]).sum::<f64>();
     for base in orthonormalised_by(columns, over_counted).column_iter() {
-        let base = base.clone_owned();
         let along = over_counted(&base, values);
         values.axpy(-along, &base, 1.0);
     }
