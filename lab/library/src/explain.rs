@@ -136,6 +136,8 @@ pub struct Explanation {
 
 /// A drive to run next.
 pub struct NextExperiment {
+    /// The effects that it tells apart.
+    pub between: [String; 2],
     /// The drive.
     pub proposal: Proposal,
     /// What it decides and how well.
@@ -257,12 +259,17 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         feedback: &feedback,
         stopped,
     };
-    let diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.overview, &study.policy);
+    let mut diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.overview, &study.policy);
     let mut model = last.model.clone();
     watch.event(&Event::Doing("estimating standard deviations"));
     let cannot_identify = identifiability(&mut model, dataset, &study.split.identify);
     require_finite(&model, dataset, &study.split.both())?;
-    let next_experiment = next_experiment(&supported, &diagnosis, last, dataset, floor.rms_um);
+    let best_drive = next_experiment(&supported, &diagnosis, last, dataset, floor.rms_um);
+    let (next_experiment, in_vain) =
+        best_drive.map_or((None, None), |best| if best.proposal.decides(floor.rms_um) { (Some(best), None) } else { (None, Some(best)) });
+    if let Some(best) = in_vain {
+        diagnosis.decided_by_no_drive(&best.between, best.proposal.separation_um);
+    }
     let split = study.split.clone();
     drop(study);
     Ok(Explanation { model, steps, supported, elsewhere, beside_start, floor, diagnosis, cannot_identify, split, next_experiment, stopped })
@@ -453,7 +460,7 @@ fn next_experiment(
     let rival = undecided.rivals.iter().find(|r| r.decision == crate::diagnosis::decision::Decision::NotToldApart)?;
     let proposal = propose(&last.model, &rival.judged.model, &Limits::of(&dataset.overview()))?;
     let sentence = proposal.sentence(&words::spoken(&undecided.id), &words::spoken(&rival.id), floor_um);
-    Some(NextExperiment { proposal, sentence })
+    Some(NextExperiment { between: [undecided.id.clone(), rival.id.clone()], proposal, sentence })
 }
 
 fn record_figures(model: &Model, dataset: &Dataset) -> Vec<RecordFigures> {

@@ -136,3 +136,35 @@ fn a_delay_takes_the_place_of_two_that_stood_in_for_it() {
     named.sort();
     assert_eq!(named, hidden);
 }
+
+/// A low-pass of first order and nothing else: in front of a straight stage or behind it, it reads the same, and no drive tells which.
+#[test]
+fn a_lag_of_a_straight_stage_is_the_amplifiers_or_the_sensors() {
+    let kept = (-std::f64::consts::TAU * 700.0 / RATE_HZ).exp();
+    let mut lagging = |drive_v: &[f64]| {
+        let mut um = 0.08 * drive_v[0];
+        let read = drive_v.iter().map(|v| {
+            um += (1.0 - kept) * (0.08 * v - um);
+            um
+        });
+        in_the_next_row(read.collect())
+    };
+    let tones = |phase: f64| -> Vec<f64> {
+        let at = |t_s: f64| {
+            [13.0, 37.0, 110.0, 290.0, 610.0].map(|hz| (std::f64::consts::TAU * hz * t_s + phase * hz).sin()).iter().sum::<f64>()
+        };
+        (0..8000).map(|k| f64::from(k) / RATE_HZ).map(|t_s| 40.0 + 6.0 * (t_s / 0.1).min(1.0) * at(t_s)).collect()
+    };
+    let found = explained(&mut lagging, [tones(0.3), tones(0.7)]);
+    let d = &found.diagnosis;
+    let mut named = d.named.clone();
+    named.sort();
+    assert_eq!(
+        (d.verdict, named),
+        (Verdict::Ambiguous, vec!["amplifier_bandwidth".to_owned(), "sensor_bandwidth".to_owned()]),
+        "{}",
+        d.sentence
+    );
+    let advice = d.candidates.iter().filter(|c| d.named.contains(&c.effect)).map(|c| &c.next_experiment);
+    assert!(found.next_experiment.is_none() && advice.into_iter().all(|a| a.contains("no drive within the limits")), "{:?}", d.candidates);
+}

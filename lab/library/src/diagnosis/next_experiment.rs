@@ -52,10 +52,18 @@ pub struct Proposal {
 
 /// Most samples of a proposed drive.
 const SAMPLES_MAX: f64 = 60_000.0;
+/// Two explanations are told apart where they differ by so many standard errors.
+const DECIDED: f64 = 5.0;
 /// A measured slope may be exceeded by rounding only.
 const SLOPE_TOLERANCE: f64 = 1.0 + 1e-9;
 
 impl Proposal {
+    /// Whether a recording of it would decide: the two are as far apart as its noise leaves to be seen of so many samples. Where no noise is known, it may.
+    #[must_use]
+    pub fn decides(&self, noise_um: Option<f64>) -> bool {
+        noise_um.is_none_or(|noise_um| self.separation_um * (self.drive_v.len() as f64).sqrt() > DECIDED * noise_um)
+    }
+
     /// What the drive decides and how well, for a reader. `noise_um` is the noise floor, if there is one.
     #[must_use]
     pub fn sentence(&self, a: &str, b: &str, noise_um: Option<f64>) -> String {
@@ -232,6 +240,19 @@ mod tests {
         assert!(fast.separation_um > 0.01);
         let sentence = fast.sentence("delay", "sensor_bandwidth", Some(0.005));
         assert!(sentence.contains("x the noise") && sentence.contains(fast.drive), "{sentence}");
+    }
+
+    /// Lags in front of and behind a stage without loops commute; behind loops they do not.
+    #[test]
+    fn what_commutes_is_decided_by_no_drive() {
+        let lags = |stage: (&str, &[f64])| ["amplifier_bandwidth", "sensor_bandwidth"].map(|lag| model(&[stage, (lag, &[800.0])]));
+        let [amplifier, sensor] = lags(("gain", &[0.14]));
+        let straight = propose(&amplifier, &sensor, &LIMITS).unwrap();
+        assert!(!straight.decides(Some(0.005)) && straight.decides(None), "{}", straight.separation_um);
+        let loops: &[f64] = &[10.0, 1.2, -1.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let [amplifier, sensor] = lags(("hysteresis", loops));
+        let looped = propose(&amplifier, &sensor, &LIMITS).unwrap();
+        assert!(looped.decides(Some(0.005)), "{}", looped.separation_um);
     }
 
     #[test]

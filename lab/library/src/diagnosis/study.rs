@@ -215,14 +215,8 @@ impl<'a> Study<'a> {
     /// Fits as [`Self::quickly`], and no further where the model is behind a merit by so much half way.
     #[must_use]
     pub fn quickly_within(&self, begin: &Model, of: f64, behind: f64) -> Judged {
-        let may_be_behind = |taken: usize| match taken {
-            1 => Some(behind.max(FAR_BEHIND)),
-            LOOKED_AT_AFTER => Some(behind),
-            _ => None,
-        };
-        let goes_on = |taken: usize, model: &Model| {
-            may_be_behind(taken).is_none_or(|behind| self.merit(&self.judged_quickly(model.clone())) - of < behind)
-        };
+        let goes_on =
+            |taken: usize, model: &Model| taken != LOOKED_AT_AFTER || self.merit(&self.judged_quickly(model.clone())) - of < behind;
         self.judged_as_fitted(fit_while(begin, &self.searched, &self.quick, QUICK, goes_on))
     }
 

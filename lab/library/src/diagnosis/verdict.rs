@@ -9,6 +9,7 @@ use super::judgement::{Judged, Split, improvement};
 use super::policy::Policy;
 use super::reduction::Supported;
 use super::residual_map::{drive_features, residual_by_feature};
+use super::words;
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
 use crate::dataset::reading_limits::ReadingLimit;
@@ -167,6 +168,21 @@ pub struct Diagnosis {
     pub where_it_fails: Vec<RecordCells>,
 }
 
+impl Diagnosis {
+    /// Two effects differ by no more than this, in um, on the best of the drives that the data allow: none is proposed to tell them apart.
+    pub(crate) fn decided_by_no_drive(&mut self, between: &[String; 2], separation_um: f64) {
+        for (at, id) in between.iter().enumerate() {
+            let other = words::spoken(&between[1 - at]);
+            for candidate in self.candidates.iter_mut().filter(|c| c.effect == *id) {
+                candidate.next_experiment = format!(
+                    "no drive within the limits of this data tells it from {other}: on the best the two differ by {:.2} nm",
+                    1e3 * separation_um
+                );
+            }
+        }
+    }
+}
+
 /// What a diagnosis is put together from.
 pub struct Found<'a> {
     /// The model that was started from.
@@ -262,7 +278,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         taken_back: found.taken_back.to_vec(),
         where_it_fails: cells(found.first, dataset),
     };
-    out.sentence = super::words::sentence(&out, found, floor, policy);
+    out.sentence = words::sentence(&out, found, floor, policy);
     out.sentence.extend(timing.map(|timing| format!(" Mind that {timing}.")));
     out
 }
@@ -279,17 +295,17 @@ fn other_loops(found: &Found) -> Vec<String> {
 
 /// What is wrong with the recording itself, in sentences.
 fn of_the_recording(found: &Found) -> impl Iterator<Item = String> {
-    let ends = found.reading_limits.iter().map(super::words::reading_limit);
-    let states = found.other_states.map(super::words::other_states);
-    let loops = found.feedback.iter().map(super::words::followed_reading);
-    let own_row = found.own_row.map(super::words::own_row);
+    let ends = found.reading_limits.iter().map(words::reading_limit);
+    let states = found.other_states.map(words::other_states);
+    let loops = found.feedback.iter().map(words::followed_reading);
+    let own_row = found.own_row.map(words::own_row);
     ends.chain(states).chain(own_row).chain(loops)
 }
 
 /// From where a delay counts that was found although nobody said when the drive of a row acts.
 fn timing_left_open(found: &Found, dataset: &Dataset) -> Option<String> {
     let delayed = found.supported.iter().any(|s| s.names().iter().any(|id| id == delay::ID));
-    (dataset.timing_is_assumed && found.own_row.is_none() && delayed).then(|| super::words::delay_counts_from(dataset))
+    (dataset.timing_is_assumed && found.own_row.is_none() && delayed).then(|| words::delay_counts_from(dataset))
 }
 
 /// What was found, the likeliest reading of each first.

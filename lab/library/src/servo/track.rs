@@ -217,8 +217,9 @@ impl TrackResult {
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         if self.saturated_ticks > 0 {
+            let ticks = if self.saturated_ticks == 1 { "tick" } else { "ticks" };
             return Some(format!(
-                "the drive was at a limit in {} ticks while the error counts: this servo does not hold this actuator on this reference",
+                "the drive was at a limit in {} {ticks} while the error counts: this servo does not hold this actuator on this reference",
                 self.saturated_ticks
             ));
         }
