@@ -23,10 +23,15 @@ fn triangles(corners_v: &[f64], slope_v_s: f64) -> Vec<f64> {
 
 /// A fitted, a held-out and a resting record of a stage that reads so many um for drives of so many V, one after the other.
 fn explained(reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Explanation {
+    explained_with(NOISE_UM, reads, drives)
+}
+
+/// The same with so much noise.
+fn explained_with(noise_um: f64, reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Explanation {
     let [fitted, held_out] = drives;
     let records = [("fitted", Role::Identify, fitted), ("held_out", Role::Validate, held_out), ("rest", Role::Noise, vec![0.0; 4000])];
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
-        let mut noise = WhiteNoise::new(NOISE_UM, 700 + i as u64);
+        let mut noise = WhiteNoise::new(noise_um, 700 + i as u64);
         let readings = reads(&drive_v).into_iter().map(|um| um + noise.next_um()).collect();
         Record::new(name, RATE_HZ, drive_v, readings).with_role(role)
     };
@@ -137,34 +142,32 @@ fn a_delay_takes_the_place_of_two_that_stood_in_for_it() {
     assert_eq!(named, hidden);
 }
 
-/// A low-pass of first order and nothing else: in front of a straight stage or behind it, it reads the same, and no drive tells which.
+/// A low-pass of first order and nothing else: in front of a straight stage or behind it, it reads the same, and no drive tells which. With little noise a fit
+/// has far to go before it shows that.
 #[test]
 fn a_lag_of_a_straight_stage_is_the_amplifiers_or_the_sensors() {
-    let kept = (-std::f64::consts::TAU * 700.0 / RATE_HZ).exp();
-    let mut lagging = |drive_v: &[f64]| {
-        let mut um = 0.08 * drive_v[0];
-        let read = drive_v.iter().map(|v| {
-            um += (1.0 - kept) * (0.08 * v - um);
-            um
-        });
-        in_the_next_row(read.collect())
-    };
     let tones = |phase: f64| -> Vec<f64> {
-        let at = |t_s: f64| {
-            [13.0, 37.0, 110.0, 290.0, 610.0].map(|hz| (std::f64::consts::TAU * hz * t_s + phase * hz).sin()).iter().sum::<f64>()
-        };
+        let tone = |hz: f64, t_s: f64| (std::f64::consts::TAU * hz * t_s + phase * hz).sin();
+        let at = |t_s: f64| [13.0, 37.0, 110.0, 290.0, 610.0].map(|hz| tone(hz, t_s)).iter().sum::<f64>();
         (0..8000).map(|k| f64::from(k) / RATE_HZ).map(|t_s| 40.0 + 6.0 * (t_s / 0.1).min(1.0) * at(t_s)).collect()
     };
-    let found = explained(&mut lagging, [tones(0.3), tones(0.7)]);
-    let d = &found.diagnosis;
-    let mut named = d.named.clone();
-    named.sort();
-    assert_eq!(
-        (d.verdict, named),
-        (Verdict::Ambiguous, vec!["amplifier_bandwidth".to_owned(), "sensor_bandwidth".to_owned()]),
-        "{}",
-        d.sentence
-    );
-    let advice = d.candidates.iter().filter(|c| d.named.contains(&c.effect)).map(|c| &c.next_experiment);
-    assert!(found.next_experiment.is_none() && advice.into_iter().all(|a| a.contains("no drive within the limits")), "{:?}", d.candidates);
+    for (bandwidth_hz, noise_um) in [(700.0, NOISE_UM), (150.0, 1e-4), (60.0, 1e-3), (1500.0, 1e-4)] {
+        let kept = (-std::f64::consts::TAU * bandwidth_hz / RATE_HZ).exp();
+        let mut lagging = |drive_v: &[f64]| {
+            let mut um = 0.08 * drive_v[0];
+            let read = drive_v.iter().map(|v| {
+                um += (1.0 - kept) * (0.08 * v - um);
+                um
+            });
+            in_the_next_row(read.collect())
+        };
+        let found = explained_with(noise_um, &mut lagging, [tones(0.3), tones(0.7)]);
+        let d = &found.diagnosis;
+        let mut named = d.named.clone();
+        named.sort();
+        let either = ["amplifier_bandwidth", "sensor_bandwidth"].map(str::to_owned).to_vec();
+        assert_eq!((d.verdict, named), (Verdict::Ambiguous, either), "{bandwidth_hz} Hz, {noise_um} um: {}", d.sentence);
+        let advice: Vec<&String> = d.candidates.iter().filter(|c| d.named.contains(&c.effect)).map(|c| &c.next_experiment).collect();
+        assert!(found.next_experiment.is_none() && advice.iter().all(|a| a.contains("no drive within the limits")), "{advice:?}");
+    }
 }

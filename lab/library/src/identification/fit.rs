@@ -129,12 +129,22 @@ pub fn fit(model: &Model, dataset: &Dataset, records: &[usize], effort: Effort) 
 /// Fits the free parameters of a model to the samples that count.
 #[must_use]
 pub fn fit_rows(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort) -> Fit {
-    fit_while(model, dataset, rows, effort, |_, _| true)
+    fit_while(model, dataset, rows, effort, |_| true)
 }
 
-/// The same as long as the model goes on to be worth it after so many steps.
+/// How far a fit has come.
+pub struct Progress<'m> {
+    /// Steps that were taken.
+    pub taken: usize,
+    /// By how much the last two lowered the residual, as a logarithm: one that is taken with older derivatives may bring little before one with new ones.
+    pub fell: f64,
+    /// The model.
+    pub model: &'m Model,
+}
+
+/// The same as long as its progress is worth it, which is asked after every step.
 #[must_use]
-pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, goes_on: impl Fn(usize, &Model) -> bool) -> Fit {
+pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, goes_on: impl Fn(&Progress) -> bool) -> Fit {
     let free = free_parameters(model);
     let mut model = model.clone();
     let mut lambda = 1e-6;
@@ -147,11 +157,14 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         model = begun.model;
         parts.iter_mut().zip(begun.residuals).for_each(|(part, residual)| part.residual = residual);
     }
+    let mut costs_before = [f64::INFINITY; 2];
     for taken in 0..effort.iterations {
-        if taken > 0 && !goes_on(taken, &model) {
+        let (g, cost, n) = along_residual(&parts);
+        let fell = if cost > 0.0 { 0.5 * (costs_before[0] / cost).ln() } else { 0.0 };
+        costs_before = [costs_before[1], cost];
+        if taken > 0 && !goes_on(&Progress { taken, fell, model: &model }) {
             break;
         }
-        let (g, cost, n) = along_residual(&parts);
         if free.is_empty() || n == 0 {
             break;
         }

@@ -46,6 +46,18 @@ pub(super) fn random_part(signal: &[f64], sample_rate_hz: f64, force_n: Option<(
     random(signal, sample_rate_hz, force_n).1
 }
 
+/// The same in a part of a signal whose lines are known: a part may be too short to show them.
+pub(super) fn random_part_beside_lines(signal: &[f64], sample_rate_hz: f64, lines_hz: &[f64]) -> f64 {
+    let mut columns = drift_columns(signal.len());
+    columns.extend(lines_hz.iter().flat_map(|hz| line_columns(*hz, signal.len(), sample_rate_hz)));
+    beside(signal, sample_rate_hz, columns).rms
+}
+
+/// Frequencies of the lines that a signal shows beside its drift, the strongest first.
+pub(super) fn lines_hz(signal: &[f64], sample_rate_hz: f64) -> Vec<f64> {
+    beside(signal, sample_rate_hz, drift_columns(signal.len())).lines_hz
+}
+
 /// What is random in `signal`, and its RMS, which counts what was removed.
 pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> (Vec<f64>, f64) {
     let n = signal.len();
@@ -56,20 +68,41 @@ pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64
             columns.push((from..from + n).map(|k| force_n[k.saturating_sub(lag + 1)]).collect());
         }
     }
+    let Beside { residual, rms, .. } = beside(signal, sample_rate_hz, columns);
+    (residual, rms)
+}
+
+/// Sine and cosine of a line.
+fn line_columns(frequency_hz: f64, samples: usize, sample_rate_hz: f64) -> [Vec<f64>; 2] {
+    let phase = |k: usize| std::f64::consts::TAU * frequency_hz * k as f64 / sample_rate_hz;
+    [(0..samples).map(|k| phase(k).sin()).collect(), (0..samples).map(|k| phase(k).cos()).collect()]
+}
+
+/// What a signal has beside some columns and lines.
+struct Beside {
+    residual: Vec<f64>,
+    /// Its RMS, which counts what was removed.
+    rms: f64,
+    /// The lines that were removed, the strongest first.
+    lines_hz: Vec<f64>,
+}
+
+fn beside(signal: &[f64], sample_rate_hz: f64, columns: Vec<Vec<f64>>) -> Beside {
+    let n = signal.len();
     let basis = orthonormalise(columns);
     let mut residual = signal.to_vec();
     project_out(&basis, &mut residual);
-    let mut removed = basis.len();
+    let mut lines_hz = Vec::new();
     // Lines one after the other: each where the periodogram stands out of what noise can do.
-    for _ in 0..LINES_MAX {
-        let Some(frequency_hz) = strongest_line(&residual, sample_rate_hz) else { break };
-        let phase = |k: usize| std::f64::consts::TAU * frequency_hz * k as f64 / sample_rate_hz;
-        let line = orthonormalise(vec![(0..n).map(|k| phase(k).sin()).collect(), (0..n).map(|k| phase(k).cos()).collect()]);
-        project_out(&line, &mut residual);
-        removed += 2;
+    while lines_hz.len() < LINES_MAX
+        && let Some(frequency_hz) = strongest_line(&residual, sample_rate_hz)
+    {
+        project_out(&orthonormalise(line_columns(frequency_hz, n, sample_rate_hz).into()), &mut residual);
+        lines_hz.push(frequency_hz);
     }
+    let removed = basis.len() + 2 * lines_hz.len();
     let rms = rms(&residual) * (n as f64 / n.saturating_sub(removed).max(1) as f64).sqrt();
-    (residual, rms)
+    Beside { residual, rms, lines_hz }
 }
 
 /// Lines beside one that hold part of it where its frequency lies between two.

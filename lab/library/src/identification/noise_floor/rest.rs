@@ -1,6 +1,6 @@
 //! The noise that rest shows: in records of their own, and where a drive holds still inside a record.
 
-use super::random_part::{random, random_part};
+use super::random_part::{lines_hz, random, random_part_beside_lines};
 use super::wander::Wander;
 use super::{Evidence, FloorEstimate};
 use crate::dataset::holds::{holds, read_noise_v};
@@ -60,9 +60,11 @@ pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEsti
     }
     let length = settled.len() / PARTS.min(settled.len() / (HOLD_SAMPLES_MIN / 2)).max(1);
     let readings_um = &record.displacement_um[settled];
+    // Of hum a part may hold a period or two, which look like drift there.
+    let lines_hz = lines_hz(readings_um, record.sample_rate_hz);
     let mut of_parts: Vec<f64> = readings_um
         .chunks_exact(length)
-        .map(|part| with_hidden_steps(random_part(part, record.sample_rate_hz, None), part, step_um))
+        .map(|part| with_hidden_steps(random_part_beside_lines(part, record.sample_rate_hz, &lines_hz), part, step_um))
         .collect();
     of_parts.sort_by(f64::total_cmp);
     let rms_um = *of_parts.get(of_parts.len() / 2)?;
@@ -72,6 +74,21 @@ pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEsti
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Hum whose period is as long as most of a part, in holds that are no whole number of periods: it is no noise.
+    #[test]
+    fn hum_in_a_short_hold_is_no_noise() {
+        let rate_hz = 20_000.0;
+        for (hold, hum_hz) in [(4000, 50.0), (4700, 50.0), (5100, 60.0), (3700, 100.0), (12_000, 50.0)] {
+            let mut noise = hysteron_sim::noise::WhiteNoise::new(0.002, 4 + hold as u64);
+            let drive: Vec<f64> =
+                (0..hold + 6000).map(|k| if k < hold { 10.0 } else { 10.0 + 5.0 * (0.01 * (k - hold) as f64).sin() }).collect();
+            let hum = |k: usize| 0.06 * (std::f64::consts::TAU * hum_hz * k as f64 / rate_hz + 1.0).sin();
+            let reading = drive.iter().enumerate().map(|(k, u)| 0.1 * u + hum(k) + noise.next_um()).collect();
+            let found = of_hold(&Record::new("r", rate_hz, drive, reading), None).unwrap();
+            assert!((found.rms_um / 0.002 - 1.0).abs() < 0.1, "{hold} samples, {hum_hz} Hz: {}", found.rms_um);
+        }
+    }
 
     /// A step that rings and creeps, then a sine: the noise is what the hold has beside both.
     #[test]
