@@ -29,7 +29,7 @@ use crate::parallel;
 use crate::statistics::largest;
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::{Effect, Overview, registry};
+use hysteron_sim::effect::{Effect, Overview, gain, registry};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -264,6 +264,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     watch.event(&Event::Doing("estimating standard deviations"));
     let cannot_identify = identifiability(&mut model, dataset, &study.split.identify);
     require_finite(&model, dataset, &study.split.both())?;
+    if diagnosis.verdict == Verdict::Unexplained && last.model.effect(gain::ID).is_none() {
+        floor.warnings.extend(initial_states::remembered(dataset, &study.split));
+    }
     let best_drive = next_experiment(&supported, &diagnosis, last, dataset, floor.rms_um);
     let (next_experiment, in_vain) =
         best_drive.map_or((None, None), |best| if best.proposal.decides(floor.rms_um) { (Some(best), None) } else { (None, Some(best)) });

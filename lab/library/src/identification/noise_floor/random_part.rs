@@ -9,20 +9,18 @@ const FORCE_MEMORY_S: f64 = 0.004;
 /// Lines that are removed at most.
 const LINES_MAX: usize = 6;
 
-/// Gram-Schmidt, twice for accuracy; columns that depend on earlier ones are left out.
-fn orthonormalise(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-    let mut out: Vec<Vec<f64>> = Vec::new();
+/// Adds to orthonormal columns what others have beside them: Gram-Schmidt, twice for accuracy; columns that depend on earlier ones are left out.
+fn add_orthonormal(basis: &mut Vec<Vec<f64>>, columns: impl IntoIterator<Item = Vec<f64>>) {
     for mut column in columns {
         let before = dot(&column, &column).sqrt();
-        project_out(&out, &mut column);
-        project_out(&out, &mut column);
+        project_out(basis, &mut column);
+        project_out(basis, &mut column);
         let norm = dot(&column, &column).sqrt();
         if norm > 1e-7 * before && norm > 0.0 {
             column.iter_mut().for_each(|v| *v /= norm);
-            out.push(column);
+            basis.push(column);
         }
     }
-    out
 }
 
 /// Removes from `column` what lies in the span of orthonormal columns.
@@ -89,7 +87,8 @@ struct Beside {
 
 fn beside(signal: &[f64], sample_rate_hz: f64, columns: Vec<Vec<f64>>) -> Beside {
     let n = signal.len();
-    let basis = orthonormalise(columns);
+    let mut basis = Vec::new();
+    add_orthonormal(&mut basis, columns);
     let mut residual = signal.to_vec();
     project_out(&basis, &mut residual);
     let mut lines_hz = Vec::new();
@@ -97,14 +96,18 @@ fn beside(signal: &[f64], sample_rate_hz: f64, columns: Vec<Vec<f64>>) -> Beside
     while lines_hz.len() < LINES_MAX
         && let Some(frequency_hz) = strongest_line(&residual, sample_rate_hz)
     {
-        project_out(&orthonormalise(line_columns(frequency_hz, n, sample_rate_hz).into()), &mut residual);
+        // Beside the drift, which has taken its part of the line already.
+        let known = basis.len();
+        add_orthonormal(&mut basis, line_columns(frequency_hz, n, sample_rate_hz));
+        project_out(&basis[known..], &mut residual);
         lines_hz.push(frequency_hz);
     }
-    let removed = basis.len() + 2 * lines_hz.len();
-    let rms = rms(&residual) * (n as f64 / n.saturating_sub(removed).max(1) as f64).sqrt();
+    let rms = rms(&residual) * (n as f64 / n.saturating_sub(basis.len()).max(1) as f64).sqrt();
     Beside { residual, rms, lines_hz }
 }
 
+/// How often a line's frequency is refined: to one part in 10^5 of the resolution, so that of a line a thousand times as strong as the noise nothing is left.
+const REFINED: usize = 20;
 /// Lines beside one that hold part of it where its frequency lies between two.
 const LEAKS_TO: usize = 3;
 
@@ -141,13 +144,15 @@ fn strongest_line(values: &[f64], sample_rate_hz: f64) -> Option<f64> {
         }
         s * s + c * c
     };
-    let mut best = bin as f64 * resolution;
+    let with_strength = |f: f64| (f, strength(f));
+    let mut best = with_strength(bin as f64 * resolution);
     let mut width = 0.5 * resolution;
-    for _ in 0..12 {
-        best = [best - width, best, best + width].into_iter().max_by(|a, b| strength(*a).total_cmp(&strength(*b)))?;
+    for _ in 0..REFINED {
+        let beside = [best.0 - width, best.0 + width].map(with_strength);
+        best = beside.into_iter().fold(best, |best, other| if other.1 > best.1 { other } else { best });
         width *= 0.6;
     }
-    Some(best)
+    Some(best.0)
 }
 
 /// Power at the bins of a discrete Fourier transform.
