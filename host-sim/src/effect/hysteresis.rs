@@ -114,6 +114,7 @@ impl Stage for HysteresisStage {
         self.output_um
     }
     fn run(&mut self, from: usize, signal: &mut [f64]) {
+        // A rate is one of every step.
         let Some(last_v) = signal.last().copied().filter(|_| self.drive.rate.is_none()) else {
             signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(from + k, *value));
             return;

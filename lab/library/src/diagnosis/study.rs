@@ -57,12 +57,12 @@ const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003 };
 /// Steps after which a quick fit is looked at, and how far behind what it extends it may be then: of 369 such fits on the recorded stage 75 were given up so, a
 /// sixth of the time, and one of them would have come to a gain, of 0.04.
 const LOOKED_AT_AFTER: usize = 3;
+const PLAINLY_BEHIND: f64 = 0.2;
 /// A fit that two steps lowered by as much, as a logarithm, is on its way, and neither looked at nor ended.
 const FALLS_FAST: f64 = 0.5;
 /// The same where it is compared with one that is near the noise: from a hundred times as much a few steps more bring it there, and one that is given up is told
 /// apart by mistake. Of a straight stage with a lag of 150 Hz, read to 0.1 nm, a lag on the other side was given up at 28 nm.
 const FALLS_TO_THE_NOISE: f64 = 0.1;
-const PLAINLY_BEHIND: f64 = 0.2;
 /// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it belongs.
 const OUT_OF_REACH: f64 = 1.0;
 /// What is so far behind half way through a quick fit is behind at its end.

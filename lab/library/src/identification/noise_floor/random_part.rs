@@ -106,7 +106,8 @@ fn beside(signal: &[f64], sample_rate_hz: f64, columns: Vec<Vec<f64>>) -> Beside
     Beside { residual, rms, lines_hz }
 }
 
-/// How often a line's frequency is refined: to one part in 10^5 of the resolution, so that of a line a thousand times as strong as the noise nothing is left.
+/// How often a line's frequency is refined: to one part in 10^5 of the resolution. Of a line a thousand times as strong as the noise as much as the noise is left,
+/// since the drift beside which it is looked for has taken a part of it.
 const REFINED: usize = 20;
 /// Lines beside one that hold part of it where its frequency lies between two.
 const LEAKS_TO: usize = 3;
