@@ -224,11 +224,15 @@ impl<'a> Study<'a> {
         let looked_at = Cell::new(false);
         let fast = if self.merit_is_near_the_noise(of) { FALLS_TO_THE_NOISE } else { FALLS_FAST };
         let goes_on = |progress: &Progress| {
-            let falls_fast = progress.fell > fast;
-            if falls_fast || progress.taken < LOOKED_AT_AFTER || looked_at.replace(true) {
-                return falls_fast || progress.taken < QUICK.iterations;
+            if progress.fell > fast {
+                return true;
             }
-            progress.taken < QUICK.iterations && self.merit(&self.judged_quickly(progress.model.clone())) - of < behind
+            if progress.taken >= QUICK.iterations {
+                return false;
+            }
+            // Beside nothing it is behind nothing, and held-out records are not simulated to say so.
+            let is_looked_at = of.is_finite() && progress.taken >= LOOKED_AT_AFTER && !looked_at.replace(true);
+            !is_looked_at || self.merit(&self.judged_quickly(progress.model.clone())) - of < behind
         };
         let effort = Effort { iterations: COMPARING.iterations, ..QUICK };
         self.judged_as_fitted(fit_while(begin, &self.searched, &self.quick, effort, goes_on))
