@@ -40,6 +40,9 @@ pub struct Policy {
     pub least_gain: f64,
     /// An extension is not tried where the signatures promise that more than this share of the squares stays.
     pub promises_nothing: f64,
+    /// The same at the noise, where all there is to be found is a small share: an effect is tried that explains so many times the square of the noise. By
+    /// chance the best of a dozen candidates, each begun from several values, explains some ten.
+    pub seen_in_the_noise: f64,
     /// The same for each effect more: of two models that differ by less, the simpler one is taken.
     pub gain_per_effect: f64,
     /// False discovery rate over all candidates that are looked at beside one model.
@@ -104,6 +107,7 @@ impl Default for Policy {
             held_out_weight: 2.0 / 3.0,
             least_gain: 0.04,
             promises_nothing: 0.99,
+            seen_in_the_noise: 30.0,
             gain_per_effect: 0.005,
             false_discovery_rate: 0.05,
             matters: 0.025,

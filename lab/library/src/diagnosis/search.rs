@@ -379,8 +379,11 @@ impl<'s, 'a> Search<'s, 'a> {
         let total = screening.total_um2().max(f64::MIN_POSITIVE);
         let relative = node.merit.exp();
         let scores = &screening.scores;
+        let at_the_noise = self.study.merit_is_at_the_noise(node.merit);
         for (place, score) in scores.iter().take(SINGLES).enumerate() {
             let left = 1.0 - score.explained_um2 / total;
+            let seen = at_the_noise && self.study.seen_in_the_noise(score);
+            let left = if seen { left.min(self.study.policy.promises_nothing) } else { left };
             // The strongest are begun from two sides.
             for (beginning, start) in score.starts.iter().take(if place < 2 && !score.effect.starts_combine() { 2 } else { 1 }).enumerate()
             {

@@ -2,7 +2,7 @@
 
 use super::judgement::{Judged, Split, improvement, judge_fit, judge_rows};
 use super::policy::Policy;
-use super::screening::{Screening, Weighing, screen};
+use super::screening::{Score, Screening, Weighing, screen};
 use super::searched_data::for_search;
 use crate::dataset::Dataset;
 use crate::error::Result;
@@ -222,19 +222,21 @@ impl<'a> Study<'a> {
     #[must_use]
     pub fn quickly_within(&self, begin: &Model, of: f64, behind: f64) -> Judged {
         let looked_at = Cell::new(false);
-        let fast = if self.merit_is_near_the_noise(of) { FALLS_TO_THE_NOISE } else { FALLS_FAST };
+        // At the noise all that an effect can bring is less than what ends a quick fit.
+        let at_the_noise = self.merit_is_at_the_noise(of);
+        let fast = if self.merit_is_within(self.policy.near_the_noise, of) { FALLS_TO_THE_NOISE } else { FALLS_FAST };
         let goes_on = |progress: &Progress| {
             if progress.fell > fast {
                 return true;
             }
-            if progress.taken >= QUICK.iterations {
+            if progress.taken >= QUICK.iterations && !at_the_noise {
                 return false;
             }
             // Beside nothing it is behind nothing, and held-out records are not simulated to say so.
             let is_looked_at = of.is_finite() && progress.taken >= LOOKED_AT_AFTER && !looked_at.replace(true);
             !is_looked_at || self.merit(&self.judged_quickly(progress.model.clone())) - of < behind
         };
-        let effort = Effort { iterations: COMPARING.iterations, ..QUICK };
+        let effort = if at_the_noise { COMPARING } else { Effort { iterations: COMPARING.iterations, ..QUICK } };
         self.judged_as_fitted(fit_while(begin, &self.searched, &self.quick, effort, goes_on))
     }
 
@@ -305,9 +307,21 @@ impl<'a> Study<'a> {
         both.all(|(r, floor)| floor.is_some_and(|floor_um| holds(rms(r), floor_um)))
     }
 
-    /// The noise is known, and this merit is that of a model that leaves not much more.
-    fn merit_is_near_the_noise(&self, merit: f64) -> bool {
-        self.floor_um.is_some() && merit < self.merit_of(|i| self.floors_um[i].unwrap_or(0.0)) + self.policy.near_the_noise.ln()
+    /// The noise is known, and this merit is that of a model that leaves less than so many times as much.
+    fn merit_is_within(&self, times: f64, merit: f64) -> bool {
+        self.floor_um.is_some() && merit < self.merit_of(|i| self.floors_um[i].unwrap_or(0.0)) + times.ln()
+    }
+
+    /// This merit is that of a model at the noise: what else there is, is a small share of what is left, however plainly the data show it.
+    #[must_use]
+    pub fn merit_is_at_the_noise(&self, merit: f64) -> bool {
+        self.merit_is_within(self.policy.explained, merit)
+    }
+
+    /// The noise is known, and an effect explains more of it than chance does.
+    #[must_use]
+    pub fn seen_in_the_noise(&self, score: &Score) -> bool {
+        self.floor_um.is_some_and(|floor_um| score.explained_um2 > self.policy.seen_in_the_noise * floor_um * floor_um)
     }
 
     /// The noise is known, and a model leaves not much more.

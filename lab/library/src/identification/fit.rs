@@ -173,7 +173,8 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         }
         let variance = (cost / n as f64).max(1e-30);
         let worthwhile = (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost);
-        let step = best_step(&model, dataset, rows, &free, &Normal { parts: &parts, h: &h, g, cost, variance }, worthwhile, &mut lambda);
+        let damped_before = lambda;
+        let step = best_step(&model, dataset, rows, &free, &Normal { parts: &parts, h: &h, g, cost, variance }, worthwhile, if age == Age::Exact { 12 } else { 2 }, &mut lambda);
         let gain = step.as_ref().map_or(0.0, |s| cost - s.cost);
         let mut kept = 0.0;
         if let Some(step) = step {
@@ -186,7 +187,8 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
             if age == Age::Exact {
                 break;
             }
-            // A last look with exact derivatives.
+            // A last look with exact derivatives, damped no more than before the older ones failed.
+            lambda = damped_before;
             (parts, age, chord_steps) = (linearise(&model, dataset, rows, &free), Age::Exact, 0);
             h = squares_of_derivatives(&parts);
         } else if kept > KEPT_WELL && chord_steps < CHORD_STEPS {
@@ -263,9 +265,10 @@ fn best_step(
     free: &[ParameterIndex],
     at: &Normal,
     worthwhile: f64,
+    trials: usize,
     lambda: &mut f64,
 ) -> Option<Better> {
-    for _ in 0..12 {
+    for _ in 0..trials {
         let Some(step) = damped_step(model, free, at.h, &at.g, at.variance, *lambda) else {
             *lambda *= DAMPED_MORE;
             continue;
