@@ -56,6 +56,15 @@ impl Effect for InitialCurve {
     fn fitting_rank(&self) -> usize {
         2
     }
+    fn unlikely_because(&self, model: &Model, values: &[f64]) -> Option<String> {
+        let share = super::hysteresis::share_that_stays(model, values)?;
+        (share < super::hysteresis::OF_DOMAINS).then(|| {
+            format!(
+                "what stays of the first rise is {:.2} % of the height of the loops, of domains some per cent; what else goes slowly on its own way may look so",
+                100.0 * share
+            )
+        })
+    }
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         (count > 0).then(|| Arc::new(Self { terms: count }) as Arc<dyn Effect>)
     }

@@ -554,7 +554,7 @@ pub trait Effect: Send + Sync {
 
     /// What a user of the literature might object to in values that were found: a reading of the same data by another effect is then
     /// likelier.
-    fn unlikely_because(&self, _values: &[f64], _overview: &Overview) -> Option<String> {
+    fn unlikely_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
         None
     }
 
@@ -586,6 +586,11 @@ pub trait Effect: Send + Sync {
     /// Whether what it makes of a motion in `model` is known from where that stands at the ends of sampling periods: behind what moves inside them it then
     /// goes in whole periods, if all that stand behind it do.
     fn goes_by_ends(&self, _model: &Model) -> bool {
+        false
+    }
+
+    /// Whether it is looked for in the place of an effect that does much the same, though not by itself.
+    fn in_exchange(&self) -> bool {
         false
     }
 

@@ -111,7 +111,8 @@ impl Effect for SensorFilter {
             place: Place::SensorBandwidth,
             modifies: None,
             experiment: "multisines up to a third of the sampling rate".into(),
-            // Not looked for by itself: beside other lags it ties with them on most data. A mode with such a damping is said to be one.
+            // Not looked for by itself: beside other lags it ties with them on most data, and a mode with such a damping is said to be one. Beside a mode
+            // it is tried in the place of another lag.
             candidate: false,
             one_sided: true,
         }
@@ -142,6 +143,9 @@ impl Effect for SensorFilter {
         // What is read between two instants is taken as straight: finer than others need where records are neither fast nor at rest at every sample.
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
         super::substeps_inside_period(dt_s).max(straight)
+    }
+    fn in_exchange(&self) -> bool {
+        true
     }
     fn follows_motion(&self) -> bool {
         true

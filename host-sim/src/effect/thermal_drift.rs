@@ -1,7 +1,8 @@
 //! Thermal drift: the mechanics warm up after switching on and move without any cause in the drive.
 
 use super::{
-    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+    Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage,
+    Stage,
 };
 use crate::chain::Model;
 
@@ -71,6 +72,10 @@ impl Effect for ThermalDrift {
     }
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DriftStage { rate_um_per_interval: values[0] * setting.dt_s, slowing_per_interval: values[1] * setting.dt_s }))
+    }
+    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        // How warm the stage is when a record begins is as little known as its loops: each such record drifts by an amount of its own.
+        vec![FreeMotion { decay_per_s: values[1], frequency_rad_s: 0.0 }]
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let slowing_per_s = 1.0 / (20.0 * (0.8 + 0.4 * random()));

@@ -546,7 +546,7 @@ impl Effect for Vibration {
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
         resonances.iter().map(|r| vec![r.natural_frequency_rad_s, r.damping_ratio]).collect()
     }
-    fn unlikely_because(&self, values: &[f64], _overview: &Overview) -> Option<String> {
+    fn unlikely_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
         (values[1] > 0.5).then(|| {
             let hz = values[0] / std::f64::consts::TAU;
             format!(

@@ -147,7 +147,7 @@ pub struct NextExperiment {
 /// All built-in candidates and the user's own.
 #[must_use]
 pub fn candidates(own: &[Arc<dyn Effect>]) -> Vec<Arc<dyn Effect>> {
-    let mut all: Vec<Arc<dyn Effect>> = registry().into_iter().filter(|e| e.declaration().candidate).collect();
+    let mut all: Vec<Arc<dyn Effect>> = registry().into_iter().filter(|e| e.declaration().candidate || e.in_exchange()).collect();
     all.extend(own.iter().cloned());
     all
 }
@@ -259,7 +259,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         feedback: &feedback,
         stopped,
     };
-    let mut diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.overview, &study.policy);
+    let mut diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.policy);
     let mut model = last.model.clone();
     watch.event(&Event::Doing("estimating standard deviations"));
     let cannot_identify = identifiability(&mut model, dataset, &study.split.identify);

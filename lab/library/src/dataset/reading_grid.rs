@@ -8,7 +8,7 @@ use super::Dataset;
 
 /// Distinct values that a column must have before their spacing says anything.
 pub(crate) const LEVELS_MIN: usize = 8;
-/// Least number of samples per distinct reading: a record of ever new values shows no grid that matters.
+/// Least number of values per distinct one where values come again.
 const SAMPLES_PER_LEVEL: usize = 2;
 /// Largest deviation of a reading from the grid, in steps.
 const OFF_GRID_MAX: f64 = 0.1;
@@ -88,19 +88,31 @@ fn normal_quantile_above(probability: f64) -> f64 {
 #[must_use]
 pub fn reading_step_um(dataset: &Dataset) -> Option<f64> {
     let driven = dataset.records.iter().filter(|r| r.role != super::Role::Noise);
-    let steps_um: Vec<f64> = driven.map(|record| step_of(&record.displacement_um)).collect::<Option<_>>()?;
+    let steps_um: Vec<f64> = driven.map(|record| step_between(&levels(&record.displacement_um))).collect::<Option<_>>()?;
     let (least, most) = steps_um.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
     (most > 0.0 && most - least <= AGREEMENT * most).then(|| steps_um.iter().sum::<f64>() / steps_um.len() as f64)
 }
 
-/// The step of a converter whose values these are, in their unit, if they lie on a grid that is coarse enough to be seen.
+/// The step of a converter whose values these are, in their unit, if they lie on a grid so coarse that values come again.
 #[must_use]
 pub fn step_of(values: &[f64]) -> Option<f64> {
+    let levels = levels(values);
+    if levels.len() * SAMPLES_PER_LEVEL > values.len() { None } else { step_between(&levels) }
+}
+
+/// The distinct values, ascending.
+fn levels(values: &[f64]) -> Vec<f64> {
     let mut levels = values.to_vec();
     levels.sort_by(f64::total_cmp);
     let equal = 1e-9 * (levels.last().copied().unwrap_or(0.0) - levels.first().copied().unwrap_or(0.0));
     levels.dedup_by(|later, earlier| *later - *earlier <= equal);
-    if levels.len() < LEVELS_MIN || levels.len() * SAMPLES_PER_LEVEL > values.len() {
+    levels
+}
+
+/// The step between values, ascending, if all lie on one grid. A record that moves fast over many steps comes to few of them twice, and each stands on the
+/// grid all the same.
+fn step_between(levels: &[f64]) -> Option<f64> {
+    if levels.len() < LEVELS_MIN {
         return None;
     }
     let mut gaps: Vec<f64> = levels.windows(2).map(|w| w[1] - w[0]).collect();
@@ -118,13 +130,13 @@ pub fn step_of(values: &[f64]) -> Option<f64> {
     let n = levels.len() as f64;
     let (mean_number, mean_level) = (numbers.iter().sum::<f64>() / n, levels.iter().sum::<f64>() / n);
     let (mut along, mut power) = (0.0, 0.0);
-    for (number, level) in numbers.iter().zip(&levels) {
+    for (number, level) in numbers.iter().zip(levels) {
         along += (number - mean_number) * (level - mean_level);
         power += (number - mean_number) * (number - mean_number);
     }
     let step = along / power;
     let off_grid = |(number, level): (&f64, &f64)| ((level - mean_level) / step - (number - mean_number)).abs();
-    let on_grid = numbers.iter().zip(&levels).all(|pair| off_grid(pair) < OFF_GRID_MAX);
+    let on_grid = numbers.iter().zip(levels).all(|pair| off_grid(pair) < OFF_GRID_MAX);
     let every_gap_counts = levels.windows(2).all(|w| (w[1] - w[0]) / step > 1.0 - OFF_GRID_MAX);
     (step > 0.0 && on_grid && every_gap_counts).then_some(step)
 }
@@ -147,6 +159,16 @@ mod tests {
             let found = step_of(&(0..20_000).map(reading).collect::<Vec<_>>()).unwrap();
             assert!((found / step_um - 1.0).abs() < 1e-3, "{step_um} {found}");
         }
+    }
+
+    /// A sweep over ten thousand steps in as many samples comes to few of them twice.
+    #[test]
+    fn a_fast_record_shows_the_converter_though_hardly_a_reading_comes_again() {
+        let reading = |k: usize| ((motion_um(k) + 2.0 * (0.037 * k as f64).cos()) / 0.0012).round() * 0.0012;
+        let read: Vec<f64> = (0..10_000).map(reading).collect();
+        assert!(step_of(&read).is_none());
+        assert!((step_between(&levels(&read)).unwrap() / 0.0012 - 1.0).abs() < 1e-3);
+        assert!(step_between(&levels(&noise(10_000))).is_none());
     }
 
     fn noise(n: usize) -> Vec<f64> {

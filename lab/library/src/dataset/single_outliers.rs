@@ -26,6 +26,8 @@ const MEDIAN_REACHES: usize = 2;
 const AT_AN_END: usize = 4;
 /// A corner of the drive makes a corner of the readings: what stands out by less than so many times what a straight stage would read there is none.
 const AS_THE_DRIVE: f64 = 3.0;
+/// Steps of a converter by which rounding and a noise below one step put a reading beside the mean of two others.
+const ROUNDED_BY: f64 = 2.1;
 /// More than this share of all readings are no disturbances.
 const SHARE_MAX: f64 = 0.02;
 
@@ -116,6 +118,15 @@ fn singles_replaced(record: &mut Record, outliers: &[usize]) -> Option<String> {
     ))
 }
 
+/// The least difference between two values that are not the same: one step, where they are those of a converter. Values in 1/10^9 of their range are the same.
+fn least_gap(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let same = 1e-9 * peak_to_peak(values);
+    let gap = sorted.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > same).fold(f64::INFINITY, f64::min);
+    if gap.is_finite() { gap } else { 0.0 }
+}
+
 /// What the values beside a sample say of it.
 fn expected(values: &[f64], k: usize) -> f64 {
     let n = values.len();
@@ -143,10 +154,12 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     if n < 4 * AROUND {
         return Outliers::default();
     }
+    // One step of a converter more or less is what rounding does, however seldom a rest inside one code shows it.
+    let rounding_um = ROUNDED_BY * least_gap(readings_um);
     let apart: Vec<f64> = (0..n).map(|k| (readings_um[k] - expected(readings_um, k)).abs()).collect();
     let usual_everywhere = mean(&apart);
     let stands_out = |k: usize| {
-        if apart[k] <= STANDS_OUT * usual_everywhere {
+        if apart[k] <= (STANDS_OUT * usual_everywhere).max(rounding_um) {
             return false;
         }
         let around = &apart[k.saturating_sub(AROUND)..(k + AROUND + 1).min(n)];
@@ -188,6 +201,7 @@ fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::Role;
     use hysteron_sim::noise::WhiteNoise;
 
     /// A stage with a mode of 0.3 damping at a fifth of the sampling rate, driven by a staircase and then by a sine.
@@ -289,5 +303,17 @@ mod tests {
         let mut record = record();
         record.displacement_um.iter_mut().for_each(|y| *y = (*y / 0.05).round() * 0.05);
         assert_eq!((replaced(&mut record, &[]), several_left_out(&mut record, &[])), (None, None));
+    }
+
+    /// Noise of a fifth of a step, which seldom leaves its code: the codes beside it are readings as others are.
+    #[test]
+    fn a_code_beside_the_usual_one_is_no_disturbance() {
+        let mut noise = WhiteNoise::new(0.5, 9);
+        let readings_um = (0..12_000).map(|_| 0.0024 * ((0.45 + noise.next_um()) / 2.4).round()).collect();
+        let mut record = Record::new("rest", 20_000.0, vec![0.0; 12_000], readings_um).with_role(Role::Noise);
+        let before = record.displacement_um.clone();
+        assert!(before.iter().any(|um| *um != 0.0) && before.iter().filter(|um| **um != 0.0).count() < 600);
+        assert!(replaced(&mut record, &[]).is_none() && several_left_out(&mut record, &[]).is_none());
+        assert_eq!(record.displacement_um, before);
     }
 }

@@ -54,6 +54,8 @@ pub struct Proposal {
 const SAMPLES_MAX: f64 = 60_000.0;
 /// Two explanations are told apart where they differ by so many standard errors.
 const DECIDED: f64 = 5.0;
+/// Two models of the same stage differ by so much of the noise through what each leaves of it, and through how finely it is simulated.
+const SIMULATED_TO: f64 = 0.1;
 /// A measured slope may be exceeded by rounding only.
 const SLOPE_TOLERANCE: f64 = 1.0 + 1e-9;
 
@@ -61,7 +63,8 @@ impl Proposal {
     /// Whether a recording of it would decide: the two are as far apart as its noise leaves to be seen of so many samples. Where no noise is known, it may.
     #[must_use]
     pub fn decides(&self, noise_um: Option<f64>) -> bool {
-        noise_um.is_none_or(|noise_um| self.separation_um * (self.drive_v.len() as f64).sqrt() > DECIDED * noise_um)
+        let decided = |noise_um| self.separation_um * (self.drive_v.len() as f64).sqrt() > DECIDED * noise_um;
+        noise_um.is_none_or(|noise_um| decided(noise_um) && self.separation_um > SIMULATED_TO * noise_um)
     }
 
     /// What the drive decides and how well, for a reader. `noise_um` is the noise floor, if there is one.

@@ -339,7 +339,7 @@ fn weigh_each(
     for some in order.chunks(parallel::parts_of_each(1)) {
         let weighed = parallel::map(some, |i| {
             let model = &without[*i].model;
-            study.weigh(model, &study.candidates_for(model), 1000 + *i as u64)
+            study.weigh(model, &study.candidates_and(&added[*i], model), 1000 + *i as u64)
         });
         for (i, screening) in some.iter().copied().zip(weighed) {
             let screening = screening?;

@@ -242,7 +242,12 @@ impl<'s, 'a> Search<'s, 'a> {
             |id: &&String| best.judged.model.effect(id).is_some_and(|e| e.effect.may_leave() && !e.effect.declaration().is_main());
         let leaving: Vec<&String> = best.added.iter().filter(may_leave).collect();
         let bases: Vec<Model> = leaving.iter().map(|id| self.study.without(&best.judged.model, id)).collect();
-        let screenings = parallel::map(&bases, |base| self.study.score(base));
+        // Which lag it is shows near the noise, and matters where what was found does not explain all.
+        let near = self.study.near_the_noise(&best.judged) && !self.explained();
+        let screenings = parallel::map(&bases, |base| {
+            let others = if near { self.study.candidates_in_exchange(base) } else { self.study.candidates_for(base) };
+            self.study.score_each(base, &others)
+        });
         let relative = best.merit.exp();
         let mut out = Vec::new();
         for ((id, base), screening) in leaving.into_iter().zip(&bases).zip(screenings) {

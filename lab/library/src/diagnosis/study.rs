@@ -133,9 +133,25 @@ impl<'a> Study<'a> {
     /// Candidates that make sense beside a model.
     #[must_use]
     pub fn candidates_for(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
+        self.joining(model, |effect| effect.declaration().candidate)
+    }
+
+    /// The same and this one, which may be no candidate.
+    #[must_use]
+    pub fn candidates_and(&self, id: &str, model: &Model) -> Vec<Arc<dyn Effect>> {
+        self.joining(model, |effect| effect.declaration().candidate || effect.declaration().id == id)
+    }
+
+    /// The same and those that are looked for in the place of another.
+    #[must_use]
+    pub fn candidates_in_exchange(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
+        self.joining(model, |effect| effect.declaration().candidate || effect.in_exchange())
+    }
+
+    fn joining(&self, model: &Model, asked: impl Fn(&Arc<dyn Effect>) -> bool) -> Vec<Arc<dyn Effect>> {
         let joins = |effect: &&Arc<dyn Effect>| {
             let declaration = effect.declaration();
-            declaration.candidate
+            asked(effect)
                 && model.effect(&declaration.id).is_none()
                 && effect.may_join(model, &self.overview)
                 && !effect.starts(&self.overview).is_empty()
@@ -148,8 +164,15 @@ impl<'a> Study<'a> {
     /// # Errors
     /// As [`screen`].
     pub fn score(&self, model: &Model) -> Result<Screening> {
-        let candidates = self.candidates_for(model);
-        screen(model, &self.overview, &self.searched, &self.scoring, &candidates, self.floor_um, Weighing::Quick)
+        self.score_each(model, &self.candidates_for(model))
+    }
+
+    /// Scores these effects beside a model, for a search.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn score_each(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
+        screen(model, &self.overview, &self.searched, &self.scoring, effects, self.floor_um, Weighing::Quick)
     }
 
     /// Scores candidates beside a model against chance.

@@ -15,7 +15,7 @@ use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
 use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::finer_hysteresis::{description, main_effect};
 use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
-use hysteron_sim::effect::{Overview, by_id, delay, gain};
+use hysteron_sim::effect::{by_id, delay, gain};
 use serde::Serialize;
 
 /// The verdict.
@@ -233,9 +233,9 @@ impl Found<'_> {
 
 /// Puts what was found into one of the five words.
 #[must_use]
-pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, overview: &Overview, policy: &Policy) -> Diagnosis {
+pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, policy: &Policy) -> Diagnosis {
     // What is missing in a recording that was made otherwise is not known before it is said how it was made.
-    let findings = if found.recorded_otherwise() { Vec::new() } else { findings(found, floor, split, overview, policy) };
+    let findings = if found.recorded_otherwise() { Vec::new() } else { findings(found, floor, split, policy) };
     let named: Vec<String> = findings.iter().flat_map(|f| f.effects.iter().cloned()).collect();
     let ambiguous = findings.iter().any(|f| f.effects.len() > 1);
     // Where only a lower bound of the noise is known, a model that leaves no more than that leaves nothing.
@@ -274,7 +274,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         below_the_floor: contradiction,
         residual_rms_um: Residuals::of(found.first),
         residual_rms_after_um: Residuals::of(found.last),
-        candidates: candidate_figures(found, floor, overview, policy),
+        candidates: candidate_figures(found, floor, policy),
         taken_back: found.taken_back.to_vec(),
         where_it_fails: cells(found.first, dataset),
     };
@@ -309,7 +309,7 @@ fn timing_left_open(found: &Found, dataset: &Dataset) -> Option<String> {
 }
 
 /// What was found, the likeliest reading of each first.
-fn findings(found: &Found, floor: &NoiseFloor, split: &Split, overview: &Overview, policy: &Policy) -> Vec<Finding> {
+fn findings(found: &Found, floor: &NoiseFloor, split: &Split, policy: &Policy) -> Vec<Finding> {
     let far_above = floor.rms_um.is_some() && !found.last.within(policy.near_the_noise, &floor.of_records_um, split);
     let falls_from = |before: &Judged| improvement(before, found.last, split).record_relative > policy.finding_far_above;
     let worth_a_name = |s: &Supported| !far_above || (falls_from(found.first) && falls_from(&s.without));
@@ -332,7 +332,7 @@ fn findings(found: &Found, floor: &NoiseFloor, split: &Split, overview: &Overvie
         let mut effects = s.names();
         // A reading that its physics makes unlikely stands behind one that nothing speaks against.
         let model_of = |id: &String| s.rivals.iter().find(|r| r.id == *id).map_or(&found.last.model, |r| &r.judged.model);
-        effects.sort_by_key(|id| unlikely(model_of(id), id, overview).is_some());
+        effects.sort_by_key(|id| unlikely(model_of(id), id).is_some());
         out.push(Finding { effects, decision: s.decision });
     }
     if let Some(id) = found.quantised {
@@ -341,15 +341,15 @@ fn findings(found: &Found, floor: &NoiseFloor, split: &Split, overview: &Overvie
     out
 }
 
-fn unlikely(model: &hysteron_sim::chain::Model, id: &str, overview: &Overview) -> Option<String> {
+fn unlikely(model: &hysteron_sim::chain::Model, id: &str) -> Option<String> {
     let e = model.effect(id)?;
-    e.effect.unlikely_because(&e.values(), overview)
+    e.effect.unlikely_because(model, &e.values())
 }
 
-fn candidate_figures(found: &Found, floor: &NoiseFloor, overview: &Overview, policy: &Policy) -> Vec<CandidateFigures> {
+fn candidate_figures(found: &Found, floor: &NoiseFloor, policy: &Policy) -> Vec<CandidateFigures> {
     let mut out: Vec<CandidateFigures> = Vec::new();
     for s in found.supported {
-        out.extend(figures_of(s, found, overview, policy));
+        out.extend(figures_of(s, found, policy));
     }
     // Every added effect first, then what else was looked at, by what it explains.
     let (mut added, mut others): (Vec<_>, Vec<_>) = out.into_iter().partition(|c| c.in_place_of.as_deref() == Some(&c.effect));
@@ -361,7 +361,7 @@ fn candidate_figures(found: &Found, floor: &NoiseFloor, overview: &Overview, pol
         new
     });
     if let Some(elsewhere) = found.elsewhere.filter(|e| !e.at_home) {
-        added.splice(0..0, hypothesis_figures(elsewhere, overview));
+        added.splice(0..0, hypothesis_figures(elsewhere));
     }
     added.extend(others);
     added.extend(rounding_figures(found, floor));
@@ -369,7 +369,7 @@ fn candidate_figures(found: &Found, floor: &NoiseFloor, overview: &Overview, pol
         let before = found.first.validate_rms_um;
         for score in &screening.scores {
             if !added.iter().any(|c| c.effect == score.id) {
-                added.push(plain_figures(score, screening, before, None, overview, policy));
+                added.push(plain_figures(score, screening, before, None, policy));
             }
         }
     }
@@ -381,7 +381,6 @@ fn plain_figures(
     screening: &super::screening::Screening,
     before: Option<f64>,
     in_place_of: Option<String>,
-    _overview: &Overview,
     policy: &Policy,
 ) -> CandidateFigures {
     let evidence = score.evidence.as_ref();
@@ -406,23 +405,23 @@ fn plain_figures(
 }
 
 /// An added effect, its rivals, and the rest of what was scored in its place.
-fn figures_of(s: &Supported, found: &Found, overview: &Overview, policy: &Policy) -> Vec<CandidateFigures> {
+fn figures_of(s: &Supported, found: &Found, policy: &Policy) -> Vec<CandidateFigures> {
     let names = s.names();
     let before = s.without.validate_rms_um;
     let mut out = Vec::new();
     for score in &s.screening.scores {
-        let mut figures = plain_figures(score, &s.screening, before, Some(s.id.clone()), overview, policy);
+        let mut figures = plain_figures(score, &s.screening, before, Some(s.id.clone()), policy);
         let rival = s.rivals.iter().find(|r| r.id == score.id);
         if score.id == s.id {
             figures.decision = s.decision;
             figures.validate_rms_after_um = found.last.validate_rms_um;
             figures.identify_rms_after_um = Some(found.last.identify_rms_um);
-            figures.unlikely_because = unlikely(&found.last.model, &s.id, overview);
+            figures.unlikely_because = unlikely(&found.last.model, &s.id);
         } else if let Some(rival) = rival {
             figures.decision = rival.decision;
             figures.validate_rms_after_um = rival.judged.validate_rms_um;
             figures.identify_rms_after_um = Some(rival.judged.identify_rms_um);
-            figures.unlikely_because = unlikely(&rival.judged.model, &rival.id, overview);
+            figures.unlikely_because = unlikely(&rival.judged.model, &rival.id);
         }
         if names.contains(&score.id) {
             for id in &names {
@@ -437,7 +436,7 @@ fn figures_of(s: &Supported, found: &Found, overview: &Overview, policy: &Policy
 }
 
 /// What was tried alone beside a model from elsewhere.
-fn hypothesis_figures(elsewhere: &Elsewhere, overview: &Overview) -> Vec<CandidateFigures> {
+fn hypothesis_figures(elsewhere: &Elsewhere) -> Vec<CandidateFigures> {
     let id_of = |t: &super::elsewhere::Tried| t.hypothesis.effect(&elsewhere.base.model);
     let told: Vec<String> = elsewhere.story.iter().map(id_of).collect();
     let tied: Vec<String> = elsewhere.alternatives.iter().flatten().map(id_of).collect();
@@ -475,7 +474,7 @@ fn hypothesis_figures(elsewhere: &Elsewhere, overview: &Overview) -> Vec<Candida
                 } else {
                     Decision::AnotherLeavesLess
                 },
-                unlikely_because: unlikely(&t.judged.model, &id, overview),
+                unlikely_because: unlikely(&t.judged.model, &id),
             }
         })
         .collect()

@@ -510,7 +510,9 @@ fn elsewhere_sentence(d: &Diagnosis, found: &Found) -> String {
 #[must_use]
 pub fn cannot_identify(what: &CannotIdentify) -> String {
     match what {
-        CannotIdentify::AnyOf { effect } => format!("{effect}: this data fixes none of its parameters; they are as they were begun"),
+        CannotIdentify::AnyOf { effect } => {
+            format!("{effect}: this data fixes none of its parameters by itself: other values of them do nearly as well together")
+        }
         CannotIdentify::SomeOf { effect, parameters } => format!("{effect}: this data does not fix {}", parameters.join(", ")),
         CannotIdentify::MinorLoops => {
             "minor loops: the drive always turns at the same two voltages, so only one loop is known; nested reversals are a guess".into()

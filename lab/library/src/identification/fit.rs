@@ -174,7 +174,16 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         let variance = (cost / n as f64).max(1e-30);
         let worthwhile = (effort.tolerance * variance * free.len() as f64).max(effort.relative * cost);
         let damped_before = lambda;
-        let step = best_step(&model, dataset, rows, &free, &Normal { parts: &parts, h: &h, g, cost, variance }, worthwhile, if age == Age::Exact { 12 } else { 2 }, &mut lambda);
+        let step = best_step(
+            &model,
+            dataset,
+            rows,
+            &free,
+            &Normal { parts: &parts, h: &h, g, cost, variance },
+            worthwhile,
+            if age == Age::Exact { 12 } else { 2 },
+            &mut lambda,
+        );
         let gain = step.as_ref().map_or(0.0, |s| cost - s.cost);
         let mut kept = 0.0;
         if let Some(step) = step {
