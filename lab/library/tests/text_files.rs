@@ -169,15 +169,29 @@ fn loggers_and_oscilloscopes() {
         volts()
     );
     gives_as("tek.csv", tektronix.as_bytes(), &sensor, &["column `CH1 [V]` is taken for the drive"]);
+    // A channel for each time: the units stand over the channels, and not over the columns of time.
+    let own_times = rows(|[t, u, y]| format!("{t:.6e},{u:.6},{t:.6e},{:.7}", y / 5.0));
+    let head = "Model,MDO3024\n\nHorizontal Units,s,,s\nSample Interval,5.0E-4,,5.0E-4\nVertical Units,V,,V\n\nTIME,CH1,TIME,CH2\n";
+    let own_times = format!("{head}{own_times}");
+    gives_as("tek.csv", own_times.as_bytes(), &sensor, &["column `CH1 [V]` is taken for the drive", "two columns of time that agree"]);
+    refused("tek.csv", own_times.as_bytes(), &["column `CH2 [V]` is the displacement in volts", "--units y=5um/V"]);
+    let peaks = rows(|[t, u, y]| format!("{t:.6e},{u:.6},,{:.7},", y / 5.0));
+    for units in ["V,,V,", "V,V,"] {
+        let text = format!("Model,MDO3024\nVertical Units,{units}\n\nTIME,CH1,CH1 Peak Detect,CH2,CH2 Peak Detect\n{peaks}");
+        gives_as("tek.csv", text.as_bytes(), &sensor, &["column `CH1 [V]` is taken for the drive"]);
+        refused("tek.csv", text.as_bytes(), &["column `CH2 [V]` is the displacement in volts"]);
+    }
     let keysight = format!("x-axis,1,2\nsecond,Volt,Volt\n{}", volts());
     gives_as("key.csv", keysight.as_bytes(), &sensor, &["column `1 [Volt]` is taken for the drive"]);
-    let mut count = -1;
-    let rigol: String =
-        recording().iter().fold("X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,0.0,5.0e-4,\n".into(), |text, [_, u, y]| {
-            count += 1;
-            format!("{text}{count},{u:.6},{:.7},,,\n", y / 5.0)
-        });
-    gives_as("rigol.csv", rigol.as_bytes(), &sensor, &["column `CH1 [Volt]` is taken for the drive"]);
+    // Commas at the ends of header and rows, as this or that series of Rigol has them.
+    for (of_names, of_units, of_rows) in [(",", "", ",,,"), (",", "", ","), (",", "", ""), ("", "", ",,"), ("", "", ""), (",", ",", ",")] {
+        let mut rigol = format!("X,CH1,CH2,Start,Increment{of_names}\nSequence,Volt,Volt,0.0,5.0e-4{of_units}\n");
+        for (count, [_, u, y]) in recording().iter().enumerate() {
+            writeln!(rigol, "{count},{u:.6},{:.7}{of_rows}", y / 5.0).unwrap();
+        }
+        gives_as("rigol.csv", rigol.as_bytes(), &sensor, &["column `CH1 [Volt]` is taken for the drive"]);
+        refused("rigol.csv", rigol.as_bytes(), &["column `CH2 [Volt]` is the displacement in volts"]);
+    }
     let rohde = format!("\"in s\",\"C1 in V\",\"C2 in V\"\n{}", volts());
     gives_as("rs.csv", rohde.as_bytes(), &sensor, &["column `C1 [V]` is taken for the drive"]);
     refused("rs.csv", rohde.as_bytes(), &["column `C2 [V]` is the displacement in volts", "--units y=5um/V"]);
@@ -244,7 +258,9 @@ fn damage_is_told_with_its_place() {
     refused("a.csv", with(41, "0.0195,1.0,2.0,3.0").as_bytes(), &["row 41", "4 cells", "3"]);
     refused("a.csv", with(41, "0.0195,,1.0").as_bytes(), &["row 41", "blank"]);
     refused("a.csv", with(41, "0.0100,1.0,1.0").as_bytes(), &["row 41", "does not increase"]);
-    refused("a.csv", &good.as_bytes()[..good.len() - 12], &["row 601"]);
+    // Short as a last row that was cut off, but with a line end, or with words.
+    refused("a.csv", format!("{good}0.3000,1.0\n").as_bytes(), &["row 602", "2 cells", "3"]);
+    refused("a.csv", format!("{good}stopped by hand").as_bytes(), &["row 602", "1 cells", "3"]);
     refused("a.csv", format!("t,u,y\n{}", plain(",").replace('.', ",")).as_bytes(), &["6 cells under a header of 3", "decimal commas"]);
     refused("a.csv", with(41, "0.0195;1.0;1.0").as_bytes(), &["row 41"]);
     let mixed = plain(";").replacen("0.0100", "0,0100", 1);
@@ -268,10 +284,13 @@ fn a_last_row_that_may_be_cut_off_is_left_aside() {
     assert_eq!(cut.records.last().unwrap().drive_v.len(), SAMPLES - 1);
     let note = format!("row {} is the last and has no line end", SAMPLES + 1);
     assert!(cut.notes.iter().any(|said| said.contains(&note)), "{:?}", cut.notes);
-    // What is cut off before its last column was never a row.
-    let short = text.trim_end().rsplit_once(',').unwrap().0;
-    let cut = from_file("a.csv", short.as_bytes());
-    assert!(cut.is_err() || cut.unwrap().records.last().unwrap().drive_v.len() < SAMPLES);
+    // Wherever it was cut.
+    let (whole, last) = text.trim_end().rsplit_once('\n').unwrap();
+    for characters in 1..last.len() {
+        let cut = from_file("a.csv", format!("{whole}\n{}", &last[..characters]).as_bytes()).unwrap();
+        assert_eq!(cut.records.last().unwrap().drive_v.len(), SAMPLES - 1, "{}", &last[..characters]);
+        assert!(cut.notes.iter().any(|said| said.contains(&note)), "{:?}", cut.notes);
+    }
 }
 
 #[test]

@@ -92,10 +92,18 @@ impl Form {
         (!numbers.is_empty()).then_some(Self { separator, width, numbers, texts })
     }
 
-    /// The last row of a text that ends without a line end, where its last number has fewer characters than that of an earlier row: what a
-    /// file that was cut off leaves looks like another number.
+    /// The last row of a text that ends without a line end, where it has too few cells, or its last number fewer characters than that of an
+    /// earlier row: what a file that was cut off leaves looks like another number.
     fn cut_off(&self, lines: &[Line]) -> Option<usize> {
         let ((line, last), before) = lines.split_last()?;
+        let cells = self.separator.cells(last);
+        let needed = self.numbers.last().map_or(0, |last| last + 1);
+        if cells.len() < needed {
+            // Words that somebody wrote below the numbers are no row.
+            let begins_a_number =
+                |cell: &str| cell.is_empty() || cell.trim_start_matches('"').starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c));
+            return cells.iter().enumerate().all(|(c, cell)| !self.numbers.contains(&c) || begins_a_number(cell)).then_some(*line);
+        }
         let length = |line: &str| self.separator.cells(line).get(self.width - 1).map(|cell| cell.len());
         let longest = before.iter().rev().take(SAMPLE).filter_map(|(_, line)| length(line)).max()?;
         (self.numbers.last() == Some(&(self.width - 1)) && length(last)? < longest).then_some(*line)

@@ -48,19 +48,23 @@ pub fn read(place: &str, above: &[Line], separator: Separator, width: usize, num
         counts = last;
         (names_line, last) = (line, names);
     }
+    header.take_count(&last, &counts, separator);
     let filled = last.iter().filter(|cell| !cell.is_empty()).count();
-    // LabVIEW's comments have a name and no cells.
-    if last.len() == width || last.len() > width && last[width..].iter().all(|c| c.is_empty() || *c == "Comment") {
+    // LabVIEW's comments have a name and no cells; nor have start and increment, whatever empty cells stand behind either line.
+    if header.count.is_some() || last.len() == width || last.len() > width && last[width..].iter().all(|c| c.is_empty() || *c == "Comment")
+    {
         for &c in numbers {
-            header.names[c] = last[c].to_owned();
+            header.names[c] = last.get(c).copied().unwrap_or_default().to_owned();
         }
-        header.take_count(&last, &counts, separator);
+        // A channel's own time is in the unit of the first.
+        for &c in numbers.iter().skip(1).filter(|c| is_said_again(&header.names, numbers, **c)) {
+            header.units[c] = header.units[c].take().or_else(|| header.units[numbers[0]].clone());
+        }
     } else if filled == numbers.len() && filled > 1 {
         let names = last.iter().filter(|cell| !cell.is_empty());
         for (&c, name) in numbers.iter().zip(names) {
             header.names[c] = (*name).to_owned();
         }
-        header.take_count(&last, &counts, separator);
     } else if lines.len() == 1 && filled > 1 && last.iter().any(|cell| is_name_of_signal(cell)) {
         let hint = if width == 2 * filled && separator == Separator::Character(',') {
             "; decimal commas between commas? Expected semicolons between columns, or decimal points"
@@ -97,6 +101,12 @@ fn is_units(cells: &[&str], numbers: &[usize]) -> bool {
 /// `t`, `u`, `y`, `v`, `s` in one line may be names or units; where the time is called `t` they are names.
 fn looks_like_names(cells: &[&str]) -> bool {
     cells.iter().any(|cell| cell.eq_ignore_ascii_case("t"))
+}
+
+/// Whether a column is called as the first one is.
+fn is_said_again(names: &[String], numbers: &[usize], column: usize) -> bool {
+    let first = numbers.first().map_or("", |&first| names[first].as_str());
+    !first.is_empty() && names[column].eq_ignore_ascii_case(first)
 }
 
 fn is_name_of_signal(cell: &str) -> bool {
@@ -141,8 +151,12 @@ impl Header {
                 self.units[c] = cells.get(c).filter(|u| is_unit(u)).map(|u| (*u).to_owned());
             }
         } else if key == "vertical units" {
-            for (&c, unit) in numbers.iter().skip(1).zip(cells[1..].iter().filter(|u| is_unit(u))) {
-                self.units[c] = Some((*unit).to_owned());
+            let units: Vec<(usize, &str)> = cells.iter().copied().enumerate().skip(1).filter(|(_, cell)| is_unit(cell)).collect();
+            // Each stands over its channel, unless what is there holds no numbers; then they come in the order of the channels.
+            if units.iter().all(|(c, _)| numbers.iter().skip(1).any(|number| number == c)) {
+                units.iter().for_each(|(c, unit)| self.units[*c] = Some((*unit).to_owned()));
+            } else {
+                numbers.iter().skip(1).zip(&units).for_each(|(c, (_, unit))| self.units[*c] = Some((*unit).to_owned()));
             }
         } else if key == "horizontal units"
             && let (Some(&c), Some(unit)) = (numbers.first(), cells.get(1).filter(|u| is_unit(u)))
@@ -151,7 +165,7 @@ impl Header {
         }
     }
 
-    /// `X,CH1,CH2,Start,Increment` over `Sequence,Volt,Volt,-1e-3,1e-6`: the first column counts samples.
+    /// `X,CH1,CH2,Start,Increment` over `Sequence,Volt,Volt,-1e-3,1e-6`, with or without commas at their ends: the first column counts samples.
     fn take_count(&mut self, names: &[&str], second: &[&str], separator: Separator) {
         let below = |wanted: &str| {
             let at = names.iter().position(|name| name.eq_ignore_ascii_case(wanted))?;
