@@ -4,7 +4,7 @@
 //!   is told with record and sample;
 //! * [`readers`]: the bytes of one file of numbers as a [`table`] of named columns; [`recognise`]: which column is what, by names, [`units`]
 //!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
-//!   [`one_recording`]: which part of a single file is fitted and which judges; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
+//!   [`one_recording`]: which part of a single file is fitted and which judges, by `motion_sections`; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
 //!   (feature `files`).
 //! * `as_said`: what is said of a drive, held against it; [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings;
 //!   [`reading_limits`]: where its range ends, and readings say nothing; `single_outliers`: readings that a disturbance made.
@@ -21,6 +21,8 @@ pub mod folder;
 pub mod holds;
 #[cfg(feature = "readers")]
 pub mod manifest;
+#[cfg(feature = "readers")]
+mod motion_sections;
 #[cfg(feature = "readers")]
 pub mod one_recording;
 #[cfg(feature = "readers")]

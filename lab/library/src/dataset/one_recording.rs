@@ -1,13 +1,14 @@
 //! One recording alone as a data set: which part of it is fitted, which judges, which shows the noise.
 //!
-//! The drive decides. Where it rests long enough, the end of the rest shows the noise. A first jump from which the drive goes on (somebody
-//! switched the amplifier on) drives the model but is not fitted. What is left is cut into sections in which the drive moves alike, and
-//! each of them in two: one half is fitted, the other held out, in turns, so that every kind of motion is on both sides. A section whose loops are not
-//! those of its other half is cut further: loops that are never fitted cannot be met where they are held out.
+//! The drive decides. Where it rests long enough, the end of the rest shows the noise; holds between steps are the response to them and no rest. A rest at
+//! the beginning drives the model but is not fitted, and so does a first jump from which the drive goes on (somebody switched the amplifier on). What is
+//! left is cut into sections in which the drive moves alike (`motion_sections`), and each of them in two: one half is fitted,
+//! the other held out, in turns, so that every kind of motion is on both sides. The drive moves in every part.
 
 use super::holds::holds;
+use super::motion_sections::{Section, runs_of_steps, sections};
 use super::reading::Even;
-use super::{Record, Role};
+use super::{Record, Role, SAMPLES_MIN};
 use crate::statistics::peak_to_peak;
 use std::ops::Range;
 
@@ -21,18 +22,8 @@ const REST_LEFT_OUT: f64 = 0.5;
 const JUMP: f64 = 0.2;
 /// Such jumps at the beginning are the switching on; many are the motion itself.
 const JUMPS_MAX: usize = 2;
-/// Frames into which the motion is cut to see how it changes.
-const FRAMES: usize = 48;
-/// Sections differ in speed or in width by this factor.
-const ANOTHER_KIND: f64 = 2.5;
-/// Most sections.
-const SECTIONS_MAX: usize = 4;
-/// A section is at least this part of the motion.
-const SECTION_MIN: usize = 8;
-/// Turns of the drive are the same where they differ by less than this share of its range.
-const SAME_TURN: f64 = 0.05;
-/// Samples of a part that judges, at least.
-const PART_MIN: usize = 64;
+/// A hold begins or ends a recording where so small a part of it is before or behind.
+const BEGINNING: usize = 50;
 
 /// The parts of one recording, and what is said of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,76 +41,130 @@ pub fn parts(drive_v: &[f64], reading_um: &[f64], sample_rate_hz: f64) -> Parts 
     let seconds = |k: usize| k as f64 / sample_rate_hz;
     let mut parts = Parts { windows: Vec::new(), notes: Vec::new() };
     let holds = holds(drive_v, reading_um, ((REST_MIN_S * sample_rate_hz) as usize).max(REST_MIN));
-    // A drive that mostly rests moves in steps: its holds are the response, not rest.
+    let beginning = holds.first().filter(|hold| hold.end < samples && hold.start <= samples / BEGINNING);
+    let later = &holds[usize::from(beginning.is_some())..];
+    // Holds between steps are the response, and the last of them is no rest either.
+    let steps = runs_of_steps(drive_v, later);
+    let is_response = |hold: &Range<usize>| steps.iter().any(|run| run.contains(hold));
+    let end = later.last().filter(|hold| samples - hold.end <= samples / BEGINNING && !is_response(hold));
+    // Where it moves nowhere else, it jumps to where it stays.
+    let end = end.filter(|hold| moves(&drive_v[beginning.map_or(0, |hold| hold.end)..hold.start]));
     let held: usize = holds.iter().map(Range::len).sum();
-    let mut first = 0;
-    if holds.len() <= 2 || 2 * held < samples {
-        let longest = holds.iter().max_by_key(|hold| hold.len());
-        if let Some(hold) = longest {
-            let from = hold.start + (REST_LEFT_OUT * hold.len() as f64) as usize;
-            parts.windows.push((Role::Noise, from..hold.end));
-            parts.notes.push(format!(
-                "the drive rests from {:.3} to {:.3} s: what the second half of it shows is the noise",
-                seconds(hold.start),
-                seconds(hold.end)
-            ));
-        }
-        if let Some(beginning) = holds.first().filter(|hold| 10 * hold.end < 9 * samples && is_beginning(drive_v, hold)) {
-            first = beginning.end;
-            parts.notes.push(format!(
-                "the beginning up to {:.3} s, where the drive comes to rest, drives the model and is not fitted",
-                seconds(first)
-            ));
-        }
+    let mostly_moves = holds.len() <= 2 && later.len() <= 1 || 2 * held < samples;
+    let shows_noise = |hold: &&Range<usize>| {
+        let is_last = later.last() == Some(*hold) && samples - hold.end <= samples / BEGINNING;
+        !is_response(hold) && (!is_last || end == Some(*hold))
+    };
+    let rest = holds.iter().filter(shows_noise).max_by_key(|hold| hold.len());
+    if let Some(hold) = rest.or_else(|| holds.iter().max_by_key(|hold| hold.len()).filter(|_| mostly_moves)) {
+        let from = hold.start + (REST_LEFT_OUT * hold.len() as f64) as usize;
+        parts.windows.push((Role::Noise, from..hold.end));
+        parts.notes.push(format!(
+            "the drive rests from {:.3} to {:.3} s: what the second half of it shows is the noise",
+            seconds(hold.start),
+            seconds(hold.end)
+        ));
     }
-    if let Some(after) = switched_on(&drive_v[first..]).filter(|_| first == 0) {
+    let mut first = 0;
+    if let Some(beginning) = beginning {
+        first = beginning.end;
+        parts.notes.push(format!(
+            "the beginning up to {:.3} s, where the drive comes to rest, drives the model and is not fitted",
+            seconds(first)
+        ));
+    } else if let Some(after) = switched_on(drive_v).filter(|after| moves(&drive_v[(*after).min(samples)..])) {
         first = after;
         parts.notes.push(format!(
             "the drive jumps at {:.3} s, as when an amplifier is switched on: it drives the model, what follows is fitted",
             seconds(first)
         ));
     }
-    let last =
-        holds.last().filter(|hold| hold.end == samples && hold.start > first && parts.windows.iter().any(|(_, w)| w.end == hold.end));
-    let motion = first..last.map_or(samples, |hold| hold.start);
-    let sections = sections(drive_v, motion);
-    let kinds = sections.len();
-    let sections = with_the_loops_of_both_halves(drive_v, sections);
-    let mut role = Role::Identify;
-    let mut windows: Vec<(Role, Range<usize>)> = Vec::new();
-    for section in &sections {
-        let middle = section.start + section.len() / 2;
-        for half in [section.start..middle, middle..section.end] {
-            match windows.last_mut().filter(|(before, _)| *before == role) {
-                Some((_, window)) => window.end = half.end,
-                None => windows.push((role, half)),
-            }
-            role = if role == Role::Identify { Role::Validate } else { Role::Identify };
-        }
-        // The halves in the middle of two sections belong together: fitted, held out, held out, fitted.
-        role = if role == Role::Identify { Role::Validate } else { Role::Identify };
+    if let Some(end) = end {
+        parts.notes.push(format!("the end from {:.3} s, where the drive rests, is not fitted", seconds(end.start)));
     }
+    let motion = first..end.map_or(samples, |hold| hold.start);
+    let (kinds, sections) = sections(drive_v, motion.clone(), later);
+    let cut = in_turns(&sections, motion.end);
+    let count = cut.len();
+    let windows = that_move(cut, drive_v, reading_um, motion);
     let listed = |role: Role| {
         let of_role = windows.iter().filter(|(other, _)| *other == role);
         of_role.map(|(_, w)| format!("{:.3} to {:.3} s", seconds(w.start), seconds(w.end))).collect::<Vec<_>>().join(", ")
     };
     let kinds = match (kinds, sections.len()) {
+        _ if windows.len() < count || sections.iter().any(|section| section.cuts.len() < 2) => String::new(),
         (1, 1) => String::new(),
         (1, _) => " (its loops differ, so that there are some on both sides)".into(),
         (kinds, _) => format!(" ({kinds} kinds of motion, each on both sides)"),
     };
+    let held_out = match listed(Role::Validate) {
+        none if none.is_empty() => "nothing is held out, since there is too little motion for two parts".into(),
+        some => format!("held out {some}{kinds}"),
+    };
     parts.notes.push(format!(
-        "one recording: fitted is {}, held out {}{kinds}; a dataset.toml can name this file several times with other from_s and to_s",
-        listed(Role::Identify),
-        listed(Role::Validate)
+        "one recording: fitted is {}, {held_out}; a dataset.toml can name this file several times with other from_s and to_s",
+        listed(Role::Identify)
     ));
     parts.windows.extend(windows);
     parts
 }
 
-/// Whether a hold is the first thing that the drive does, after at most a few samples of something else.
-fn is_beginning(drive_v: &[f64], hold: &Range<usize>) -> bool {
-    hold.start <= drive_v.len() / 50
+/// The halves of the sections, fitted and held out in turns; neighbours for the same are one window.
+fn in_turns(sections: &[Section], end: usize) -> Vec<(Role, Range<usize>)> {
+    let mut role = Role::Identify;
+    let mut windows: Vec<(Role, Range<usize>)> = Vec::new();
+    for (i, section) in sections.iter().enumerate() {
+        let end = sections.get(i + 1).map_or(end, Section::start);
+        let middle = section.middle();
+        // One step alone cannot be cut, and goes with what is before it.
+        let halves: Vec<Range<usize>> = [section.start()..middle, middle..end].into_iter().filter(|half| !half.is_empty()).collect();
+        if halves.len() == 1 && !windows.is_empty() {
+            role = other(role);
+        }
+        for half in halves {
+            match windows.last_mut().filter(|(before, _)| *before == role) {
+                Some((_, window)) => window.end = half.end,
+                None => windows.push((role, half)),
+            }
+            role = other(role);
+        }
+        // The halves in the middle of two sections belong together: fitted, held out, held out, fitted.
+        role = other(role);
+    }
+    windows
+}
+
+fn other(role: Role) -> Role {
+    if role == Role::Identify { Role::Validate } else { Role::Identify }
+}
+
+fn moves(signal: &[f64]) -> bool {
+    peak_to_peak(signal) > 0.0
+}
+
+/// Windows in which drive and reading move and that are long enough; what is none belongs to its neighbour.
+fn that_move(cut: Vec<(Role, Range<usize>)>, drive_v: &[f64], reading_um: &[f64], motion: Range<usize>) -> Vec<(Role, Range<usize>)> {
+    let is_part = |w: &Range<usize>| w.len() >= SAMPLES_MIN && moves(&drive_v[w.clone()]) && moves(&reading_um[w.clone()]);
+    let mut windows: Vec<(Role, Range<usize>)> = Vec::new();
+    for (role, range) in cut {
+        match windows.last_mut() {
+            Some((before, window)) if *before == role || !is_part(&range) => window.end = range.end,
+            Some((before, window)) if !is_part(window) => (*before, window.end) = (role, range.end),
+            _ => windows.push((role, range)),
+        }
+    }
+    match windows.as_mut_slice() {
+        [] => windows.push((Role::Identify, motion)),
+        [(role, _)] => *role = Role::Identify,
+        _ => {}
+    }
+    // What is left of a recording may be less than a record needs.
+    if let [(_, only)] = windows.as_mut_slice()
+        && only.len() < SAMPLES_MIN
+    {
+        only.start = only.end.saturating_sub(SAMPLES_MIN);
+    }
+    windows
 }
 
 /// The sample after the last of a few jumps early in a drive that is smooth otherwise.
@@ -129,92 +174,6 @@ fn switched_on(drive_v: &[f64]) -> Option<usize> {
     let last = *jumps.last()?;
     // The transient dies out over some tenth of the record at most.
     (jumps.len() <= JUMPS_MAX && last < drive_v.len() / 3).then_some(last + 1 + drive_v.len() / 20)
-}
-
-/// Sections in which the drive moves alike: at like speeds, over like widths.
-fn sections(drive_v: &[f64], motion: Range<usize>) -> Vec<Range<usize>> {
-    let inside = &drive_v[motion.clone()];
-    let frame = (inside.len() / FRAMES).max(2 * time_between_turns(inside)).max(PART_MIN / 2);
-    let frames: Vec<&[f64]> = inside.chunks_exact(frame.min(inside.len().max(1))).collect();
-    let speed = |f: &[f64]| f.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / f.len() as f64;
-    let floor = 1e-3 * peak_to_peak(inside);
-    let features: Vec<[f64; 2]> =
-        frames.iter().map(|f| [(speed(f) + floor / f.len() as f64).ln(), (peak_to_peak(f) + floor).ln()]).collect();
-    let mut bounds = vec![0];
-    let mut reference = features.first().copied().unwrap_or_default();
-    for (i, feature) in features.iter().enumerate().skip(1) {
-        let next = features.get(i + 1).unwrap_or(feature);
-        let is_other = |f: &[f64; 2]| f.iter().zip(&reference).any(|(a, b)| (a - b).abs() > ANOTHER_KIND.ln());
-        if is_other(feature) && is_other(next) {
-            bounds.push(i);
-            reference = *feature;
-        }
-    }
-    // Sections too short to be worth two parts join the one before.
-    let shortest = (2 * PART_MIN.div_ceil(frame).max(1)).max(features.len() / SECTION_MIN);
-    bounds.dedup_by(|later, earlier| *later - *earlier < shortest);
-    if bounds.len() > SECTIONS_MAX || bounds.last().is_some_and(|last| features.len() - last < shortest) && bounds.len() > 1 {
-        bounds.pop();
-    }
-    if bounds.len() > SECTIONS_MAX {
-        // Many kinds: even sections have all of them on both sides as well as can be.
-        bounds = (0..SECTIONS_MAX).map(|i| i * features.len() / SECTIONS_MAX).collect();
-    }
-    let mut ends: Vec<usize> = bounds[1..].iter().map(|frame_index| motion.start + frame_index * frame).collect();
-    ends.push(motion.end);
-    let mut start = motion.start;
-    ends.into_iter()
-        .map(|end| {
-            let section = start..end;
-            start = end;
-            section
-        })
-        .collect()
-}
-
-/// Cuts the longest section whose halves turn at different voltages into as many even pieces as there may be more of.
-fn with_the_loops_of_both_halves(drive_v: &[f64], sections: Vec<Range<usize>>) -> Vec<Range<usize>> {
-    let uneven = |section: &&Range<usize>| has_other_loops_in_its_halves(&drive_v[(*section).clone()]);
-    let Some(longest) = sections.iter().filter(uneven).max_by_key(|section| section.len()).cloned() else { return sections };
-    let most = (SECTIONS_MAX + 1 - sections.len()).min(longest.len() / (2 * PART_MIN)).max(1);
-    let bound = |of: usize, pieces: usize| longest.start + of * longest.len() / pieces;
-    // Half a piece is a part of its own, and has to move.
-    let moves =
-        |pieces: &usize| (0..2 * pieces).all(|half| peak_to_peak(&drive_v[bound(half, 2 * pieces)..bound(half + 1, 2 * pieces)]) > 0.0);
-    let pieces = (1..=most).rev().find(moves).unwrap_or(1);
-    let cut = |section: Range<usize>| -> Vec<Range<usize>> {
-        if section == longest { (0..pieces).map(|piece| bound(piece, pieces)..bound(piece + 1, pieces)).collect() } else { vec![section] }
-    };
-    sections.into_iter().flat_map(cut).collect()
-}
-
-/// Whether either half of a drive turns at voltages at which the other does not, though it turns.
-fn has_other_loops_in_its_halves(drive_v: &[f64]) -> bool {
-    let same = SAME_TURN * peak_to_peak(drive_v);
-    let turns = turns(drive_v);
-    let (early, late): (Vec<_>, Vec<_>) = turns.into_iter().partition(|(k, _)| *k < drive_v.len() / 2);
-    let lacks = |of: &[(usize, f64)], one: &[(usize, f64)]| one.iter().any(|(_, v)| of.iter().all(|(_, other)| (v - other).abs() > same));
-    (early.len() + late.len() > 1) && (lacks(&early, &late) || lacks(&late, &early))
-}
-
-/// Samples and voltages at which the drive turns and goes back by a tenth of its range at least.
-fn turns(drive_v: &[f64]) -> Vec<(usize, f64)> {
-    let limit = 0.1 * peak_to_peak(drive_v);
-    let (mut turns, mut rising, mut extreme) = (Vec::new(), true, (0, drive_v.first().copied().unwrap_or(0.0)));
-    for (k, &u) in drive_v.iter().enumerate() {
-        if (rising && u > extreme.1) || (!rising && u < extreme.1) {
-            extreme = (k, u);
-        } else if (u - extreme.1).abs() > limit {
-            turns.push(extreme);
-            (rising, extreme) = (!rising, (k, u));
-        }
-    }
-    turns
-}
-
-/// Samples between turns of the drive, on average.
-fn time_between_turns(drive_v: &[f64]) -> usize {
-    drive_v.len() / (turns(drive_v).len() + 1)
 }
 
 /// The records of the parts; each begins where the recording begins, so that all of the drive before it acts on the model.
@@ -331,11 +290,69 @@ mod tests {
         assert_eq!(parts_of(&same).windows.len(), 2);
     }
 
+    /// The drive moves in every part that is fitted or judges, whichever of both timings it has, and some are of either role.
+    fn every_part_moves(drive: &[f64], parts: &Parts) {
+        for (_, w) in parts.windows.iter().filter(|(role, _)| *role != Role::Noise) {
+            assert!(w.len() >= 32 && peak_to_peak(&drive[w.clone()]) > 0.0, "{parts:?}");
+        }
+    }
+
+    fn held(level_v: f64, samples: usize) -> Vec<f64> {
+        vec![level_v; samples]
+    }
+
+    fn triangles(high_v: f64, half_period: i32, count: usize) -> Vec<f64> {
+        let one = (0..2 * half_period).map(|k| high_v * (1.0 - (f64::from(k) / f64::from(half_period) - 1.0).abs()));
+        std::iter::repeat_n(one, count).flatten().collect()
+    }
+
     #[test]
-    fn a_staircase_is_no_rest() {
+    fn holds_between_steps_are_no_rest() {
         let stairs: Vec<f64> = (0..8000).map(|k| f64::from((k / 500) % 8)).collect();
         let parts = parts_of(&stairs);
-        assert!(parts.windows.iter().all(|(role, _)| *role != Role::Noise), "{parts:?}");
+        // What is before the first step is rest.
+        let noise: Vec<&Range<usize>> = parts.windows.iter().filter(|(role, _)| *role == Role::Noise).map(|(_, w)| w).collect();
+        assert_eq!(noise, [&(250..500)], "{parts:?}");
+        every_part_moves(&stairs, &parts);
+    }
+
+    #[test]
+    fn a_rest_before_motion_and_steps_is_not_fitted() {
+        for rest in [500, 1500, 2000, 3000] {
+            for (ramp, end) in [(0, 500), (250, 1000), (100, 50)] {
+                let up: Vec<f64> = (0..ramp).map(|k| 20.0 * f64::from(k) / f64::from(ramp)).collect();
+                let steps = [held(20.0, 2000), held(60.0, 2000), held(32.0, 2000)].concat();
+                let drive = [held(0.0, rest), triangles(80.0, 250, 4), up, steps, held(0.0, end)].concat();
+                let parts = parts_of(&drive);
+                every_part_moves(&drive, &parts);
+                assert_eq!(parts.windows[0], (Role::Noise, rest / 2..rest + 1), "{parts:?}");
+                assert!(parts.windows[1..].iter().all(|(_, w)| w.start + 1 >= rest), "{parts:?}");
+                has_on_both_sides(&parts, &(rest..rest + 2000));
+                has_on_both_sides(&parts, &(drive.len() - end - 6000..drive.len()));
+                assert!(parts.notes.last().is_some_and(|note| note.contains("2 kinds of motion")), "{:?}", parts.notes);
+            }
+        }
+    }
+
+    #[test]
+    fn a_recording_that_hardly_moves_is_cut_where_it_does() {
+        let rests_at_both_ends = [held(0.0, 5000), triangles(50.0, 250, 2), held(0.0, 4000)].concat();
+        let parts = parts_of(&rests_at_both_ends);
+        every_part_moves(&rests_at_both_ends, &parts);
+        has_on_both_sides(&parts, &(5000..6000));
+        let late = [held(0.0, 9500), triangles(50.0, 125, 2)].concat();
+        every_part_moves(&late, &parts_of(&late));
+        // Steps that cannot be on both sides are fitted, and that is said.
+        for drive in [[held(0.0, 1000), held(50.0, 9000)].concat(), [held(0.0, 100), held(50.0, 9000)].concat()] {
+            let parts = parts_of(&drive);
+            every_part_moves(&drive, &parts);
+            assert!(parts.windows.iter().all(|(role, _)| *role != Role::Validate), "{parts:?}");
+            assert!(parts.notes.last().is_some_and(|note| note.contains("nothing is held out")), "{parts:?}");
+        }
+        let three = [held(0.0, 1000), held(20.0, 3000), held(60.0, 3000), held(0.0, 2000)].concat();
+        let parts = parts_of(&three);
+        every_part_moves(&three, &parts);
+        has_on_both_sides(&parts, &(1000..9000));
     }
 
     #[test]
