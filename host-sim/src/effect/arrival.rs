@@ -144,9 +144,7 @@ mod tests {
                 let reading = model.simulate(&drive);
                 for k in 1..4 {
                     let expected = by_euler(mode, sensor, k as f64 * dt_s);
-                    // A filter behind a mode takes what it reads between two instants as straight.
-                    let most = if mode && sensor == "filter" { 1e-3 } else { 3e-4 };
-                    assert!((reading[k] - expected).abs() < most, "{mode} {sensor} {dt_s} {k}: {} {expected}", reading[k]);
+                    assert!((reading[k] - expected).abs() < 3e-4, "{mode} {sensor} {dt_s} {k}: {} {expected}", reading[k]);
                 }
             }
         }

@@ -87,7 +87,7 @@ impl HeldMass {
 
     /// What makes it, for those who compare.
     pub(super) fn values(&self) -> Vec<f64> {
-        let ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz } = self.law;
+        let ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz, .. } = self.law;
         let of_mode = [natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz.unwrap_or(0.0)];
         of_mode.into_iter().chain(self.arrival.values()).chain(self.bristle.values()).collect()
     }
@@ -391,7 +391,12 @@ mod tests {
             [(735.0, 0.014), (735.0, 0.3), (2300.0, 0.1), (2300.0, 0.7), (4900.0, 0.02), (4900.0, 2.0)]
         {
             for (coulomb_force_n, stiffness_n_um) in [(0.05, 0.3), (0.2, 1.0), (0.1, 12.0), (0.4, 50.0), (0.02, 50.0)] {
-                let law = ModeLaw { natural_frequency_rad_s: TAU * natural_frequency_hz, damping_ratio, sensor_bandwidth_hz: None };
+                let law = ModeLaw {
+                    natural_frequency_rad_s: TAU * natural_frequency_hz,
+                    damping_ratio,
+                    sensor_bandwidth_hz: None,
+                    sensor_filter: None,
+                };
                 let contact = ElastoplasticFriction { stiffness_n_um, damping_n_s_um: 0.0, coulomb_force_n, breakaway_ratio: None };
                 for gliding_s in [None, Some(1.0 / (TAU * 800.0)), Some(1.0 / (TAU * 5000.0))] {
                     let arrival = gliding_s.map_or(Arrival::Late(0.0), Arrival::Gliding);

@@ -92,11 +92,31 @@ impl Motion {
     }
 }
 
+/// A filter of second order in the sensor's electronics behind what [`Propagator`] reads: the last two states of one linear system.
+#[derive(Clone, Copy, Debug)]
+struct FilterPropagator {
+    /// By displacement, velocity, the lagging reading, the filter's own reading and its rate over the filter's natural frequency; then by the input
+    /// with which the interval starts and the one to which it comes.
+    rows: [[f64; 7]; 2],
+}
+
+impl FilterPropagator {
+    /// Where the filter is at the end of an interval that began with this motion.
+    #[inline]
+    fn after(&self, from: Motion, [reading, rate]: [f64; 2], input: f64) -> [f64; 2] {
+        let Motion { displacement, velocity, reading: unfiltered, before } = from;
+        let states = [displacement, velocity, unfiltered, reading, rate, before, input];
+        self.rows.map(|row| row.iter().zip(states).map(|(c, x)| c * x).sum())
+    }
+}
+
 /// One mode of unit static gain, exact for an input that is held over an interval.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mode {
     propagator: Propagator,
     motion: Motion,
+    /// The filter that reads it, with its reading and rate.
+    filter: Option<(FilterPropagator, [f64; 2])>,
 }
 
 /// What makes a mode, whatever the interval that it is stepped over.
@@ -106,6 +126,8 @@ pub(super) struct ModeLaw {
     pub(super) damping_ratio: f64,
     /// Bandwidth of the sensor that reads its displacement, if one lags behind it.
     pub(super) sensor_bandwidth_hz: Option<f64>,
+    /// Filter behind that in the sensor's electronics, where the mode takes it in: natural frequency, Hz, and damping ratio.
+    pub(super) sensor_filter: Option<[f64; 2]>,
 }
 
 impl ModeLaw {
@@ -120,6 +142,24 @@ impl ModeLaw {
             sensor: self.sensor_bandwidth_hz.map(sensor),
             start: ByStart { gamma: [start[0], start[1]], sensor_gamma: start[2] },
         }
+    }
+
+    /// The filter over such an interval.
+    fn filter_over(&self, dt_s: f64, arrival: Arrival) -> Option<FilterPropagator> {
+        let [frequency_hz, damping_ratio] = self.sensor_filter?;
+        let w = std::f64::consts::TAU * frequency_hz;
+        let ContinuousSystem { a, b, .. } = self.system();
+        let mut with_filter = DMatrix::zeros(5, 5);
+        with_filter.view_mut((0, 0), (3, 3)).copy_from(&a);
+        with_filter[(3, 4)] = w;
+        with_filter[(4, if self.sensor_bandwidth_hz.is_some() { 2 } else { 0 })] = w;
+        with_filter[(4, 3)] = -w;
+        with_filter[(4, 4)] = -2.0 * damping_ratio * w;
+        let system = ContinuousSystem { a: with_filter, b: b.push(0.0).push(0.0), c: DVector::zeros(5), d: 0.0 };
+        let Over { phi, start, end } = arrival.over(&system, dt_s);
+        let row = |i: usize| [phi[(i, 0)], phi[(i, 1)], phi[(i, 2)], phi[(i, 3)], phi[(i, 4)], start[i], end[i]];
+        // Without a lag what is read is the displacement, which stands in its own place.
+        Some(FilterPropagator { rows: [row(3), row(4)] })
     }
 
     /// Displacement in um, velocity divided by omega, and the reading.
@@ -207,22 +247,40 @@ impl Mode {
     /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. (5).
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
-        Self::of(ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz: None }.over(dt_s, Arrival::Late(0.0)))
+        Self::of(
+            ModeLaw { natural_frequency_rad_s, damping_ratio, sensor_bandwidth_hz: None, sensor_filter: None }
+                .over(dt_s, Arrival::Late(0.0)),
+        )
     }
 
     fn of(propagator: Propagator) -> Self {
-        Self { propagator, motion: Motion::default() }
+        Self { propagator, motion: Motion::default(), filter: None }
+    }
+
+    /// A mode with what reads it.
+    fn read(law: &ModeLaw, dt_s: f64, arrival: Arrival) -> Self {
+        Self { filter: law.filter_over(dt_s, arrival).map(|filter| (filter, [0.0; 2])), ..Self::of(law.over(dt_s, arrival)) }
     }
 
     /// One interval; the displacement at its end.
     #[inline]
     pub fn step(&mut self, input: f64) -> f64 {
+        if let Some((filter, state)) = &mut self.filter {
+            *state = filter.after(self.motion, *state, input);
+        }
         self.motion = self.propagator.after(self.motion, input);
         self.motion.displacement
     }
 
     /// Runs over a signal, its value at the end of each interval, and leaves what is read in its place.
     fn run_over(&mut self, signal: &mut [f64]) {
+        if self.filter.is_some() {
+            for value in signal {
+                self.step(*value);
+                *value = self.reading();
+            }
+            return;
+        }
         let starts = self.propagator.start != ByStart::default();
         match (starts, self.propagator.sensor.is_some()) {
             (false, false) => self.run_over_as::<false, false>(signal),
@@ -245,7 +303,7 @@ impl Mode {
     /// What is read: the displacement where no sensor lags behind it.
     #[must_use]
     pub fn reading(&self) -> f64 {
-        self.motion.reading
+        self.filter.map_or(self.motion.reading, |(_, [reading, _])| reading)
     }
 
     /// Present displacement.
@@ -263,6 +321,9 @@ impl Mode {
     /// At rest under a constant input.
     pub fn settle(&mut self, input: f64) -> f64 {
         self.motion = Motion::settled(input);
+        if let Some((_, state)) = &mut self.filter {
+            *state = [input, 0.0];
+        }
         input
     }
 }
@@ -280,7 +341,7 @@ pub(super) struct VibrationStage {
     /// Inputs of the whole intervals by which the input is late.
     late: VecDeque<f64>,
     /// The first mode over a whole interval, without a bristle: what passes small changes on.
-    whole_interval: Option<Propagator>,
+    whole_interval: Option<Mode>,
     /// What a first mode whose mass is held read over the last signal, where others take it: it takes most of the time, and a second mode does not change
     /// it.
     by_held: Option<Vec<f64>>,
@@ -292,20 +353,22 @@ impl VibrationStage {
         let mass_factor = super::mass_change::frequency_factor(model);
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
         let sensor_bandwidth_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
+        let sensor_filter = super::sensor_filter::taken_in_by_modes(model);
         let arrival = Arrival::of(model, dt_s);
         let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
         let law = |natural_frequency_rad_s: f64, damping_ratio: f64| ModeLaw {
             natural_frequency_rad_s: natural_frequency_rad_s * mass_factor,
             damping_ratio: damping_ratio * mass_factor,
             sensor_bandwidth_hz,
+            sensor_filter,
         };
         let first_law = model.values(ID).map(|v| law(v[0], v[1]));
         let first = first_law.map(|first| match Bristle::of(model) {
             Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, arrival, model.drive_min_v))),
-            None => First::Free(Mode::of(first.over(dt_s, arrival))),
+            None => First::Free(Mode::read(&first, dt_s, arrival)),
         });
-        let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::of(law(v[1], v[2]).over(dt_s, arrival))));
-        let whole_interval = first_law.map(|first| first.over(dt_s, arrival));
+        let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::read(&law(v[1], v[2]), dt_s, arrival)));
+        let whole_interval = first_law.map(|first| Mode::read(&first, dt_s, arrival));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
         Self { first, second, late, whole_interval, by_held: None }
     }
@@ -401,7 +464,7 @@ impl Stage for VibrationStage {
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
         Some(Box::new(VibrationLanes {
             first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
-            second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode.propagator, lanes))),
+            second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
             late: self.late.iter().map(|_| vec![0.0; lanes]).collect(),
         }))
     }
@@ -414,12 +477,14 @@ struct ModeLanes {
     velocity: Vec<f64>,
     reading: Vec<f64>,
     before: Vec<f64>,
+    filter: Option<(FilterPropagator, Vec<[f64; 2]>)>,
 }
 
 impl ModeLanes {
-    fn new(mode: Propagator, lanes: usize) -> Self {
+    fn new(Mode { propagator: mode, filter, .. }: Mode, lanes: usize) -> Self {
         let zeros = || vec![0.0; lanes];
-        Self { mode, displacement: zeros(), velocity: zeros(), reading: zeros(), before: zeros() }
+        let filter = filter.map(|(filter, _)| (filter, vec![[0.0; 2]; lanes]));
+        Self { mode, displacement: zeros(), velocity: zeros(), reading: zeros(), before: zeros(), filter }
     }
 
     fn settle(&mut self, row: &[f64]) {
@@ -427,6 +492,9 @@ impl ModeLanes {
         self.velocity.fill(0.0);
         self.reading.copy_from_slice(row);
         self.before.copy_from_slice(row);
+        if let Some((_, states)) = &mut self.filter {
+            states.iter_mut().zip(row).for_each(|(state, input)| *state = [*input, 0.0]);
+        }
     }
 
     /// One interval; what is read is left in the place of the input.
@@ -435,6 +503,12 @@ impl ModeLanes {
         let lanes = row.len();
         let (x, v) = (&mut self.displacement[..lanes], &mut self.velocity[..lanes]);
         let (reading, before) = (&mut self.reading[..lanes], &mut self.before[..lanes]);
+        if let Some((filter, states)) = &mut self.filter {
+            for (i, state) in states.iter_mut().enumerate() {
+                let from = Motion { displacement: x[i], velocity: v[i], reading: reading[i], before: before[i] };
+                *state = filter.after(from, *state, row[i]);
+            }
+        }
         if let Some(sensor) = sensor {
             for i in 0..lanes {
                 reading[i] = sensor.phi[0] * x[i]
@@ -449,7 +523,10 @@ impl ModeLanes {
             v[i] = phi[2] * x0 + phi[3] * v0 + (gamma[1] * u + start.gamma[1] * b);
             before[i] = u;
         }
-        row.copy_from_slice(if sensor.is_some() { reading } else { x });
+        match &self.filter {
+            Some((_, states)) => row.iter_mut().zip(states).for_each(|(value, [filtered, _])| *value = *filtered),
+            None => row.copy_from_slice(if sensor.is_some() { reading } else { x }),
+        }
     }
 }
 
