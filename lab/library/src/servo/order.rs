@@ -8,7 +8,8 @@ use super::learned_feedforward::{self, LearningDesign};
 use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, required_model};
 use super::moving_mode::{FARTHEST, ReferenceBand, with_first_mode_at};
 use super::plant_set::Variation;
-use super::predictor::{Demands, PredictorDesign};
+use super::predictor::{Demands, PredictorDesign, feedforward, missed_of_reference};
+use super::quantise::QuantisationError;
 use super::recording::Recording;
 use super::robust::{Broken, Candidate, ModeSpread, Scan, Task, within_nyquist};
 use super::sensor_lag;
@@ -336,7 +337,8 @@ fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<Str
 
 /// Why no candidate is left.
 fn refusal(scan: &Scan, recording: Option<&Recording>) -> String {
-    let in_words = |broken: &Broken| match broken {
+    let in_words = |broken: &Broken| {
+        match broken {
         Broken::Member(name) => format!("with {name} none of the tunings is stable"),
         Broken::Limit(name) => format!("with {name} every tuning could go on swinging between the limits of the drive"),
         Broken::Sensitivity => "none of the tunings keeps the largest sensitivity; accept a larger --sensitivity-peak".to_owned(),
@@ -346,6 +348,8 @@ fn refusal(scan: &Scan, recording: Option<&Recording>) -> String {
                 how_to_exclude(recording, *hz)
             )
         }
+        Broken::Integers => "every tuning that holds needs gains beyond what the servo's integers hold: the first mode is too slow beside the 20 kHz of the loop for a sensor as quiet; name a larger --sensor-noise-um, so that a slower observer is chosen".to_owned(),
+    }
     };
     // The candidate that came furthest says what is in the way.
     let furthest = scan.candidates.iter().filter_map(|c| c.broken).max_by_key(|b| match b {
@@ -353,6 +357,7 @@ fn refusal(scan: &Scan, recording: Option<&Recording>) -> String {
         Broken::Sensitivity => 1,
         Broken::Limit(_) => 2,
         Broken::Unknown { .. } => 3,
+        Broken::Integers => 4,
     });
     format!("no servo can be answered for: {}", furthest.as_ref().map_or_else(|| "there is no candidate".into(), in_words))
 }
@@ -433,13 +438,14 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let demands = Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
     let delay_s = known_delay_s(chain);
     let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), mode_moves: order.mode_moves, demands, delay_s };
+    let missed = missed_by_feedforward(&task)?;
     let scan = task.scan();
     let chosen = scan.best().ok_or_else(|| refusal(&scan, recording.as_ref()))?;
     let mut design = ServoDesign::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, &model, true);
     design.noise_shaping = true;
     design.sensor_noise_um = told_noise_um;
     design.sensor_lag_s = lag_to_undo(chain, order, &mut said);
-    design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
+    design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
     let good = scan.candidates.iter().filter(|c| c.broken.is_none()).count();
     design.explanation = vec![
         format!(
@@ -474,6 +480,14 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
             1e3 * better.expected_um()
         ));
     }
+    if let Some(better) = scan.best_in_other_integers().filter(|b| b.expected_um() < WORTH_RECORDING * chosen.expected_um()) {
+        design.explanation.push(format!(
+            "A faster observer would come to {:.2} nm, but its gains have no place in the servo's integers: the first mode at {:.0} Hz is slow beside the 20 kHz of the loop.",
+            1e3 * better.expected_um(),
+            hertz(&model.linear.first_mode)
+        ));
+    }
+    design.explanation.extend(missed);
     design.explanation.extend(said);
     let carried = [
         gain::ID,
@@ -512,9 +526,51 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         design.explanation.push(adaptation.in_words());
         design.adaptation = Some(adaptation);
     }
-    design.parameters(scale.parameters()).map_err(|e| e.to_string())?;
+    design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
     design.trade_off = trade_off(&task, &scan);
     Ok(design)
+}
+
+/// Why there is no servo although a tuning holds.
+fn without_integers(error: &QuantisationError) -> String {
+    format!(
+        "the model has no place in the servo's integers: {error}. Displacements are held to +-128 um and drives to +-512 V; record a smaller part of a longer travel, or check the units (--units)"
+    )
+}
+
+/// A feedforward that leaves more of a reference than this is told; from all of it on, no servo follows.
+const MISSED_TOLD: f64 = 0.01;
+const MISSED_MOST: f64 = 1.0;
+
+/// That the feedforward cannot be the model's inverse up to the highest reference, where it cannot.
+///
+/// # Errors
+/// If it would move the stage by another reference than was asked for.
+fn missed_by_feedforward(task: &Task<'_>) -> Result<Option<String>, String> {
+    let (sampled, reference_hz) = (task.linear.sampled(SAMPLING_PERIOD_S), task.demands.reference_hz);
+    let taps = feedforward(&sampled);
+    let missed: Vec<(f64, f64)> =
+        (1..=100).map(|i| 0.01 * f64::from(i) * reference_hz).map(|hz| (hz, missed_of_reference(&sampled, &taps, hz))).collect();
+    let followed_to_hz = |most: f64| missed.iter().take_while(|(_, missed)| *missed <= most).last().map_or(0.0, |(hz, _)| *hz);
+    let most = missed.iter().map(|(_, missed)| *missed).fold(0.0, f64::max);
+    if most.is_nan() || most > MISSED_MOST {
+        return Err(format!(
+            "references up to {reference_hz:.0} Hz cannot be followed: the first mode at {:.0} Hz is too slow, or the stage hardly moves near there, for the {:.1} ms of its reference that the servo sees; {}",
+            hertz(&task.linear.first_mode),
+            1e3 * SAMPLING_PERIOD_S * hysteron_core::reference_window::WINDOW as f64,
+            match followed_to_hz(0.1 * MISSED_MOST) {
+                hz if hz > 0.0 => format!("name a --reference-hz of at most {hz:.1}"),
+                _ => "it needs a stage with a faster first mode".into(),
+            }
+        ));
+    }
+    Ok((most > MISSED_TOLD).then(|| {
+        format!(
+            "CAUTION: up to {reference_hz:.0} Hz the feedforward alone misses up to {:.0} % of a reference (1 % at {:.0} Hz): the stage is slow, or hardly moves, near there; a lower --reference-hz is followed better.",
+            100.0 * most,
+            followed_to_hz(MISSED_TOLD)
+        )
+    }))
 }
 
 /// What a reference becomes with the first mode where it was recorded and at both ends.
@@ -552,4 +608,39 @@ fn trade_off(task: &Task<'_>, scan: &Scan) -> Vec<super::predictor::Assessment> 
     let good: Vec<_> = scan.candidates.iter().filter(|c| c.broken.is_none()).collect();
     let good = undominated(good, |c| c.noise_um, |c| c.disturbance_um);
     good.into_iter().map(|c| task.assessment(c)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::servo::model::LinearModel;
+
+    /// What a servo cannot follow is refused by what the user asked for, and what it follows badly is told.
+    #[test]
+    fn a_reference_beyond_what_the_feedforward_can_do_is_refused_with_one_that_it_can() {
+        let missed = |first_hz: f64, second: bool, reference_hz: f64| {
+            let mode = |hz: f64| ModeModel { natural_frequency_rad_s: 2.0 * PI * hz, damping_ratio: 0.02 };
+            let spread = ModeSpread { frequency: 0.02, damping: 0.2 };
+            missed_by_feedforward(&Task {
+                linear: LinearModel {
+                    first_mode: mode(first_hz),
+                    second_mode: second.then(|| (0.1, mode(900.0))),
+                    amplifier_bandwidth_hz: None,
+                    sensor_bandwidth_hz: None,
+                },
+                first: spread,
+                second: second.then_some(spread),
+                delay_s: 0.0,
+                recording: None,
+                mode_moves: 0.0,
+                demands: Demands { reference_hz, ..Demands::default() },
+            })
+        };
+        assert_eq!(missed(380.0, false, 150.0), Ok(None));
+        assert_eq!(missed(380.0, true, 100.0), Ok(None));
+        assert!(missed(150.0, false, 150.0).unwrap().is_some_and(|said| said.contains("lower --reference-hz")));
+        let refused = missed(60.0, false, 150.0).unwrap_err();
+        assert!(refused.contains("name a --reference-hz of at most") && !refused.contains("row"), "{refused}");
+        assert!(missed(380.0, true, 900.0).unwrap_err().contains("--reference-hz"));
+    }
 }

@@ -10,7 +10,7 @@
 //! error in the hysteresis that it lets through.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
-use super::quantise::{QuantisationError, number, row_um};
+use super::quantise::{OF_OUTPUT_ROW_MOST, OF_STATE_ROW_MOST, QuantisationError, number, row_um};
 use super::window_fit;
 use crate::parallel;
 use hysteron_core::predictor_law::{self, PredictorParameters, STATE_ROW_FRACTION_BITS};
@@ -121,16 +121,63 @@ pub fn reference_response(plant: Complex<f64>, feedforward: Complex<f64>, law: C
     one + (plant * feedforward - one) / (one + plant * law)
 }
 
+/// Taps whose magnitudes sum to less have a place in the tick, with room for a gain that is corrected.
+const LARGEST_TAPS: f64 = 0.8 * OF_OUTPUT_ROW_MOST;
+/// Where the band in which a feedforward is the model's inverse may end, Hz, where it cannot be that up to [`window_fit::BAND_HZ`].
+const NARROWER_BANDS_HZ: [f64; 7] = [800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0];
+/// A reference is reckoned with as evenly up to here, Hz, and from here on as one of steps.
+const EVENLY_TO_HZ: f64 = 100.0;
+
 /// Feedforward over the reference window for the period that begins one tick after now: the inverse of a sampled model.
+///
+/// Where two modes share the motion nothing moves between them at one frequency, and no inverse of a few taps follows there: one that was
+/// fitted to that frequency would be thousands of times too large and wrong everywhere. The band then ends in front of it: of the narrower ones whose taps
+/// the tick has room for, the one that leaves least of a reference is taken. A mode so slow that none fits is followed as far as the taps go.
 #[must_use]
 pub fn feedforward(model: &SampledModel) -> Vec<f64> {
-    window_fit::fit(SAMPLING_PERIOD_S, |w| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(model, w))
+    let inverse = |w: f64| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(model, w);
+    let fits = |taps: &Vec<f64>| taps.iter().map(|tap| tap.abs()).sum::<f64>() < LARGEST_TAPS;
+    let whole = window_fit::fit(SAMPLING_PERIOD_S, inverse);
+    if fits(&whole) {
+        return whole;
+    }
+    let left = |taps: &Vec<f64>| -> f64 {
+        let of_band = (1..=90).map(|i| 0.1 * window_fit::BAND_HZ / 9.0 * f64::from(i));
+        of_band.map(|hz| (missed_of_reference(model, taps, hz) * EVENLY_TO_HZ / hz.max(EVENLY_TO_HZ)).powi(2)).sum()
+    };
+    let narrower = |weight: f64| {
+        let fitted = NARROWER_BANDS_HZ.iter().map(|band_hz| window_fit::fit_in(SAMPLING_PERIOD_S, *band_hz, weight, inverse));
+        fitted.filter(fits).min_by(|a, b| left(a).total_cmp(&left(b)))
+    };
+    // The more weight, the smaller the taps: the last come down to the constant alone.
+    let found = (0..12).find_map(|nth| narrower(if nth == 0 { 0.0 } else { 1e-3 * 4f64.powi(nth) }));
+    found.unwrap_or(whole)
+}
+
+/// Share of a reference at a frequency, Hz, that a feedforward alone misses on the model that it was made for.
+#[must_use]
+pub fn missed_of_reference(model: &SampledModel, taps: &[f64], hz: f64) -> f64 {
+    let omega = std::f64::consts::TAU * hz;
+    (frequency_response(model, omega) * feedforward_response(taps, hz) - 1.0).norm()
+}
+
+/// Response of taps over the reference window at a frequency, Hz: what acts, over the reference of the same instant.
+fn feedforward_response(taps: &[f64], hz: f64) -> Complex<f64> {
+    // Computed at a tick, it acts one period later.
+    let before = (WINDOW - PREVIEW_TICKS) as f64;
+    let step = std::f64::consts::TAU * hz * SAMPLING_PERIOD_S;
+    taps.iter().enumerate().map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before))).sum()
 }
 
 impl PredictorDesign {
     /// For a linear model and a tuning.
     #[must_use]
     pub fn new(linear: &LinearModel, tuning: &PredictorTuning) -> Self {
+        Self { feedforward: feedforward(&linear.sampled(SAMPLING_PERIOD_S)), ..Self::of_loop(linear, tuning) }
+    }
+
+    /// What closes the loop, without a feedforward: that depends on the model alone, and many tunings are judged on one.
+    pub(super) fn of_loop(linear: &LinearModel, tuning: &PredictorTuning) -> Self {
         let model = linear.sampled(SAMPLING_PERIOD_S);
         let n = model.a.nrows();
         let (slope, unknown) = (STATES - 2, STATES - 1);
@@ -167,23 +214,68 @@ impl PredictorDesign {
         let mut k = DVector::zeros(STATES);
         k.view_mut((0, 0), (n, 1)).copy_from(&quadratic_regulator(&model, tuning.effort_weight));
         k[unknown] = 1.0;
-        Self { a, b, c, l, k, feedforward: feedforward(&model) }
+        Self { a, b, c, l, k, feedforward: Vec::new() }
     }
 
     /// Response of the feedforward at a frequency: what acts, over the reference of the same instant.
     #[must_use]
     pub fn feedforward_response(&self, hz: f64) -> Complex<f64> {
-        // Computed at a tick, it acts one period later.
-        let before = (WINDOW - PREVIEW_TICKS) as f64;
-        let step = std::f64::consts::TAU * hz * SAMPLING_PERIOD_S;
-        self.feedforward.iter().enumerate().map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before))).sum()
+        feedforward_response(&self.feedforward, hz)
     }
 
-    /// Rows of the tick.
+    /// Rows of the tick, in units of the states in which they fit: as the model has them where they do, else multiplied by powers of two.
+    ///
+    /// A mode that is slow beside the sampling moves by little of its velocity over its frequency in one period: an observer that is as fast
+    /// as the sampling then has large gains, and a control small ones. Counted in smaller pieces of velocity neither is.
     ///
     /// # Errors
     /// If a coefficient does not fit.
     pub fn quantised(&self) -> Result<PredictorParameters, QuantisationError> {
+        self.as_it_stands().or_else(|_| self.with_states_multiplied(&self.multipliers()).as_it_stands())
+    }
+
+    /// The same law with each of the states of the linear dynamics in another unit.
+    fn with_states_multiplied(&self, by: &[f64; predictor_law::STATES]) -> Self {
+        let at = |i: usize| by.get(i).copied().unwrap_or(1.0);
+        Self {
+            a: DMatrix::from_fn(STATES, STATES, |i, j| self.a[(i, j)] * at(i) / at(j)),
+            b: DVector::from_fn(STATES, |i, _| self.b[i] * at(i)),
+            c: DVector::from_fn(STATES, |i, _| self.c[i] / at(i)),
+            l: DVector::from_fn(STATES, |i, _| self.l[i] * at(i)),
+            k: DVector::from_fn(STATES, |i, _| self.k[i] / at(i)),
+            feedforward: self.feedforward.clone(),
+        }
+    }
+
+    /// Powers of two, at most one so that no state leaves its range, with which the rows take least of their formats: from one on, the states' exponents one at a
+    /// time, as long as that helps.
+    fn multipliers(&self) -> [f64; predictor_law::STATES] {
+        const LINEAR: usize = predictor_law::STATES;
+        let taken = |exponents: &[i32; LINEAR]| -> f64 {
+            let law = self.with_states_multiplied(&exponents.map(|e| 2f64.powi(e)));
+            let row = |i: usize| law.a.row(i).iter().take(LINEAR).map(|c| c.abs()).sum::<f64>() + law.l[i].abs() + law.b[i].abs();
+            let rows = (0..LINEAR).map(|i| row(i) / OF_STATE_ROW_MOST);
+            let outputs = [law.c.lp_norm(1) / OF_STATE_ROW_MOST, law.k.rows(0, LINEAR).lp_norm(1) / OF_OUTPUT_ROW_MOST];
+            // A high power: the fullest row counts, and of two that are full both.
+            rows.chain(outputs).map(|share| share.powi(8)).sum()
+        };
+        let mut here = [0; LINEAR];
+        let mut least = taken(&here);
+        for _ in 0..LINEAR * MOST_HALVINGS as usize {
+            let lower = (0..LINEAR).filter(|i| here[*i] > -MOST_HALVINGS).map(|i| {
+                let mut near = here;
+                near[i] -= 1;
+                (taken(&near), near)
+            });
+            match lower.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                Some((less, near)) if less < least => (least, here) = (less, near),
+                _ => break,
+            }
+        }
+        here.map(|e| 2f64.powi(e))
+    }
+
+    fn as_it_stands(&self) -> Result<PredictorParameters, QuantisationError> {
         const LINEAR: usize = predictor_law::STATES;
         let (slope, unknown) = (LINEAR, LINEAR + 1);
         let mut state_rows = [hysteron_core::integer_row::Row::default(); LINEAR];
@@ -199,6 +291,7 @@ impl PredictorDesign {
             unknown_gain: number("observer gain of the unknown input", self.l[unknown], bits)?,
             slope_gain: number("observer gain of its slope", self.l[slope], bits)?,
             reading_row: row_um("reading row", self.c.as_slice())?,
+            // The last two entries of `K` belong to the unknown input and its slope, which the tick adds itself.
             gain_row: row_um("control gain", self.k.as_slice())?,
             feedforward: row_um("feedforward", &self.feedforward)?,
         })
@@ -266,6 +359,9 @@ impl PredictorDesign {
         (response(from_input), response(from_noise))
     }
 }
+
+/// By how many halvings a state's unit may be larger: of 24 fraction bits, 16 are left.
+const MOST_HALVINGS: i32 = 8;
 
 /// Iterations for eigenvalues; a loop of 60 states takes some hundred.
 const MOST_ITERATIONS: usize = 10_000;
@@ -487,6 +583,56 @@ pub fn tune(linear: &LinearModel, demands: &Demands) -> Vec<Assessment> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A light stage whose mode is slow beside the sampling, read with little noise: what is asked of the observer in units of the mode has no place in the
+    /// tick, and in other units of its states has; it is the same law.
+    #[test]
+    fn a_law_that_does_not_fit_in_one_unit_of_its_states_fits_in_another() {
+        let linear = LinearModel {
+            first_mode: ModeModel { natural_frequency_rad_s: 2387.6, damping_ratio: 0.02 },
+            second_mode: None,
+            amplifier_bandwidth_hz: None,
+            sensor_bandwidth_hz: None,
+        };
+        let tuning = PredictorTuning { unknown_change_um: 0.05, force_noise_um: 5.0, sensor_noise_um: 0.0005, ..PredictorTuning::START };
+        let law = PredictorDesign::new(&linear, &tuning);
+        assert!(law.as_it_stands().is_err(), "{}", law.l);
+        let integers = law.quantised().unwrap();
+        // From the integers back: the answer of the drive to the reading is the same.
+        let rows = integers.state_rows.map(|row| row.coefficients.map(|c| f64::from(c) / 2f64.powi(27)));
+        let mut again = law.clone();
+        for (i, row) in rows.iter().enumerate() {
+            (0..predictor_law::STATES).for_each(|j| again.a[(i, j)] = row[j]);
+            (again.l[i], again.b[i]) = (row[6], row[7]);
+            again.a[(i, STATES - 1)] = row[7];
+            again.c[i] = f64::from(integers.reading_row.coefficients[i]) / 2f64.powi(27);
+            again.k[i] = f64::from(integers.gain_row.coefficients[i]) / 2f64.powi(24);
+        }
+        for hz in [10.0, 150.0, 380.0, 2000.0, 9000.0] {
+            let [a, b] = [&law, &again].map(|law| crate::servo::robust::law_response(law, hz));
+            assert!((a - b).norm() < 1e-4 * a.norm(), "{hz} Hz: {a} {b}");
+        }
+        let multiplied = law.multipliers();
+        assert!(multiplied.iter().all(|m| *m <= 1.0) && multiplied.iter().any(|m| *m < 1.0), "{multiplied:?}");
+    }
+
+    /// Two light modes: nothing moves between them at 745 Hz, and the feedforward follows slower references all the same.
+    #[test]
+    fn a_feedforward_fits_where_nothing_moves_between_two_modes_and_where_the_mode_is_slow() {
+        let of = |second: bool, first_hz: f64| LinearModel {
+            first_mode: ModeModel { natural_frequency_rad_s: std::f64::consts::TAU * first_hz, damping_ratio: 0.02 },
+            second_mode: second.then_some((0.1, ModeModel { natural_frequency_rad_s: 5654.9, damping_ratio: 0.02 })),
+            amplifier_bandwidth_hz: None,
+            sensor_bandwidth_hz: None,
+        };
+        for (linear, hz, most) in [(of(true, 380.0), 20.0, 1e-3), (of(true, 380.0), 150.0, 0.01), (of(false, 150.0), 20.0, 5e-3)] {
+            let model = linear.sampled(SAMPLING_PERIOD_S);
+            let taps = feedforward(&model);
+            assert!(taps.iter().map(|t| t.abs()).sum::<f64>() < LARGEST_TAPS);
+            let missed = missed_of_reference(&model, &taps, hz);
+            assert!(missed < most, "{linear:?} {hz} Hz: {missed}");
+        }
+    }
 
     /// Closed forms: a Jordan block, where eigenvalues need not be found, and a turn with a radius of its own.
     #[test]

@@ -4,9 +4,15 @@ use super::model::{ActuatorModel, CreepTerm, SAMPLING_PERIOD_S};
 use hysteron_core::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use hysteron_core::integer_row::Row;
 use hysteron_core::one_sided_hysteresis::{SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
+use hysteron_core::predictor_law::{OUTPUT_ROW_FRACTION_BITS, STATE_ROW_FRACTION_BITS};
 use hysteron_core::servo_parameters::ActuatorParameters;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 use nalgebra::DMatrix;
+
+/// The magnitudes of a row of the predictor's states sum to less.
+pub(super) const OF_STATE_ROW_MOST: f64 = (1u64 << (31 - STATE_ROW_FRACTION_BITS)) as f64;
+/// Those of its control and of its feedforward.
+pub(super) const OF_OUTPUT_ROW_MOST: f64 = (1u64 << (31 - OUTPUT_ROW_FRACTION_BITS)) as f64;
 
 /// A number that has no integer.
 #[derive(Clone, Debug, PartialEq)]

@@ -14,7 +14,7 @@
 //!    `W` the largest missing response: the recording's level ([`Recording`]), at most the peak of an unknown mode
 //!    ([`UNKNOWN_MODE_PEAK`]), times the spread of the gain.
 //!
-//! Of those that do, the one with the least expected error is taken: noise passed on, and the error of the hysteresis model at the highest
+//! Of those that do, and whose gains have a place in the tick's integers, the one with the least expected error is taken: noise passed on, and the error of the hysteresis model at the highest
 //! frequency of references and at a tenth of it (times what a reference becomes at worst where the first mode is said to move: [`MovingMode`]). From there the tuning is refined between the points of the scan, with the fast noise of
 //! [`PredictorTuning::fast_noise_um`] as one number more. What the fourth condition costs is found by leaving it out, and told.
 
@@ -121,6 +121,8 @@ pub enum Broken {
         /// Hz.
         hz: f64,
     },
+    /// Nothing but that a gain has no place in the tick's integers.
+    Integers,
 }
 
 /// A candidate with what it is worth.
@@ -142,6 +144,8 @@ pub struct Candidate {
     pub broken: Option<Broken>,
     /// Largest `|K S| W` and where, Hz.
     pub unknown: (f64, f64),
+    /// Its gains have a place in the tick's integers.
+    pub fits: bool,
 }
 
 impl Candidate {
@@ -165,7 +169,7 @@ fn holds(candidate: &Candidate) -> bool {
 
 /// Whether it breaks at most the condition on what the recording does not exclude.
 fn holds_if_recorded(candidate: &Candidate) -> bool {
-    matches!(candidate.broken, None | Some(Broken::Unknown { .. }))
+    candidate.fits && matches!(candidate.broken, None | Some(Broken::Unknown { .. }))
 }
 
 /// Outcome of a scan.
@@ -180,6 +184,12 @@ impl Scan {
     #[must_use]
     pub fn best(&self) -> Option<&Candidate> {
         self.candidates.iter().find(|c| holds(c))
+    }
+
+    /// The best of those that only the tick's integers keep from being taken.
+    #[must_use]
+    pub fn best_in_other_integers(&self) -> Option<&Candidate> {
+        self.candidates.iter().find(|c| c.broken == Some(Broken::Integers))
     }
 
     /// The best of those that break at most the condition on what the recording does not exclude.
@@ -405,7 +415,7 @@ impl Task<'_> {
 }
 
 fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions) -> Candidate {
-    let design = PredictorDesign::new(linear, tuning);
+    let design = PredictorDesign::of_loop(linear, tuning);
     let mut out = Candidate {
         tuning: *tuning,
         noise_um: f64::INFINITY,
@@ -415,6 +425,7 @@ fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions
         reference_deviation: 1.0,
         broken: None,
         unknown: (0.0, 0.0),
+        fits: false,
     };
     let unstable = conditions.members.iter().find(|(_, plant)| {
         let radius = design.spectral_radius(plant, 1.0, 0);
@@ -465,12 +476,15 @@ fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions
             |plant: &SampledModel| LIMIT_SHARES.iter().any(|share| design.at_a_limit(*share).spectral_radius(plant, 1.0, 0) >= 1.0);
         conditions.members.iter().find(|(_, plant)| swings_on(plant)).map(|(name, _)| *name)
     };
+    out.fits = design.quantised().is_ok();
     out.broken = if peak.is_nan() || peak > conditions.demands.sensitivity_peak {
         Some(Broken::Sensitivity)
     } else if let Some(name) = swings() {
         Some(Broken::Limit(name))
     } else if out.unknown.0.is_nan() || out.unknown.0 > 1.0 {
         Some(Broken::Unknown { hz: out.unknown.1 })
+    } else if !out.fits {
+        Some(Broken::Integers)
     } else {
         None
     };

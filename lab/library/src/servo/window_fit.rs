@@ -4,7 +4,7 @@ use hysteron_core::reference_window::{PREVIEW_TICKS, WINDOW};
 use nalgebra::{Complex, DMatrix, DVector};
 
 /// Where the band of references ends that the fit follows exactly, Hz.
-const BAND_HZ: f64 = 900.0;
+pub const BAND_HZ: f64 = 900.0;
 /// Points of the grid within the band.
 const BAND_POINTS: usize = 120;
 /// Points above the band, up to half the sampling rate.
@@ -15,9 +15,15 @@ const UPPER_WEIGHT: f64 = 1e-4;
 /// Coefficients, oldest first, such that `sum f_i r[k + i - 7]` has the frequency response `target(omega)` relative to `r[k]`.
 #[must_use]
 pub fn fit(period_s: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
+    fit_in(period_s, BAND_HZ, 0.0, target)
+}
+
+/// The same in a band that ends at `band_hz`, with a weight on the coefficients themselves that keeps them small.
+#[must_use]
+pub fn fit_in(period_s: f64, band_hz: f64, held_down: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
     let oldest = PREVIEW_TICKS as f64 + 1.0 - WINDOW as f64;
     let nyquist = std::f64::consts::PI / period_s;
-    let band = std::f64::consts::TAU * BAND_HZ;
+    let band = std::f64::consts::TAU * band_hz;
     let mut rows: Vec<(f64, Complex<f64>, f64)> = Vec::new();
     for i in 0..BAND_POINTS {
         let omega = band * (i as f64 / (BAND_POINTS - 1) as f64);
@@ -30,8 +36,12 @@ pub fn fit(period_s: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
     }
     // The constant counts most: a steady reference must be met to the last digit.
     rows.push((0.0, target(0.0), 1e3));
-    let mut a = DMatrix::zeros(2 * rows.len(), WINDOW);
-    let mut b = DVector::zeros(2 * rows.len());
+    let weighted = if held_down > 0.0 { WINDOW } else { 0 };
+    let mut a = DMatrix::zeros(2 * rows.len() + weighted, WINDOW);
+    let mut b = DVector::zeros(2 * rows.len() + weighted);
+    for i in 0..weighted {
+        a[(2 * rows.len() + i, i)] = held_down;
+    }
     for (k, (omega, value, weight)) in rows.iter().enumerate() {
         for i in 0..WINDOW {
             let phase = omega * period_s * (i as f64 + oldest);
