@@ -466,8 +466,36 @@ impl<'a> Study<'a> {
     /// # Errors
     /// As [`screen`].
     pub fn build(&self, effects: &[Arc<dyn Effect>]) -> Result<Judged> {
-        let mut order: Vec<&Arc<dyn Effect>> = effects.iter().collect();
+        let mut order: Vec<Arc<dyn Effect>> = effects.to_vec();
         order.sort_by_key(|e| (e.fitting_rank(), e.declaration().place, e.declaration().id));
+        let mut judged = self.one_after_the_other(&order)?;
+        // What was seated before the others had been begun again may stand in for what they lacked then, and keeps them there: each in turn comes last, behind
+        // the others built without it.
+        let seated = |e: &&Arc<dyn Effect>| !e.declaration().is_main() && !e.starts_combine() && e.starts(&self.overview).len() > 1;
+        let in_turn: Vec<Arc<dyn Effect>> = order.iter().rev().filter(seated).cloned().collect();
+        if in_turn.len() > 1 {
+            for last in &in_turn {
+                if self.watch.stopped() || !self.far_above_the_noise(&judged) {
+                    break;
+                }
+                let id = last.declaration().id;
+                let built_on = order.iter().any(|e| e.declaration().modifies == Some(id.as_str()));
+                if built_on {
+                    continue;
+                }
+                let others: Vec<Arc<dyn Effect>> = order.iter().filter(|e| e.declaration().id != id).cloned().collect();
+                let rest = self.one_after_the_other(&others)?;
+                let behind = self.for_comparison(&self.seated(&rest.model, last, 3, f64::INFINITY)?.model);
+                if self.merit(&behind) < self.merit(&judged) {
+                    judged = behind;
+                }
+            }
+        }
+        if self.watch.stopped() { Ok(self.judged(judged.model)) } else { Ok(self.thoroughly(&judged.model)) }
+    }
+
+    /// Effects fitted one after the other, in this order, then all together, and begun again where that leaves more than the noise.
+    fn one_after_the_other(&self, order: &[Arc<dyn Effect>]) -> Result<Judged> {
         let mut model = Model::new(self.dataset.drive_min_v, self.dataset.drive_max_v);
         if !order.iter().any(|e| e.declaration().is_main()) {
             model.add(EffectInstance::new(Arc::new(Gain), &self.overview, &[]));
@@ -486,13 +514,10 @@ impl<'a> Study<'a> {
         }
         self.watch.event(&Event::Doing("fitting all effects together"));
         let mut judged = self.for_comparison(&model);
-        if self.watch.stopped() {
-            return Ok(self.judged(judged.model));
-        }
-        if several > 0 && model.effects.len() > 2 && !self.met(&judged) {
+        if !self.watch.stopped() && several > 0 && model.effects.len() > 2 && !self.met(&judged) {
             judged = self.begun_again(&judged)?;
         }
-        if self.watch.stopped() { Ok(self.judged(judged.model)) } else { Ok(self.thoroughly(&judged.model)) }
+        Ok(judged)
     }
 
     /// Finer descriptions of the hysteresis of a model: surfaces of one degree more, play operators beside them.
