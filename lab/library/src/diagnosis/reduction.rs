@@ -33,6 +33,8 @@ const ONES_FOR_A_PAIR: usize = 2;
 /// What may do as well as a pair: the error that its signature promises is at most so much larger, as a logarithm. A signature is the beginning of
 /// a curve, and promises less than a fit.
 const MAY_DO_AS_WELL: f64 = 1.0;
+/// What no search has tried is fitted in the place of a pair where its signature leaves less than this share.
+const LEAVES_LITTLE: f64 = 0.3;
 /// One in the place of two is fitted to the end where it is worse by no more than this.
 const NEARLY_AS_WELL: f64 = 0.05;
 /// Ones in the place of two that are fitted.
@@ -287,7 +289,10 @@ fn one_in_place_of_two(study: &Study, judged: &Judged, without_pairs: &[WithoutP
         return Ok(None);
     }
     study.watch.event(&Event::Doing("trying one effect in the place of two"));
-    let scored = parallel::map(without_pairs, |without| study.score(&without.quick.model));
+    let scored = parallel::map(without_pairs, |without| {
+        let model = &without.quick.model;
+        study.score_each(model, &study.candidates_in_exchange(model))
+    });
     let mut promising: Vec<(f64, &WithoutPair, Score)> = Vec::new();
     for (without, screening) in without_pairs.iter().zip(scored) {
         let screening = screening?;
@@ -296,7 +301,8 @@ fn one_in_place_of_two(study: &Study, judged: &Judged, without_pairs: &[WithoutP
         for score in screening.scores.iter().filter(new).take(ONES_FOR_A_PAIR) {
             let left = 1.0 - score.explained_um2 / total;
             let merit = study.merit(&without.quick) + 0.5 * left.max(f64::MIN_POSITIVE).ln();
-            if merit < study.merit(judged) + MAY_DO_AS_WELL {
+            let seldom_tried = score.effect.in_exchange() && left < LEAVES_LITTLE;
+            if seldom_tried || merit < study.merit(judged) + MAY_DO_AS_WELL {
                 promising.push((merit, without, score.clone()));
             }
         }
