@@ -330,7 +330,7 @@ impl Mode {
 
 /// The first mode, its mass free or held by a bristle.
 enum First {
-    Free(Mode),
+    Free(Box<Mode>),
     Held(Box<HeldMass>),
 }
 
@@ -365,7 +365,7 @@ impl VibrationStage {
         let first_law = model.values(ID).map(|v| law(v[0], v[1]));
         let first = first_law.map(|first| match Bristle::of(model) {
             Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, arrival, model.drive_min_v))),
-            None => First::Free(Mode::read(&first, dt_s, arrival)),
+            None => First::Free(Box::new(Mode::read(&first, dt_s, arrival))),
         });
         let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::read(&law(v[1], v[2]), dt_s, arrival)));
         let whole_interval = first_law.map(|first| Mode::read(&first, dt_s, arrival));
