@@ -305,10 +305,10 @@ mod tests {
         assert_eq!((replaced(&mut record, &[]), several_left_out(&mut record, &[])), (None, None));
     }
 
-    /// Noise of a fifth of a step, which seldom leaves its code: the codes beside it are readings as others are.
+    /// Noise of an eighth of a step, which seldom leaves its code: the codes beside it are readings as others are.
     #[test]
     fn a_code_beside_the_usual_one_is_no_disturbance() {
-        let mut noise = WhiteNoise::new(0.5, 9);
+        let mut noise = WhiteNoise::new(0.3, 9);
         let readings_um = (0..12_000).map(|_| 0.0024 * ((0.45 + noise.next_um()) / 2.4).round()).collect();
         let mut record = Record::new("rest", 20_000.0, vec![0.0; 12_000], readings_um).with_role(Role::Noise);
         let before = record.displacement_um.clone();
