@@ -219,7 +219,7 @@ fn to_the_whole(dataset: &Dataset, beginnings: &Dataset, mut found: Explanation,
 
 /// Rows of the fit to the whole of long records, and how far it goes: it begins where their beginnings end.
 const WHOLE_SAMPLES: usize = 100_000;
-const WHOLE: Effort = Effort { iterations: 4, tolerance: 0.2, relative: 1e-3 };
+const WHOLE: Effort = Effort { iterations: 4, tolerance: 0.2, relative: 1e-3, looks_again: false };
 
 /// Everything that is decided on a data set.
 fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Explanation> {

@@ -237,7 +237,7 @@ fn try_all(study: &Study, model: &Model, rows: &Rows, known: &[String], refitted
     }
     hypotheses.push((Hypothesis::Scaled, vec![held.clone()]));
     hypotheses.retain(|(h, _)| !known.contains(&h.effect(model)));
-    let effort = Effort { iterations: 12, tolerance: 0.3, relative: 0.001 };
+    let effort = Effort { iterations: 12, tolerance: 0.3, relative: 0.001, looks_again: false };
     let mut tried: Vec<Tried> = parallel::map(&hypotheses, |(hypothesis, begun)| {
         study.watch.event(&Event::Fitting { effect: &hypothesis.effect(model) });
         let fitted: Vec<Model> = match hypothesis {

@@ -53,7 +53,7 @@ pub struct Study<'a> {
 }
 
 /// How far a fit goes to see whether a set of effects can compete.
-const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003 };
+const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003, looks_again: false };
 /// Steps after which a quick fit is looked at, and how far behind what it extends it may be then: of 369 such fits on the recorded stage 75 were given up so, a
 /// sixth of the time, and one of them would have come to a gain, of 0.04.
 const LOOKED_AT_AFTER: usize = 3;
@@ -68,14 +68,14 @@ const OUT_OF_REACH: f64 = 1.0;
 /// What is so far behind half way through a quick fit is behind at its end.
 pub const FAR_BEHIND: f64 = 1.0;
 /// How far what is added is fitted by itself.
-const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01 };
+const FIRST: Effort = Effort { iterations: 3, tolerance: 0.5, relative: 0.01, looks_again: false };
 /// How far what is only ranked: begun where its values are known, one step shows which brings most.
 const RANKED: Effort = Effort { iterations: 1, ..FIRST };
 /// How far it goes before two sets are compared.
-const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4 };
+const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4, looks_again: false };
 
 /// How far a last fit goes where the model leaves many times the noise: the last hundredths of a per cent are none of its knowledge.
-const TO_THE_END_FAR_ABOVE: Effort = Effort { iterations: 30, tolerance: 0.05, relative: 2e-4 };
+const TO_THE_END_FAR_ABOVE: Effort = Effort { iterations: 30, tolerance: 0.05, relative: 2e-4, looks_again: false };
 
 /// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come past it.
 const CANNOT_CATCH_UP: f64 = 0.15;
@@ -259,7 +259,8 @@ impl<'a> Study<'a> {
             let is_looked_at = of.is_finite() && progress.taken >= LOOKED_AT_AFTER && !looked_at.replace(true);
             !is_looked_at || self.merit(&self.judged_quickly(progress.model.clone())) - of < behind
         };
-        let effort = if at_the_noise { COMPARING } else { Effort { iterations: COMPARING.iterations, ..QUICK } };
+        let effort =
+            if at_the_noise { Effort { looks_again: true, ..COMPARING } } else { Effort { iterations: COMPARING.iterations, ..QUICK } };
         self.judged_as_fitted(fit_while(begin, &self.searched, &self.quick, effort, goes_on))
     }
 

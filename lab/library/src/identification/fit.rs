@@ -96,11 +96,14 @@ pub struct Effort {
     pub tolerance: f64,
     /// A step that lowers the sum of squares by less than this share of it ends the fit.
     pub relative: f64,
+    /// Where older derivatives lead nowhere, the look with new ones is damped as before those failed. Without it a fit ends there, where their failures
+    /// came from a product of two values that had changed its sign; with it another path is taken far above the noise, to no better ends.
+    pub looks_again: bool,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Self { iterations: 30, tolerance: 0.05, relative: 1e-6 }
+        Self { iterations: 30, tolerance: 0.05, relative: 1e-6, looks_again: true }
     }
 }
 
@@ -181,7 +184,7 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
             &free,
             &Normal { parts: &parts, h: &h, g, cost, variance },
             worthwhile,
-            if age == Age::Exact { 12 } else { 2 },
+            if effort.looks_again && age == Age::Older { OLDER_TRIALS } else { TRIALS },
             &mut lambda,
         );
         let gain = step.as_ref().map_or(0.0, |s| cost - s.cost);
@@ -196,8 +199,10 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
             if age == Age::Exact {
                 break;
             }
-            // A last look with exact derivatives, damped no more than before the older ones failed.
-            lambda = damped_before;
+            // A last look with exact derivatives.
+            if effort.looks_again {
+                lambda = damped_before;
+            }
             (parts, age, chord_steps) = (linearise(&model, dataset, rows, &free), Age::Exact, 0);
             h = squares_of_derivatives(&parts);
         } else if kept > KEPT_WELL && chord_steps < CHORD_STEPS {
@@ -227,6 +232,9 @@ enum Age {
 const KEPT_WELL: f64 = 0.6;
 /// Factor of the damping behind a step that fails: with one of ten four trials of a quick fit failed, half of all readings that it simulates.
 const DAMPED_MORE: f64 = 100.0;
+/// Dampings with which a step is tried, and with older derivatives where new ones are asked next.
+const TRIALS: usize = 12;
+const OLDER_TRIALS: usize = 2;
 /// Steps that are taken with the same derivatives.
 const CHORD_STEPS: usize = 3;
 
