@@ -183,8 +183,8 @@ fn with_the_loops_of_both_halves(drive_v: &[f64], sections: Vec<Section>, end: u
     let most = (SECTIONS_MAX + 1).saturating_sub(sections.len()).min(cuts.len() / (2 * part_min)).max(1);
     let at = |of: usize, pieces: usize| cuts.get(of * cuts.len() / pieces).copied().unwrap_or(ends[longest]);
     // Half a piece is a part of its own, and has to move.
-    let moves = |pieces: &usize| (0..2 * pieces).all(|half| peak_to_peak(&drive_v[at(half, 2 * pieces)..at(half + 1, 2 * pieces)]) > 0.0);
-    let pieces = (1..=most).rev().find(moves).unwrap_or(1);
+    let each_moves = |pieces: &usize| (0..2 * pieces).all(|half| moves(&drive_v[at(half, 2 * pieces)..at(half + 1, 2 * pieces)]));
+    let pieces = (1..=most).rev().find(each_moves).unwrap_or(1);
     let piece = |i: usize| Section { cuts: cuts[i * cuts.len() / pieces..(i + 1) * cuts.len() / pieces].to_vec(), part_min };
     let cut: Vec<Section> = (0..pieces).map(piece).collect();
     [&sections[..longest], &cut, &sections[longest + 1..]].concat()
@@ -198,6 +198,11 @@ fn has_other_loops_in_its_halves(drive_v: &[f64], section: &Section, end: usize)
     let (early, late): (Vec<_>, Vec<_>) = turns(inside).into_iter().partition(|(k, _)| *k < middle);
     let lacks = |of: &[(usize, f64)], one: &[(usize, f64)]| one.iter().any(|(_, v)| of.iter().all(|(_, other)| (v - other).abs() > same));
     (early.len() + late.len() > 1) && (lacks(&early, &late) || lacks(&late, &early))
+}
+
+/// Whether a signal is not the same throughout.
+pub(super) fn moves(signal: &[f64]) -> bool {
+    peak_to_peak(signal) > 0.0
 }
 
 /// Samples and voltages at which the drive turns and goes back by a tenth of its range at least.

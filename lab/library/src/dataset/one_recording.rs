@@ -6,7 +6,7 @@
 //! the other held out, in turns, so that every kind of motion is on both sides. The drive moves in every part.
 
 use super::holds::holds;
-use super::motion_sections::{Section, runs_of_steps, sections};
+use super::motion_sections::{Section, moves, runs_of_steps, sections};
 use super::reading::Even;
 use super::{Record, Role, SAMPLES_MIN};
 use crate::statistics::peak_to_peak;
@@ -136,10 +136,6 @@ fn in_turns(sections: &[Section], end: usize) -> Vec<(Role, Range<usize>)> {
 
 fn other(role: Role) -> Role {
     if role == Role::Identify { Role::Validate } else { Role::Identify }
-}
-
-fn moves(signal: &[f64]) -> bool {
-    peak_to_peak(signal) > 0.0
 }
 
 /// Windows in which drive and reading move and that are long enough; what is none belongs to its neighbour.

@@ -7,6 +7,7 @@
 //! first overshoot of a fast mode is as narrow.
 
 use super::Record;
+use super::reading_grid::levels;
 use crate::statistics::{mean, peak_to_peak};
 use std::ops::Range;
 
@@ -118,13 +119,9 @@ fn singles_replaced(record: &mut Record, outliers: &[usize]) -> Option<String> {
     ))
 }
 
-/// The least difference between two values that are not the same: one step, where they are those of a converter. Values in 1/10^9 of their range are the same.
+/// The least difference between two values that are not the same: one step, where they are those of a converter.
 fn least_gap(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let same = 1e-9 * peak_to_peak(values);
-    let gap = sorted.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > same).fold(f64::INFINITY, f64::min);
-    if gap.is_finite() { gap } else { 0.0 }
+    levels(values).windows(2).map(|w| w[1] - w[0]).reduce(f64::min).unwrap_or(0.0)
 }
 
 /// What the values beside a sample say of it.
@@ -154,12 +151,10 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     if n < 4 * AROUND {
         return Outliers::default();
     }
-    // One step of a converter more or less is what rounding does, however seldom a rest inside one code shows it.
-    let rounding_um = ROUNDED_BY * least_gap(readings_um);
     let apart: Vec<f64> = (0..n).map(|k| (readings_um[k] - expected(readings_um, k)).abs()).collect();
     let usual_everywhere = mean(&apart);
     let stands_out = |k: usize| {
-        if apart[k] <= (STANDS_OUT * usual_everywhere).max(rounding_um) {
+        if apart[k] <= STANDS_OUT * usual_everywhere {
             return false;
         }
         let around = &apart[k.saturating_sub(AROUND)..(k + AROUND + 1).min(n)];
@@ -183,9 +178,15 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         let change_v = reach.filter(|j| at_an_end && j + 1 < n).map(|j| (drive_v[j + 1] - drive_v[j]).abs()).fold(0.0, f64::max);
         corner_v.max(change_v) * gain_um_per_v
     };
-    let found =
-        (0..n).filter(|k| stands_out(*k) && apart[*k] > AS_THE_DRIVE * of_the_drive(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k));
-    let (single, beside_others) = found.partition(|k| alone(*k));
+    let mut found: Vec<usize> = (0..n)
+        .filter(|k| stands_out(*k) && apart[*k] > AS_THE_DRIVE * of_the_drive(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k))
+        .collect();
+    if !found.is_empty() {
+        // One step of a converter more or less is what rounding does, however seldom a rest inside one code shows it.
+        let rounding_um = ROUNDED_BY * least_gap(readings_um);
+        found.retain(|k| apart[*k] > rounding_um);
+    }
+    let (single, beside_others) = found.into_iter().partition(|k| alone(*k));
     Outliers { single, beside_others }
 }
 
