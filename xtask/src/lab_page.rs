@@ -14,9 +14,11 @@ use crate::steps::{cargo, root};
 use crate::toolchain::{self, WEB_ASSEMBLY};
 use crate::{browser, steps};
 
-/// A page that takes longer to open than to leave is not opened: what it may have. It was four million until `check` ran the servo itself and floors were
-/// taken beside models, which came to 4,020,000.
-const MOST_BYTES: usize = 4_100_000;
+/// A page that takes longer to open than to leave is not opened: what it may have.
+const MOST_BYTES: usize = 4_000_000;
+
+/// Compiled as one piece: a tenth less to open than crate by crate, in the same time to build.
+const AS_ONE_PIECE: [&str; 4] = ["--config", "profile.release.lto='fat'", "--config", "profile.release.codegen-units=1"];
 
 /// Where the page is written.
 pub fn file() -> PathBuf {
@@ -28,9 +30,9 @@ pub fn build() -> Result<(), String> {
     let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
     // A folder of its own: another compiler may be at work than the one of the host.
     let folder = ["--target-dir", "target/web_assembly"];
-    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-browser"], &folder[..]].concat())?;
+    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-browser"], &folder[..], &AS_ONE_PIECE].concat())?;
     write()?;
-    toolchain.check(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron", "--no-default-features"], &folder[..]].concat())
+    toolchain.check(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron", "--no-default-features"], &folder[..], &AS_ONE_PIECE].concat())
 }
 
 /// Packs the page around the module.
