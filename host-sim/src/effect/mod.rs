@@ -20,6 +20,7 @@ mod formula;
 pub mod friction;
 pub mod gain;
 mod held_mass;
+pub mod hum_harmonics;
 pub mod hysteresis;
 pub mod initial_curve;
 pub mod load_force;
@@ -268,6 +269,15 @@ pub enum Planted {
     Alone,
     /// Alone, and beside every other of these.
     InPairs,
+}
+
+/// What readings show beside their noise while the drive stands still.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LinesAtRest {
+    /// Frequencies of lines, Hz, of every rest and hold by itself.
+    pub lines_hz: Vec<f64>,
+    /// Samples of the longest of them that is read fast enough for lines of the mains: zero where there is none.
+    pub samples: usize,
 }
 
 /// The picture in which an effect is seen at a glance.
@@ -606,8 +616,15 @@ pub trait Effect: Send + Sync {
     }
 
     /// Frequencies in Hz of lines whose phase is arbitrary in every record.
-    fn line_frequencies_hz(&self, _values: &[f64]) -> Vec<f64> {
+    ///
+    /// Sine and cosine of each, in this order, are its last values; the others of an effect in `model` may set the frequencies.
+    fn line_frequencies_hz(&self, _model: &Model, _values: &[f64]) -> Vec<f64> {
         Vec::new()
+    }
+
+    /// Whether what is read while the drive stands still lets it be looked for beside a model.
+    fn speaks_for_it(&self, _model: &Model, _at_rest: &LinesAtRest) -> bool {
+        true
     }
 }
 
@@ -650,6 +667,7 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(sensor_bandwidth::SensorBandwidth),
         Arc::new(sensor_filter::SensorFilter),
         Arc::new(mains_hum::MainsHum),
+        Arc::new(hum_harmonics::HumHarmonics),
         Arc::new(quantisation::Quantisation),
     ]
 }

@@ -198,6 +198,24 @@ fn one_effect_of_a_straight_stage_is_named_however_little_noise_there_is() {
     }
 }
 
+/// Mains that come with their multiples, as they do behind rectifiers and transformers: they are no resonance of the stage.
+#[test]
+fn multiples_of_the_mains_are_named_beside_its_hum() {
+    let line = |um: f64, hz: f64, k: usize| um * (std::f64::consts::TAU * hz * k as f64 / RATE_HZ + hz).sin();
+    let hum = |k: usize| line(0.01, 50.01, k) + line(0.002, 100.02, k) + line(0.004, 150.03, k);
+    let mut stage = |drive_v: &[f64]| {
+        let moves = mode_and_filter(&drive_v.iter().map(|v| 0.08 * v).collect::<Vec<_>>(), None);
+        moves.iter().enumerate().map(|(k, um)| um + hum(k)).collect::<Vec<_>>()
+    };
+    let behind_a_hold = |phase: f64| {
+        let moves = tones(phase);
+        [vec![moves[0]; (0.5 * RATE_HZ) as usize], moves].concat()
+    };
+    let d = explained_with(1e-3, &mut stage, [behind_a_hold(0.3), behind_a_hold(0.7)]).diagnosis;
+    assert_eq!(d.verdict, Verdict::Named, "{}", d.sentence);
+    assert_eq!(d.named, ["vibration", "mains_hum", "hum_harmonics"], "{}", d.sentence);
+}
+
 /// What a mode, and a filter of second order behind it where there is one, read of a force, by Runge and Kutta's method in 16 parts of every period.
 fn mode_and_filter(force_um: &[f64], filter_hz: Option<f64>) -> Vec<f64> {
     let tau = std::f64::consts::TAU;

@@ -341,8 +341,8 @@ impl Signatures {
         for effect in candidates {
             let first = directions.len();
             let mut starts = effect.starts(overview);
-            let lines: Vec<f64> = starts.iter().flat_map(|s| effect.line_frequencies_hz(s)).collect();
-            if lines.is_empty() {
+            let lines: Vec<Vec<f64>> = starts.iter().map(|s| effect.line_frequencies_hz(model, s)).collect();
+            if lines.iter().all(Vec::is_empty) {
                 starts.extend(effect.resonant_starts(peaks));
                 let groups: Vec<Vec<Vec<f64>>> =
                     if effect.starts_combine() { vec![starts] } else { starts.into_iter().map(|s| vec![s]).collect() };
@@ -399,16 +399,14 @@ fn free_columns(
 }
 
 /// A line has its own phase in every record: two columns for each of them.
-fn line_directions(starts: &[Vec<f64>], lines: &[f64], records: usize, columns: &mut Vec<Column>) -> Vec<Direction> {
+fn line_directions(starts: &[Vec<f64>], lines_hz: &[Vec<f64>], records: usize, columns: &mut Vec<Column>) -> Vec<Direction> {
     let mut out: Vec<Direction> = Vec::new();
-    let mut seen: Vec<f64> = Vec::new();
-    for (start, &frequency_hz) in starts.iter().zip(lines) {
-        if seen.contains(&frequency_hz) {
+    for (at, (start, of_start_hz)) in starts.iter().zip(lines_hz).enumerate() {
+        if lines_hz[..at].contains(of_start_hz) {
             continue;
         }
-        seen.push(frequency_hz);
         let from = columns.len();
-        for record in 0..records {
+        for (record, frequency_hz) in (0..records).flat_map(|record| of_start_hz.iter().map(move |hz| (record, hz))) {
             for in_phase in [true, false] {
                 columns.push(Column::Function {
                     record,

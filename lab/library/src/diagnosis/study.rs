@@ -14,7 +14,7 @@ use crate::identification::{finer_creep, finer_hysteresis};
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::gain::Gain;
-use hysteron_sim::effect::{Effect, Overview};
+use hysteron_sim::effect::{Effect, LinesAtRest, Overview};
 use std::cell::Cell;
 use std::sync::Arc;
 
@@ -32,6 +32,8 @@ pub struct Study<'a> {
     pub floor_um: Option<f64>,
     /// Noise floor of each record, um.
     pub floors_um: Vec<Option<f64>>,
+    /// Lines that the readings show while the drive stands still.
+    pub lines_at_rest: LinesAtRest,
     /// Thresholds.
     pub policy: Policy,
     /// Told what is being done.
@@ -84,19 +86,21 @@ impl<'a> Study<'a> {
     /// A study of a data set.
     #[must_use]
     pub fn new(dataset: &'a Dataset, candidates: Vec<Arc<dyn Effect>>, floor: &NoiseFloor, policy: Policy, watch: &'a dyn Watch) -> Self {
-        Self::with_floors(dataset, candidates, (floor.rms_um, &floor.of_records_um), policy, watch)
+        let at_rest = (floor.rms_um, floor.of_records_um.as_slice(), &floor.lines_at_rest);
+        Self::with_floors(dataset, candidates, at_rest, policy, watch)
     }
 
     /// The same study of the same readings with something else known of them.
     #[must_use]
     pub fn of<'b>(&'b self, dataset: &'b Dataset) -> Study<'b> {
-        Study::with_floors(dataset, self.candidates.clone(), (self.floor_um, &self.floors_um), self.policy.clone(), self.watch)
+        let at_rest = (self.floor_um, self.floors_um.as_slice(), &self.lines_at_rest);
+        Study::with_floors(dataset, self.candidates.clone(), at_rest, self.policy.clone(), self.watch)
     }
 
     fn with_floors(
         dataset: &'a Dataset,
         candidates: Vec<Arc<dyn Effect>>,
-        (floor_um, floors_um): (Option<f64>, &[Option<f64>]),
+        (floor_um, floors_um, lines_at_rest): (Option<f64>, &[Option<f64>], &LinesAtRest),
         policy: Policy,
         watch: &'a dyn Watch,
     ) -> Self {
@@ -118,6 +122,7 @@ impl<'a> Study<'a> {
             candidates,
             floor_um,
             floors_um: floors_um.to_vec(),
+            lines_at_rest: lines_at_rest.clone(),
             policy,
             watch,
         }
@@ -154,6 +159,7 @@ impl<'a> Study<'a> {
             asked(effect)
                 && model.effect(&declaration.id).is_none()
                 && effect.may_join(model, &self.overview)
+                && effect.speaks_for_it(model, &self.lines_at_rest)
                 && !effect.starts(&self.overview).is_empty()
         };
         self.candidates.iter().filter(joins).cloned().collect()

@@ -459,24 +459,39 @@ fn moved(model: &Model, free: &[ParameterIndex], step: &DVector<f64>) -> Model {
 
 /// Sine and cosine of a line belong to each record; the model keeps those of its first record so that it can simulate.
 fn store_lines(model: &mut Model, dataset: &Dataset, rows: &Rows) {
-    let Some(at) = model.effects.iter().position(|e| !e.effect.line_frequencies_hz(&e.values()).is_empty()) else { return };
     let Some((first, _)) = rows.records.first() else { return };
+    let lines_of = |model: &Model, at: usize| {
+        let instance = &model.effects[at];
+        instance.effect.line_frequencies_hz(model, &instance.values())
+    };
+    let amplitudes: Vec<(usize, usize, f64)> = (0..model.effects.len())
+        .flat_map(|at| {
+            let lines_hz = lines_of(model, at);
+            let from = model.effects[at].parameters.len() - 2 * lines_hz.len();
+            lines_hz.into_iter().enumerate().map(move |(i, hz)| (at, from + 2 * i, hz))
+        })
+        .collect();
+    if amplitudes.is_empty() {
+        return;
+    }
+    for (at, sine, _) in &amplitudes {
+        model.effects[*at].parameters[*sine].value = 0.0;
+        model.effects[*at].parameters[sine + 1].value = 0.0;
+    }
     let record = &dataset.records[*first];
-    let frequency_hz = model.effects[at].parameters[0].value;
-    for i in 1..=2 {
-        model.effects[at].parameters[i].value = 0.0;
-    }
     let reading = model.simulate(&record.drive());
-    let n = record.counted().count().max(1) as f64;
-    let (mut sine, mut cosine) = (0.0, 0.0);
-    for k in record.counted() {
-        let phase = std::f64::consts::TAU * frequency_hz * k as f64 * record.dt_s();
-        let error = record.displacement_um[k] - reading[k];
-        sine += 2.0 / n * error * phase.sin();
-        cosine += 2.0 / n * error * phase.cos();
+    let share = 2.0 / record.counted().count().max(1) as f64;
+    for (at, sine, frequency_hz) in amplitudes {
+        let (mut along_sine, mut along_cosine) = (0.0, 0.0);
+        for k in record.counted() {
+            let phase = std::f64::consts::TAU * frequency_hz * k as f64 * record.dt_s();
+            let error = record.displacement_um[k] - reading[k];
+            along_sine += share * error * phase.sin();
+            along_cosine += share * error * phase.cos();
+        }
+        model.effects[at].parameters[sine].value = along_sine;
+        model.effects[at].parameters[sine + 1].value = along_cosine;
     }
-    model.effects[at].parameters[1].value = sine;
-    model.effects[at].parameters[2].value = cosine;
 }
 
 /// Samples in one block of the sandwich estimator, at least.

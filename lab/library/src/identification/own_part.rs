@@ -164,7 +164,7 @@ impl OwnMotions {
             if record.initial_state == InitialState::Unknown {
                 out.extend(instance.effect.free_motions(model, &values).into_iter().map(OwnMotion::Free));
             }
-            out.extend(instance.effect.line_frequencies_hz(&values).into_iter().map(OwnMotion::LineHz));
+            out.extend(instance.effect.line_frequencies_hz(model, &values).into_iter().map(OwnMotion::LineHz));
         }
         out.sort_by_key(OwnMotion::rank);
         Self(out)

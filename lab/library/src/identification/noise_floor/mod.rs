@@ -27,7 +27,9 @@ use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, ro
 use crate::dataset::{Dataset, Record, Role};
 use crate::parallel;
 use hysteron_sim::chain::Model;
+use hysteron_sim::effect::LinesAtRest;
 use repetition::Repeated;
+use rest::AtRest;
 use serde::Serialize;
 
 /// What an estimate of the noise rests on.
@@ -106,6 +108,9 @@ pub struct NoiseFloor {
     pub reading_step_um: Option<f64>,
     /// Where estimates disagree.
     pub warnings: Vec<String>,
+    /// Lines that the readings show while the drive stands still.
+    #[serde(skip)]
+    pub lines_at_rest: LinesAtRest,
     /// Noise in the column of the drive; `None` where the drive stands there as it was commanded.
     #[serde(skip)]
     pub read_back: Option<ReadBack>,
@@ -174,6 +179,8 @@ impl NoiseFloor {
     }
 }
 
+/// Readings that are faster than this show lines of the mains where they are, Hz.
+const SHOWS_MAINS_HZ: f64 = 150.0;
 /// Rounding matters where it makes this share of the noise's power.
 const ROUNDING_MATTERS: f64 = 0.05;
 /// Noise in the drive's column is spoken of where it makes this share of the reading's own.
@@ -194,9 +201,15 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     let span_v = dataset.drive_max_v - dataset.drive_min_v;
     let taking_part = |r: &&Record| r.role != Role::Test;
     let driven: Vec<&Record> = dataset.records.iter().filter(taking_part).filter(|r| r.role != Role::Noise).collect();
-    let rests = dataset.records.iter().filter(|r| r.role == Role::Noise).map(|r| rest::of_record(r, step_um));
-    let (mut estimates, wanders): (Vec<FloorEstimate>, Vec<Option<Wander>>) = rests.unzip();
-    let wander = wanders.into_iter().next().flatten();
+    let rests: Vec<AtRest> = dataset.records.iter().filter(|r| r.role == Role::Noise).map(|r| rest::of_record(r, step_um)).collect();
+    let holds: Vec<AtRest> = driven.iter().filter_map(|r| rest::of_hold(r, step_um)).collect();
+    let still = || rests.iter().chain(&holds);
+    let lines_at_rest = LinesAtRest {
+        lines_hz: still().flat_map(|one| one.lines_hz.iter().copied()).collect(),
+        samples: still().filter(|one| one.sample_rate_hz > SHOWS_MAINS_HZ).map(|one| one.samples).max().unwrap_or(0),
+    };
+    let wander = rests.first().and_then(|rest| rest.wander);
+    let mut estimates: Vec<FloorEstimate> = rests.into_iter().map(|rest| rest.estimate).collect();
     let mut repeats: Vec<Repeated> = driven.iter().filter_map(|r| repetition::of_periods(r, span_v)).collect();
     repeats.extend(repetition::of_pairs(dataset));
     let read_back = ReadBack::of(dataset, repeats.iter().map(|r| r.drive_noise_v).fold(0.0, f64::max));
@@ -205,7 +218,7 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         repeated.iter_mut().for_each(|e| e.rms_um = noise_between_repeats_um(e.rms_um, step_um));
     }
     estimates.extend(repeated);
-    estimates.extend(driven.iter().filter_map(|r| rest::of_hold(r, step_um)));
+    estimates.extend(holds.into_iter().map(|hold| hold.estimate));
     let gain_um_v = dataset.overview().gain_um_v;
     let bounds: Vec<FloorEstimate> = driven.iter().filter_map(|r| high_band::of_record(r, gain_um_v)).collect();
     let at_least_um = bounds.iter().map(|e| e.rms_um).reduce(f64::min);
@@ -237,6 +250,7 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         wander,
         wander_relative_std,
         reading_step_um,
+        lines_at_rest,
         of_readings_warnings: warnings.clone(),
         warnings,
         read_back,

@@ -41,7 +41,7 @@ fn drift_columns(samples: usize) -> Vec<Vec<f64>> {
 
 /// RMS of what is random in `signal`, which begins at sample `from` of a record with this force.
 pub(super) fn random_part(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> f64 {
-    random(signal, sample_rate_hz, force_n).1
+    random(signal, sample_rate_hz, force_n).rms
 }
 
 /// The same in a part of a signal whose lines are known: a part may be too short to show them.
@@ -56,8 +56,8 @@ pub(super) fn lines_hz(signal: &[f64], sample_rate_hz: f64) -> Vec<f64> {
     beside(signal, sample_rate_hz, drift_columns(signal.len())).lines_hz
 }
 
-/// What is random in `signal`, and its RMS, which counts what was removed.
-pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> (Vec<f64>, f64) {
+/// What is random in `signal`, and the lines beside it.
+pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64], usize)>) -> Beside {
     let n = signal.len();
     let mut columns = drift_columns(n);
     if let Some((force_n, from)) = force_n.filter(|(f, _)| f.iter().any(|v| *v != f[0])) {
@@ -66,8 +66,7 @@ pub(super) fn random(signal: &[f64], sample_rate_hz: f64, force_n: Option<(&[f64
             columns.push((from..from + n).map(|k| force_n[k.saturating_sub(lag + 1)]).collect());
         }
     }
-    let Beside { residual, rms, .. } = beside(signal, sample_rate_hz, columns);
-    (residual, rms)
+    beside(signal, sample_rate_hz, columns)
 }
 
 /// Sine and cosine of a line.
@@ -77,12 +76,12 @@ fn line_columns(frequency_hz: f64, samples: usize, sample_rate_hz: f64) -> [Vec<
 }
 
 /// What a signal has beside some columns and lines.
-struct Beside {
-    residual: Vec<f64>,
+pub(super) struct Beside {
+    pub residual: Vec<f64>,
     /// Its RMS, which counts what was removed.
-    rms: f64,
+    pub rms: f64,
     /// The lines that were removed, the strongest first.
-    lines_hz: Vec<f64>,
+    pub lines_hz: Vec<f64>,
 }
 
 fn beside(signal: &[f64], sample_rate_hz: f64, columns: Vec<Vec<f64>>) -> Beside {

@@ -1,6 +1,6 @@
 //! The noise that rest shows: in records of their own, and where a drive holds still inside a record.
 
-use super::random_part::{lines_hz, random, random_part_beside_lines};
+use super::random_part::{Beside, lines_hz, random, random_part_beside_lines};
 use super::wander::Wander;
 use super::{Evidence, FloorEstimate};
 use crate::dataset::holds::{holds, read_noise_v};
@@ -17,16 +17,35 @@ const SETTLING: f64 = 0.4;
 /// Parts of a hold that are looked at by themselves: creep is no polynomial over a decade of time, but it is over a short part.
 const PARTS: usize = 4;
 
-/// What a record at rest shows, and how its noise wanders. Noise that hardly ever leaves a step of the reading is judged by how often it does.
-pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> (FloorEstimate, Option<Wander>) {
+/// What a drive that stands still lets see of the readings.
+pub(super) struct AtRest {
+    pub estimate: FloorEstimate,
+    /// How the noise wanders, where that shows.
+    pub wander: Option<Wander>,
+    /// Lines beside the noise, Hz.
+    pub lines_hz: Vec<f64>,
+    /// Samples in which they were looked for.
+    pub samples: usize,
+    pub sample_rate_hz: f64,
+}
+
+/// What a record at rest shows. Noise that hardly ever leaves a step of the reading is judged by how often it does.
+pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> AtRest {
     let readings_um: Vec<f64> = record.counted().map(|k| record.displacement_um[k]).collect();
     let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| record.counted().map(|k| f[k]).collect());
-    let (residual_um, random_um) = random(&readings_um, record.sample_rate_hz, force_n.as_deref().map(|f| (f, 0)));
+    let Beside { residual: residual_um, rms: random_um, lines_hz } =
+        random(&readings_um, record.sample_rate_hz, force_n.as_deref().map(|f| (f, 0)));
     let rms_um = with_hidden_steps(random_um, &readings_um, step_um);
     let estimate = FloorEstimate::new(Evidence::RestRecord, vec![record.name.clone()], rms_um, readings_um.len());
     // Rounding hides what a spectrum would show of noise below it.
     let shown = step_um.is_none_or(|step_um| random_um >= HIDDEN_BY_STEP * step_um);
-    (estimate, Wander::of_rest(&residual_um, record.sample_rate_hz).filter(|_| shown))
+    AtRest {
+        estimate,
+        wander: Wander::of_rest(&residual_um, record.sample_rate_hz).filter(|_| shown),
+        lines_hz,
+        samples: readings_um.len(),
+        sample_rate_hz: record.sample_rate_hz,
+    }
 }
 
 /// How much a drive that stands still scatters, because it was read back and not commanded, V.
@@ -46,7 +65,7 @@ fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) 
 }
 
 /// What the longest hold inside a driven record shows, in front of its window or behind its end too.
-pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEstimate> {
+pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<AtRest> {
     let hold = holds(&record.drive_v, &record.displacement_um, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len)?;
     if record.left_out.iter().any(|range| range.start < hold.end && hold.start < range.end) {
         return None;
@@ -68,7 +87,13 @@ pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<FloorEsti
         .collect();
     of_parts.sort_by(f64::total_cmp);
     let rms_um = *of_parts.get(of_parts.len() / 2)?;
-    (rms_um > 0.0).then(|| FloorEstimate::new(Evidence::Hold, vec![record.name.clone()], rms_um, readings_um.len()))
+    (rms_um > 0.0).then(|| AtRest {
+        estimate: FloorEstimate::new(Evidence::Hold, vec![record.name.clone()], rms_um, readings_um.len()),
+        wander: None,
+        lines_hz,
+        samples: readings_um.len(),
+        sample_rate_hz: record.sample_rate_hz,
+    })
 }
 
 #[cfg(test)]
@@ -85,7 +110,7 @@ mod tests {
                 (0..hold + 6000).map(|k| if k < hold { 10.0 } else { 10.0 + 5.0 * (0.01 * (k - hold) as f64).sin() }).collect();
             let hum = |k: usize| 0.06 * (std::f64::consts::TAU * hum_hz * k as f64 / rate_hz + 1.0).sin();
             let reading = drive.iter().enumerate().map(|(k, u)| 0.1 * u + hum(k) + noise.next_um()).collect();
-            let found = of_hold(&Record::new("r", rate_hz, drive, reading), None).unwrap();
+            let found = of_hold(&Record::new("r", rate_hz, drive, reading), None).unwrap().estimate;
             assert!((found.rms_um / 0.002 - 1.0).abs() < 0.1, "{hold} samples, {hum_hz} Hz: {}", found.rms_um);
         }
     }
@@ -101,7 +126,7 @@ mod tests {
             u + (-60.0 * t_s).exp() * (4600.0 * t_s).cos() + 0.2 * (1.0 + 10.0 * t_s).ln() + noise.next_um()
         });
         let reading = reading.collect();
-        let found = of_hold(&Record::new("r", rate_hz, drive, reading), None).unwrap();
+        let found = of_hold(&Record::new("r", rate_hz, drive, reading), None).unwrap().estimate;
         assert!((found.rms_um / 0.002 - 1.0).abs() < 0.06, "{}", found.rms_um);
     }
 }

@@ -1,0 +1,109 @@
+//! Multiples of the mains frequency beside its hum: rectifiers ripple at twice the mains, saturated transformers at its odd multiples.
+//!
+//! # How it works
+//! Sine and cosine of every multiple are estimated for every record, as those of the hum are. A periodic drive whose harmonics fall on the same lines would
+//! lend them what the loops leave, so they are proposed only where a line is seen while the drive stands still ([`Effect::speaks_for_it`]).
+
+use super::mains_hum::{self, lines_stage};
+use super::{Against, Declaration, Effect, LinesAtRest, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use crate::chain::Model;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "hum_harmonics";
+
+/// Multiples of the mains frequency that are in the reading.
+pub struct HumHarmonics;
+
+/// The multiples.
+const MULTIPLES: [u32; 6] = [2, 3, 4, 5, 6, 7];
+/// Mains frequency where no hum says it, Hz.
+const USUAL_HZ: f64 = 50.0;
+/// A line at rest is a multiple of the hum where it is so near, Hz: a rest of two seconds shows it to a quarter of that.
+const NEAR_HZ: f64 = 1.0;
+
+impl Effect for HumHarmonics {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: ID.into(),
+            physics:
+                "Rectifiers and transformers bring multiples of the mains frequency into the sensor beside its hum, present at rest too."
+                    .into(),
+            reference: "Ott, Electromagnetic Compatibility Engineering (2009)".into(),
+            place: Place::Hum,
+            modifies: Some(mains_hum::ID),
+            experiment: "rest at constant drive for two seconds".into(),
+            candidate: true,
+            one_sided: false,
+        }
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let range = overview.range_um.max(1e-6);
+        let amplitude = |name: String| Parameter::linear(name, "um", -range, range, 1e-4 * range).fixed();
+        MULTIPLES.iter().flat_map(|k| [amplitude(format!("sine_{k}_um")), amplitude(format!("cosine_{k}_um"))]).collect()
+    }
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.0; 2 * MULTIPLES.len()]]
+    }
+    fn planted(&self) -> Planted {
+        Planted::Never
+    }
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect(mains_hum::ID).is_some()
+    }
+    fn speaks_for_it(&self, model: &Model, at_rest: &LinesAtRest) -> bool {
+        let multiples = self.line_frequencies_hz(model, &[]);
+        at_rest.lines_hz.iter().any(|line| multiples.iter().any(|multiple| (line - multiple).abs() < NEAR_HZ))
+    }
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        lines_stage(&self.line_frequencies_hz(model, values), values, setting.dt_s)
+    }
+    fn line_frequencies_hz(&self, model: &Model, _values: &[f64]) -> Vec<f64> {
+        let mains_hz = model.values(mains_hum::ID).map_or(USUAL_HZ, |hum| hum[0]);
+        MULTIPLES.iter().map(|multiple| f64::from(*multiple) * mains_hz).collect()
+    }
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some([0.002, 0.002, 0.003, 0.003].iter().map(|um| um * strength).chain([0.0; 2 * MULTIPLES.len() - 4]).collect())
+    }
+    fn picture(&self) -> Picture {
+        Picture {
+            against: Against::Frequency,
+            caption: "Lines at multiples of the mains frequency, whatever the drive does, and present at rest.",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::chain::{Drive, EffectInstance, InitialState, Model};
+    use crate::effect::{LinesAtRest, Overview, by_id};
+
+    #[test]
+    fn it_adds_sines_at_multiples_of_the_hum() {
+        let overview = Overview::without_data(0.0, 1.0);
+        let mut model = Model::new(0.0, 1.0);
+        model.add(EffectInstance::new(by_id("mains_hum").unwrap(), &overview, &[49.9, 0.0, 0.0]));
+        let mut values = [0.0; 12];
+        (values[1], values[2]) = (0.3, 0.2);
+        model.add(EffectInstance::new(by_id("hum_harmonics").unwrap(), &overview, &values));
+        let drive = Drive { drive_v: &[0.0; 3000], force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Settled };
+        for (k, read_um) in model.simulate(&drive).iter().enumerate() {
+            let phase = std::f64::consts::TAU * 49.9 * 1e-3 * k as f64;
+            let expected_um = 0.3 * (2.0 * phase).cos() + 0.2 * (3.0 * phase).sin();
+            assert!((read_um - expected_um).abs() < 1e-9, "{k}: {read_um} {expected_um}");
+        }
+    }
+
+    #[test]
+    fn only_a_multiple_of_the_hum_that_is_there_at_rest_speaks_for_it() {
+        let mut model = Model::new(0.0, 1.0);
+        model.add(EffectInstance::new(by_id("mains_hum").unwrap(), &Overview::without_data(0.0, 1.0), &[59.95, 0.01, 0.0]));
+        let harmonics = by_id("hum_harmonics").unwrap();
+        for (lines_hz, speaks) in [(&[][..], false), (&[59.95, 735.0], false), (&[100.0], false), (&[59.95, 179.8], true)] {
+            let at_rest = LinesAtRest { lines_hz: lines_hz.to_vec(), samples: 20_000 };
+            assert_eq!(harmonics.speaks_for_it(&model, &at_rest), speaks, "{lines_hz:?}");
+        }
+    }
+}
