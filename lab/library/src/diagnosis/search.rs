@@ -3,7 +3,8 @@
 //! # How it works
 //! A round scores all candidates on what each of the best models leaves, and proposes the sets that promise most: one effect more, or two
 //! where together they explain what neither does alone (creep is not seen before the lag beside it is), or a finer description of the
-//! hysteresis or the creep. The most promising are fitted on a part of the samples and take their place among all that were fitted; the best that have
+//! hysteresis or the creep. Far above the noise a model can take in what it lacks, as creep and friction do a lag at the speeds that were fitted, and then fails the
+//! held-out records: candidates are scored there too. The most promising are fitted on a part of the samples and take their place among all that were fitted; the best that have
 //! not been extended yet are extended next. Where additions bring nothing more, effects of the best model are exchanged for others that do much
 //! the same beside it ([`Screening::doing_as`]): the first to be added was the best of few. The search ends when nothing is left above the
 //! noise, or when neither brings a better model.
@@ -81,6 +82,8 @@ const SINGLES: usize = 6;
 const PAIRED: usize = 9;
 /// Pairs of a model that are proposed at most.
 const PAIRS: usize = 3;
+/// Of the extensions that are fitted in one round, those that fitted and held-out records show together where a model fails the held-out ones.
+const HELD_OUT_TRIALS: usize = 3;
 /// A pair is worth a trial of its own where it leaves less than this share of what the better of the two leaves alone.
 const BETTER_TOGETHER: f64 = 0.8;
 
@@ -353,28 +356,29 @@ impl<'s, 'a> Search<'s, 'a> {
         let screenings = parallel::map(&nodes, |node| {
             let candidates = self.study.candidates_for(&node.judged.model).len();
             self.study.watch.event(&Event::Scoring { candidates, beside: &node.added });
-            self.study.score(&node.judged.model)
+            let fails = far_above && self.study.fails_held_out(&node.judged);
+            let on_all = fails.then(|| self.study.score_on_all(&node.judged.model)).transpose();
+            self.study.score(&node.judged.model).and_then(|fitted| Ok((fitted, on_all?)))
         });
-        // A better description of creep takes the place of no effect that may be missing.
-        let (mut out, mut beside_others, mut finer_creep): (Vec<Proposal>, Vec<Proposal>, Vec<Proposal>) = Default::default();
+        let mut proposed = Proposals::default();
         for (node, screening) in nodes.iter().zip(screenings) {
-            let screening = screening?;
-            let proposals = if has_surfaces(&node.judged.model) == kind { &mut out } else { &mut beside_others };
+            let (screening, on_all) = screening?;
+            let of_its_kind = has_surfaces(&node.judged.model) == kind;
+            let proposals = if of_its_kind { &mut proposed.by_fitted } else { &mut proposed.beside_other_loops };
             let first = proposals.is_empty();
             if first {
                 self.propose_finer(node, &screening, proposals);
             }
-            // Far above the noise a finer creep decides which of two that are nearly as good goes on; near it, it would stand in for what is missing.
-            if first || (far_above && has_surfaces(&node.judged.model) == kind) {
-                self.propose_finer_creep(node, &screening, &mut finer_creep);
-            }
             self.propose_effects(node, &screening, proposals);
+            // Far above the noise a finer creep decides which of two that are nearly as good goes on; near it, it would stand in for what is missing.
+            if first || (far_above && of_its_kind) {
+                self.propose_finer_creep(node, &screening, &mut proposed.finer_creep);
+            }
+            if let Some(on_all) = on_all.filter(|_| of_its_kind) {
+                self.propose_effects(node, &on_all, &mut proposed.by_all);
+            }
         }
-        keep_most_promising(&mut out, self.study.policy.trials);
-        keep_most_promising(&mut beside_others, OTHER_LOOPS_TRIALS);
-        out.extend(beside_others);
-        out.extend(finer_creep);
-        Ok(out)
+        Ok(proposed.most_promising(self.study.policy.trials))
     }
 
     fn propose_effects(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
@@ -449,6 +453,30 @@ impl<'s, 'a> Search<'s, 'a> {
             let begun = scores.iter().map(|s| s.id.clone()).collect();
             out.push(Proposal { key, added, begin, begun, of: node.merit, promise: relative * left });
         }
+    }
+}
+
+/// What is proposed in one round.
+#[derive(Default)]
+struct Proposals {
+    /// By what models leave of the records that are fitted.
+    by_fitted: Vec<Proposal>,
+    /// By what those that fail held-out records leave of all: what a model has taken in shows only there.
+    by_all: Vec<Proposal>,
+    /// Beside loops of the other kind.
+    beside_other_loops: Vec<Proposal>,
+    /// A better description of creep takes the place of no effect that may be missing.
+    finer_creep: Vec<Proposal>,
+}
+
+impl Proposals {
+    fn most_promising(self, trials: usize) -> Vec<Proposal> {
+        let Self { by_fitted: mut out, mut by_all, mut beside_other_loops, finer_creep } = self;
+        keep_most_promising(&mut out, if by_all.is_empty() { trials } else { trials.saturating_sub(HELD_OUT_TRIALS) });
+        by_all.retain(|one| out.iter().all(|other| other.key != one.key));
+        keep_most_promising(&mut by_all, HELD_OUT_TRIALS);
+        keep_most_promising(&mut beside_other_loops, OTHER_LOOPS_TRIALS);
+        out.into_iter().chain(by_all).chain(beside_other_loops).chain(finer_creep).collect()
     }
 }
 

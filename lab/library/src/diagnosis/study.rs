@@ -46,6 +46,8 @@ pub struct Study<'a> {
     quick_judging: Rows,
     /// Fitted samples on which candidates are scored.
     scoring: Rows,
+    /// Samples of these and of the held-out records, where those say what is missing.
+    scoring_all: Rows,
     /// The same where evidence is weighed.
     evidence: Rows,
     /// Fitted samples of a last fit.
@@ -78,6 +80,9 @@ const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-
 
 /// How far a last fit goes where the model leaves many times the noise: the last hundredths of a per cent are none of its knowledge.
 const TO_THE_END_FAR_ABOVE: Effort = Effort { iterations: 30, tolerance: 0.05, relative: 2e-4, looks_again: false };
+
+/// A model that leaves so many times as much of the held-out records has taken in what they would show.
+const FAILS_HELD_OUT: f64 = 1.5;
 
 /// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come past it.
 const CANNOT_CATCH_UP: f64 = 0.15;
@@ -113,6 +118,7 @@ impl<'a> Study<'a> {
             quick: Rows::strided(&searched, &split.identify, stride),
             quick_judging: Rows::strided(&searched, &split.both(), stride),
             scoring: Rows::thinned(&searched, &split.identify, policy.scoring_samples),
+            scoring_all: Rows::thinned(&searched, &split.both(), policy.scoring_samples),
             evidence: Rows::thinned(&searched, &split.identify, policy.evidence_samples),
             thorough: Rows::thinned(dataset, &split.identify, policy.fit_samples),
             all: Rows::all(dataset, &split.both()),
@@ -173,12 +179,30 @@ impl<'a> Study<'a> {
         self.score_each(model, &self.candidates_for(model))
     }
 
+    /// Scores the candidates on what the model leaves of fitted and held-out records together, as if all were fitted.
+    ///
+    /// # Errors
+    /// As [`screen`].
+    pub fn score_on_all(&self, model: &Model) -> Result<Screening> {
+        self.scored(model, &self.scoring_all, &self.candidates_for(model))
+    }
+
+    /// Whether a model leaves much more of the held-out records than of those that it was fitted to.
+    #[must_use]
+    pub fn fails_held_out(&self, judged: &Judged) -> bool {
+        judged.validate_rms_um.is_some_and(|held_out_um| held_out_um > FAILS_HELD_OUT * judged.identify_rms_um)
+    }
+
     /// Scores these effects beside a model, for a search.
     ///
     /// # Errors
     /// As [`screen`].
     pub fn score_each(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
-        screen(model, &self.overview, &self.searched, &self.scoring, effects, self.floor_um, Weighing::Quick)
+        self.scored(model, &self.scoring, effects)
+    }
+
+    fn scored(&self, model: &Model, rows: &Rows, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
+        screen(model, &self.overview, &self.searched, rows, effects, self.floor_um, Weighing::Quick)
     }
 
     /// Scores candidates beside a model against chance.
