@@ -125,7 +125,7 @@ mod tests {
             let tau_samples = 4000.0 * [0.3, 1.0, 3.0][seed as usize % 3];
             let white = noise(0.0, 0.004, 4000, seed);
             let drifting: Vec<f64> = (white.iter().enumerate()).map(|(k, v)| v + 0.5 * (-(k as f64) / tau_samples).exp()).collect();
-            let (residual, _) = super::super::random_part::random(&drifting, RATE_HZ, None);
+            let residual = super::super::random_part::random(&drifting, RATE_HZ, None).residual;
             assert_eq!(Wander::of_rest(&residual, RATE_HZ), None, "{seed}");
         }
     }
