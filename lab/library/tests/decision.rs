@@ -59,6 +59,7 @@ fn known(rms_um: Option<f64>, records: usize) -> NoiseFloor {
         wander: None,
         wander_relative_std: 0.0,
         reading_step_um: None,
+        lines_at_rest: hysteron_sim::effect::LinesAtRest::default(),
         warnings: Vec::new(),
         read_back: None,
         of_readings_um: vec![rms_um; records],
