@@ -11,6 +11,7 @@ use hysteron_sim::chain::Model;
 use hysteron_sim::effect::delay;
 use hysteron_tests::beside;
 use hysteron_tests::measured::{record, stage};
+use std::path::Path;
 
 /// Sampling periods by which the readings come late.
 const LATE_SAMPLES: usize = 5;
@@ -23,6 +24,12 @@ fn late(clean: &Dataset, late_samples: usize) -> Dataset {
         record.displacement_um = (0..readings.len()).map(|k| readings[k.saturating_sub(late_samples)]).collect();
     }
     out
+}
+
+/// Sines at 20 and 50 Hz, and one between them that is held out.
+fn at_two_speeds(data: &Path) -> Dataset {
+    let roles = [("20_hz_no_lp", 1.5, Role::Identify), ("sine50_1", 0.2, Role::Identify), ("40_hz_no_lp", 1.5, Role::Validate)];
+    stage(roles.map(|(name, from_s, role)| record(data, name, from_s, role)).to_vec())
 }
 
 fn errors_um(model: &Model, dataset: &Dataset) -> Vec<f64> {
@@ -56,8 +63,7 @@ fn a_delay_of_real_readings_is_named_and_added() {
 #[test]
 fn a_delay_of_real_readings_takes_the_place_of_a_lag_that_was_added_first() {
     let Some(data) = beside("measured") else { return };
-    let roles = [("20_hz_no_lp", 1.5, Role::Identify), ("sine50_1", 0.2, Role::Identify), ("40_hz_no_lp", 1.5, Role::Validate)];
-    let late = late(&stage(roles.map(|(name, from_s, role)| record(&data, name, from_s, role)).to_vec()), 10);
+    let late = late(&at_two_speeds(&data), 10);
     let gain = effects_named("gain").expect("known");
     let found = explain(&late, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
     let value_s = found.model.values(delay::ID).unwrap_or_else(|| panic!("no delay in {:?}", found.model.effect_ids()))[0];
@@ -86,8 +92,7 @@ fn lagging(clean: &Dataset, cutoff_hz: f64) -> Dataset {
 #[test]
 fn a_lag_that_a_model_has_taken_in_is_seen_in_held_out_records() {
     let Some(data) = beside("measured") else { return };
-    let roles = [("20_hz_no_lp", 1.5, Role::Identify), ("sine50_1", 0.2, Role::Identify), ("40_hz_no_lp", 1.5, Role::Validate)];
-    let lagging = lagging(&stage(roles.map(|(name, from_s, role)| record(&data, name, from_s, role)).to_vec()), 1000.0);
+    let lagging = lagging(&at_two_speeds(&data), 1000.0);
     let gain = effects_named("gain").expect("known");
     let found = explain(&lagging, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
     let (ids, errors_um) = (found.model.effect_ids(), errors_um(&found.model, &lagging));

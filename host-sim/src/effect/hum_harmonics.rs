@@ -18,7 +18,7 @@ pub struct HumHarmonics;
 const MULTIPLES: [u32; 6] = [2, 3, 4, 5, 6, 7];
 /// Mains frequency where no hum says it, Hz.
 const USUAL_HZ: f64 = 50.0;
-/// A line at rest is a multiple of the hum where it is so near, Hz: a rest of two seconds shows it to a quarter of that.
+/// A line at rest is a multiple of the hum where it is so near, Hz: a rest of two seconds tells lines apart that are half of that from one another.
 const NEAR_HZ: f64 = 1.0;
 
 impl Effect for HumHarmonics {

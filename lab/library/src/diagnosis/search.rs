@@ -354,11 +354,13 @@ impl<'s, 'a> Search<'s, 'a> {
             }
         }
         let screenings = parallel::map(&nodes, |node| {
-            let candidates = self.study.candidates_for(&node.judged.model).len();
-            self.study.watch.event(&Event::Scoring { candidates, beside: &node.added });
+            let model = &node.judged.model;
+            let candidates = self.study.candidates_for(model);
+            self.study.watch.event(&Event::Scoring { candidates: candidates.len(), beside: &node.added });
+            let fitted = self.study.score_each(model, &candidates)?;
             let fails = far_above && self.study.fails_held_out(&node.judged);
-            let on_all = fails.then(|| self.study.score_on_all(&node.judged.model)).transpose();
-            self.study.score(&node.judged.model).and_then(|fitted| Ok((fitted, on_all?)))
+            let on_all = fails.then(|| self.study.score_on_all(model, &candidates)).transpose()?;
+            Ok((fitted, on_all))
         });
         let mut proposed = Proposals::default();
         for (node, screening) in nodes.iter().zip(screenings) {

@@ -179,12 +179,12 @@ impl<'a> Study<'a> {
         self.score_each(model, &self.candidates_for(model))
     }
 
-    /// Scores the candidates on what the model leaves of fitted and held-out records together, as if all were fitted.
+    /// Scores these effects on what the model leaves of fitted and held-out records together, as if all were fitted.
     ///
     /// # Errors
     /// As [`screen`].
-    pub fn score_on_all(&self, model: &Model) -> Result<Screening> {
-        self.scored(model, &self.scoring_all, &self.candidates_for(model))
+    pub fn score_on_all(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
+        self.scored(model, &self.scoring_all, effects)
     }
 
     /// Whether a model leaves much more of the held-out records than of those that it was fitted to.

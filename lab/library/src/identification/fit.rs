@@ -460,14 +460,11 @@ fn moved(model: &Model, free: &[ParameterIndex], step: &DVector<f64>) -> Model {
 /// Sine and cosine of a line belong to each record; the model keeps those of its first record so that it can simulate.
 fn store_lines(model: &mut Model, dataset: &Dataset, rows: &Rows) {
     let Some((first, _)) = rows.records.first() else { return };
-    let lines_of = |model: &Model, at: usize| {
-        let instance = &model.effects[at];
-        instance.effect.line_frequencies_hz(model, &instance.values())
-    };
-    let amplitudes: Vec<(usize, usize, f64)> = (0..model.effects.len())
-        .flat_map(|at| {
-            let lines_hz = lines_of(model, at);
-            let from = model.effects[at].parameters.len() - 2 * lines_hz.len();
+    // The effect, the place of the sine in it, and the frequency of every line.
+    let amplitudes: Vec<(usize, usize, f64)> = (model.effects.iter().enumerate())
+        .flat_map(|(at, instance)| {
+            let lines_hz = instance.effect.line_frequencies_hz(model, &instance.values());
+            let from = instance.parameters.len() - 2 * lines_hz.len();
             lines_hz.into_iter().enumerate().map(move |(i, hz)| (at, from + 2 * i, hz))
         })
         .collect();
