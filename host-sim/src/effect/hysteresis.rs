@@ -238,7 +238,7 @@ impl Effect for Hysteresis {
     fn may_leave(&self) -> bool {
         false // nothing would be left to drive the chain
     }
-    fn unlikely_because(&self, model: &Model, values: &[f64]) -> Option<String> {
+    fn ruled_out_because(&self, model: &Model, values: &[f64]) -> Option<String> {
         let (opening_um, height_um) = widest_opening_and_height_um(model, values);
         (opening_um < OF_DOMAINS * height_um).then(|| {
             format!(

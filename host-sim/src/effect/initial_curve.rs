@@ -65,6 +65,10 @@ impl Effect for InitialCurve {
             )
         })
     }
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        let loops = model.effect(super::hysteresis::ID)?;
+        loops.effect.ruled_out_because(model, &loops.values()).map(|_| "it belongs to loops, and there are none".into())
+    }
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         (count > 0).then(|| Arc::new(Self { terms: count }) as Arc<dyn Effect>)
     }

@@ -568,6 +568,11 @@ pub trait Effect: Send + Sync {
         None
     }
 
+    /// Why values that were found are none of this effect, whatever they bring: it is then part of a model, and no name.
+    fn ruled_out_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
+        None
+    }
+
     /// The picture that shows the effect in a residual.
     fn picture(&self) -> Picture {
         Picture { against: Against::Drive, caption: "Averaged over the drive, by branch." }

@@ -258,7 +258,7 @@ fn a_curve_without_loops_is_said_to_be_none_of_domains() {
     let d = explained_with(1e-3, &mut stage, usual_drives()).diagnosis;
     let loops = d.candidates.iter().find(|c| c.effect == "hysteresis").and_then(|c| c.unlikely_because.clone());
     assert!(loops.is_some_and(|why| why.contains("its loops open by 0.0")), "{}", d.sentence);
-    assert!(!d.named.iter().any(|id| id == "hysteresis") || d.sentence.contains("a curve without memory"), "{}", d.sentence);
+    assert!(!d.named.iter().any(|id| id == "hysteresis") && d.sentence.contains("a curve without memory"), "{}", d.sentence);
 }
 
 /// A sensor that drifts on through two records, in each of which it begins at another rate: no creep alone, and no loops.

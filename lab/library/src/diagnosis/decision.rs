@@ -44,6 +44,8 @@ pub enum Decision {
         /// Fall of the mean logarithm of fitted and held-out error.
         by: f64,
     },
+    /// No name, but part of the model: it lowers the errors, and its own physics rules out that it is this effect.
+    RuledOut,
     /// Refused: its signature is not in the residual beside what the model can do by itself.
     NotInTheResidual {
         /// p-value after control of false discoveries.

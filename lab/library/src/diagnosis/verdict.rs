@@ -15,6 +15,7 @@ use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
 use crate::dataset::reading_limits::ReadingLimit;
 use crate::identification::finer_hysteresis::{description, main_effect};
 use crate::identification::noise_floor::{FloorEstimate, NoiseFloor};
+use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{by_id, delay, gain};
 use serde::Serialize;
 
@@ -249,12 +250,13 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && !found.recorded_otherwise();
     let told = findings.iter().any(|f| matches!(f.decision, Decision::ExplainsAlone { .. }));
     let as_the_noise = policy.at_floor + policy.floor_z * floor.relative_std();
+    let something_else_acts = found.supported.iter().any(|s| is_none_of_its_names(s, found));
     let one_or_all = if ambiguous { Verdict::Ambiguous } else { Verdict::Named };
     let (verdict, named) = match decidable {
         // What a recording has and a model from elsewhere has not is known however much that model leaves at home.
         _ if told => (one_or_all, named),
         false => (Verdict::Undecidable, named),
-        true if named.is_empty() && within(as_the_noise) => (Verdict::AtFloor, Vec::new()),
+        true if named.is_empty() && within(as_the_noise) && !something_else_acts => (Verdict::AtFloor, Vec::new()),
         true if named.is_empty() || !within(policy.explained.max(as_the_noise)) => (Verdict::Unexplained, Vec::new()),
         true => (one_or_all, named),
     };
@@ -325,14 +327,13 @@ fn findings(found: &Found, floor: &NoiseFloor, split: &Split, policy: &Policy) -
             out.push(Finding { effects, decision: Decision::ExplainsAlone { share: elsewhere.explained_share } });
         }
     }
-    for s in found.supported.iter().filter(|s| s.decision.admits() && worth_a_name(s)) {
+    for s in found.supported.iter().filter(|s| s.decision.admits() && worth_a_name(s) && !is_none_of_its_names(s, found)) {
         if out.iter().any(|f| f.effects.contains(&s.id)) {
             continue;
         }
         let mut effects = s.names();
         // A reading that its physics makes unlikely stands behind one that nothing speaks against.
-        let model_of = |id: &String| s.rivals.iter().find(|r| r.id == *id).map_or(&found.last.model, |r| &r.judged.model);
-        effects.sort_by_key(|id| unlikely(model_of(id), id).is_some());
+        effects.sort_by_key(|id| unlikely(model_with(s, id, found), id).is_some());
         out.push(Finding { effects, decision: s.decision });
     }
     if let Some(id) = found.quantised {
@@ -341,9 +342,25 @@ fn findings(found: &Found, floor: &NoiseFloor, split: &Split, policy: &Policy) -
     out
 }
 
-fn unlikely(model: &hysteron_sim::chain::Model, id: &str) -> Option<String> {
+/// The model that has an effect: the one at the end, or one with a rival in the place of what was added.
+fn model_with<'a>(s: &'a Supported, id: &str, found: &'a Found) -> &'a Model {
+    s.rivals.iter().find(|r| r.id == id).map_or(&found.last.model, |r| &r.judged.model)
+}
+
+/// An effect lowers the errors, and neither it nor what does as well in its place is what it is called.
+fn is_none_of_its_names(s: &Supported, found: &Found) -> bool {
+    s.decision.admits() && s.names().iter().all(|id| ruled_out(model_with(s, id, found), id).is_some())
+}
+
+/// What the physics of an effect says against its values in a model.
+fn unlikely(model: &Model, id: &str) -> Option<String> {
     let e = model.effect(id)?;
-    e.effect.unlikely_because(model, &e.values())
+    ruled_out(model, id).or_else(|| e.effect.unlikely_because(model, &e.values()))
+}
+
+fn ruled_out(model: &Model, id: &str) -> Option<String> {
+    let e = model.effect(id)?;
+    e.effect.ruled_out_because(model, &e.values())
 }
 
 fn candidate_figures(found: &Found, floor: &NoiseFloor, policy: &Policy) -> Vec<CandidateFigures> {
@@ -413,7 +430,7 @@ fn figures_of(s: &Supported, found: &Found, policy: &Policy) -> Vec<CandidateFig
         let mut figures = plain_figures(score, &s.screening, before, Some(s.id.clone()), policy);
         let rival = s.rivals.iter().find(|r| r.id == score.id);
         if score.id == s.id {
-            figures.decision = s.decision;
+            figures.decision = if is_none_of_its_names(s, found) { Decision::RuledOut } else { s.decision };
             figures.validate_rms_after_um = found.last.validate_rms_um;
             figures.identify_rms_after_um = Some(found.last.identify_rms_um);
             figures.unlikely_because = unlikely(&found.last.model, &s.id);

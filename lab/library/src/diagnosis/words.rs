@@ -8,7 +8,7 @@ use super::initial_states::OtherStates;
 use super::judgement::Judged;
 use super::path::Change;
 use super::policy::Policy;
-use super::verdict::{Diagnosis, Finding, Found, Verdict};
+use super::verdict::{CandidateFigures, Diagnosis, Finding, Found, Verdict};
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::rounding_noise;
 use crate::dataset::reading_limits::ReadingLimit;
@@ -79,7 +79,9 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
     match change {
         Change::Start => "the model that was started from".into(),
         Change::Added(id) => {
-            let physics = after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
+            let physics = after.model.effect(id).map_or_else(String::new, |e| {
+                e.effect.ruled_out_because(&after.model, &e.values()).unwrap_or_else(|| e.effect.declaration().physics)
+            });
             format!("{}{fall}", physics.trim_end_matches('.'))
         }
         Change::AddedUnweighed(ids) => format!("{}: added until the search was stopped, and not weighed{fall}", list(ids, "and")),
@@ -116,6 +118,7 @@ pub fn why(decision: &Decision) -> String {
         Decision::LowersErrors { by } => {
             format!("lowers the errors by {}, far above the noise; nothing but that speaks for it", percent(1.0 - (-by).exp()))
         }
+        Decision::RuledOut => "lowers the errors, and is not what it is called: its own physics rules that out".into(),
         Decision::NotTried => "not fitted: others are more like what is left, or explain more of it".into(),
     }
 }
@@ -349,10 +352,12 @@ impl Said<'_> {
 
     fn named(&self) -> String {
         let d = self.diagnosis;
-        let (verb, adding) = if d.named.len() == 1 { ("is", "adding it") } else { ("are", "adding them") };
+        let (verb, it) = if d.named.len() == 1 { ("is", "it") } else { ("are", "them") };
+        let without_a_name = without_a_name(d);
+        let and = if without_a_name.is_empty() { "" } else { " and what has no name" };
         let others = if d.changed.is_empty() { String::new() } else { format!(" Besides, {} has changed.", changed(&d.changed)) };
         format!(
-            "{} {verb} missing: {adding} brings the {} from {} to {} nm; the noise is {} nm.{others}{}",
+            "{} {verb} missing: adding {it}{and} brings the {} from {} to {} nm; the noise is {} nm.{others}{}{without_a_name}",
             capital(&list(&d.named, "and")),
             self.which,
             nm(self.before_um),
@@ -364,12 +369,15 @@ impl Said<'_> {
 
     fn ambiguous(&self) -> String {
         let d = self.diagnosis;
-        let (joint, said, adding) = match d.findings.as_slice() {
-            [_] => (": ", "this data cannot tell which is missing. Either brings", "about "),
-            _ => (" ", "are missing; where it says `or`, this data cannot tell which. Together they bring", ""),
+        let without_a_name = without_a_name(d);
+        let (with, together) =
+            if without_a_name.is_empty() { ("", "they bring") } else { (", with what has no name,", "with what has no name they bring") };
+        let (joint, said, about) = match d.findings.as_slice() {
+            [_] => (": ", format!("this data cannot tell which is missing. Either{with} brings"), "about "),
+            _ => (" ", format!("are missing; where it says `or`, this data cannot tell which. Together {together}"), ""),
         };
         format!(
-            "{}{joint}{said} the {} from {} to {adding}{} nm; the noise is {} nm.{}",
+            "{}{joint}{said} the {} from {} to {about}{} nm; the noise is {} nm.{}{without_a_name}",
             capital(&either(&d.findings)),
             self.which,
             nm(self.before_um),
@@ -398,10 +406,11 @@ impl Said<'_> {
             );
         }
         format!(
-            "{before_all}Something is missing that the library does not know: the {} is {} nm, the noise {} nm, and {known}.",
+            "{before_all}Something is missing that the library does not know: the {} is {} nm, the noise {} nm, and {known}.{}",
             self.which,
             nm(self.before_um),
-            self.floor_nm
+            self.floor_nm,
+            without_a_name(self.diagnosis)
         )
     }
 
@@ -445,6 +454,16 @@ impl Said<'_> {
         };
         format!("Nothing in this data shows the noise, so nobody can say whether more is missing; {gained}.{}", likelier(d))
     }
+}
+
+/// What lowers the errors beside the findings, and is not what it is called.
+fn without_a_name(d: &Diagnosis) -> String {
+    let ruled_out = d.candidates.iter().filter(|c| c.decision == Decision::RuledOut);
+    let one = |c: &CandidateFigures| {
+        let because = c.unlikely_because.clone().unwrap_or_default();
+        format!(" {} lowers the errors and is none: {because}.", capital(&spoken(&c.effect)))
+    };
+    ruled_out.map(one).collect()
 }
 
 /// What the physics of a finding says of it: which of two readings is likelier, or that the effect is what its values tell rather than what it is called.
