@@ -148,6 +148,13 @@ impl Model {
         Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new() }
     }
 
+    /// Why what the model has for an effect is none of it, by its physics.
+    #[must_use]
+    pub fn ruled_out_because(&self, id: &str) -> Option<String> {
+        let e = self.effect(id)?;
+        e.effect.ruled_out_because(self, &e.values())
+    }
+
     /// The effect with this identifier.
     #[must_use]
     pub fn effect(&self, id: &str) -> Option<&EffectInstance> {

@@ -64,6 +64,9 @@ impl Effect for BoucWen {
         let scale = overview.gain_um_v * overview.drive_range_v();
         vec![vec![1.1 * scale, 0.4 * scale, 2.0, 0.5]]
     }
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(BoucWenStage {
             gain_um: values[0],

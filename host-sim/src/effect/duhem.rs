@@ -62,6 +62,9 @@ impl Effect for Duhem {
         let scale = overview.gain_um_v * overview.drive_range_v();
         vec![vec![3.0, scale, 0.7 * scale]]
     }
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DuhemStage {
             approach: values[0],

@@ -238,15 +238,8 @@ impl Effect for Hysteresis {
     fn may_leave(&self) -> bool {
         false // nothing would be left to drive the chain
     }
-    fn ruled_out_because(&self, model: &Model, values: &[f64]) -> Option<String> {
-        let (opening_um, height_um) = widest_opening_and_height_um(model, values);
-        (opening_um < OF_DOMAINS * height_um).then(|| {
-            format!(
-                "its loops open by {:.2} % of their height, those of domains by 10 to 20 %; it is a curve without memory in front of what moves, or what else goes \
-                 slowly on its own way while the drive moves",
-                100.0 * opening_um / height_um
-            )
-        })
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
     }
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         let degree = degree_of(count);
@@ -260,34 +253,13 @@ impl Effect for Hysteresis {
     }
 }
 
-/// Loops that open by less than this share of their height are none of domain switching: of the hardest ceramics they open by some per cent (Fleming and
-/// Leang, 2014, Ch. 1).
-pub(super) const OF_DOMAINS: f64 = 0.003;
-/// Inputs on each branch at which loops are looked at.
+/// Inputs at which what stays is looked at.
 const BRANCH: u32 = 200;
-
-/// How far the rising and the falling branch over the whole range are apart where they are farthest, and how high they are, um.
-fn widest_opening_and_height_um(model: &Model, values: &[f64]) -> (f64, f64) {
-    let remnant = model.values(super::initial_curve::ID).unwrap_or_default();
-    let mut operator = OneSidedHysteresis::virgin(Surfaces::from_legendre(degree_of(values.len()), values, &remnant), 0.0, 1.0);
-    let mut plays = PlayOperators::of(model);
-    let mut at = |k: u32| {
-        let x = f64::from(k) / f64::from(BRANCH);
-        operator.step(x) + plays.as_mut().map_or(0.0, |plays| plays.step(x))
-    };
-    // The first rise is that of the initial curve.
-    (0..BRANCH).for_each(|k| {
-        at(k);
-    });
-    let falling: Vec<f64> = (0..=BRANCH).rev().map(&mut at).collect();
-    let rising: Vec<f64> = (0..=BRANCH).map(&mut at).collect();
-    let opening_um = rising.iter().zip(falling.iter().rev()).map(|(up, down)| (up - down).abs()).fold(0.0, f64::max);
-    (opening_um, (rising[BRANCH as usize] - rising[0]).abs())
-}
 
 /// Share of the height of the loops of a model that stays after the first rise, of an initial curve of these values at most.
 pub(super) fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
-    let (_, height_um) = widest_opening_and_height_um(model, &model.values(ID)?);
+    model.effect(ID)?;
+    let (_, height_um) = super::loops::widest_opening_and_height_um(model);
     let stays = Surfaces::from_legendre(1, &[], remnant);
     let most_um = (0..=BRANCH).map(|k| stays.initial_ascending_curve(f64::from(k) / f64::from(BRANCH)).abs()).fold(0.0, f64::max);
     Some(most_um / height_um)

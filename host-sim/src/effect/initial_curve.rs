@@ -58,7 +58,7 @@ impl Effect for InitialCurve {
     }
     fn unlikely_because(&self, model: &Model, values: &[f64]) -> Option<String> {
         let share = super::hysteresis::share_that_stays(model, values)?;
-        (share < super::hysteresis::OF_DOMAINS).then(|| {
+        (share < super::loops::OF_DOMAINS).then(|| {
             format!(
                 "what stays of the first rise is {:.2} % of the height of the loops, of domains some per cent; what else goes slowly on its own way may look so",
                 100.0 * share
@@ -66,8 +66,7 @@ impl Effect for InitialCurve {
         })
     }
     fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        let loops = model.effect(super::hysteresis::ID)?;
-        loops.effect.ruled_out_because(model, &loops.values()).map(|_| "it belongs to loops, and there are none".into())
+        model.ruled_out_because(super::hysteresis::ID).map(|_| "it belongs to loops, and there are none".into())
     }
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         (count > 0).then(|| Arc::new(Self { terms: count }) as Arc<dyn Effect>)

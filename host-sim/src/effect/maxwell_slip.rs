@@ -60,6 +60,9 @@ impl Effect for MaxwellSlip {
         values.extend([0.02 * scale; ELEMENTS]);
         vec![values]
     }
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(SlipStage {
             gain_um: values[0],

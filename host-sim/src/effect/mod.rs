@@ -24,6 +24,7 @@ pub mod hum_harmonics;
 pub mod hysteresis;
 pub mod initial_curve;
 pub mod load_force;
+mod loops;
 pub mod mains_hum;
 pub mod mass_change;
 pub mod maxwell_slip;

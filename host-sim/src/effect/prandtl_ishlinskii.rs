@@ -75,6 +75,9 @@ impl Effect for PrandtlIshlinskii {
         }
         vec![values]
     }
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let (weights, rest) = values.split_at(PLAYS.min(values.len()));
         let (dead_zones, span_um) = rest.split_last().map_or((&[][..], 0.0), |(span, zones)| (zones, *span));

@@ -9,6 +9,9 @@ use crate::chain::Model;
 /// Identifier in files and on the command line.
 pub const ID: &str = "second_mode";
 
+/// A frequency above this share of the highest that the data can show has run into that limit.
+const AT_ITS_LIMIT: f64 = 0.98;
+
 /// A mode beside the first one; the vibration stage takes it in.
 pub struct SecondMode;
 
@@ -56,6 +59,11 @@ impl Effect for SecondMode {
     fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         let factor = super::mass_change::frequency_factor(model);
         vibration::free_motions_of(values[1] * factor, values[2] * factor)
+    }
+    fn ruled_out_because(&self, model: &Model, values: &[f64]) -> Option<String> {
+        let highest_rad_s = model.effect(ID)?.parameters.get(1)?.parameter.upper;
+        (values[1] > AT_ITS_LIMIT * highest_rad_s)
+            .then(|| format!("its {:.0} Hz are half the sampling rate, where nothing shows a resonance", values[1] / std::f64::consts::TAU))
     }
     fn fitting_rank(&self) -> usize {
         6

@@ -155,11 +155,6 @@ fn what_is_said_of_columns_is_one_of_them() {
     says(&["explain", "twice.csv", "--columns", "u=ch"], folder.path(), "columns 2 and 3 are called so; expected the number");
     std::fs::write(folder.path().join("dataset.toml"), format!("{MANIFEST}[record.columns]\nu = -3\n")).unwrap();
     says(&["explain", "."], folder.path(), "expected the name of a column, or its number from 1");
-    let resting =
-        format!("{MANIFEST}\n[[record]]\nfile = \"rest.csv\"\nsample_rate_hz = 1000.0\nrole = \"noise\"\ninitial_state = \"settled\"\n");
-    std::fs::write(folder.path().join("dataset.toml"), resting).unwrap();
-    std::fs::write(folder.path().join("rest.csv"), format!("u_v,y_um\n{}", "1.0,0.1\n".repeat(200))).unwrap();
-    says(&["explain", "."], folder.path(), "at rest it shows no noise then: leave the record out");
     std::fs::create_dir(folder.path().join("own")).unwrap();
     says(&["identify", "twice.csv", "--effects", "own"], folder.path(), "own: is a folder");
 }

@@ -86,6 +86,9 @@ fn what_is_not_in_the_residual_is_refused_unless_it_reaches_the_noise() {
     assert_eq!(decided(Some(1.0), (1.5, 1.0), Some((1.5, 1.0)), Some(0.2)), Decision::ReachesTheFloor);
     // From barely above what counts as the noise to barely below it, by less than matters.
     assert!(matches!(decided(Some(1.0), (1.06, 1.045), Some((1.06, 1.045)), None), Decision::TooSmall { .. }));
+    // A ring behind each of a few steps: signs say little of few events, errors that fall to less than half do.
+    assert!(matches!(decided(Some(1.0), (800.0, 1.3), Some((900.0, 1.3)), Some(0.2)), Decision::HeldOutErrorFalls { .. }));
+    assert_eq!(decided(Some(1.0), (800.0, 1.3), Some((900.0, 600.0)), Some(0.2)), Decision::NotInTheResidual { p: 0.2 });
     // Reached where it was fitted only.
     assert!(!matches!(decided(Some(1.0), (1.5, 1.0), Some((1.5, 1.5)), None), Decision::ReachesTheFloor));
 }

@@ -123,6 +123,24 @@ impl Dataset {
         Ok(())
     }
 
+    /// Rests in which all readings are one: of a converter with steps they show that the noise is below a step, otherwise nothing.
+    fn leave_out_rests_without_noise(&mut self) {
+        let moves = |r: &Record| r.displacement_um[r.window.clone()].windows(2).any(|y| y[0] != y[1]);
+        let silent = |r: &Record| r.role == Role::Noise && !moves(r);
+        if !self.records.iter().any(silent) {
+            return;
+        }
+        let in_steps = reading_grid::reading_step_um(self).is_some();
+        let what =
+            if in_steps { "one code of the converter: the noise is below its step" } else { "the same and show no noise: it is left out" };
+        let notes: Vec<String> =
+            self.records.iter().filter(|r| silent(r)).map(|r| format!("{}: all readings of this rest are {what}", r.name)).collect();
+        self.notes.extend(notes);
+        if !in_steps {
+            self.records.retain(|r| !silent(r));
+        }
+    }
+
     /// Checks what only the whole can show, and notes what is doubtful.
     fn checked(mut self) -> Result<Self> {
         // Zero has no sign: a limit of -0.0 would be told as "-0 V".
@@ -132,6 +150,7 @@ impl Dataset {
             check_signals(record)?;
         }
         self.check_repeats()?;
+        self.leave_out_rests_without_noise();
         let ends_um = reading_limits::ends_um(&self.records);
         let replaced: Vec<_> = self.records.iter_mut().map(|record| single_outliers::replaced(record, &ends_um)).collect();
         reading_limits::leave_out(&mut self.records);
@@ -205,12 +224,8 @@ impl Dataset {
                 ));
             }
             let y0 = record.displacement_um[record.window.start];
-            if record.displacement_um[record.window.clone()].iter().all(|y| *y == y0) {
-                let ask = if record.role == Role::Noise {
-                    "at rest it shows no noise then: leave the record out, or record more digits"
-                } else {
-                    "is the sensor connected, the column right?"
-                };
+            if record.role != Role::Noise && record.displacement_um[record.window.clone()].iter().all(|y| *y == y0) {
+                let ask = "is the sensor connected, the column right?";
                 return Err(Error::new(place, format!("the displacement is constant ({y0} um) in record {}; {ask}", record.name)));
             }
         }

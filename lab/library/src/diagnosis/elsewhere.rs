@@ -35,6 +35,8 @@ const AS_GOOD: f64 = 0.03;
 const NEARLY_NOTHING: f64 = 0.1;
 /// Share of the error of a new fit within which nothing is beyond it.
 const LEFT_ANYWAY: f64 = 0.1;
+/// A hypothesis whose error is so many times below that of a new fit of everything explains what that fit cannot.
+const MUCH_LESS: f64 = 2.0;
 /// A second hypothesis beside the first must lower the error to this share.
 const WORTH_A_SECOND: f64 = 0.7;
 /// A value that a hypothesis moves by less than this share, and by less than three of its standard deviations, has not changed.
@@ -97,7 +99,9 @@ impl Tried {
     /// Error beyond what even a new fit of everything leaves, made larger where several values bring it about.
     fn cost(&self, refitted_um: f64) -> f64 {
         let beyond_um2 = (self.judged.identify_rms_um.powi(2) - refitted_um * refitted_um).max(0.0);
-        (beyond_um2 + (LEFT_ANYWAY * refitted_um).powi(2)).sqrt() / if self.values > 1 { WORTH_SEVERAL_VALUES } else { 1.0 }
+        // What leaves much less than that fit explains what no value of it does.
+        let anyway_um = LEFT_ANYWAY * refitted_um.min(MUCH_LESS * self.judged.identify_rms_um);
+        (beyond_um2 + anyway_um.powi(2)).sqrt() / if self.values > 1 { WORTH_SEVERAL_VALUES } else { 1.0 }
     }
 }
 
@@ -220,6 +224,11 @@ fn alike(tried: &[Tried], base_um: f64, refitted_um: f64) -> Vec<Tried> {
     tried[1..].iter().filter(like).cloned().collect()
 }
 
+/// What would be missing is not what it is called.
+fn is_none(tried: &Tried) -> bool {
+    matches!(&tried.hypothesis, Hypothesis::Missing(effect) if tried.judged.model.ruled_out_because(&effect.declaration().id).is_some())
+}
+
 /// Tries every hypothesis beside a model, all else held; best first.
 fn try_all(study: &Study, model: &Model, rows: &Rows, known: &[String], refitted_um: f64) -> Vec<Tried> {
     let mut hypotheses: Vec<(Hypothesis, Vec<Model>)> = Vec::new();
@@ -257,7 +266,7 @@ fn try_all(study: &Study, model: &Model, rows: &Rows, known: &[String], refitted
     })
     .into_iter()
     .flatten()
-    .filter(|t| t.judged.identify_rms_um.is_finite())
+    .filter(|t| t.judged.identify_rms_um.is_finite() && !is_none(t))
     .collect();
     tried.sort_by(|a, b| {
         a.cost(refitted_um).total_cmp(&b.cost(refitted_um)).then_with(|| a.hypothesis.effect(model).cmp(&b.hypothesis.effect(model)))

@@ -12,7 +12,8 @@ use super::study::{FAR_BEHIND, Study};
 
 use crate::parallel;
 use crate::watch::Event;
-use hysteron_sim::effect::thermal_drift;
+use hysteron_sim::chain::Model;
+use hysteron_sim::effect::{Effect, thermal_drift};
 use std::collections::BTreeSet;
 
 /// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
@@ -382,6 +383,15 @@ fn does_not_answer_the_drive(study: &Study, id: &str, judged: &Judged) -> bool {
     !by.is_empty() && !study.told_apart(&study.judged(study.quickly_within(&model, study.merit(judged), FAR_BEHIND).model), judged)
 }
 
+/// A rival with the values of the effect in whose place it is tried, where both are one law at two places, as lags in front of a mode and behind it are: far
+/// from there its fit may come to another end.
+fn as_it_stands(study: &Study, id: &str, rival: &Score, best: &Judged) -> Option<Model> {
+    let instance = best.model.effect(id)?;
+    let names = |effect: &dyn Effect| effect.parameters(&study.overview).into_iter().map(|p| p.name).collect::<Vec<_>>();
+    let same_law = names(instance.effect.as_ref()) == names(rival.effect.as_ref());
+    same_law.then(|| study.with(&study.without(&best.model, id), &[(rival.effect.clone(), instance.values())]))
+}
+
 /// What else explains much of what the model without an effect leaves, fitted in its place.
 fn rivals_of(study: &Study, id: &str, without: &Judged, screening: &Screening, best: &Judged) -> Vec<Rival> {
     let present = |other: &str| best.model.effect(other).is_some();
@@ -400,6 +410,10 @@ fn rivals_of(study: &Study, id: &str, without: &Judged, screening: &Screening, b
         if missed(study, &fitted, best) < CLEARLY_MISSED {
             let others = score.starts.iter().skip(1).take(if score.effect.starts_combine() { 0 } else { 1 }).map(begun);
             fitted = others.fold(fitted, |a, b| if study.merit(&b) < study.merit(&a) { b } else { a });
+        }
+        if let Some(begin) = as_it_stands(study, id, score, best) {
+            let there = study.quickly_within(&begin, study.merit(best), FAR_BEHIND);
+            fitted = if study.merit(&there) < study.merit(&fitted) { there } else { fitted };
         }
         if missed(study, &fitted, best) < CLEARLY_BEHIND {
             fitted = study.for_comparison(&fitted.model);

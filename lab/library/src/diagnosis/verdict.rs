@@ -232,6 +232,9 @@ impl Found<'_> {
     }
 }
 
+/// A noise of less than so many times that of rounding is rounding.
+const ROUNDING_ALONE: f64 = 1.1;
+
 /// Puts what was found into one of the five words.
 #[must_use]
 pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, policy: &Policy) -> Diagnosis {
@@ -244,7 +247,11 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let leaves_the_bound = floor.rms_um.is_none() && found.last.within(policy.explained, &bound, split);
     let floors_um = if leaves_the_bound { &bound } else { &floor.of_records_um };
     let within = |times: f64| found.last.within(times, floors_um, split);
-    let contradiction = !leaves_the_bound && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
+    // Of readings that hardly leave one code the noise is at most what rounding makes.
+    let at_most =
+        floor.reading_step_um.zip(floor.rms_um).is_some_and(|(step_um, rms_um)| rms_um < ROUNDING_ALONE * rounding_noise(step_um));
+    let contradiction =
+        !leaves_the_bound && !at_most && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
     // A search that was stopped has added what nobody weighed.
     let unweighed = found.unweighed();
     let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && !found.recorded_otherwise();
@@ -349,18 +356,13 @@ fn model_with<'a>(s: &'a Supported, id: &str, found: &'a Found) -> &'a Model {
 
 /// An effect lowers the errors, and neither it nor what does as well in its place is what it is called.
 fn is_none_of_its_names(s: &Supported, found: &Found) -> bool {
-    s.decision.admits() && s.names().iter().all(|id| ruled_out(model_with(s, id, found), id).is_some())
+    s.decision.admits() && s.names().iter().all(|id| model_with(s, id, found).ruled_out_because(id).is_some())
 }
 
 /// What the physics of an effect says against its values in a model.
 fn unlikely(model: &Model, id: &str) -> Option<String> {
     let e = model.effect(id)?;
-    ruled_out(model, id).or_else(|| e.effect.unlikely_because(model, &e.values()))
-}
-
-fn ruled_out(model: &Model, id: &str) -> Option<String> {
-    let e = model.effect(id)?;
-    e.effect.ruled_out_because(model, &e.values())
+    model.ruled_out_because(id).or_else(|| e.effect.unlikely_because(model, &e.values()))
 }
 
 fn candidate_figures(found: &Found, floor: &NoiseFloor, policy: &Policy) -> Vec<CandidateFigures> {

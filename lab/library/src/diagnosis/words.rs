@@ -79,9 +79,8 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
     match change {
         Change::Start => "the model that was started from".into(),
         Change::Added(id) => {
-            let physics = after.model.effect(id).map_or_else(String::new, |e| {
-                e.effect.ruled_out_because(&after.model, &e.values()).unwrap_or_else(|| e.effect.declaration().physics)
-            });
+            let physics = || after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
+            let physics = after.model.ruled_out_because(id).unwrap_or_else(physics);
             format!("{}{fall}", physics.trim_end_matches('.'))
         }
         Change::AddedUnweighed(ids) => format!("{}: added until the search was stopped, and not weighed{fall}", list(ids, "and")),
