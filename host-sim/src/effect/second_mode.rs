@@ -81,3 +81,23 @@ impl Effect for SecondMode {
         Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chain::EffectInstance;
+    use crate::effect::by_id;
+
+    #[test]
+    fn a_mode_at_half_the_sampling_rate_is_none() {
+        let overview = Overview::without_data(0.0, 100.0);
+        let half_rate_rad_s = std::f64::consts::PI * overview.sample_rate_max_hz;
+        for (share_of_it, none) in [(0.5, false), (0.97, false), (1.0, true)] {
+            let mut model = Model::new(0.0, 100.0);
+            for (id, values) in [(vibration::ID, vec![4000.0, 0.02]), (ID, vec![0.01, share_of_it * half_rate_rad_s, 0.02])] {
+                model.add(EffectInstance::new(by_id(id).unwrap(), &overview, &values));
+            }
+            assert_eq!(model.ruled_out_because(ID).is_some(), none, "{share_of_it}");
+        }
+    }
+}

@@ -153,3 +153,18 @@ fn readings_of_their_own_row_are_no_mode() {
     let said = run(&dataset).diagnosis.sentence;
     assert!(!said.contains("the drive of their own row"), "{said}");
 }
+
+/// A rest in which all readings are the same is no error: of a converter with steps it shows that the noise is below a step, of one without it shows nothing.
+#[test]
+fn a_rest_without_noise_is_noted() {
+    for (step_um, is_left_out) in [(Some(0.01), false), (None, true)] {
+        let drive_v: Vec<f64> = (0..4000).map(|k| 40.0 * (1.0 - (0.003 * f64::from(k)).cos())).collect();
+        let read = |um: f64| step_um.map_or(um, |step_um| step_um * (um / step_um).round());
+        let moves = Record::new("moves", 1000.0, drive_v.clone(), drive_v.iter().map(|v| read(0.07931 * v)).collect());
+        let rest = Record::new("rest", 1000.0, vec![0.0; 2000], vec![0.0; 2000]).with_role(Role::Noise);
+        let dataset = Dataset::new("quiet", 0.0, 80.0, vec![moves, rest]).unwrap();
+        assert_eq!(dataset.with_role(Role::Noise).is_empty(), is_left_out);
+        let said = if is_left_out { "show no noise: it is left out" } else { "one code of the converter" };
+        assert!(dataset.notes.iter().any(|note| note.starts_with("rest: ") && note.contains(said)), "{:?}", dataset.notes);
+    }
+}
