@@ -9,6 +9,7 @@ use crate::diagnosis::initial_states::{self, OtherStates};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::loop_structures;
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
+use crate::diagnosis::overdamped_mode;
 use crate::diagnosis::path::{self, Change, Step};
 use crate::diagnosis::policy::Policy;
 use crate::diagnosis::reduction::{Supported, reduce};
@@ -366,7 +367,8 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
     if study.searched_beginnings() {
         candidate = with_creep_of_the_whole(study, &candidate);
     }
-    let reduced = reduce(study, &candidate, &best.added)?;
+    let (candidate, added) = overdamped_mode::as_a_lag(study, candidate, best.added);
+    let reduced = reduce(study, &candidate, &added)?;
     let loops_alike = loop_structures::doing_as_well(study, &base.model, &reduced.judged);
     study.watch.event(&Event::Doing("fitting to the end"));
     let thorough = study.thoroughly(&reduced.judged.model);

@@ -279,7 +279,7 @@ fn a_filter_behind_a_mode_is_no_delay() {
 /// where the other is.
 #[test]
 fn a_slow_lag_beside_a_mode_is_the_amplifiers_or_the_sensors() {
-    for lag_hz in [60.0, 100.0] {
+    for lag_hz in [60.0, 100.0, 150.0, 250.0] {
         let mut stage = |drive_v: &[f64]| mode_read_by(&drive_v.iter().map(|v| 0.08 * v).collect::<Vec<_>>(), Behind::Lag(lag_hz));
         let d = explained_with(1e-3, &mut stage, [tones(0.3), tones(0.7)]).diagnosis;
         let lag = d.findings.iter().find(|f| f.effects.iter().any(|id| id == "sensor_bandwidth")).expect("a lag");

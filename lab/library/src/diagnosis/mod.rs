@@ -3,7 +3,7 @@
 //! * [`study`]: data, candidates and thresholds ([`policy`]) of one diagnosis, and the moves that make models;
 //! * [`screening`] scores every candidate on the residual of a model without refitting it; [`resonances`] says where modes are looked for;
 //! * [`search`] finds the set of effects that meets fitted and held-out records best ([`judgement`]);
-//! * [`reduction`] takes back what the data do not need ([`decision`]) and asks the rest for rivals; [`loop_structures`] asks the loops; [`path`] is
+//! * [`reduction`] takes back what the data do not need ([`decision`]) and asks the rest for rivals; [`loop_structures`] asks the loops, [`overdamped_mode`] a first mode that is a lag; [`path`] is
 //!   the way there, for people;
 //! * [`elsewhere`] asks what a model that was identified on other data lacks, or which of its values have changed;
 //! * [`initial_states`] asks whether records begin as was said, [`drive_timing`] whether readings follow the drive of their own row, [`feedback`] whether a loop was closed while they were taken;
@@ -20,6 +20,7 @@ pub mod judgement;
 pub mod latent_force;
 pub mod loop_structures;
 pub mod next_experiment;
+pub mod overdamped_mode;
 pub mod path;
 pub mod policy;
 pub mod reduction;
