@@ -8,7 +8,7 @@ use crate::chain::{Drive, InitialState, Model};
 pub(super) const OF_DOMAINS: f64 = 0.003;
 /// Inputs on each branch at which loops are looked at.
 const BRANCH: usize = 200;
-/// Long enough for whatever else stands in the place of the loops.
+/// So slow that nothing of the loops depends on the rate.
 const DT_S: f64 = 1.0;
 
 /// Why the loops of a model are none: they do not open.
@@ -48,7 +48,7 @@ mod tests {
     use crate::chain::EffectInstance;
     use crate::effect::{Overview, by_id};
 
-    /// A share of its height by which Prandtl-Ishlinskii's operator of these weights opens.
+    /// Share of its height by which Prandtl-Ishlinskii's operator of these weights opens.
     fn opens_by(weights_um: &[f64]) -> f64 {
         let mut model = Model::new(0.0, 100.0);
         model.add(EffectInstance::new(by_id("prandtl_ishlinskii").unwrap(), &Overview::without_data(0.0, 100.0), weights_um));

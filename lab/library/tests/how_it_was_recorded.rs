@@ -154,6 +154,16 @@ fn readings_of_their_own_row_are_no_mode() {
     assert!(!said.contains("the drive of their own row"), "{said}");
 }
 
+/// A rest of which next to nothing counts is refused for that, whatever its readings.
+#[test]
+fn a_rest_that_is_too_short_is_refused() {
+    let moves = Record::new("moves", 1000.0, [0.0, 40.0].repeat(1000), [0.0, 3.1].repeat(1000));
+    let mut rest = Record::new("rest", 1000.0, vec![0.0; 2000], vec![0.0; 2000]).with_role(Role::Noise);
+    rest.window = 0..10;
+    let refused = Dataset::new("short", 0.0, 80.0, vec![moves, rest]).unwrap_err().to_string();
+    assert!(refused.contains("has 10 samples inside its window"), "{refused}");
+}
+
 /// A rest in which all readings are the same is no error: of a converter with steps it shows that the noise is below a step, of one without it shows nothing.
 #[test]
 fn a_rest_without_noise_is_noted() {

@@ -124,9 +124,10 @@ impl Dataset {
     }
 
     /// Rests in which all readings are one: of a converter with steps they show that the noise is below a step, otherwise nothing.
-    fn leave_out_rests_without_noise(&mut self) {
+    fn note_rests_without_noise(&mut self) {
         let moves = |r: &Record| r.displacement_um[r.window.clone()].windows(2).any(|y| y[0] != y[1]);
-        let silent = |r: &Record| r.role == Role::Noise && !moves(r);
+        // What is too short for a record is refused, and shows nothing.
+        let silent = |r: &Record| r.role == Role::Noise && r.window.len() >= SAMPLES_MIN && !moves(r);
         if !self.records.iter().any(silent) {
             return;
         }
@@ -150,7 +151,7 @@ impl Dataset {
             check_signals(record)?;
         }
         self.check_repeats()?;
-        self.leave_out_rests_without_noise();
+        self.note_rests_without_noise();
         let ends_um = reading_limits::ends_um(&self.records);
         let replaced: Vec<_> = self.records.iter_mut().map(|record| single_outliers::replaced(record, &ends_um)).collect();
         reading_limits::leave_out(&mut self.records);
@@ -225,8 +226,10 @@ impl Dataset {
             }
             let y0 = record.displacement_um[record.window.start];
             if record.role != Role::Noise && record.displacement_um[record.window.clone()].iter().all(|y| *y == y0) {
-                let ask = "is the sensor connected, the column right?";
-                return Err(Error::new(place, format!("the displacement is constant ({y0} um) in record {}; {ask}", record.name)));
+                return Err(Error::new(
+                    place,
+                    format!("the displacement is constant ({y0} um) in record {}; is the sensor connected, the column right?", record.name),
+                ));
             }
         }
         Ok(self)

@@ -97,9 +97,6 @@ fn share_of_excess(before: &Judged, after: &Judged, floor_um: Option<f64>) -> f6
     if excess > 0.0 { (square(before) - square(after)) / excess } else { 0.0 }
 }
 
-/// A fall of fitted and held-out errors that no chance brings.
-const HALVES: f64 = 0.5;
-
 /// Decides on an effect from the model without it and the one with it; `p` is the p-value of its signature beside the model without it, where
 /// that has been weighed.
 #[must_use]
@@ -108,7 +105,7 @@ pub fn decide(study: &Study, without: &Judged, with: &Judged, p: Option<f64>) ->
     let by: Improvement = improvement(without, with, &study.split);
     let reaches_floor = !study.met(without) && study.met(with);
     // Of a few events, as of a ring behind each of some steps, signs say nothing; errors that fall to less than half do.
-    let plainly = by.identify_relative > HALVES && by.validate_relative > HALVES && !study.split.validate.is_empty();
+    let plainly = by.identify_relative > policy.beyond_chance && by.validate_relative > policy.beyond_chance;
     if let Some(p) = p.filter(|p| *p > policy.false_discovery_rate && !reaches_floor && !plainly) {
         return Decision::NotInTheResidual { p };
     }

@@ -59,6 +59,9 @@ pub struct Policy {
     pub held_out_z: f64,
     /// Standard errors by which the error of all records must fall where the held-out ones do not show the effect.
     pub beyond_doubt_z: f64,
+    /// Share by which fitted and held-out error fall where no chance brings that, whatever the signature: of a few events, as of a ring behind each of some
+    /// steps, random signs say nothing.
+    pub beyond_chance: f64,
     /// Share of the squared error above the floor that an effect takes when it explains most of it.
     pub takes_most: f64,
     /// Standard errors by which two models must differ to be told apart.
@@ -79,6 +82,8 @@ pub struct Policy {
     /// Standard deviations of the floor itself by which they may be further from it: a short rest shows the noise to some per cent only. With two, 5 of 190
     /// stages at the noise, each with half a second of rest, were told unexplained.
     pub floor_z: f64,
+    /// A floor below so many times what rounding leaves is rounding for the most part (half of its squares), and an error below it no contradiction.
+    pub mostly_rounding: f64,
     /// An error below this share of the floor contradicts it.
     pub contradiction: f64,
     /// Signatures more alike than this are confusable.
@@ -115,6 +120,7 @@ impl Default for Policy {
             matters_without_floor: 0.02,
             held_out_z: 2.0,
             beyond_doubt_z: 5.0,
+            beyond_chance: 0.5,
             takes_most: 0.5,
             tie_z: 3.0,
             tie_relative: 0.005,
@@ -124,6 +130,7 @@ impl Default for Policy {
             near_the_noise: 4.0,
             at_floor: 1.03,
             floor_z: 3.0,
+            mostly_rounding: 1.4,
             contradiction: 0.8,
             alike: 0.9,
             rival: 0.3,

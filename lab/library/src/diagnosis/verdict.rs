@@ -232,9 +232,6 @@ impl Found<'_> {
     }
 }
 
-/// Of a noise of less than so many times that of rounding, rounding makes half of the squares.
-const MOSTLY_ROUNDING: f64 = 1.4;
-
 /// Puts what was found into one of the five words.
 #[must_use]
 pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Split, policy: &Policy) -> Diagnosis {
@@ -247,11 +244,11 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
     let leaves_the_bound = floor.rms_um.is_none() && found.last.within(policy.explained, &bound, split);
     let floors_um = if leaves_the_bound { &bound } else { &floor.of_records_um };
     let within = |times: f64| found.last.within(times, floors_um, split);
-    // Readings at rest may stand between two codes or on one: what rounding makes of them is no least noise of readings that move, nor a greatest.
-    let at_most =
-        floor.reading_step_um.zip(floor.rms_um).is_some_and(|(step_um, rms_um)| rms_um < MOSTLY_ROUNDING * rounding_noise(step_um));
+    // What rounding makes of readings at rest, on one code or between two, may be more than what it leaves of readings that move.
+    let is_rounding =
+        floor.reading_step_um.zip(floor.rms_um).is_some_and(|(step_um, rms_um)| rms_um < policy.mostly_rounding * rounding_noise(step_um));
     let contradiction =
-        !leaves_the_bound && !at_most && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
+        !leaves_the_bound && !is_rounding && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
     // A search that was stopped has added what nobody weighed.
     let unweighed = found.unweighed();
     let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && !found.recorded_otherwise();
