@@ -12,8 +12,8 @@ use hysteron_sim::effect::Overview;
 use hysteron_sim::effect::creep::{self, Creep};
 use std::sync::Arc;
 
-/// Most terms of a grid: four for each decade of the usual three.
-const TERMS_MAX: usize = 13;
+/// Most terms of a grid: four for each decade of the usual three, and what lies beyond.
+const TERMS_MAX: usize = 16;
 /// Time constants are set free where there are no more terms than these: two that meet are one.
 const FREE_TERMS_MAX: usize = 4;
 /// A term with a smaller share of the creep says nothing of its time constant.
@@ -23,13 +23,16 @@ const REACH: f64 = 10.0;
 /// What free time constants count for beside one step of a denser grid.
 const STEPS_OF_FREE: usize = 2;
 
-/// The model with a term more between each two of its creep; nothing where it has none, or enough, or free time constants.
+/// The model with a term more between each two of its creep and one behind the last; nothing where it has none, or enough, or free time constants.
+///
+/// The term behind the last stands for all that is slower: creep goes on for longer than a record, and what does not settle in it, no term that does can follow.
 #[must_use]
 pub fn denser(model: &Model, overview: &Overview) -> Option<Model> {
     let creep = model.effect(creep::ID).filter(|creep| !is_free(creep))?;
     let terms = terms(creep);
     let between = terms.windows(2).map(|w| [w[0], (0.0, (w[0].1 * w[1].1).sqrt())]);
-    let denser: Vec<(f64, f64)> = between.flatten().chain(terms.last().copied()).collect();
+    let slower = terms.last_chunk().map(|[before, last]| (0.0, last.1 * (last.1 / before.1).sqrt()));
+    let denser: Vec<(f64, f64)> = between.flatten().chain(terms.last().copied()).chain(slower).collect();
     (denser.len() > terms.len() && denser.len() <= TERMS_MAX).then(|| with_terms(model, overview, &denser, true))
 }
 
@@ -104,11 +107,12 @@ mod tests {
     fn a_denser_grid_holds_the_coarser_one_and_ends_somewhere() {
         let (coarse, once) = (model(), denser(&model(), &overview()).unwrap());
         let values = |m: &Model| terms(m.effect(creep::ID).unwrap());
-        assert_eq!(values(&once).len(), 7);
+        assert_eq!(values(&once).len(), 8);
         for (i, term) in values(&coarse).iter().enumerate() {
             assert_eq!(values(&once)[2 * i], *term);
         }
-        assert!((values(&once)[1].1 / (0.02_f64 * 0.2).sqrt() - 1.0).abs() < 1e-12);
+        let step = 10.0_f64.sqrt();
+        assert!((values(&once)[1].1 / (0.02 * step) - 1.0).abs() < 1e-12 && (values(&once)[7].1 / (20.0 * step) - 1.0).abs() < 1e-12);
         let twice = denser(&once, &overview()).unwrap();
         assert!(denser(&twice, &overview()).is_none());
         assert_eq!([&coarse, &once, &twice].map(steps_finer), [0, 1, 2]);
