@@ -1,11 +1,19 @@
 //! The steps of `cargo xtask check`, and how they are run.
+//!
+//! `check` runs two lines of steps side by side: those of the host, and those of other targets (WebAssembly, the firmware, the emulated part) as a second
+//! process, whose output is a file that is shown at the end. Compilers use all processors and wait for one another at the folder of artifacts, as cargo
+//! sees to; many tests use one. What either would install is installed before. Where one line fails the other ends with the step that it is at.
 
 use std::ffi::OsStr;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use crate::{board, board_tune, browser, control_code, lab_page, library_alone, pipython, python_package, toolchain, whole_circle};
+use crate::{
+    board, board_tune, browser, control_code, lab_page, library_alone, pipython, python_package, toolchain, virtual_environment,
+    whole_circle,
+};
 
 /// One step: its name and what it does.
 pub struct Step {
@@ -13,14 +21,67 @@ pub struct Step {
     action: fn() -> Result<(), String>,
 }
 
-/// All steps of the check.
-pub fn all() -> Vec<Step> {
+/// What the host's compiler builds: first of the two lines of the check.
+fn of_the_host() -> Vec<Step> {
     let mut steps = host();
-    steps.extend(library());
     steps.extend(python());
+    steps
+}
+
+/// The steps of other targets, second line of the check.
+pub fn of_other_targets() -> Vec<Step> {
+    let mut steps = library();
     steps.extend(firmware());
     steps.extend(emulator());
     steps
+}
+
+/// The command that runs [`of_other_targets`].
+pub const OTHER_TARGETS: &str = "targets";
+
+/// Where the output of the second line goes.
+const OUTPUT_OF_OTHER_TARGETS: &str = "target/other_targets.log";
+
+/// Everything, in two lines side by side.
+pub fn check() -> Result<(), String> {
+    let begin = Instant::now();
+    run_one("what this machine needs", install_what_is_needed)?;
+    forget_skipped_tests()?;
+    let path = root().join(OUTPUT_OF_OTHER_TARGETS);
+    let told = |error: std::io::Error| format!("{}: {error}", path.display());
+    std::fs::create_dir_all(root().join("target")).map_err(told)?;
+    let output = File::create(&path).map_err(told)?;
+    let program = std::env::current_exe().map_err(|error| format!("this program cannot be found: {error}"))?;
+    println!("\n== beside it: cargo xtask {OTHER_TARGETS} > {OUTPUT_OF_OTHER_TARGETS}");
+    let mut beside =
+        Command::new(program).arg(OTHER_TARGETS).stdout(output.try_clone().map_err(told)?).stderr(output).spawn().map_err(told)?;
+    let mut summary = String::new();
+    let of_host = run_until(&of_the_host(), &mut summary, || matches!(beside.try_wait(), Ok(Some(status)) if !status.success()));
+    if of_host.is_err() {
+        // The step that it is at goes on by itself to its end; none follows.
+        let _ = beside.kill();
+    }
+    if let Ok(None) = beside.try_wait() {
+        println!("\n== waiting for cargo xtask {OTHER_TARGETS} (tail -f {OUTPUT_OF_OTHER_TARGETS})");
+    }
+    let ended = beside.wait().map_err(told)?;
+    println!("\n== cargo xtask {OTHER_TARGETS}");
+    print!("{}", String::from_utf8_lossy(&std::fs::read(&path).map_err(told)?));
+    of_host.map_err(|error| format!("{summary}{error}"))?;
+    if !ended.success() {
+        return Err(format!("FAILED  cargo xtask {OTHER_TARGETS}: see above, or {OUTPUT_OF_OTHER_TARGETS}"));
+    }
+    println!("\n{summary}ok {:6.1} s  in all", begin.elapsed().as_secs_f64());
+    tell_skipped_tests();
+    Ok(())
+}
+
+/// Two lines of steps must not install at the same time.
+fn install_what_is_needed() -> Result<(), String> {
+    toolchain::for_target(&toolchain::FIRMWARE)?;
+    toolchain::for_target(&toolchain::WEB_ASSEMBLY)?;
+    virtual_environment::see_to_python()?;
+    browser::ensure()
 }
 
 /// The steps that need only the host's toolchain.
@@ -78,7 +139,7 @@ fn image_on_the_emulated_part() -> Vec<Step> {
     vec![
         Step { name: "emulated STM32H743: build", action: emulator_build },
         Step { name: "emulated STM32H743: run the image", action: emulator_tests },
-        Step { name: "the operator's program", action: board::build },
+        Step { name: "the operator's program", action: board::place },
         Step { name: "the debug probe's program: what an image and a chip must be", action: probe_tests },
         Step { name: "whole circle: the image's log, identified, names the hidden effect", action: whole_circle::run },
     ]
@@ -88,20 +149,41 @@ fn image_on_the_emulated_part() -> Vec<Step> {
 pub fn run(steps: &[Step]) -> Result<(), String> {
     let begin = Instant::now();
     let mut summary = String::new();
+    run_until(steps, &mut summary, || false).map_err(|error| format!("{summary}{error}"))?;
+    println!("\n{summary}ok {:6.1} s  in all", begin.elapsed().as_secs_f64());
+    tell_skipped_tests();
+    Ok(())
+}
+
+/// Runs the steps in order until one fails, or what goes on beside them has. A line for each goes to the summary.
+fn run_until(steps: &[Step], summary: &mut String, failed_beside: impl FnMut() -> bool) -> Result<(), String> {
+    let mut failed_beside = failed_beside;
     for (number, step) in steps.iter().enumerate() {
-        println!("\n== {}/{} {}", number + 1, steps.len(), step.name);
-        let start = Instant::now();
-        (step.action)().map_err(|error| format!("{summary}FAILED  {}: {error}", step.name))?;
-        let line = format!("ok {:6.1} s  {}\n", start.elapsed().as_secs_f64(), step.name);
-        print!("== {line}");
+        if failed_beside() {
+            return Err("stopped: the other steps have failed\n".into());
+        }
+        let line = run_one(&format!("{}/{} {}", number + 1, steps.len(), step.name), step.action)?;
         summary.push_str(&line);
     }
-    println!("\n{summary}ok {:6.1} s  in all", begin.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// Announces a step and runs it; the line that says how long it took.
+fn run_one(name: &str, action: fn() -> Result<(), String>) -> Result<String, String> {
+    println!("\n== {name}");
+    let start = Instant::now();
+    action().map_err(|error| format!("FAILED  {name}: {error}"))?;
+    let line = format!("ok {:6.1} s  {name}\n", start.elapsed().as_secs_f64());
+    print!("== {line}");
+    Ok(line)
+}
+
+/// Says which tests could not run.
+fn tell_skipped_tests() {
     let skipped = skipped_tests();
     if !skipped.is_empty() {
         println!("\n!! {} tests were SKIPPED and say nothing about this checkout:\n!!   {}", skipped.len(), skipped.join("\n!!   "));
     }
-    Ok(())
 }
 
 /// The repository's root.
@@ -171,12 +253,18 @@ fn skipped_tests() -> Vec<String> {
     lines
 }
 
-fn host_tests() -> Result<(), String> {
-    browser::ensure()?;
+/// What an earlier run had to skip says nothing of this one.
+fn forget_skipped_tests() -> Result<(), String> {
     let file = skipped_file();
     if file.exists() {
         std::fs::remove_file(&file).map_err(|error| format!("{}: {error}", file.display()))?;
     }
+    Ok(())
+}
+
+fn host_tests() -> Result<(), String> {
+    browser::ensure()?;
+    let file = skipped_file();
     cargo(&["test", "--release", "--workspace"], &root(), &[("HYSTERON_SKIPPED", &file.to_string_lossy()), SAME_RANDOM_CASES])
 }
 
@@ -254,7 +342,7 @@ fn emulator_build() -> Result<(), String> {
         &folder,
         &EMULATOR_VARIABLES,
     )?;
-    cargo(&["test", "--quiet", "--release", "--ignore-rust-version", "--workspace", "--no-run"], &folder, &EMULATOR_VARIABLES)
+    board::build_as_tested()
 }
 
 /// No probe is at hand: what is tested is what is looked at before and around it. In the profile that is built fastest.

@@ -10,7 +10,7 @@ use crate::steps::{command, root};
 const ENOUGH: &str = "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 10))";
 
 /// Sees to a Python that can make virtual environments.
-fn see_to_python() -> Result<(), String> {
+pub fn see_to_python() -> Result<(), String> {
     let there = || Command::new("python3").args(["-c", ENOUGH]).output().is_ok_and(|output| output.status.success());
     if !there() && debian::can_install() {
         println!("   no Python with virtual environments yet; installing Debian's python3-venv");
