@@ -109,7 +109,8 @@ fn with_more_of_a_coefficient() {
     for ids in MODELS.iter().filter(|ids| !ids.contains(&"friction")) {
         let model = of(ids);
         let lanes = coefficients(&model);
-        let counted = |id: &str| model.effect(id).filter(|_| ids.contains(&"hysteresis")).map_or(0, |effect| effect.parameters.len());
+        let free = |effect: &EffectInstance| effect.parameters.iter().filter(|p| !p.parameter.fixed).count();
+        let counted = |id: &str| model.effect(id).filter(|_| ids.contains(&"hysteresis")).map_or(0, free);
         assert_eq!(lanes.len(), ["hysteresis", "initial_curve", "play_operators"].iter().map(|id| counted(id)).sum::<usize>());
         with_every_drive(|drive| {
             let (reading, _, by_coefficient) = walked(&model, drive, &[]);

@@ -223,9 +223,12 @@ impl Effect for Hysteresis {
         }))
     }
     fn coefficient_walker(&self, model: &Model, setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
-        let counts =
-            [ID, super::initial_curve::ID, super::play_operators::ID].map(|id| (id, model.effect(id).map_or(0, |e| e.parameters.len())));
-        let walk = CoefficientWalk::virgin(degree_of(counts[0].1), counts[1].1);
+        let count = |id: &str| model.effect(id).map_or(0, |e| e.parameters.len());
+        let (loops, curve) = (count(ID), count(super::initial_curve::ID));
+        // Of each play operator its weight, the first of its two values.
+        let plays = count(super::play_operators::ID) / 2;
+        let counts = [(ID, loops, 1), (super::initial_curve::ID, curve, 1), (super::play_operators::ID, plays, 2)];
+        let walk = CoefficientWalk::virgin(degree_of(loops), curve);
         let contributions = Contributions { walk, plays: PlayOperators::of(model) };
         Some(Box::new(SurfaceWalker { counts, contributions, drive: HeldDrive::of(model, setting), present: Vec::new() }))
     }
@@ -267,7 +270,8 @@ pub(super) fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
 
 /// Surfaces and play operators walking along the drive, every coefficient apart.
 struct SurfaceWalker {
-    counts: [(&'static str, usize); 3],
+    /// Of each effect how many coefficients it has, and how far they stand from one another among its parameters.
+    counts: [(&'static str, usize, usize); 3],
     contributions: Contributions,
     drive: HeldDrive,
     present: Vec<f64>,
@@ -287,7 +291,7 @@ impl SurfaceWalker {
 
 impl CoefficientWalker for SurfaceWalker {
     fn coefficients(&self) -> Vec<(&'static str, usize)> {
-        self.counts.iter().flat_map(|(id, count)| (0..*count).map(|parameter| (*id, parameter))).collect()
+        self.counts.iter().flat_map(|(id, count, apart)| (0..*count).map(|i| (*id, i * *apart))).collect()
     }
     fn settle(&mut self, input: f64, row: &mut [f64]) {
         self.drive.settle(input);

@@ -654,7 +654,7 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(gain::Gain),
         Arc::new(hysteresis::Hysteresis::default()),
         Arc::new(initial_curve::InitialCurve::default()),
-        Arc::new(play_operators::PlayOperatorsBeside),
+        Arc::new(play_operators::PlayOperatorsBeside::default()),
         Arc::new(rate_dependence::RateDependence),
         Arc::new(bipolar::Bipolar),
         Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: false }),

@@ -2,15 +2,16 @@
 //!
 //! Their part of `G(x, z)` depends on `x - z` alone and is straight between kinks; the surfaces have the smooth rest. The hysteresis
 //! stage adds them. They are no candidate: a structure of loops that was described too coarsely is not a missing effect.
+//!
+//! Their thresholds stay where they are put, evenly at first: their weights enter linearly. Loops of few elements are met by no grid, whose nearest thresholds
+//! leave a step at every turn; for those thresholds are set free (`finer_plays` of the library).
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::chain::Model;
+use std::sync::Arc;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "play_operators";
-
-/// Thresholds in the range of the drive.
-const THRESHOLDS: usize = 20;
 
 /// Elements that are carried side by side, and as many sums: one alone would wait for itself at every element.
 const SIDE_BY_SIDE: usize = 4;
@@ -43,8 +44,8 @@ impl PlayOperators {
 
     /// The operators that `model` has beside its surfaces.
     pub(super) fn of(model: &Model) -> Option<Self> {
-        let weights = model.values(ID)?;
-        Some(Self::new(&weights.iter().enumerate().map(|(i, w)| (threshold(i), *w)).collect::<Vec<_>>()))
+        let values = model.values(ID)?;
+        Some(Self::new(&values.chunks_exact(2).map(|pair| (pair[1], pair[0])).collect::<Vec<_>>()))
     }
 
     /// Follows an input and returns the weighted sum.
@@ -96,13 +97,23 @@ fn rise(x: f64, threshold: f64) -> f64 {
     (x - threshold).max(0.0)
 }
 
-/// Half of the width of the loop at which element `i` begins to move: a threshold of zero would be a plain gain, and one of half the range never closes a loop.
-fn threshold(i: usize) -> f64 {
-    0.5 * (i + 1) as f64 / THRESHOLDS as f64
+/// Half of the width of the loop at which element `i` of so many begins to move, in units of the drive range: a threshold of zero would be a plain gain, and one of
+/// half the range never closes a loop.
+fn threshold(i: usize, elements: usize) -> f64 {
+    0.5 * (i + 1) as f64 / (elements + 1) as f64
 }
 
 /// Play operators in parallel with the surfaces.
-pub struct PlayOperatorsBeside;
+pub struct PlayOperatorsBeside {
+    /// How many.
+    pub elements: usize,
+}
+
+impl Default for PlayOperatorsBeside {
+    fn default() -> Self {
+        Self { elements: 19 }
+    }
+}
 
 impl Effect for PlayOperatorsBeside {
     fn declaration(&self) -> Declaration {
@@ -119,10 +130,19 @@ impl Effect for PlayOperatorsBeside {
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
-        (1..THRESHOLDS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, step)).collect()
+        let element = |i: usize| {
+            [
+                Parameter::linear(format!("weight_{}_um", i + 1), "um", -1e6, 1e6, step),
+                Parameter::linear(format!("threshold_{}", i + 1), "1", 0.0, 1.0, 1e-3).fixed(),
+            ]
+        };
+        (0..self.elements).flat_map(element).collect()
     }
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![0.0; THRESHOLDS - 1]]
+        vec![(0..self.elements).flat_map(|i| [0.0, threshold(i, self.elements)]).collect()]
+    }
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        (count > 0 && count.is_multiple_of(2)).then(|| Arc::new(Self { elements: count / 2 }) as Arc<dyn Effect>)
     }
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None

@@ -314,6 +314,26 @@ fn a_slow_lag_beside_a_mode_is_the_amplifiers_or_the_sensors() {
     }
 }
 
+/// Eight plays at thresholds that no grid has: on one their kinks left 9 nm, and the verdict was that the library does not know.
+#[test]
+fn plays_at_thresholds_of_their_own_are_hysteresis() {
+    let half_widths_v = [0.8, 2.4, 5.6, 8.8, 14.4, 20.8, 28.0, 37.6];
+    let weights_um_v = [0.02, 0.015, 0.01, 0.012, 0.008, 0.01, 0.006, 0.005];
+    let mut loops = |drive_v: &[f64]| {
+        let mut plays = [0.0_f64; 8];
+        let follow = drive_v.iter().map(|v| {
+            plays.iter_mut().zip(half_widths_v).for_each(|(play, half)| *play = play.clamp(v - half, v + half));
+            0.42 * v + plays.iter().zip(weights_um_v).map(|(play, weight)| weight * play).sum::<f64>()
+        });
+        in_the_next_row(follow.collect())
+    };
+    let found = explained_with(0.0005, &mut loops, usual_drives());
+    let d = &found.diagnosis;
+    assert_eq!((d.verdict, d.named.as_slice()), (Verdict::Named, ["hysteresis".to_owned()].as_slice()), "{}", d.sentence);
+    let left_um = found.steps.last().unwrap().judged.validate_rms_um.unwrap();
+    assert!(left_um < 0.000_55, "{left_um}");
+}
+
 /// Readings in steps of 10 nm with noise below a step: what rounding leaves is small, and follows the drive in its way. A rest stays on one code.
 #[test]
 fn what_coarse_readings_leave_has_no_name_of_loops() {

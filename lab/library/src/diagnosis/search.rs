@@ -369,12 +369,13 @@ impl<'s, 'a> Search<'s, 'a> {
             let proposals = if of_its_kind { &mut proposed.by_fitted } else { &mut proposed.beside_other_loops };
             let first = proposals.is_empty();
             if first {
-                self.propose_finer(node, &screening, proposals);
+                self.offer_finer(self.study.finer(&node.judged.model), node, &screening, proposals);
+                self.offer_finer(self.study.finer_plays(&node.judged.model), node, &screening, &mut proposed.finer_terms);
             }
             self.propose_effects(node, &screening, proposals);
             // Far above the noise a finer creep decides which of two that are nearly as good goes on; near it, it would stand in for what is missing.
             if first || (far_above && of_its_kind) {
-                self.propose_finer_creep(node, &screening, &mut proposed.finer_creep);
+                self.offer_finer(self.study.finer_creep(&node.judged.model), node, &screening, &mut proposed.finer_terms);
             }
             if let Some(on_all) = on_all.filter(|_| of_its_kind) {
                 self.propose_effects(node, &on_all, &mut proposed.by_all);
@@ -424,18 +425,10 @@ impl<'s, 'a> Search<'s, 'a> {
         }
     }
 
-    fn propose_finer(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
+    fn offer_finer(&self, finer: Vec<Model>, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
         let relative = node.merit.exp();
         let left = screening.left_by_finer_um2() / screening.total_um2().max(f64::MIN_POSITIVE);
-        for begin in self.study.finer(&node.judged.model) {
-            self.offer(node, &[], begin, relative, left, out);
-        }
-    }
-
-    fn propose_finer_creep(&self, node: &Node, screening: &Screening, out: &mut Vec<Proposal>) {
-        let relative = node.merit.exp();
-        let left = screening.left_by_finer_um2() / screening.total_um2().max(f64::MIN_POSITIVE);
-        for begin in self.study.finer_creep(&node.judged.model) {
+        for begin in finer {
             self.offer(node, &[], begin, relative, left, out);
         }
     }
@@ -467,18 +460,18 @@ struct Proposals {
     by_all: Vec<Proposal>,
     /// Beside loops of the other kind.
     beside_other_loops: Vec<Proposal>,
-    /// A better description of creep takes the place of no effect that may be missing.
-    finer_creep: Vec<Proposal>,
+    /// More terms of creep and of play operators, or freer ones, take the place of no effect that may be missing.
+    finer_terms: Vec<Proposal>,
 }
 
 impl Proposals {
     fn most_promising(self, trials: usize) -> Vec<Proposal> {
-        let Self { by_fitted: mut out, mut by_all, mut beside_other_loops, finer_creep } = self;
+        let Self { by_fitted: mut out, mut by_all, mut beside_other_loops, finer_terms } = self;
         keep_most_promising(&mut out, if by_all.is_empty() { trials } else { trials.saturating_sub(HELD_OUT_TRIALS) });
         by_all.retain(|one| out.iter().all(|other| other.key != one.key));
         keep_most_promising(&mut by_all, HELD_OUT_TRIALS);
         keep_most_promising(&mut beside_other_loops, OTHER_LOOPS_TRIALS);
-        out.into_iter().chain(by_all).chain(beside_other_loops).chain(finer_creep).collect()
+        out.into_iter().chain(by_all).chain(beside_other_loops).chain(finer_terms).collect()
     }
 }
 

@@ -10,7 +10,7 @@ use crate::identification::fit::{Effort, Fit, Progress, fit_rows, fit_while, rms
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::NoiseFloor;
-use crate::identification::{finer_creep, finer_hysteresis};
+use crate::identification::{finer_creep, finer_hysteresis, finer_plays};
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::gain::Gain;
@@ -556,6 +556,12 @@ impl<'a> Study<'a> {
     pub fn finer(&self, model: &Model) -> Vec<Model> {
         let ways = [finer_hysteresis::refined(model, &self.overview, 1), finer_hysteresis::with_play_operators(model, &self.overview)];
         ways.into_iter().flatten().collect()
+    }
+
+    /// Finer descriptions of its play operators: more of them, or few at free thresholds.
+    #[must_use]
+    pub fn finer_plays(&self, model: &Model) -> Vec<Model> {
+        [finer_plays::denser(model, &self.overview), finer_plays::freed(model, &self.overview)].into_iter().flatten().collect()
     }
 
     /// Finer descriptions of its creep: more terms, or free time constants.

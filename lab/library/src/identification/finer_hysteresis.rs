@@ -1,6 +1,7 @@
 //! Better descriptions of the hysteresis: surfaces of a higher degree, play operators beside them, another structure of loops in their place. What a
 //! wrong description could explain must never pass for a missing effect.
 
+use super::finer_plays;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::hysteresis::{self, Hysteresis, degree_of};
 use hysteron_sim::effect::initial_curve::{self, InitialCurve};
@@ -39,7 +40,7 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
         return None;
     }
     let mut out = model.clone();
-    out.add(EffectInstance::new(Arc::new(PlayOperatorsBeside), overview, &[]));
+    out.add(EffectInstance::new(Arc::new(PlayOperatorsBeside::default()), overview, &[]));
     Some(out)
 }
 
@@ -78,7 +79,7 @@ pub fn with_the_structure_of(model: &Model, other: &Model) -> Option<Model> {
 /// How the loops of a model are described, in words.
 #[must_use]
 pub fn description(model: &Model) -> String {
-    let plays = if model.effect(play_operators::ID).is_some() { " with play operators beside" } else { "" };
+    let plays = finer_plays::description(model).map_or_else(String::new, |plays| format!(" with {plays} beside"));
     let main = || main_effect(model).map_or_else(String::new, |e| e.id.replace('_', " "));
     degree(model).map_or_else(|| format!("of the form {}", main()), |degree| format!("surfaces of degree {degree}{plays}"))
 }
@@ -86,7 +87,8 @@ pub fn description(model: &Model) -> String {
 /// By how many steps the loops are described more finely than by surfaces of the lowest degree.
 #[must_use]
 pub fn steps_finer(model: &Model) -> usize {
-    degree(model).unwrap_or(0) + usize::from(model.effect(hysteresis::ID).is_some() && model.effect(play_operators::ID).is_some())
+    let plays = model.effect(hysteresis::ID).and(model.effect(play_operators::ID)).map_or(0, |_| 1 + finer_plays::steps_finer(model));
+    degree(model).unwrap_or(0) + plays
 }
 
 /// Degree of the loop surface of a model.

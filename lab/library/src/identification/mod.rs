@@ -4,10 +4,11 @@
 //! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
 //!   [`identifiability`]: what they leave open;
 //! * [`noise_floor`]: what remains random, and on which evidence;
-//! * [`finer_creep`], [`finer_hysteresis`]: more terms and more flexible surfaces, so that a coarse description cannot pose as a missing effect.
+//! * [`finer_creep`], [`finer_hysteresis`], [`finer_plays`]: more terms and more flexible surfaces, so that a coarse description cannot pose as a missing effect.
 
 pub mod finer_creep;
 pub mod finer_hysteresis;
+pub mod finer_plays;
 pub mod fit;
 pub mod held_values;
 pub mod identifiability;

@@ -41,14 +41,17 @@ pub(super) fn varied(chain: &Model, variation: &Variation) -> Model {
     let mut out = chain.clone();
     let slower = variation.mass_ratio.powf(-0.5);
     for effect in &mut out.effects {
-        let (from, factor) = match effect.id.as_str() {
-            gain::ID | hysteresis::ID | initial_curve::ID | play_operators::ID => (0, variation.gain),
-            vibration::ID => (0, slower),
+        // The first of its values that is meant, and how far the next stands from it.
+        let (from, apart, factor) = match effect.id.as_str() {
+            gain::ID | hysteresis::ID | initial_curve::ID => (0, 1, variation.gain),
+            // Behind each weight stands a threshold.
+            play_operators::ID => (0, 2, variation.gain),
+            vibration::ID => (0, 1, slower),
             // The first of its values is a share.
-            second_mode::ID => (1, slower),
+            second_mode::ID => (1, 1, slower),
             _ => continue,
         };
-        effect.parameters.iter_mut().skip(from).for_each(|p| p.value *= factor);
+        effect.parameters.iter_mut().skip(from).step_by(apart).for_each(|p| p.value *= factor);
     }
     if variation.delay_s > 0.0 {
         if out.effect(delay::ID).is_none()

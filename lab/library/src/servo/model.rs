@@ -350,11 +350,9 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
         },
         creep: creep.chunks_exact(2).map(|pair| CreepTerm { share: pair[0], time_constant_s: pair[1] }).collect(),
     };
-    let Some(weights) = chain.values(play_operators::ID) else { return Some(model) };
+    let Some(plays) = chain.values(play_operators::ID) else { return Some(model) };
     // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.
-    let half_width = |i: usize| 0.5 * (i + 1) as f64 / (weights.len() + 1) as f64;
-    let beyond =
-        |way: f64, widths: f64| -> f64 { weights.iter().enumerate().map(|(i, w)| w * (way - widths * half_width(i)).max(0.0)).sum() };
+    let beyond = |way: f64, widths: f64| -> f64 { plays.chunks_exact(2).map(|pair| pair[0] * (way - widths * pair[1]).max(0.0)).sum() };
     let with_plays = model.with_surfaces_of(DEGREE_WITH_PLAYS, 0.0, |x, z| beyond(x - z, 2.0), |x| beyond(x, 1.0) - beyond(x, 2.0));
     Some(with_plays.0)
 }
