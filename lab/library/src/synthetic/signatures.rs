@@ -114,14 +114,21 @@ pub fn signatures() -> Result<Vec<Signature>> {
     Ok(found)
 }
 
-/// Values with which an effect is visible: those of planted cases, else its first start, else two steps of every coefficient that starts at zero.
+/// Values with which an effect is visible: those of planted cases, else its first start, else, beside values that are fixed, two steps of every coefficient
+/// that starts at zero.
 fn example_values(effect: &dyn Effect, stage: &SimulatedStage) -> Vec<f64> {
     let overview = &stage.overview;
     let values = effect.values_at(STRENGTH, stage, &mut || 0.5).or_else(|| effect.starts(overview).into_iter().next()).unwrap_or_default();
-    if values.iter().any(|value| *value != 0.0) {
+    let parameters = effect.parameters(overview);
+    if values.iter().zip(&parameters).any(|(value, p)| *value != 0.0 && !p.fixed) {
         return values;
     }
-    effect.parameters(overview).iter().map(|p| if let Scale::Linear(step) = p.scale { 2.0 * step } else { p.lower }).collect()
+    let begun = |(i, p): (usize, &Parameter)| match (p.fixed, p.scale) {
+        (true, _) => values.get(i).copied().unwrap_or(0.0),
+        (false, Scale::Linear(step)) => 2.0 * step,
+        (false, Scale::Logarithmic) => p.lower,
+    };
+    parameters.iter().enumerate().map(begun).collect()
 }
 
 fn on_record(with: &Model, without: &Model, drive: &DriveOfRecord) -> SignatureOnRecord {
