@@ -218,6 +218,19 @@ fn two_columns_of_time() {
 }
 
 #[test]
+fn two_columns_of_time_of_one_clock() {
+    // Seconds from the start beside those of another moment, a second or half a century before: nothing is interpolated, and no sample is lost.
+    for (from_s, said) in [(1.0, "1.000000 s apart"), (1.7e9, "1700000000.000000 s apart")] {
+        for header in ["t,clock,u_v,y_um", "t_s,epoch_s,u_v,y_um"] {
+            let text = format!("{header}\n{}", rows(|[t, u, y]| format!("{t:.4},{:.4},{u:.6},{y:.6}", from_s + t)));
+            let dataset = from_file("a.csv", text.as_bytes()).unwrap();
+            assert!(dataset.notes.join("\n").contains(said), "{:?}", dataset.notes);
+            assert_eq!(dataset.records.last().unwrap().drive_v.len(), SAMPLES);
+        }
+    }
+}
+
+#[test]
 fn times_of_day_and_stamps_that_jitter() {
     let stamp = |t: f64| format!("2026-03-01 12:00:{:09.6}", 1.0 + t);
     gives("a.csv", format!("timestamp,u_v,y_um\n{}", rows(|[t, u, y]| format!("{},{u:.6},{y:.6}", stamp(*t)))).as_bytes(), &[]);

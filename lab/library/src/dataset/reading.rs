@@ -189,7 +189,7 @@ fn interpolate_to(t_s: &[f64], t_of_y_s: &[f64], y_um: &mut Vec<f64>, table: &Ta
     let (first, last) = (t_of_y_s[0], t_of_y_s[t_of_y_s.len() - 1]);
     let (begin, end) = (t_s.partition_point(|t| *t < first), t_s.partition_point(|t| *t <= last));
     if begin >= end {
-        return Err(Error::new(&table.place, "the two columns of time have no instant in common"));
+        return Err(Error::new(&table.place, "the two columns of time have no instant in common; say which is meant, as --columns t=1"));
     }
     let mut after = 1;
     let interpolated = t_s[begin..end].iter().map(|t| {

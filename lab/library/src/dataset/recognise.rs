@@ -56,6 +56,8 @@ struct Found {
 
 /// The largest magnitude of a signal whose unit nobody knows.
 const LARGEST_SIGNAL: f64 = 1e12;
+/// Two signals whose times differ by less than so many samples are channels that are read one after the other.
+const CHANNELS_IN_TURN: f64 = 2.0;
 /// What is told how to say it otherwise, once in a file's notes.
 const OTHERWISE: &str = "to say it otherwise: --columns t=1,u=2,y=3 --units t=ms,u=mV,y=nm, or columns and unit in dataset.toml";
 
@@ -479,6 +481,15 @@ impl Choice<'_> {
         let (a, b) = (self.column(of_u).called(), self.column(if of_u == second { t.at } else { second }).called());
         if same {
             self.notes.push(format!("two columns of time that agree: {a}, {b}"));
+            return Ok(None);
+        }
+        // A scope writes the time of a signal before it. Where no signal stands between two columns of time and they are apart by the same on every row, rows
+        // were counted from two moments, as seconds from the start and of the day; less than a sample or two apart are channels that are read in turn.
+        let between = |signal: usize| (signal > t.at.min(second)) && (signal < t.at.max(second));
+        let apart = time_y[0] - time_u[0];
+        let by_the_same = time_u.len() == time_y.len() && time_u.iter().zip(&time_y).all(|(u, y)| (y - u - apart).abs() < 0.01 * step);
+        if by_the_same && apart.abs() >= CHANNELS_IN_TURN * step && !between(u.at) && !between(y) {
+            self.notes.push(format!("two columns of time of one clock, {apart:.6} s apart on every row: {a} is taken, {b} not"));
             return Ok(None);
         }
         self.found[Quantity::Time as usize] = Some(Found { at: of_u, how: How::Behaviour });

@@ -112,7 +112,7 @@ fn with_elements(model: &Model, overview: &Overview, elements: &[Element], thres
             *(if rising { lower } else { upper }) = 0.0;
         }
         of_weight.value = weight.clamp(of_weight.parameter.lower, of_weight.parameter.upper);
-        of_threshold.value = *threshold;
+        of_threshold.value = threshold.clamp(of_threshold.parameter.lower, of_threshold.parameter.upper);
         if let Thresholds::Free(distance) = thresholds {
             (of_threshold.parameter.lower, of_threshold.parameter.upper) =
                 ((threshold - REACH * distance).max(0.0), (threshold + REACH * distance).min(1.0));
