@@ -156,8 +156,7 @@ pub fn run(steps: &[Step]) -> Result<(), String> {
 }
 
 /// Runs the steps in order until one fails, or what goes on beside them has. A line for each goes to the summary.
-fn run_until(steps: &[Step], summary: &mut String, failed_beside: impl FnMut() -> bool) -> Result<(), String> {
-    let mut failed_beside = failed_beside;
+fn run_until(steps: &[Step], summary: &mut String, mut failed_beside: impl FnMut() -> bool) -> Result<(), String> {
     for (number, step) in steps.iter().enumerate() {
         if failed_beside() {
             return Err("stopped: the other steps have failed\n".into());
@@ -254,7 +253,7 @@ fn skipped_tests() -> Vec<String> {
 }
 
 /// What an earlier run had to skip says nothing of this one.
-fn forget_skipped_tests() -> Result<(), String> {
+pub fn forget_skipped_tests() -> Result<(), String> {
     let file = skipped_file();
     if file.exists() {
         std::fs::remove_file(&file).map_err(|error| format!("{}: {error}", file.display()))?;
