@@ -1,7 +1,9 @@
 //! The Python package: its wheel, installed into a fresh virtual environment and tried there against the program; and the formats of other
 //! libraries, written by them for the tests of library and program.
 
+use std::collections::BTreeSet;
 use std::path::Path;
+use std::process::Command;
 
 use crate::steps::{build_as_tested, built, cargo, command, root};
 use crate::virtual_environment::{fresh, install, kept};
@@ -22,8 +24,36 @@ fn emptied(folder: &Path) -> Result<(), String> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
 }
 
+/// Every package behind these, with its features.
+fn packages_with_features(selection: &[&str]) -> Result<BTreeSet<String>, String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let arguments = ["tree", "--prefix", "none", "--no-dedupe", "--format", "{p} {f}"];
+    let output = Command::new(cargo).args(arguments).args(selection).current_dir(root()).output();
+    let output = output.map_err(|error| format!("`cargo tree` cannot be started: {error}"))?;
+    if !output.status.success() {
+        return Err(format!("`cargo tree` ended with {}: {}", output.status, String::from_utf8_lossy(&output.stderr)));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).lines().map(|line| line.trim().to_owned()).collect())
+}
+
+/// A package with other features than the tests' is built once more for the wheel, and so is all that stands on it: three minutes of processor for one that
+/// nobody misses.
+fn shares_what_the_tests_have_built() -> Result<(), String> {
+    let of_the_tests = packages_with_features(&["--workspace", "--edges", "normal,build,dev"])?;
+    let of_the_wheel = packages_with_features(&["--package", "hysteron-python", "--edges", "normal,build"])?;
+    let others: Vec<&str> = of_the_wheel.difference(&of_the_tests).map(String::as_str).collect();
+    if others.is_empty() {
+        return Ok(());
+    }
+    Err(format!(
+        "the wheel has other features than the workspace, and would be built anew: {}; name them in lab/python/Cargo.toml as the workspace has them",
+        others.join(", ")
+    ))
+}
+
 /// The wheel against the program.
 pub fn test() -> Result<(), String> {
+    shares_what_the_tests_have_built()?;
     build_as_tested()?;
     let tools = kept("python/tools", &TOOLS)?;
     let wheels = root().join("target/python/wheels");

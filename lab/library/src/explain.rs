@@ -17,6 +17,7 @@ use crate::diagnosis::screening::Screening;
 use crate::diagnosis::search::Search;
 use crate::diagnosis::searched_data::for_evidence;
 use crate::diagnosis::study::Study;
+use crate::diagnosis::unanswered;
 use crate::diagnosis::verdict::{self, Diagnosis, Found, Verdict};
 use crate::diagnosis::words;
 use crate::error::Result;
@@ -241,9 +242,11 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, stopped } = grown;
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
-    let other_states = other_states.or_else(|| initial_states::compare(&study, last));
     let added: Vec<String> = supported.iter().map(|s| s.id.clone()).collect();
+    let off_zero = initial_states::off_zero(&study, first, last, &added);
+    let other_states = other_states.or_else(|| off_zero.is_none().then(|| initial_states::compare(&study, last)).flatten());
     let own_row = drive_timing::compare(&study, last, &added)?;
+    let unanswered = unanswered::records(dataset, last);
     let (feedback, reading_limits) = (feedback::followed(dataset, last, floor.read_back), reading_limits(dataset));
     let found = Found {
         first,
@@ -255,7 +258,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         quantised: quantised.as_deref(),
         loops_alike: &loops_alike,
         reading_limits: &reading_limits,
+        off_zero: off_zero.as_ref(),
         own_row: own_row.as_ref(),
+        unanswered: &unanswered,
         other_states: other_states.as_ref(),
         feedback: &feedback,
         stopped,

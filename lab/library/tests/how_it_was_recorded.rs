@@ -46,6 +46,33 @@ fn explained(dataset: &Dataset, from: &str) -> Explanation {
     explain(dataset, Start::Effects(&effects_named(from).unwrap()), &Options::default(), &Unwatched).unwrap()
 }
 
+/// The sensor of one of four records was not connected: noise alone stands in its column.
+#[test]
+fn a_record_whose_readings_do_not_answer_the_drive_is_said_and_nothing_is_named() {
+    let mut dataset = recorded(&stage(false), 0);
+    let mut noise = WhiteNoise::new(0.2, 31);
+    dataset.records[0].displacement_um.iter_mut().for_each(|y| *y = noise.next_um());
+    let d = explained(&dataset, "gain").diagnosis;
+    assert_eq!(d.verdict, Verdict::Undecidable, "{}", d.sentence);
+    assert!(d.named.is_empty(), "{}", d.sentence);
+    assert!(d.sentence.contains("multisine: the readings do not answer the drive"), "{}", d.sentence);
+    assert_eq!(d.recording.len(), 1, "{:?}", d.recording);
+}
+
+/// A sensor's zero is off by 20 nm in records that are said to begin virgin: that is no drift.
+#[test]
+fn a_sensor_whose_zero_is_off_is_said_and_no_drift_is_named() {
+    let mut dataset = recorded(&stage(false), 0);
+    dataset.records.iter_mut().flat_map(|record| &mut record.displacement_um).for_each(|y| *y += 0.02);
+    let d = explained(&dataset, "gain").diagnosis;
+    assert_eq!(d.verdict, Verdict::Undecidable, "{}", d.sentence);
+    assert!(d.named.is_empty() && d.sentence.contains("stand off by a constant"), "{}", d.sentence);
+    // Said as it is, the mode is what is missing.
+    dataset.records.iter_mut().for_each(|record| record.offset_is_fitted = true);
+    let d = explained(&dataset, "gain").diagnosis;
+    assert!(d.verdict == Verdict::Named && d.named == ["vibration"], "{}", d.sentence);
+}
+
 /// A record that was cut in the middle of its motion begins with what creep and the mode were doing there.
 #[test]
 fn a_record_that_begins_otherwise_is_said_and_nothing_is_named() {

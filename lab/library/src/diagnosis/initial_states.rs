@@ -5,17 +5,22 @@
 //! asked first: the very same effects, with the states of all records unknown, meet the noise, and no single effect does as well from the states that were
 //! said.
 //!
+//! The zero of a sensor is one more thing that a record is said to begin with: of one that is said to begin virgin no constant is estimated. Where a sensor stands a
+//! few nanometres off, a drift that comes at once to its end is what a search finds; a constant, which is less, is asked for in its place.
+//!
 //! A state that nobody knows leaves creep and modes free, but not what loops remember: that is known once the drive has been through its range, and said
 //! where much of a record comes before.
 
 use super::judgement::{Judged, Split};
 use super::study::Study;
 use crate::dataset::{Dataset, Record};
+use crate::identification::finer_hysteresis::with_the_structure_of;
 use crate::identification::fit::rms;
 use crate::parallel;
 use crate::statistics::extremes;
 use crate::watch::Event;
-use hysteron_sim::chain::InitialState;
+use hysteron_sim::chain::{InitialState, Model};
+use hysteron_sim::effect::thermal_drift;
 
 /// States are suspected where the error without them is below this share of that with them.
 const SUSPECTED: f64 = 0.8;
@@ -23,6 +28,57 @@ const SUSPECTED: f64 = 0.8;
 /// Effects that are tried in the place of other states, and how much worse one may be: some per cent of the error.
 const ONES_TRIED: usize = 3;
 const AS_WELL: f64 = 0.1;
+/// A constant stands in the place of a drift, which is more, where the error is larger by no more than some per mille.
+const NO_WORSE_THAN_A_DRIFT: f64 = 0.005;
+/// A quick fit that is behind by more does not come to it.
+const MAY_COME_TO_IT: f64 = 0.5;
+
+/// Records whose readings stand off by a constant although that was said to be zero.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OffZero {
+    /// Their names.
+    pub records: Vec<String>,
+    /// The largest error of these records as that was said, um.
+    pub as_said_um: f64,
+    /// The largest error of them with one each, um.
+    pub fitted_um: f64,
+}
+
+/// Asks whether a constant of each record, where none was said, brings the effects of a model to the noise which does not meet it, or does as well as a drift that
+/// was added; nothing where it does not. Loops that stand in for the constant make place for those that were begun with.
+#[must_use]
+pub fn off_zero(study: &Study, begun: &Judged, found: &Judged, added: &[String]) -> Option<OffZero> {
+    let said: Vec<usize> = study.split.both().into_iter().filter(|i| !study.dataset.records[*i].offset_is_fitted).collect();
+    let explains = |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
+    let drifts = added.iter().any(|id| id == thermal_drift::ID);
+    let misses = study.floor_um.is_some() && !explains(found);
+    if said.is_empty() || !(drifts || misses) || study.watch.stopped() {
+        return None;
+    }
+    study.watch.event(&Event::Doing("asking whether a sensor's zero is off"));
+    let mut free = study.dataset.clone();
+    free.records.iter_mut().for_each(|record| record.offset_is_fitted = true);
+    let other = study.of(&free);
+    let as_it_is = study.without(&found.model, thermal_drift::ID);
+    let with_its_loops = with_the_structure_of(&as_it_is, &begun.model);
+    let tried: Vec<Model> = std::iter::once(as_it_is).chain(with_its_loops).collect();
+    let quick = parallel::map(&tried, |model| other.quickly(model)).into_iter().min_by(|a, b| other.merit(a).total_cmp(&other.merit(b)))?;
+    let most = study.merit(found) + NO_WORSE_THAN_A_DRIFT;
+    if other.merit(&quick) > most + MAY_COME_TO_IT {
+        return None;
+    }
+    let without = other.judged(other.for_comparison(&quick.model).model);
+    if other.merit(&without) > most || (misses && !explains(&without)) {
+        return None;
+    }
+    let as_said = study.judged(without.model.clone());
+    let largest = |judged: &Judged| said.iter().map(|i| rms(&judged.residuals[*i])).fold(0.0, f64::max);
+    Some(OffZero {
+        records: said.iter().map(|i| study.dataset.records[*i].name.clone()).collect(),
+        as_said_um: largest(&as_said),
+        fitted_um: largest(&without),
+    })
+}
 
 /// Records that do not begin in the state that was said.
 #[derive(Clone, Debug, PartialEq)]

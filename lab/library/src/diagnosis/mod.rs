@@ -30,5 +30,6 @@ pub mod screening;
 pub mod search;
 pub mod searched_data;
 pub mod study;
+pub mod unanswered;
 pub mod verdict;
 pub mod words;

@@ -4,11 +4,12 @@ use super::decision::Decision;
 use super::drive_timing::OwnRow;
 use super::elsewhere::{ChangedValue, Elsewhere, Hypothesis};
 use super::feedback::Feedback;
-use super::initial_states::OtherStates;
+use super::initial_states::{OffZero, OtherStates};
 use super::judgement::{Judged, Split, improvement};
 use super::policy::Policy;
 use super::reduction::Supported;
 use super::residual_map::{drive_features, residual_by_feature};
+use super::unanswered::Unanswered;
 use super::words;
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::{grid_by_chance, rounding_noise};
@@ -206,8 +207,12 @@ pub struct Found<'a> {
     pub reading_limits: &'a [ReadingLimit],
     /// Records that do not begin in the state that was said.
     pub other_states: Option<&'a OtherStates>,
+    /// Records whose sensor stands off its zero.
+    pub off_zero: Option<&'a OffZero>,
     /// The readings follow the drive of their own row.
     pub own_row: Option<&'a OwnRow>,
+    /// Records whose readings do not answer the drive.
+    pub unanswered: &'a [Unanswered],
     /// Records whose drive follows the noise of the readings.
     pub feedback: &'a [Feedback],
     /// The caller wanted the best so far.
@@ -218,7 +223,7 @@ impl Found<'_> {
     /// Nothing can be decided before something else is said of how the data were recorded.
     #[must_use]
     pub fn recorded_otherwise(&self) -> bool {
-        self.other_states.is_some() || self.own_row.is_some()
+        self.other_states.is_some() || self.off_zero.is_some() || self.own_row.is_some() || !self.unanswered.is_empty()
     }
 
     /// Effects that the last model has more than the first, where nothing was weighed because the search was stopped.
@@ -304,8 +309,10 @@ fn of_the_recording(found: &Found) -> impl Iterator<Item = String> {
     let ends = found.reading_limits.iter().map(words::reading_limit);
     let states = found.other_states.map(words::other_states);
     let loops = found.feedback.iter().map(words::followed_reading);
+    let states = states.into_iter().chain(found.off_zero.map(words::off_zero));
     let own_row = found.own_row.map(words::own_row);
-    ends.chain(states).chain(own_row).chain(loops)
+    let unanswered = found.unanswered.iter().map(words::unanswered);
+    ends.chain(states).chain(own_row).chain(unanswered).chain(loops)
 }
 
 /// From where a delay counts that was found although nobody said when the drive of a row acts.

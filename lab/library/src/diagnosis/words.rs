@@ -4,10 +4,11 @@ use super::decision::Decision;
 use super::drive_timing::OwnRow;
 use super::elsewhere::{ChangedValue, Hypothesis};
 use super::feedback::Feedback;
-use super::initial_states::OtherStates;
+use super::initial_states::{OffZero, OtherStates};
 use super::judgement::Judged;
 use super::path::Change;
 use super::policy::Policy;
+use super::unanswered::Unanswered;
 use super::verdict::{CandidateFigures, Diagnosis, Finding, Found, Verdict};
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::rounding_noise;
@@ -196,19 +197,37 @@ pub fn reading_limit(limit: &ReadingLimit) -> String {
     )
 }
 
+/// Names of records as they are read.
+fn listed(records: &[String]) -> String {
+    match records {
+        [] => String::new(),
+        [one] => one.clone(),
+        [head @ .., last] => format!("{} and {last}", head.join(", ")),
+    }
+}
+
 /// That records begin otherwise than was said, for a reader.
 #[must_use]
 pub fn other_states(found: &OtherStates) -> String {
-    let (records, begin) = match found.records.as_slice() {
-        [one] => (one.clone(), "does not begin"),
-        [head @ .., last] => (format!("{} and {last}", head.join(", ")), "do not begin"),
-        [] => return String::new(),
-    };
+    let begin = if found.records.len() == 1 { "does not begin" } else { "do not begin" };
     format!(
-        "{records} {begin} in the state that was said: from there the error is {} nm, with the state unknown the same effects leave {} nm; \
+        "{} {begin} in the state that was said: from there the error is {} nm, with the state unknown the same effects leave {} nm; \
          say `initial_state = \"unknown\"` there",
+        listed(&found.records),
         nm(found.as_said_um),
         nm(found.unknown_um)
+    )
+}
+
+/// That readings stand off by a constant, for a reader.
+#[must_use]
+pub fn off_zero(found: &OffZero) -> String {
+    format!(
+        "the readings of {} stand off by a constant: as zero the error is {} nm, with a constant of each record's own the same effects leave {} nm; say \
+         `offset = \"fit\"` there",
+        listed(&found.records),
+        nm(found.as_said_um),
+        nm(found.fitted_um)
     )
 }
 
@@ -232,6 +251,18 @@ pub fn delay_counts_from(dataset: &Dataset) -> String {
         "the delay counts from the drive of a row acting after its reading, which was assumed: of a program that writes, then reads, it is one period \
          ({} ms) longer; say which with --timing hold_before_sample or hold_after_sample",
         figure(1e3 * period_s)
+    )
+}
+
+/// That readings do not answer the drive, for a reader.
+#[must_use]
+pub fn unanswered(found: &Unanswered) -> String {
+    format!(
+        "{}: the readings do not answer the drive ({:.1} % of the {} nm that they move go with anything that it does): look at the sensor, the amplifier and which \
+         column is which (`columns` in dataset.toml, or --columns)",
+        found.record,
+        100.0 * found.share.max(0.0),
+        nm(found.moves_um)
     )
 }
 
@@ -390,11 +421,11 @@ impl Said<'_> {
         let after = nm(self.after_um);
         let best: Vec<String> = self.found.supported.iter().map(|s| s.id.clone()).collect();
         let known = if best.is_empty() && self.fell() {
-            format!("the best that is known (a better description of the hysteresis) leaves {after} nm")
+            format!("a better description of the hysteresis, the best of the library, leaves {after} nm")
         } else if best.is_empty() {
             "no known effect lowers it beyond chance".to_string()
         } else {
-            format!("the best that is known ({}) leaves {after} nm", list(&best, "and"))
+            format!("the best of the library ({}) leaves {after} nm", list(&best, "and"))
         };
         let before_all = if self.story.is_empty() { String::new() } else { format!("{} ", self.story) };
         if self.met_only_where_it_was_fitted() {
@@ -429,7 +460,15 @@ impl Said<'_> {
                 self.floor_nm, self.floor.basis
             );
         }
-        if let Some(otherwise) = self.found.other_states.map(other_states).or_else(|| self.found.own_row.map(own_row)) {
+        if let Some((first, others)) = self.found.unanswered.split_first() {
+            let others = match others.len() {
+                0 => String::new(),
+                1 => " So is another record.".into(),
+                n => format!(" So are {n} other records."),
+            };
+            return format!("Nothing can be decided: {}.{others}", unanswered(first));
+        }
+        if let Some(otherwise) = of_how_it_began(self.found) {
             return format!("Nothing can be decided yet: {otherwise}, and run again.");
         }
         let unweighed = self.found.unweighed();
@@ -453,6 +492,11 @@ impl Said<'_> {
         };
         format!("Nothing in this data shows the noise, so nobody can say whether more is missing; {gained}.{}", likelier(d))
     }
+}
+
+/// That a recording began or was timed otherwise than was said; or nothing.
+fn of_how_it_began(found: &Found) -> Option<String> {
+    found.other_states.map(other_states).or_else(|| found.off_zero.map(off_zero)).or_else(|| found.own_row.map(own_row))
 }
 
 /// What lowers the errors beside the findings, and is not what it is called.
