@@ -30,10 +30,10 @@ pub fn diagnose(model: &Path, path: &Path, own: &str, reading: &ReadArguments, o
     println!("  {:24} share   p        held out nm before, after", "candidate");
     for c in d.candidates.iter().take(6) {
         println!(
-            "  {:24} {:>4.0} %  {:<7.4}  {} , {}{}",
+            "  {:24} {:>4.0} %  {:<7}  {} , {}{}",
             c.effect,
             100.0 * c.explained_share,
-            c.p_value,
+            c.p_weighed().map_or("-".into(), |p| format!("{p:.4}")),
             c.validate_rms_before_um.map_or("-".into(), nm),
             c.validate_rms_after_um.map_or("-".into(), nm),
             if c.confusable_with.is_empty() { String::new() } else { format!("   looks like {}", c.confusable_with.join(", ")) }

@@ -247,7 +247,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let other_states = other_states.or_else(|| off_zero.is_none().then(|| initial_states::compare(&study, last)).flatten());
     let own_row = drive_timing::compare(&study, last, &added)?;
     let unanswered = unanswered::records(dataset, last);
-    let (feedback, reading_limits) = (feedback::followed(dataset, last, floor.read_back), reading_limits(dataset));
+    let (feedback, reading_limits) = (feedback::followed(dataset, last, &floor, options.policy.near_the_noise), reading_limits(dataset));
     let found = Found {
         first,
         last,
@@ -423,7 +423,11 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
         steps.push(Step { change, judged: told.clone() });
     }
     // Values that this recording does not fix are better where they were identified than where its noise would bring them.
-    let refitted = study.thoroughly(&told.model);
+    let mut refitted = study.thoroughly(&told.model);
+    if study.far_above_the_noise(&refitted) {
+        // Begun where all others were held, what came may lie far from where it belongs beside others that are free: a mode beside one that has moved as well.
+        refitted = begun_beside_free_values(study, &compared, refitted)?;
+    }
     let refitted = if study.merit(&refitted) <= study.merit(&told) { refitted } else { told };
     steps.push(Step { change: Change::FittedAgain, judged: refitted.clone() });
     let mut grown = Grown { steps, stopped: study.watch.stopped(), ..Grown::default() };
@@ -438,6 +442,19 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
     }
     grown.elsewhere = Some(compared);
     Ok(grown)
+}
+
+/// The effects of a model from elsewhere, fitted to this recording, and each that is missing there begun beside them, where that leaves less.
+fn begun_beside_free_values(study: &Study, compared: &Elsewhere, refitted: Judged) -> Result<Judged> {
+    let mut model = compared.refitted.model.clone();
+    for tried in &compared.story {
+        let Hypothesis::Missing(_) = &tried.hypothesis else { continue };
+        let id = tried.hypothesis.effect(&compared.base.model);
+        let Some(effect) = tried.judged.model.effect(&id).map(|e| e.effect.clone()) else { continue };
+        model = study.seated(&study.without(&model, &id), &effect, 3, f64::INFINITY)?.model;
+    }
+    let begun = study.thoroughly(&model);
+    Ok(if study.merit(&begun) < study.merit(&refitted) { begun } else { refitted })
 }
 
 /// Adds the converter that the readings themselves show. It explains part of the noise, not of the error: everything else is the same

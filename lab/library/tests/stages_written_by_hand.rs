@@ -39,6 +39,12 @@ fn explained_as_read(
     reads: &mut dyn FnMut(&[f64]) -> Vec<f64>,
     drives: [Vec<f64>; 2],
 ) -> Explanation {
+    let dataset = read(noise_um, as_read, reads, drives);
+    explain(&dataset, Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap()
+}
+
+/// What is read so.
+fn read(noise_um: f64, as_read: &dyn Fn(f64) -> f64, reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Dataset {
     let [fitted, held_out] = drives;
     let records = [("fitted", Role::Identify, fitted), ("held_out", Role::Validate, held_out), ("rest", Role::Noise, vec![0.0; 4000])];
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
@@ -50,7 +56,7 @@ fn explained_as_read(
     let mut dataset = Dataset::new("by_hand", 0.0, 80.0, records).unwrap();
     // As of a file that does not say when a drive acts.
     dataset.timing_is_assumed = true;
-    explain(&dataset, Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap()
+    dataset
 }
 
 /// Read in the row after the one whose drive acts.
@@ -265,8 +271,13 @@ enum Behind {
 
 /// What a mode, and what reads it, make of a force, by Runge and Kutta's method in 16 parts of every period.
 fn mode_read_by(force_um: &[f64], behind: Behind) -> Vec<f64> {
+    mode_of(380.0, force_um, behind)
+}
+
+/// The same of a mode of this frequency, Hz.
+fn mode_of(hz: f64, force_um: &[f64], behind: Behind) -> Vec<f64> {
     let tau = std::f64::consts::TAU;
-    let ((w, xi), parts) = ((tau * 380.0, 0.02), 16);
+    let ((w, xi), parts) = ((tau * hz, 0.02), 16);
     let dt_s = 1.0 / RATE_HZ / f64::from(parts);
     let rates = |[x, v, y, u]: [f64; 4], force: f64| {
         let [y_rate, u_rate] = match behind {
@@ -290,6 +301,22 @@ fn mode_read_by(force_um: &[f64], behind: Behind) -> Vec<f64> {
         before[2]
     });
     read.collect()
+}
+
+/// Another stage of the same kind has two modes, where the model that is handed in has one that swings more slowly: begun with that one held, a second mode leaves many
+/// times the noise, and the fit of all values together did not come from there.
+#[test]
+fn a_second_mode_beside_one_that_has_moved_is_met() {
+    let force = |drive_v: &[f64]| drive_v.iter().map(|v| 0.08 * v).collect::<Vec<_>>();
+    let home = explained(&mut |drive_v| mode_of(300.0, &force(drive_v), Behind::Nothing), usual_drives());
+    let mut two_modes = |drive_v: &[f64]| {
+        let [slow, fast] = [400.0, 455.0].map(|hz| mode_of(hz, &force(drive_v), Behind::Nothing));
+        slow.iter().zip(&fast).map(|(slow, fast)| 0.55 * slow + 0.45 * fast).collect()
+    };
+    let there = read(NOISE_UM, &|um| um, &mut two_modes, usual_drives());
+    let found = explain(&there, Start::Model(home.model), &Options::default(), &Unwatched).unwrap();
+    assert_eq!(found.diagnosis.named, ["second_mode"], "{}", found.diagnosis.sentence);
+    assert!(found.last().error_um() < 1.15 * NOISE_UM, "{}", found.diagnosis.sentence);
 }
 
 /// The electronics of a sensor behind a mode: a delay beside the mode comes near, and meets the noise nowhere.

@@ -54,6 +54,29 @@ pub fn is_constant(values: &[f64]) -> bool {
     values.iter().all(|v| *v == values[0])
 }
 
+/// Changes at least, for the rows between them to say anything.
+const CHANGES_MIN: usize = 50;
+/// A step is a change, and a bend of a line between rows one too, where it is larger than this share of the range.
+const IS_A_CHANGE: f64 = 1e-6;
+
+/// Every how many rows values say something new: they stand still between, or lie on a line between two that do; nothing where that is every row, or where
+/// too few change.
+#[must_use]
+pub fn rows_between_news(values: &[f64]) -> Option<usize> {
+    let least = IS_A_CHANGE * peak_to_peak(values);
+    let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).collect();
+    let bends: Vec<f64> = steps.windows(2).map(|w| w[1] - w[0]).collect();
+    [steps, bends].into_iter().find_map(|changes| {
+        let at: Vec<usize> = (0..changes.len()).filter(|k| changes[*k].abs() > least).collect();
+        let apart = at.windows(2).map(|w| w[1] - w[0]).fold(0, greatest_common_divisor);
+        (at.len() >= CHANGES_MIN && apart > 1).then_some(apart)
+    })
+}
+
+fn greatest_common_divisor(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { greatest_common_divisor(b, a % b) }
+}
+
 /// Coefficient of correlation, 0 where one of them is constant.
 #[must_use]
 pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
@@ -139,6 +162,20 @@ mod tests {
     fn noise(n: usize, seed: u64) -> Vec<f64> {
         let mut noise = hysteron_sim::noise::WhiteNoise::new(1.0, seed);
         (0..n).map(|_| noise.next_um()).collect()
+    }
+
+    #[test]
+    fn a_sensor_that_is_read_at_every_tenth_row_says_so_held_or_on_lines() {
+        let rows = 4000;
+        let values: Vec<f64> = noise(rows, 3).iter().enumerate().map(|(k, e)| (0.01 * k as f64).sin() + 1e-3 * e).collect();
+        let held: Vec<f64> = (0..rows).map(|k| values[k - k % 10]).collect();
+        let next = |k: usize| values[(k - k % 10 + 10).min(rows - 1)];
+        let lines: Vec<f64> = (0..rows).map(|k| held[k] + (k % 10) as f64 / 10.0 * (next(k) - held[k])).collect();
+        let coarse: Vec<f64> = values.iter().map(|v| (v * 100.0).round() / 100.0).collect();
+        assert_eq!([&held[..], &lines[..rows - 10]].map(rows_between_news), [Some(10); 2]);
+        assert_eq!([&values, &coarse].map(|v| rows_between_news(v)), [None; 2]);
+        // Two values of a switch, which change seldom.
+        assert_eq!(rows_between_news(&(0..rows).map(|k| (k / 500 % 2) as f64).collect::<Vec<_>>()), None);
     }
 
     /// A lag of one radian in thirty, and noise of a thousandth.

@@ -1,5 +1,6 @@
 //! Data sets from the bytes of files: a manifest with the files that it names, or one file of numbers alone.
 
+use super::behaviour::rows_between_news;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
 use super::readers::{self, Hints};
@@ -169,6 +170,7 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
         }
     };
     notes.extend(axis.note.clone());
+    notes.extend(seldom_read(&signals.u_v, &signals.y_um, axis.sample_rate_hz));
     Ok(Even {
         sample_rate_hz: axis.sample_rate_hz,
         start_s: axis.start_s,
@@ -178,6 +180,16 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
         auxiliary: signals.auxiliary.iter().map(|signal| signal.with(|values| axis.apply(values.to_vec()))).collect(),
         notes,
     })
+}
+
+/// That rows were filled up between the readings of a sensor that is read more seldom; where the drive changes no more often, that is how the stage answers.
+fn seldom_read(u_v: &[f64], y_um: &[f64], sample_rate_hz: f64) -> Option<String> {
+    let apart = rows_between_news(y_um).filter(|apart| rows_between_news(u_v).is_none_or(|of_the_drive| of_the_drive % apart != 0))?;
+    Some(format!(
+        "the displacement says something new once in {apart} rows: the sensor gives {:.1} readings per second, and the rows between were filled up; record at that rate, or \
+         keep one row in {apart}, since no stage moves as they say",
+        sample_rate_hz / apart as f64
+    ))
 }
 
 /// Brings the displacement to the instants of the drive, as far as both were recorded: the samples of the drive for which that is so.

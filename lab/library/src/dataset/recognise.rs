@@ -58,8 +58,6 @@ struct Found {
 const LARGEST_SIGNAL: f64 = 1e12;
 /// Two signals whose times differ by less than so many samples are channels that are read one after the other.
 const CHANNELS_IN_TURN: f64 = 2.0;
-/// What is told how to say it otherwise, once in a file's notes.
-const OTHERWISE: &str = "to say it otherwise: --columns t=1,u=2,y=3 --units t=ms,u=mV,y=nm, or columns and unit in dataset.toml";
 
 /// The signals of a record.
 ///
@@ -435,7 +433,13 @@ impl Choice<'_> {
                     format!("{} = {}{from}{how}{unit}", quantity.key(), column.called())
                 })
                 .collect();
-            self.notes.push(format!("columns: {}; {OTHERWISE}", parts.join("; ")));
+            let by_number: Vec<String> = taken.iter().map(|(q, found)| format!("{}={}", q.key(), self.column(found.at).number)).collect();
+            // What is told is what was recognised, so that a line that is copied changes nothing.
+            self.notes.push(format!(
+                "columns: {}; to say it otherwise: --columns {} (and --units, as u=V,y=um), or columns and unit in dataset.toml",
+                parts.join("; "),
+                by_number.join(",")
+            ));
         }
         let (Some(u), Some(y)) = (self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
             return Err(self.missing(Quantity::Drive));

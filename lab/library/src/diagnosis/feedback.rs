@@ -12,7 +12,7 @@
 use super::judgement::Judged;
 use crate::dataset::{Dataset, Record};
 use crate::identification::fit::{dot, rms};
-use crate::identification::noise_floor::ReadBack;
+use crate::identification::noise_floor::NoiseFloor;
 use crate::parallel;
 use crate::statistics::{largest, mean};
 use nalgebra::{DMatrix, DVector};
@@ -52,13 +52,18 @@ pub struct Feedback {
     pub by_chance: f64,
 }
 
-/// The records whose drive follows what a model leaves of them.
+/// The records whose drive follows what a model leaves of them. Where that is so many times the noise (`near_the_noise`) something else is what is left, as a ring that
+/// the model does not have, or what uneven time stamps make of a drive and its readings alike, and nothing is said.
 #[must_use]
-pub fn followed(dataset: &Dataset, judged: &Judged, read_back: Option<ReadBack>) -> Vec<Feedback> {
-    let of_the_noise =
-        |record: &Record, left: &[f64]| !read_back.is_some_and(|r| r.response_um(&judged.model, record) > MADE_BY_THE_COLUMN * rms(left));
-    let both: Vec<(&Record, &Vec<f64>)> = dataset.records.iter().zip(&judged.residuals).filter(|(_, left)| !left.is_empty()).collect();
-    parallel::map(&both, |(record, left)| of_record(record, left).filter(|_| of_the_noise(record, left))).into_iter().flatten().collect()
+pub fn followed(dataset: &Dataset, judged: &Judged, floor: &NoiseFloor, near_the_noise: f64) -> Vec<Feedback> {
+    let of_the_noise = |record: &Record, left: &[f64]| {
+        !floor.read_back.is_some_and(|r| r.response_um(&judged.model, record) > MADE_BY_THE_COLUMN * rms(left))
+    };
+    let each = dataset.records.iter().zip(&judged.residuals).zip(&floor.of_records_um);
+    let is_noise = |left: &[f64], floor_um: &Option<f64>| floor_um.is_none_or(|floor_um| rms(left) < near_the_noise * floor_um);
+    let near: Vec<(&Record, &Vec<f64>)> =
+        each.filter(|((_, left), floor_um)| !left.is_empty() && is_noise(left, floor_um)).map(|(both, _)| both).collect();
+    parallel::map(&near, |(record, left)| of_record(record, left).filter(|_| of_the_noise(record, left))).into_iter().flatten().collect()
 }
 
 fn of_record(record: &Record, left: &[f64]) -> Option<Feedback> {
@@ -120,10 +125,18 @@ fn limited(mut signal: Vec<f64>) -> Option<Vec<f64>> {
 mod tests {
     use super::*;
     use crate::dataset::Role;
+    use crate::identification::noise_floor::noise_floor;
     use hysteron_sim::chain::Model;
     use hysteron_sim::noise::WhiteNoise;
 
     const SAMPLES: usize = 20_000;
+    const NEAR_THE_NOISE: f64 = 4.0;
+
+    /// Beside this floor, or none.
+    fn followed(dataset: &Dataset, judged: &Judged, floor_um: Option<f64>) -> Vec<Feedback> {
+        let floor = NoiseFloor { of_records_um: vec![floor_um], read_back: None, ..noise_floor(dataset) };
+        super::followed(dataset, judged, &floor, NEAR_THE_NOISE)
+    }
 
     /// What a model leaves that is right but for the noise.
     fn left(readings_noise: &[f64]) -> Judged {
@@ -163,6 +176,8 @@ mod tests {
             assert_eq!(found.len(), 1, "{gain}");
             assert_eq!(found[0].later_samples, 1);
             assert!(found[0].correlation < -0.5 && found[0].by_chance < 0.1, "{:?}", found[0]);
+            // With a noise of 0.1 nm something else than noise is what is left.
+            assert_eq!(followed(&dataset(closed_loop(gain, &noise), &noise), &left(&noise), Some(1e-4)), []);
         }
     }
 

@@ -28,8 +28,6 @@ const SUSPECTED: f64 = 0.8;
 /// Effects that are tried in the place of other states, and how much worse one may be: some per cent of the error.
 const ONES_TRIED: usize = 3;
 const AS_WELL: f64 = 0.1;
-/// A constant stands in the place of a drift, which is more, where the error is larger by no more than some per mille.
-const NO_WORSE_THAN_A_DRIFT: f64 = 0.005;
 /// A quick fit that is behind by more does not come to it.
 const MAY_COME_TO_IT: f64 = 0.5;
 
@@ -63,12 +61,11 @@ pub fn off_zero(study: &Study, begun: &Judged, found: &Judged, added: &[String])
     let with_its_loops = with_the_structure_of(&as_it_is, &begun.model);
     let tried: Vec<Model> = std::iter::once(as_it_is).chain(with_its_loops).collect();
     let quick = parallel::map(&tried, |model| other.quickly(model)).into_iter().min_by(|a, b| other.merit(a).total_cmp(&other.merit(b)))?;
-    let most = study.merit(found) + NO_WORSE_THAN_A_DRIFT;
-    if other.merit(&quick) > most + MAY_COME_TO_IT {
+    if other.merit(&quick) > study.merit(found) + MAY_COME_TO_IT {
         return None;
     }
     let without = other.judged(other.for_comparison(&quick.model).model);
-    if other.merit(&without) > most || (misses && !explains(&without)) {
+    if study.told_apart(&without, found) || (misses && !explains(&without)) {
         return None;
     }
     let as_said = study.judged(without.model.clone());

@@ -170,6 +170,15 @@ pub struct Diagnosis {
     pub where_it_fails: Vec<RecordCells>,
 }
 
+impl CandidateFigures {
+    /// The p-value, where the candidate was weighed against chance: beside a model from elsewhere the errors alone decide, and nothing is resampled.
+    #[must_use]
+    pub fn p_weighed(&self) -> Option<f64> {
+        let (least, most) = self.explained_share_interval;
+        (least < most || self.p_value < 1.0).then_some(self.p_value)
+    }
+}
+
 impl Diagnosis {
     /// Two effects differ by no more than this, in um, on the best of the drives that the data allow: none is proposed to tell them apart.
     pub(crate) fn decided_by_no_drive(&mut self, between: &[String; 2], separation_um: f64) {
@@ -269,7 +278,7 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         true if named.is_empty() || !within(policy.explained.max(as_the_noise)) => (Verdict::Unexplained, Vec::new()),
         true => (one_or_all, named),
     };
-    let timing = timing_left_open(found, dataset);
+    let timing = timing_left_open(found, &named, dataset);
     let mut out = Diagnosis {
         schema: "hysteron.diagnosis/1",
         verdict,
@@ -316,8 +325,8 @@ fn of_the_recording(found: &Found) -> impl Iterator<Item = String> {
 }
 
 /// From where a delay counts that was found although nobody said when the drive of a row acts.
-fn timing_left_open(found: &Found, dataset: &Dataset) -> Option<String> {
-    let delayed = found.supported.iter().any(|s| s.names().iter().any(|id| id == delay::ID));
+fn timing_left_open(found: &Found, named: &[String], dataset: &Dataset) -> Option<String> {
+    let delayed = found.supported.iter().any(|s| s.id == delay::ID) || named.iter().any(|id| id == delay::ID);
     (dataset.timing_is_assumed && found.own_row.is_none() && delayed).then(|| words::delay_counts_from(dataset))
 }
 
