@@ -177,5 +177,6 @@ fn a_missing_mode_is_no_closed_loop() {
     let gain = identify(&dataset, &effects_named("gain").expect("known"), &Unwatched).expect("it is fitted");
     let judged = judge(gain.model, &dataset, &Split::of(&dataset));
     assert!(judged.identify_rms_um > 0.05, "{}", judged.identify_rms_um);
-    assert_eq!(feedback::followed(&dataset, &judged, gain.floor.read_back), []);
+    // Asked however far above the noise it is.
+    assert_eq!(feedback::followed(&dataset, &judged, &gain.floor, f64::INFINITY), []);
 }
