@@ -9,6 +9,7 @@ mod board_tune;
 mod browser;
 mod control_code;
 mod debian;
+mod dependency_tree;
 mod emulated_board;
 mod lab_page;
 mod library_alone;

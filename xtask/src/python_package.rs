@@ -1,10 +1,9 @@
 //! The Python package: its wheel, installed into a fresh virtual environment and tried there against the program; and the formats of other
 //! libraries, written by them for the tests of library and program.
 
-use std::collections::BTreeSet;
 use std::path::Path;
-use std::process::Command;
 
+use crate::dependency_tree::packages;
 use crate::steps::{build_as_tested, built, cargo, command, root};
 use crate::virtual_environment::{fresh, install, kept};
 
@@ -24,23 +23,13 @@ fn emptied(folder: &Path) -> Result<(), String> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
 }
 
-/// Every package behind these, with its features.
-fn packages_with_features(selection: &[&str]) -> Result<BTreeSet<String>, String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let arguments = ["tree", "--prefix", "none", "--no-dedupe", "--format", "{p} {f}"];
-    let output = Command::new(cargo).args(arguments).args(selection).current_dir(root()).output();
-    let output = output.map_err(|error| format!("`cargo tree` cannot be started: {error}"))?;
-    if !output.status.success() {
-        return Err(format!("`cargo tree` ended with {}: {}", output.status, String::from_utf8_lossy(&output.stderr)));
-    }
-    Ok(String::from_utf8_lossy(&output.stdout).lines().map(|line| line.trim().to_owned()).collect())
-}
+/// Each package with its features.
+const WITH_FEATURES: &str = "{p} {f}";
 
-/// A package with other features than the tests' is built once more for the wheel, and so is all that stands on it: three minutes of processor for one that
-/// nobody misses.
+/// A package with other features than the tests' is built once more for the wheel, and so is all that stands on it: with one such the library was.
 fn shares_what_the_tests_have_built() -> Result<(), String> {
-    let of_the_tests = packages_with_features(&["--workspace", "--edges", "normal,build,dev"])?;
-    let of_the_wheel = packages_with_features(&["--package", "hysteron-python", "--edges", "normal,build"])?;
+    let of_the_tests = packages(&["--workspace", "--edges", "normal,build,dev"], WITH_FEATURES)?;
+    let of_the_wheel = packages(&["--package", "hysteron-python", "--edges", "normal,build"], WITH_FEATURES)?;
     let others: Vec<&str> = of_the_wheel.difference(&of_the_tests).map(String::as_str).collect();
     if others.is_empty() {
         return Ok(());

@@ -463,8 +463,8 @@ impl Said<'_> {
         if let Some((first, others)) = self.found.unanswered.split_first() {
             let others = match others.len() {
                 0 => String::new(),
-                1 => " So is another record.".into(),
-                n => format!(" So are {n} other records."),
+                1 => " So it is with another record.".into(),
+                n => format!(" So it is with {n} other records."),
             };
             return format!("Nothing can be decided: {}.{others}", unanswered(first));
         }
