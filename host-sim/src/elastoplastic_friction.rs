@@ -28,10 +28,11 @@ pub struct ElastoplasticFriction {
 #[inline]
 fn dying(x: f64) -> f64 {
     if x < 0.125 {
-        let (x2, x4) = (x * x, x * x * x * x);
+        let x2 = x * x;
+        let x4 = x2 * x2;
         let first = (1.0 - x) + x2 * (1.0 / 2.0 - x * (1.0 / 6.0));
         let second = (1.0 / 24.0 - x * (1.0 / 120.0)) + x2 * (1.0 / 720.0 - x * (1.0 / 5040.0));
-        first + x4 * (second + x4 * (1.0 / 40320.0))
+        (first + x4 * x4 * (1.0 / 40320.0)) + x4 * second
     } else if x > 40.0 {
         0.0
     } else {

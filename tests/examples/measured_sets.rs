@@ -2,10 +2,11 @@
 //!
 //! For each set of records: the effects that `explain` ends with, its fitted and held-out errors, and, with `--subsets`, the best of all
 //! subsets of seven effects beside the hysteresis, each fitted with `identify`. The ratio is that of the geometric means of fitted and
-//! held-out error. With `--reversed` the records are given in the other order too, which must end at the same effects and errors.
+//! held-out error. With `--reversed` the records are given in the other order too, which must end at the same effects and errors; with `--within`
+//! each has so many seconds.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] [--identify EFFECTS] [--data FOLDER] [SET ...]
+//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] [--within SECONDS] [--identify EFFECTS] [--data FOLDER] [SET ...]
 //! ```
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
@@ -15,12 +16,12 @@ use hysteron::explain::{Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
-use hysteron::watch::{Unwatched, Watch};
+use hysteron::watch::{Unwatched, Watch, Within};
 use hysteron_sim::chain::Model;
 use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings};
 use std::fmt::Write as _;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A set of records: what is fitted, what judges.
 struct Set {
@@ -114,6 +115,12 @@ fn best_subset(dataset: &Dataset, set: &Set) -> (Vec<&'static str>, f64, f64) {
     best.expect("at least one subset can be fitted")
 }
 
+/// Takes an option and its value out of the arguments.
+fn value_of(arguments: &mut Vec<String>, option: &str) -> Option<String> {
+    let at = arguments.iter().position(|a| a == option)?;
+    Some(arguments.drain(at..(at + 2).min(arguments.len())).next_back().unwrap_or_default())
+}
+
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let subsets = flag(&mut arguments, "--subsets");
@@ -121,10 +128,8 @@ fn main() {
     let trace = Trace::default();
     let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
-    let only = arguments
-        .iter()
-        .position(|a| a == "--identify")
-        .map(|i| arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default());
+    let only = value_of(&mut arguments, "--identify");
+    let within = value_of(&mut arguments, "--within").map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
     for set in SETS.iter().filter(|s| arguments.is_empty() || arguments.iter().any(|a| a == s.name)) {
         let dataset = load(set, &data);
         if let Some(effects) = &only {
@@ -136,7 +141,9 @@ fn main() {
         }
         let gain = effects_named("gain").expect("a built-in effect");
         let begin = Instant::now();
-        let found = explain(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
+        let explained =
+            |watch: &dyn Watch| explain(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
+        let found = within.map_or_else(|| explained(watch), |within| explained(&Within::new(watch, within)));
         let seconds = begin.elapsed().as_secs_f64();
         let (fitted, held_out) = errors_um(&found.model, &dataset, set);
         println!(

@@ -11,9 +11,11 @@ use crate::{
 };
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
+use hysteron::watch::{Watch, Within};
 use hysteron::{Dataset, Error, Result, series};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 /// From the measurement of a piezoelectric actuator to what its model misses, and to its controller.
 #[derive(Parser)]
@@ -35,6 +37,29 @@ pub struct Outputs {
     /// Replace files that exist
     #[arg(long)]
     pub force: bool,
+}
+
+/// How long an answer may take.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct TimeArguments {
+    /// Answer within about so many seconds: the search for effects ends early (without it, once nothing more is found)
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    within: Option<Duration>,
+}
+
+impl TimeArguments {
+    /// Does what is watched in that time.
+    pub fn beside<T>(self, watch: &dyn Watch, watched: impl FnOnce(&dyn Watch) -> T) -> T {
+        match self.within {
+            Some(within) => watched(&Within::new(watch, within)),
+            None => watched(watch),
+        }
+    }
+}
+
+fn seconds(given: &str) -> std::result::Result<Duration, String> {
+    let seconds = given.parse().ok().filter(|seconds: &f64| *seconds > 0.0);
+    seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).ok_or_else(|| "expected a time in seconds above zero".to_owned())
 }
 
 /// What a servo's design is told of the sensor.
@@ -159,6 +184,8 @@ enum Command {
         /// Tell every step of the search, with its error
         #[arg(long, short)]
         verbose: bool,
+        #[command(flatten)]
+        time: TimeArguments,
         /// Write the error falling, step by step, as an SVG that moves
         #[arg(long, value_name = "FILE")]
         animation: Option<PathBuf>,
@@ -205,6 +232,8 @@ enum Command {
         /// Effects of your own that take part, as .toml files
         #[arg(long, value_name = "FILES", default_value = "")]
         own: String,
+        #[command(flatten)]
+        time: TimeArguments,
         #[command(flatten)]
         reading: ReadArguments,
         #[command(flatten)]
@@ -453,15 +482,17 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<bool> {
     match command {
-        Command::Explain { dataset, from, own, verbose, animation, reading, outputs } => {
-            let wanted = explain::Wanted { from: &from, own: &own, verbose, animation: animation.as_deref() };
+        Command::Explain { dataset, from, own, verbose, time, animation, reading, outputs } => {
+            let wanted = explain::Wanted { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
             identify::identify(&dataset, &effects, hysteresis.as_deref(), &reading, &outputs)
         }
         Command::Compare { model, dataset, reading, outputs } => compare::compare(&model, &dataset, &reading, &outputs),
-        Command::Diagnose { model, dataset, own, reading, outputs } => diagnose::diagnose(&model, &dataset, &own, &reading, &outputs),
+        Command::Diagnose { model, dataset, own, time, reading, outputs } => {
+            diagnose::diagnose(&model, &dataset, &own, time, &reading, &outputs)
+        }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),

@@ -1,11 +1,11 @@
 //! `diagnose`.
 
-use crate::command_line::{RecordingOutputs, as_typed};
+use crate::command_line::{RecordingOutputs, TimeArguments, as_typed};
 use crate::desk::Desk;
 use crate::explain::write_next_experiment;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use crate::tables::{say_candidates, say_next, say_stopped};
+use crate::tables::{say_candidates, say_next, say_notes, say_stopped};
 use hysteron::Result;
 use hysteron::diagnosis::words::nm;
 use hysteron::explain::{self, Options, Start};
@@ -13,7 +13,14 @@ use hysteron_report::{explain_page, explain_report};
 use std::path::Path;
 
 /// Says what a model misses.
-pub fn diagnose(model: &Path, path: &Path, own: &str, reading: &ReadArguments, outputs: &RecordingOutputs) -> Result<bool> {
+pub fn diagnose(
+    model: &Path,
+    path: &Path,
+    own: &str,
+    time: TimeArguments,
+    reading: &ReadArguments,
+    outputs: &RecordingOutputs,
+) -> Result<bool> {
     let desk = Desk::new(outputs.files.force);
     let options = Options { own: desk.effects(own)?, ..Options::default() };
     let model = desk.model(model)?;
@@ -22,11 +29,13 @@ pub fn diagnose(model: &Path, path: &Path, own: &str, reading: &ReadArguments, o
     let files = &outputs.files;
     desk.target(files.next_drive().as_deref())?;
     let progress = Progress::of_search(false);
-    let found = explain::explain(&dataset, Start::Model(model), &options, &progress)?;
+    let (found, timed) = time.beside(&progress, |watch| explain::explain_as_timed(&dataset, Start::Model(model), &options, watch))?;
+    let dataset = timed.unwrap_or(dataset);
     drop(progress);
     let d = &found.diagnosis;
     say_stopped(found.stopped);
     println!("{}: {}", dataset.name, d.sentence);
+    say_notes(dataset.notes.iter().chain(&found.floor.warnings));
     println!("  {:24} share   p        held out nm before, after", "candidate");
     for c in d.candidates.iter().take(6) {
         println!(

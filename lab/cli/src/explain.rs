@@ -1,6 +1,6 @@
 //! `explain`.
 
-use crate::command_line::{Outputs, StudyOutputs, as_typed};
+use crate::command_line::{Outputs, StudyOutputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
@@ -20,13 +20,15 @@ pub struct Wanted<'a> {
     pub own: &'a str,
     /// Every step is told.
     pub verbose: bool,
+    /// How long it may take.
+    pub time: TimeArguments,
     /// The picture that moves.
     pub animation: Option<&'a Path>,
 }
 
 /// The main job.
 pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
-    let Wanted { from, own, verbose, animation } = *wanted;
+    let Wanted { from, own, verbose, time, animation } = *wanted;
     let started = Instant::now();
     let desk = Desk::new(outputs.recordings.files.force);
     let effects = desk.effects(from)?;
@@ -37,7 +39,8 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
     desk.target(files.next_drive().as_deref())?;
     desk.target(animation)?;
     let progress = Progress::of_search(verbose);
-    let found = explain::explain(&dataset, Start::Effects(&effects), &options, &progress)?;
+    let (found, timed) = time.beside(&progress, |watch| explain::explain_as_timed(&dataset, Start::Effects(&effects), &options, watch))?;
+    let dataset = timed.unwrap_or(dataset);
     drop(progress);
     let figures = found.figures(&dataset, started.elapsed().as_secs_f64());
     say_stopped(found.stopped);

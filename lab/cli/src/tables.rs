@@ -35,10 +35,13 @@ pub fn print_records(figures: &FitFigures) {
 }
 
 /// Things to know, one line each.
+pub fn say_notes<'a>(notes: impl IntoIterator<Item = &'a String>) {
+    notes.into_iter().for_each(|note| println!("  note: {note}"));
+}
+
+/// What to know of a fit, one line each.
 pub fn print_notes(figures: &FitFigures) {
-    for warning in &figures.warnings {
-        println!("  note: {warning}");
-    }
+    say_notes(&figures.warnings);
     for line in &figures.cannot_identify {
         println!("  cannot be identified from this data: {line}");
     }

@@ -211,6 +211,9 @@ fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
     let as_said = hysteron(&["identify", ".", "--effects", "gain", "--timing", "hold_after_sample"], folder.path());
     let said = String::from_utf8_lossy(&as_said.stdout).into_owned();
     assert!(said.contains("was y read after u was written?"), "{said}");
+    for none in ["0", "-1", "soon", "inf"] {
+        says(&["explain", ".", &format!("--within={none}")], folder.path(), "expected a time in seconds above zero");
+    }
     says(&["identify", ".", "--effects", "gain", "--timing", "now"], folder.path(), "expected hold_after_sample or hold_before_sample");
 }
 

@@ -2,7 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::reading_limits::reading_limits;
-use crate::diagnosis::drive_timing;
+use crate::diagnosis::drive_timing::{self, OwnRow};
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
 use crate::diagnosis::feedback;
 use crate::diagnosis::initial_states::{self, OtherStates};
@@ -12,7 +12,7 @@ use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
 use crate::diagnosis::overdamped_mode;
 use crate::diagnosis::path::{self, Change, Step};
 use crate::diagnosis::policy::Policy;
-use crate::diagnosis::reduction::{Supported, reduce};
+use crate::diagnosis::reduction::{Reduced, Supported, reduce};
 use crate::diagnosis::screening::Screening;
 use crate::diagnosis::search::Search;
 use crate::diagnosis::searched_data::for_evidence;
@@ -132,6 +132,8 @@ pub struct Explanation {
     pub split: Split,
     /// The drive that would tell the first two of an ambiguous set apart.
     pub next_experiment: Option<NextExperiment>,
+    /// The readings follow the drive of their own row, where nobody said which they follow.
+    pub own_row: Option<OwnRow>,
     /// The caller wanted the best so far.
     pub stopped: bool,
 }
@@ -155,6 +157,7 @@ pub fn candidates(own: &[Arc<dyn Effect>]) -> Vec<Arc<dyn Effect>> {
 }
 
 /// Where a run starts.
+#[derive(Clone)]
 pub enum Start<'a> {
     /// From these effects, fitted first.
     Effects(&'a [Arc<dyn Effect>]),
@@ -182,6 +185,7 @@ struct Grown {
     loops_alike: Vec<String>,
     other_states: Option<OtherStates>,
     stopped: bool,
+    out_of_time: bool,
 }
 
 /// Runs the main job.
@@ -198,6 +202,20 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
         Some(beginnings) => to_the_whole(dataset, &beginnings, decided(&beginnings, start, options, watch)?, watch),
         None => decided(dataset, start, options, watch),
     }
+}
+
+/// Runs the main job, and once more where the readings turn out to follow the drive of their own row and nobody said which they follow. What it found is of the
+/// data set that comes with it, where that is another than the one that was given.
+///
+/// # Errors
+/// As [`explain`].
+pub fn explain_as_timed(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<(Explanation, Option<Dataset>)> {
+    let found = explain(dataset, start.clone(), options, watch)?;
+    let Some(own_row) = found.own_row.as_ref().filter(|_| !found.stopped && !watch.searched_enough()) else { return Ok((found, None)) };
+    watch.event(&Event::Doing("once more, with readings that follow the drive of their own row"));
+    let mut timed = dataset.in_own_rows();
+    timed.notes.push(words::taken_in_own_rows(own_row));
+    Ok((explain(&timed, start, options, watch)?, Some(timed)))
 }
 
 /// What was decided on the beginnings of long records, with the model fitted to the whole of them.
@@ -229,7 +247,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let mut study = study_of(dataset, options, &floor, watch);
     let mut grown = grown_from(&start, &study)?;
     for _ in 1..FLOORS_MAX {
-        let Some(beside) = floor_of(&grown, &floor, dataset, &options.policy).filter(|_| !grown.stopped) else { break };
+        let Some(beside) = floor_of(&grown, &floor, dataset, &options.policy).filter(|_| !grown.stopped && !grown.out_of_time) else {
+            break;
+        };
         let another = differ(floor.rms_um, beside.rms_um);
         floor = beside;
         study = study_of(dataset, options, &floor, watch);
@@ -239,7 +259,10 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         watch.event(&Event::Doing("searching again beside what the drive's own noise makes"));
         grown = grown_from(&start, &study)?;
     }
-    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, stopped } = grown;
+    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, stopped, out_of_time } = grown;
+    if out_of_time {
+        floor.warnings.push("the search ended where it was when its time was over: with more it may find more".to_owned());
+    }
     let quantised = quantise(&mut steps, &floor, &study.overview);
     let (first, last) = (&steps[0].judged, &steps[steps.len() - 1].judged);
     let added: Vec<String> = supported.iter().map(|s| s.id.clone()).collect();
@@ -264,6 +287,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         other_states: other_states.as_ref(),
         feedback: &feedback,
         stopped,
+        out_of_time,
     };
     let mut diagnosis = verdict::diagnose(&found, &floor, dataset, &study.split, &study.policy);
     let mut model = last.model.clone();
@@ -281,7 +305,20 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     }
     let split = study.split.clone();
     drop(study);
-    Ok(Explanation { model, steps, supported, elsewhere, beside_start, floor, diagnosis, cannot_identify, split, next_experiment, stopped })
+    Ok(Explanation {
+        model,
+        steps,
+        supported,
+        elsewhere,
+        beside_start,
+        floor,
+        diagnosis,
+        cannot_identify,
+        split,
+        next_experiment,
+        own_row,
+        stopped,
+    })
 }
 
 /// How often a search is begun with another floor: the noise of a drive's column makes something else of every model, and the next to nothing of it changes
@@ -356,10 +393,11 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
             beside_start = Some(study.weigh(&base.model, &study.candidates_for(&base.model), 1000)?);
         }
         let steps = vec![Step { change: Change::Start, judged: base.clone() }];
-        return Ok(Grown { steps, beside_start, stopped, ..Grown::default() });
+        return Ok(Grown { steps, beside_start, stopped, out_of_time: search.out_of_time, ..Grown::default() });
     }
     let mut candidate = best.judged.clone();
-    if !study.met(&candidate) && !study.watch.stopped() {
+    let has_time = !search.out_of_time || study.near_the_noise(&candidate);
+    if !study.met(&candidate) && has_time && !study.watch.stopped() {
         study.watch.event(&Event::Doing("beginning values again"));
         candidate = study.begun_again(&candidate)?;
     }
@@ -380,7 +418,9 @@ fn grow(study: &Study, base: &Judged) -> Result<Grown> {
     let end = if thorough.identify_rms_um <= reduced.judged.identify_rms_um { thorough } else { reduced.judged };
     let added: Vec<String> = reduced.supported.iter().map(|s| s.id.clone()).collect();
     let steps = path::from(study, base, &added, &end)?;
-    Ok(Grown { steps, supported: reduced.supported, taken_back: reduced.taken_back, beside_start, loops_alike, ..Grown::default() })
+    let Reduced { supported, taken_back, .. } = reduced;
+    let out_of_time = search.out_of_time;
+    Ok(Grown { steps, supported, taken_back, beside_start, loops_alike, out_of_time, ..Grown::default() })
 }
 
 /// The model with its creep as fine as whole records ask for: what was searched on their beginnings did not see the slow terms.
@@ -438,7 +478,7 @@ fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
         grown.steps.extend(more.steps.into_iter().skip(1));
         (grown.supported, grown.taken_back, grown.beside_start) = (more.supported, more.taken_back, more.beside_start);
         grown.loops_alike = more.loops_alike;
-        grown.stopped = more.stopped;
+        (grown.stopped, grown.out_of_time) = (more.stopped, more.out_of_time);
     }
     grown.elsewhere = Some(compared);
     Ok(grown)

@@ -1,6 +1,7 @@
 //! What a long computation tells while it goes on, and how it is stopped.
 
 use std::fmt;
+use std::time::{Duration, Instant};
 
 /// Told of every step of a search; may ask it to stop.
 pub trait Watch: Sync {
@@ -10,6 +11,42 @@ pub trait Watch: Sync {
     /// Whether the caller wants the best result so far.
     fn stopped(&self) -> bool {
         false
+    }
+
+    /// Whether a search has had its time: it ends where it is, and what it found is weighed as always.
+    fn searched_enough(&self) -> bool {
+        false
+    }
+}
+
+/// A watch for a caller who wants the answer within about so long.
+pub struct Within<'w> {
+    watch: &'w dyn Watch,
+    search_until: Instant,
+}
+
+/// Share of the time that the search may take; the rest is for what weighs what it found.
+const SHARE_OF_SEARCH: f64 = 0.5;
+
+impl<'w> Within<'w> {
+    /// Time that runs from now, beside another watch.
+    #[must_use]
+    pub fn new(watch: &'w dyn Watch, within: Duration) -> Self {
+        Self { watch, search_until: Instant::now() + within.mul_f64(SHARE_OF_SEARCH) }
+    }
+}
+
+impl Watch for Within<'_> {
+    fn event(&self, event: &Event<'_>) {
+        self.watch.event(event);
+    }
+
+    fn stopped(&self) -> bool {
+        self.watch.stopped()
+    }
+
+    fn searched_enough(&self) -> bool {
+        Instant::now() >= self.search_until
     }
 }
 

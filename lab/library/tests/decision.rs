@@ -10,11 +10,12 @@ use hysteron::diagnosis::verdict::Verdict;
 use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
-use hysteron::watch::Unwatched;
+use hysteron::watch::{Event, Unwatched, Watch};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
 use hysteron_sim::noise::WhiteNoise;
 use hysteron_sim::waveform;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 const SAMPLES: usize = 4000;
 
@@ -180,6 +181,43 @@ fn explained(dataset: &Dataset, from: &str) -> Explanation {
 }
 
 const MODE: (&str, &[f64]) = ("vibration", &[1500.0, 0.1]);
+
+/// A search that has its time for so many looks at the clock.
+struct LooksAtTheClock {
+    most: usize,
+    taken: AtomicUsize,
+}
+
+impl Watch for LooksAtTheClock {
+    fn event(&self, _event: &Event<'_>) {}
+    fn searched_enough(&self) -> bool {
+        self.taken.fetch_add(1, Ordering::Relaxed) >= self.most
+    }
+}
+
+/// A search whose time is over decides nothing of what it has not looked for, and weighs what it has found.
+#[test]
+fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
+    let dataset = recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true);
+    let gain = effects_named("gain").unwrap();
+    let within = |most: usize| {
+        let watch = LooksAtTheClock { most, taken: AtomicUsize::new(0) };
+        explain(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap()
+    };
+    let nothing = within(0);
+    let (d, notes) = (&nothing.diagnosis, &nothing.floor.warnings);
+    assert_eq!((d.verdict, d.named.len()), (Verdict::Undecidable, 0), "{}", d.sentence);
+    assert!(d.sentence.contains("in the time there was") && notes.iter().any(|n| n.contains("time was over")), "{} {notes:?}", d.sentence);
+    // The mode is found in the first round, which comes to the noise: nothing was cut short.
+    let all = within(1);
+    assert_eq!(
+        (all.diagnosis.verdict, &all.diagnosis.named),
+        (Verdict::Named, &vec!["vibration".to_owned()]),
+        "{}",
+        all.diagnosis.sentence
+    );
+    assert!(all.floor.warnings.iter().all(|note| !note.contains("time was over")), "{:?}", all.floor.warnings);
+}
 
 #[test]
 fn a_name_rests_on_held_out_records_or_says_that_there_are_none() {

@@ -2,7 +2,7 @@
 
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::explain::{Explanation, Options, Start, explain, explain_as_timed};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -176,6 +176,16 @@ fn readings_of_their_own_row_are_no_mode() {
     let d = &found.diagnosis;
     assert_eq!(d.verdict, Verdict::Undecidable, "{} {:?}", d.sentence, found.model.effect_ids());
     assert!(d.named.is_empty() && d.sentence.contains("the drive of their own row"), "{}", d.sentence);
+    // Asked so it answers of the recording as it was timed, and says that it does.
+    let (found, timed) = explain_as_timed(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
+    let timed = timed.expect("the timing that the readings show");
+    assert!(!timed.timing_is_assumed && timed.notes.iter().any(|note| note.contains("are taken so")), "{:?}", timed.notes);
+    assert_eq!(
+        (found.diagnosis.verdict, found.model.effect_ids()),
+        (Verdict::AtFloor, vec!["gain".to_owned()]),
+        "{}",
+        found.diagnosis.sentence
+    );
     dataset.timing_is_assumed = false;
     let said = run(&dataset).diagnosis.sentence;
     assert!(!said.contains("the drive of their own row"), "{said}");

@@ -2,7 +2,7 @@
 //! reads has `u[k]` act up to `t[k]`. Taken for the former, such a recording has the displacement a sample ahead of its cause, which no effect
 //! explains, and modes are found that are none.
 
-use super::Record;
+use super::{Dataset, Record};
 use crate::error::{Error, Result};
 use serde::Deserialize;
 
@@ -60,8 +60,18 @@ pub(super) fn bring_to_one_timing(records: &mut [Record], said: Option<Timing>) 
     note
 }
 
+impl Dataset {
+    /// The same readings, taken to follow the drive of their own row.
+    #[must_use]
+    pub fn in_own_rows(&self) -> Self {
+        let mut out = self.clone();
+        out.records.iter_mut().for_each(moved_up);
+        out.timing_is_assumed = false;
+        out
+    }
+}
+
 /// Each drive stands in the row from which on it acts; the last row, whose drive is not known, goes.
-#[cfg(feature = "readers")]
 fn moved_up(record: &mut Record) {
     let samples = record.drive_v.len() - 1;
     record.drive_v.remove(0);
@@ -69,6 +79,8 @@ fn moved_up(record: &mut Record) {
     record.force_n.iter_mut().for_each(|force_n| force_n.truncate(samples));
     record.auxiliary = record.auxiliary.iter().map(|signal| signal.with(|values| values[..samples].to_vec())).collect();
     record.window.end = record.window.end.min(samples);
+    record.left_out.iter_mut().for_each(|range| range.end = range.end.min(samples));
+    record.left_out.retain(|range| !range.is_empty());
     record.periods = record.periods.take().and_then(|mut p| {
         p.count = p.count.min((samples - p.from.min(samples)) / p.length);
         (p.count > 0).then_some(p)

@@ -7,7 +7,6 @@
 
 use super::judgement::Judged;
 use super::study::{FAR_BEHIND, Study};
-use crate::dataset::Dataset;
 use crate::error::Result;
 use crate::parallel;
 use crate::watch::Event;
@@ -50,7 +49,7 @@ pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option
         return Ok(None);
     }
     study.watch.event(&Event::Doing("asking whether the readings follow the drive of their own row"));
-    let shifted = drive_of_the_own_row(study.dataset);
+    let shifted = study.dataset.in_own_rows();
     let other = study.of(&shifted);
     let fitted = parallel::map(&asked, |modes| {
         let begin = modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id));
@@ -84,16 +83,6 @@ fn modes_to_do_without<'a>(study: &Study, found: &Judged, added: &'a [String]) -
     let mut out: Vec<Vec<&String>> = added.iter().filter(|id| swings_above(id, 0.0)).map(|id| vec![id]).collect();
     if too_fast.len() > 1 {
         out.push(too_fast);
-    }
-    out
-}
-
-/// The same readings, each with the drive of its own row.
-fn drive_of_the_own_row(dataset: &Dataset) -> Dataset {
-    let mut out = dataset.clone();
-    for record in &mut out.records {
-        let last = record.drive_v.last().copied();
-        record.drive_v = record.drive_v[1..].iter().copied().chain(last).collect();
     }
     out
 }

@@ -63,26 +63,56 @@ fn joined(model: &Model, effect: &Arc<dyn Effect>, of: &Model, overview: &Overvi
     out
 }
 
+/// An effect that is still to come on the way.
+struct OnTheWay {
+    effect: Arc<dyn Effect>,
+    /// By how much it lowered the merit where it was tried last.
+    brought: f64,
+}
+
+/// Effects that are tried side by side.
+const TRIED_TOGETHER: usize = 2;
+
+/// The effect that lowers the error most beside a model, and how it stands there. Beside a better model an effect seldom brings more than before: those that
+/// brought less than another does now are not tried again.
+fn next_on_the_way(study: &Study, last: &Model, left: &mut [OnTheWay], end: &Model) -> Option<(usize, Judged)> {
+    let before = study.merit(&study.judged_quickly(last.clone()));
+    let mut possible: Vec<usize> = (0..left.len()).filter(|i| left[*i].effect.may_join(last, &study.overview)).collect();
+    possible.sort_by(|a, b| left[*b].brought.total_cmp(&left[*a].brought));
+    let mut best: Option<(usize, Judged)> = None;
+    for some in possible.chunks(TRIED_TOGETHER) {
+        let brought_most = best.as_ref().map_or(f64::NEG_INFINITY, |(i, _)| left[*i].brought);
+        if some.iter().all(|i| left[*i].brought < brought_most) {
+            break;
+        }
+        // Begun where the end has it: what is shown is the way there. Which comes next shows before its fit is at its end.
+        let tried = parallel::map(some, |i| study.roughly(&joined(last, &left[*i].effect, end, &study.overview)));
+        for (i, judged) in some.iter().zip(tried) {
+            left[*i].brought = before - study.merit(&judged);
+            if best.as_ref().is_none_or(|(of, _)| left[*i].brought > left[*of].brought) {
+                best = Some((*i, judged));
+            }
+        }
+    }
+    best
+}
+
 /// From a start to the end: at every step the effect that lowers the error most. The last step is the end itself.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
 pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Result<Vec<Step>> {
     let mut steps = vec![Step { change: Change::Start, judged: start.clone() }];
-    let mut left: Vec<Arc<dyn Effect>> = added.iter().filter_map(|id| end.model.effect(id)).map(|e| e.effect.clone()).collect();
+    let on_the_way = |e: &EffectInstance| OnTheWay { effect: e.effect.clone(), brought: f64::INFINITY };
+    let mut left: Vec<OnTheWay> = added.iter().filter_map(|id| end.model.effect(id)).map(on_the_way).collect();
     let mut last = start.model.clone();
     // Loops of another structure first: beside the wrong one no effect shows what it does.
     if let Some(begin) = with_the_structure_of(&last, &end.model).filter(|m| !added.iter().any(|id| m.effect(id).is_some())) {
         last = study.for_comparison(&begin).model;
         steps.push(Step { change: Change::FinerHysteresis(description(&last)), judged: study.judged(last.clone()) });
     }
-    while !left.is_empty() {
-        let possible: Vec<usize> = (0..left.len()).filter(|i| left[*i].may_join(&last, &study.overview)).collect();
-        // Begun where the end has it: what is shown is the way there. Which comes next shows before its fit is at its end.
-        let tried: Vec<(usize, Judged)> =
-            parallel::map(&possible, |i| (*i, study.roughly(&joined(&last, &left[*i], &end.model, &study.overview))));
-        let Some((i, judged)) = tried.into_iter().min_by(|a, b| study.merit(&a.1).total_cmp(&study.merit(&b.1))) else { break };
-        let effect = left.remove(i);
+    while let Some((i, judged)) = next_on_the_way(study, &last, &mut left, &end.model) {
+        let OnTheWay { effect, .. } = left.remove(i);
         last = study.quickly(&judged.model).model;
         steps.push(Step { change: Change::Added(effect.declaration().id), judged: study.judged(last.clone()) });
     }

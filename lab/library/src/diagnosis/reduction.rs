@@ -120,7 +120,7 @@ pub fn reduce(study: &Study, found: &Judged, added: &[String]) -> crate::error::
         let better = |r: &&Rival| study.merit(&r.judged) < at_all;
         let all = reduced.supported.iter().flat_map(|one| one.rivals.iter().filter(better).map(move |rival| (&one.id, rival)));
         let Some((id, rival)) = all.min_by(|a, b| study.merit(&a.1.judged).total_cmp(&study.merit(&b.1.judged))) else { break };
-        if study.watch.stopped() {
+        if study.watch.stopped() || (study.watch.searched_enough() && study.far_above_the_noise(&reduced.judged)) {
             break;
         }
         let present = |other: &String| rival.judged.model.effect(other).is_some();

@@ -123,16 +123,19 @@ struct Absorbed {
     basis: Vec<DMatrix<f64>>,
 }
 
+/// A model linearised in all that it could do by itself, by record.
+fn linearised_flexibly(model: &Model, overview: &Overview, dataset: &Dataset, rows: &Rows) -> Vec<Linearised> {
+    let mut flexible = finer_hysteresis::refined(model, overview, 2).unwrap_or_else(|| model.clone());
+    // Where on its grid such a value stands was chosen before any data.
+    let chosen = flexible.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.parameter.of_a_grid);
+    chosen.for_each(|p| p.parameter.fixed = false);
+    linearise(&flexible, dataset, rows, &free_parameters(&flexible))
+}
+
 impl Absorbed {
-    fn new(model: &Model, overview: &Overview, dataset: &Dataset, rows: &Rows) -> Self {
-        let mut flexible = finer_hysteresis::refined(model, overview, 2).unwrap_or_else(|| model.clone());
-        // Where on its grid such a value stands was chosen before any data.
-        let chosen = flexible.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.parameter.of_a_grid);
-        chosen.for_each(|p| p.parameter.fixed = false);
-        let free = free_parameters(&flexible);
-        let parts = linearise(&flexible, dataset, rows, &free);
+    fn new(parts: Vec<Linearised>) -> Self {
         let (h, _, _, _) = normal_equations(&parts);
-        let p = free.len();
+        let p = h.nrows();
         let scale: Vec<f64> = (0..p).map(|i| if h[(i, i)] > 0.0 { 1.0 / h[(i, i)].sqrt() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(p, p, |i, j| h[(i, j)] * scale[i] * scale[j] + if i == j { 1e-9 } else { 0.0 });
         // J = Q L' with the factor of the normal equations: the columns of Q are orthonormal over all records.
@@ -185,56 +188,134 @@ pub fn screen(
     weighing: Weighing,
 ) -> Result<Screening> {
     let model = &*model.before_rounding();
-    let absorbed = Absorbed::new(model, overview, dataset, rows);
-    let mut residual: Vec<DMatrix<f64>> =
-        absorbed.parts.iter().map(|p| DMatrix::from_column_slice(p.residual.len(), 1, p.residual.as_slice())).collect();
-    absorbed.remove(&mut residual);
     let readings = parallel::map(&rows.records, |(i, _)| model.simulate(&dataset.records[*i].drive()));
-    remove_skew(&readings, dataset, rows, &absorbed, &mut residual);
-    let peaks = resonances_of(&residual, dataset, rows, model, &readings);
+    let left = Left::of(linearised_flexibly(model, overview, dataset, rows), &readings, dataset, rows);
+    let peaks = left.resonances(dataset, rows, model, &readings);
+    let with = Beside { model, overview, dataset, candidates };
+    let signatures = with.signatures(rows, &peaks, &readings, weighing)?;
+    Ok(left.screened(signatures, rows, candidates, floor_um, weighing))
+}
 
-    let mut light = model.clone();
-    light.effects.retain(|e| !e.effect.costly());
-    let signatures = if weighing == Weighing::Quick && light.effects.len() < model.effects.len() {
-        let readings = parallel::map(&rows.records, |(i, _)| light.simulate(&dataset.records[*i].drive()));
-        Signatures::collect(&light, overview, dataset, rows, candidates, &peaks, &readings)?
-    } else {
-        Signatures::collect(model, overview, dataset, rows, candidates, &peaks, &readings)?
-    };
-    let mut columns = signatures.columns;
-    let before = squares(&columns);
-    absorbed.remove(&mut columns);
-    if weighing != Weighing::Quick {
-        absorbed.remove(&mut columns);
-    }
-    let after = squares(&columns);
-    for values in &mut columns {
-        for (c, mut column) in values.column_iter_mut().enumerate() {
-            let left = after[c] > LEFT_OF_SIGNATURE * before[c] && after[c] > 0.0;
-            column *= if left { 1.0 / after[c].sqrt() } else { 0.0 };
+/// Screens candidates for a search on what a model leaves of some records and, apart from that, on what it leaves of all, along which it is walked once. `some` are
+/// records of `all` with the same samples.
+///
+/// # Errors
+/// As [`screen`].
+pub fn screen_some_and_all(
+    model: &Model,
+    overview: &Overview,
+    dataset: &Dataset,
+    [some, all]: [&Rows; 2],
+    candidates: &[Arc<dyn Effect>],
+    floor_um: Option<f64>,
+) -> Result<[Screening; 2]> {
+    let model = &*model.before_rounding();
+    let readings = parallel::map(&all.records, |(i, _)| model.simulate(&dataset.records[*i].drive()));
+    let parts = linearised_flexibly(model, overview, dataset, all);
+    let places: Vec<usize> = (0..all.records.len()).filter(|r| some.records.iter().any(|(i, _)| *i == all.records[*r].0)).collect();
+    let readings_of_some: Vec<Vec<f64>> = places.iter().map(|r| readings[*r].clone()).collect();
+    let left_of_some = Left::of(places.iter().map(|r| parts[*r].clone()).collect(), &readings_of_some, dataset, some);
+    let left_of_all = Left::of(parts, &readings, dataset, all);
+    // A mode that no fitted record excites rings in a held-out one.
+    let mut peaks = left_of_some.resonances(dataset, some, model, &readings_of_some);
+    peaks.extend(left_of_all.resonances(dataset, all, model, &readings));
+    let with = Beside { model, overview, dataset, candidates };
+    let of_all = with.signatures(all, &peaks, &readings, Weighing::Quick)?;
+    let of_some = of_all.of_records(&places);
+    Ok([
+        left_of_some.screened(of_some, some, candidates, floor_um, Weighing::Quick),
+        left_of_all.screened(of_all, all, candidates, floor_um, Weighing::Quick),
+    ])
+}
+
+/// Candidates beside a model.
+struct Beside<'a> {
+    model: &'a Model,
+    overview: &'a Overview,
+    dataset: &'a Dataset,
+    candidates: &'a [Arc<dyn Effect>],
+}
+
+impl Beside<'_> {
+    /// Their signatures, for a search beside the model without what is costly and hardly changes them.
+    fn signatures(&self, rows: &Rows, peaks: &[Resonance], readings: &[Vec<f64>], weighing: Weighing) -> Result<Signatures> {
+        let Self { model, overview, dataset, candidates } = self;
+        let mut light = (*model).clone();
+        light.effects.retain(|e| !e.effect.costly());
+        if weighing == Weighing::Quick && light.effects.len() < model.effects.len() {
+            let readings = parallel::map(&rows.records, |(i, _)| light.simulate(&dataset.records[*i].drive()));
+            Signatures::collect(&light, overview, dataset, rows, candidates, peaks, &readings)
+        } else {
+            Signatures::collect(model, overview, dataset, rows, candidates, peaks, readings)
         }
     }
-    let begins: Vec<usize> = residual.iter().scan(0, |at, r| Some(std::mem::replace(at, *at + r.nrows()))).collect();
-    let columns = stacked(&columns);
-    let residual = DVector::from_column_slice(stacked(&residual).as_slice());
-    let mut screening = Screening {
-        scores: Vec::new(),
-        samples: rows.records.iter().map(|(_, s)| s.clone()).collect(),
-        records: rows.records.iter().map(|(i, _)| *i).collect(),
-        gram: transposed_times(&columns, &columns),
-        along: columns.tr_mul(&residual),
-        above_floor_um2: above_floor(&residual, floor_um),
-        total_um2: absorbed.parts.iter().map(|p| p.residual.norm_squared()).sum(),
-        residual,
-        begins,
-        columns,
-        directions: signatures.directions,
-    };
-    screening.score(candidates, &signatures.of_candidate);
-    if let Weighing::AgainstChance(seed) = weighing {
-        screening.weigh(&absorbed, seed);
+}
+
+/// What a model leaves of some records once all that it could do by itself is taken out.
+struct Left {
+    absorbed: Absorbed,
+    residual: Vec<DMatrix<f64>>,
+}
+
+impl Left {
+    fn of(parts: Vec<Linearised>, readings: &[Vec<f64>], dataset: &Dataset, rows: &Rows) -> Self {
+        let absorbed = Absorbed::new(parts);
+        let column = |p: &Linearised| DMatrix::from_column_slice(p.residual.len(), 1, p.residual.as_slice());
+        let mut residual: Vec<DMatrix<f64>> = absorbed.parts.iter().map(column).collect();
+        absorbed.remove(&mut residual);
+        remove_skew(readings, dataset, rows, &absorbed, &mut residual);
+        Self { absorbed, residual }
     }
-    Ok(screening)
+
+    fn resonances(&self, dataset: &Dataset, rows: &Rows, model: &Model, readings: &[Vec<f64>]) -> Vec<Resonance> {
+        resonances_of(&self.residual, dataset, rows, model, readings)
+    }
+
+    /// The scores of candidates whose signatures these are.
+    fn screened(
+        self,
+        signatures: Signatures,
+        rows: &Rows,
+        candidates: &[Arc<dyn Effect>],
+        floor_um: Option<f64>,
+        weighing: Weighing,
+    ) -> Screening {
+        let Self { absorbed, residual } = self;
+        let mut columns = signatures.columns;
+        let before = squares(&columns);
+        absorbed.remove(&mut columns);
+        if weighing != Weighing::Quick {
+            absorbed.remove(&mut columns);
+        }
+        let after = squares(&columns);
+        for values in &mut columns {
+            for (c, mut column) in values.column_iter_mut().enumerate() {
+                let left = after[c] > LEFT_OF_SIGNATURE * before[c] && after[c] > 0.0;
+                column *= if left { 1.0 / after[c].sqrt() } else { 0.0 };
+            }
+        }
+        let begins: Vec<usize> = residual.iter().scan(0, |at, r| Some(std::mem::replace(at, *at + r.nrows()))).collect();
+        let columns = stacked(&columns);
+        let residual = DVector::from_column_slice(stacked(&residual).as_slice());
+        let mut screening = Screening {
+            scores: Vec::new(),
+            samples: rows.records.iter().map(|(_, s)| s.clone()).collect(),
+            records: rows.records.iter().map(|(i, _)| *i).collect(),
+            gram: transposed_times(&columns, &columns),
+            along: columns.tr_mul(&residual),
+            above_floor_um2: above_floor(&residual, floor_um),
+            total_um2: absorbed.parts.iter().map(|p| p.residual.norm_squared()).sum(),
+            residual,
+            begins,
+            columns,
+            directions: signatures.directions,
+        };
+        screening.score(candidates, &signatures.of_candidate);
+        if let Weighing::AgainstChance(seed) = weighing {
+            screening.weigh(&absorbed, seed);
+        }
+        screening
+    }
 }
 
 /// Squares of a residual above those of the noise; a residual at the floor still has a little, or shares would have no scale.
@@ -325,6 +406,15 @@ enum Column {
 }
 
 impl Signatures {
+    /// Those along some of the records.
+    fn of_records(&self, places: &[usize]) -> Self {
+        Self {
+            columns: places.iter().map(|r| self.columns[*r].clone()).collect(),
+            directions: self.directions.clone(),
+            of_candidate: self.of_candidate.clone(),
+        }
+    }
+
     fn collect(
         model: &Model,
         overview: &Overview,

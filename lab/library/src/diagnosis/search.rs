@@ -59,6 +59,8 @@ pub struct Search<'s, 'a> {
     others_no_nearer: usize,
     /// The caller wanted the best so far.
     pub stopped: bool,
+    /// Its time was over before it found nothing more.
+    pub out_of_time: bool,
 }
 
 /// A model that is worth fitting.
@@ -118,6 +120,7 @@ impl<'s, 'a> Search<'s, 'a> {
             structures_tried: false,
             others_no_nearer: 0,
             stopped: false,
+            out_of_time: false,
         };
         let node = Node { added: Vec::new(), merit: study.merit(&judged), judged, extended: false, compared: true };
         search.nodes.insert(key(&[], start), node);
@@ -157,7 +160,7 @@ impl<'s, 'a> Search<'s, 'a> {
     pub fn run(&mut self) -> Result<()> {
         self.run_rounds()?;
         // Where not even surfaces in the place of a gain bring anything, it is not the loops that are missing.
-        if self.stopped || self.explained() || self.best().is_bare_gain() {
+        if self.stopped || self.out_of_time || self.explained() || self.best().is_bare_gain() {
             return Ok(());
         }
         let before = self.rank(self.best());
@@ -191,6 +194,10 @@ impl<'s, 'a> Search<'s, 'a> {
             }
             let (before, other_before) = (self.rank(self.best()), self.rank_of_other_loops());
             if self.settled() {
+                return Ok(());
+            }
+            if self.study.watch.searched_enough() {
+                self.out_of_time = true;
                 return Ok(());
             }
             let near = self.study.near_the_noise(&self.best().judged);
@@ -357,10 +364,11 @@ impl<'s, 'a> Search<'s, 'a> {
             let model = &node.judged.model;
             let candidates = self.study.candidates_for(model);
             self.study.watch.event(&Event::Scoring { candidates: candidates.len(), beside: &node.added });
-            let fitted = self.study.score_each(model, &candidates)?;
-            let fails = far_above && self.study.fails_held_out(&node.judged);
-            let on_all = fails.then(|| self.study.score_on_all(model, &candidates)).transpose()?;
-            Ok((fitted, on_all))
+            if far_above && self.study.fails_held_out(&node.judged) {
+                let [fitted, on_all] = self.study.score_on_fitted_and_all(model, &candidates)?;
+                return Ok((fitted, Some(on_all)));
+            }
+            Ok((self.study.score_each(model, &candidates)?, None))
         });
         let mut proposed = Proposals::default();
         for (node, screening) in nodes.iter().zip(screenings) {

@@ -2,7 +2,7 @@
 
 use super::judgement::{Judged, Split, improvement, judge_fit, judge_rows};
 use super::policy::Policy;
-use super::screening::{Score, Screening, Weighing, screen};
+use super::screening::{Score, Screening, Weighing, screen, screen_some_and_all};
 use super::searched_data::for_search;
 use crate::dataset::Dataset;
 use crate::error::Result;
@@ -46,7 +46,7 @@ pub struct Study<'a> {
     quick_judging: Rows,
     /// Fitted samples on which candidates are scored.
     scoring: Rows,
-    /// Samples of these and of the held-out records, where those say what is missing.
+    /// The same of held-out records as well, where those say what is missing.
     scoring_all: Rows,
     /// The same where evidence is weighed.
     evidence: Rows,
@@ -113,12 +113,13 @@ impl<'a> Study<'a> {
         let searched = for_search(dataset, policy.walked_samples);
         let samples: usize = split.identify.iter().map(|i| searched.records[*i].window.len()).sum();
         let stride = samples.div_ceil(policy.search_samples.max(1)).max(1);
+        let stride_of_scoring = samples.div_ceil(policy.scoring_samples.max(1)).max(1);
         Self {
             overview: dataset.overview(),
             quick: Rows::strided(&searched, &split.identify, stride),
             quick_judging: Rows::strided(&searched, &split.both(), stride),
-            scoring: Rows::thinned(&searched, &split.identify, policy.scoring_samples),
-            scoring_all: Rows::thinned(&searched, &split.both(), policy.scoring_samples),
+            scoring: Rows::strided(&searched, &split.identify, stride_of_scoring),
+            scoring_all: Rows::strided(&searched, &split.both(), stride_of_scoring),
             evidence: Rows::thinned(&searched, &split.identify, policy.evidence_samples),
             thorough: Rows::thinned(dataset, &split.identify, policy.fit_samples),
             all: Rows::all(dataset, &split.both()),
@@ -179,12 +180,14 @@ impl<'a> Study<'a> {
         self.score_each(model, &self.candidates_for(model))
     }
 
-    /// Scores these effects on what the model leaves of fitted and held-out records together, as if all were fitted.
+    /// Scores these effects beside a model, for a search: on what it leaves of the fitted records, and on what it leaves of fitted and held-out records
+    /// together, as if all were fitted.
     ///
     /// # Errors
     /// As [`screen`].
-    pub fn score_on_all(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
-        self.scored(model, &self.scoring_all, effects)
+    pub fn score_on_fitted_and_all(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<[Screening; 2]> {
+        let rows = [&self.scoring, &self.scoring_all];
+        screen_some_and_all(model, &self.overview, &self.searched, rows, effects, self.floor_um)
     }
 
     /// Whether a model leaves much more of the held-out records than of those that it was fitted to.
@@ -198,11 +201,7 @@ impl<'a> Study<'a> {
     /// # Errors
     /// As [`screen`].
     pub fn score_each(&self, model: &Model, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
-        self.scored(model, &self.scoring, effects)
-    }
-
-    fn scored(&self, model: &Model, rows: &Rows, effects: &[Arc<dyn Effect>]) -> Result<Screening> {
-        screen(model, &self.overview, &self.searched, rows, effects, self.floor_um, Weighing::Quick)
+        screen(model, &self.overview, &self.searched, &self.scoring, effects, self.floor_um, Weighing::Quick)
     }
 
     /// Scores candidates beside a model against chance.

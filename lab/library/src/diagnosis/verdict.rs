@@ -226,6 +226,8 @@ pub struct Found<'a> {
     pub feedback: &'a [Feedback],
     /// The caller wanted the best so far.
     pub stopped: bool,
+    /// The search ended when its time was over.
+    pub out_of_time: bool,
 }
 
 impl Found<'_> {
@@ -263,11 +265,14 @@ pub fn diagnose(found: &Found, floor: &NoiseFloor, dataset: &Dataset, split: &Sp
         floor.reading_step_um.zip(floor.rms_um).is_some_and(|(step_um, rms_um)| rms_um < policy.mostly_rounding * rounding_noise(step_um));
     let contradiction =
         !leaves_the_bound && !is_rounding && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
+    let as_the_noise = policy.at_floor + policy.floor_z * floor.relative_std();
     // A search that was stopped has added what nobody weighed.
     let unweighed = found.unweighed();
-    let decidable = (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && !found.recorded_otherwise();
+    // What one that had no more time has not found may be in the library all the same.
+    let cut_short = found.out_of_time && !within(policy.explained.max(as_the_noise));
+    let decidable =
+        (floor.rms_um.is_some() || leaves_the_bound) && !contradiction && unweighed.is_empty() && !found.recorded_otherwise() && !cut_short;
     let told = findings.iter().any(|f| matches!(f.decision, Decision::ExplainsAlone { .. }));
-    let as_the_noise = policy.at_floor + policy.floor_z * floor.relative_std();
     let something_else_acts = found.supported.iter().any(|s| is_none_of_its_names(s, found));
     let one_or_all = if ambiguous { Verdict::Ambiguous } else { Verdict::Named };
     let (verdict, named) = match decidable {

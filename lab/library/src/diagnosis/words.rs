@@ -243,6 +243,17 @@ pub fn own_row(found: &OwnRow) -> String {
     )
 }
 
+/// That readings were taken to follow the drive of their own row, for a reader.
+#[must_use]
+pub fn taken_in_own_rows(found: &OwnRow) -> String {
+    format!(
+        "the readings follow the drive of their own row, and are taken so: taken to follow that of the row before, the error is {} nm, with what does as well \
+         so {} nm (otherwise: --timing hold_after_sample)",
+        nm(found.as_said_um),
+        nm(found.own_row_um)
+    )
+}
+
 /// From where a delay counts that was found although nobody said when the drive of a row acts, for a reader.
 #[must_use]
 pub fn delay_counts_from(dataset: &Dataset) -> String {
@@ -471,9 +482,16 @@ impl Said<'_> {
         if let Some(otherwise) = of_how_it_began(self.found) {
             return format!("Nothing can be decided yet: {otherwise}, and run again.");
         }
+        let noise = if self.floor_nm.is_empty() { "unknown".into() } else { format!("{} nm", self.floor_nm) };
+        if self.found.out_of_time {
+            let with: Vec<String> = self.found.supported.iter().map(|s| s.id.clone()).collect();
+            let with = if with.is_empty() { String::new() } else { format!("with {} added ", list(&with, "and")) };
+            return format!(
+                "Not decided in the time there was: {with}the {which} is {after} nm, at the start {before}; the noise is {noise}. More time may find more."
+            );
+        }
         let unweighed = self.found.unweighed();
         if !unweighed.is_empty() {
-            let noise = if self.floor_nm.is_empty() { "unknown".into() } else { format!("{} nm", self.floor_nm) };
             return format!(
                 "Stopped before the evidence was weighed: with {} added the {which} is {after} nm instead of {before}; the noise is {noise}.",
                 list(&unweighed, "and")
