@@ -43,4 +43,6 @@ fn the_best_so_far_is_written_and_said_as_such() {
     // What was written is a model like any other.
     let compared = common::hysteron(&["compare", "m.toml", example], folder.path());
     assert!(compared.status.success(), "{}", String::from_utf8_lossy(&compared.stderr));
+    let compared = String::from_utf8_lossy(&compared.stdout).into_owned();
+    assert!(compared.contains("times the noise of ") && compared.contains("`hysteron diagnose`"), "{compared}");
 }
