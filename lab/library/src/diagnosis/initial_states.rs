@@ -28,6 +28,9 @@ const SUSPECTED: f64 = 0.8;
 /// Effects that are tried in the place of other states, and how much worse one may be: some per cent of the error.
 const ONES_TRIED: usize = 3;
 const AS_WELL: f64 = 0.1;
+/// What a constant of each record brings, as a logarithm, where a model that misses the noise comes to it with them: where one is left just above it anything that is
+/// free brings it there.
+const BROUGHT_BY_CONSTANTS: f64 = 0.1;
 /// A quick fit that is behind by more does not come to it.
 const MAY_COME_TO_IT: f64 = 0.5;
 
@@ -65,7 +68,8 @@ pub fn off_zero(study: &Study, begun: &Judged, found: &Judged, added: &[String])
         return None;
     }
     let without = other.judged(other.for_comparison(&quick.model).model);
-    if study.told_apart(&without, found) || (misses && !explains(&without)) {
+    let brings_it_there = explains(&without) && other.merit(&without) < study.merit(found) - BROUGHT_BY_CONSTANTS;
+    if study.told_apart(&without, found) || (misses && !brings_it_there) {
         return None;
     }
     let as_said = study.judged(without.model.clone());
