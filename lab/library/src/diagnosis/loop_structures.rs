@@ -12,8 +12,7 @@ use hysteron_sim::effect::{gain, hysteresis};
 /// A quick fit whose merit is worse by this much does not come to a tie, however long it is fitted.
 const CLEARLY_BEHIND: f64 = 0.5;
 
-/// How loops of other structures that meet the data as well as those of a model are described, best first. Surfaces are not
-/// among them, which the search has extended side by side.
+/// How loops of other structures that meet the data as well as those of a model are described, best first.
 #[must_use]
 pub fn doing_as_well(study: &Study, start: &Model, found: &Judged) -> Vec<String> {
     let structure = |model: &Model| main_effect(model).map(|e| e.id.clone());

@@ -44,15 +44,21 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
     Some(out)
 }
 
-/// The model with loops of each other structure of the library in the place of its own and of what builds on them. Surfaces are not among them: they
-/// are a candidate of their own.
+/// The model with loops of each other structure of the library in the place of its own and of what builds on them. In the place of a gain surfaces are not among
+/// them: they are a candidate of their own.
 #[must_use]
 pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
+    let surfaces = || {
+        let plain = with_loops(model, EffectInstance::new(Arc::new(Hysteresis::default()), overview, &[]));
+        with_play_operators(&plain, overview)
+    };
+    let has_others = model.effect(hysteresis::ID).is_none() && model.effect(gain::ID).is_none();
     let others = registry().into_iter().filter(|e| {
         let d = e.declaration();
         d.is_main() && ![hysteresis::ID, gain::ID].contains(&d.id.as_str()) && model.effect(&d.id).is_none()
     });
-    others.map(|effect| with_loops(model, EffectInstance::new(effect, overview, &[]))).collect()
+    let others = others.map(|effect| with_loops(model, EffectInstance::new(effect, overview, &[])));
+    others.chain(has_others.then(surfaces).flatten()).collect()
 }
 
 /// The model with these loops in the place of its own and of what builds on them.
@@ -127,7 +133,10 @@ mod tests {
             assert_eq!(with_the_structure_of(&surfaces, other).unwrap().effect_ids(), other.effect_ids());
         }
         assert_eq!(of_other_structures(&model("gain,creep"), &overview()).len(), others.len());
-        assert_eq!(of_other_structures(&others[0], &overview()).len(), others.len() - 1);
+        // Without its own, and with surfaces and play operators.
+        let of_another = of_other_structures(&others[0], &overview());
+        assert_eq!(of_another.len(), others.len());
+        assert!(of_another.iter().any(|m| m.effect("hysteresis").is_some() && m.effect("play_operators").is_some()));
         assert!(with_the_structure_of(&surfaces, &model("hysteresis,delay")).is_none());
     }
 }
