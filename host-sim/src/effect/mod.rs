@@ -9,6 +9,7 @@
 
 pub mod amplifier_bandwidth;
 mod arrival;
+pub mod backlash;
 pub mod bipolar;
 pub mod bouc_wen;
 pub mod charge_leakage;
@@ -663,6 +664,7 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(bouc_wen::BoucWen),
         Arc::new(duhem::Duhem),
         Arc::new(load_force::LoadForce),
+        Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),
         Arc::new(vibration::Vibration),
         Arc::new(second_mode::SecondMode),

@@ -627,7 +627,7 @@ impl Effect for Vibration {
         (values[1] > 0.5).then(|| {
             let hz = values[0] / std::f64::consts::TAU;
             format!(
-                "a mechanical resonance with a damping ratio of {:.2} is rare; by its damping it is a second-order low-pass of {hz:.0} Hz in \
+                "a mechanical resonance with a damping ratio of {:.2} is rare; its damping is that of a second-order low-pass of {hz:.0} Hz in \
                  the electronics",
                 values[1]
             )

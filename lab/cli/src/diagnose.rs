@@ -48,7 +48,7 @@ pub fn diagnose(
             if c.confusable_with.is_empty() { String::new() } else { format!("   looks like {}", c.confusable_with.join(", ")) }
         );
     }
-    say_candidates(d);
+    say_candidates(d, &found.model);
     write_next_experiment(&desk, &found, files)?;
     desk.write_json(files.json.as_deref(), d)?;
     desk.write_page(files.report.as_deref(), || explain_page(&explain_report(&found, &dataset, as_typed())))?;

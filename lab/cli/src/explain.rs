@@ -54,7 +54,7 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
             println!("  why {id}: {}", step.why);
         }
     }
-    say_candidates(&found.diagnosis);
+    say_candidates(&found.diagnosis, &found.model);
     write_next_experiment(&desk, &found, files)?;
     desk.write_model(outputs.out.as_deref(), &found.model, &dataset.name)?;
     desk.write_json(files.json.as_deref(), &figures)?;
@@ -69,7 +69,9 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
     }
     let model = outputs.out.as_ref().map_or_else(|| "Keep the model with --out model.toml.".into(), |p| format!("Model: {}", p.display()));
     println!("{:.1} s. {model}", figures.seconds);
-    if let Err(why) = order::designable(&found.model) {
+    if let Err(why) = order::designable(&found.model)
+        && outputs.out.is_some()
+    {
         println!("No servo can be designed from it as it is: {why}.");
     }
     say_next(files, path);

@@ -4,6 +4,7 @@ use crate::command_line::Outputs;
 use hysteron::diagnosis::verdict::{Diagnosis, Verdict};
 use hysteron::diagnosis::words::{nm, why};
 use hysteron::explain::{FitFigures, StepFigures};
+use hysteron_sim::chain::Model;
 use std::path::Path;
 
 /// The steps of a growth with their falling error.
@@ -48,7 +49,7 @@ pub fn print_notes(figures: &FitFigures) {
 }
 
 /// What to do where the verdict is no name.
-pub fn say_candidates(diagnosis: &Diagnosis) {
+pub fn say_candidates(diagnosis: &Diagnosis, model: &Model) {
     match diagnosis.verdict {
         Verdict::Ambiguous => {
             for c in diagnosis.candidates.iter().filter(|c| diagnosis.named.contains(&c.effect)) {
@@ -57,8 +58,8 @@ pub fn say_candidates(diagnosis: &Diagnosis) {
         }
         Verdict::Unexplained => {
             match diagnosis.candidates.first() {
-                Some(c) if c.in_place_of.as_deref() == Some(&c.effect) => {
-                    println!("  {} is in the model; what it leaves is not in the library", c.effect)
+                Some(c) if model.effect(&c.effect).is_some() => {
+                    println!("  {} is in the model; for what it leaves nothing was found in the library", c.effect)
                 }
                 Some(c) => println!(
                     "  the nearest is {}: it would explain {:.0} % of what is left; not taken: {}",

@@ -184,6 +184,7 @@ struct Grown {
     beside_start: Option<Screening>,
     loops_alike: Vec<String>,
     other_states: Option<OtherStates>,
+    own_row: Option<OwnRow>,
     stopped: bool,
     out_of_time: bool,
 }
@@ -259,7 +260,8 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         watch.event(&Event::Doing("searching again beside what the drive's own noise makes"));
         grown = grown_from(&start, &study)?;
     }
-    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, stopped, out_of_time } = grown;
+    let Grown { mut steps, supported, taken_back, elsewhere, beside_start, loops_alike, other_states, own_row, stopped, out_of_time } =
+        grown;
     if out_of_time {
         floor.warnings.push("the search ended where it was when its time was over: with more it may find more".to_owned());
     }
@@ -268,7 +270,10 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let added: Vec<String> = supported.iter().map(|s| s.id.clone()).collect();
     let off_zero = initial_states::off_zero(&study, first, last, &added);
     let other_states = other_states.or_else(|| off_zero.is_none().then(|| initial_states::compare(&study, last)).flatten());
-    let own_row = drive_timing::compare(&study, last, &added)?;
+    let own_row = match own_row {
+        Some(known) => Some(known),
+        None => drive_timing::compare(&study, last, &added)?,
+    };
     let unanswered = unanswered::records(dataset, last);
     let (feedback, reading_limits) = (feedback::followed(dataset, last, &floor, options.policy.near_the_noise), reading_limits(dataset));
     let found = Found {
@@ -441,7 +446,12 @@ fn with_creep_of_the_whole(study: &Study, found: &Judged) -> Judged {
 
 /// From a model that was handed in.
 fn grow_from_elsewhere(study: &Study, model: Model) -> Result<Grown> {
-    let compared = elsewhere::compare(study, model)?;
+    let base = study.judged(model);
+    if let Some(own_row) = drive_timing::of_a_model(study, &base) {
+        let steps = vec![Step { change: Change::Start, judged: base }];
+        return Ok(Grown { steps, own_row: Some(own_row), ..Grown::default() });
+    }
+    let compared = elsewhere::compare(study, base)?;
     if let Some(found) = begun_as_said(study, &compared.refitted) {
         return Ok(found);
     }

@@ -7,6 +7,9 @@ const ONE_TURNING_POINT: f64 = 0.05;
 /// Speeds within this factor count as one.
 const ONE_SPEED: f64 = 3.0;
 
+/// A drive moves at several speeds where the fastest tenth of its motion is so many times as fast as the slowest quarter. Of a sine it is 2.6 times as fast.
+const VARIED_SPEED: f64 = 4.0;
+
 /// Turning points and speeds of the drives of some records.
 #[derive(Clone, Debug)]
 pub struct DriveVariety {
@@ -15,6 +18,7 @@ pub struct DriveVariety {
     pub speed_min_v_s: f64,
     /// The same in the fastest record, V/s.
     pub speed_max_v_s: f64,
+    varied_within_a_record: bool,
 }
 
 impl DriveVariety {
@@ -24,6 +28,7 @@ impl DriveVariety {
         let range_v = dataset.drive_max_v - dataset.drive_min_v;
         let mut turns_v: Vec<f64> = Vec::new();
         let (mut speed_min_v_s, mut speed_max_v_s) = (f64::INFINITY, 0.0_f64);
+        let mut varied_within_a_record = false;
         for record in records.iter().filter_map(|&i| dataset.records.get(i)) {
             let drive_v = &record.drive_v[record.window.clone()];
             let mut last_turn = drive_v.first().copied().unwrap_or(0.0);
@@ -38,17 +43,26 @@ impl DriveVariety {
             let mut speeds: Vec<f64> = drive_v.windows(2).map(|w| (w[1] - w[0]).abs() * record.sample_rate_hz).collect();
             speeds.sort_by(f64::total_cmp);
             let fast = speeds.get(speeds.len() * 9 / 10).copied().unwrap_or(0.0);
+            let moving = &speeds[speeds.partition_point(|speed| *speed <= 0.0)..];
+            let slow = moving.get(moving.len() / 4).copied().unwrap_or(f64::INFINITY);
+            varied_within_a_record |= fast > VARIED_SPEED * slow;
             if fast > 0.0 {
                 (speed_min_v_s, speed_max_v_s) = (speed_min_v_s.min(fast), speed_max_v_s.max(fast));
             }
         }
-        Self { turning_points: turns_v.len(), speed_min_v_s, speed_max_v_s }
+        Self { turning_points: turns_v.len(), speed_min_v_s, speed_max_v_s, varied_within_a_record }
     }
 
     /// The drive turns, and always at the same two voltages.
     #[must_use]
     pub fn one_loop(&self) -> bool {
         (1..=2).contains(&self.turning_points)
+    }
+
+    /// A record moves at several speeds: triangles and sines, many frequencies at once.
+    #[must_use]
+    pub fn varied_within_a_record(&self) -> bool {
+        self.varied_within_a_record
     }
 
     /// All records move at the same speed.

@@ -85,10 +85,13 @@ fn limits_of(record: &Record) -> Vec<ReadingLimit> {
     let readings_um = &record.displacement_um;
     let (lowest, highest) = extremes(&readings_um[record.window.clone()]);
     let at = |reading_um: f64| move |run: &Range<usize>| readings_um[run.start] == reading_um;
-    let long = || runs_of_equals(record).filter(|run| run.len() >= RUN_MIN);
-    let elsewhere = long().filter(|run| !at(lowest)(run) && !at(highest)(run)).map(|run| run.len()).max().unwrap_or(0);
+    // A drive that rests says nothing of where readings end, and a coarse converter reads one code meanwhile.
+    let while_moving = |run: &Range<usize>| record.drive_v[run.clone()].windows(2).filter(|u| u[0] != u[1]).count();
+    let long = || runs_of_equals(record).filter(|run| while_moving(run) >= RUN_MIN);
+    let elsewhere = long().filter(|run| !at(lowest)(run) && !at(highest)(run)).map(|run| while_moving(&run)).max().unwrap_or(0);
     let moves_v = DRIVE_MOVES * peak_to_peak(&record.drive_v[record.window.clone()]);
-    let stands_still = |run: Range<usize>| run.len() >= LONGER_THAN_ELSEWHERE * elsewhere && peak_to_peak(&record.drive_v[run]) > moves_v;
+    let stands_still =
+        |run: Range<usize>| while_moving(&run) >= LONGER_THAN_ELSEWHERE * elsewhere && peak_to_peak(&record.drive_v[run]) > moves_v;
     let limit =
         |reading_um: f64| long().filter(at(reading_um)).any(stands_still).then(|| limit_at(record, reading_um, reading_um == highest));
     [lowest, highest].into_iter().filter_map(limit).collect()
@@ -124,6 +127,19 @@ mod tests {
         assert!(reading_limits(&dataset(|u, noise| 0.1 * u.min(95.0) + noise)).is_empty());
         let both = reading_limits(&dataset(|u, noise| (0.1 * u + noise).clamp(0.4, 9.0)));
         assert_eq!(both.iter().map(|limit| limit.highest).collect::<Vec<_>>(), [false, true]);
+    }
+
+    /// A drive that rests for long before it moves, and readings in steps of half a per cent of the range.
+    #[test]
+    fn a_rest_on_one_code_is_no_end_of_the_readings() {
+        let drive_v = |k: u32| if k < 3000 { 0.0 } else { 50.0 - 50.0 * (0.01 * f64::from(k - 3000)).cos() };
+        let record = |most_um: f64| {
+            let read = |k: u32| (0.1 * drive_v(k) / 0.05).round().mul_add(0.05, 0.0).min(most_um);
+            let record = Record::new("r", 1000.0, (0..6000).map(drive_v).collect(), (0..6000).map(read).collect());
+            reading_limits(&Dataset::new("d", 0.0, 100.0, vec![record]).unwrap())
+        };
+        assert_eq!(record(20.0), []);
+        assert_eq!(record(9.0).iter().map(|limit| limit.reading_um).collect::<Vec<_>>(), [9.0]);
     }
 
     #[test]

@@ -17,6 +17,8 @@ const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
 const AS_WELL: f64 = 0.03;
 /// Where nothing met the noise, the other timing is said where its rank is better by so much.
 const MUCH_BETTER: f64 = 0.2;
+/// The same of a model from elsewhere as it is: half of the error, as a logarithm.
+const LEAVES_HALF: f64 = std::f64::consts::LN_2;
 /// What is worse by more than this than what was found does not come to it, however long it is fitted.
 const MAY_COME_TO_IT: f64 = 0.5;
 /// What is behind by more than this where it went as far as it goes does not come to it either, if its effects begin again.
@@ -69,6 +71,19 @@ pub fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option
         as_said_um: found.error_um(),
         own_row_um: without.error_um(),
     }))
+}
+
+/// Asks a model from elsewhere as it is, before anything of it is fitted: with the drive of the own row it leaves less than half.
+#[must_use]
+pub fn of_a_model(study: &Study, as_said: &Judged) -> Option<OwnRow> {
+    if !study.dataset.timing_is_assumed || study.watch.stopped() {
+        return None;
+    }
+    let timed = study.dataset.in_own_rows();
+    let other = study.of(&timed);
+    let own_row = other.judged(as_said.model.clone());
+    let less = study.merit(as_said) - other.merit(&own_row);
+    (less > LEAVES_HALF).then(|| OwnRow { not_needed: Vec::new(), as_said_um: as_said.error_um(), own_row_um: own_row.error_um() })
 }
 
 /// Which of the added modes may stand for a period: all that are as fast as can be shown together, and each alone.

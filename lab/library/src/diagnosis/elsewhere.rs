@@ -152,8 +152,7 @@ fn changes(hypothesis: &Hypothesis, before: &Model, after: &Model) -> Vec<Change
 ///
 /// # Errors
 /// As [`Study::begun_again`].
-pub fn compare(study: &Study, model: Model) -> Result<Elsewhere> {
-    let base = study.judged(model);
+pub fn compare(study: &Study, base: Judged) -> Result<Elsewhere> {
     study.watch.event(&Event::Doing("fitting the model to this recording"));
     let refitted = study.thoroughly(&base.model);
     let mut out =

@@ -432,11 +432,11 @@ impl Said<'_> {
         let after = nm(self.after_um);
         let best: Vec<String> = self.found.supported.iter().map(|s| s.id.clone()).collect();
         let known = if best.is_empty() && self.fell() {
-            format!("a better description of the hysteresis, the best of the library, leaves {after} nm")
+            format!("a better description of the hysteresis, the best it found, leaves {after} nm")
         } else if best.is_empty() {
             "no known effect lowers it beyond chance".to_string()
         } else {
-            format!("the best of the library ({}) leaves {after} nm", list(&best, "and"))
+            format!("the best it found ({}) leaves {after} nm", list(&best, "and"))
         };
         let before_all = if self.story.is_empty() { String::new() } else { format!("{} ", self.story) };
         if self.met_only_where_it_was_fitted() {
@@ -447,7 +447,7 @@ impl Said<'_> {
             );
         }
         format!(
-            "{before_all}Something is missing that the library does not know: the {} is {} nm, the noise {} nm, and {known}.{}",
+            "{before_all}Something is missing for which the search found nothing in the library: the {} is {} nm, the noise {} nm, and {known}.{}",
             self.which,
             nm(self.before_um),
             self.floor_nm,
@@ -563,6 +563,9 @@ fn elsewhere_sentence(d: &Diagnosis, found: &Found) -> String {
         } else {
             format!("and there are other values: {said}")
         });
+    }
+    if parts.is_empty() {
+        parts.push(format!("{} is other in this recording", capital(&spoken(&last.hypothesis.effect(&elsewhere.base.model)))));
     }
     let others: Vec<String> = elsewhere
         .story

@@ -52,7 +52,7 @@ pub fn identifiability(model: &mut Model, dataset: &Dataset, records: &[usize]) 
     if seen.one_loop() {
         out.push(CannotIdentify::MinorLoops);
     }
-    if seen.one_speed() {
+    if seen.one_speed() && !seen.varied_within_a_record() {
         out.push(CannotIdentify::RateDependence { speed_v_s: seen.speed_max_v_s });
     }
     out
