@@ -13,7 +13,7 @@ use super::study::{FAR_BEHIND, Study};
 use crate::parallel;
 use crate::watch::Event;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::{Effect, thermal_drift};
+use hysteron_sim::effect::{Effect, Place, thermal_drift};
 use std::collections::BTreeSet;
 
 /// A model whose merit is worse by this much than another's is out of the question, however long it is fitted.
@@ -240,9 +240,37 @@ fn without_each(study: &Study, judged: &Judged, added: &[String], clear: f64, as
         let quick = study.quickly_within(&begin, study.merit(judged), FAR_BEHIND);
         // Where much is missed, how much exactly decides nothing.
         let clear = missed(study, &quick, judged) > clear;
-        (*i, study.judged(if clear { quick.model } else { study.for_comparison(&quick.model).model }))
+        let quick = if clear { quick } else { study.for_comparison(&quick.model) };
+        let instead = (!clear).then(|| with_finer_loops_instead(study, &added[*i], &quick, judged)).flatten();
+        (*i, study.judged(instead.unwrap_or(quick).model))
     })
 }
+
+/// What friction and a gap do to a stage that follows at once are loops too, of the smallest turns, and a description of loops that has none so small leaves them: where
+/// loops are described more finely in the place of either, that is what the model is without it.
+fn with_finer_loops_instead(study: &Study, id: &str, without: &Judged, judged: &Judged) -> Option<Judged> {
+    let holds_back = judged.model.effect(id).is_some_and(|e| e.effect.declaration().place == Place::Friction);
+    if !holds_back || study.far_above_the_noise(judged) {
+        return None;
+    }
+    let one_step_finer = |of: &Judged| {
+        let finer = study.finer(&of.model).into_iter().chain(study.finer_plays(&of.model));
+        let fitted = finer.map(|begin| study.for_comparison(&study.quickly(&begin).model));
+        let best = fitted.min_by(|a, b| study.merit(a).total_cmp(&study.merit(b)));
+        best.filter(|one| study.merit(one) < study.merit(of) - study.policy.gain_per_effect)
+    };
+    let mut finer = one_step_finer(without)?;
+    for _ in 1..STEPS_FINER {
+        match one_step_finer(&finer).filter(|_| missed(study, &finer, judged) > 0.0) {
+            Some(one) => finer = one,
+            None => break,
+        }
+    }
+    Some(finer)
+}
+
+/// Steps by which loops are described more finely in the place of what holds back.
+const STEPS_FINER: usize = 3;
 
 /// Two of the added effects, and the others fitted quickly without them.
 struct WithoutPair {
