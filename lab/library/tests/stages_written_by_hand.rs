@@ -454,3 +454,26 @@ fn a_lag_of_a_straight_stage_is_the_amplifiers_or_the_sensors() {
         assert!(found.next_experiment.is_none() && advice.iter().all(|a| a.contains("no drive within the limits")), "{advice:?}");
     }
 }
+
+/// A gap of 0.3 um that is crossed at every reversal, in front of a mode and in front of nothing: it was told friction, or left at four times the noise.
+#[test]
+fn a_gap_is_backlash_with_a_mode_behind_it_and_without() {
+    let behind_a_gap = |drive_v: &[f64]| -> Vec<f64> {
+        let mut taken_um = 0.0_f64;
+        let along = |v: &f64| {
+            taken_um = taken_um.clamp(0.08 * v - 0.15, 0.08 * v + 0.15);
+            taken_um
+        };
+        drive_v.iter().map(along).collect()
+    };
+    let drives = || [0.3, 1.0].map(|phase| usual_drives().into_iter().flatten().chain(tones(phase)).collect());
+    let mut with_a_mode = |drive_v: &[f64]| mode_read_by(&behind_a_gap(drive_v), Behind::Nothing);
+    let d = explained(&mut with_a_mode, drives()).diagnosis;
+    let mut named = d.named.clone();
+    named.sort();
+    assert_eq!((d.verdict, named), (Verdict::Named, ["backlash", "vibration"].map(str::to_owned).to_vec()), "{}", d.sentence);
+    let mut alone = |drive_v: &[f64]| in_the_next_row(behind_a_gap(drive_v));
+    let d = explained(&mut alone, usual_drives()).diagnosis;
+    assert!(matches!(d.verdict, Verdict::Named | Verdict::Ambiguous), "{}", d.sentence);
+    assert_eq!((d.findings.len(), d.findings[0].effects[0].as_str()), (1, "backlash"), "{}", d.sentence);
+}
