@@ -215,7 +215,10 @@ fn a_stage_without_loops_gets_a_servo_and_one_without_a_mode_is_told_why_not() {
         .map(|(t, u)| format!("{t:.2},{u:.6},{:.6}", 0.1 * u))
         .collect();
     std::fs::write(folder.join("slow.csv"), format!("t,u_v,y_um\n{}", rows.join("\n"))).unwrap();
-    let explained = done(&["explain", "slow.csv", "--from", "gain"], folder);
+    // Said of a model that is kept, and of no other.
+    let unkept = done(&["explain", "slow.csv", "--from", "gain"], folder);
+    assert!(!unkept.contains("servo"), "{unkept}");
+    let explained = done(&["explain", "slow.csv", "--from", "gain", "--out", "slow.toml"], folder);
     assert!(explained.contains("No servo can be designed from it as it is") && explained.contains("no first mode"), "{explained}");
     edit_model("linear.toml", "against.toml", folder, |model| model.effects[0].parameters[0].value *= -1.0);
     says(&["design", "against.toml", "--out", "no.toml"], folder, "rises with the drive");
