@@ -23,7 +23,7 @@ use hysteron::model_file::{effects_named, to_toml};
 use hysteron::series;
 use hysteron::watch::{Unwatched, Watch};
 use hysteron_sim::chain::Model;
-use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, record, stage};
+use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, record, stage, value_of};
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -239,7 +239,7 @@ fn main() {
     let from_gain = flag(&mut arguments, "--from-gain");
     let trace = Trace::default();
     let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
-    let write_to = arguments.iter().position(|a| a == "--write").map(|i| arguments.drain(i..(i + 2).min(arguments.len())).next_back());
+    let write_to = value_of(&mut arguments, "--write");
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
     let clean = load(&data, flag(&mut arguments, "--two-speeds"));
     let gain = effects_named("gain").expect("a built-in effect");
@@ -247,7 +247,7 @@ fn main() {
     let begun = explain(&clean, Start::Effects(&gain), &options, &Unwatched).expect("the clean recordings can be explained");
     let clean_um = error_um(&begun.model, &clean);
     println!("clean: {} at {:.1} nm", begun.model.effect_ids().join(","), 1e3 * clean_um);
-    if let Some(folder) = write_to.flatten() {
+    if let Some(folder) = write_to {
         write_all(Path::new(&folder), &clean, &begun.model).expect("the altered data sets can be written");
         return;
     }

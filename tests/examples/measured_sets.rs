@@ -18,7 +18,7 @@ use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::watch::{Unwatched, Watch, Within};
 use hysteron_sim::chain::Model;
-use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings};
+use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, value_of};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -113,12 +113,6 @@ fn best_subset(dataset: &Dataset, set: &Set) -> (Vec<&'static str>, f64, f64) {
     }
     eprintln!();
     best.expect("at least one subset can be fitted")
-}
-
-/// Takes an option and its value out of the arguments.
-fn value_of(arguments: &mut Vec<String>, option: &str) -> Option<String> {
-    let at = arguments.iter().position(|a| a == option)?;
-    Some(arguments.drain(at..(at + 2).min(arguments.len())).next_back().unwrap_or_default())
 }
 
 fn main() {

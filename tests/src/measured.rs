@@ -9,12 +9,15 @@ pub fn flag(arguments: &mut Vec<String>, name: &str) -> bool {
     arguments.iter().position(|a| a == name).map(|i| arguments.remove(i)).is_some()
 }
 
+/// Takes an option and its value out of the arguments of an example.
+pub fn value_of(arguments: &mut Vec<String>, option: &str) -> Option<String> {
+    let at = arguments.iter().position(|a| a == option)?;
+    Some(arguments.drain(at..(at + 2).min(arguments.len())).next_back().unwrap_or_default())
+}
+
 /// Takes `--data FOLDER` out of the arguments of an example: where the recordings are. `None`, said, where they are not.
 pub fn folder(arguments: &mut Vec<String>) -> Option<PathBuf> {
-    let data = arguments.iter().position(|a| a == "--data").map_or_else(
-        || crate::root().join("../shared/data/measured"),
-        |i| PathBuf::from(arguments.drain(i..(i + 2).min(arguments.len())).next_back().unwrap_or_default()),
-    );
+    let data = value_of(arguments, "--data").map_or_else(|| crate::root().join("../shared/data/measured"), PathBuf::from);
     if !data.exists() {
         eprintln!("no recordings at {}: give their folder with --data", data.display());
     }

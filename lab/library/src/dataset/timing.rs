@@ -61,11 +61,11 @@ const MOST_JUMPS: f64 = 0.8;
 #[cfg(feature = "readers")]
 fn answered_in_their_row(record: &Record) -> Option<usize> {
     let (u, y) = (&record.drive_v, &record.displacement_um);
-    let (low, high) = u.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+    let range_v = crate::statistics::peak_to_peak(u);
     let jumps_at = |k: &usize| {
         let jump_v = (u[*k] - u[*k - 1]).abs();
         let steps_v = u[*k - ROWS_BEFORE..*k].windows(2).map(|pair| (pair[1] - pair[0]).abs());
-        jump_v > LEAST_JUMP * (high - low) && steps_v.fold(0.0, f64::max) < QUIET_BEFORE * jump_v
+        jump_v > LEAST_JUMP * range_v && steps_v.fold(0.0, f64::max) < QUIET_BEFORE * jump_v
     };
     let jumps: Vec<usize> = (ROWS_BEFORE..u.len().saturating_sub(ROWS_BEHIND)).filter(jumps_at).collect();
     let answers = |k: &&usize| {

@@ -3,7 +3,8 @@
 //! Where a program writes a voltage, waits and reads, the reading of a row belongs to the drive of that row, and not to the one before. A straight stage shows that
 //! by itself when a recording is read; loops hide it. A search that is not told then makes up for the period by a mode, as fast as the recording can show
 //! or beside a true one, or finds nothing that does. So modes that were added are asked for: without one of them, or without those that are too fast,
-//! and with the drive of the own row, the same effects do as well. Where the search met nothing, the same effects are asked as they are.
+//! and with the drive of the own row, the same effects do as well. Where the search met nothing, the same effects are asked as they are;
+//! a model from elsewhere is asked before anything of it is fitted, since a fit to another logger's rows would tell other values of a mode.
 
 use super::judgement::Judged;
 use super::study::{FAR_BEHIND, Study};

@@ -38,6 +38,8 @@ const MAY_DO_AS_WELL: f64 = 1.0;
 const LEAVES_LITTLE: f64 = 0.3;
 /// One in the place of two is fitted to the end where it is worse by no more than this.
 const NEARLY_AS_WELL: f64 = 0.05;
+/// Steps by which loops are described more finely in the place of what holds back.
+const STEPS_FINER: usize = 3;
 /// Ones in the place of two that are fitted.
 const ONES_FITTED: usize = 4;
 
@@ -259,18 +261,9 @@ fn with_finer_loops_instead(study: &Study, id: &str, without: &Judged, judged: &
         let best = fitted.min_by(|a, b| study.merit(a).total_cmp(&study.merit(b)));
         best.filter(|one| study.merit(one) < study.merit(of) - study.policy.gain_per_effect)
     };
-    let mut finer = one_step_finer(without)?;
-    for _ in 1..STEPS_FINER {
-        match one_step_finer(&finer).filter(|_| missed(study, &finer, judged) > 0.0) {
-            Some(one) => finer = one,
-            None => break,
-        }
-    }
-    Some(finer)
+    let step_behind = |of: &Judged| if missed(study, of, judged) > 0.0 { one_step_finer(of) } else { None };
+    std::iter::successors(one_step_finer(without), step_behind).take(STEPS_FINER).last()
 }
-
-/// Steps by which loops are described more finely in the place of what holds back.
-const STEPS_FINER: usize = 3;
 
 /// Two of the added effects, and the others fitted quickly without them.
 struct WithoutPair {

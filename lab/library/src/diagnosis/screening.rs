@@ -190,7 +190,7 @@ pub fn screen(
     let model = &*model.before_rounding();
     let readings = parallel::map(&rows.records, |(i, _)| model.simulate(&dataset.records[*i].drive()));
     let left = Left::of(linearised_flexibly(model, overview, dataset, rows), &readings, dataset, rows);
-    let peaks = left.resonances(dataset, rows, model, &readings);
+    let peaks = resonances_of(&left.residual, dataset, rows, model, &readings);
     let with = Beside { model, overview, dataset, candidates };
     let signatures = with.signatures(rows, &peaks, &readings, weighing)?;
     Ok(left.screened(signatures, rows, candidates, floor_um, weighing))
@@ -217,8 +217,8 @@ pub fn screen_some_and_all(
     let left_of_some = Left::of(places.iter().map(|r| parts[*r].clone()).collect(), &readings_of_some, dataset, some);
     let left_of_all = Left::of(parts, &readings, dataset, all);
     // A mode that no fitted record excites rings in a held-out one.
-    let mut peaks = left_of_some.resonances(dataset, some, model, &readings_of_some);
-    peaks.extend(left_of_all.resonances(dataset, all, model, &readings));
+    let mut peaks = resonances_of(&left_of_some.residual, dataset, some, model, &readings_of_some);
+    peaks.extend(resonances_of(&left_of_all.residual, dataset, all, model, &readings));
     let with = Beside { model, overview, dataset, candidates };
     let of_all = with.signatures(all, &peaks, &readings, Weighing::Quick)?;
     let of_some = of_all.of_records(&places);
@@ -265,10 +265,6 @@ impl Left {
         absorbed.remove(&mut residual);
         remove_skew(readings, dataset, rows, &absorbed, &mut residual);
         Self { absorbed, residual }
-    }
-
-    fn resonances(&self, dataset: &Dataset, rows: &Rows, model: &Model, readings: &[Vec<f64>]) -> Vec<Resonance> {
-        resonances_of(&self.residual, dataset, rows, model, readings)
     }
 
     /// The scores of candidates whose signatures these are.
