@@ -2,8 +2,8 @@
 
 use core::sync::atomic::AtomicI32;
 
-use hysteron_command_set::device::{Brought, Device, Diagnosis, Moving, View};
-use hysteron_command_set::session::WAVE_TABLES;
+use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
+use hysteron_protocol::session::WAVE_TABLES;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 /// The best design for the bench, a predictor over the inverse of the hysteresis.
 fn best() -> AmplifierParameters {
-    read(include_bytes!("../../emulator/tests/p753.block"), 20_000).expect("a valid block")
+    read(include_bytes!("../../board/emulator/tests/p753.block"), 20_000).expect("a valid block")
 }
 
 /// What a second design of the same stage may have otherwise.

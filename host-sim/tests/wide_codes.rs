@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 /// The best design for the bench, a predictor over the inverse of the hysteresis.
 fn best() -> AmplifierParameters {
-    read(include_bytes!("../../emulator/tests/p753.block"), 20_000).expect("a valid block")
+    read(include_bytes!("../../board/emulator/tests/p753.block"), 20_000).expect("a valid block")
 }
 
 /// RMS of the true error, nm, at a constant reference and along 5 um at 10 Hz, behind the first 0.5 s.

@@ -10,7 +10,7 @@ pub fn program() -> PathBuf {
     built("hysteron-board")
 }
 
-/// The board in front of an independent stage (`board/examples/independent_stage.rs`), built with the tests of the emulated part.
+/// The board in front of an independent stage (`board/emulator/examples/independent_stage.rs`), built with the tests of the emulated part.
 pub fn independent_stage() -> Result<PathBuf, String> {
     build_as_tested()?;
     Ok(built("examples/independent_stage"))
@@ -19,13 +19,13 @@ pub fn independent_stage() -> Result<PathBuf, String> {
 /// Builds what the emulated part's workspace has as its tests have it: a build without them has other features of its dependencies and would begin anew.
 pub fn build_as_tested() -> Result<(), String> {
     let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--workspace", "--all-targets"];
-    cargo(&arguments, &root().join("emulator"), &EMULATOR_VARIABLES)
+    cargo(&arguments, &root().join("board/emulator"), &EMULATOR_VARIABLES)
 }
 
 /// Builds the program and puts the image beside it.
 pub fn build() -> Result<(), String> {
-    let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--package", "hysteron-board"];
-    cargo(&arguments, &root().join("emulator"), &EMULATOR_VARIABLES)?;
+    let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--bin", "hysteron-board"];
+    cargo(&arguments, &root().join("board/emulator"), &EMULATOR_VARIABLES)?;
     place_image()
 }
 

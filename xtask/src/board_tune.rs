@@ -23,12 +23,12 @@ const SAID_BANDWIDTH_HZ: f64 = 1e6;
 /// Seed of the independent stage that the check tunes.
 const CHECKED_SEED: u64 = 5;
 
-/// In front of the stage of `board/tests/stage.toml`, whose equations are those of the simulation.
+/// In front of the stage of `board/emulator/tests/stage.toml`, whose equations are those of the simulation.
 pub fn run() -> Result<(), String> {
     build_as_tested()?;
     let folder = emptied("board_tune")?;
     let truth = folder.join("truth.csv");
-    let stage = root().join("board/tests/stage.toml");
+    let stage = root().join("board/emulator/tests/stage.toml");
     let board = EmulatedBoard::start(
         &board::program(),
         &words_of_board(&["--stage", &stage.to_string_lossy(), "--truth", &truth.to_string_lossy()]),
@@ -60,7 +60,7 @@ fn independent(seed: u64) -> Result<(), String> {
     println!("\n   independent stage {seed}");
     let program = board::independent_stage()?;
     let folder = emptied(&format!("board_tune_{seed}"))?;
-    let (truth, wiring) = (folder.join("truth.csv"), root().join("board/tests/wide_front_end.toml"));
+    let (truth, wiring) = (folder.join("truth.csv"), root().join("board/emulator/tests/wide_front_end.toml"));
     let (image, wiring) = (toolchain::image(), wiring.to_string_lossy().into_owned());
     let board = EmulatedBoard::start(&program, &[&seed.to_string(), &image.to_string_lossy(), &wiring, &truth.to_string_lossy()])?;
     tune(&board, &folder, &["--front-end", &wiring, "--sensor-bandwidth-hz", &SAID_BANDWIDTH_HZ.to_string()])?;

@@ -24,7 +24,7 @@ const IMAGES: &str = "HYSTERON_IMAGES";
 /// A test of the list takes some tens of seconds on an idle machine.
 const MOST_TEST_S: u64 = 240;
 /// Of the checkout, what an image is made of; `.cargo` is found above the copy.
-const SOURCES: [&str; 6] = ["Cargo.toml", "Cargo.lock", "memory.x", "core", "command-set", "firmware"];
+const SOURCES: [&str; 6] = ["Cargo.toml", "Cargo.lock", "memory.x", "core", "board/protocol", "firmware"];
 
 /// The list.
 #[derive(Deserialize)]
@@ -51,7 +51,7 @@ struct Mutation {
     /// Which image shows it.
     #[serde(default)]
     image: Image,
-    /// The test that must fail: a file of `emulator/tests`, and a function of it.
+    /// The test that must fail: a file of `board/emulator/tests`, and a function of it.
     test: String,
 }
 
@@ -138,7 +138,7 @@ pub fn run(names: &[String]) -> Result<(), String> {
 
 /// The emulated tests' programs by their names, built.
 fn test_programs() -> Result<BTreeMap<String, PathBuf>, String> {
-    let folder = root().join("emulator");
+    let folder = root().join("board/emulator");
     let build = ["test", "--quiet", "--release", "--ignore-rust-version", "--no-run"];
     cargo(&build, &folder, &EMULATOR_VARIABLES)?;
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
@@ -217,7 +217,7 @@ impl Scratch {
         let also = said.try_clone().map_err(|error| format!("{}: {error}", log.display()))?;
         let mut child = Command::new(program)
             .args(["--exact", function])
-            .current_dir(root().join("emulator"))
+            .current_dir(root().join("board/emulator"))
             .env(IMAGES, self.images())
             .env("RUST_BACKTRACE", "0")
             .stdout(said)
@@ -289,7 +289,7 @@ mod tests {
             assert_ne!(changed, text, "{} changes nothing", mutation.name);
             assert!(SOURCES.iter().any(|source| mutation.file.starts_with(&format!("{source}/"))), "{} is not copied", mutation.file);
             let (file, function) = mutation.test().expect("a test");
-            let path = root().join(format!("emulator/tests/{file}.rs"));
+            let path = root().join(format!("board/emulator/tests/{file}.rs"));
             let tests = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
             assert!(tests.contains(&format!("#[test]\nfn {function}(")), "{}: no test {function} in {}", mutation.name, path.display());
         }

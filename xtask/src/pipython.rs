@@ -8,10 +8,10 @@ use crate::virtual_environment;
 /// The release that is installed.
 const PIPYTHON: &str = "pipython==2.11.0.6";
 
-/// Runs the conversation of `board/tests/pipython_client.py`.
+/// Runs the conversation of `board/emulator/tests/pipython_client.py`.
 pub fn run() -> Result<(), String> {
     let python = virtual_environment::kept("pipython", &[PIPYTHON])?;
     let board = EmulatedBoard::start(&board::program(), &words_of_board(&[]))?;
-    let script = root().join("board/tests/pipython_client.py");
+    let script = root().join("board/emulator/tests/pipython_client.py");
     command(&python, &[&script.to_string_lossy(), &board.port], &root(), &[])
 }

@@ -236,7 +236,7 @@ pub fn cargo(arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> R
 }
 
 fn format() -> Result<(), String> {
-    for folder in [root(), root().join("firmware"), root().join("emulator"), root().join("board"), root().join("probe")] {
+    for folder in [root(), root().join("firmware"), root().join("board/emulator"), root().join("board/probe")] {
         cargo(&["fmt", "--check", "--all"], &folder, &[])?;
     }
     Ok(())
@@ -350,7 +350,7 @@ fn check_image(name: &str, image: &Path, most_ram_bytes: u64) -> Result<(), Stri
 pub const EMULATOR_VARIABLES: [(&str, &str); 1] = [("CARGO_RESOLVER_INCOMPATIBLE_RUST_VERSIONS", "allow")];
 
 fn emulator_build() -> Result<(), String> {
-    let folder = root().join("emulator");
+    let folder = root().join("board/emulator");
     cargo(
         &["clippy", "--quiet", "--release", "--ignore-rust-version", "--workspace", "--all-targets", "--", "-D", "warnings"],
         &folder,
@@ -361,7 +361,7 @@ fn emulator_build() -> Result<(), String> {
 
 /// No probe is at hand: what is tested is what is looked at before and around it. In the profile that is built fastest.
 fn probe_tests() -> Result<(), String> {
-    cargo(&["test", "--quiet", "--locked"], &root().join("probe"), &[])
+    cargo(&["test", "--quiet", "--locked"], &root().join("board/probe"), &[])
 }
 
 fn emulator_tests() -> Result<(), String> {
@@ -371,7 +371,7 @@ fn emulator_tests() -> Result<(), String> {
     }
     cargo(
         &["test", "--release", "--ignore-rust-version", "--workspace", "--", "--nocapture"],
-        &root().join("emulator"),
+        &root().join("board/emulator"),
         &EMULATOR_VARIABLES,
     )
 }

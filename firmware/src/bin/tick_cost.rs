@@ -47,7 +47,7 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
 }
 
 /// The block that the emulated target's tests close the loop with.
-static BLOCK: &[u8] = include_bytes!("../../../emulator/tests/p753.block");
+static BLOCK: &[u8] = include_bytes!("../../../board/emulator/tests/p753.block");
 
 /// Counts of one case.
 struct Cost {

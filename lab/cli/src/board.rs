@@ -1,6 +1,6 @@
 //! `board`: what an operator does with the amplifier's board.
 //!
-//! Commands that speak with a board's serial port are here, each in a file of its own, on `hysteron_operator`. What goes over the debug probe is done by
+//! Commands that speak with a board's serial port are here, each in a file of its own, on `hysteron_client`. What goes over the debug probe is done by
 //! the program `hysteron-probe`, which needs USB, everything else by `hysteron-board`, which needs another compiler; both are built apart.
 
 mod attach;
@@ -15,8 +15,8 @@ use clap::{ArgGroup, Args, CommandFactory, Parser, Subcommand};
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::{Error, Result};
 use hysteron_browser::local_server::ANY_PORT;
-use hysteron_operator::board::Board;
-use hysteron_operator::port::Address;
+use hysteron_client::board::Board;
+use hysteron_client::port::Address;
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -210,12 +210,12 @@ impl WiringArguments {
 }
 
 /// A conversation's error as the program's.
-fn of_board(problem: hysteron_operator::Error) -> Error {
+fn of_board(problem: hysteron_client::Error) -> Error {
     Error::new(problem.place(), problem.message())
 }
 
 /// What a command needs that another program does, where it is not there.
-const PROBE_NEEDED: &str = "It is done by `hysteron-probe`: in the project's folder `cargo install --path probe --locked` installs it.";
+const PROBE_NEEDED: &str = "It is done by `hysteron-probe`: in the project's folder `cargo install --path board/probe --locked` installs it.";
 const BOARD_NEEDED: &str = "It is done by `hysteron-board`: `cargo xtask firmware` and `cargo xtask board` build it.";
 
 /// Runs it.

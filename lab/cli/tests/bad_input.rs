@@ -308,7 +308,7 @@ fn what_another_program_does_is_told_without_it() {
         (output.status.code(), String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned())
     };
     for (words, expected) in [
-        (&["flash", "--help"][..], "cargo install --path probe"),
+        (&["flash", "--help"][..], "cargo install --path board/probe"),
         (&["attach", "--probe", "--help"], "debug probe"),
         (&["emulate", "--help"], "cargo xtask board"),
         (&["--help"], "emulate"),
@@ -316,7 +316,7 @@ fn what_another_program_does_is_told_without_it() {
         let (status, said) = run(words);
         assert!(status == Some(0) && said.contains(expected), "{words:?}: {status:?}: {said}");
     }
-    for (words, expected) in [(&["flash", "a.elf"][..], "cargo install --path probe"), (&["wrong"], "unrecognized subcommand")] {
+    for (words, expected) in [(&["flash", "a.elf"][..], "cargo install --path board/probe"), (&["wrong"], "unrecognized subcommand")] {
         let (status, said) = run(words);
         assert!(status == Some(2) && said.contains(expected), "{words:?}: {status:?}: {said}");
     }

@@ -4,7 +4,7 @@
 mod common;
 
 use common::page::{Served, body};
-use hysteron_command_set::code_lines::{SAMPLES_IN_LINE, write_line};
+use hysteron_protocol::code_lines::{SAMPLES_IN_LINE, write_line};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
@@ -85,7 +85,7 @@ fn answer(like: &Like, line: &str) -> Vec<u8> {
             let starts: Vec<usize> = (first..first + count).step_by(SAMPLES_IN_LINE as usize).collect();
             let mut bytes = Vec::new();
             for (nth, start) in starts.iter().enumerate() {
-                let mut piece = hysteron_command_set::session::Piece::new();
+                let mut piece = hysteron_protocol::session::Piece::new();
                 let end = (start + SAMPLES_IN_LINE as usize).min(first + count);
                 write_line((*start..end).map(caught), &mut piece).unwrap();
                 bytes.extend_from_slice(&piece);

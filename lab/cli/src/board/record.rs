@@ -5,10 +5,10 @@ use crate::desk::{Desk, as_argument};
 use hysteron::servo::amplifier_block::{block, wiring_parameters};
 use hysteron::synthetic::drives::{DriveOfRecord, board_drives, manifest};
 use hysteron::{Error, Result};
-use hysteron_operator::board::Board;
-use hysteron_operator::condition::Condition;
-use hysteron_operator::playing::{Recorded, Wave, listen, play};
-use hysteron_operator::scale::Scale;
+use hysteron_client::board::Board;
+use hysteron_client::condition::Condition;
+use hysteron_client::playing::{Recorded, Wave, listen, play};
+use hysteron_client::scale::Scale;
 use std::path::Path;
 
 /// Conditions, plays, writes.
@@ -38,7 +38,7 @@ pub fn record(out: &Path, wiring: &WiringArguments, line: &LineArguments, force:
 
 /// Brings a block that knows the converters and no servo.
 pub fn bring_wiring(board: &mut Board, block: &[u8], line: &LineArguments) -> Result<()> {
-    hysteron_operator::upload::upload(board, block, line.baud()).map_err(of_board)?;
+    hysteron_client::upload::upload(board, block, line.baud()).map_err(of_board)?;
     println!("a block without a servo tells the board its converters and the limits of the drive");
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use super::{LineArguments, of_board};
 use hysteron::Result;
-use hysteron_operator::condition::Condition;
+use hysteron_client::condition::Condition;
 
 /// Says how the board is, in words and units.
 pub fn status(line: &LineArguments) -> Result<bool> {

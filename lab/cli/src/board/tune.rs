@@ -18,9 +18,9 @@ use hysteron::synthetic::drives::board_drives;
 use hysteron::{Dataset, Error, Result};
 use hysteron_core::codes::SensorCode;
 use hysteron_core::reference_window::PREVIEW_TICKS;
-use hysteron_operator::board::Board;
-use hysteron_operator::playing::{Wave, listen, play};
-use hysteron_operator::scale::Scale;
+use hysteron_client::board::Board;
+use hysteron_client::playing::{Wave, listen, play};
+use hysteron_client::scale::Scale;
 use hysteron_report::{Block, Page, Plot, Role, Section, Series, Tone, explain_page, explain_report, nyquist, sensitivity, trade_off};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -168,7 +168,7 @@ pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &Wanted, line: &LineAr
     }
 
     println!("bringing the block");
-    hysteron_operator::upload::upload(&mut board, &designed.block, line.baud()).map_err(of_board)?;
+    hysteron_client::upload::upload(&mut board, &designed.block, line.baud()).map_err(of_board)?;
     println!("conditioning");
     board.condition().map_err(of_board)?;
     let scale = Scale::ask(&mut board).map_err(of_board)?;

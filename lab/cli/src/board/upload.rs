@@ -13,11 +13,11 @@ pub fn upload(block: &Path, swap: bool, line: &LineArguments) -> Result<bool> {
     read(&bytes, SAMPLE_RATE_HZ).map_err(|problem| wrong(block, problem.reason()))?;
     let mut board = line.connect()?;
     if swap {
-        hysteron_operator::upload::swap(&mut board, &bytes).map_err(of_board)?;
+        hysteron_client::upload::swap(&mut board, &bytes).map_err(of_board)?;
         println!("{} runs now; it is not kept: a restart takes the block in the flash", block.display());
         return Ok(true);
     }
-    hysteron_operator::upload::upload(&mut board, &bytes, line.baud()).map_err(of_board)?;
+    hysteron_client::upload::upload(&mut board, &bytes, line.baud()).map_err(of_board)?;
     println!("{} is in use; next: condition (ATZ 1), then close the loop at rest (SVO 1 1)", block.display());
     Ok(true)
 }

@@ -2,7 +2,7 @@
 
 use crate::board::record::table;
 use hysteron::spectrum::{Spectrum, amplitude_density};
-use hysteron_operator::watching::Capture;
+use hysteron_client::watching::Capture;
 use serde::Serialize;
 
 /// Digits behind the point of what is drawn: 0.01 nm and 10 uV.

@@ -3,7 +3,7 @@
 use super::block::{Block, Drawn};
 use super::{HELD_BLOCKS, Scope, Seen, WINDOWS};
 use hysteron_browser::local_server::{JSON, PAGE, Reply, TEXT, parameter};
-use hysteron_operator::condition::what_to_do;
+use hysteron_client::condition::what_to_do;
 use serde::Serialize;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -1,12 +1,12 @@
 //! The conversation with the board: block after block, and values of now in between.
 
 use super::{Block, GLANCES, NEWEST_BLOCKS, Scope, Seen, WINDOWS};
-use hysteron_operator::board::Board;
-use hysteron_operator::condition::Condition;
-use hysteron_operator::port::Address;
-use hysteron_operator::scale::Scale;
-use hysteron_operator::watching::{Capture, capture, glance};
-use hysteron_operator::{Error, Result};
+use hysteron_client::board::Board;
+use hysteron_client::condition::Condition;
+use hysteron_client::port::Address;
+use hysteron_client::scale::Scale;
+use hysteron_client::watching::{Capture, capture, glance};
+use hysteron_client::{Error, Result};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

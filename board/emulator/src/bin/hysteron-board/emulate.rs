@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use hysteron::model_file;
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::servo::chain_plant::ChainPlant;
-use hysteron_board::running_board::{serve_board, witness};
+use hysteron_emulator::running_board::{serve_board, witness};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::read;
 use hysteron_emulator::converters::World;
@@ -15,7 +15,7 @@ use hysteron_sim::bench::{Bench, Variant};
 /// Ticks per second that the image is made for.
 const SAMPLE_RATE_HZ: u32 = 20_000;
 /// The block that was designed for the simulated bench.
-const BENCH_BLOCK: &[u8] = include_bytes!("../../emulator/tests/p753.block");
+const BENCH_BLOCK: &[u8] = include_bytes!("../../../tests/p753.block");
 /// Seed of the sensor's noise.
 const SEED: u64 = 1;
 /// Noise of the sensor in front of a stage from a file, um RMS.

@@ -9,4 +9,6 @@ pub mod converters;
 pub mod live_run;
 pub mod real_time_transfer;
 pub mod run;
+pub mod running_board;
 pub mod serial_line;
+pub mod serial_socket;

@@ -4,9 +4,9 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::atomic::AtomicI32;
 
-use hysteron_command_set::device::{Brought, Device, Diagnosis, Moving, View};
-use hysteron_command_set::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
-use hysteron_command_set::{DIALECT, Lines};
+use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
+use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
+use hysteron_protocol::{DIALECT, Lines};
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::BlockPiece;

@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn the_image_of_this_checkout_is_taken_and_no_part_of_it_is() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release/hysteron-firmware");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../firmware/target/thumbv7em-none-eabihf/release/hysteron-firmware");
         if !path.is_file() {
             println!("skipped: `cargo xtask firmware` has not built {}", path.display());
             return;

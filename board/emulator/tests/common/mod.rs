@@ -29,7 +29,7 @@ pub fn image() -> PathBuf {
 
 /// An image where `cargo xtask check` builds it, or where whoever runs the test says (`cargo xtask mutate`).
 pub fn image_named(name: &str) -> PathBuf {
-    let built = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../firmware/target/thumbv7em-none-eabihf/release");
+    let built = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../firmware/target/thumbv7em-none-eabihf/release");
     std::env::var_os("HYSTERON_IMAGES").map_or_else(built, PathBuf::from).join(name)
 }
 

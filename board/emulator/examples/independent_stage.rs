@@ -4,7 +4,7 @@
 //! stage really does is written to TRUTH. The serial port is on a free port of 127.0.0.1, which the first line says. Runs until it is interrupted.
 
 // The stage stands beside the tests of the servo and shares no crate with the emulated part.
-#[path = "../../tests/src/independent_stage.rs"]
+#[path = "../../../tests/src/independent_stage.rs"]
 #[allow(dead_code)] // the tests use more of it
 mod independent_stage;
 
@@ -13,7 +13,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use hysteron::servo::amplifier_block::FrontEnd;
-use hysteron_board::running_board::{serve_board, witness};
+use hysteron_emulator::running_board::{serve_board, witness};
 use hysteron_emulator::converters::World;
 use independent_stage::{Change, IndependentStage, Truth};
 

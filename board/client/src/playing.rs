@@ -2,12 +2,12 @@
 //!
 //! # How it works
 //! The points go to wave table 1 and the generator starts the recorder, which begins a tick behind it: a drive that is held for as many ticks as lie
-//! between two samples does not change between them. What is read are codes, in lines with a checksum (`hysteron_command_set::code_lines`); a
+//! between two samples does not change between them. What is read are codes, in lines with a checksum (`hysteron_protocol::code_lines`); a
 //! line that the cable garbled is asked for again.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use hysteron_command_set::code_lines::SAMPLES_IN_LINE;
+use hysteron_protocol::code_lines::SAMPLES_IN_LINE;
 use hysteron_core::checksum::crc32;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::trace_frame::{self, CODE_BYTES};
@@ -181,7 +181,7 @@ fn codes_of(line: &str) -> Option<Vec<(SensorCode, DriveCode)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hysteron_command_set::code_lines::write_line;
+    use hysteron_protocol::code_lines::write_line;
     use hysteron_core::trace_frame::TraceSample;
 
     #[test]
@@ -192,7 +192,7 @@ mod tests {
             ..TraceSample::default()
         });
         for count in [1, 2, 3, 71, 72] {
-            let mut piece = hysteron_command_set::session::Piece::new();
+            let mut piece = hysteron_protocol::session::Piece::new();
             write_line(samples.clone().take(count), &mut piece).expect("room");
             let text = String::from_utf8(piece.to_vec()).expect("text");
             let expected: Vec<(SensorCode, DriveCode)> = samples.clone().take(count).map(|s| (s.adc_code, s.dac_code)).collect();
@@ -211,6 +211,6 @@ mod tests {
         let lines = lines_of(&points);
         assert_eq!(lines.len(), 4);
         assert!(lines[0].starts_with("WAV 1 X PNT 1 32 -511.123457 ") && lines[3].starts_with("WAV 1 & PNT 97 4 "), "{lines:?}");
-        assert!(lines.iter().all(|line| line.len() < hysteron_command_set::LINE_BYTES));
+        assert!(lines.iter().all(|line| line.len() < hysteron_protocol::LINE_BYTES));
     }
 }

@@ -3,7 +3,7 @@
 use crate::board::Board;
 use crate::error::{Error, Result};
 
-/// The parameters of a question, as `hysteron_command_set::parameters` numbers them.
+/// The parameters of a question, as `hysteron_protocol::parameters` numbers them.
 const QUESTION: &str = "SPA? 1 0x7F000007 1 0x7F000008 1 0x7F000010 1 0x7F000011 1 0x7F000012 1 0x7F000013";
 /// How many numbers of `DIA?` come before the seconds that were measured; and the last of them is the alarm.
 const COUNTS: usize = 12;
