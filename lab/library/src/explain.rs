@@ -2,6 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::reading_limits::reading_limits;
+use crate::diagnosis::between_samples::{self, RunsOn};
 use crate::diagnosis::drive_timing::{self, OwnRow};
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
 use crate::diagnosis::feedback;
@@ -134,6 +135,8 @@ pub struct Explanation {
     pub next_experiment: Option<NextExperiment>,
     /// The readings follow the drive of their own row, where nobody said which they follow.
     pub own_row: Option<OwnRow>,
+    /// The drive runs on between its samples, where nobody specified what it does.
+    pub runs_on: Option<RunsOn>,
     /// The caller wanted the best so far.
     pub stopped: bool,
 }
@@ -212,6 +215,12 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
 /// As [`explain`].
 pub fn explain_as_timed(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<(Explanation, Option<Dataset>)> {
     let found = explain(dataset, start.clone(), options, watch)?;
+    if let Some(runs_on) = found.runs_on.as_ref().filter(|_| !found.stopped && !watch.searched_enough()) {
+        watch.event(&Event::Doing("once more, with a drive that runs on between its samples"));
+        let mut timed = dataset.running_on(runs_on.intersample);
+        timed.notes.push(words::runs_on(runs_on));
+        return Ok((explain(&timed, start, options, watch)?, Some(timed)));
+    }
     let Some(own_row) = found.own_row.as_ref().filter(|_| !found.stopped && !watch.searched_enough()) else { return Ok((found, None)) };
     watch.event(&Event::Doing("once more, with readings that follow the drive of their own row"));
     let mut timed = dataset.in_own_rows();
@@ -274,6 +283,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         Some(known) => Some(known),
         None => drive_timing::compare(&study, last, &added)?,
     };
+    let runs_on = between_samples::compare(&study, last)
+        .filter(|runs_on| own_row.as_ref().is_none_or(|own_row| runs_on.runs_on_um < own_row.own_row_um));
+    let own_row = own_row.filter(|_| runs_on.is_none());
     let unanswered = unanswered::records(dataset, last);
     let (feedback, reading_limits) = (feedback::followed(dataset, last, &floor, options.policy.near_the_noise), reading_limits(dataset));
     let found = Found {
@@ -322,6 +334,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         split,
         next_experiment,
         own_row,
+        runs_on,
         stopped,
     })
 }

@@ -40,7 +40,6 @@ pub mod table;
 #[cfg(feature = "readers")]
 pub mod time_axis;
 pub mod timing;
-#[cfg(feature = "readers")]
 pub mod units;
 
 pub use record::{Periods, Record, Role};
@@ -48,6 +47,8 @@ pub use record::{Periods, Record, Role};
 use crate::error::{Error, Result, nearest};
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::Overview;
+use hysteron_sim::intersample::Intersample;
+use units::SignalUnits;
 
 /// Records with the limits of the actuator they were taken on.
 #[derive(Clone, Debug)]
@@ -66,6 +67,8 @@ pub struct Dataset {
     pub sensor_lsb_um: Option<f64>,
     /// The records.
     pub records: Vec<Record>,
+    /// Units of drive and reading, where they are not V and um.
+    pub units: SignalUnits,
     /// Neither anybody nor the records themselves say whether the drive of a row acts before its reading or after it: the latter is assumed, and a
     /// delay counts from there.
     pub timing_is_assumed: bool,
@@ -95,6 +98,7 @@ impl Dataset {
             sensor_lsb_um: None,
             records,
             timing_is_assumed: false,
+            units: SignalUnits::default(),
             notes: Vec::new(),
         }
         .checked()
@@ -162,7 +166,8 @@ impl Dataset {
         let together: Vec<String> =
             self.records.iter_mut().filter_map(|record| single_outliers::several_left_out(record, &ends_um)).collect();
         self.notes.extend(together);
-        let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
+        let of_stages = self.units == SignalUnits::default();
+        let doubts: Vec<String> = self.records.iter().filter(|r| of_stages && r.role != Role::Noise).filter_map(doubt).collect();
         self.notes.extend(doubts);
         self.notes.extend(as_said::given_twice(&self.records));
         if !self.records.iter().any(|r| r.role == Role::Identify) {
@@ -344,7 +349,7 @@ fn doubt(record: &Record) -> Option<String> {
     if record.sample_rate_hz < LIKELY_RATE_MIN_HZ {
         return Some(format!("{}: samples come {} s apart; is the column of time in another unit?", record.name, record.dt_s()));
     }
-    timing::leads(record).then(|| {
+    (record.intersample == Intersample::Hold && timing::leads(record)).then(|| {
         format!(
             "{}: y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant; was y read after u was \
              written? Then the drive belongs one row earlier (timing = \"hold_before_sample\")",

@@ -4,6 +4,7 @@
 
 use super::{Dataset, Record};
 use crate::error::{Error, Result};
+use hysteron_sim::intersample::Intersample;
 use serde::Deserialize;
 
 /// When samples are taken and drives act.
@@ -28,6 +29,15 @@ impl Timing {
             _ => Err(Error::new(place, format!("`{name}`; expected hold_after_sample or hold_before_sample"))),
         }
     }
+}
+
+/// What a drive does between samples, by its name in files; `place` is where somebody specified it.
+///
+/// # Errors
+/// With all names.
+pub fn intersample_named(place: &str, name: &str) -> Result<Intersample> {
+    let found = Intersample::NAMES.into_iter().find(|(known, _)| *known == name).map(|(_, one)| one);
+    found.ok_or_else(|| Error::new(place, format!("`{name}`; expected hold, linear or band_limited")))
 }
 
 /// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
@@ -119,6 +129,15 @@ pub(super) fn bring_to_one_timing(records: &mut [Record], said: Option<Timing>) 
 }
 
 impl Dataset {
+    /// The same readings with a drive that does this between its samples.
+    #[must_use]
+    pub fn running_on(&self, intersample: Intersample) -> Self {
+        let mut out = self.clone();
+        out.records.iter_mut().for_each(|record| record.intersample = intersample);
+        out.timing_is_assumed = false;
+        out
+    }
+
     /// The same readings, taken to follow the drive of their own row.
     #[must_use]
     pub fn in_own_rows(&self) -> Self {

@@ -11,6 +11,7 @@
 //! * [`residual_map`]: where in the drive a residual lives; [`latent_force`]: what would have to act to leave it;
 //! * [`next_experiment`]: the drive on which two explanations differ most.
 
+pub mod between_samples;
 pub mod decision;
 pub mod drive_timing;
 pub mod elsewhere;

@@ -1,5 +1,6 @@
 //! What was found, in words: the one place where typed results become sentences.
 
+use super::between_samples::RunsOn;
 use super::decision::Decision;
 use super::drive_timing::OwnRow;
 use super::elsewhere::{ChangedValue, Hypothesis};
@@ -228,6 +229,17 @@ pub fn off_zero(found: &OffZero) -> String {
         listed(&found.records),
         nm(found.as_said_um),
         nm(found.fitted_um)
+    )
+}
+
+/// That the drive runs on between its samples, for a reader.
+#[must_use]
+pub fn runs_on(found: &RunsOn) -> String {
+    format!(
+        "the drive runs on between its samples ({}): the same effects leave {} nm, and {} nm with a held drive; to override: --intersample hold",
+        found.intersample.name(),
+        nm(found.runs_on_um),
+        nm(found.held_um)
     )
 }
 
