@@ -255,7 +255,8 @@ impl Model {
         let (order, dt_s) = (self.order(), drive.dt_s);
         // A drive that is not held moves inside a period from the first stage on.
         let moves = drive.intersample != Intersample::Hold && self.substeps_for(drive) > 1;
-        let fine_from = if moves { Some(0) } else { order.iter().position(|&effect| self.goes_in_sub_intervals(effect, dt_s)) }.unwrap_or(order.len());
+        let fine_from =
+            if moves { Some(0) } else { order.iter().position(|&effect| self.goes_in_sub_intervals(effect, dt_s)) }.unwrap_or(order.len());
         let by_ends = |effect: &&usize| self.effects[**effect].effect.goes_by_ends(self) && !self.goes_in_sub_intervals(**effect, dt_s);
         let fine_until = order.len() - order.iter().rev().take_while(by_ends).count();
         order.into_iter().enumerate().map(|(place, effect)| (effect, (fine_from..fine_until).contains(&place))).collect()

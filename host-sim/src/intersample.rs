@@ -84,11 +84,12 @@ impl Intersample {
 /// Modified Bessel function of the first kind of order zero, by its series.
 fn bessel_i0(x: f64) -> f64 {
     let quarter = 0.25 * x * x;
-    (1..40).scan(1.0, |term, k| {
-        *term *= quarter / f64::from(k * k);
-        Some(*term)
-    })
-    .sum::<f64>()
+    (1..40)
+        .scan(1.0, |term, k| {
+            *term *= quarter / f64::from(k * k);
+            Some(*term)
+        })
+        .sum::<f64>()
         + 1.0
 }
 

@@ -275,7 +275,13 @@ impl<const N: usize> Balanced<N> {
         for at in 0..self.segments.len() {
             // A late drive steps between the two segments.
             let late = self.segments.len() > 1;
-            let (from, to) = if late && at == 0 { (before, before) } else if late { (input, input) } else { (before, input) };
+            let (from, to) = if late && at == 0 {
+                (before, before)
+            } else if late {
+                (input, input)
+            } else {
+                (before, input)
+            };
             self.walk(at, stiffened, from, to);
         }
         self.state[self.read]
@@ -485,8 +491,11 @@ mod tests {
     }
 
     fn effects([spring, damper, bouc_wen]: [bool; 3]) -> Vec<(&'static str, &'static [f64])> {
-        let all: [(bool, &str, &[f64]); 3] =
-            [(spring, "nonlinear_stiffness", &SPRING), (damper, "nonlinear_damping", &DAMPER), (bouc_wen, "hysteretic_stiffness", &BOUC_WEN)];
+        let all: [(bool, &str, &[f64]); 3] = [
+            (spring, "nonlinear_stiffness", &SPRING),
+            (damper, "nonlinear_damping", &DAMPER),
+            (bouc_wen, "hysteretic_stiffness", &BOUC_WEN),
+        ];
         let of_balance = all.into_iter().filter(|(is, ..)| *is).map(|(_, id, values)| (id, values));
         std::iter::once(("vibration", &MODE[..])).chain(of_balance).collect()
     }
@@ -501,8 +510,7 @@ mod tests {
         let drive_v = drive(800);
         for which in [[true, false, false], [false, true, false], [false, false, true], [true, true, true]] {
             for intersample in [Intersample::Hold, Intersample::Linear] {
-                let found = model(&effects(which))
-                    .simulate(&Drive { intersample, ..Drive::held(&drive_v, DT_S, InitialState::Settled) });
+                let found = model(&effects(which)).simulate(&Drive { intersample, ..Drive::held(&drive_v, DT_S, InitialState::Settled) });
                 let error_um = rms(&found, &integrated(&drive_v, intersample, which));
                 let most_um = if which[2] { 3e-3 } else { 1e-3 };
                 println!("{which:?} {intersample:?}: {error_um:.2e} um");

@@ -4,7 +4,7 @@
 //! depends on the way alone; with `n = 1`, where it stands unless a model file says otherwise, it is an exponential of it.
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage, vibration};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -120,6 +120,13 @@ impl Effect for HystereticStiffness {
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         // With inertia in the model the spring holds the moving mass.
         model.effect(vibration::ID).is_none().then(|| Box::new(RestingPlace::of(Self::spring(values))) as Box<dyn Stage>)
+    }
+    fn planted(&self) -> Planted {
+        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+        Planted::Never
+    }
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[vibration::ID]
     }
     fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let per_um = 1.0 / stage.overview.range_um;

@@ -1,7 +1,7 @@
 //! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow, with none of it as in dry friction.
 
 use super::force_balance::{RestoringForce, Travel};
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage, vibration};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -41,7 +41,8 @@ impl Effect for NonlinearDamping {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "The damper holds the moving mass with a power of its velocity: the square in a flow, none of it in dry friction.".into(),
+            physics: "The damper holds the moving mass with a power of its velocity: the square in a flow, none of it in dry friction."
+                .into(),
             reference: "Elliott, Ghandchi Tehrani and Langley, Phil. Trans. R. Soc. A 373 (2015) 20140402".into(),
             place: Place::Friction,
             modifies: Some(vibration::ID),
@@ -70,6 +71,13 @@ impl Effect for NonlinearDamping {
     }
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None // without a mass nothing moves against it
+    }
+    fn planted(&self) -> Planted {
+        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+        Planted::Never
+    }
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[vibration::ID]
     }
     fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let half_um = 0.5 * stage.overview.range_um;

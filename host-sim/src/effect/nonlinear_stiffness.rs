@@ -4,7 +4,7 @@
 //! which it does: beyond, its force stays what it is there.
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage, vibration};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -86,9 +86,11 @@ impl Effect for NonlinearStiffness {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "The flexure gets stiffer or softer with its deflection, so the moving mass swings faster or slower the further it swings."
+            physics:
+                "The flexure gets stiffer or softer with its deflection, so the moving mass swings faster or slower the further it swings."
+                    .into(),
+            reference: "Duffing oscillator: Kovacic and Brennan, The Duffing Equation (2011); Wigren and Schoukens, ECC (2013) 2933-2938"
                 .into(),
-            reference: "Duffing oscillator: Kovacic and Brennan, The Duffing Equation (2011); Wigren and Schoukens, ECC (2013) 2933-2938".into(),
             place: Place::Friction,
             modifies: Some(vibration::ID),
             experiment: "the same multisine or sweep around the resonance at several amplitudes".into(),
@@ -103,11 +105,7 @@ impl Effect for NonlinearStiffness {
             let unit_size = half_um.powi(1 - order);
             Parameter::linear(name, unit, -10.0 * unit_size, 10.0 * unit_size, 0.01 * unit_size)
         };
-        vec![
-            power("quadratic_per_um", "1/um", 2),
-            power("cubic_per_um2", "1/um^2", 3),
-            power("fifth_per_um4", "1/um^4", 5).fixed(),
-        ]
+        vec![power("quadratic_per_um", "1/um", 2), power("cubic_per_um2", "1/um^2", 3), power("fifth_per_um4", "1/um^4", 5).fixed()]
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
@@ -125,6 +123,13 @@ impl Effect for NonlinearStiffness {
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         // With inertia in the model the spring holds the moving mass.
         model.effect(vibration::ID).is_none().then(|| Box::new(RestingPlace::of(Self::spring(model, values, setting))) as Box<dyn Stage>)
+    }
+    fn planted(&self) -> Planted {
+        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+        Planted::Never
+    }
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[vibration::ID]
     }
     fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let half_um = 0.5 * stage.overview.range_um;

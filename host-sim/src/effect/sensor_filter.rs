@@ -250,9 +250,7 @@ mod tests {
             let model = model(&[&[("gain", &[1.0][..]), mode], more].concat(), 1500.0, 0.7);
             let slow: Vec<f64> = (0..40).map(|k| f64::from(u8::from(k > 3)) - 0.5 * f64::from(u8::from(k > 20))).collect();
             let fast: Vec<f64> = slow.iter().flat_map(|v| [*v; 100]).collect();
-            let read = |drive_v: &[f64], dt_s: f64| {
-                model.simulate(&Drive::held(drive_v, dt_s, InitialState::Virgin))
-            };
+            let read = |drive_v: &[f64], dt_s: f64| model.simulate(&Drive::held(drive_v, dt_s, InitialState::Virgin));
             let (slowly, quickly) = (read(&slow, 5e-3), read(&fast, 5e-5));
             for (k, y) in slowly.iter().enumerate() {
                 assert!((y - quickly[100 * k]).abs() < 1e-9, "{more:?} {k}: {y} {}", quickly[100 * k]);

@@ -490,9 +490,7 @@ impl Stage for VibrationStage {
         rest
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        if matches!(self.first, Some(First::Balanced(_))) {
-            return None;
-        }
+        // Against other forces the mass passes small changes on as the free mode does, but for the bend of those forces.
         Some(Box::new(VibrationLanes {
             first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
             second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),

@@ -2,6 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::reading_limits::reading_limits;
+use crate::dataset::units::SignalUnits;
 use crate::diagnosis::between_samples::{self, RunsOn};
 use crate::diagnosis::drive_timing::{self, OwnRow};
 use crate::diagnosis::elsewhere::{self, Elsewhere, Hypothesis};
@@ -88,6 +89,8 @@ pub struct FitFigures {
     pub schema: &'static str,
     /// Effects in the order of the chain.
     pub effects: Vec<String>,
+    /// What V and um stand for in the names of the fields.
+    pub units: SignalUnits,
     /// Every record.
     pub records: Vec<RecordFigures>,
     /// Floor.
@@ -601,6 +604,7 @@ pub fn fit_figures(
     FitFigures {
         schema: "hysteron.fit/1",
         effects: model.effect_ids(),
+        units: dataset.units.clone(),
         records: record_figures(model, dataset),
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),

@@ -67,8 +67,7 @@ impl Model {
             return Err(wrong("simulate", format!("drive_v has {} samples, force_n {}; expected as many", drive_v.len(), force.len())));
         }
         let beside = auxiliary_signals(&auxiliary);
-        let drive =
-            Drive { force_n: force_n.as_deref(), auxiliary: &beside, ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state) };
+        let drive = Drive { force_n: force_n.as_deref(), auxiliary: &beside, ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state) };
         let read = at_work(py, None, |_| hysteron::simulate::simulate(&self.model, &drive, "drive_v"))?;
         Ok(bytes(py, &read))
     }

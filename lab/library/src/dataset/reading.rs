@@ -96,7 +96,8 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
                 place.insert(readers::read(&source, &files.read(&entry.file)?, Hints { skip_rows })?)
             }
         };
-        let (mut record, said, of_record) = record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
+        let (mut record, said, of_record) =
+            record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
         record.name = match &entry.name {
             Some(name) => name.clone(),
             None => name_beside(&stem(&entry.file), &records),

@@ -3,7 +3,7 @@
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
 use super::manifest::{ColumnName, Columns, PerColumn};
 use super::table::{Column, Table};
-use super::units::{Quantity, SignalUnits, factor, has_own_unit, is_of_counts, is_of_something_else, own_unit};
+use super::units::{Quantity, SignalUnits, factor, has_own_unit, is_of_counts, is_of_something_else, is_voltage, own_unit};
 use crate::error::{Error, Result, nearest};
 use hysteron_sim::effect::AuxiliarySignal;
 use std::collections::BTreeMap;
@@ -277,7 +277,9 @@ impl Choice<'_> {
 
     /// Of a displacement and a force alone, as of a damper on a testing machine, one drives and the other is read.
     fn force_as_response(&mut self) {
-        let (Some(force), None, None) = (self.of(Quantity::Force), self.of(Quantity::Drive), self.of(Quantity::Displacement)) else { return };
+        let (Some(force), None, None) = (self.of(Quantity::Force), self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
+            return;
+        };
         let [other] = self.unused()[..] else { return };
         let judged = drive_among(&self.column(other).values, &self.column(force.at).values);
         let (drive, response) = if judged.first_is_drive { (other, force.at) } else { (force.at, other) };
@@ -424,7 +426,17 @@ impl Choice<'_> {
                 )));
             }
             (Some(unit), ..) if has_own_unit(quantity, unit) => self.own_unit(at, unit).1,
-            (None, Some(unit), None) if has_own_unit(quantity, unit) => self.own_unit(at, unit).1,
+            (None, Some(unit), None) if has_own_unit(quantity, unit) => {
+                // The channel of an oscilloscope reads a sensor; what is called an output is one.
+                if quantity == Quantity::Displacement && is_voltage(unit) && quantity.likeness(&column.name, None) == 0 {
+                    return Err(self.wrong(format!(
+                        "{} is the displacement in volts; what a volt means is needed: --units y=5um/V for 5 um per volt, or unit = {{ y = \"5 \
+                         um/V\" }} in dataset.toml; --units y=V to keep volts",
+                        column.called()
+                    )));
+                }
+                self.own_unit(at, unit).1
+            }
             (Some(unit), ..) => factor(quantity, unit, &self.table.place, &column.called())?,
             // A factor alone brings any unit to the program's.
             (None, Some(unit), Some(_)) => factor(quantity, unit, &self.table.place, &column.called()).unwrap_or(1.0),
@@ -491,10 +503,8 @@ impl Choice<'_> {
         let force_n = self.of(Quantity::Force).map(|f| self.scaled(Quantity::Force, f.at, wanted)).transpose()?;
         let named = wanted.auxiliary.keys().zip(&self.auxiliary);
         let auxiliary = named.map(|(name, at)| AuxiliarySignal { name: name.clone(), values: self.column(*at).values.clone() }).collect();
-        let units = SignalUnits {
-            drive: self.unit_of(Quantity::Drive, u.at, wanted),
-            reading: self.unit_of(Quantity::Displacement, y.at, wanted),
-        };
+        let units =
+            SignalUnits { drive: self.unit_of(Quantity::Drive, u.at, wanted), reading: self.unit_of(Quantity::Displacement, y.at, wanted) };
         if units.reading != Quantity::Displacement.unit() {
             self.notes.push(format!(
                 "{} is no displacement: it is kept in {}; for a sensor whose volts mean micrometres: --units y=5um/V",

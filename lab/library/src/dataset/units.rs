@@ -166,7 +166,7 @@ impl Dimension {
 }
 
 /// The unit of a drive or a reading, in which the program keeps and prints it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct SignalUnits {
     /// Of the drive: V of a piezo.
     pub drive: String,
@@ -185,7 +185,9 @@ const PREFIXES: [&str; 7] = ["p", "n", "u", "m", "", "k", "M"];
 
 /// A unit with the prefix that is so many steps of a thousand away from its own; the unit itself with a power of ten where there is no such prefix.
 fn prefixed(unit: &str, steps: i32) -> String {
-    let own = PREFIXES.iter().position(|p| !p.is_empty() && unit.strip_prefix(p).is_some_and(|base| is_unit(base) && is_unit(unit) && base != "in"));
+    let own = PREFIXES
+        .iter()
+        .position(|p| !p.is_empty() && unit.strip_prefix(p).is_some_and(|base| is_unit(base) && is_unit(unit) && base != "in"));
     let at = own.unwrap_or(4) as i32 + steps;
     let base = own.map_or(unit, |own| &unit[PREFIXES[own].len()..]);
     match usize::try_from(at).ok().and_then(|at| PREFIXES.get(at)) {
@@ -207,7 +209,7 @@ impl SignalUnits {
         let mut word = String::new();
         let flush = |word: &mut String, out: &mut String| {
             out.push_str(match word.as_str() {
-                "um" => &self.reading,
+                "um" | "\u{b5}m" => &self.reading,
                 "nm" => &thousandth,
                 "V" => &self.drive,
                 other => other,
@@ -238,6 +240,12 @@ pub fn own_unit(unit: &str, span: f64) -> (String, f64) {
     let takes_prefix = matches!(dimension, Dimension::Voltage | Dimension::Force | Dimension::Angle | Dimension::Current);
     let steps = if takes_prefix && span > 0.0 { ((span.log10() / 3.0).floor() as i32).clamp(-4, 2) } else { 0 };
     (prefixed(base, steps), factor * 1000.0_f64.powi(-steps))
+}
+
+/// Whether a unit is one of voltage.
+#[must_use]
+pub fn is_voltage(unit: &str) -> bool {
+    dimension_of(unit) == Some(Dimension::Voltage)
 }
 
 /// Whether a signal has a unit of its own: a drive that is no voltage, a reading that is no length.
@@ -454,9 +462,13 @@ mod tests {
 
     #[test]
     fn a_signal_keeps_its_own_unit_with_a_prefix_for_its_span() {
-        for (unit, span, expected, factor) in
-            [("V", 0.43, "mV", 1e3), ("N", 380.0, "N", 1.0), ("kip", 0.1, "N", 4448.22), ("rad", 2e-5, "urad", 1e6), ("m/s2", 3.0, "m/s2", 1.0)]
-        {
+        for (unit, span, expected, factor) in [
+            ("V", 0.43, "mV", 1e3),
+            ("N", 380.0, "N", 1.0),
+            ("kip", 0.1, "N", 4448.22),
+            ("rad", 2e-5, "urad", 1e6),
+            ("m/s2", 3.0, "m/s2", 1.0),
+        ] {
             let (found, of) = own_unit(unit, span);
             assert_eq!(found, expected, "{unit}");
             assert!((of / factor - 1.0).abs() < 1e-5, "{unit}: {of}");
