@@ -109,7 +109,9 @@ impl Effect for HystereticStiffness {
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let per_um = 1.0 / overview.range_um.max(1e-6);
-        [2.0, 10.0].iter().map(|beta| vec![0.1, beta * per_um, 0.0, 1.0]).collect()
+        // Loops alone, loops that soften or harden, and loops that are closed early.
+        let shapes = [(2.0, 0.0), (5.0, 5.0), (5.0, -5.0), (10.0, 0.0)];
+        shapes.iter().map(|(beta, gamma)| vec![0.1, beta * per_um, gamma * per_um, 1.0]).collect()
     }
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
         model.effect(vibration::ID).is_some()
