@@ -39,7 +39,7 @@ pub fn build() -> Result<(), String> {
 fn write() -> Result<(), String> {
     let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_browser.wasm"))?;
     let example: serde_json::Map<String, serde_json::Value> =
-        hysteron_page::EXAMPLE.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
+        hysteron_examples::HIDDEN_EFFECT.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
     let example = serde_json::Value::from(example).to_string();
     let page = hysteron_page::from_disk(&compact(&without_custom_sections(&module)?)?, &compact(example.as_bytes())?)?;
     if page.len() > MOST_BYTES {

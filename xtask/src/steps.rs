@@ -299,12 +299,17 @@ fn firmware_images() -> Result<(), String> {
     let toolchain = toolchain::for_target(&toolchain::FIRMWARE)?;
     let folder = root().join("firmware");
     let image = toolchain::image();
-    let keep = |other: &Path| std::fs::copy(&image, other).map_err(|error| format!("{}: {error}", other.display()));
+    // With the map that the linker writes beside it.
+    let keep = |other: PathBuf| {
+        let copy = |from: &Path, to: &Path| std::fs::copy(from, to).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()));
+        copy(&image.with_extension("map"), &other.with_extension("map"))?;
+        copy(&image, &other)
+    };
     // All binaries of the other board; the one that is not kept is only built.
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--no-default-features", "--features", "nucleo-g474re"])?;
-    keep(&toolchain::g474re_image())?;
+    keep(toolchain::g474re_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
-    keep(&toolchain::on_chip_image())?;
+    keep(toolchain::on_chip_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &[])
 }
 
