@@ -11,10 +11,13 @@ mod control_code;
 mod debian;
 mod dependency_tree;
 mod emulated_board;
+mod house;
 mod lab_page;
 mod library_alone;
 mod mutate;
+mod packages;
 mod pipython;
+mod prose;
 mod python_package;
 mod steps;
 mod toolchain;
@@ -36,6 +39,9 @@ cargo xtask operate    what an operator does with the emulated board: PIPython, 
 cargo xtask tune SEED.. `hysteron board tune` in front of these independent stages (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask mutate [NAME..] takes lines of safety out of the firmware, each once, and expects an emulated test to fail (firmware/mutations.toml)
+cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long lines by file; of named files, each place
+cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
+cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
 cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
 fn main() -> ExitCode {
@@ -63,6 +69,11 @@ fn main() -> ExitCode {
     {
         return ended(mutate::run(names));
     }
+    if let [first, rest @ ..] = wanted.as_slice()
+        && first == "prose"
+    {
+        return ended(prose::report(rest));
+    }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [steps::OTHER_TARGETS] => steps::of_other_targets(),
         ["host"] => steps::host(),
@@ -70,6 +81,8 @@ fn main() -> ExitCode {
         ["python"] => steps::python(),
         ["firmware"] => steps::firmware(),
         ["emulate"] => steps::emulator(),
+        ["house"] => steps::house(),
+        ["packages"] => steps::packages(),
         ["operate"] => steps::operator(),
         _ => {
             eprintln!("{USAGE}");

@@ -98,8 +98,7 @@ fn in_order(packages: &[Package]) -> Result<Vec<&Package>, String> {
                 let missing = package.dependencies.iter().filter(|other| other.path.is_some() && !published.contains(other.name.as_str()));
                 missing.map(|other| other.name.clone()).collect::<Vec<_>>().join(", ")
             };
-            let waiting: Vec<String> =
-                later.iter().map(|package| format!("{} (unpublished: {})", package.name, needs(package))).collect();
+            let waiting: Vec<String> = later.iter().map(|package| format!("{} (unpublished: {})", package.name, needs(package))).collect();
             return Err(format!("no order to publish: {}", waiting.join("; ")));
         }
         placed.extend(ready.iter().map(|package| package.name.as_str()));

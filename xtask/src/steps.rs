@@ -11,8 +11,8 @@ use std::process::Command;
 use std::time::Instant;
 
 use crate::{
-    board, board_tune, browser, control_code, lab_page, library_alone, pipython, python_package, toolchain, virtual_environment,
-    whole_circle,
+    board, board_tune, browser, control_code, house, lab_page, library_alone, packages, pipython, python_package, toolchain,
+    virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -101,6 +101,16 @@ pub fn library() -> Vec<Step> {
         Step { name: "library and lab page for wasm32-unknown-unknown", action: lab_page::build },
         Step { name: "lab page in a browser", action: lab_page::test },
     ]
+}
+
+/// What stands beside the sources.
+pub fn house() -> Vec<Step> {
+    vec![Step { name: "workflows, citation, licences", action: house::lint }, Step { name: "manifests", action: packages::manifests }]
+}
+
+/// What is published.
+pub fn packages() -> Vec<Step> {
+    vec![Step { name: "packages as they are published", action: packages::check }]
 }
 
 /// The Python package.
@@ -301,7 +311,8 @@ fn firmware_images() -> Result<(), String> {
     let image = toolchain::image();
     // With the map that the linker writes beside it.
     let keep = |other: PathBuf| {
-        let copy = |from: &Path, to: &Path| std::fs::copy(from, to).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()));
+        let copy =
+            |from: &Path, to: &Path| std::fs::copy(from, to).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()));
         copy(&image.with_extension("map"), &other.with_extension("map"))?;
         copy(&image, &other)
     };
