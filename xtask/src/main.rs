@@ -39,6 +39,7 @@ cargo xtask operate    what an operator does with the emulated board: PIPython, 
 cargo xtask tune SEED.. `hysteron board tune` in front of these independent stages (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask mutate [NAME..] takes lines of safety out of the firmware, each once, and expects an emulated test to fail (firmware/mutations.toml)
+cargo xtask notebook   stores what the notebook of examples/ prints (after `python`)
 cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long lines by file; of named files, each place
 cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
 cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
@@ -51,6 +52,9 @@ fn main() -> ExitCode {
     }
     if wanted == ["readme"] {
         return ended(steps::write_tables());
+    }
+    if wanted == ["notebook"] {
+        return ended(python_package::write_notebook());
     }
     if wanted == ["board"] {
         return ended(board::build());
