@@ -38,7 +38,7 @@ struct Dependency {
 }
 
 /// Manifests with a lock file of their own.
-const OTHER_WORKSPACES: [&str; 3] = ["firmware", "board/emulator", "board/probe"];
+const OTHER_WORKSPACES: [&str; 2] = ["firmware", "board/probe"];
 
 /// The registry takes five keywords and five categories.
 const MOST_WORDS: usize = 5;
