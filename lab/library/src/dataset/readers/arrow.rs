@@ -23,7 +23,7 @@ const LZ4_RATIO_MAX: usize = 256;
 pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
     let fail = |e: &dyn std::fmt::Display| Error::new(place, format!("cannot be read as Arrow: {e}; is it cut off or damaged?"));
     let end = bytes.len().checked_sub(TRAILER_BYTES).ok_or_else(|| fail(&"its end is missing"))?;
-    let trailer = bytes[end..].try_into().map_err(|_| fail(&"its end is missing"))?;
+    let trailer: [u8; TRAILER_BYTES] = bytes[end..].try_into().map_err(|_| fail(&"its end is missing"))?;
     let footer_bytes = read_footer_length(trailer).map_err(|e| fail(&e))?;
     let begin = end.checked_sub(footer_bytes).ok_or_else(|| fail(&"its footer is longer than the file"))?;
     let footer = root_as_footer(&bytes[begin..end]).map_err(|e| fail(&e))?;
