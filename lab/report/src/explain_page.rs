@@ -5,7 +5,7 @@
 
 use super::decimate::extreme_indices;
 use super::evidence::evidence_plots;
-use super::explain_report::{CandidateReport, ExplainReport, RecordReport, StepReport};
+use super::explain_report::{CandidateReport, ExplainReport, StepReport};
 use super::page::{
     Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall, WaterfallStep,
     When, Width,
