@@ -46,6 +46,7 @@ pub mod identify;
 pub mod model_file;
 mod parallel;
 pub mod series;
+pub mod quality;
 pub mod servo;
 pub mod simulate;
 pub mod spectrum;
