@@ -46,6 +46,7 @@ pub mod identify;
 pub mod model_file;
 mod parallel;
 pub mod series;
+pub mod outcome;
 pub mod quality;
 pub mod servo;
 pub mod simulate;
