@@ -1,5 +1,6 @@
 //! What the main job comes to, as types (`hysteron.diagnosis/1`). [`crate::diagnosis::words`] alone makes sentences of them.
 
+use crate::diagnosis::judgement::Judged;
 use crate::identification::noise_floor::FloorEstimate;
 use crate::quality::{Issue, Reason};
 use serde::Serialize;
@@ -43,6 +44,14 @@ pub struct Residuals {
     pub validate: Option<f64>,
 }
 
+impl Residuals {
+    /// Of a judged model.
+    #[must_use]
+    pub fn of(judged: &Judged) -> Self {
+        Self { identify: judged.identify_rms_um, validate: judged.validate_rms_um }
+    }
+}
+
 /// What speaks for a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "by")]
@@ -53,7 +62,7 @@ pub enum Evidence {
         without: Residuals,
         /// Errors of the best model with it.
         with: Residuals,
-        /// Lower 95 % bound of the relative fall of the error that the data show, family-wise.
+        /// Standard errors by which the best model without it is worse beyond the margin; infinite, `null` in files, where its error is double.
         standard_errors: f64,
         /// p-value of its signature, family-wise; none where it was not weighed.
         p_value: Option<f64>,

@@ -69,7 +69,7 @@ pub fn off_zero(study: &Study, begun: &Judged, found: &Judged, added: &[String])
     }
     let without = other.judged(other.for_comparison(&quick.model).model);
     let brings_it_there = explains(&without) && other.merit(&without) < study.merit(found) - BROUGHT_BY_CONSTANTS;
-    if study.told_apart(&without, found) || (misses && !brings_it_there) {
+    if super::selection::rejects(study, &without, found) || (misses && !brings_it_there) {
         return None;
     }
     let as_said = study.judged(without.model.clone());
