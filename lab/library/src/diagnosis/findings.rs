@@ -3,7 +3,7 @@
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
 use super::screening::Screening;
-use super::selection::{Fate, Losses, confidence_set};
+use super::selection::{Fate, confidence_set};
 use super::study::Study;
 use crate::error::Result;
 use crate::outcome::{Evidence, Finding, Residuals};

@@ -38,13 +38,13 @@ pub struct Entry {
     /// What entries are ranked by ([`Study::merit`]), which is asked for often.
     pub merit: f64,
     /// Its extensions were proposed.
-    pub(super) extended: bool,
+    pub(crate) extended: bool,
     /// It was fitted far enough to be compared with others.
-    pub(super) compared: bool,
+    pub(crate) compared: bool,
     /// All values are held but those of its moves, as beside a prior model.
-    pub(super) held: bool,
+    pub(crate) held: bool,
     /// Its losses on all judged samples, once it was compared with others.
-    pub(super) losses: Option<Losses>,
+    pub(crate) losses: Option<Losses>,
 }
 
 impl Entry {
@@ -80,9 +80,9 @@ pub fn added(ids: &[String]) -> Vec<Move> {
 pub struct Pool<'s, 'a> {
     /// Data, candidates and thresholds.
     pub study: &'s Study<'a>,
-    pub(super) entries: BTreeMap<String, Entry>,
+    pub(crate) entries: BTreeMap<String, Entry>,
     /// Moves that lead to where the search begins: none, but behind a prior model.
-    pub(super) origin: Vec<Move>,
+    pub(crate) origin: Vec<Move>,
 }
 
 /// Moves and descriptions of loops and creep: what an entry is known by.
@@ -157,7 +157,7 @@ impl<'s, 'a> Pool<'s, 'a> {
     }
 
     /// Fits entries as far as they can be compared. What a fit comes to is what counts, on held-out records too: a good error half way is chance.
-    pub(super) fn compare(&mut self, keys: &[String]) {
+    pub(crate) fn compare(&mut self, keys: &[String]) {
         let pending: Vec<&String> = keys.iter().filter(|k| self.entries.get(*k).is_some_and(|e| !e.compared)).collect();
         let fitted = parallel::map(&pending, |k| self.study.for_comparison(&self.entries[*k].judged.model));
         for (key, judged) in pending.into_iter().zip(fitted) {
@@ -167,7 +167,7 @@ impl<'s, 'a> Pool<'s, 'a> {
     }
 
     /// Brings the best few as far as they can be compared, until those that are best have been.
-    pub(super) fn compare_best(&mut self) {
+    pub(crate) fn compare_best(&mut self) {
         loop {
             let best = self.ranked().into_iter().take(self.study.policy.width);
             let pending: Vec<String> = best.filter(|(_, e)| !e.compared).map(|(k, _)| k.clone()).collect();
@@ -179,7 +179,7 @@ impl<'s, 'a> Pool<'s, 'a> {
     }
 
     /// Makes the losses of entries on all judged samples known.
-    pub(super) fn weigh(&mut self, keys: &[String]) {
+    pub(crate) fn weigh(&mut self, keys: &[String]) {
         let pending: Vec<&String> = keys.iter().filter(|k| self.entries.get(*k).is_some_and(|e| e.losses.is_none())).collect();
         let losses = parallel::map(&pending, |k| Losses::of(self.study, self.entries[*k].judged.model.clone()));
         for (key, losses) in pending.into_iter().zip(losses) {
