@@ -12,10 +12,7 @@
 //! * [`next_experiment`]: the drive on which two explanations differ most.
 
 pub mod decision;
-pub mod drive_timing;
 pub mod elsewhere;
-pub mod feedback;
-pub mod initial_states;
 pub mod judgement;
 pub mod latent_force;
 pub mod loop_structures;
@@ -30,6 +27,5 @@ pub mod screening;
 pub mod search;
 pub mod searched_data;
 pub mod study;
-pub mod unanswered;
 pub mod verdict;
 pub mod words;
