@@ -1,6 +1,6 @@
 //! `cargo run --release -p hysteron --example arrays_to_servo`: from arrays to the verdict, a better model and a servo. The recordings are simulated here; yours come from wherever you keep them.
 
-use hysteron::explain::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, explain};
 use hysteron::servo::{commands::design, predictor::Demands};
 use hysteron::{Dataset, Record, Role, diagnosis::words::nm, model_file, watch::Unwatched};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};

@@ -17,7 +17,7 @@
 use hysteron::dataset::reading_limits::leave_out;
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::judgement::Judged;
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, explain};
 use hysteron::identification::fit::{counted_residual, rms};
 use hysteron::model_file::{effects_named, to_toml};
 use hysteron::series;
@@ -162,7 +162,7 @@ enum Mark {
     Wrong,
 }
 
-fn mark(alteration: &Alteration, found: &Explanation, clean_um: f64, altered_um: f64) -> Mark {
+fn mark(alteration: &Alteration, found: &Outcome, clean_um: f64, altered_um: f64) -> Mark {
     let d = &found.diagnosis;
     let changed = d.changed.iter().map(|c| c.effect.clone());
     let mut groups: Vec<Vec<String>> = d.findings.iter().map(|f| f.effects.clone()).collect();

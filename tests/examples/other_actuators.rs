@@ -4,8 +4,8 @@
 //! cargo run --release -p hysteron-tests --example other_actuators -- [SEEDS]
 //! ```
 
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Options, Start, explain};
+use hysteron::outcome::Verdict;
+use hysteron::analyse::{Options, Start, explain};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_tests::other_actuators::{KINDS, OF_CERAMICS, imitated, recorded};

@@ -2,7 +2,7 @@
 
 use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Truth};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, explain};
 use hysteron::model_file::effects_named;
 use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
@@ -126,7 +126,7 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
 /// # Panics
 /// If the search gives something that is no number.
 #[must_use]
-pub fn explained(dataset: &Dataset) -> Explanation {
+pub fn explained(dataset: &Dataset) -> Outcome {
     let effects = effects_named("hysteresis,initial_curve,vibration,creep").expect("known effects");
     explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
 }

@@ -6,7 +6,7 @@ mod devtools;
 
 use devtools::{Page, browser};
 use hysteron::dataset::folder;
-use hysteron::explain::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, explain};
 use hysteron::servo::commands::{Work, follow};
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::reference::Reference;

@@ -6,8 +6,8 @@
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::feedback;
 use hysteron::diagnosis::judgement::{Split, judge};
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::outcome::Verdict;
+use hysteron::analyse::{Outcome, Options, Start, explain};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::statistics::mean;
@@ -82,11 +82,11 @@ fn dataset(rate_hz: f64, records: [(Vec<f64>, Vec<f64>); 2]) -> Dataset {
     out
 }
 
-fn explained(dataset: &Dataset) -> Explanation {
+fn explained(dataset: &Dataset) -> Outcome {
     explain(dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it is explained")
 }
 
-fn names_exactly(found: &Explanation, effects: &[&str], what: &str) {
+fn names_exactly(found: &Outcome, effects: &[&str], what: &str) {
     let (d, sentence) = (&found.diagnosis, &found.diagnosis.sentence);
     assert_eq!(d.verdict, Verdict::Named, "{what}: {sentence}");
     let mut named: Vec<&str> = d.named.iter().map(String::as_str).collect();

@@ -5,9 +5,9 @@
 use hysteron::dataset::folder;
 use hysteron::dataset::reading_limits::leave_out;
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::verdict::Verdict;
+use hysteron::outcome::Verdict;
 use hysteron::diagnosis::words::cannot_identify;
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::{effects_named, own_effect};
 use hysteron::synthetic::case::Truth;
@@ -16,7 +16,7 @@ use hysteron_sim::noise::WhiteNoise;
 use hysteron_tests::{beside, root};
 use std::path::Path;
 
-fn run(dataset: &Dataset, effects: &str) -> Explanation {
+fn run(dataset: &Dataset, effects: &str) -> Outcome {
     let effects = effects_named(effects).unwrap();
     explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).unwrap()
 }
@@ -34,7 +34,7 @@ fn measured(name: &str, files: &[(&str, &str)]) -> Option<(tempfile::TempDir, Da
     Some((folder, dataset))
 }
 
-fn percent_of_range(found: &Explanation, dataset: &Dataset, record: &str) -> f64 {
+fn percent_of_range(found: &Outcome, dataset: &Dataset, record: &str) -> f64 {
     let record = dataset.records.iter().find(|r| r.name == record).unwrap();
     100.0 * rms(&residual(&found.model, record)) / record.range_um()
 }

@@ -1,7 +1,7 @@
 //! Actuators that are no piezo are not told effects of ceramics (all of them: the example of the same name).
 
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Options, Start, explain};
+use hysteron::outcome::Verdict;
+use hysteron::analyse::{Options, Start, explain};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_tests::other_actuators::{Kind, recorded};

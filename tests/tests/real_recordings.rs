@@ -2,7 +2,7 @@
 
 use hysteron::dataset::reading_limits::reading_limits;
 use hysteron::dataset::{Dataset, Role};
-use hysteron::explain::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::{add, identify};
 use hysteron::model_file::effects_named;

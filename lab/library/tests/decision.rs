@@ -6,8 +6,8 @@ use hysteron::diagnosis::decision::{Decision, decide};
 use hysteron::diagnosis::judgement::Judged;
 use hysteron::diagnosis::policy::Policy;
 use hysteron::diagnosis::study::Study;
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::outcome::Verdict;
+use hysteron::analyse::{Outcome, Options, Start, explain};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
 use hysteron::watch::{Event, Unwatched, Watch};
@@ -151,7 +151,7 @@ fn recorded(chain: &[(&str, &[f64])], noise_um: f64, lsb_um: f64, held_out: bool
 }
 
 /// Every name has a finding and a candidate, each admitted by a rule; what was taken back was refused; the whole comes to the noise.
-fn holds_invariant_5(found: &Explanation) {
+fn holds_invariant_5(found: &Outcome) {
     let d = &found.diagnosis;
     for name in &d.named {
         let finding =
@@ -173,7 +173,7 @@ fn holds_invariant_5(found: &Explanation) {
     }
 }
 
-fn explained(dataset: &Dataset, from: &str) -> Explanation {
+fn explained(dataset: &Dataset, from: &str) -> Outcome {
     let effects = effects_named(from).unwrap();
     let found = explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).unwrap();
     holds_invariant_5(&found);

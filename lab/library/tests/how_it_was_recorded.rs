@@ -1,8 +1,8 @@
 //! What is wrong with how a record was taken, and no missing effect: it begins in another state than was said, or a loop was closed.
 
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain, explain_as_timed};
+use hysteron::outcome::Verdict;
+use hysteron::analyse::{Outcome, Options, Start, explain, explain_as_timed};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -42,7 +42,7 @@ fn recorded(model: &Model, cut_samples: usize) -> Dataset {
     Dataset::new("recorded", 0.0, 10.0, records).unwrap()
 }
 
-fn explained(dataset: &Dataset, from: &str) -> Explanation {
+fn explained(dataset: &Dataset, from: &str) -> Outcome {
     explain(dataset, Start::Effects(&effects_named(from).unwrap()), &Options::default(), &Unwatched).unwrap()
 }
 

@@ -1,8 +1,8 @@
 //! A sensor whose noise is the stronger the slower it is (1/f): nothing is missing where nothing is, and what is missing is found.
 
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Options, Start, explain};
+use hysteron::outcome::Verdict;
+use hysteron::analyse::{Options, Start, explain};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};

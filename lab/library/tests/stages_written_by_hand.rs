@@ -2,8 +2,8 @@
 
 use hysteron::dataset::{Dataset, Record, Role, folder};
 use hysteron::diagnosis::decision::Decision;
-use hysteron::diagnosis::verdict::{Finding, Verdict};
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::outcome::{Finding, Verdict};
+use hysteron::analyse::{Outcome, Options, Start, explain};
 use hysteron::model_file::effects_named;
 use hysteron::synthetic::case::{Order, simulate_case};
 use hysteron::watch::Unwatched;
@@ -23,12 +23,12 @@ fn triangles(corners_v: &[f64], slope_v_s: f64) -> Vec<f64> {
 }
 
 /// A fitted, a held-out and a resting record of a stage that reads so many um for drives of so many V, one after the other.
-fn explained(reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Explanation {
+fn explained(reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Outcome {
     explained_with(NOISE_UM, reads, drives)
 }
 
 /// The same with so much noise.
-fn explained_with(noise_um: f64, reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Explanation {
+fn explained_with(noise_um: f64, reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Outcome {
     explained_as_read(noise_um, &|um| um, reads, drives)
 }
 
@@ -38,7 +38,7 @@ fn explained_as_read(
     as_read: &dyn Fn(f64) -> f64,
     reads: &mut dyn FnMut(&[f64]) -> Vec<f64>,
     drives: [Vec<f64>; 2],
-) -> Explanation {
+) -> Outcome {
     let dataset = read(noise_um, as_read, reads, drives);
     explain(&dataset, Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap()
 }

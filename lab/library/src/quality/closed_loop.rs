@@ -44,7 +44,7 @@ const SAMPLES_MAX: usize = 100_000;
 /// remains, as a ring that the model does not have, or what uneven time stamps make of a drive and its readings alike.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
-        Moment::End(fitted) => followed(subject.dataset, fitted.model, fitted.noise, fitted.study.policy.near_the_noise),
+        Moment::End(end) => followed(subject.dataset, end.last, end.noise, end.study.policy.near_the_noise),
         _ => Vec::new(),
     }
 }

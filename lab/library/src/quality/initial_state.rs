@@ -23,7 +23,8 @@ const AS_WELL: f64 = 0.1;
 /// bring the same effects down to it.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
-        Moment::FirstFit(fitted) | Moment::End(fitted) => compare(fitted.study, fitted.model).unwrap_or_default(),
+        Moment::FirstFit(study, fitted) => compare(study, fitted).unwrap_or_default(),
+        Moment::End(end) => compare(end.study, end.last).unwrap_or_default(),
         _ => Vec::new(),
     }
 }
@@ -31,7 +32,7 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
 fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
     let explains = |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
     let both = study.split.both();
-    let said = |i: &&usize| study.dataset.records[*i].initial_state != InitialState::Unknown;
+    let said = |i: &&usize| study.dataset.records[**i].initial_state != InitialState::Unknown;
     if study.floor_um.is_none() || explains(fitted) || !both.iter().any(|i| said(&i)) || study.watch.stopped() {
         return None;
     }

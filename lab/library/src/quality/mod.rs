@@ -48,26 +48,25 @@ pub enum Moment<'a> {
     /// Before anything is fitted.
     BeforeSearch,
     /// A prior model as it is.
-    PriorModel(Fitted<'a>),
+    PriorModel(&'a Study<'a>, &'a Judged),
     /// The first fitted model.
-    FirstFit(Fitted<'a>),
-    /// The model at the end.
-    End(Fitted<'a>),
+    FirstFit(&'a Study<'a>, &'a Judged),
+    /// After the search.
+    End(&'a End<'a>),
 }
 
-/// A model beside the search that it belongs to.
-#[derive(Clone, Copy)]
-pub struct Fitted<'a> {
+/// What a search came to.
+pub struct End<'a> {
     /// Fits other models to the same data.
     pub study: &'a Study<'a>,
-    /// The model that the search started from.
-    pub first: &'a Judged,
-    /// The model.
-    pub model: &'a Judged,
-    /// Effects that the search added.
-    pub added: &'a [String],
     /// The noise.
     pub noise: &'a NoiseFloor,
+    /// The model that the search started from.
+    pub first: &'a Judged,
+    /// The model at the end.
+    pub last: &'a Judged,
+    /// Effects that the search added.
+    pub added: &'a [String],
 }
 
 /// A check of the quality.
@@ -142,12 +141,6 @@ fn apply(dataset: &mut Dataset, issue: &Issue) {
         (Kind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
         _ => {}
     }
-}
-
-/// Whether a finding stands beside issues: it improves the held-out error by more than what the issues suggest in its place.
-#[must_use]
-pub fn stands(improves_um: f64, issues: &[Issue]) -> bool {
-    issues.iter().filter(|issue| issue.severity != Severity::Corrects).filter_map(Issue::effect_um).all(|effect_um| improves_um > effect_um)
 }
 
 /// What follows from an issue.

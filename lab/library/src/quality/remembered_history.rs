@@ -30,9 +30,8 @@ fn remembers_until_s(record: &Record) -> Option<f64> {
 
 /// Examines every record that is fitted or judges, where a model with loops stays above the noise.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    let Moment::End(fitted) = subject.moment else { return Vec::new() };
-    let study = fitted.study;
-    if fitted.model.model.effect(gain::ID).is_some() || study.met(fitted.model) {
+    let Moment::End(end) = subject.moment else { return Vec::new() };
+    if end.last.model.effect(gain::ID).is_some() || end.study.met(end.last) {
         return Vec::new();
     }
     let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate);

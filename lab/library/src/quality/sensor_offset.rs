@@ -5,6 +5,7 @@
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::diagnosis::judgement::Judged;
+use crate::diagnosis::selection::rejects;
 use crate::diagnosis::study::Study;
 use crate::identification::finer_hysteresis::with_the_structure_of;
 use crate::identification::fit::rms;
@@ -23,7 +24,7 @@ const MAY_COME_TO_IT: f64 = 0.5;
 /// as a drift that was added. Loops that stand in for the constant make place for those that the search started from.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
-        Moment::End(fitted) => compare(fitted.study, fitted.first, fitted.model, fitted.added).unwrap_or_default(),
+        Moment::End(end) => compare(end.study, end.first, end.last, end.added).unwrap_or_default(),
         _ => Vec::new(),
     }
 }
@@ -49,7 +50,7 @@ fn compare(study: &Study, begun: &Judged, found: &Judged, added: &[String]) -> O
     }
     let without = other.judged(other.for_comparison(&quick.model).model);
     let brings_it_there = explains(&without) && other.merit(&without) < study.merit(found) - BROUGHT_BY_CONSTANTS;
-    if study.told_apart(&without, found) || (misses && !brings_it_there) {
+    if rejects(study, &without, found) || (misses && !brings_it_there) {
         return None;
     }
     let as_specified = study.judged(without.model.clone());

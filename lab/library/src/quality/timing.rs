@@ -109,9 +109,9 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         return Vec::new();
     }
     match subject.moment {
-        Moment::PriorModel(fitted) => of_a_prior_model(fitted.study, fitted.model).into_iter().collect(),
+        Moment::PriorModel(study, model) => of_a_prior_model(study, model).into_iter().collect(),
         // An effect of the user's that gives no number with the other timing shows nothing about it.
-        Moment::End(fitted) => compare(fitted.study, fitted.model, fitted.added).ok().flatten().into_iter().collect(),
+        Moment::End(end) => compare(end.study, end.last, end.added).ok().flatten().into_iter().collect(),
         _ => Vec::new(),
     }
 }
