@@ -11,6 +11,7 @@ mod control_code;
 mod debian;
 mod dependency_tree;
 mod emulated_board;
+mod finder_sets;
 mod lab_page;
 mod library_alone;
 mod mutate;
@@ -36,6 +37,7 @@ cargo xtask operate    what an operator does with the emulated board: PIPython, 
 cargo xtask tune SEED.. `hysteron board tune` in front of these independent stages (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask mutate [NAME..] takes lines of safety out of the firmware, each once, and expects an emulated test to fail (firmware/mutations.toml)
+cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET..] how well a program finds what is missing, set by set; results in benchmarks/results
 cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
 fn main() -> ExitCode {
@@ -62,6 +64,11 @@ fn main() -> ExitCode {
         && first == "mutate"
     {
         return ended(mutate::run(names));
+    }
+    if let [first, arguments @ ..] = wanted.as_slice()
+        && first == "finder-sets"
+    {
+        return ended(finder_sets::run(arguments));
     }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [steps::OTHER_TARGETS] => steps::of_other_targets(),

@@ -80,7 +80,7 @@ pub fn recording(recording: &Recording, floor: &NoiseFloor) -> Value {
         "name": dataset.name,
         "drive_min_v": dataset.drive_min_v,
         "drive_max_v": dataset.drive_max_v,
-        "notes": dataset.notes,
+        "notes": dataset.remarks(),
         "records": dataset.records.iter().map(line).collect::<Vec<_>>(),
         "table": columns,
         "manifest": manifest,

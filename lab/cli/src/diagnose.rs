@@ -35,7 +35,7 @@ pub fn diagnose(
     let d = &found.diagnosis;
     say_stopped(found.stopped);
     println!("{}: {}", dataset.name, d.sentence);
-    say_notes(dataset.notes.iter().chain(&found.floor.warnings));
+    say_notes(dataset.remarks().iter().chain(&found.floor.warnings));
     println!("  {:24} share   p        held out nm before, after", "candidate");
     for c in d.candidates.iter().take(6) {
         println!(

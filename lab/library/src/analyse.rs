@@ -26,8 +26,7 @@ use crate::identification::{finer_creep, finer_hysteresis};
 use crate::identify::require_chain;
 use crate::outcome::{ChangedValue, Diagnosis, KeptModel, Residuals, Verdict};
 use crate::parallel;
-use crate::diagnosis::checks as quality;
-use crate::quality::{Issue, Severity};
+use crate::quality::{self, End, Issue, Moment, Severity};
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Effect, Overview, gain, registry};
@@ -141,7 +140,7 @@ fn to_the_whole(dataset: &Dataset, beginnings: &Dataset, mut found: Once, watch:
         require_finite(&fitted, dataset, &outcome.split.both())?;
         outcome.model = fitted;
     }
-    found.retry = found.retry.map(|_| quality::in_own_rows(dataset, &found.outcome.diagnosis.issues));
+    found.retry = found.retry.and_then(|_| quality::corrected(dataset, &found.outcome.diagnosis.issues));
     Ok(found)
 }
 
@@ -168,7 +167,8 @@ struct Grown {
 
 /// Everything that is decided on a data set.
 fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Once> {
-    let mut issues = quality::before(dataset);
+    let mut issues = dataset.issues.clone();
+    issues.extend(quality::issues(dataset, Moment::BeforeSearch));
     let mut floor = noise_floor(dataset);
     let mut study = study_of(dataset, options, &floor, watch);
     let blocked = issues.iter().any(|issue| issue.severity == Severity::Blocks);
@@ -194,8 +194,9 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     if !blocked && !grown.stopped {
         let (first, last) = (&grown.steps[0].judged, &grown.steps[grown.steps.len() - 1].judged);
         let added: Vec<String> = last.model.effect_ids().into_iter().filter(|id| first.model.effect(id).is_none()).collect();
-        let after = if grown.issues.is_empty() { quality::after(&study, &floor, first, last, &added)? } else { std::mem::take(&mut grown.issues) };
-        retry = quality::asks_for_own_rows(&after).then(|| quality::in_own_rows(dataset, &after));
+        let end = End { study: &study, noise: &floor, first, last, added: &added };
+        let after = if grown.issues.is_empty() { quality::issues(dataset, Moment::End(&end)) } else { std::mem::take(&mut grown.issues) };
+        retry = quality::corrected(dataset, &after);
         issues.extend(after);
     }
     let last = grown.steps[grown.steps.len() - 1].judged.clone();
@@ -274,7 +275,7 @@ fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
         Start::Effects(effects) => {
             let base = study.build(effects)?;
             require_finite(&base.model, study.dataset, &study.split.both())?;
-            match quality::of_the_start(study, &base) {
+            match quality::issues(study.dataset, Moment::FirstFit(study, &base)) {
                 issues if issues.is_empty() => grow(study, Pool::of(study, &base.model), &base, &structure_of(&base.model)),
                 issues => Ok(Grown { issues, ..at(base) }),
             }
@@ -427,12 +428,12 @@ fn with_creep_of_the_whole(study: &Study, found: Judged) -> Judged {
 /// From a prior model.
 fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
     let base = study.judged(model);
-    let of_the_model = quality::of_a_prior(study, &base);
+    let of_the_model = quality::issues(study.dataset, Moment::PriorModel(study, &base));
     if !of_the_model.is_empty() {
         return Ok(Grown { issues: of_the_model, ..at(base) });
     }
     let compared = prior::compare(study, base)?;
-    let issues = quality::of_the_start(study, &compared.refitted);
+    let issues = quality::issues(study.dataset, Moment::FirstFit(study, &compared.refitted));
     if !issues.is_empty() {
         return Ok(Grown { issues, ..at(compared.refitted) });
     }

@@ -140,7 +140,7 @@ pub fn fit_figures(
         parameters: parameter_figures(model),
         steps,
         cannot_identify: cannot_identify.iter().map(words::cannot_identify).collect(),
-        warnings: dataset.notes.iter().chain(&floor.warnings).cloned().collect(),
+        warnings: dataset.remarks().into_iter().chain(floor.warnings.iter().cloned()).collect(),
         stopped: false,
         seconds,
         diagnosis: None,

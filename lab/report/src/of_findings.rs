@@ -27,7 +27,7 @@ use hysteron_sim::effect::quantisation::Quantisation;
 pub fn explain_report(found: &Outcome, dataset: &Dataset, command: String) -> ExplainReport {
     let dataset = found.dataset(dataset);
     let models: Vec<&Model> = found.steps.iter().map(|s| &s.judged.model).collect();
-    let mut warnings: Vec<String> = dataset.notes.iter().chain(&found.floor.warnings).cloned().collect();
+    let mut warnings: Vec<String> = dataset.remarks().into_iter().chain(found.floor.warnings.iter().cloned()).collect();
     let open = found.cannot_identify.iter().map(words::cannot_identify);
     warnings.extend(open.map(|c| format!("cannot be identified from this data: {c}")));
     ExplainReport {

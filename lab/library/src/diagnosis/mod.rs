@@ -9,12 +9,8 @@
 //! * [`residual_map`]: where in the drive a residual lives; [`latent_force`]: what would have to act to leave it;
 //! * [`next_experiment`]: the drive on which two explanations differ most.
 
-pub mod checks;
 pub mod closure;
-pub mod drive_timing;
-pub mod feedback;
 pub mod findings;
-pub mod initial_states;
 pub mod judgement;
 pub mod latent_force;
 pub mod next_experiment;
@@ -30,5 +26,4 @@ pub mod search;
 pub mod searched_data;
 pub mod selection;
 pub mod study;
-pub mod unanswered;
 pub mod words;

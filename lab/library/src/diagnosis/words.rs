@@ -7,7 +7,7 @@ use crate::dataset::Dataset;
 use crate::dataset::reading_grid::rounding_noise;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
-use crate::quality::{self, Issue, Reason, Severity};
+use crate::quality::{self, Reason};
 use hysteron_sim::effect::delay;
 
 /// Nanometres with three figures.
@@ -151,7 +151,7 @@ pub fn sentence(d: &Diagnosis, first: &Judged, last: &Judged, dataset: &Dataset,
         said.remainder(),
         said.physics(),
         said.loops(),
-        said.issues(),
+        said.issues(dataset),
         if delayed { delay_counts_from(dataset) } else { String::new() },
     ];
     parts.concat()
@@ -308,9 +308,10 @@ impl<'a> Said<'a> {
         format!(" The loops are {end}{as_well}.")
     }
 
-    fn issues(&self) -> String {
-        let told = |i: &&Issue| i.severity != Severity::Notes || matches!(i.kind, quality::Kind::RangeEnds { .. } | quality::Kind::ClosedLoop { .. } | quality::Kind::SensorOffset { .. });
-        self.diagnosis.issues.iter().filter(told).map(|i| format!(" {}.", quality::words::sentence(i))).collect()
+    /// What the model shows about the recording; what the readings show by themselves stands in the data set's own remarks.
+    fn issues(&self, dataset: &Dataset) -> String {
+        let issues = self.diagnosis.issues.iter().filter(|issue| !dataset.issues.contains(issue));
+        issues.map(|i| format!(" {}.", quality::words::sentence(i))).collect()
     }
 }
 

@@ -1,11 +1,147 @@
 //! The quality of a recording: what is wrong with how it was made, whatever the model.
 //!
-//! Every check is one file and one function that gives [`Issue`]s: a kind with its figures, the record, and what follows from it ([`Severity`]).
-//! [`words`] alone makes sentences of them.
+//! Every check is one file with one signature ([`Check`]). It gives [`Issue`]s: a kind with its figures, the record, and what follows from it
+//! ([`Severity`]). [`words`] alone makes sentences of them.
+//!
+//! The same list of checks runs at every [`Moment`]: when a data set is made, before a search, and once after it for those that need a model. Each check
+//! answers where it can. What a check at the end corrects goes through one more search ([`corrected`]).
 
+mod answer;
+mod as_specified;
+mod closed_loop;
+mod given_twice;
+mod initial_state;
+mod outliers;
+mod range;
+mod remembered_history;
+mod rest;
+mod sensor_offset;
+mod timing;
+mod units;
 pub mod words;
 
+#[cfg(feature = "readers")]
+pub(crate) use timing::shown_by_readings;
+
+use crate::dataset::Dataset;
+use crate::diagnosis::judgement::Judged;
+use crate::diagnosis::study::Study;
+use crate::error::{Error, Result};
+use crate::identification::noise_floor::NoiseFloor;
 use serde::Serialize;
+use std::ops::Range;
+
+/// What a check examines.
+#[derive(Clone, Copy)]
+pub struct Subject<'a> {
+    /// The data set.
+    pub dataset: &'a Dataset,
+    /// When.
+    pub moment: Moment<'a>,
+}
+
+/// When checks run.
+#[derive(Clone, Copy)]
+pub enum Moment<'a> {
+    /// A data set is made.
+    Made,
+    /// Before anything is fitted.
+    BeforeSearch,
+    /// A prior model as it is.
+    PriorModel(&'a Study<'a>, &'a Judged),
+    /// The first fitted model.
+    FirstFit(&'a Study<'a>, &'a Judged),
+    /// After the search.
+    End(&'a End<'a>),
+}
+
+/// What a search came to.
+pub struct End<'a> {
+    /// Fits other models to the same data.
+    pub study: &'a Study<'a>,
+    /// The noise.
+    pub noise: &'a NoiseFloor,
+    /// The model that the search started from.
+    pub first: &'a Judged,
+    /// The model at the end.
+    pub last: &'a Judged,
+    /// Effects that the search added.
+    pub added: &'a [String],
+}
+
+/// A check of the quality.
+pub type Check = fn(&Subject) -> Vec<Issue>;
+
+/// All checks. Those that correct a data set when it is made stand in the order in which they must.
+const CHECKS: [Check; 14] = [
+    rest::check,
+    outliers::single,
+    range::check,
+    outliers::together,
+    units::check,
+    given_twice::check,
+    as_specified::check,
+    answer::check,
+    initial_state::check,
+    timing::check,
+    sensor_offset::check,
+    closed_loop::check,
+    remembered_history::check,
+    timing::leads_the_drive,
+];
+
+/// All issues at a moment.
+#[must_use]
+pub fn issues(dataset: &Dataset, moment: Moment) -> Vec<Issue> {
+    CHECKS.iter().flat_map(|check| check(&Subject { dataset, moment })).collect()
+}
+
+/// Checks a data set that is being made: what can be corrected is, check after check.
+///
+/// # Errors
+/// What the manifest specifies and the drive contradicts.
+pub(crate) fn check_made(mut dataset: Dataset) -> Result<Dataset> {
+    for check in CHECKS {
+        let issues = check(&Subject { dataset: &dataset, moment: Moment::Made });
+        for issue in issues {
+            if issue.severity == Severity::Blocks {
+                let source = dataset.records.iter().find(|r| Some(&r.name) == issue.record.as_ref()).map_or(&dataset.source, |r| &r.source);
+                return Err(Error::new(source, words::of_kind(&issue.kind)));
+            }
+            apply(&mut dataset, &issue);
+            dataset.issues.push(issue);
+        }
+    }
+    Ok(dataset)
+}
+
+/// The data set with the issues of a finished search corrected: what one more search is for. None where nothing can be.
+#[must_use]
+pub fn corrected(dataset: &Dataset, issues: &[Issue]) -> Option<Dataset> {
+    let mut out = dataset.clone();
+    for issue in issues.iter().filter(|issue| issue.asks_for_another_search()) {
+        apply(&mut out, issue);
+        out.issues.push(Issue { severity: Severity::Corrects, ..issue.clone() });
+    }
+    (out.issues.len() > dataset.issues.len()).then_some(out)
+}
+
+/// Changes a data set as an issue asks for.
+fn apply(dataset: &mut Dataset, issue: &Issue) {
+    let Dataset { records, .. } = dataset;
+    let of_the_issue = records.iter_mut().find(|r| Some(&r.name) == issue.record.as_ref());
+    match (&issue.kind, of_the_issue) {
+        (Kind::RestWithoutNoise { in_steps: false }, _) => records.retain(|r| Some(&r.name) != issue.record.as_ref()),
+        (Kind::OutliersReplaced { .. }, Some(record)) => {
+            outliers::interpolate(record, &issue.samples);
+            record.leave_out(&issue.samples);
+        }
+        (Kind::RangeEnds { .. } | Kind::OutliersLeftOut { .. }, Some(record)) => record.leave_out(&issue.samples),
+        (Kind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
+        (Kind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
+        _ => {}
+    }
+}
 
 /// What follows from an issue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -31,6 +167,9 @@ pub struct Issue {
     pub kind: Kind,
     /// What follows from it.
     pub severity: Severity,
+    /// The samples that it is about, which a correction leaves out.
+    #[serde(skip)]
+    pub samples: Vec<Range<usize>>,
 }
 
 /// Kinds of issues, each with its evidence.
@@ -41,8 +180,10 @@ pub enum Kind {
     NotAnswered {
         /// RMS of the readings beside a drift, um.
         moves_um: f64,
-        /// Share of its square that goes with the drive.
-        share: f64,
+        /// The largest coherence of drive and readings.
+        coherence: f64,
+        /// The coherence that chance reaches.
+        by_chance: f64,
     },
     /// The range of the sensor or of its converter ends.
     RangeEnds {
@@ -90,6 +231,11 @@ pub enum Kind {
         assumed_um: f64,
         /// Error with the drive of the same row, um.
         same_sample_um: f64,
+    },
+    /// The readings themselves show that they respond to the drive of the same row.
+    TimingInReadings {
+        /// Jumps of the drive that the readings answer in their row; none where a straight line shows it.
+        jumps: Option<usize>,
     },
     /// The readings alone suggest the timing of the same row, and the manifest specifies another.
     LeadsTheDrive {},
@@ -192,7 +338,24 @@ impl Issue {
     /// An issue of one record.
     #[must_use]
     pub fn of(record: impl Into<String>, severity: Severity, kind: Kind) -> Self {
-        Self { record: Some(record.into()), kind, severity }
+        Self { record: Some(record.into()), kind, severity, samples: Vec::new() }
+    }
+
+    /// An issue of the data set.
+    #[must_use]
+    pub fn of_all(severity: Severity, kind: Kind) -> Self {
+        Self { record: None, kind, severity, samples: Vec::new() }
+    }
+
+    /// The same with the samples that it is about.
+    fn with_samples(self, samples: Vec<Range<usize>>) -> Self {
+        Self { samples, ..self }
+    }
+
+    /// A search on corrected data may answer otherwise.
+    #[must_use]
+    pub fn asks_for_another_search(&self) -> bool {
+        matches!(self.kind, Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. }) && self.severity != Severity::Corrects
     }
 
     /// The reason for which nothing can be decided beside this issue.

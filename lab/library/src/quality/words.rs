@@ -10,11 +10,12 @@ pub fn sentence(issue: &Issue) -> String {
     issue.record.as_ref().map_or_else(|| what.clone(), |record| format!("{record}: {what}"))
 }
 
-fn of_kind(kind: &Kind) -> String {
+/// A kind as a sentence without its full stop.
+pub(super) fn of_kind(kind: &Kind) -> String {
     match kind {
-        Kind::NotAnswered { moves_um, share } => format!(
-            "the readings do not answer the drive ({:.1} % of their {} nm go with it). Look at the sensor, the amplifier and the choice of columns (--columns)",
-            100.0 * share.max(0.0),
+        Kind::NotAnswered { moves_um, coherence, by_chance } => format!(
+            "the readings do not answer the drive (coherence {coherence:.2} at most, by chance up to {by_chance:.2}; they move by {} nm RMS). Look at the \
+             sensor, the amplifier and the choice of columns (--columns)",
             nm(*moves_um)
         ),
         Kind::RangeEnds { reading_um, highest, share, .. } => format!(
@@ -55,6 +56,13 @@ fn of_kind(kind: &Kind) -> String {
                 nm(*same_sample_um),
                 nm(*assumed_um)
             )
+        }
+        Kind::TimingInReadings { jumps } => {
+            let how = match jumps {
+                None => "y[k] follows u[k] much better than u[k-1]".to_owned(),
+                Some(jumps) => format!("y[k] moves in the row in which u[k] jumps ({jumps} of them)"),
+            };
+            format!("{how}, so `hold_before_sample` is used. To override: timing = \"hold_after_sample\", --timing hold_after_sample")
         }
         Kind::LeadsTheDrive {} => "y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant. If y was read after u was \
              written, specify timing = \"hold_before_sample\""
