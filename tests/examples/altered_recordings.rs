@@ -14,12 +14,12 @@
 //! What counts as right was written down before anything was run: [`Alteration::right`] lists the effects that do physically what was done
 //! to the column. Told wrong is a single other name with "this data can tell".
 
-use hysteron::dataset::reading_limits::leave_out;
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::judgement::Judged;
 use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identification::fit::{counted_residual, rms};
 use hysteron::model_file::{effects_named, to_toml};
+use hysteron::outcome::Verdict;
+use hysteron::quality::Kind;
 use hysteron::series;
 use hysteron::watch::{Unwatched, Watch};
 use hysteron_sim::chain::Model;
@@ -168,7 +168,8 @@ fn mark(alteration: &Alteration, found: &Outcome, clean_um: f64, altered_um: f64
     let mut groups: Vec<Vec<String>> = d.findings.iter().map(|f| f.effects.clone()).collect();
     groups.extend(changed.map(|c| vec![c]));
     // What the verdict says of the recording itself is said beside what is missing.
-    groups.extend(d.recording.first().filter(|_| alteration.name == CLIPPING).map(|_| vec!["readings that end".to_owned()]));
+    let ends = d.issues.iter().any(|i| matches!(i.kind, Kind::RangeEnds { .. }));
+    groups.extend((ends && alteration.name == CLIPPING).then(|| vec!["readings that end".to_owned()]));
     let is_right = |id: &String| alteration.right.contains(&id.as_str());
     if alteration.right.is_empty() {
         return if groups.is_empty() { Mark::Right } else { Mark::Wrong };
@@ -176,14 +177,13 @@ fn mark(alteration: &Alteration, found: &Outcome, clean_um: f64, altered_um: f64
     if groups.iter().any(|g| g.iter().any(is_right)) {
         return if groups.iter().all(|g| g.len() == 1) { Mark::Right } else { Mark::RightOr };
     }
-    let told = d.sentence.split("cannot tell").nth(1).unwrap_or_default();
-    if alteration.right.iter().any(|id| told.contains(&id.replace('_', " "))) {
+    if d.findings.iter().any(|f| f.or_other_values_of.iter().any(is_right)) {
         return Mark::RightOr;
     }
     if groups.is_empty() {
         return if altered_um < 1.1 * clean_um { Mark::Absorbed } else { Mark::Missed };
     }
-    if d.sentence.contains("cannot tell") { Mark::WrongOr } else { Mark::Wrong }
+    if d.verdict == Verdict::Ambiguous { Mark::WrongOr } else { Mark::Wrong }
 }
 
 /// A data set as a folder that any program can read: time, drive and reading of each record, and the manifest.
@@ -229,10 +229,6 @@ fn error_um(model: &Model, dataset: &Dataset) -> f64 {
     dataset.records.iter().map(|r| rms(&counted_residual(model, r))).fold(0.0, f64::max)
 }
 
-fn errors(judged: &Judged) -> String {
-    format!("{:.1} / {:.1} nm", 1e3 * judged.identify_rms_um, 1e3 * judged.validate_rms_um.unwrap_or(f64::NAN))
-}
-
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let show_tried = flag(&mut arguments, "--tried");
@@ -260,7 +256,8 @@ fn main() {
             }
             let mut altered = clean.clone();
             altered.records.iter_mut().for_each(|r| (alteration.alter)(r, size));
-            leave_out(&mut altered.records);
+            let Dataset { name, drive_min_v, drive_max_v, records, .. } = altered;
+            let altered = Dataset::new(name, drive_min_v, drive_max_v, records).expect("the altered recordings are a data set");
             let altered_um = error_um(&begun.model, &altered);
             let begin = Instant::now();
             let start = if from_gain { Start::Effects(&gain) } else { Start::Model(begun.model.clone()) };
@@ -275,15 +272,12 @@ fn main() {
             let seconds = begin.elapsed().as_secs_f64();
             if from_gain {
                 let has = alteration.right.is_empty() || alteration.right.iter().any(|id| found.model.effect(id).is_some());
-                let or = found.supported.iter().any(|one| one.names().iter().any(|id| alteration.right.contains(&id.as_str())));
+                let or = found.diagnosis.named.iter().any(|id| alteration.right.contains(&id.as_str()));
                 let left_um = error_um(&found.model, &altered);
                 let absorbed = left_um < 1.1 * clean_um;
                 (right, all) = (right + usize::from(has || or || absorbed), all + 1);
-                for one in found.supported.iter().filter(|_| show_tried) {
-                    println!("    {} ({})", one.id, errors(&one.without));
-                    for rival in &one.rivals {
-                        println!("        or {} ({}): {:?}", rival.id, errors(&rival.judged), rival.decision);
-                    }
+                for model in found.diagnosis.models.iter().filter(|_| show_tried) {
+                    println!("    {} ({:.1} nm)", model.effects.join(","), 1e3 * model.rms_um.identify);
                 }
                 println!(
                     "{:<14} {size:>6}  {}  {:.1} nm, {}  {seconds:.1} s",
@@ -311,16 +305,8 @@ fn main() {
                 Mark::WrongOr => "WRONG, or",
                 Mark::Wrong => "WRONG",
             };
-            if let Some(elsewhere) = found.elsewhere.as_ref().filter(|_| show_tried) {
-                println!(
-                    "    as it is {:.1}, refitted {:.1}",
-                    1e3 * elsewhere.base.identify_rms_um,
-                    1e3 * elsewhere.refitted.identify_rms_um
-                );
-                for tried in elsewhere.tried.iter().take(8) {
-                    let what = tried.hypothesis.effect(&elsewhere.base.model);
-                    println!("    {:.1} with {what} ({} values)", 1e3 * tried.judged.identify_rms_um, tried.values);
-                }
+            for model in found.diagnosis.models.iter().filter(|_| show_tried) {
+                println!("    {} ({:.1} nm)", model.effects.join(","), 1e3 * model.rms_um.identify);
             }
             println!("{:<14} {size:>6}  {word:<10} {seconds:>4.1} s  {}", alteration.name, found.diagnosis.sentence);
         }
