@@ -89,7 +89,10 @@ fn recorded(into: &Path, wrong: Wrong) -> Result<(), String> {
             let _ = writeln!(text, "{:.4},{:.6},{:.6}", (k - from) as f64 / RATE_HZ, drive_v[k], readings[k]);
         }
         write(&into.join(format!("{name}.csv")), &text)?;
-        let _ = write!(manifest, "\n[[record]]\nfile = \"{name}.csv\"\nrole = \"{role}\"\nsample_rate_hz = {RATE_HZ:.1}\ninitial_state = \"{state}\"\n");
+        let _ = write!(
+            manifest,
+            "\n[[record]]\nfile = \"{name}.csv\"\nrole = \"{role}\"\nsample_rate_hz = {RATE_HZ:.1}\ninitial_state = \"{state}\"\n"
+        );
     }
     write(&into.join("dataset.toml"), &manifest)
 }
@@ -171,7 +174,10 @@ fn difference(a: &Value, b: &Value, at: &str) -> Option<String> {
         (Value::Object(x), Value::Object(y)) => {
             let keys: std::collections::BTreeSet<&String> = x.keys().chain(y.keys()).collect();
             let each = |key: &&String| difference(x.get(*key)?, y.get(*key)?, &format!("{at}.{key}"));
-            keys.iter().find(|key| !x.contains_key(**key) || !y.contains_key(**key)).map(|key| format!("{at}.{key}")).or_else(|| keys.iter().find_map(each))
+            keys.iter()
+                .find(|key| !x.contains_key(**key) || !y.contains_key(**key))
+                .map(|key| format!("{at}.{key}"))
+                .or_else(|| keys.iter().find_map(each))
         }
         (Value::Array(x), Value::Array(y)) if x.len() == y.len() => {
             x.iter().zip(y).enumerate().find_map(|(i, (x, y))| difference(x, y, &format!("{at}[{i}]")))

@@ -24,8 +24,7 @@ enum Way {
     Effects,
 }
 
-const WAYS: [(Way, &str); 4] =
-    [(Way::Units, "units"), (Way::Rounded, "rounded"), (Way::Records, "records"), (Way::Effects, "effects")];
+const WAYS: [(Way, &str); 4] = [(Way::Units, "units"), (Way::Rounded, "rounded"), (Way::Records, "records"), (Way::Effects, "effects")];
 
 /// Each case as it is and in every way; a sample is so many of the pairs.
 pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
@@ -35,7 +34,8 @@ pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String
     for reference in spread(of_folder(&beside("planted")?, "")?, Some(written)) {
         let Start::Effects(from) = reference.start.clone() else { continue };
         for (way, name) in WAYS {
-            let into = folder.join(format!("{}_{name}", reference.data.file_name().map_or_else(String::new, |n| n.to_string_lossy().into())));
+            let into =
+                folder.join(format!("{}_{name}", reference.data.file_name().map_or_else(String::new, |n| n.to_string_lossy().into())));
             let data = otherwise(&reference.data, &into, way)?;
             let mut effects: Vec<&str> = from.split(',').collect();
             if let Way::Effects = way {
