@@ -17,7 +17,7 @@
 use hysteron::dataset::reading_limits::leave_out;
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::judgement::Judged;
-use hysteron::analyse::{Outcome, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identification::fit::{counted_residual, rms};
 use hysteron::model_file::{effects_named, to_toml};
 use hysteron::series;
@@ -244,7 +244,7 @@ fn main() {
     let clean = load(&data, flag(&mut arguments, "--two-speeds"));
     let gain = effects_named("gain").expect("a built-in effect");
     let options = Options::default();
-    let begun = explain(&clean, Start::Effects(&gain), &options, &Unwatched).expect("the clean recordings can be explained");
+    let begun = analyse(&clean, Start::Effects(&gain), &options, &Unwatched).expect("the clean recordings can be explained");
     let clean_um = error_um(&begun.model, &clean);
     println!("clean: {} at {:.1} nm", begun.model.effect_ids().join(","), 1e3 * clean_um);
     if let Some(folder) = write_to {
@@ -264,7 +264,7 @@ fn main() {
             let altered_um = error_um(&begun.model, &altered);
             let begin = Instant::now();
             let start = if from_gain { Start::Effects(&gain) } else { Start::Model(begun.model.clone()) };
-            let found = match explain(&altered, start, &options, watch) {
+            let found = match analyse(&altered, start, &options, watch) {
                 Ok(found) => found,
                 Err(error) => {
                     println!("{:<14} {size:>6}  REFUSED {error}", alteration.name);

@@ -11,7 +11,7 @@
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
 
-use hysteron::analyse::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, folder};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::identify;
@@ -141,7 +141,7 @@ fn main() {
         let gain = effects_named("gain").expect("a built-in effect");
         let begin = Instant::now();
         let explained =
-            |watch: &dyn Watch| explain(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
+            |watch: &dyn Watch| analyse(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
         let found = within.map_or_else(|| explained(watch), |within| explained(&Within::new(watch, within)));
         let seconds = begin.elapsed().as_secs_f64();
         let (fitted, held_out) = errors_um(&found.model, &dataset, set);
@@ -157,7 +157,7 @@ fn main() {
         if reversed {
             let mut other = dataset.clone();
             other.records.reverse();
-            let again = explain(&other, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+            let again = analyse(&other, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
             let (f, h) = errors_um(&again.model, &other, set);
             let same = if again.model.effect_ids() == found.model.effect_ids() { "the same effects" } else { "OTHER EFFECTS" };
             println!("{:<12} {:>7} / {:>7} nm  records in the other order: {same}", "", nm(f), nm(h));

@@ -2,7 +2,7 @@
 
 use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Truth};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::analyse::{Outcome, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
@@ -128,7 +128,7 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
 #[must_use]
 pub fn explained(dataset: &Dataset) -> Outcome {
     let effects = effects_named("hysteresis,initial_curve,vibration,creep").expect("known effects");
-    explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
+    analyse(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
 }
 
 /// The model that [`explained`] found before, kept in `target/servo_from_data`, or a new one. Delete the folder to identify anew.

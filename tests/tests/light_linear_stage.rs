@@ -7,7 +7,7 @@ use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::feedback;
 use hysteron::diagnosis::judgement::{Split, judge};
 use hysteron::outcome::Verdict;
-use hysteron::analyse::{Outcome, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::statistics::mean;
@@ -83,7 +83,7 @@ fn dataset(rate_hz: f64, records: [(Vec<f64>, Vec<f64>); 2]) -> Dataset {
 }
 
 fn explained(dataset: &Dataset) -> Outcome {
-    explain(dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it is explained")
+    analyse(dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it is explained")
 }
 
 fn names_exactly(found: &Outcome, effects: &[&str], what: &str) {

@@ -7,7 +7,7 @@ use hysteron::diagnosis::judgement::Judged;
 use hysteron::diagnosis::policy::Policy;
 use hysteron::diagnosis::study::Study;
 use hysteron::outcome::Verdict;
-use hysteron::analyse::{Outcome, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
 use hysteron::watch::{Event, Unwatched, Watch};
@@ -175,7 +175,7 @@ fn holds_invariant_5(found: &Outcome) {
 
 fn explained(dataset: &Dataset, from: &str) -> Outcome {
     let effects = effects_named(from).unwrap();
-    let found = explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).unwrap();
+    let found = analyse(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).unwrap();
     holds_invariant_5(&found);
     found
 }
@@ -202,7 +202,7 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
     let gain = effects_named("gain").unwrap();
     let within = |most: usize| {
         let watch = LooksAtTheClock { most, taken: AtomicUsize::new(0) };
-        explain(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap()
+        analyse(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap()
     };
     let nothing = within(0);
     let (d, notes) = (&nothing.diagnosis, &nothing.floor.warnings);
@@ -241,7 +241,7 @@ fn the_steps_of_a_converter_are_named_by_the_readings_alone() {
 fn beside_a_model_from_elsewhere_an_effect_is_named_that_alone_explains_what_a_new_fit_could_remove() {
     let model = explained(&recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true), "gain,vibration").model;
     let lagging = recorded(&[("gain", &[0.1]), MODE, ("sensor_bandwidth", &[120.0])], 0.002, 0.0, true, true);
-    let found = explain(&lagging, Start::Model(model), &Options::default(), &Unwatched).unwrap();
+    let found = analyse(&lagging, Start::Model(model), &Options::default(), &Unwatched).unwrap();
     holds_invariant_5(&found);
     // A lag in front of a mode does the same as one behind it: both are said.
     assert!(found.diagnosis.named.contains(&"sensor_bandwidth".to_owned()), "{}", found.diagnosis.sentence);

@@ -2,7 +2,7 @@
 
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::outcome::Verdict;
-use hysteron::analyse::{Outcome, Options, Start, explain, explain_as_timed};
+use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -43,7 +43,7 @@ fn recorded(model: &Model, cut_samples: usize) -> Dataset {
 }
 
 fn explained(dataset: &Dataset, from: &str) -> Outcome {
-    explain(dataset, Start::Effects(&effects_named(from).unwrap()), &Options::default(), &Unwatched).unwrap()
+    analyse(dataset, Start::Effects(&effects_named(from).unwrap()), &Options::default(), &Unwatched).unwrap()
 }
 
 /// The sensor of one of four records was not connected: noise alone stands in its column.
@@ -171,13 +171,13 @@ fn readings_of_their_own_row_are_no_mode() {
     // As of a file that does not say when a drive acts; where it does, nobody is contradicted.
     dataset.timing_is_assumed = true;
     let gain = effects_named("gain").unwrap();
-    let run = |dataset: &Dataset| explain(dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
+    let run = |dataset: &Dataset| analyse(dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
     let found = run(&dataset);
     let d = &found.diagnosis;
     assert_eq!(d.verdict, Verdict::Undecidable, "{} {:?}", d.sentence, found.model.effect_ids());
     assert!(d.named.is_empty() && d.sentence.contains("the drive of their own row"), "{}", d.sentence);
     // Asked so it answers of the recording as it was timed, and says that it does.
-    let (found, timed) = explain_as_timed(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
+    let (found, timed) = analyse(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
     let timed = timed.expect("the timing that the readings show");
     assert!(!timed.timing_is_assumed && timed.notes.iter().any(|note| note.contains("are taken so")), "{:?}", timed.notes);
     assert_eq!(

@@ -2,7 +2,7 @@
 
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::outcome::Verdict;
-use hysteron::analyse::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -45,7 +45,7 @@ fn slow_noise_is_no_missing_effect() {
     let verdicts: Vec<(Verdict, String)> = (0..20)
         .map(|seed| {
             let effects = effects_named("gain,vibration").unwrap();
-            let d = explain(&recorded(seed), Start::Effects(&effects), &Options::default(), &Unwatched).unwrap().diagnosis;
+            let d = analyse(&recorded(seed), Start::Effects(&effects), &Options::default(), &Unwatched).unwrap().diagnosis;
             (d.verdict, d.sentence)
         })
         .collect();
@@ -60,7 +60,7 @@ fn slow_noise_is_no_missing_effect() {
 fn what_is_missing_is_found_beside_it() {
     for seed in 0..5 {
         let d =
-            explain(&recorded(seed), Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap().diagnosis;
+            analyse(&recorded(seed), Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap().diagnosis;
         assert_eq!(d.named, ["vibration"], "{seed}: {}", d.sentence);
     }
 }

@@ -3,7 +3,7 @@
 use hysteron::dataset::{Dataset, Record, Role, folder};
 use hysteron::diagnosis::decision::Decision;
 use hysteron::outcome::{Finding, Verdict};
-use hysteron::analyse::{Outcome, Options, Start, explain};
+use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::synthetic::case::{Order, simulate_case};
 use hysteron::watch::Unwatched;
@@ -40,7 +40,7 @@ fn explained_as_read(
     drives: [Vec<f64>; 2],
 ) -> Outcome {
     let dataset = read(noise_um, as_read, reads, drives);
-    explain(&dataset, Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap()
+    analyse(&dataset, Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap()
 }
 
 /// What is read so.
@@ -177,7 +177,7 @@ fn named_of_case(hidden: &[&str], base: &str, seed: u64) -> Vec<String> {
     }
     let dataset = folder::load(folder.path()).unwrap();
     let from = effects_named(base).unwrap();
-    let mut named = explain(&dataset, Start::Effects(&from), &Options::default(), &Unwatched).unwrap().diagnosis.named;
+    let mut named = analyse(&dataset, Start::Effects(&from), &Options::default(), &Unwatched).unwrap().diagnosis.named;
     named.sort();
     named
 }
@@ -338,7 +338,7 @@ fn a_second_mode_beside_one_that_has_moved_is_met() {
             slow.iter().zip(&fast).map(|(slow, fast)| 0.55 * slow + 0.45 * fast).collect()
         };
         let there = read(NOISE_UM, &|um| um, &mut two_modes, swept());
-        let found = explain(&there, Start::Model(home.model.clone()), &Options::default(), &Unwatched).unwrap();
+        let found = analyse(&there, Start::Model(home.model.clone()), &Options::default(), &Unwatched).unwrap();
         assert_eq!(found.diagnosis.named, ["second_mode"], "{modes_hz:?}: {}", found.diagnosis.sentence);
         assert!(found.last().error_um() < 1.15 * NOISE_UM, "{modes_hz:?}: {}", found.diagnosis.sentence);
     }

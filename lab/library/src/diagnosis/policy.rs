@@ -130,7 +130,7 @@ impl Default for Policy {
             gain_per_effect: 0.005,
             family_wise: 0.05,
             matters_at_noise: 0.04,
-            matters_of_remainder: 1.0 / 3.0,
+            matters_of_remainder: 1.0,
             in_contention: 0.25,
             compared_of_a_level: 5,
             closed_around: 3,
