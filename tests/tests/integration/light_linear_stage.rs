@@ -4,12 +4,14 @@
 //! which a light mode amplifies and every model passes on; and wherever the time constant of its creep lies.
 
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::feedback;
 use hysteron::diagnosis::judgement::{Split, judge};
+use hysteron::diagnosis::policy::Policy;
+use hysteron::diagnosis::study::Study;
 use hysteron::outcome::Verdict;
 use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
+use hysteron::quality::{self, End, Kind, Moment};
 use hysteron::statistics::mean;
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
@@ -178,5 +180,9 @@ fn a_missing_mode_is_no_closed_loop() {
     let judged = judge(gain.model, &dataset, &Split::of(&dataset));
     assert!(judged.identify_rms_um > 0.05, "{}", judged.identify_rms_um);
     // Asked however far above the noise it is.
-    assert_eq!(feedback::followed(&dataset, &judged, &gain.floor, f64::INFINITY), []);
+    let policy = Policy { near_the_noise: f64::INFINITY, ..Policy::default() };
+    let study = Study::new(&dataset, Vec::new(), &gain.floor, policy, &Unwatched);
+    let end = End { study: &study, noise: &gain.floor, first: &judged, last: &judged, added: &[] };
+    let issues = quality::issues(&dataset, Moment::End(&end));
+    assert!(issues.iter().all(|issue| !matches!(issue.kind, Kind::ClosedLoop { .. })), "{issues:?}");
 }
