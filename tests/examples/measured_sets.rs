@@ -11,8 +11,8 @@
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
 
-use hysteron::dataset::{Dataset, folder};
 use hysteron::analyse::{Options, Start, analyse};
+use hysteron::dataset::{Dataset, folder};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;

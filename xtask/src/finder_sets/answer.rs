@@ -49,9 +49,7 @@ impl Answer {
             let errors = &d[key];
             errors["validate"].as_f64().or_else(|| errors["identify"].as_f64())
         };
-        let record = |r: &Value| {
-            Some((r["file"].as_str()?.to_owned(), r["role"].as_str()?.to_owned(), r["rms_um"].as_f64()?))
-        };
+        let record = |r: &Value| Some((r["file"].as_str()?.to_owned(), r["role"].as_str()?.to_owned(), r["rms_um"].as_f64()?));
         Ok(Self {
             reason: d["reason"].as_str().unwrap_or_default().to_owned(),
             groups: groups.collect(),

@@ -176,7 +176,11 @@ pub fn model_of(context: &Context, data: &Path) -> Result<PathBuf, String> {
     let model = folder.join(format!("{name}.toml"));
     if !model.exists() {
         let out = model.to_string_lossy();
-        answered(&context.program, &["explain", &data.to_string_lossy(), "--from", "gain", "--out", &out], &folder.join(format!("{name}.json")))?;
+        answered(
+            &context.program,
+            &["explain", &data.to_string_lossy(), "--from", "gain", "--out", &out],
+            &folder.join(format!("{name}.json")),
+        )?;
     }
     Ok(model)
 }

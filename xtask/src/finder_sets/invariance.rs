@@ -24,8 +24,7 @@ enum Way {
     Effects,
 }
 
-const WAYS: [(Way, &str); 4] =
-    [(Way::Units, "units"), (Way::Rounded, "rounded"), (Way::Records, "records"), (Way::Effects, "effects")];
+const WAYS: [(Way, &str); 4] = [(Way::Units, "units"), (Way::Rounded, "rounded"), (Way::Records, "records"), (Way::Effects, "effects")];
 
 /// Each case as it is and in every way; a sample is so many of the pairs.
 pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
@@ -35,7 +34,8 @@ pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String
     for reference in spread(of_folder(&beside("planted")?, "")?, Some(written)) {
         let Start::Effects(from) = reference.start.clone() else { continue };
         for (way, name) in WAYS {
-            let into = folder.join(format!("{}_{name}", reference.data.file_name().map_or_else(String::new, |n| n.to_string_lossy().into())));
+            let into =
+                folder.join(format!("{}_{name}", reference.data.file_name().map_or_else(String::new, |n| n.to_string_lossy().into())));
             let data = otherwise(&reference.data, &into, way)?;
             let mut effects: Vec<&str> = from.split(',').collect();
             if let Way::Effects = way {
@@ -89,7 +89,7 @@ fn otherwise(from: &Path, into: &Path, way: Way) -> Result<PathBuf, String> {
 }
 
 /// The next number between 0 and 1 of a generator that repeats itself exactly (Knuth's 64-bit linear congruence).
-pub fn uniform(state: &mut u64) -> f64 {
+fn uniform(state: &mut u64) -> f64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     (*state >> 11) as f64 / (1_u64 << 53) as f64
 }

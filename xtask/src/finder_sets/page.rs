@@ -51,7 +51,11 @@ impl Lab {
         stream.write_all(&[head.as_bytes(), &body].concat()).map_err(told)?;
         let mut answer = Vec::new();
         stream.read_to_end(&mut answer).map_err(told)?;
-        let body = answer.windows(4).position(|w| w == b"\r\n\r\n").map(|at| &answer[at + 4..]).ok_or("the lab's answer has no end of its head")?;
+        let body = answer
+            .windows(4)
+            .position(|w| w == b"\r\n\r\n")
+            .map(|at| &answer[at + 4..])
+            .ok_or("the lab's answer has no end of its head")?;
         let length: [u8; 8] = body.get(..8).and_then(|b| b.try_into().ok()).ok_or("the lab's answer is cut off")?;
         let json = body.get(8..8 + u64::from_le_bytes(length) as usize).ok_or("the lab's answer is cut off")?;
         let value: Value = serde_json::from_slice(json).map_err(|e| format!("the lab's answer: {e}"))?;

@@ -85,13 +85,18 @@ fn planted(
     }
     println!("planting {name}");
     let (out, seed, cases) = (folder.to_string_lossy().into_owned(), seed.to_string(), cases.to_string());
-    let arguments = ["plant", kinds, "--out", &out, "--hysteresis", loops, "--strengths", strengths, "--seed", &seed, "--cases", &cases, "--force"];
+    let arguments =
+        ["plant", kinds, "--out", &out, "--hysteresis", loops, "--strengths", strengths, "--seed", &seed, "--cases", &cases, "--force"];
     let run = Command::new(&context.program)
         .args(arguments)
         .stdin(Stdio::null())
         .output()
         .map_err(|e| format!("{}: {e}", context.program.display()))?;
-    if run.status.success() { Ok(folder) } else { Err(format!("hysteron {}: {}", arguments.join(" "), String::from_utf8_lossy(&run.stderr))) }
+    if run.status.success() {
+        Ok(folder)
+    } else {
+        Err(format!("hysteron {}: {}", arguments.join(" "), String::from_utf8_lossy(&run.stderr)))
+    }
 }
 
 /// The cases that a `truth.json` lists.
@@ -101,8 +106,11 @@ pub fn of_folder(folder: &Path, prefix: &str) -> Result<Vec<Case>, String> {
     let truths: Vec<Value> = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
     let case = |truth: &Value| -> Option<Case> {
         let name = truth["name"].as_str()?;
-        let ids = |key: &str| truth[key].as_array().map_or_else(Vec::new, |all| all.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect());
-        let missing: Vec<String> = ["hidden", "second", "third"].into_iter().filter_map(|key| truth[key].as_str().map(str::to_owned)).collect();
+        let ids = |key: &str| {
+            truth[key].as_array().map_or_else(Vec::new, |all| all.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
+        };
+        let missing: Vec<String> =
+            ["hidden", "second", "third"].into_iter().filter_map(|key| truth[key].as_str().map(str::to_owned)).collect();
         let known = if missing.is_empty() {
             Truth::Nothing
         } else if missing.iter().any(|id| id.starts_with("outside_library")) {

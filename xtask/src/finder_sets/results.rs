@@ -57,15 +57,7 @@ impl Row {
 
     /// For the terminal.
     pub fn line(&self) -> String {
-        format!(
-            "{:<12} {:<34} {:<10} {:<13} {:<40} {:>6.1} s",
-            self.set,
-            self.case,
-            self.mark,
-            self.verdict,
-            self.said,
-            self.seconds
-        )
+        format!("{:<12} {:<34} {:<10} {:<13} {:<40} {:>6.1} s", self.set, self.case, self.mark, self.verdict, self.said, self.seconds)
     }
 
     fn csv(&self) -> String {
@@ -80,7 +72,8 @@ impl Row {
 
     fn parsed(line: &str) -> Option<Self> {
         let fields: Vec<&str> = line.split(',').collect();
-        let [set, case, truth, verdict, reason, said, issues, before, after, noise, ends, seconds, processor_s, mark, names] = fields[..] else {
+        let [set, case, truth, verdict, reason, said, issues, before, after, noise, ends, seconds, processor_s, mark, names] = fields[..]
+        else {
             return None;
         };
         let um = |text: &str| text.parse::<f64>().ok().map(|nm| 1e-3 * nm);

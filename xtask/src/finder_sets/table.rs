@@ -6,7 +6,10 @@ use std::fmt::Write as _;
 
 /// Prints it.
 pub fn print(all: &[Results]) {
-    println!("\n{:<13} {:<26} {:<10} {:>5}  {:<46} {:>7} {:>7} {:>9}", "set", "asked", "program", "cases", "got", "median", "most", "processor");
+    println!(
+        "\n{:<13} {:<26} {:<10} {:>5}  {:<46} {:>7} {:>7} {:>9}",
+        "set", "asked", "program", "cases", "got", "median", "most", "processor"
+    );
     for set in &SETS {
         for results in all {
             let mut rows: Vec<&Row> = results.rows.iter().filter(|r| r.set == set.name).collect();

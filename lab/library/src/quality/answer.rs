@@ -12,8 +12,8 @@ use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::identification::fit::rms;
 use crate::parallel;
-use realfft::num_complex::Complex;
 use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Numbers of segments: few show slow drives, many weak answers.

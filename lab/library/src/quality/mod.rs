@@ -72,7 +72,8 @@ pub struct End<'a> {
 /// A check of the quality.
 pub type Check = fn(&Subject) -> Vec<Issue>;
 
-/// All checks. Those that correct a data set when it is made stand in the order in which they must.
+/// All checks. Those that correct a data set when it is made stand in the order in which they must; of two that explain the same error the simpler one stands
+/// first.
 const CHECKS: [Check; 14] = [
     rest::check,
     outliers::single,
@@ -82,18 +83,25 @@ const CHECKS: [Check; 14] = [
     given_twice::check,
     as_specified::check,
     answer::check,
-    initial_state::check,
     timing::check,
     sensor_offset::check,
+    initial_state::check,
     closed_loop::check,
     remembered_history::check,
     timing::leads_the_drive,
 ];
 
-/// All issues at a moment.
+/// All issues at a moment; up to the first that asks for another search, after which all checks run again.
 #[must_use]
 pub fn issues(dataset: &Dataset, moment: Moment) -> Vec<Issue> {
-    CHECKS.iter().flat_map(|check| check(&Subject { dataset, moment })).collect()
+    let mut out: Vec<Issue> = Vec::new();
+    for check in CHECKS {
+        out.extend(check(&Subject { dataset, moment }));
+        if out.iter().any(Issue::asks_for_another_search) {
+            break;
+        }
+    }
+    out
 }
 
 /// Checks a data set that is being made: what can be corrected is, check after check.

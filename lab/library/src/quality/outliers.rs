@@ -225,10 +225,10 @@ mod tests {
             record.displacement_um[*k] += [0.7, -0.5, 1.5][i % 3];
         }
         assert_eq!(outliers(&record, &[]), Outliers { single: disturbed.to_vec(), beside_others: Vec::new() });
-        let (notes, samples) = replaced(&mut record, &[]).unwrap();
-        assert_eq!(samples, disturbed);
-        assert!(notes.contains("8 readings stand alone") && notes.contains("the first is sample 1)"), "{notes}");
+        let found = checked(single, &mut record).unwrap();
+        assert!(matches!(found, Kind::OutliersReplaced { samples: 8, first_sample: 1, .. }), "{found:?}");
         for k in disturbed {
+            assert!(!record.counts(k));
             assert!((record.displacement_um[k] - clean.displacement_um[k]).abs() < 0.03, "{k}");
         }
         assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));

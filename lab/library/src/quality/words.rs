@@ -64,10 +64,14 @@ pub(super) fn of_kind(kind: &Kind) -> String {
             };
             format!("{how}, so `hold_before_sample` is used. To override: timing = \"hold_after_sample\", --timing hold_after_sample")
         }
-        Kind::LeadsTheDrive {} => "y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant. If y was read after u was \
+        Kind::LeadsTheDrive {} => {
+            "y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant. If y was read after u was \
              written, specify timing = \"hold_before_sample\""
-            .into(),
-        Kind::DisplacementUnit { span_um } if *span_um > 1.0 => format!("the displacement spans {span_um:.0} um; is its column in another unit?"),
+                .into()
+        }
+        Kind::DisplacementUnit { span_um } if *span_um > 1.0 => {
+            format!("the displacement spans {span_um:.0} um; is its column in another unit?")
+        }
         Kind::DisplacementUnit { span_um } => format!("the displacement spans {span_um:.2e} um; is its column in another unit?"),
         Kind::TimeUnit { period_s } => format!("samples come {period_s} s apart; is the column of time in another unit?"),
         Kind::InitialState { specified_um, unknown_um } => format!(
