@@ -206,5 +206,11 @@ fn with_roles(dataset: Dataset, roles: &BTreeMap<String, Role>) -> Result<Datase
         }
     }
     let (sensor_bandwidth_hz, sensor_lsb_um) = (dataset.sensor_bandwidth_hz, dataset.sensor_lsb_um);
-    Ok(Dataset { source: dataset.source, sensor_bandwidth_hz, sensor_lsb_um, notes, ..checked })
+    let mut issues = dataset.issues;
+    for issue in &checked.issues {
+        if !issues.contains(issue) {
+            issues.push(issue.clone());
+        }
+    }
+    Ok(Dataset { source: dataset.source, sensor_bandwidth_hz, sensor_lsb_um, notes, issues, ..checked })
 }

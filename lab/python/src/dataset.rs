@@ -180,7 +180,7 @@ impl Dataset {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.0.notes.clone()
+        self.0.remarks()
     }
 
     fn record_names(&self) -> Vec<String> {

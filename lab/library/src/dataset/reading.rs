@@ -106,7 +106,6 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
     let timing = instructions.timing.or(manifest.timing);
     let shown = bring_to_one_timing(&mut records, timing);
     let timing_is_assumed = timing.is_none() && shown.is_none();
-    notes.extend(shown);
     Dataset {
         timing_is_assumed,
         name: manifest.name.clone(),
@@ -117,6 +116,7 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         sensor_lsb_um: manifest.sensor_lsb_um,
         records,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
 }
@@ -246,7 +246,6 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     }
     let shown = bring_to_one_timing(&mut records, instructions.timing);
     let timing_is_assumed = instructions.timing.is_none() && shown.is_none();
-    notes.extend(shown);
     Dataset {
         timing_is_assumed,
         source: place.to_owned(),
@@ -257,6 +256,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         records,
         name,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
 }
