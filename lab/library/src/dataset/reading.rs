@@ -4,13 +4,14 @@ use super::behaviour::rows_between_news;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
 use super::readers::{self, Hints};
-use super::recognise::{self, Wanted};
+use super::recognise::{self, ColumnRules};
 use super::table::Table;
-use super::time_axis::{Known, TimeAxis};
+use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
 use super::units::SignalUnits;
 use super::{Dataset, Periods, Record, SAMPLES_MIN};
 use crate::error::{Error, Result};
+use crate::quality::Issue;
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::AuxiliarySignal;
@@ -43,7 +44,7 @@ impl Files for BTreeMap<String, Vec<u8>> {
 #[derive(Clone, Debug, Default)]
 pub struct Instructions {
     /// Columns, units and factors.
-    pub wanted: Wanted,
+    pub wanted: ColumnRules,
     /// Sampling rate.
     pub sample_rate_hz: Option<f64>,
     /// Rows of text to leave out at the top.
@@ -57,9 +58,9 @@ pub struct Instructions {
 impl Instructions {
     /// What is said here, and where nothing is what is said there.
     #[must_use]
-    pub fn before(&self, wanted: Wanted) -> Wanted {
+    pub fn before(&self, wanted: ColumnRules) -> ColumnRules {
         let own = self.wanted.clone();
-        Wanted {
+        ColumnRules {
             columns: own.columns.or(wanted.columns),
             unit: own.unit.or(wanted.unit),
             scale: own.scale.or(wanted.scale),
@@ -125,7 +126,6 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
     let timing = instructions.timing.or(manifest.timing);
     let intersample = instructions.intersample.or(manifest.intersample.map(Into::into));
     let (shown, timing_is_assumed) = timed(&mut records, timing, intersample);
-    notes.extend(shown);
     Dataset {
         timing_is_assumed,
         units,
@@ -137,13 +137,14 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         sensor_lsb_um: manifest.sensor_lsb_um,
         records,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
 }
 
-/// Gives the records the timing and the way between samples that were specified; the note where they show a timing themselves, and whether one is assumed. A drive that runs
-/// on acts from no row to another.
-fn timed(records: &mut [Record], timing: Option<Timing>, intersample: Option<Intersample>) -> (Option<String>, bool) {
+/// Gives the records the timing and the way between samples that were specified; the issue where they show a timing themselves, and whether one is assumed. A drive that
+/// runs on acts from no row to another.
+fn timed(records: &mut [Record], timing: Option<Timing>, intersample: Option<Intersample>) -> (Option<Issue>, bool) {
     records.iter_mut().for_each(|record| record.intersample = intersample.unwrap_or_default());
     if intersample.is_some_and(|one| one != Intersample::Hold) {
         return (None, false);
@@ -176,9 +177,9 @@ pub(super) struct Even {
 }
 
 /// The signals of a table at even times.
-fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
+fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
     let mut signals = recognise::signals(table, wanted)?;
-    let known = Known { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
+    let known = StampContext { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
     let mut notes = std::mem::take(&mut signals.notes);
     if let (Some(t_s), Some(t_of_y_s)) = (&mut signals.t_s, &signals.t_of_y_s) {
         let common = interpolate_to(t_s, t_of_y_s, &mut signals.y_um, table)?;
@@ -279,7 +280,6 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         notes.push("a rest in which the reading does not move shows no noise, and is left out".into());
     }
     let (shown, timing_is_assumed) = timed(&mut records, instructions.timing, instructions.intersample);
-    notes.extend(shown);
     Dataset {
         timing_is_assumed,
         units: even.units,
@@ -291,6 +291,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         records,
         name,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
 }

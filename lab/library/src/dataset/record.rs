@@ -60,7 +60,7 @@ pub struct Record {
     /// Samples that count.
     pub window: Range<usize>,
     /// Samples among them that do not, because their readings say nothing of the displacement: the sensor's range ends there. Ascending;
-    /// a data set finds them ([`super::reading_limits`]).
+    /// a data set finds them ([`crate::quality`]).
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,
@@ -140,6 +140,13 @@ impl Record {
     pub fn counts(&self, sample: usize) -> bool {
         let before = self.left_out.partition_point(|range| range.end <= sample);
         self.left_out.get(before).is_none_or(|range| sample < range.start)
+    }
+
+    /// Leaves samples out of what counts, beside those that are left out already.
+    pub(crate) fn leave_out(&mut self, samples: &[Range<usize>]) {
+        let further = samples.iter().flat_map(|range| range.clone().filter(|k| self.counts(*k))).collect::<Vec<_>>();
+        self.left_out.extend(further.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[run.len() - 1] + 1));
+        self.left_out.sort_by_key(|range| range.start);
     }
 
     /// The samples inside the window whose readings say something of the displacement.
