@@ -248,7 +248,8 @@ fn differ(one_um: Option<f64>, other_um: Option<f64>) -> bool {
 fn floor_of(grown: &Grown, floor: &NoiseFloor, study: &Study) -> Option<NoiseFloor> {
     floor.read_back?;
     let beside = |judged: &Judged| judged.floor_beside(floor, study.policy.explained, study.dataset);
-    let leaves_nothing = |judged: &Judged| beside(judged).filter(|beside| judged.within(study.as_the_noise(), &beside.of_records_um, &study.split));
+    let leaves_nothing =
+        |judged: &Judged| beside(judged).filter(|beside| judged.within(study.as_the_noise(), &beside.of_records_um, &study.split));
     let (last, before) = grown.steps.split_last()?;
     before.iter().find_map(|step| leaves_nothing(&step.judged)).or_else(|| beside(&last.judged))
 }

@@ -2,13 +2,13 @@
 //!
 //! Measured and planted data lie beside the project and are never copied into it; without them a test says so and passes.
 
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::folder;
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::outcome::Verdict;
 use hysteron::diagnosis::words::cannot_identify;
-use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::{effects_named, own_effect};
+use hysteron::outcome::Verdict;
 use hysteron::quality::Kind;
 use hysteron::synthetic::case::Truth;
 use hysteron::watch::{Event, Unwatched, Watch};

@@ -1,7 +1,7 @@
 //! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/real_recordings.md.
 
-use hysteron::dataset::{Dataset, Role};
 use hysteron::analyse::{Options, Start, analyse};
+use hysteron::dataset::{Dataset, Role};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::{add, identify};
 use hysteron::model_file::effects_named;
