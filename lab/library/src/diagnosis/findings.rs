@@ -116,7 +116,8 @@ pub fn weigh(pool: &mut Pool, minimal: &[String]) -> Result<(Vec<Weighed>, BTree
     let cases: Vec<(usize, Slot, String)> =
         slots.into_iter().zip(without).enumerate().filter_map(|(i, (slot, key))| key.map(|key| (i, slot, key))).collect();
     let weighed = parallel::map(&cases, |(i, slot, key)| one(study, pool, best, slot, key, *i as u64));
-    let weighed: Vec<Weighed> = weighed.into_iter().collect::<Result<_>>()?;
+    let mut weighed: Vec<Weighed> = weighed.into_iter().collect::<Result<_>>()?;
+    weighed.sort_by(|a, b| study.merit(&b.without).total_cmp(&study.merit(&a.without)));
     let by_chance = |w: &&Weighed| {
         let Evidence::Models { p_value: Some(p), .. } = w.evidence else { return false };
         let at_the_noise = study.floor_um.is_none() || w.without.within(study.policy.explained, &study.floors_um, &study.split);

@@ -133,10 +133,10 @@ impl Default for Policy {
             matters_of_remainder: 1.0,
             in_contention: 0.25,
             compared_of_a_level: 5,
-            closed_around: 3,
+            closed_around: 1,
             closures_max: 6,
-            rivals: 4,
-            rival_similarity: 0.25,
+            rivals: 3,
+            rival_similarity: 0.6,
             guesses: 2,
             prior_guesses: 3,
             story_max: 3,
@@ -158,7 +158,7 @@ impl Default for Policy {
             mostly_rounding: 1.4,
             contradiction: 0.8,
             alike: 0.9,
-            rival: 0.3,
+            rival: 0.5,
         }
     }
 }

@@ -140,6 +140,17 @@ pub fn finding(of: &Finding) -> String {
     list(&all, "or")
 }
 
+/// Several findings: with semicolons where one of them is an "or".
+fn joined(names: &[String]) -> String {
+    let joint = if names.iter().any(|n| n.contains(" or ")) { "; " } else { ", " };
+    match names {
+        [head @ .., last] if !head.is_empty() => {
+            format!("{}{}and {last}", head.join(joint), if joint == "; " { "; " } else { " " })
+        }
+        _ => names.concat(),
+    }
+}
+
 /// The verdict in a sentence or a few.
 #[must_use]
 pub fn sentence(d: &Diagnosis, first: &Judged, last: &Judged, dataset: &Dataset, study: &Study) -> String {
@@ -215,7 +226,7 @@ impl<'a> Said<'a> {
                 let ambiguous = if d.verdict == Verdict::Ambiguous { " Where it says \"or\", this data cannot distinguish the two." } else { "" };
                 format!(
                     "{} {} missing: with {} the {which} falls from {before} to {after} nm; {noise}.{ambiguous}",
-                    capital(&names.join("; and ")),
+                    capital(&joined(&names)),
                     if plural { "are" } else { "is" },
                     if plural { "them" } else { "it" }
                 )
