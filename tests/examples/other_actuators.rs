@@ -4,9 +4,9 @@
 //! cargo run --release -p hysteron-tests --example other_actuators -- [SEEDS]
 //! ```
 
-use hysteron::outcome::Verdict;
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
+use hysteron::outcome::Verdict;
 use hysteron::watch::Unwatched;
 use hysteron_tests::other_actuators::{KINDS, OF_CERAMICS, imitated, recorded};
 use std::time::Instant;

@@ -1,8 +1,8 @@
 //! From a recording to a servo at work on the stage that was recorded: the way of a user, on [`IndependentStage`].
 
 use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Truth};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};

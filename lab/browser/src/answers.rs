@@ -1,13 +1,13 @@
 //! What the page is told.
 
 use crate::recording::{ColumnChoice, Recording};
+use hysteron::analyse::Outcome;
 use hysteron::diagnosis::residual_map::{drive_features, residual_by_feature};
 use hysteron::diagnosis::words;
-use hysteron::quality;
-use hysteron::analyse::Outcome;
 use hysteron::figures::FitFigures;
 use hysteron::identification::linearisation::fill_left_out;
 use hysteron::identification::noise_floor::NoiseFloor;
+use hysteron::quality;
 use hysteron::watch::Event;
 use hysteron::{Dataset, Record};
 use hysteron_report::explain_report;

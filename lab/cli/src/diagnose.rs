@@ -7,8 +7,8 @@ use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{say_candidates, say_next, say_notes, say_stopped};
 use hysteron::Result;
-use hysteron::diagnosis::words::nm;
 use hysteron::analyse::{Options, Start, analyse};
+use hysteron::diagnosis::words::nm;
 use hysteron_report::{explain_page, explain_report};
 use std::path::Path;
 

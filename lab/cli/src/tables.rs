@@ -1,9 +1,9 @@
 //! Tables on the screen.
 
 use crate::command_line::Outputs;
-use hysteron::outcome::{Diagnosis, Verdict};
 use hysteron::diagnosis::words::{nm, why};
 use hysteron::figures::{FitFigures, StepFigures};
+use hysteron::outcome::{Diagnosis, Verdict};
 use hysteron_sim::chain::Model;
 use std::path::Path;
 

@@ -248,7 +248,8 @@ fn differ(one_um: Option<f64>, other_um: Option<f64>) -> bool {
 fn floor_of(grown: &Grown, floor: &NoiseFloor, study: &Study) -> Option<NoiseFloor> {
     floor.read_back?;
     let beside = |judged: &Judged| judged.floor_beside(floor, study.policy.explained, study.dataset);
-    let leaves_nothing = |judged: &Judged| beside(judged).filter(|beside| judged.within(study.as_the_noise(), &beside.of_records_um, &study.split));
+    let leaves_nothing =
+        |judged: &Judged| beside(judged).filter(|beside| judged.within(study.as_the_noise(), &beside.of_records_um, &study.split));
     let (last, before) = grown.steps.split_last()?;
     before.iter().find_map(|step| leaves_nothing(&step.judged)).or_else(|| beside(&last.judged))
 }
@@ -359,7 +360,16 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         beside_start = Some(study.weigh(&base.model, &study.candidates_for(&base.model), study.policy.seed)?);
     }
     let loops = other_loops(&simplest, &end_judged.model, loops);
-    Ok(Grown { steps, weighed, models: simplest.iter().map(kept_model).collect(), simplest, beside_start, loops, out_of_time, ..Grown::default() })
+    Ok(Grown {
+        steps,
+        weighed,
+        models: simplest.iter().map(kept_model).collect(),
+        simplest,
+        beside_start,
+        loops,
+        out_of_time,
+        ..Grown::default()
+    })
 }
 
 /// The best model of a pool with each effect that has several initial guesses begun again beside the others.

@@ -163,4 +163,3 @@ pub fn step_figures(steps: &[Step]) -> Vec<StepFigures> {
         })
         .collect()
 }
-

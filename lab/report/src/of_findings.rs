@@ -4,19 +4,19 @@ use crate::explain_report::{
     CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
     StepReport,
 };
+use hysteron::analyse::Outcome;
 use hysteron::dataset::Dataset;
 use hysteron::dataset::reading_grid::{mean_rounding_um, rounding_noise};
 use hysteron::diagnosis::judgement::{Split, judge, noise_floor_beside};
 use hysteron::diagnosis::latent_force::latent_force_nm;
 use hysteron::diagnosis::path::Step;
-use hysteron::outcome::{CandidateFigures, Standing, Verdict};
 use hysteron::diagnosis::words::{self, nm};
-use hysteron::analyse::Outcome;
 use hysteron::figures::{FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::identification::own_part::Samples;
+use hysteron::outcome::{CandidateFigures, Standing, Verdict};
 use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Effect;
@@ -43,7 +43,6 @@ pub fn explain_report(found: &Outcome, dataset: &Dataset, command: String) -> Ex
         parameters: parameter_reports(&found.model),
         next_experiment: found.next_experiment.as_ref().map(|next| ExperimentReport {
             why: next.sentence.clone(),
-            file: None,
             t_s: (0..next.proposal.drive_v.len()).map(|k| k as f64 / next.proposal.sample_rate_hz).collect(),
             u_v: next.proposal.drive_v.clone(),
         }),
@@ -170,8 +169,6 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
                 residual_um: residuals,
                 latent_force: Vec::new(),
                 latent_unit: String::new(),
-                window_from: 0,
-                window_to: 0,
                 range_um: record.range_um(),
                 rms_um: rms(&last),
                 max_um: largest(&last),

@@ -5,8 +5,8 @@
 use crate::devtools;
 
 use devtools::{Page, browser};
-use hysteron::dataset::folder;
 use hysteron::analyse::{Options, Start, analyse};
+use hysteron::dataset::folder;
 use hysteron::servo::commands::{Work, follow};
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::reference::Reference;

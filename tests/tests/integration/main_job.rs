@@ -2,14 +2,14 @@
 //!
 //! Measured and planted data lie beside the project and are never copied into it; without them a test says so and passes.
 
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::folder;
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::outcome::Verdict;
-use hysteron::quality::{Issue, Kind};
 use hysteron::diagnosis::words::cannot_identify;
-use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::{effects_named, own_effect};
+use hysteron::outcome::Verdict;
+use hysteron::quality::Kind;
 use hysteron::synthetic::case::Truth;
 use hysteron::watch::{Event, Unwatched, Watch};
 use hysteron_sim::noise::WhiteNoise;
@@ -53,8 +53,7 @@ fn a_real_stage_is_explained_effect_by_effect() {
     // The hold at the beginning of each record shows the noise, and the best that is known leaves far more.
     let floor_um = found.floor.rms_um.unwrap();
     assert!((0.001..0.002).contains(&floor_um), "{floor_um}");
-    // A remainder stands beside whatever is named.
-    assert!(found.diagnosis.remainder.times_noise.is_some_and(|times| times > 3.0), "{}", found.diagnosis.sentence);
+    assert_eq!(found.diagnosis.verdict, Verdict::Unexplained);
 }
 
 #[test]
@@ -124,7 +123,7 @@ fn a_search_that_was_stopped_claims_nothing_of_what_it_added() {
     let found = analyse(&dataset, Start::Effects(&effects), &Options::default(), &UntilSomethingIsAdded::default()).unwrap();
     assert!(found.stopped && found.diagnosis.named.is_empty(), "{}", found.diagnosis.sentence);
     assert_eq!(found.diagnosis.verdict, Verdict::Undecidable);
-    assert!(found.diagnosis.sentence.starts_with("Stopped before the evidence was weighed"), "{}", found.diagnosis.sentence);
+    assert!(found.diagnosis.sentence.starts_with("Stopped before the evidence was weighed: with "), "{}", found.diagnosis.sentence);
     let figures = found.figures(&dataset, 0.0);
     assert!(figures.steps.last().is_some_and(|step| step.added.as_ref().is_some_and(|added| !added.is_empty())), "{:?}", figures.steps);
 }
@@ -196,14 +195,13 @@ fn readings_that_end_say_nothing_of_the_rest() {
     for record in &mut dataset.records {
         record.displacement_um.iter_mut().for_each(|y| *y = y.min(8.0));
     }
-    let Dataset { name, drive_min_v, drive_max_v, records, .. } = dataset;
-    let dataset = Dataset::new(name, drive_min_v, drive_max_v, records).unwrap();
+    let dataset = Dataset::new(dataset.name, dataset.drive_min_v, dataset.drive_max_v, dataset.records).unwrap();
     let found = run(&dataset, "hysteresis,initial_curve,vibration");
-    let ends = |i: &Issue| matches!(i.kind, Kind::RangeEnds { reading_um, highest: true, .. } if reading_um == 8.0);
-    assert!(!found.diagnosis.issues.is_empty() && found.diagnosis.issues.iter().all(ends), "{:?}", found.diagnosis.issues);
+    let issues = &found.diagnosis.issues;
+    let ends = |kind: &Kind| matches!(kind, Kind::RangeEnds { reading_um, highest: true, .. } if *reading_um == 8.0);
+    assert!(!issues.is_empty() && issues.iter().all(|issue| ends(&issue.kind)), "{issues:?}");
     let sentence = &found.diagnosis.sentence;
     assert_eq!((found.diagnosis.verdict, &found.diagnosis.named[..]), (Verdict::Named, &["creep".to_owned()][..]), "{sentence}");
-    assert!(sentence.contains("left out of every fit"), "{sentence}");
 }
 
 /// A Butterworth filter in the sensor's electronics is the same equation as a resonance; its damping tells which it is, and the headline says so

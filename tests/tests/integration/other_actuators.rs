@@ -1,8 +1,8 @@
 //! Actuators that are no piezo are not told effects of ceramics (all of them: the example of the same name).
 
-use hysteron::outcome::Verdict;
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
+use hysteron::outcome::Verdict;
 use hysteron::watch::Unwatched;
 use hysteron_tests::other_actuators::{Kind, recorded};
 

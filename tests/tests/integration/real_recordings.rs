@@ -1,11 +1,11 @@
 //! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/real_recordings.md.
 
-use hysteron::dataset::{Dataset, Role};
 use hysteron::analyse::{Options, Start, analyse};
+use hysteron::dataset::{Dataset, Role};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::{add, identify};
 use hysteron::model_file::effects_named;
-use hysteron::quality::Kind;
+use hysteron::quality::{Kind, Severity};
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::delay;
@@ -159,8 +159,8 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     let names = ["20_hz_no_lp", "40_hz_no_lp", "sine50_1", "bigsine_1", "tri50_1"];
     let clean: Vec<_> = names.iter().map(|name| record(&data, name, 0.2, Role::Identify)).collect();
     let as_it_is = stage(clean.clone());
-    assert_eq!(as_it_is.issues, []);
-    assert!(as_it_is.records.iter().all(|record| record.left_out.is_empty()));
+    assert!(as_it_is.issues.iter().all(|issue| issue.severity == Severity::Notes), "{:?}", as_it_is.issues);
+    assert!(as_it_is.records.iter().all(|record| record.left_out.is_empty()), "{:?}", as_it_is.issues);
     let places: Vec<usize> = (3000..18_000).step_by(1500).collect();
     let mut disturbed = clean;
     for record in &mut disturbed {

@@ -121,7 +121,8 @@ fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &Score) 
 /// An effect at the values of another of the same law, as lags in front of a mode and behind it are.
 fn same_law(study: &Study, entry: &Entry, id: &str, score: &Score) -> Option<Model> {
     let instance = entry.judged.model.effect(id)?;
-    let names = |effect: &dyn hysteron_sim::effect::Effect| effect.parameters(&study.overview).into_iter().map(|p| p.name).collect::<Vec<_>>();
+    let names =
+        |effect: &dyn hysteron_sim::effect::Effect| effect.parameters(&study.overview).into_iter().map(|p| p.name).collect::<Vec<_>>();
     let same = names(instance.effect.as_ref()) == names(score.effect.as_ref());
     same.then(|| study.with(&study.without(&entry.judged.model, id), &[(score.effect.clone(), instance.values())]))
 }

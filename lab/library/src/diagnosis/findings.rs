@@ -134,7 +134,10 @@ fn best_without(pool: &Pool, slot: &Slot) -> Option<String> {
 
 fn one(study: &Study, pool: &Pool, best: &Entry, slot: &Slot, key: &str, seed: u64) -> Result<Weighed> {
     let without = &pool.entries[key];
-    let losses = without.losses.as_ref().zip(best.losses.as_ref().or_else(|| pool.entries.get(&super::pool::key(&best.moves, &best.judged.model))?.losses.as_ref()));
+    let losses = without
+        .losses
+        .as_ref()
+        .zip(best.losses.as_ref().or_else(|| pool.entries.get(&super::pool::key(&best.moves, &best.judged.model))?.losses.as_ref()));
     let fate = losses.map_or(Fate::Kept, |(without, with)| confidence_set(study, &[without, with])[0]);
     let standard_errors = if let Fate::Rejected(by) = fate { by } else { 0.0 };
     let (mut screening, mut p_value) = (None, None);
@@ -147,11 +150,7 @@ fn one(study: &Study, pool: &Pool, best: &Entry, slot: &Slot, key: &str, seed: u
         p_value = evidence.map(|e| e.p_adjusted).filter(|_| !is_main);
         screening = Some(weighed);
     }
-    let evidence = Evidence::Models {
-        without: Residuals::of(&without.judged),
-        with: Residuals::of(&best.judged),
-        standard_errors,
-        p_value,
-    };
+    let evidence =
+        Evidence::Models { without: Residuals::of(&without.judged), with: Residuals::of(&best.judged), standard_errors, p_value };
     Ok(Weighed { slot: slot.clone(), without: without.judged.clone(), screening, evidence, without_key: key.to_owned() })
 }

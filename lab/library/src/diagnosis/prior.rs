@@ -59,8 +59,7 @@ fn tell(pool: &mut Pool, prior: &Model) -> Result<()> {
     for moves in 0..pool.study.policy.story_max {
         let of_level = |(_, e): &(&String, &Entry)| e.held && !e.extended && e.moves.len() == moves;
         let ranked = pool.ranked();
-        let parents: Vec<String> =
-            ranked.into_iter().filter(of_level).take(pool.study.policy.width).map(|(k, _)| k.clone()).collect();
+        let parents: Vec<String> = ranked.into_iter().filter(of_level).take(pool.study.policy.width).map(|(k, _)| k.clone()).collect();
         extend(pool, &parents, prior)?;
         let selected = select(pool, &BTreeSet::new());
         let level = selected.minimal.first().map_or(usize::MAX, |k| pool.entries[k].moves.len());
@@ -141,7 +140,10 @@ pub fn changes(study: &Study, id: &str, before: &Model, after: &Model) -> Vec<Ch
     if main_effect(before).is_some_and(|main| main.id == id) {
         let differs = a.parameters.iter().zip(&b.parameters).filter(|(x, y)| x.value != y.value);
         let largest = differs.max_by(|(x, _), (y, _)| x.value.abs().total_cmp(&y.value.abs()));
-        return largest.map(|(x, y)| ChangedValue { effect: id.into(), parameter: "scale".into(), from: 1.0, to: y.value / x.value }).into_iter().collect();
+        return largest
+            .map(|(x, y)| ChangedValue { effect: id.into(), parameter: "scale".into(), from: 1.0, to: y.value / x.value })
+            .into_iter()
+            .collect();
     }
     let differs = |x: f64, y: f64| (x - y).abs() > study.policy.same_value * x.abs().max(y.abs());
     let pairs = a.parameters.iter().zip(&b.parameters).filter(|(x, y)| !x.parameter.fixed && differs(x.value, y.value));

@@ -76,7 +76,12 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         .or_else(|| (found.out_of_time && !within(policy.explained)).then_some(Reason::OutOfTime))
         .or_else(|| (floor.rms_um.is_none() && !at_the_bound).then_some(Reason::NoiseUnknown));
     let or = |f: &Finding| f.effects.len() + f.or_other_values_of.len() > 1;
-    let excluded = found.last.model.effects.iter().any(|e| found.first.model.effect(&e.id).is_none() && found.last.model.ruled_out_because(&e.id).is_some());
+    let excluded = found
+        .last
+        .model
+        .effects
+        .iter()
+        .any(|e| found.first.model.effect(&e.id).is_none() && found.last.model.ruled_out_because(&e.id).is_some());
     let verdict = match (findings.is_empty(), reason) {
         (false, _) if findings.iter().any(or) => Verdict::Ambiguous,
         (false, _) => Verdict::Named,

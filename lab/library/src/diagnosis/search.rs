@@ -244,7 +244,9 @@ impl<'s, 'a> Search<'s, 'a> {
         }
         let new = scores.iter().map(|s| Move::Added(s.id.clone()));
         let mut moves: Vec<Move> = entry.moves.iter().cloned().chain(new).collect();
-        moves.retain(|m| matches!(m, Move::Freed(_)) || (!self.start.iter().any(|id| id == m.effect()) && begin.effect(m.effect()).is_some()));
+        moves.retain(|m| {
+            matches!(m, Move::Freed(_)) || (!self.start.iter().any(|id| id == m.effect()) && begin.effect(m.effect()).is_some())
+        });
         moves.sort();
         moves.dedup();
         let key = key(&moves, &begin);

@@ -42,7 +42,8 @@ impl Losses {
             let left = &judged.residuals[*i];
             // What so many free values take out of the noise of the records that they were fitted to, given back twice.
             let noise_um2 = study.floors_um[*i].map_or_else(|| dot(left, left) / left.len().max(1) as f64, |um| um * um);
-            let taken_um2 = if study.split.identify.contains(i) { 2.0 * noise_um2 * values as f64 / fitted_samples.max(1) as f64 } else { 0.0 };
+            let taken_um2 =
+                if study.split.identify.contains(i) { 2.0 * noise_um2 * values as f64 / fitted_samples.max(1) as f64 } else { 0.0 };
             blocks(left.len()).into_iter().map(|b| dot(&left[b.clone()], &left[b.clone()]) / b.len().max(1) as f64 + taken_um2).collect()
         };
         Self(both.iter().map(of_record).collect())

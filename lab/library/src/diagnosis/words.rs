@@ -213,7 +213,9 @@ impl<'a> Said<'a> {
     fn headline(&self) -> String {
         let (d, which, before, after, noise) = (self.diagnosis, self.which, nm(self.before_um), nm(self.after_um), self.noise());
         match d.verdict {
-            Verdict::AtFloor if !d.changed.is_empty() => format!("Nothing is missing that this data could show: the {which} falls from {before} to {after} nm with other values; {noise}."),
+            Verdict::AtFloor if !d.changed.is_empty() => format!(
+                "Nothing is missing that this data could show: the {which} falls from {before} to {after} nm with other values; {noise}."
+            ),
             Verdict::AtFloor if self.fell() => format!(
                 "Nothing is missing that this data could show, but the values are others: fitted again to it, the same effects bring the \
                  {which} from {before} to {after} nm; {noise}."
@@ -223,7 +225,8 @@ impl<'a> Said<'a> {
             Verdict::Named | Verdict::Ambiguous => {
                 let plural = d.findings.len() > 1;
                 let names: Vec<String> = d.findings.iter().map(finding).collect();
-                let ambiguous = if d.verdict == Verdict::Ambiguous { " Where it says \"or\", this data cannot distinguish the two." } else { "" };
+                let ambiguous =
+                    if d.verdict == Verdict::Ambiguous { " Where it says \"or\", this data cannot distinguish the two." } else { "" };
                 format!(
                     "{} {} missing: with {} the {which} falls from {before} to {after} nm; {noise}.{ambiguous}",
                     capital(&joined(&names)),
@@ -232,7 +235,11 @@ impl<'a> Said<'a> {
                 )
             }
             Verdict::Unexplained => {
-                let best = if self.fell() { format!("the best model found leaves {after} nm, but the simplest that the data cannot reject share no effect") } else { "no known effect lowers it beyond chance".into() };
+                let best = if self.fell() {
+                    format!("the best model found leaves {after} nm, but the simplest that the data cannot reject share no effect")
+                } else {
+                    "no known effect lowers it beyond chance".into()
+                };
                 format!("Something is missing that the library does not have: the {which} is {before} nm, {noise}, and {best}.")
             }
             Verdict::Undecidable => self.undecidable(),
@@ -242,9 +249,13 @@ impl<'a> Said<'a> {
     fn undecidable(&self) -> String {
         let (d, which, before, after, noise) = (self.diagnosis, self.which, nm(self.before_um), nm(self.after_um), self.noise());
         match d.reason {
-            Some(Reason::Stopped) => format!("Stopped before the evidence was weighed: the {which} is {after} nm, at the start {before}; {noise}."),
+            Some(Reason::Stopped) => {
+                format!("Stopped before the evidence was weighed: the {which} is {after} nm, at the start {before}; {noise}.")
+            }
             Some(Reason::OutOfTime) => {
-                format!("Not decided in the time there was: the {which} is {after} nm, at the start {before}; {noise}. More time may find more.")
+                format!(
+                    "Not decided in the time there was: the {which} is {after} nm, at the start {before}; {noise}. More time may find more."
+                )
             }
             Some(Reason::BelowTheNoise) => format!(
                 "The {which} is {after} nm, below the {} nm of noise that the {} shows: one of them is wrong, and nothing can be decided until it is \
@@ -252,7 +263,11 @@ impl<'a> Said<'a> {
                 self.noise_nm, d.floor_basis
             ),
             Some(Reason::NoiseUnknown) | None => {
-                let so_far = if self.fell() { format!("a new fit brings the {which} from {before} to {after} nm") } else { format!("no effect lowers the {which} by more than chance") };
+                let so_far = if self.fell() {
+                    format!("a new fit brings the {which} from {before} to {after} nm")
+                } else {
+                    format!("no effect lowers the {which} by more than chance")
+                };
                 format!("Nothing in this data shows the noise, so nobody can say whether more is missing; {so_far}.")
             }
             Some(_) => "Nothing can be decided.".into(),
@@ -284,7 +299,9 @@ impl<'a> Said<'a> {
             return String::new();
         }
         match (d.remainder.times_noise, d.reason) {
-            (_, Some(Reason::BelowTheNoise)) => format!(" That is below the noise of {} nm that the {} shows: one of them is wrong.", self.noise_nm, d.floor_basis),
+            (_, Some(Reason::BelowTheNoise)) => {
+                format!(" That is below the noise of {} nm that the {} shows: one of them is wrong.", self.noise_nm, d.floor_basis)
+            }
             (_, Some(Reason::OutOfTime)) => " The time was over before the search was: more may be missing.".into(),
             (None, Some(Reason::NoiseUnknown)) => " The noise is unknown, so nobody can say whether more is missing.".into(),
             (Some(times), _) if times > self.explained => {

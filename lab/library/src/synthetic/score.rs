@@ -1,11 +1,11 @@
 //! Diagnoses planted cases and compares with their truth (`hysteron.score/1`).
 
+use crate::analyse::{Options, Start, analyse};
 use crate::dataset::Dataset;
 use crate::diagnosis::judgement::Judged;
 use crate::error::Result;
-use crate::outcome::Verdict;
-use crate::analyse::{Options, Start, analyse};
 use crate::model_file::effects_named;
+use crate::outcome::Verdict;
 use crate::synthetic::case::Truth;
 use crate::watch::Unwatched;
 use hysteron_sim::effect::{by_id, hysteresis};

@@ -1,9 +1,9 @@
 //! A sensor whose noise is the stronger the slower it is (1/f): nothing is missing where nothing is, and what is missing is found.
 
-use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::outcome::Verdict;
 use hysteron::analyse::{Options, Start, analyse};
+use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::model_file::effects_named;
+use hysteron::outcome::Verdict;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};

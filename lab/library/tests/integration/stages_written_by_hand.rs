@@ -1,9 +1,9 @@
 //! Stages whose equations stand here, sample by sample, and not in the simulation: what is missing beside a bare gain.
 
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role, folder};
-use hysteron::outcome::{Finding, Standing, Verdict};
-use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::model_file::effects_named;
+use hysteron::outcome::{Finding, Standing, Verdict};
 use hysteron::synthetic::case::{Order, simulate_case};
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;

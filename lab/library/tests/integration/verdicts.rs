@@ -1,16 +1,16 @@
 //! Invariant 5 of ARCHITECTURE.md: an effect is named only with evidence. The comparison of models on residuals made for it, and the evidence beside
 //! every name on data that end in each kind of verdict.
 
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::diagnosis::judgement::Judged;
 use hysteron::diagnosis::policy::Policy;
 use hysteron::diagnosis::selection::{Fate, Losses, confidence_set};
 use hysteron::diagnosis::study::Study;
-use hysteron::quality::Reason;
-use hysteron::outcome::{Evidence, Standing, Verdict};
-use hysteron::analyse::{Outcome, Options, Start, analyse};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
+use hysteron::outcome::{Evidence, Standing, Verdict};
+use hysteron::quality::Reason;
 use hysteron::watch::{Event, Unwatched, Watch};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
