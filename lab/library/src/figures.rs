@@ -1,6 +1,7 @@
 //! Figures of models and fits for files (`hysteron.fit/1`).
 
 use crate::dataset::Dataset;
+use crate::dataset::units::SignalUnits;
 use crate::diagnosis::path::Step;
 use crate::diagnosis::words;
 use crate::identification::fit::{counted_residual, rms};
@@ -63,6 +64,8 @@ pub struct FitFigures {
     pub schema: &'static str,
     /// Effects in the order of the chain.
     pub effects: Vec<String>,
+    /// What V and um stand for in the names of the fields.
+    pub units: SignalUnits,
     /// Every record.
     pub records: Vec<RecordFigures>,
     /// Floor.
@@ -134,6 +137,7 @@ pub fn fit_figures(
     FitFigures {
         schema: "hysteron.fit/1",
         effects: model.effect_ids(),
+        units: dataset.units.clone(),
         records: record_figures(model, dataset),
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),

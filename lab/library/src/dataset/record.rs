@@ -3,6 +3,7 @@
 use crate::statistics::peak_to_peak;
 use hysteron_sim::chain::{Drive, InitialState};
 use hysteron_sim::effect::AuxiliarySignal;
+use hysteron_sim::intersample::Intersample;
 use std::ops::Range;
 
 /// What a record is for.
@@ -67,7 +68,9 @@ pub struct Record {
     pub repeat_of: Option<String>,
     /// A constant is estimated for this record.
     pub offset_is_fitted: bool,
-    /// Drive, V, held from each sample to the next.
+    /// What the drive does between samples.
+    pub intersample: Intersample,
+    /// Drive at every sample.
     pub drive_v: Vec<f64>,
     /// Measured displacement, um.
     pub displacement_um: Vec<f64>,
@@ -93,6 +96,7 @@ impl Record {
             periods: None,
             repeat_of: None,
             offset_is_fitted: true,
+            intersample: Intersample::Hold,
             drive_v,
             displacement_um,
             force_n: None,
@@ -127,6 +131,7 @@ impl Record {
             auxiliary: &self.auxiliary,
             dt_s: self.dt_s(),
             initial_state: self.initial_state,
+            intersample: self.intersample,
         }
     }
 

@@ -8,6 +8,7 @@
 
 mod answer;
 mod as_specified;
+mod between_samples;
 mod closed_loop;
 mod given_twice;
 mod initial_state;
@@ -74,7 +75,7 @@ pub type Check = fn(&Subject) -> Vec<Issue>;
 
 /// All checks. Those that correct a data set when it is made stand in the order in which they must; of two that explain the same error the simpler one stands
 /// first.
-const CHECKS: [Check; 14] = [
+const CHECKS: [Check; 15] = [
     rest::check,
     outliers::single,
     range::check,
@@ -83,6 +84,7 @@ const CHECKS: [Check; 14] = [
     given_twice::check,
     as_specified::check,
     answer::check,
+    between_samples::check,
     timing::check,
     sensor_offset::check,
     initial_state::check,
@@ -147,6 +149,7 @@ fn apply(dataset: &mut Dataset, issue: &Issue) {
         (Kind::RangeEnds { .. } | Kind::OutliersLeftOut { .. }, Some(record)) => record.leave_out(&issue.samples),
         (Kind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
         (Kind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
+        (Kind::RunsOnBetweenSamples { intersample, .. }, _) => *dataset = dataset.running_on(between_samples::named(intersample)),
         _ => {}
     }
 }
@@ -239,6 +242,15 @@ pub enum Kind {
         assumed_um: f64,
         /// Error with the drive of the same row, um.
         same_sample_um: f64,
+    },
+    /// The drive is not held between its samples.
+    RunsOnBetweenSamples {
+        /// What it does there.
+        intersample: String,
+        /// Error with a held drive, um.
+        held_um: f64,
+        /// Error of the same effects with this one, um.
+        runs_on_um: f64,
     },
     /// The readings themselves show that they respond to the drive of the same row.
     TimingInReadings {
@@ -336,6 +348,8 @@ pub enum Reason {
     InitialState,
     /// The readings respond to the drive of the same row, and the search was not repeated with this timing.
     SameSampleTiming,
+    /// The drive is not held between its samples.
+    RunsOnBetweenSamples,
     /// Somebody stopped the search.
     Stopped,
     /// The time was over before the search was.
@@ -363,7 +377,8 @@ impl Issue {
     /// A search on corrected data may answer otherwise.
     #[must_use]
     pub fn asks_for_another_search(&self) -> bool {
-        matches!(self.kind, Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. }) && self.severity != Severity::Corrects
+        matches!(self.kind, Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. } | Kind::RunsOnBetweenSamples { .. })
+            && self.severity != Severity::Corrects
     }
 
     /// The reason for which nothing can be decided beside this issue.
@@ -373,6 +388,7 @@ impl Issue {
             Kind::NotAnswered { .. } => Reason::NotAnswered,
             Kind::InitialState { .. } => Reason::InitialState,
             Kind::SameSampleTiming { .. } => Reason::SameSampleTiming,
+            Kind::RunsOnBetweenSamples { .. } => Reason::RunsOnBetweenSamples,
             _ => return None,
         };
         (self.severity == Severity::Blocks).then_some(reason)
@@ -387,6 +403,7 @@ impl Issue {
             Kind::SensorOffset { specified_um, fitted_um } => Some(fall(specified_um, fitted_um)),
             Kind::InitialState { specified_um, unknown_um } => Some(fall(specified_um, unknown_um)),
             Kind::SameSampleTiming { assumed_um, same_sample_um, .. } => Some(fall(assumed_um, same_sample_um)),
+            Kind::RunsOnBetweenSamples { held_um, runs_on_um, .. } => Some(fall(held_um, runs_on_um)),
             _ => None,
         }
     }
