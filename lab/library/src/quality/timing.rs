@@ -134,7 +134,7 @@ fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Iss
         return Ok(None);
     }
     study.watch.event(&Event::Doing("trying the timing of the same row"));
-    let shifted = study.dataset.in_same_rows();
+    let shifted = study.dataset.in_own_rows();
     let other = study.of(&shifted);
     let fitted = parallel::map(&asked, |modes| {
         let begin = modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id));
@@ -157,7 +157,7 @@ fn of_a_prior_model(study: &Study, assumed: &Judged) -> Option<Issue> {
     if study.watch.stopped() {
         return None;
     }
-    let timed = study.dataset.in_same_rows();
+    let timed = study.dataset.in_own_rows();
     let other = study.of(&timed);
     let same_row = other.judged(assumed.model.clone());
     let less = study.merit(assumed) - other.merit(&same_row);
