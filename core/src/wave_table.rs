@@ -190,6 +190,17 @@ mod tests {
     }
 
     #[test]
+    fn a_finished_table_is_not_read_again() {
+        for joined in [false, true] {
+            let points = memory(&[5, 6, 7]);
+            let (table, mut player) = (WaveTable::new(points, POINT_FRACTION_BITS, 2, joined, 2), TablePlayer::default());
+            let last = (0..20).map(|_| player.next_point(&table)).last();
+            points.iter().for_each(|point| point.store(60 << POINT_FRACTION_BITS, Ordering::Relaxed));
+            assert_eq!((last, player.next_point(&table)), (Some(7), 7), "joined: {joined}");
+        }
+    }
+
+    #[test]
     fn a_table_without_points_is_zero() {
         assert_eq!(play(WaveTable::new(&[], POINT_FRACTION_BITS, 3, true, 0), 5), [0; 5]);
     }

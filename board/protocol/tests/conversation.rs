@@ -766,3 +766,33 @@ proptest! {
         prop_assert_eq!(table.ask("ERR?"), "0\n");
     }
 }
+
+#[test]
+fn a_finished_wave_is_not_read_again() {
+    let mut table = Table::ready();
+    table.tell("WAV 1 X LIN 100 2 3 100 0 0", 0);
+    table.tell("WSL 1 1", 0);
+    table.tell("WGC 1 1", 0);
+    table.tell("WGO 1 1", 0);
+    table.run(3000);
+    assert_eq!(table.send(b"\x09"), b"0\n", "the wave has ended");
+    let before = table.rig.0.borrow().latest.reference;
+    // Positions of another place, for the next start: the stage stays where it is.
+    table.tell("WAV 1 X LIN 100 0 9 100 0 0", 0);
+    table.run(100);
+    let (reference, mode) = (table.rig.0.borrow().latest.reference, table.rig.0.borrow().amplifier.mode());
+    assert_eq!((reference, mode), (before, Mode::Closed));
+}
+
+#[test]
+fn a_wave_of_drives_is_no_wave_of_positions() {
+    let mut table = Table::ready();
+    // 60 V are a drive, and no position of a sensor of 15 um.
+    table.tell("WAV 1 X LIN 100 0 60 100 0 0", 405);
+    table.tell("WAV 1 X LIN 100 0 5 100 0 0", 0);
+    table.tell("WSL 1 1", 0);
+    table.tell("SVO 1 0", 0);
+    table.tell("STP", 10);
+    table.run(3000);
+    table.tell("WGO 1 1", 405);
+}
