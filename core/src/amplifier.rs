@@ -668,6 +668,73 @@ mod tests {
     }
 
     #[test]
+    fn a_reference_from_before_a_stop_is_not_played_again() {
+        let mut amplifier = Amplifier::new(example());
+        let mut code = amplifier.parameters().guard.rest_code;
+        let mut run = |amplifier: &mut Amplifier, ticks: u32| {
+            (0..ticks).map(|k| {
+                let sample = amplifier.tick(Some(reading(code, k)), false);
+                code = sample.dac_code;
+                sample.reference
+            }).last()
+        };
+        run(&mut amplifier, 10);
+        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        let far = Command::Reference { waveform: Waveform::Constant, offset: 8 << 24 };
+        assert_eq!((amplifier.command(far), amplifier.command(Command::Enable)), (Ok(()), Ok(())));
+        run(&mut amplifier, 4000);
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        run(&mut amplifier, 4000);
+        // Rest is near 0 um; nobody has asked for 8 um since.
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        assert!(run(&mut amplifier, 4000).is_some_and(|reference| reference < 1 << 24));
+        // Nor does a reference act that the sensor cannot show.
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        run(&mut amplifier, 4000);
+        let beyond = Command::Reference { waveform: Waveform::Constant, offset: 100 << 24 };
+        let refused = amplifier.command(beyond).and_then(|()| amplifier.command(Command::Enable));
+        assert_eq!(refused, Err(Refusal::BeyondLimits));
+    }
+
+    /// Conditions an actuator that is read through `sensor`; the conditioned state and the mode behind it.
+    fn condition(parameters: AmplifierParameters, sensor: impl Fn(DriveCode, u32) -> SensorCode) -> (bool, Mode, DriveCode) {
+        let mut amplifier = Amplifier::new(parameters);
+        let (mut code, mut highest) = (parameters.guard.rest_code, DriveCode::new(0));
+        assert_eq!(amplifier.command(Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 }), Ok(()));
+        for k in 0..200_000 {
+            code = amplifier.tick(Some(sensor(code, k)), false).dac_code;
+            highest = highest.max(code);
+        }
+        (amplifier.conditioned(), amplifier.mode(), highest)
+    }
+
+    #[test]
+    fn a_conditioning_reaches_the_whole_range_however_slow_the_amplifier_is() {
+        for slew_codes in [1, 20, 468, 2340] {
+            let mut parameters = example();
+            parameters.servo.converters.slew_codes = slew_codes;
+            parameters.guard.ramp_codes = slew_codes.min(40);
+            let (conditioned, _, highest) = condition(parameters, reading);
+            let short = parameters.servo.converters.dac_code_max.abs_diff(highest);
+            std::println!("slew {slew_codes} codes a tick: the cycle ends {short} codes below the highest drive");
+            assert!(conditioned && short < 40, "{slew_codes}: {short}");
+        }
+    }
+
+    #[test]
+    fn a_dead_amplifier_and_a_reversed_sensor_are_not_conditioned() {
+        let rest = example().guard.rest_code;
+        let dead = |_, tick| reading(rest, tick);
+        let reversed = |code, tick| SensorCode::new(65_536 - reading(code, tick).steps());
+        let tenth = |code: DriveCode, tick| reading(rest + (code.abs_diff(rest) / 10), tick);
+        for (nth, (conditioned, mode, _)) in
+            [condition(example(), dead), condition(example(), reversed), condition(example(), tenth)].into_iter().enumerate()
+        {
+            assert_eq!((conditioned, mode), (false, Mode::Fault), "{nth}");
+        }
+    }
+
+    #[test]
     fn an_operator_who_knows_the_stage_closes_the_loop_without_a_conditioning() {
         let mut amplifier = Amplifier::new(example());
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));

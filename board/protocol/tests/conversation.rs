@@ -36,6 +36,8 @@ struct Rig {
     baud: u32,
     host_timeout: u32,
     telemetry: LoopTelemetry,
+    /// Ticks that have gone by without being simulated.
+    skipped: u32,
 }
 
 const ROOM: u32 = 3000;
@@ -73,7 +75,7 @@ impl Device for Shared {
     fn view(&self) -> View {
         let rig = self.0.borrow();
         View {
-            tick: rig.latest.tick + 1,
+            tick: (rig.latest.tick + 1).wrapping_add(rig.skipped),
             mode: rig.amplifier.mode(),
             fault: rig.amplifier.fault(),
             adc_code: rig.latest.adc_code,
@@ -203,6 +205,7 @@ impl Table {
             baud: 115_200,
             host_timeout: 0,
             telemetry: LoopTelemetry::new(20_000),
+            skipped: 0,
         })));
         rig.0.borrow_mut().run(100);
         let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(i32::MIN)).collect();
@@ -230,7 +233,7 @@ impl Table {
                     Step::Command(command) => {
                         let outcome = {
                             let mut rig = self.rig.0.borrow_mut();
-                            let tick = rig.latest.tick + 1;
+                            let tick = (rig.latest.tick + 1).wrapping_add(rig.skipped);
                             rig.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done(tick))
                         };
                         self.session.outcome(outcome);
@@ -795,4 +798,22 @@ fn a_wave_of_drives_is_no_wave_of_positions() {
     table.tell("STP", 10);
     table.run(3000);
     table.tell("WGO 1 1", 405);
+}
+
+#[test]
+fn a_held_axis_does_not_begin_to_move_after_a_day() {
+    let mut table = Table::ready();
+    table.tell("MOV 1 5", 0);
+    table.run(3000);
+    assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()));
+    // 29.8 h, 44.7 h and 59.7 h at 20 kHz.
+    for skipped in [1u32 << 31, 3 << 30, u32::MAX] {
+        table.rig.0.borrow_mut().skipped = skipped;
+        assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()), "{skipped} ticks");
+        table.tell("MOV 1 5.5", 0);
+        table.run(3000);
+        assert_eq!(table.ask("ONT?"), "1=1\n", "{skipped} ticks");
+        table.tell("MOV 1 5", 0);
+        table.run(3000);
+    }
 }
