@@ -21,8 +21,8 @@ use crate::serial_line::SharedLine;
 /// Nanoseconds in a millisecond.
 pub const MILLISECOND: u64 = 1_000_000;
 
-/// Where the first parameter block stands (`memory.x`, SETTINGS).
-const SETTINGS: u64 = 0x081C_0000;
+/// Where the parameter blocks stand (`memory.x`, SETTINGS).
+const SETTINGS: [u64; 2] = [0x081C_0000, 0x081E_0000];
 
 /// The first address behind the flash: what reads a word there has a bus error, as at a word that is damaged, and is meant to survive it.
 const BEYOND_FLASH: u64 = 0x0820_0000;
@@ -34,8 +34,12 @@ pub struct Script {
     pub until_ns: u64,
     /// How often the probe reads RTT, ns; `None`: a probe that is not there.
     pub read_every_ns: Option<u64>,
-    /// A parameter block that is in the flash at the start.
+    /// A parameter block that is in the flash at the start, in the first place.
     pub block: Option<Vec<u8>>,
+    /// Another one, in the second place.
+    pub second_block: Option<Vec<u8>>,
+    /// The option bytes let the watchdog start with the supply.
+    pub hardware_watchdog: bool,
     /// Bytes for the command channel, each with the instant from which it is sent, ns; in order.
     pub commands: Vec<(u64, Vec<u8>)>,
     /// Bytes for the serial port, each with the instant from which they are sent, ns; in order.
@@ -53,6 +57,13 @@ pub enum Injection {
         address: u64,
         /// New value.
         value: u16,
+    },
+    /// A word of the target's memory or of a register changes.
+    Word {
+        /// Address.
+        address: u64,
+        /// New value.
+        value: u32,
     },
     /// A line of the board is opened, or closed to ground.
     Line {
@@ -82,7 +93,16 @@ impl Script {
     /// Runs for so long with a probe that reads every millisecond and sends nothing.
     #[must_use]
     pub fn listening(until_ns: u64) -> Self {
-        Self { until_ns, read_every_ns: Some(MILLISECOND), block: None, commands: Vec::new(), serial: Vec::new(), injections: Vec::new() }
+        Self {
+            until_ns,
+            read_every_ns: Some(MILLISECOND),
+            block: None,
+            second_block: None,
+            hardware_watchdog: false,
+            commands: Vec::new(),
+            serial: Vec::new(),
+            injections: Vec::new(),
+        }
     }
 }
 
@@ -247,6 +267,9 @@ impl Driver<NucleoBoard> for Probe {
                 Injection::Halfword { address, value } => {
                     let _ = host.write(address, Width::W16, u64::from(value));
                 }
+                Injection::Word { address, value } => {
+                    let _ = host.write(address, Width::W32, u64::from(value));
+                }
                 Injection::Line { line, closed } => session.board_mut().set_line(line, closed, stop.at),
                 Injection::Supply { millivolts } => {
                     if session.board_mut().set_supply(millivolts)
@@ -323,12 +346,14 @@ pub(crate) struct Prepared {
 }
 
 /// Puts image, parameter block and serial line on a board; the run first stops at `first_stop_ns`.
-pub(crate) fn prepare(elf: &Path, mut board: NucleoBoard, block: Option<&[u8]>, line: &SharedLine, first_stop_ns: u64) -> Result<Prepared> {
+pub(crate) fn prepare(elf: &Path, mut board: NucleoBoard, blocks: [Option<&[u8]>; 2], line: &SharedLine, first_stop_ns: u64) -> Result<Prepared> {
     let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
     board.attach_serial(line);
     let mut images = vec![Image::read(elf, None)?];
-    if let Some(block) = block {
-        images.push(Image::new(Path::new("parameter block"), block.to_vec(), Some(SETTINGS))?);
+    for (block, place) in blocks.iter().zip(SETTINGS) {
+        if let Some(block) = block {
+            images.push(Image::new(Path::new("parameter block"), block.to_vec(), Some(place))?);
+        }
     }
     let mut session = Session::new(Box::new(board), 0, VirtualNanos(first_stop_ns))?;
     session.fail_next(BEYOND_FLASH, BEYOND_FLASH + 32);
@@ -345,8 +370,9 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
 
     let line = SharedLine::default();
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
-    let Prepared { session, images, control_block } = prepare(elf, board, script.block.as_deref(), &line, first)?;
+    let Prepared { session, images, control_block } = prepare(elf, board, [script.block.as_deref(), script.second_block.as_deref()], &line, first)?;
     let taken = Arc::new(Mutex::new(Taken::default()));
+    let watchdog = Watchdog { running: script.hardware_watchdog, ..Watchdog::default() };
     let probe = Probe {
         script,
         control_block,
@@ -354,7 +380,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         next_injection: 0,
         next_serial: 0,
         line: Arc::clone(&line),
-        watchdog: Watchdog::default(),
+        watchdog,
         detector_until_ns: None,
         next_read_ns: first,
         sent_of_command: 0,
