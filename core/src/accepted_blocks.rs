@@ -22,6 +22,7 @@ use crate::reference_generator::Waveform;
 use crate::sensor_lag::SensorLag;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters};
 use crate::servo_tick::ServoTick;
+use crate::signal::{Micrometres, Quantity, Volts};
 use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
 
@@ -209,27 +210,29 @@ fn position(c: ConverterParameters, code: SensorCode) -> i64 {
 fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseError> {
     let c = parameters.servo.converters;
     let mut amplifier = Amplifier::new(*parameters);
-    let sine = |amplitude: i32| Waveform::Multisine { tones: [(asked.increment, amplitude, 0); 4] };
+    fn sine<Q: Quantity>(increment: u32, amplitude: i32) -> Waveform<Q> {
+        Waveform::Multisine { tones: [(increment, Q::of_bits(amplitude), 0); 4] }
+    }
     let phases = [
         (10, Some(Command::RequireConditioning(false))),
         (1200, Some(Command::Condition { cycle_ticks: 60, rest_ticks: 1 })),
-        (60, Some(Command::Play { waveform: sine(asked.play.0), offset: asked.play.1, ticks: 60 })),
+        (60, Some(Command::Play { waveform: sine(asked.increment, asked.play.0), offset: Volts::from_bits(asked.play.1), ticks: 60 })),
         (1, Some(Command::Disable)),
-        (1, Some(Command::Reference { waveform: sine(asked.reference.0), offset: asked.reference.1 })),
+        (1, Some(Command::Reference { waveform: sine(asked.increment, asked.reference.0), offset: Micrometres::from_bits(asked.reference.1) })),
         (250, Some(Command::Enable)),
-        (1, Some(Command::Reference { waveform: Waveform::Constant, offset: i32::MIN })),
+        (1, Some(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::MIN })),
         (80, None),
         (
             1,
-            Some(Command::Reference { waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: i32::MIN }, offset: 0 }),
+            Some(Command::Reference { waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: Micrometres::MIN }, offset: Micrometres::from_bits(0) }),
         ),
         (80, None),
         // A period that is learned, until points are written and played.
         (
             4 * LEAST_PERIOD_TICKS + SETTLING_TICKS,
             Some(Command::Reference {
-                waveform: Waveform::RoundedTriangle { increment: u32::MAX / LEAST_PERIOD_TICKS + 1, amplitude: asked.reference.0 },
-                offset: asked.reference.1,
+                waveform: Waveform::RoundedTriangle { increment: u32::MAX / LEAST_PERIOD_TICKS + 1, amplitude: Micrometres::from_bits(asked.reference.0) },
+                offset: Micrometres::from_bits(asked.reference.1),
             }),
         ),
         (100, Some(Command::Disable)),

@@ -31,7 +31,7 @@ use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use crate::reference_window::PREVIEW_TICKS;
 use crate::servo_tick::ServoTick;
-use crate::signal::{Micrometres, narrow, volts};
+use crate::signal::{Micrometres, Volts, narrow, volts};
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
@@ -68,17 +68,17 @@ pub enum Command {
     Disable,
     /// Follows another reference.
     Reference {
-        /// Its form, amplitudes in um with 24 fraction bits.
-        waveform: Waveform,
-        /// Its offset, um with 24 fraction bits.
-        offset: i32,
+        /// Its form.
+        waveform: Waveform<Micrometres>,
+        /// Its offset.
+        offset: Micrometres,
     },
     /// Plays an open-loop drive, then goes to rest.
     Play {
-        /// Its form, amplitudes in V with 22 fraction bits.
-        waveform: Waveform,
-        /// Its offset, V with 22 fraction bits.
-        offset: i32,
+        /// Its form.
+        waveform: Waveform<Volts>,
+        /// Its offset.
+        offset: Volts,
         /// How long, ticks.
         ticks: u32,
     },
@@ -98,8 +98,8 @@ pub enum Command {
     },
     /// Goes to an open-loop drive, no faster than to rest, and holds it; the loop can be closed from there.
     Hold {
-        /// The drive, V with 22 fraction bits, held within its limits; `None`: where it is.
-        drive: Option<i32>,
+        /// The drive, held within its limits; `None`: where it is.
+        drive: Option<Volts>,
     },
     /// Clears the fault, if the sensor has been healthy long enough.
     Clear,
@@ -133,8 +133,10 @@ pub struct Amplifier {
     mode: Mode,
     fault: Option<Fault>,
     without_block: bool,
-    reference: (Waveform, i32),
-    generator: ReferenceGenerator,
+    reference: (Waveform<Micrometres>, Micrometres),
+    generator: ReferenceGenerator<Micrometres>,
+    /// What is played with the loop open.
+    player: ReferenceGenerator<Volts>,
     rest_before_ticks: u32,
     /// Amplitude of the sweep beside what is played, V with 22 fraction bits; 0 for none.
     sweep: i32,
@@ -165,8 +167,9 @@ impl Amplifier {
             mode: Mode::Rest,
             fault: None,
             without_block: false,
-            reference: (Waveform::Constant, 0),
+            reference: (Waveform::Constant, Micrometres::from_bits(0)),
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
+            player: ReferenceGenerator::new(Waveform::Constant, Volts::from_bits(0)),
             rest_before_ticks: 0,
             sweep: 0,
             sweep_tick: 0,
@@ -242,25 +245,25 @@ impl Amplifier {
             }
             Command::Play { waveform, offset, ticks } => {
                 self.at_rest()?;
-                self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
+                self.player = ReferenceGenerator::new(waveform, offset);
                 self.begin_playing(ticks, 0);
             }
             Command::Hold { drive } => {
                 if self.mode == Mode::Playing && self.held_code.is_none() {
                     return Err(Refusal::NotAtRest);
                 }
-                self.held_code = Some(drive.map_or(self.code, |drive| self.code_for(drive)));
+                self.held_code = Some(drive.map_or(self.code, |drive| self.code_for(drive.to_bits())));
                 self.mode = Mode::Playing;
             }
             Command::Condition { cycle_ticks, rest_ticks } => {
                 self.at_rest()?;
                 let increment = u32::MAX.checked_div(cycle_ticks).unwrap_or(0);
-                self.generator = self.over_the_range([(increment, 1 << 10), (0, 0), (0, 0), (0, 0)]);
+                self.player = self.over_the_range([(increment, 1 << 10), (0, 0), (0, 0), (0, 0)]);
                 self.begin_playing(cycle_ticks, rest_ticks.max(ZERO_TICKS));
             }
             Command::Identify { ticks } => {
                 self.at_rest()?;
-                self.generator = self.over_the_range(IDENTIFICATION_TONES);
+                self.player = self.over_the_range(IDENTIFICATION_TONES);
                 self.begin_playing(ticks, 0);
                 self.rest_before_ticks = REST_BEFORE_TICKS;
                 self.sweep = self.of_half_the_range(IDENTIFICATION_SWEEP);
@@ -300,9 +303,9 @@ impl Amplifier {
 
     /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest point, so that it begins at the lower
     /// limit.
-    fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator {
-        let tones = tones.map(|(increment, share)| (increment, self.of_half_the_range(share), LOWEST_POINT));
-        ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(self.middle()))
+    fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator<Volts> {
+        let tones = tones.map(|(increment, share)| (increment, Volts::from_bits(self.of_half_the_range(share)), LOWEST_POINT));
+        ReferenceGenerator::new(Waveform::Multisine { tones }, Volts::from_bits(self.middle()))
     }
 
     /// Middle of the drive's range, V with 22 fraction bits.
@@ -323,7 +326,7 @@ impl Amplifier {
 
     fn begin_reference(&mut self) {
         let (waveform, offset) = self.reference;
-        self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
+        self.generator = ReferenceGenerator::new(waveform, offset);
         self.servo.repeat(waveform.period_ticks());
         self.servo.enable();
     }
@@ -355,7 +358,7 @@ impl Amplifier {
         let before = self.code;
         self.code = match (self.mode, reading) {
             (Mode::Closed, Some(code)) => {
-                let wanted = self.servo.tick(code, self.generator.next_position());
+                let wanted = self.servo.tick(code, self.generator.next_value());
                 let error = self.servo.reference().to_bits().saturating_sub(self.servo.reading().to_bits());
                 match self.guard.inspect_loop(error, self.servo.slewing()) {
                     None => wanted,
@@ -398,8 +401,7 @@ impl Amplifier {
         }
         if self.remaining_ticks > 0 {
             self.remaining_ticks -= 1;
-            // V with 22 fraction bits, whatever the generator calls it.
-            let mut drive = self.generator.next_position().to_bits();
+            let mut drive = self.player.next_value().to_bits();
             if self.sweep != 0 {
                 drive = drive.saturating_add(sweep(self.sweep, self.sweep_tick));
                 self.sweep_tick = self.sweep_tick.wrapping_add(1);
@@ -408,7 +410,7 @@ impl Amplifier {
             let (lowest, highest) = (self.code - c.slew_codes, self.code + c.slew_codes);
             return self.servo.open_loop(code.max(lowest).min(highest));
         }
-        self.generator.forget_marks();
+        self.player.forget_marks();
         let code = self.servo.open_loop(self.guard.towards_rest(self.code));
         if self.rest_after_ticks == 0 {
             self.mode = Mode::Rest;
@@ -479,7 +481,7 @@ impl Amplifier {
         match self.mode {
             // What is generated counts so many ticks later.
             Mode::Closed => self.generator.marked(PREVIEW_TICKS - 1),
-            Mode::Playing => self.held_code.is_none() && self.generator.marked(0),
+            Mode::Playing => self.held_code.is_none() && self.player.marked(0),
             Mode::Rest | Mode::Fault => false,
         }
     }
@@ -502,7 +504,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::parameter_block::tests::example;
-    use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+    use crate::signal::Quantity;
     use crate::wave_table::{POINT_FRACTION_BITS, WaveTable};
     use core::sync::atomic::{AtomicI32, Ordering};
     use std::vec::Vec;
@@ -552,15 +554,15 @@ mod tests {
             (code, largest_step)
         };
         run(&mut amplifier, 10);
-        assert_eq!(amplifier.command(Command::Hold { drive: Some(35 << VOLT_FRACTION_BITS) }), Ok(()));
+        assert_eq!(amplifier.command(Command::Hold { drive: Some(Volts::from_num(35)) }), Ok(()));
         let ramp = amplifier.parameters().guard.ramp_codes;
         // The example's converter: -20 V at code 0, 140 V over 65536 codes.
         assert_eq!(run(&mut amplifier, 4000), (DriveCode::new(25_746), ramp));
         assert_eq!(amplifier.mode(), Mode::Playing);
-        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: 0, ticks: 5 }), Err(Refusal::NotAtRest));
+        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_bits(0), ticks: 5 }), Err(Refusal::NotAtRest));
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
         assert_eq!(run(&mut amplifier, 10), (DriveCode::new(25_746), 0));
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000);
         assert_eq!(amplifier.mode(), Mode::Closed);
@@ -568,7 +570,7 @@ mod tests {
         let (closed, _) = run(&mut amplifier, 1);
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
         assert_eq!(run(&mut amplifier, 100), (closed, 0));
-        assert_eq!(amplifier.command(Command::Hold { drive: Some(i32::MAX) }), Ok(()));
+        assert_eq!(amplifier.command(Command::Hold { drive: Some(Volts::MAX) }), Ok(()));
         assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().servo.converters.dac_code_max);
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
         assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().guard.rest_code);
@@ -600,7 +602,7 @@ mod tests {
         assert_eq!(amplifier.command(condition), Ok(()));
         run(&mut amplifier, 4500, true);
         assert_eq!(amplifier.mode(), Mode::Rest);
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
         let error_um = amplifier.servo().reading().to_num::<f64>() - 5.0;
@@ -618,7 +620,7 @@ mod tests {
         assert_eq!(amplifier.command(condition), Ok(()));
         run(&mut amplifier, 4500, true);
         // An open-loop drive and a rest of any length lose nothing.
-        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: 9 << 22, ticks: 500 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_num(9), ticks: 500 }), Ok(()));
         run(&mut amplifier, 20_000, true);
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
@@ -629,7 +631,9 @@ mod tests {
     fn a_marked_point_is_told_for_the_edge_at_which_it_acts() {
         static POINTS: [AtomicI32; 4] = [const { AtomicI32::new(3 << POINT_FRACTION_BITS) }; 4];
         POINTS[2].store(4 << POINT_FRACTION_BITS, Ordering::Relaxed);
-        let table = |bits| Waveform::Table(WaveTable::new(&POINTS, bits, 5, false, 3).marking(3));
+        fn table<Q: Quantity>() -> Waveform<Q> {
+            Waveform::Table(WaveTable::new(&POINTS, 5, false, 3).marking(3))
+        }
         let mut amplifier = Amplifier::new(example());
         let mut code = amplifier.parameters().guard.rest_code;
         // What was told before a tick, and the tick.
@@ -644,7 +648,7 @@ mod tests {
                 .collect()
         };
         run(&mut amplifier, 10);
-        assert_eq!(amplifier.command(Command::Play { waveform: table(VOLT_FRACTION_BITS), offset: 0, ticks: 60 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Play { waveform: table(), offset: Volts::from_bits(0), ticks: 60 }), Ok(()));
         let open = run(&mut amplifier, 70);
         // 23 V above the converter's -20 V, 24 V at the marked point: the code of a tick acts at the edge before the next one.
         let high = DriveCode::new(24 * 65_536 / 140);
@@ -654,7 +658,7 @@ mod tests {
         assert_eq!(told, acts);
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
         run(&mut amplifier, 4000);
-        assert_eq!(amplifier.command(Command::Reference { waveform: table(MICROMETRE_FRACTION_BITS), offset: 0 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Reference { waveform: table(), offset: Micrometres::from_bits(0) }), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         let closed = run(&mut amplifier, 80);
         assert_eq!(closed.iter().filter(|(told, _)| *told).count(), 15);
@@ -680,7 +684,7 @@ mod tests {
         };
         run(&mut amplifier, 10);
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
-        let far = Command::Reference { waveform: Waveform::Constant, offset: 8 << 24 };
+        let far = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(8) };
         assert_eq!((amplifier.command(far), amplifier.command(Command::Enable)), (Ok(()), Ok(())));
         run(&mut amplifier, 4000);
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
@@ -691,7 +695,7 @@ mod tests {
         // Nor does a reference act that the sensor cannot show.
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
         run(&mut amplifier, 4000);
-        let beyond = Command::Reference { waveform: Waveform::Constant, offset: 100 << 24 };
+        let beyond = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(100) };
         let refused = amplifier.command(beyond).and_then(|()| amplifier.command(Command::Enable));
         assert_eq!(refused, Err(Refusal::BeyondLimits));
     }

@@ -32,7 +32,7 @@ use core::fmt::{self, Write};
 use crate::amplifier::Command;
 use crate::loop_telemetry::{EXPECTED_RESONANCE, ResonanceWatch};
 use crate::reference_generator::Waveform;
-use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use crate::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Quantity, VOLT_FRACTION_BITS, Volts};
 use crate::trace_frame::Channels;
 
 const EXPECTED_TIMEOUT: &str = "expected a timeout of 10 to 3600000 milliseconds, or 0 for none";
@@ -144,6 +144,11 @@ pub fn write_upload(block: &[u8], to: &mut impl Write) -> fmt::Result {
 /// `SAMPLE_RATE_HZ / 10`: a conditioning cycle of 10 Hz.
 const CONDITIONING_HZ: u32 = 10;
 
+fn sine<Q: Quantity>(increment: u32, amplitude: Q) -> Waveform<Q> {
+    let none = (0, Q::of_bits(0), 0);
+    Waveform::Multisine { tones: [(increment, amplitude, 0), none, none, none] }
+}
+
 /// Understands a line for a target with this sampling rate.
 ///
 /// # Errors
@@ -179,10 +184,9 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
     let scaled = |value: i32, fraction_bits: u32| -> Result<i32, &'static str> {
         i32::try_from((i64::from(value) << fraction_bits) / 1000).map_err(|_| "an amplitude or offset is too large")
     };
-    let micrometres = |nanometres: i32| scaled(nanometres, MICROMETRE_FRACTION_BITS);
-    let volts = |millivolts: i32| scaled(millivolts, VOLT_FRACTION_BITS);
+    let micrometres = |nanometres: i32| scaled(nanometres, MICROMETRE_FRACTION_BITS).map(Micrometres::from_bits);
+    let volts = |millivolts: i32| scaled(millivolts, VOLT_FRACTION_BITS).map(Volts::from_bits);
     let ticks = |value: i32| u32::try_from(value).map_err(|_| "a duration is negative");
-    let sine = |increment: u32, amplitude: i32| Waveform::Multisine { tones: [(increment, amplitude, 0), (0, 0, 0), (0, 0, 0), (0, 0, 0)] };
 
     let mut verbs = words.clone();
     let command = match (verbs.next(), verbs.next()) {
@@ -211,7 +215,7 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         }
         (Some("reference"), Some("step")) => {
             let (height, delay_ticks, duration_ticks) = (micrometres(number()?)?, ticks(number()?)?, ticks(number()?)?);
-            Command::Reference { waveform: Waveform::QuasiStep { height, delay_ticks, duration_ticks }, offset: 0 }
+            Command::Reference { waveform: Waveform::QuasiStep { height, delay_ticks, duration_ticks }, offset: Micrometres::from_bits(0) }
         }
         (Some("play"), Some("sine")) => {
             let waveform = sine(increment(number()?)?, volts(number()?)?);

@@ -14,7 +14,7 @@ use hysteron_core::guard::GuardParameters;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ConverterParameters;
-use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::signal::{Micrometres, Quantity, Volts};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::control;
@@ -27,8 +27,7 @@ struct Telemetry {
     tolerance: i32,
     on_target_ticks: u32,
     guard: Option<GuardParameters>,
-    /// V with 22 fraction bits.
-    drive_limits: (i32, i32),
+    drive_limits: (Volts, Volts),
     railed_ticks: u32,
     limited_ticks: u32,
 }
@@ -47,7 +46,7 @@ static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::
     tolerance: 0,
     on_target_ticks: 0,
     guard: None,
-    drive_limits: (0, 0),
+    drive_limits: (Volts::ZERO, Volts::ZERO),
     railed_ticks: 0,
     limited_ticks: 0,
 }));
@@ -78,15 +77,15 @@ pub fn limits() -> ((i32, i32), (i32, i32)) {
         (Some(converters), Some(guard)) => {
             command_limits::positions(&ConverterParameters { adc_zero: control::zero().0, ..converters }, &guard)
         }
-        _ => (0, 0),
+        _ => (Micrometres::ZERO, Micrometres::ZERO),
     };
-    let thousandths = |(lowest, highest), bits| (thousandths(lowest, bits), thousandths(highest, bits));
-    (thousandths(positions, MICROMETRE_FRACTION_BITS), thousandths(telemetry.drive_limits, VOLT_FRACTION_BITS))
+    (thousandths(positions), thousandths(telemetry.drive_limits))
 }
 
-/// Thousandths of a value with so many fraction bits, to the nearest.
-fn thousandths(value: i32, fraction_bits: u32) -> i32 {
-    ((i64::from(value) * 1000 + (1 << (fraction_bits - 1))) >> fraction_bits) as i32
+/// Thousandths of limits, to the nearest: nm or mV.
+fn thousandths<Q: Quantity>((lowest, highest): (Q, Q)) -> (i32, i32) {
+    let nearest = |value: Q| ((i64::from(value.bits()) * 1000 + (1 << (Q::FRACTION_BITS - 1))) >> Q::FRACTION_BITS) as i32;
+    (nearest(lowest), nearest(highest))
 }
 
 /// Ticks since the start at which the sensor's code was at or beyond its limits, and ticks of the closed loop at which the drive was at a limit.

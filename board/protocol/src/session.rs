@@ -10,7 +10,8 @@
 //! * `SVO 1 1` wants an `ATZ` since the start or the last fault; `RON 1 0` waives it, as it waives a reference move elsewhere.
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
 //! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
-//! * The wave generator plays positions with the servo on; with the servo off it plays drives, V, from rest, and goes to rest when it has ended.
+//! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one that is defined with the servo off is one of
+//!   drives, V, and is played from rest with the servo off, and goes to rest when it has ended.
 //! * The data recorder writes all its tables at the same ticks; `DRC` chooses what is read from each.
 
 mod amplifier_state;
@@ -117,6 +118,15 @@ enum Generator {
     Until(u32),
 }
 
+/// What the points of a wave table are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum WaveQuantity {
+    /// um, for the closed loop.
+    Position,
+    /// V, for the open one.
+    Drive,
+}
+
 /// What starts the data recorder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Trigger {
@@ -154,6 +164,7 @@ pub struct Session<D> {
     tolerance: i32,
     settling_ticks: u32,
     wave_lengths: [u32; WAVE_TABLES],
+    wave_quantities: [WaveQuantity; WAVE_TABLES],
     wave_selected: u32,
     wave_cycles: u32,
     wave_rate: u32,
@@ -201,6 +212,7 @@ impl<D: Device + 'static> Session<D> {
             // 5 ms
             settling_ticks: parameters.physical.sample_rate_hz / 200,
             wave_lengths: [0; WAVE_TABLES],
+            wave_quantities: [WaveQuantity::Position; WAVE_TABLES],
             wave_selected: 0,
             wave_cycles: 0,
             wave_rate: 1,
