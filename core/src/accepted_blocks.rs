@@ -208,14 +208,12 @@ fn position(c: ConverterParameters, code: SensorCode) -> i64 {
 
 /// Runs the amplifier through its modes; no code leaves the limits or changes by more than the slew limit.
 fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseError> {
-    let c = parameters.servo.converters;
-    let mut amplifier = Amplifier::new(*parameters);
     fn sine<Q: Quantity>(increment: u32, amplitude: i32) -> Waveform<Q> {
         Waveform::Multisine { tones: [(increment, Q::of_bits(amplitude), 0); 4] }
     }
     let phases = [
         (10, Some(Command::RequireConditioning(false))),
-        (1200, Some(Command::Condition { cycle_ticks: 60, rest_ticks: 1 })),
+        (1, Some(Command::Arm { tested: false })),
         (60, Some(Command::Play { waveform: sine(asked.increment, asked.play.0), offset: Volts::from_bits(asked.play.1), ticks: 60 })),
         (1, Some(Command::Disable)),
         (1, Some(Command::Reference { waveform: sine(asked.increment, asked.reference.0), offset: Micrometres::from_bits(asked.reference.1) })),
@@ -237,15 +235,30 @@ fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseEr
         ),
         (100, Some(Command::Disable)),
     ];
+    // By themselves: readings that nothing moves end both in a fault.
+    let tests = [
+        (300, Some(Command::Arm { tested: true })),
+        (1, Some(Command::Disable)),
+        (1, Some(Command::Arm { tested: false })),
+        (1200, Some(Command::Condition { cycle_ticks: 60, rest_ticks: 1 })),
+    ];
+    run_phases(parameters, asked, &tests)?;
+    run_phases(parameters, asked, &phases)
+}
+
+fn run_phases(parameters: &AmplifierParameters, asked: &Asked, phases: &[(u32, Option<Command>)]) -> Result<(), TestCaseError> {
+    let c = parameters.servo.converters;
+    let mut amplifier = Amplifier::new(*parameters);
     let mut before = parameters.guard.rest_code;
     // Mostly those of the converter; now and then one that only a wider one has, which is a fault.
     let codes = |raw: u32| if raw % 64 == 63 { SensorCode::new(raw >> 12) } else { SensorCode::new(raw >> (32 - c.adc_bits)) };
     let mut readings = asked.readings.iter().map(|raw| codes(*raw)).cycle();
     for (ticks, command) in phases {
         if let Some(command) = command {
-            let _ = amplifier.command(command);
+            // Whatever its limits are: they are looked at before.
+            let _ = amplifier.obey(*command);
         }
-        for _ in 0..ticks {
+        for _ in 0..*ticks {
             let sample = amplifier.tick(readings.next(), false);
             prop_assert!((c.dac_code_min..=c.dac_code_max).contains(&sample.dac_code));
             prop_assert!(sample.dac_code.abs_diff(before) <= c.slew_codes, "{} from {before}", sample.dac_code);

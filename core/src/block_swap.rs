@@ -146,6 +146,7 @@ mod tests {
     impl Running {
         fn begin(family: &Family, hz: f64, amplitude_um: f64, noise_codes: u32) -> Self {
             let mut amplifier = Amplifier::new(block(family));
+            assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
             assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
             let increment = (hz / 20_000.0 * 2f64.powi(32)) as u32;
             let (tone, none) = ((increment, Micrometres::from_num(amplitude_um), 0), (0, Micrometres::ZERO, 0));
@@ -326,6 +327,7 @@ mod tests {
         learning.servo.learning = Some(learning_example());
         assert_eq!(verify(&learning, 20_000), Ok(()));
         let mut amplifier = Amplifier::new(learning);
+        assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
         let waveform = Waveform::RoundedTriangle { increment: u32::MAX / 400 + 1, amplitude: Micrometres::from_num(1) };
         assert_eq!(amplifier.command(Command::Reference { waveform, offset: Micrometres::from_num(5) }), Ok(()));

@@ -2,6 +2,9 @@
 //!
 //! ```text
 //! enable | disable | clear | status
+//! arm                                          at rest: switches the amplifier on, and a step of 1.5 V shows that the sensor follows; nothing moves before
+//! arm untested                                 the same without the step, by somebody who knows the stage
+//! disarm                                       to rest, and switches the amplifier off there
 //! stop                                         as disable; so does the byte 0x18 (Ctrl-X) anywhere. None of these three waits for anything
 //! condition                                    one 10 Hz cycle over the range, 1 s of rest, zero the sensor
 //! conditioning required|waived                 whether `enable` insists on a conditioning since the start or the last fault, as it does after a start
@@ -193,6 +196,9 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         (Some("enable"), None) => Command::Enable,
         (Some("disable" | "stop"), None) => Command::Disable,
         (Some("clear"), None) => Command::Clear,
+        (Some("arm"), None) => Command::Arm { tested: true },
+        (Some("arm"), Some("untested")) => Command::Arm { tested: false },
+        (Some("disarm"), None) => Command::Disarm,
         (Some("status"), None) => return Ok(Line::Status),
         (Some("conditioning"), Some("required")) => Command::RequireConditioning(true),
         (Some("conditioning"), Some("waived")) => Command::RequireConditioning(false),

@@ -31,6 +31,7 @@ pub mod pid_regulator;
 pub mod predictor_law;
 pub mod reference_generator;
 pub mod reference_window;
+pub mod self_test;
 pub mod sensor_lag;
 pub mod servo_parameters;
 pub mod servo_tick;

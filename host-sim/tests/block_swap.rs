@@ -79,6 +79,7 @@ impl Loop {
             reading: SensorCode::default(),
         };
         this.sample();
+        assert_eq!(this.amplifier.command(Command::Arm { tested: false }), Ok(()));
         assert_eq!(this.amplifier.command(Command::RequireConditioning(false)), Ok(()));
         let tone = ((hz / 20_000.0 * 2f64.powi(32)) as u32, Micrometres::from_num(amplitude_um), 0);
         let none = (0, Micrometres::from_bits(0), 0);

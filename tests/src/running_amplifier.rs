@@ -57,9 +57,12 @@ impl RunningAmplifier {
             position_um: 0.0,
         };
         this.run(10);
+        this.tell(Command::Arm { tested: true });
+        this.run(10_000);
+        assert!(this.amplifier.armed(), "{:?}", this.amplifier.fault());
         this.tell(Command::Condition { cycle_ticks: 2000, rest_ticks: 20_000 });
         this.run(22_100);
-        assert!(this.amplifier.conditioned(), "{:?}", this.amplifier.mode());
+        assert!(this.amplifier.conditioned(), "{:?}", this.amplifier.fault());
         this
     }
 

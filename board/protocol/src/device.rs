@@ -10,8 +10,8 @@ use hysteron_core::trace_frame::TraceSample;
 /// The amplifier as of the last tick that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
-    /// The tick.
-    pub tick: u32,
+    /// Ticks since the start. They never wrap: an instant of this morning is not one of tomorrow.
+    pub tick: u64,
     /// What it is doing.
     pub mode: Mode,
     /// The latched fault.
@@ -28,6 +28,10 @@ pub struct View {
     pub zeroed: bool,
     /// Whether the actuator has been conditioned since the start and the last fault.
     pub conditioned: bool,
+    /// Whether the power stage is on.
+    pub powered: bool,
+    /// Whether something may be played and closed.
+    pub armed: bool,
     /// Whether the servo is switched on only behind a conditioning.
     pub conditioning_required: bool,
     /// Ticks for which the tracking error has been within the tolerance without a break.

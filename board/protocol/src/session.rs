@@ -7,6 +7,8 @@
 //!
 //! # Where it differs from other controllers
 //! * `STP` and `#24` bring the drive to rest, servo off: they take the path that nothing delays. `HLT` stays where it is, servo on.
+//! * Nothing moves before `ARM`: 1 switches the amplifier on and shows by a small step that the sensor follows, 2 leaves the step out, 0 goes to rest and
+//!   switches off. A fault and a start disarm.
 //! * `SVO 1 1` wants an `ATZ` since the start or the last fault; `RON 1 0` waives it, as it waives a reference move elsewhere.
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
 //! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
@@ -83,7 +85,7 @@ enum Meaning {
     Move { from: i32, target: i32, ticks: u32 },
     /// The drive is on its way to `drive`, V with 22 fraction bits, for so many ticks.
     Drive { drive: Option<i32>, ticks: u32 },
-    /// A conditioning has begun.
+    /// A conditioning or a self-test has begun, or nothing is under way any more.
     Conditioning,
     /// Nothing is under way that was not before.
     Nothing,
@@ -115,7 +117,8 @@ enum Pending {
 enum Generator {
     Off,
     Endless,
-    Until(u32),
+    /// Until a tick.
+    Until(u64),
 }
 
 /// What the points of a wave table are.
@@ -158,7 +161,7 @@ pub struct Session<D> {
     /// Where the way to the target began.
     from: i32,
     drive: i32,
-    moving_until: Option<u32>,
+    moving_until: Option<u64>,
     /// um/s with 24 fraction bits.
     velocity: i64,
     tolerance: i32,
@@ -385,8 +388,11 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn take_note(&mut self, tick: u32, meaning: Meaning) {
+        // The lowest 32 bits of a tick that is near.
+        let now = self.device.view().tick;
+        let tick = now.saturating_add_signed(i64::from(tick.wrapping_sub(now as u32) as i32));
         // The reference counts some ticks after it was generated.
-        let until = |ticks: u32| tick.wrapping_add(ticks).wrapping_add(PREVIEW_TICKS as u32 + 1);
+        let until = |ticks: u32| tick + u64::from(ticks) + PREVIEW_TICKS as u64 + 1;
         match meaning {
             Meaning::Nothing => {}
             Meaning::Conditioning => {
@@ -409,7 +415,7 @@ impl<D: Device + 'static> Session<D> {
                 self.moving_until = None;
             }
             Meaning::DriveWave { ticks } => {
-                self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(tick.wrapping_add(ticks)));
+                self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(tick + u64::from(ticks)));
                 self.moving_until = None;
             }
         }

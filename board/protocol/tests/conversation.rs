@@ -37,7 +37,7 @@ struct Rig {
     host_timeout: u32,
     telemetry: LoopTelemetry,
     /// Ticks that have gone by without being simulated.
-    skipped: u32,
+    skipped: u64,
 }
 
 const ROOM: u32 = 3000;
@@ -75,7 +75,7 @@ impl Device for Shared {
     fn view(&self) -> View {
         let rig = self.0.borrow();
         View {
-            tick: (rig.latest.tick + 1).wrapping_add(rig.skipped),
+            tick: u64::from(rig.latest.tick + 1) + rig.skipped,
             mode: rig.amplifier.mode(),
             fault: rig.amplifier.fault(),
             adc_code: rig.latest.adc_code,
@@ -84,6 +84,8 @@ impl Device for Shared {
             adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
             conditioned: rig.amplifier.conditioned(),
+            powered: rig.amplifier.powered(),
+            armed: rig.amplifier.armed(),
             conditioning_required: rig.amplifier.conditioning_required(),
             on_target_ticks: rig.on_target_ticks,
         }
@@ -233,7 +235,7 @@ impl Table {
                     Step::Command(command) => {
                         let outcome = {
                             let mut rig = self.rig.0.borrow_mut();
-                            let tick = (rig.latest.tick + 1).wrapping_add(rig.skipped);
+                            let tick = (u64::from(rig.latest.tick + 1) + rig.skipped) as u32;
                             rig.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done(tick))
                         };
                         self.session.outcome(outcome);
@@ -267,6 +269,10 @@ impl Table {
 
     fn ready() -> Self {
         let mut table = Self::new();
+        table.tell("ARM 1 1", 0);
+        assert_eq!((table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()), (&b"\xB0\n"[..], "1=2\n"), "the self-test");
+        table.run(10_000);
+        assert_eq!((table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()), (&b"\xB1\n"[..], "1=1\n"));
         table.tell("ATZ 1", 0);
         assert_eq!(table.send(b"\x07"), b"\xB0\n", "busy");
         table.run(22_100);
@@ -377,6 +383,8 @@ fn a_stop_goes_to_rest_and_what_came_before_it_is_forgotten() {
 fn the_servo_wants_a_conditioned_actuator_unless_that_is_waived() {
     let mut table = Table::new();
     assert_eq!((table.ask("RON?").as_str(), table.ask("FRF? 1").as_str(), table.ask("DIA? 11").as_str()), ("1=1\n", "1=0\n", "11=0\n"));
+    table.tell("SVO 1 1", 4001);
+    table.tell("ARM 1 2", 0);
     table.tell("SVO 1 1", 5);
     assert_eq!(table.ask("SVO?"), "1=0\n");
     table.tell("RON 1 0", 0);
@@ -390,7 +398,9 @@ fn the_servo_wants_a_conditioned_actuator_unless_that_is_waived() {
     table.rig.0.borrow_mut().sensor_is_there = true;
     table.run(3000);
     table.tell("INI 1", 0);
-    assert_eq!((table.ask("FRF?").as_str(), table.ask("ATZ?").as_str()), ("1=0\n", "1=1\n"));
+    assert_eq!((table.ask("FRF?").as_str(), table.ask("ATZ?").as_str(), table.ask("ARM?").as_str()), ("1=0\n", "1=1\n", "1=0\n"));
+    table.tell("SVO 1 1", 4001);
+    table.tell("ARM 1 2", 0);
     table.tell("SVO 1 1", 5);
     table.tell("RON 1 2", 17);
     table.tell("RON 2 0", 15);
@@ -572,6 +582,7 @@ fn the_recorder_begins_when_it_is_told_to() {
 #[test]
 fn with_the_servo_off_a_wave_is_a_drive_that_begins_and_ends_at_rest() {
     let mut table = Table::new();
+    table.tell("ARM 1 2", 0);
     table.tell("WAV 1 X LIN 100 60 0 100 0 0", 0);
     table.tell("WAV 1 & LIN 100 -60 60 100 0 0", 0);
     table.tell("WAV 2 X PNT 1 2 1 79", 0);
@@ -637,6 +648,8 @@ fn a_block_is_brought_and_taken_by_a_restart() {
     assert_eq!(table.ask("BLK?"), "KEPT\n");
     upload(&mut table, &block[1..]);
     assert!(table.ask("BLK?").starts_with("REFUSED "), "with its reason");
+    table.tell("SVA 1 20", 4001);
+    table.tell("ARM 1 2", 0);
     table.tell("SVA 1 20", 0);
     table.run(3000);
     for line in ["BLK COMMIT", "RBT"] {
@@ -754,9 +767,10 @@ proptest! {
     /// Words of the protocol in any order, which reach further than bytes do.
     #[test]
     fn no_words_do_harm(lines in proptest::collection::vec(
-        ("(MOV|MVR|SVO|RON|FRF\\?|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?|BLK|INI|RBT|IFC|DIA\\?|DRB\\?)",
+        ("(ARM|MOV|MVR|SVO|RON|FRF\\?|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?|BLK|INI|RBT|IFC|DIA\\?|DRB\\?)",
          proptest::collection::vec("(1|0|2|4|7|X|&|BEGIN|DATA|COMMIT|00ff|RSBAUD|PNT|SIN_P|RAMP|LIN|100|-3|1e-3|4294967295|9e9|-9e9|0x7000900|0x7000200|[0-9.eE+-]{1,6})", 0..8)), 1..25)) {
         let mut table = Table::new();
+        table.tell("ARM 1 2", 0);
         for (mnemonic, words) in lines {
             table.send(format!("{mnemonic} {}\n", words.join(" ")).as_bytes());
             let reference = table.rig.0.borrow().latest.reference;
@@ -807,7 +821,7 @@ fn a_held_axis_does_not_begin_to_move_after_a_day() {
     table.run(3000);
     assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()));
     // 29.8 h, 44.7 h and 59.7 h at 20 kHz.
-    for skipped in [1u32 << 31, 3 << 30, u32::MAX] {
+    for skipped in [1u64 << 31, 3 << 30, u64::from(u32::MAX), 5 << 33] {
         table.rig.0.borrow_mut().skipped = skipped;
         assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()), "{skipped} ticks");
         table.tell("MOV 1 5.5", 0);

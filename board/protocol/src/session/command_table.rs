@@ -7,6 +7,8 @@ impl<D: Device + 'static> Session<D> {
     /// Every command with its help; a query ends in a question mark.
     pub(super) const COMMANDS: &'static [(&'static str, &'static str, Handler<D>)] = &[
         ("*IDN?", "get device identification", Self::identification),
+        ("ARM", "<axis> <0|1|2> switch the amplifier off, on behind a self-test, or on without it", Self::arm),
+        ("ARM?", "[<axis>] get whether the amplifier is off (0), armed (1), or on and not armed (2)", Self::armed),
         ("ATZ", "[<axis> [<low voltage>]] condition the actuator and zero the sensor", Self::auto_zero),
         ("ATZ?", "[<axis>] get whether the sensor has been zeroed", Self::auto_zeroed),
         ("BLK", "<BEGIN <bytes>|DATA <offset> <hexadecimal>|COMMIT|SWAP> bring a parameter block", Self::bring_block),

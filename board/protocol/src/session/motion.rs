@@ -145,6 +145,27 @@ impl<D: Device + 'static> Session<D> {
         Ok(())
     }
 
+    pub(super) fn arm(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let (command, meaning) = match words.of_axis(Words::whole)? {
+            0 => (Command::Disarm, Meaning::Conditioning),
+            1 => (Command::Arm { tested: true }, Meaning::Conditioning),
+            2 => (Command::Arm { tested: false }, Meaning::Nothing),
+            _ => return Err(ErrorCode::Range),
+        };
+        self.command(command, None, meaning);
+        Ok(())
+    }
+
+    pub(super) fn armed(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let view = self.device.view();
+        let state = match (view.powered, view.armed) {
+            (_, true) => 1,
+            (true, false) => 2,
+            (false, false) => 0,
+        };
+        self.say_axis(words, state)
+    }
+
     pub(super) fn require_conditioning(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         let required = words.of_axis(Words::switch)?;
         self.command(Command::RequireConditioning(required), None, Meaning::Nothing);
