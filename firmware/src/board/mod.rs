@@ -62,6 +62,10 @@ pub trait Platform {
     const SERIAL_INTERRUPT: Interrupt;
     /// Names and addresses of the two places of a parameter block: sectors that no code occupies, in a bank that no code is in.
     const BLOCKS: [(&'static str, u32); 2];
+    /// The sector of the safety envelope.
+    const ENVELOPE: u32;
+    /// Bytes of a sector; the last 32 of a block's are the mark that another one replaces it.
+    const SECTOR_BYTES: u32;
     /// Another such sector, which holds nothing.
     #[allow(dead_code)] // for the board check
     const SPARE_SECTOR: u32;
@@ -100,6 +104,11 @@ pub trait Platform {
     /// # Errors
     /// The flash refused it, or does not answer.
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str>;
+    /// Programs 32 bytes of zeros at `address`, which is erased.
+    ///
+    /// # Errors
+    /// The flash refused it, or does not answer.
+    async fn write_mark(address: u32) -> Result<(), &'static str>;
     /// Before flash is read that may be damaged.
     fn begin_reading();
     /// Behind it: whether the flash interface has met a double ECC error.

@@ -52,6 +52,8 @@ impl Platform for NucleoG474re {
     const SERIAL_INTERRUPT: Interrupt = Interrupt::LPUART1;
     /// SETTINGS of `memory.x`.
     const BLOCKS: [(&'static str, u32); 2] = [("A", 0x0807_F000), ("B", 0x0807_F800)];
+    const ENVELOPE: u32 = 0x0807_E000;
+    const SECTOR_BYTES: u32 = 2 * 1024;
     const SPARE_SECTOR: u32 = 0x0807_E800;
     const BEYOND_FLASH: u32 = 0x0808_0000;
     const BROWN_OUT_LEVEL: &'static str = "2.5 V";
@@ -111,6 +113,10 @@ impl Platform for NucleoG474re {
 
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str> {
         flash::write_page(address, bytes).await
+    }
+
+    async fn write_mark(address: u32) -> Result<(), &'static str> {
+        flash::write_mark(address).await
     }
 
     fn begin_reading() {

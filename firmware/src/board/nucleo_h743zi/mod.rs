@@ -51,6 +51,8 @@ impl Platform for NucleoH743zi {
     const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
     /// SETTINGS of `memory.x`.
     const BLOCKS: [(&'static str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
+    const ENVELOPE: u32 = 0x0818_0000;
+    const SECTOR_BYTES: u32 = 128 * 1024;
     const SPARE_SECTOR: u32 = 0x081A_0000;
     const BEYOND_FLASH: u32 = 0x0820_0000;
     const BROWN_OUT_LEVEL: &'static str = "2.4 V";
@@ -115,6 +117,10 @@ impl Platform for NucleoH743zi {
 
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str> {
         flash::write_sector(address, bytes).await
+    }
+
+    async fn write_mark(address: u32) -> Result<(), &'static str> {
+        flash::write_mark(address).await
     }
 
     fn begin_reading() {
