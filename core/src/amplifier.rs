@@ -136,7 +136,7 @@ pub enum Refusal {
     NotYetHealthy,
     /// Only at rest, the ramp there ended.
     NotAtRest,
-    /// There is no valid parameter block, and nothing but a block and a restart helps.
+    /// There is no valid parameter block or no safety envelope, and nothing but one and a restart helps.
     NoBlock,
     /// The actuator was not conditioned since the start or the last fault.
     NotConditioned,
@@ -156,7 +156,8 @@ pub struct Amplifier {
     guard: Guard,
     mode: Mode,
     fault: Option<Fault>,
-    without_block: bool,
+    /// What nothing clears.
+    for_good: Option<Fault>,
     /// What is followed, or would be; `None`: where the stage stands.
     reference: Option<(Waveform<Micrometres>, Micrometres)>,
     generator: ReferenceGenerator<Micrometres>,
@@ -180,6 +181,9 @@ pub struct Amplifier {
     conditioning_required: bool,
     code: DriveCode,
     tick: u32,
+    /// Mean square of the drive's change, times [`CURRENT_TICKS`], and its limit.
+    change: u64,
+    most_change: u64,
     parameters: AmplifierParameters,
     servo: ServoTick,
 }
@@ -206,6 +210,10 @@ impl Cycle {
     };
 }
 
+/// Ticks over which the mean square of the drive's change is taken, 0.8 s at 20 kHz: what warms an amplifier takes longer.
+pub const CURRENT_TICKS: u32 = 1 << CURRENT_SHIFT;
+const CURRENT_SHIFT: u32 = 14;
+
 /// A conditioning has been at a limit of the drive if it came as near as this share of the range, 2^-10: amplitudes of tones have 1024ths.
 const RANGE_SHIFT: u32 = 10;
 
@@ -220,7 +228,9 @@ impl Amplifier {
             guard: Guard::new(parameters.guard),
             mode: Mode::Rest,
             fault: None,
-            without_block: false,
+            for_good: None,
+            change: 0,
+            most_change: u64::MAX,
             reference: None,
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
             player: ReferenceGenerator::new(Waveform::Constant, Volts::from_bits(0)),
@@ -253,11 +263,17 @@ impl Amplifier {
         self.forget_plans();
     }
 
-    /// Stops for want of a parameter block. A fault that was found before stays in front; when it has been cleared this one is named, and
+    /// Stops for want of a parameter block or a safety envelope. A fault that was found before stays in front; when it has been cleared this one is named, and
     /// nothing clears it.
-    pub fn refuse_without_block(&mut self) {
-        self.without_block = true;
-        self.refuse(Fault::ParameterBlock);
+    pub fn refuse_for_good(&mut self, fault: Fault) {
+        self.for_good = Some(fault);
+        self.refuse(fault);
+    }
+
+    /// From now on a drive that changes by more than this from tick to tick is a fault, mean square over [`CURRENT_TICKS`] ticks, square codes: the current into the
+    /// actuator ([`crate::safety_envelope::SafetyEnvelope::mean_square_codes`]).
+    pub fn limit_current(&mut self, mean_square_codes: u64) {
+        self.most_change = mean_square_codes << CURRENT_SHIFT;
     }
 
     /// What was asked for before a stop is not done behind it.
@@ -298,11 +314,12 @@ impl Amplifier {
                     if !self.guard.healthy() {
                         return Err(Refusal::NotYetHealthy);
                     }
-                    if self.without_block && self.fault == Some(Fault::ParameterBlock) {
+                    if self.for_good.is_some() && self.fault == self.for_good {
                         return Err(Refusal::NoBlock);
                     }
-                    self.fault = self.without_block.then_some(Fault::ParameterBlock);
-                    self.mode = if self.without_block { Mode::Fault } else { Mode::Rest };
+                    self.fault = self.for_good;
+                    self.mode = if self.for_good.is_some() { Mode::Fault } else { Mode::Rest };
+                    self.change = 0;
                 }
                 return Ok(());
             }
@@ -482,6 +499,11 @@ impl Amplifier {
             (Mode::Playing, Some(code)) => self.play(code),
             _ => self.servo.open_loop(self.guard.towards_rest(before)),
         };
+        let step = u64::from(self.code.abs_diff(before));
+        self.change = self.change - (self.change >> CURRENT_SHIFT) + step * step;
+        if self.change > self.most_change && self.mode != Mode::Fault {
+            self.refuse(Fault::DriveCurrent);
+        }
         if !self.armed && self.powered && self.self_test.is_none() && self.drive_rests() {
             self.switch_off();
         }
@@ -937,8 +959,33 @@ mod tests {
         assert_eq!(run(&mut amplifier, 1000, true), (false, false, Mode::Rest));
         assert_eq!(amplifier.command(Command::Arm { tested: true }), Ok(()));
         let rest = amplifier.parameters().guard.rest_code;
-        (0..10_000).for_each(|k| drop(amplifier.tick(Some(reading(rest, k)), false)));
+        for k in 0..10_000 {
+            amplifier.tick(Some(reading(rest, k)), false);
+        }
         assert_eq!((amplifier.fault(), amplifier.powered()), (Some(Fault::SensorDoesNotMove), false));
+    }
+
+    #[test]
+    fn a_drive_that_takes_more_current_than_it_may_goes_to_rest() {
+        let run = |mean_square_codes| {
+            let mut amplifier = armed(example());
+            amplifier.limit_current(mean_square_codes);
+            let mut code = amplifier.parameters().guard.rest_code;
+            // 100 Hz from 10 to 50 V: 0.44 V a tick RMS, 208 codes.
+            let tone = (((100u64 << 32) / 20_000) as u32, Volts::from_num(20), 0);
+            let none = (0, Volts::ZERO, 0);
+            let waveform = Waveform::Multisine { tones: [tone, none, none, none] };
+            assert_eq!(amplifier.command(Command::Play { waveform, offset: Volts::from_num(30), ticks: 80_000 }), Ok(()));
+            let stopped = (0..80_000).find(|k| {
+                code = amplifier.tick(Some(reading(code, *k)), false).dac_code;
+                amplifier.mode() == Mode::Fault
+            });
+            (stopped, amplifier.fault())
+        };
+        assert_eq!(run(215 * 215), (None, None));
+        let (stopped, fault) = run(200 * 200);
+        assert!(stopped.is_some_and(|tick| (16_384..60_000).contains(&tick)), "{stopped:?}");
+        assert_eq!(fault, Some(Fault::DriveCurrent));
     }
 
     /// Conditions an actuator that is read through `sensor`; the conditioned state and the mode behind it.

@@ -24,6 +24,7 @@
 //! block data OFFSET HEX                        up to 32 bytes of it
 //! block commit                                 verify it and keep it in flash, beside the last good one
 //! block swap                                   verify it and let it take the place of the running block, without a step of the drive; it is not kept
+//! block envelope CHECKSUM                      what came is the safety envelope with this checksum (8 digits, hexadecimal): verify and keep it; only disarmed, at rest
 //! restart                                      with the newest valid block
 //! ```
 //!
@@ -71,6 +72,8 @@ pub enum Line {
     BlockCommit,
     /// It is complete and takes the place of the running one.
     BlockSwap,
+    /// It is a safety envelope with this checksum; keep it.
+    BlockEnvelope(u32),
     /// Start again.
     Restart,
 }
@@ -261,6 +264,11 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
             return Ok(Line::BlockData(BlockPiece::parse(offset, hexadecimal)?));
         }
         (Some("block"), Some("commit")) => return Ok(Line::BlockCommit),
+        (Some("block"), Some("envelope")) => {
+            const EXPECTED: &str = "expected the envelope's checksum, 8 hexadecimal digits";
+            let digits = verbs.next().filter(|digits| digits.len() == 8).ok_or(EXPECTED)?;
+            return u32::from_str_radix(digits, 16).map(Line::BlockEnvelope).map_err(|_| EXPECTED);
+        }
         (Some("block"), Some("swap")) => return Ok(Line::BlockSwap),
         (Some("restart"), None) => return Ok(Line::Restart),
         _ => {
@@ -286,14 +294,14 @@ mod tests {
         assert_eq!(parse(" @500  disable ", 20_000), Ok(Line::Control(Some(500), Command::Disable)));
         assert_eq!(
             parse("reference constant -2500", 20_000),
-            Ok(Line::Control(None, Command::Reference { waveform: Waveform::Constant, offset: -(5 << 23) }))
+            Ok(Line::Control(None, Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(-2.5) }))
         );
         let Ok(Line::Control(None, Command::Reference { waveform: Waveform::Multisine { tones }, offset })) =
             parse("reference sine 100000 5000 5600", 20_000)
         else {
             panic!()
         };
-        assert_eq!((tones[0], offset), ((21_474_836, 5 << 24, 0), 93_952_409));
+        assert_eq!((tones[0], offset), ((21_474_836, Micrometres::from_num(5), 0), Micrometres::from_bits(93_952_409)));
         assert_eq!(parse("trace 31 1", 20_000), Ok(Line::Trace(Channels::ALL, 1)));
         assert_eq!(parse("timeout 250", 20_000), Ok(Line::HostTimeout(5000)));
         assert_eq!(parse("timeout 0", 20_000), Ok(Line::HostTimeout(0)));
@@ -325,6 +333,8 @@ mod tests {
         assert_eq!(received, block);
         assert_eq!(parse("capture fault 100 200", 20_000), Ok(Line::Capture(Trigger::Fault, 100, 200)));
         assert_eq!(parse("block swap", 20_000), Ok(Line::BlockSwap));
+        assert_eq!(parse("block envelope 0012abcd", 20_000), Ok(Line::BlockEnvelope(0x12_abcd)));
+        assert!(parse("block envelope 12", 20_000).is_err() && parse("block envelope", 20_000).is_err());
         assert_eq!(parse("identify 40000", 20_000), Ok(Line::Identify(40_000)));
     }
 

@@ -4,6 +4,9 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
+use hysteron_core::codes::DriveCode;
+use hysteron_core::safety_envelope::{self, SafetyEnvelope};
+use hysteron_sim::converter_scale::ConverterScale;
 use defmt_decoder::{DecodeError, Table};
 use object::{Object, ObjectSection, ObjectSymbol};
 use rigless::device::Level;
@@ -24,6 +27,59 @@ pub const MILLISECOND: u64 = 1_000_000;
 /// Where the parameter blocks stand (`memory.x`, SETTINGS).
 const SETTINGS: [u64; 2] = [0x081C_0000, 0x081E_0000];
 
+/// Where the safety envelope stands.
+const ENVELOPE: u64 = 0x0818_0000;
+
+/// The envelope of the emulated bench: -20..120 V on 20 bits, of which what the reference actuator bears may act. Its guards are as wide as the widest test of
+/// the guard asks for.
+#[must_use]
+pub fn bench_envelope() -> SafetyEnvelope {
+    SafetyEnvelope {
+        name: *b"emulated bench\0\0",
+        dac_bits: 20,
+        sensor_is_signed: false,
+        reference_span_mv: 14_000,
+        drive_at_code_0_uv: -20_000_000,
+        drive_span_uv: 140_000_000,
+        drive_min: DriveCode::new(149_760),
+        drive_max: DriveCode::new(899_000),
+        safe_code: DriveCode::new(149_797),
+        slew_limit_v_s: 100_000,
+        rest_within_ms: 100,
+        stuck_within_ms: 20,
+        tracking_within_ms: 200,
+        tracking_error_nm: 127_000,
+        sensor_margin: 16,
+        healthy_ms: 5,
+        capacitance_nf: 1_500,
+        current_ua: 200_000,
+    }
+}
+
+/// The envelope of a bench with converters of this scale: what its actuator bears.
+#[must_use]
+pub fn envelope_of(scale: &ConverterScale) -> SafetyEnvelope {
+    let bench = bench_envelope();
+    let codes = |code: DriveCode| DriveCode::new(code.steps() << bench.dac_bits.saturating_sub(scale.dac_bits));
+    let lowest = codes(scale.dac_code(scale.drive_min_v));
+    SafetyEnvelope {
+        drive_at_code_0_uv: (scale.dac_zero_v * 1e6).round() as i32,
+        drive_span_uv: (scale.dac_lsb_v * 2f64.powi(i32::from(scale.dac_bits)) * 1e6).round() as u32,
+        drive_min: lowest,
+        drive_max: codes(scale.dac_code(scale.drive_max_v)),
+        safe_code: lowest,
+        ..bench
+    }
+}
+
+/// An envelope as it stands in flash.
+#[must_use]
+pub fn envelope_bytes(envelope: &SafetyEnvelope) -> Vec<u8> {
+    let mut bytes = [0; safety_envelope::ENVELOPE_BYTES];
+    let length = safety_envelope::write(envelope, &mut bytes).unwrap_or(0);
+    bytes[..length].to_vec()
+}
+
 /// The first address behind the flash: what reads a word there has a bus error, as at a word that is damaged, and is meant to survive it.
 const BEYOND_FLASH: u64 = 0x0820_0000;
 
@@ -38,6 +94,8 @@ pub struct Script {
     pub block: Option<Vec<u8>>,
     /// Another one, in the second place.
     pub second_block: Option<Vec<u8>>,
+    /// The safety envelope that the board has: that of the bench, unless something else is said.
+    pub envelope: Option<Vec<u8>>,
     /// The option bytes let the watchdog start with the supply.
     pub hardware_watchdog: bool,
     /// Bytes for the command channel, each with the instant from which it is sent, ns; in order.
@@ -98,6 +156,7 @@ impl Script {
             read_every_ns: Some(MILLISECOND),
             block: None,
             second_block: None,
+            envelope: Some(envelope_bytes(&bench_envelope())),
             hardware_watchdog: false,
             commands: Vec::new(),
             serial: Vec::new(),
@@ -346,10 +405,13 @@ pub(crate) struct Prepared {
 }
 
 /// Puts image, parameter block and serial line on a board; the run first stops at `first_stop_ns`.
-pub(crate) fn prepare(elf: &Path, mut board: NucleoBoard, blocks: [Option<&[u8]>; 2], line: &SharedLine, first_stop_ns: u64) -> Result<Prepared> {
+pub(crate) fn prepare(elf: &Path, mut board: NucleoBoard, blocks: [Option<&[u8]>; 2], envelope: Option<&[u8]>, line: &SharedLine, first_stop_ns: u64) -> Result<Prepared> {
     let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
     board.attach_serial(line);
     let mut images = vec![Image::read(elf, None)?];
+    if let Some(envelope) = envelope {
+        images.push(Image::new(Path::new("safety envelope"), envelope.to_vec(), Some(ENVELOPE))?);
+    }
     for (block, place) in blocks.iter().zip(SETTINGS) {
         if let Some(block) = block {
             images.push(Image::new(Path::new("parameter block"), block.to_vec(), Some(place))?);
@@ -370,7 +432,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
 
     let line = SharedLine::default();
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
-    let Prepared { session, images, control_block } = prepare(elf, board, [script.block.as_deref(), script.second_block.as_deref()], &line, first)?;
+    let Prepared { session, images, control_block } = prepare(elf, board, [script.block.as_deref(), script.second_block.as_deref()], script.envelope.as_deref(), &line, first)?;
     let taken = Arc::new(Mutex::new(Taken::default()));
     let watchdog = Watchdog { running: script.hardware_watchdog, ..Watchdog::default() };
     let probe = Probe {

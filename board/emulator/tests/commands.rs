@@ -55,7 +55,7 @@ fn a_block_is_kept_beside_the_last_good_one_and_taken_at_the_next_start() {
     let texts = texts(&outcome);
     let position = |part: &str| texts.iter().position(|text| text.contains(part)).unwrap_or_else(|| panic!("{part}: {texts:?}"));
     let damaged_at = position("refused: block: checksum does not match");
-    let unstable_at = position("refused: block: the design is not stable when sampled");
+    let unstable_at = position("refused: block: by its own figure the design is not stable when sampled");
     let kept_at = position("block kept as B");
     assert!(damaged_at < unstable_at && unstable_at < kept_at, "{texts:?}");
     // The loop was closed meanwhile: no restart then, and the watchdog was fed through the erase.

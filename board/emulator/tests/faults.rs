@@ -8,7 +8,8 @@ use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
 use hysteron_emulator::board::{NucleoBoard, SafetyLine};
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
-use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, halfword_at, run};
+use hysteron_core::safety_envelope::SafetyEnvelope;
+use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, bench_envelope, envelope_bytes, halfword_at, run};
 use hysteron_sim::bench::{Bench, Variant};
 
 const ENABLED_AT: u32 = 300;
@@ -112,7 +113,7 @@ fn a_corrupt_block_is_refused_with_its_reason_and_the_drive_rests() {
     mismatched.physical.drive_max_mv = 120_000;
     for (bytes, reason) in [
         (damaged, "checksum does not match"),
-        (block(&unstable), "the design is not stable when sampled"),
+        (block(&unstable), "by its own figure the design is not stable when sampled"),
         (block(&mismatched), "integers contradict the physical limits"),
     ] {
         let world = World::new(&bench, Variant::PLAIN, 3).shared();
@@ -217,8 +218,11 @@ fn a_hard_fault_goes_to_the_rest_that_the_block_says() {
     // Not the 0 V that is rest without a block.
     parameters.guard.rest_code = parameters.servo.converters.dac_code_min + 3_000;
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    // 16 bits of a block in 20 of the converter.
+    let envelope = SafetyEnvelope { safe_code: DriveCode::new(parameters.guard.rest_code.steps() << 4), ..bench_envelope() };
     let script = Script {
         block: Some(block(&parameters)),
+        envelope: Some(envelope_bytes(&envelope)),
         commands: vec![(4 * MILLISECOND, b"arm untested\nconditioning waived\nreference constant 5000\nenable\n".to_vec())],
         injections: vec![(100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED })],
         ..Script::listening(110 * MILLISECOND)

@@ -5,6 +5,7 @@ use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
 
 /// The amplifier as of the last tick that is known.
@@ -76,6 +77,17 @@ pub struct Diagnosis {
     pub adapted_gain_millionths: u32,
 }
 
+/// A fault of the past.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// The start of the program in which it was, counted since the supply was switched on.
+    pub start: u32,
+    /// The tick at which it was latched.
+    pub tick: u32,
+    /// Which one.
+    pub fault: Fault,
+}
+
 /// What carries the amplifier.
 pub trait Device {
     /// The amplifier's state.
@@ -123,6 +135,18 @@ pub trait Device {
 
     /// Lets the block be verified and take the place of the running one, at rest or with the loop closed, within milliseconds.
     fn swap_block(&mut self);
+
+    /// Lets what was brought be verified as the safety envelope with this checksum, and kept.
+    ///
+    /// # Errors
+    /// The drive does not rest, or the power stage is on.
+    fn keep_envelope(&mut self, fingerprint: u32) -> Result<(), Moving>;
+
+    /// The safety envelope in force.
+    fn envelope(&self) -> Option<SafetyEnvelope>;
+
+    /// The fault so many before the last one that was latched; `None` beyond the oldest that is kept.
+    fn event(&self, before_last: u32) -> Option<Event>;
 
     /// What has become of it.
     fn brought(&self) -> Brought;

@@ -105,6 +105,7 @@ enum Pending {
     Parameters(usize),
     RecorderHelp(usize),
     DiagnosisHelp(usize),
+    Events(u32),
     Recorded(DataArray),
     Codes { first: u32, count: u32 },
     Wave(DataArray),
@@ -353,6 +354,7 @@ impl<D: Device + 'static> Session<D> {
                 let written = writeln!(piece, "{line}{}", if last { "" } else { " " });
                 self.sent(written, if last { Pending::Nothing } else { Pending::RecorderHelp(nth + 1) })
             }
+            Pending::Events(nth) => self.next_event(nth, piece),
             Pending::Recorded(array) => self.send_array(array, piece, Pending::Recorded, Self::recorded_value, Self::recorded_name),
             Pending::Codes { first, count } => self.send_codes(first, count, piece),
             Pending::Wave(array) => self.send_array(array, piece, Pending::Wave, Self::wave_value, |_, _| "Wave table"),

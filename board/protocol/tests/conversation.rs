@@ -6,12 +6,14 @@ use std::sync::atomic::AtomicI32;
 
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::DriveCode;
+use hysteron_core::guard::Fault;
+use hysteron_core::safety_envelope::{self, SafetyEnvelope};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
+use hysteron_protocol::device::{Brought, Device, Diagnosis, Event, Moving, View};
 use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
 use hysteron_protocol::{DIALECT, Lines};
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
@@ -38,6 +40,8 @@ struct Rig {
     telemetry: LoopTelemetry,
     /// Ticks that have gone by without being simulated.
     skipped: u64,
+    envelope: Option<SafetyEnvelope>,
+    events: Vec<Event>,
 }
 
 const ROOM: u32 = 3000;
@@ -134,6 +138,22 @@ impl Device for Shared {
         rig.brought = read(&rig.block, 20_000).map_or_else(|error| Brought::Refused(error.reason()), |_| Brought::Kept);
         Ok(())
     }
+    fn keep_envelope(&mut self, wanted: u32) -> Result<(), Moving> {
+        let mut rig = self.0.borrow_mut();
+        if rig.amplifier.powered() {
+            return Err(Moving);
+        }
+        let envelope = safety_envelope::read(&rig.block).ok().filter(|envelope| safety_envelope::fingerprint(envelope) == wanted);
+        rig.brought = if envelope.is_some() { Brought::Kept } else { Brought::Refused("another checksum") };
+        rig.envelope = envelope.or(rig.envelope);
+        Ok(())
+    }
+    fn envelope(&self) -> Option<SafetyEnvelope> {
+        self.0.borrow().envelope
+    }
+    fn event(&self, before_last: u32) -> Option<Event> {
+        self.0.borrow().events.iter().rev().nth(before_last as usize).copied()
+    }
     fn swap_block(&mut self) {
         let mut rig = self.0.borrow_mut();
         let swapped = read(&rig.block, 20_000).map_err(|error| error.reason()).and_then(|block| rig.amplifier.swap(&block));
@@ -208,6 +228,8 @@ impl Table {
             host_timeout: 0,
             telemetry: LoopTelemetry::new(20_000),
             skipped: 0,
+            envelope: None,
+            events: Vec::new(),
         })));
         rig.0.borrow_mut().run(100);
         let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(i32::MIN)).collect();
@@ -830,4 +852,47 @@ fn a_held_axis_does_not_begin_to_move_after_a_day() {
         table.tell("MOV 1 5", 0);
         table.run(3000);
     }
+}
+
+#[test]
+fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off() {
+    let mut table = Table::new();
+    assert_eq!((table.ask("ENV?").as_str(), table.ask("LOG?").as_str()), ("NONE\n", "NONE\n"));
+    let envelope = SafetyEnvelope {
+        name: [0; 16],
+        dac_bits: 20,
+        sensor_is_signed: false,
+        reference_span_mv: 14_000,
+        drive_at_code_0_uv: -20_000_000,
+        drive_span_uv: 140_000_000,
+        drive_min: DriveCode::new(149_797),
+        drive_max: DriveCode::new(299_593),
+        safe_code: DriveCode::new(149_797),
+        slew_limit_v_s: 1_000,
+        rest_within_ms: 100,
+        stuck_within_ms: 10,
+        tracking_within_ms: 5,
+        tracking_error_nm: 1_000,
+        sensor_margin: 16,
+        healthy_ms: 100,
+        capacitance_nf: 1_500,
+        current_ua: 20_000,
+    };
+    let mut bytes = [0; safety_envelope::ENVELOPE_BYTES];
+    let length = safety_envelope::write(&envelope, &mut bytes).expect("fits");
+    table.rig.0.borrow_mut().block = bytes[..length].to_vec();
+    let checksum = safety_envelope::fingerprint(&envelope);
+    table.tell(&format!("BLK ENVELOPE {:#x}", checksum ^ 1), 0);
+    assert!(table.ask("BLK?").starts_with("REFUSED"));
+    table.tell("ARM 1 2", 0);
+    table.tell(&format!("BLK ENVELOPE {checksum:#x}"), 93);
+    table.tell("ARM 1 0", 0);
+    table.run(10);
+    table.tell(&format!("BLK ENVELOPE {checksum:#x}"), 0);
+    assert_eq!(table.ask("BLK?"), "KEPT\n");
+    let said = table.ask("ENV?");
+    assert!(said.contains(&format!("CHECKSUM={checksum:#010x}")) && said.contains("DRIVE=0.000 20.000 V"), "{said}");
+    let event = |tick, fault| Event { start: 3, tick, fault };
+    table.rig.0.borrow_mut().events = vec![event(7, Fault::Watchdog), event(900, Fault::Interlock)];
+    assert_eq!(table.ask("LOG?"), "START=3 TICK=900 FAULT=14 interlock \nSTART=3 TICK=7 FAULT=9 watchdog\n");
 }
