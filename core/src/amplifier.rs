@@ -880,8 +880,9 @@ mod tests {
         assert_eq!(told, acts);
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
         run(&mut amplifier, 4000);
-        assert_eq!(amplifier.command(Command::Reference { waveform: table(), offset: Micrometres::from_bits(0) }), Ok(()));
-        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        let wave = Command::Reference { waveform: table(), offset: Micrometres::from_bits(0) };
+        assert_eq!(amplifier.command(wave), Err(Refusal::LoopOpen));
+        assert_eq!((amplifier.command(Command::Enable), amplifier.command(wave)), (Ok(()), Ok(())));
         let closed = run(&mut amplifier, 80);
         assert_eq!(closed.iter().filter(|(told, _)| *told).count(), 15);
         // The reference rises with the marked point, whatever offset it still has from the beginning of the loop.
