@@ -12,6 +12,7 @@
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::parameter_block::{AmplifierParameters, BlockError, Reader, Wire, Writer, wire_struct};
+use crate::servo_parameters::LawParameters;
 
 /// First bytes of an envelope.
 pub const MAGIC: [u8; 4] = *b"HYSE";
@@ -163,13 +164,13 @@ impl SafetyEnvelope {
         i64::from(self.drive_at_code_0_uv) + ((i64::from(code) * i64::from(self.drive_span_uv)) >> self.dac_bits)
     }
 
-    /// A code of the converter as one of a block's bits has it, and the other way round.
+    /// A code of a block of so many bits as the converter has it.
     #[must_use]
     pub fn of_block(&self, code: DriveCode, block_bits: u8) -> DriveCode {
         DriveCode::new(code.steps() << self.dac_bits.saturating_sub(block_bits))
     }
 
-    /// The code of rest in a block's bits.
+    /// The least and the most code that may act, in a block's bits.
     #[must_use]
     pub fn limits_of(&self, block_bits: u8) -> (DriveCode, DriveCode) {
         let shift = self.dac_bits.saturating_sub(block_bits);
@@ -222,10 +223,12 @@ impl SafetyEnvelope {
         if guard.stuck_ticks == 0 || u32::from(guard.stuck_ticks) > ticks(self.stuck_within_ms, rate) {
             return Err("beyond the safety envelope: the guard of a stuck sensor is off or too slow");
         }
-        if u32::from(guard.tracking_ticks) > ticks(self.tracking_within_ms, rate) {
+        // A block without a law follows nothing.
+        let follows = !matches!(parameters.servo.law, LawParameters::Hold);
+        if follows && u32::from(guard.tracking_ticks) > ticks(self.tracking_within_ms, rate) {
             return Err("beyond the safety envelope: the guard of the tracking error is too slow");
         }
-        if (i64::from(guard.tracking_error) * 1000) >> 24 > i64::from(self.tracking_error_nm) {
+        if follows && (i64::from(guard.tracking_error) * 1000) >> 24 > i64::from(self.tracking_error_nm) {
             return Err("beyond the safety envelope: the guard of the tracking error is too wide");
         }
         let margin = (u32::from(self.sensor_margin) << c.adc_bits) >> 16;
