@@ -45,7 +45,7 @@ NOT_ARMED = 4001
 
 def ask(device, question):
     """An answer as it is, for commands that PIPython has no name for."""
-    return device.ReadGCSCommand(question).strip()
+    return device.read(question).strip()
 
 
 def arms(device):
@@ -53,7 +53,7 @@ def arms(device):
     assert ask(device, "ENV?").startswith("CHECKSUM="), "a safety envelope"
     assert ask(device, "ARM? 1") == "1=0"
     fails_with(NOT_ARMED, lambda: device.ATZ("1", 0))
-    device.GcsCommandset("ARM 1 1")
+    device.send("ARM 1 1")
     assert not device.IsControllerReady()
     pitools.waitonready(device)
     assert ask(device, "ARM? 1") == "1=1"
@@ -136,7 +136,7 @@ def leaves_a_finished_wave_alone(device):
 
 def disarms(device):
     """The power stage is switched off, and no fault has been latched in all of it."""
-    device.GcsCommandset("ARM 1 0")
+    device.send("ARM 1 0")
     wait(lambda: ask(device, "ARM? 1") == "1=0")
     assert ask(device, "LOG?") == "NONE"
 
