@@ -23,9 +23,8 @@ pub const STEP_MILLIVOLTS: i64 = 1_500;
 /// Readings of a mean.
 pub const MEAN_TICKS: u32 = 1 << MEAN_SHIFT;
 const MEAN_SHIFT: u32 = 10;
-/// The least and the most that the motion may be of what the model expects, sixteenths: half of it and twice it. On the simulated bench it is 0.9 to 1.1
-/// (`cargo test -p hysteron-core self_test`, `cargo test -p hysteron-protocol --test conversation arming -- --nocapture`); a range switch of sensor or
-/// amplifier that stands wrong changes it by a factor of two and more.
+/// The least and the most that the motion may be of what the model expects, sixteenths: just more than half of it and just less than twice it, because a range
+/// switch of sensor or amplifier that stands wrong changes it by a factor of two or more.
 pub const GAIN_BAND: (i64, i64) = (9, 29);
 
 /// What the sensor and the model said at two drives.
