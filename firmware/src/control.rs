@@ -161,7 +161,7 @@ impl Control {
     #[unsafe(link_section = ".control_code")]
     fn note(&mut self, tick: u32, fault: u8) {
         self.latched = fault;
-        if let Some(fault) = Fault::from_number(fault) {
+        if fault != 0 {
             event_log::write(tick, fault);
         }
     }

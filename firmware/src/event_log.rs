@@ -5,8 +5,6 @@
 
 use core::mem::MaybeUninit;
 
-use hysteron_core::guard::Fault;
-
 /// Faults that are kept.
 pub const ROOM: usize = 64;
 const MAGIC: u32 = 0x4859_4c31;
@@ -18,7 +16,7 @@ pub struct Event {
     pub start: u32,
     /// The tick at which it was latched; 0 at a start.
     pub tick: u32,
-    /// Which one.
+    /// The number of it.
     pub fault: u32,
 }
 
@@ -59,10 +57,10 @@ pub fn begin() {
     }
 }
 
-/// Writes a fault. For the control interrupt once it runs, for thread code before.
+/// Writes a fault by its number. For the control interrupt once it runs, for thread code before.
 #[inline(never)]
 #[unsafe(link_section = ".control_code")]
-pub fn write(tick: u32, fault: Fault) {
+pub fn write(tick: u32, fault: u8) {
     // SAFETY: `begin` ran first; the interrupt and who writes before its start do not write at the same time, and readers look for the check.
     unsafe {
         let log = &mut *(&raw mut LOG).cast::<Log>();
@@ -71,7 +69,7 @@ pub fn write(tick: u32, fault: Fault) {
             // What the check has of this place changes with it.
             let turns = (ROOM - 1 - at) as u32;
             log.check ^= place.sum().rotate_left(turns);
-            *place = Event { start: log.starts, tick, fault: fault as u32 };
+            *place = Event { start: log.starts, tick, fault: fault.into() };
             log.check ^= place.sum().rotate_left(turns);
         }
         let turns = ROOM as u32;

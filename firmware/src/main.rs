@@ -73,7 +73,7 @@ async fn main(spawner: Spawner) {
     event_log::begin();
     let envelope = settings::load_envelope();
     let block = settings::load(SAMPLE_RATE_HZ);
-    let refused = match (envelope, block) {
+    let refused = match (&envelope, &block) {
         (None, _) => Some(Fault::NoEnvelope),
         (Some(_), Err(_)) => Some(Fault::ParameterBlock),
         (Some(_), Ok(_)) => None,

@@ -101,7 +101,7 @@ fn wanted(pattern: u32, tick: u32) -> u32 {
 fn next_code(pattern: u32, tick: u32) -> DriveCode {
     let pattern = if safety_lines::fault().is_some() { Pattern::Rest as u32 } else { pattern };
     let (before, slew) = (WRITTEN.load(Ordering::Relaxed), SLEW.load(Ordering::Relaxed));
-    let next = wanted(pattern, tick).clamp(before.saturating_sub(slew), before + slew);
+    let next = wanted(pattern, tick).max(before.saturating_sub(slew)).min(before + slew);
     WRITTEN.store(next, Ordering::Relaxed);
     DriveCode::new(next)
 }
@@ -115,7 +115,9 @@ extern "C" fn TIM2() {
     let reading = converters.read();
     let tick = TICK.load(Ordering::Relaxed);
     let mut silent = reading.is_none();
-    silent |= !converters.write(next_code(PATTERN.load(Ordering::Relaxed), tick));
+    // Before an experiment its first code.
+    let at = if tick < TICKS { tick } else { 0 };
+    silent |= !converters.write(next_code(PATTERN.load(Ordering::Relaxed), at));
     if tick >= TICKS {
         return;
     }
