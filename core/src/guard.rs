@@ -15,7 +15,7 @@
 //! | overrun | a tick was still running when the next was due | ramp to rest |
 //! | emergency stop, interlock, amplifier not ready | a line to the board is open | ramp to rest, for as long as it is |
 //! | host lost | the drive is live and no command came for longer than a time that the host chose | ramp to rest |
-//! | drive does not arrive, reads back another code | the drive's converter did not take a code, or has another one | ramp to rest |
+//! | drive does not arrive | the drive's converter did not take a code | ramp to rest |
 //! | sensor does not move, moves against the drive, motion is not the model's, drifts, is noisy | self-test or conditioning ([`crate::self_test`]) | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |
 //! | drive current | the slew of the drive, RMS, is more than the envelope's current ([`crate::safety_envelope`]) | ramp to rest |
@@ -63,35 +63,29 @@ pub enum Fault {
     SupplyLow = 17,
     /// The drive's converter did not take a code.
     DriveSilent = 18,
-    /// The drive's converter has another code than it was given.
-    DriveDiffers = 19,
     /// The drive changed and the sensor's reading did not.
-    SensorDoesNotMove = 20,
+    SensorDoesNotMove = 19,
     /// The reading fell when the drive rose.
-    SensorReversed = 21,
+    SensorReversed = 20,
     /// The stage moved much less, or much more, than its model says.
-    GainDiffers = 22,
+    GainDiffers = 21,
     /// The reading did not come back with the drive.
-    SensorDrifts = 23,
+    SensorDrifts = 22,
     /// The reading has more noise than the motion that is looked for.
-    SensorNoisy = 24,
+    SensorNoisy = 23,
     /// A conditioning ended before the drive had been at both its limits.
-    RangeNotReached = 25,
+    RangeNotReached = 24,
     /// The drive changed so much that the current into the actuator exceeds its limit, RMS.
-    DriveCurrent = 26,
+    DriveCurrent = 25,
     /// A code left the board's safety envelope.
-    BeyondEnvelope = 27,
+    BeyondEnvelope = 26,
     /// The board has no safety envelope.
-    NoEnvelope = 28,
-    /// The amplifier's voltage monitor disagrees with the code.
-    MonitorDiffers = 29,
-    /// The crystal did not start.
-    CrystalDead = 30,
+    NoEnvelope = 27,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 30] = [
+    pub const ALL: [(Self, &'static str); 27] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -110,7 +104,6 @@ impl Fault {
         (Self::HostLost, "host lost"),
         (Self::SupplyLow, "supply low"),
         (Self::DriveSilent, "drive does not arrive"),
-        (Self::DriveDiffers, "drive reads back another code"),
         (Self::SensorDoesNotMove, "sensor does not move with the drive"),
         (Self::SensorReversed, "sensor moves against the drive"),
         (Self::GainDiffers, "motion is not the model's"),
@@ -120,8 +113,6 @@ impl Fault {
         (Self::DriveCurrent, "drive current"),
         (Self::BeyondEnvelope, "drive beyond the safety envelope"),
         (Self::NoEnvelope, "no safety envelope"),
-        (Self::MonitorDiffers, "amplifier's monitor disagrees with the drive"),
-        (Self::CrystalDead, "crystal does not start"),
     ];
 
     /// Its name.

@@ -311,10 +311,11 @@ impl Board {
     pub fn condition(&mut self) -> Result<()> {
         self.arm()?;
         self.tell("ATZ 1")?;
-        self.wait(
-            "DIA? 1",
-            |mode| if mode == "1=3" { Err(Error::new("ATZ", "a fault ended the conditioning")) } else { Ok(mode == "1=0") },
-        )?;
+        self.wait("DIA? 1", |mode| Ok(mode == "1=0" || mode == "1=3"))?;
+        if self.number("DIA? 1")? == 3.0 {
+            let found = fault_name(self.number("DIA? 2")?);
+            return Err(Error::new("ATZ", format!("the conditioning ended with `{found}`. {}", what_to_do(found))));
+        }
         if self.number("ATZ? 1")? == 1.0 { Ok(()) } else { Err(Error::new("ATZ", "was stopped before the sensor was zeroed")) }
     }
 }

@@ -40,7 +40,7 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::AmplifierNotReady) => "The amplifier says that it is not ready: look at it, then clear (INI).",
         Some(Fault::HostLost) => "No line came for as long as the host had allowed: clear (INI), condition (ATZ), and go on.",
         Some(Fault::SupplyLow) => "The board's supply had fallen below 2.8 V: look at it, then clear (INI).",
-        Some(Fault::DriveSilent | Fault::DriveDiffers) => {
+        Some(Fault::DriveSilent) => {
             "The drive's converter does not take its code: look at its supply, its cable and its references, then clear (INI) and arm (ARM 1 1)."
         }
         Some(Fault::SensorDoesNotMove) => {
@@ -56,10 +56,6 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::DriveCurrent) => "The drive asked for more current than the envelope allows: a slower or smaller wave, then clear (INI).",
         Some(Fault::BeyondEnvelope) => "A drive left the board's safety envelope and was held at its end: clear (INI), and report it.",
         Some(Fault::NoEnvelope) => "The board has no safety envelope and drives nothing: `hysteron board envelope FILE` brings one.",
-        Some(Fault::MonitorDiffers) => {
-            "The amplifier's output is not what the board asked for: look at its gain, its cable and its supply, then clear (INI)."
-        }
-        Some(Fault::CrystalDead) => "The board's crystal does not start, and nothing is driven: the board needs repair.",
         None => "firmware/README.md, Faults, says what sees it and how it comes back.",
     }
 }
@@ -110,9 +106,9 @@ impl Condition {
         })
     }
 
-    /// Without a valid parameter block nothing moves.
+    /// Without a valid parameter block, or without a safety envelope, nothing moves.
     #[must_use]
     pub fn without_block(&self) -> bool {
-        self.fault == Some(Fault::ParameterBlock.name())
+        [Fault::ParameterBlock, Fault::NoEnvelope].iter().any(|fault| self.fault == Some(fault.name()))
     }
 }
