@@ -725,7 +725,7 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
     assert_eq!(table.ask("DIA? 1 3 9"), "1=2 \n3=7 \n9=3735928559\n");
     assert_eq!(table.ask("DIA?").lines().count() + 2, table.ask("HDI?").lines().count());
     assert_eq!(table.ask("DIA? 16"), "16=1050000\n");
-    table.tell("DIA? 17", 54);
+    table.tell("DIA? 18", 54);
     table.tell("IFC RSBAUD 921600", 0);
     assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
     table.tell("IFC RSBAUD 9000000", 17);
@@ -820,7 +820,8 @@ fn a_finished_wave_is_not_read_again() {
     table.tell("WAV 1 X LIN 100 0 9 100 0 0", 0);
     table.run(100);
     let (reference, mode) = (table.rig.0.borrow().latest.reference, table.rig.0.borrow().amplifier.mode());
-    assert_eq!((reference, mode), (before, Mode::Closed));
+    // The offset of the take-over still decays, by less than a nanometre.
+    assert!(mode == Mode::Closed && (reference - before).abs() < (1 << 24) / 1000, "{mode:?}: {before} and {reference}");
 }
 
 #[test]
