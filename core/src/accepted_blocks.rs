@@ -216,20 +216,32 @@ fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseEr
         (1, Some(Command::Arm { tested: false })),
         (60, Some(Command::Play { waveform: sine(asked.increment, asked.play.0), offset: Volts::from_bits(asked.play.1), ticks: 60 })),
         (1, Some(Command::Disable)),
-        (1, Some(Command::Reference { waveform: sine(asked.increment, asked.reference.0), offset: Micrometres::from_bits(asked.reference.1) })),
+        (
+            1,
+            Some(Command::Reference {
+                waveform: sine(asked.increment, asked.reference.0),
+                offset: Micrometres::from_bits(asked.reference.1),
+            }),
+        ),
         (250, Some(Command::Enable)),
         (1, Some(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::MIN })),
         (80, None),
         (
             1,
-            Some(Command::Reference { waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: Micrometres::MIN }, offset: Micrometres::from_bits(0) }),
+            Some(Command::Reference {
+                waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: Micrometres::MIN },
+                offset: Micrometres::from_bits(0),
+            }),
         ),
         (80, None),
         // A period that is learned, until points are written and played.
         (
             4 * LEAST_PERIOD_TICKS + SETTLING_TICKS,
             Some(Command::Reference {
-                waveform: Waveform::RoundedTriangle { increment: u32::MAX / LEAST_PERIOD_TICKS + 1, amplitude: Micrometres::from_bits(asked.reference.0) },
+                waveform: Waveform::RoundedTriangle {
+                    increment: u32::MAX / LEAST_PERIOD_TICKS + 1,
+                    amplitude: Micrometres::from_bits(asked.reference.0),
+                },
                 offset: Micrometres::from_bits(asked.reference.1),
             }),
         ),

@@ -36,8 +36,8 @@
 //! ([`Command::RequireConditioning`]).
 
 use crate::block_swap;
-use crate::command_limits;
 use crate::codes::{DriveCode, SensorCode};
+use crate::command_limits;
 use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
@@ -201,13 +201,8 @@ struct Cycle {
 }
 
 impl Cycle {
-    const NONE: Self = Self {
-        lowest: DriveCode::MOST,
-        highest: DriveCode::new(0),
-        reading: SensorCode::new(0),
-        applied: 0,
-        noise: Extremes::NONE,
-    };
+    const NONE: Self =
+        Self { lowest: DriveCode::MOST, highest: DriveCode::new(0), reading: SensorCode::new(0), applied: 0, noise: Extremes::NONE };
 }
 
 /// Ticks over which the mean square of the drive's change is taken, 0.8 s at 20 kHz: what warms an amplifier takes longer.
@@ -779,7 +774,10 @@ mod tests {
         // The example's converter: -20 V at code 0, 140 V over 65536 codes.
         assert_eq!(run(&mut amplifier, 4000), (DriveCode::new(25_746), ramp));
         assert_eq!(amplifier.mode(), Mode::Playing);
-        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_bits(0), ticks: 5 }), Err(Refusal::NotAtRest));
+        assert_eq!(
+            amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_bits(0), ticks: 5 }),
+            Err(Refusal::NotAtRest)
+        );
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
         assert_eq!(run(&mut amplifier, 10), (DriveCode::new(25_746), 0));
         assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
@@ -899,11 +897,13 @@ mod tests {
         let mut amplifier = armed(example());
         let mut code = amplifier.parameters().guard.rest_code;
         let mut run = |amplifier: &mut Amplifier, ticks: u32| {
-            (0..ticks).map(|k| {
-                let sample = amplifier.tick(Some(reading(code, k)), false);
-                code = sample.dac_code;
-                sample.reference
-            }).last()
+            (0..ticks)
+                .map(|k| {
+                    let sample = amplifier.tick(Some(reading(code, k)), false);
+                    code = sample.dac_code;
+                    sample.reference
+                })
+                .last()
         };
         run(&mut amplifier, 10);
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));

@@ -55,9 +55,7 @@ pub fn is_within<Q: Quantity>(waveform: &Waveform<Q>, offset: Q, (lowest, highes
 /// [`Refusal::BeyondLimits`] where what it plays leaves its limits.
 pub fn check(command: &Command, parameters: &AmplifierParameters) -> Result<(), Refusal> {
     let within = match command {
-        Command::Reference { waveform, offset } => {
-            is_within(waveform, *offset, positions(&parameters.servo.converters, &parameters.guard))
-        }
+        Command::Reference { waveform, offset } => is_within(waveform, *offset, positions(&parameters.servo.converters, &parameters.guard)),
         Command::Play { waveform, offset, .. } => is_within(waveform, *offset, drives(parameters)),
         _ => true,
     };

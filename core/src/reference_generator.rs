@@ -154,14 +154,7 @@ impl<Q: Quantity> ReferenceGenerator<Q> {
             Waveform::Chirp { increment, .. } => i64::from(increment) << 8,
             _ => 0,
         };
-        Self {
-            waveform: waveform.within_format(),
-            offset,
-            tick: 0,
-            phase: 0,
-            chirp_increment,
-            player: TablePlayer::default(),
-        }
+        Self { waveform: waveform.within_format(), offset, tick: 0, phase: 0, chirp_increment, player: TablePlayer::default() }
     }
 
     /// Whether the sample so many (0 to 31) before the last one belongs to the marked point of a table.
@@ -276,8 +269,9 @@ mod tests {
     #[test]
     fn what_repeats_says_after_how_many_samples() {
         let (um, increment) = (Micrometres::from_bits, |hz: f64| (hz / 20_000.0 * 4_294_967_296.0).round() as u32);
-        let sines =
-            |hz: [f64; 2]| Waveform::Multisine { tones: [(increment(hz[0]), um(5), 0), (increment(hz[1]), um(5), 7), (77, um(0), 0), (0, um(0), 0)] };
+        let sines = |hz: [f64; 2]| Waveform::Multisine {
+            tones: [(increment(hz[0]), um(5), 0), (increment(hz[1]), um(5), 7), (77, um(0), 0), (0, um(0), 0)],
+        };
         for (waveform, period) in [
             (sines([100.0, 300.0]), Some(200)),
             (sines([200.0, 100.0]), Some(200)),

@@ -15,12 +15,12 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
-use hysteron_protocol::device::Brought;
 use hysteron_core::block_choice::{self, Choice, Kept};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
+use hysteron_protocol::device::Brought;
 
 use crate::board::{Board, Converters, Platform};
 use crate::front_end::{CodeBits, FrontEnd};
@@ -94,7 +94,8 @@ pub fn envelope() -> Option<SafetyEnvelope> {
 /// Looks for the envelope.
 pub fn load_envelope() -> Option<SafetyEnvelope> {
     let mut bytes = [0; ENVELOPE_BYTES];
-    let found = flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable).and_then(|()| safety_envelope::read(&bytes));
+    let found =
+        flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable).and_then(|()| safety_envelope::read(&bytes));
     // For the codes of another converter it says nothing.
     let found = found.and_then(|envelope| if envelope.dac_bits == Converters::BITS.dac { Ok(envelope) } else { Err(BlockError::Mismatch) });
     match found {

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
+use defmt_decoder::{DecodeError, Table};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::safety_envelope::{self, SafetyEnvelope};
 use hysteron_sim::converter_scale::ConverterScale;
-use defmt_decoder::{DecodeError, Table};
 use object::{Object, ObjectSection, ObjectSymbol};
 use rigless::device::Level;
 use rigless::emulator::{Driver, Host, InterruptLine, Start, Stop, run as emulate};
@@ -405,7 +405,14 @@ pub(crate) struct Prepared {
 }
 
 /// Puts image, parameter block and serial line on a board; the run first stops at `first_stop_ns`.
-pub(crate) fn prepare(elf: &Path, mut board: NucleoBoard, blocks: [Option<&[u8]>; 2], envelope: Option<&[u8]>, line: &SharedLine, first_stop_ns: u64) -> Result<Prepared> {
+pub(crate) fn prepare(
+    elf: &Path,
+    mut board: NucleoBoard,
+    blocks: [Option<&[u8]>; 2],
+    envelope: Option<&[u8]>,
+    line: &SharedLine,
+    first_stop_ns: u64,
+) -> Result<Prepared> {
     let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
     board.attach_serial(line);
     let mut images = vec![Image::read(elf, None)?];
@@ -432,7 +439,8 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
 
     let line = SharedLine::default();
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
-    let Prepared { session, images, control_block } = prepare(elf, board, [script.block.as_deref(), script.second_block.as_deref()], script.envelope.as_deref(), &line, first)?;
+    let Prepared { session, images, control_block } =
+        prepare(elf, board, [script.block.as_deref(), script.second_block.as_deref()], script.envelope.as_deref(), &line, first)?;
     let taken = Arc::new(Mutex::new(Taken::default()));
     let watchdog = Watchdog { running: script.hardware_watchdog, ..Watchdog::default() };
     let probe = Probe {

@@ -6,11 +6,11 @@ use std::sync::atomic::AtomicI32;
 
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::DriveCode;
-use hysteron_core::guard::Fault;
-use hysteron_core::safety_envelope::{self, SafetyEnvelope};
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::guard::Fault;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
+use hysteron_core::safety_envelope::{self, SafetyEnvelope};
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_protocol::device::{Brought, Device, Diagnosis, Event, Moving, View};

@@ -316,7 +316,8 @@ fn measure_amplifier(mut amplifier: Amplifier) {
     let begin = DWT::cycle_count();
     let empty = DWT::cycle_count().wrapping_sub(begin);
     let c = amplifier.parameters().servo.converters;
-    let tones = [((150u64 << 32) / 20_000, 5), (0, 0), (0, 0), (0, 0)].map(|(increment, um)| (increment as u32, Micrometres::from_num(um), 0));
+    let tones =
+        [((150u64 << 32) / 20_000, 5), (0, 0), (0, 0), (0, 0)].map(|(increment, um)| (increment as u32, Micrometres::from_num(um), 0));
     let reference = Command::Reference { waveform: Waveform::Multisine { tones }, offset: Micrometres::from_bits(94_000_000) };
     // There is no stage here whose memory could be another one.
     let _ = amplifier.command(Command::Arm { tested: false });

@@ -189,8 +189,7 @@ fn no_law_drives_beyond_the_limits_of_the_block() {
     let mut parameters = parameters();
     // Some 97 V and -6 V would be needed for positions that the sensor has; there are 0 to 80 V, and 10 V on either side that the converter has.
     parameters.guard.tracking_ticks = 4000;
-    let text =
-        "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@1500 reference constant 13900\n@2800 reference constant -900\n";
+    let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@1500 reference constant 13900\n@2800 reference constant -900\n";
     let script =
         Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(210 * MILLISECOND) };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
@@ -215,7 +214,10 @@ fn a_command_that_waits_for_its_tick_does_not_hold_up_a_stop() {
     let script = Script {
         block: Some(block(&parameters())),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\nenable\n@60000 enable\n@3200 enable\n".to_vec()),
+            (
+                4 * MILLISECOND,
+                b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\nenable\n@60000 enable\n@3200 enable\n".to_vec(),
+            ),
             (100 * MILLISECOND, b"disable\n".to_vec()),
         ],
         ..Script::listening(200 * MILLISECOND)
@@ -239,8 +241,11 @@ fn keeping_a_block_does_not_hold_up_a_stop() {
         commands: vec![
             (
                 4 * MILLISECOND,
-                [b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@8000 enable\n".to_vec(), upload(&block(&best_parameters()))]
-                    .concat(),
+                [
+                    b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@8000 enable\n".to_vec(),
+                    upload(&block(&best_parameters())),
+                ]
+                .concat(),
             ),
             (500 * MILLISECOND, b"disable\n".to_vec()),
         ],

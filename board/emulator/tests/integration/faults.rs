@@ -6,10 +6,12 @@ use common::{best_parameters, block, image, parameters, samples};
 use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_emulator::board::{NucleoBoard, SafetyLine};
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
-use hysteron_core::safety_envelope::SafetyEnvelope;
-use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, bench_envelope, envelope_bytes, halfword_at, run};
+use hysteron_emulator::run::{
+    BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, bench_envelope, envelope_bytes, halfword_at, run,
+};
 use hysteron_sim::bench::{Bench, Variant};
 
 const ENABLED_AT: u32 = 300;
@@ -27,7 +29,10 @@ fn with_trouble(kind: Trouble) -> (Outcome, DriveCode) {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, format!("trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes()),
+            (
+                4 * MILLISECOND,
+                format!("trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes(),
+            ),
             (205 * MILLISECOND, b"clear\nenable\n".to_vec()),
             (300 * MILLISECOND, b"clear\narm untested\nreference constant 3000\nenable\n".to_vec()),
         ],
@@ -362,7 +367,10 @@ fn without_a_reader_the_control_goes_on_and_losses_are_seen() {
         let script = Script {
             block: Some(block(&parameters())),
             read_every_ns,
-            commands: vec![(4 * MILLISECOND, b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@500 enable\n".to_vec())],
+            commands: vec![(
+                4 * MILLISECOND,
+                b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@500 enable\n".to_vec(),
+            )],
             ..Script::listening(500 * MILLISECOND)
         };
         let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
@@ -389,7 +397,8 @@ fn what_is_not_a_command_is_refused() {
         block: Some(block(&parameters())),
         commands: vec![(
             5 * MILLISECOND,
-            [b"enabel\nreference sine\n\xff\xfe\n".to_vec(), vec![b'x'; 200], b"\narm untested\nconditioning waived\nenable\n".to_vec()].concat(),
+            [b"enabel\nreference sine\n\xff\xfe\n".to_vec(), vec![b'x'; 200], b"\narm untested\nconditioning waived\nenable\n".to_vec()]
+                .concat(),
         )],
         ..Script::listening(60 * MILLISECOND)
     };

@@ -8,9 +8,9 @@ use crate::common;
 
 use common::{block, image_named, parameters};
 use hysteron_core::guard::Fault;
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_emulator::board::NucleoBoard;
-use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_emulator::run::{MILLISECOND, Outcome, Script, bench_envelope, envelope_bytes, run};
 use hysteron_sim::bench::Bench;
 use rigless::mcu::Mcu;

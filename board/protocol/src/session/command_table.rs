@@ -11,7 +11,11 @@ impl<D: Device + 'static> Session<D> {
         ("ARM?", "[<axis>] get whether the amplifier is off (0), armed (1), or on and not armed (2)", Self::armed),
         ("ATZ", "[<axis> [<low voltage>]] condition the actuator and zero the sensor", Self::auto_zero),
         ("ATZ?", "[<axis>] get whether the sensor has been zeroed", Self::auto_zeroed),
-        ("BLK", "<BEGIN <bytes>|DATA <offset> <hexadecimal>|COMMIT|SWAP|ENVELOPE <checksum>> bring a parameter block or a safety envelope", Self::bring_block),
+        (
+            "BLK",
+            "<BEGIN <bytes>|DATA <offset> <hexadecimal>|COMMIT|SWAP|ENVELOPE <checksum>> bring a parameter block or a safety envelope",
+            Self::bring_block,
+        ),
         ("BLK?", "get what became of the parameter block that was brought", Self::brought_block),
         ("CST?", "[<axis>] get the name of the stage", Self::stage),
         ("CSV?", "get the version of the syntax", Self::syntax_version),

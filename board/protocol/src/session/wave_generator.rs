@@ -259,7 +259,11 @@ impl<D: Device + 'static> Session<D> {
         if closed {
             let last = last << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS);
             let waveform = Waveform::Table(self.as_played(points));
-            self.command(Command::Reference { waveform, offset: Micrometres::from_bits(0) }, None, Meaning::Wave { last, ticks: ends_after });
+            self.command(
+                Command::Reference { waveform, offset: Micrometres::from_bits(0) },
+                None,
+                Meaning::Wave { last, ticks: ends_after },
+            );
         } else {
             let (waveform, ticks) = (Waveform::Table(self.as_played(points)), ends_after.unwrap_or(u32::MAX));
             self.command(Command::Play { waveform, offset: Volts::from_bits(0), ticks }, None, Meaning::DriveWave { ticks: ends_after });

@@ -88,8 +88,19 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
     let (envelope, bytes) = bytes_of(&text, file)?;
     let volts = |code| envelope.drive_uv(code) as f64 * 1e-6;
     let name = format!("{:08x}", fingerprint(&envelope));
-    println!("{}: {:.3} to {:.3} V, rest {:.3} V", file.display(), volts(envelope.drive_min), volts(envelope.drive_max), volts(envelope.safe_code));
-    println!("  at most {} V/s, {:.3} mA RMS into {:.3} uF", envelope.slew_limit_v_s, 1e-3 * f64::from(envelope.current_ua), 1e-3 * f64::from(envelope.capacitance_nf));
+    println!(
+        "{}: {:.3} to {:.3} V, rest {:.3} V",
+        file.display(),
+        volts(envelope.drive_min),
+        volts(envelope.drive_max),
+        volts(envelope.safe_code)
+    );
+    println!(
+        "  at most {} V/s, {:.3} mA RMS into {:.3} uF",
+        envelope.slew_limit_v_s,
+        1e-3 * f64::from(envelope.current_ua),
+        1e-3 * f64::from(envelope.capacitance_nf)
+    );
     println!("  checksum {name}");
     match checksum {
         None => {
