@@ -588,6 +588,10 @@ pub fn scheme_without_recording(design: &ServoDesign, choice: Choice, inverse: b
     let second = linear.second_mode.map(|_| UNCONFIRMED);
     let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, mode_moves: 0.0, demands };
     let words = Words { task: &task, recording: None, inverse };
+    if choice == Choice::Predictor {
+        let scan = task.scan();
+        return Ok(Scheme::Predictor { tuning: words.of(&scan)?.0.tuning, hysteresis_inverse: inverse });
+    }
     Ok(schemes::choose(choice, inverse, model, &task, &words)?.scheme)
 }
 

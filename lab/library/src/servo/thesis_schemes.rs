@@ -190,10 +190,11 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
         Estimator::AlphaBeta(f) => {
             let (xi, w) = (f.damping_ratio, f.natural_frequency_rad_s);
             if f.discrete {
-                // Eqs. (33)-(34), with the residual of the predicted position as is usual (the thesis prints the updated one).
+                // Eqs. (33)-(34) with (37)-(38) as printed: the residual is that of the updated position, so both equations are solved for it.
                 let (alpha, beta) = (w * t * (2.0 * xi - w * t / 2.0), (w * t).powi(2));
-                let position = [1.0 - alpha, 1.0 - alpha, 0.0, 0.0, alpha, 0.0];
-                let velocity = [-beta, 1.0 - beta, 0.0, 0.0, beta, 0.0];
+                let (kept, of_residual) = (1.0 / (1.0 + alpha), beta / (1.0 + alpha));
+                let position = [kept, kept, 0.0, 0.0, alpha * kept, 0.0];
+                let velocity = [-of_residual, 1.0 - of_residual, 0.0, 0.0, of_residual, 0.0];
                 let rows = [position, velocity, [0.0; 6]];
                 return (rows, [0.0; 6]);
             }
