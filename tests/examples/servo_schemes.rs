@@ -80,5 +80,8 @@ fn main() {
         let stable = stages as u32 - refused[nth] - unstable[nth];
         println!("{}: {stable} stable, {} refused, {} unstable", name(scheme), refused[nth], unstable[nth]);
     }
-    println!("PIDSMOC not better than PIDSMC with the alpha-beta filter at {FAST_HZ} Hz and above: {}", if worse.is_empty() { "nowhere".into() } else { worse.join("; ") });
+    println!(
+        "PIDSMOC not better than PIDSMC with the alpha-beta filter at {FAST_HZ} Hz and above: {}",
+        if worse.is_empty() { "nowhere".into() } else { worse.join("; ") }
+    );
 }

@@ -54,6 +54,11 @@ fn a_pidsmoc_agrees_with_the_host_to_the_last_bit() {
         let rest = status.split(&format!("{name}: ")).nth(1).unwrap_or_default();
         rest.split(|c: char| !c.is_ascii_digit()).next().unwrap_or_default().parse().unwrap_or(u64::MAX)
     };
-    println!("{} ticks under control; {} instructions at most, {} on the mean", TICKS_UNDER_CONTROL, number("most_tick_cycles"), number("recent_tick_cycles"));
+    println!(
+        "{} ticks under control; {} instructions at most, {} on the mean",
+        TICKS_UNDER_CONTROL,
+        number("most_tick_cycles"),
+        number("recent_tick_cycles")
+    );
     assert!(number("most_tick_cycles") <= LIMITS.0 && number("recent_tick_cycles") <= LIMITS.1, "{status}");
 }

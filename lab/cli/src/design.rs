@@ -3,13 +3,13 @@
 use crate::command_line::Outputs;
 use crate::desk::{Desk, as_argument, wrong};
 use crate::read_arguments::ReadArguments;
-use hysteron::{Error, Result};
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
-use hysteron::servo::design::ServoDesign;
 use hysteron::servo::commands::design_beside_predictor;
+use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::Order;
 use hysteron::servo::predictor::Assessment;
 use hysteron::servo::schemes::{AtWork, Choice};
+use hysteron::{Error, Result};
 use hysteron_report::{Block, Page, Section, learning as convergence, trade_off};
 use serde::Serialize;
 use std::path::{Path, PathBuf};

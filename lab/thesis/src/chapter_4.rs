@@ -379,13 +379,26 @@ fn rows_by_way_of_estimating(bench: &Bench, variant: Variant, identified: &RateI
     let noisy = with_printed_noise(bench);
     let by_noisy_points = identify_rate_independent(&noisy, variant, 610)?.by_points.one_sided();
     let cases = [
-        ("printed", over_figure_7(bench, variant, &identified.by_points.one_sided(), false), "F and G from peaks and falls by 5 V, as printed"),
-        ("samples", over_figure_7(bench, variant, &identified.by_samples, false), "F and G from every reading of two-period triangular waves"),
-        ("noisy", over_figure_7(&noisy, variant, &by_noisy_points, true), "as printed, the thesis' noise in all records, error of the reading"),
+        (
+            "printed",
+            over_figure_7(bench, variant, &identified.by_points.one_sided(), false),
+            "F and G from peaks and falls by 5 V, as printed",
+        ),
+        (
+            "samples",
+            over_figure_7(bench, variant, &identified.by_samples, false),
+            "F and G from every reading of two-period triangular waves",
+        ),
+        (
+            "noisy",
+            over_figure_7(&noisy, variant, &by_noisy_points, true),
+            "as printed, the thesis' noise in all records, error of the reading",
+        ),
     ];
     let rows = cases.into_iter().flat_map(|(by, [rms_um, max_um], note)| {
         let note = format!("{note}; mean over {FIGURE_7_DRIVES} random drives in the manner of Fig. 7");
-        [("rms", rms_um), ("max", max_um)].map(|(what, value)| Row::new(format!("ch4.ri.{by}.{what}"), value, "um", &note).on("Fig. 7, random", 4200))
+        [("rms", rms_um), ("max", max_um)]
+            .map(|(what, value)| Row::new(format!("ch4.ri.{by}.{what}"), value, "um", &note).on("Fig. 7, random", 4200))
     });
     Some(rows.collect())
 }

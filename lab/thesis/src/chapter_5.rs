@@ -4,8 +4,8 @@
 //! model of a 30 s step. The joint fit estimates the whole chain at once, with the second mode and the bandwidths of amplifier and
 //! sensor that the nominal model leaves out; it sees the same kinds of records and a multisine.
 
-use super::least_squares;
 use super::chapter_4::with_printed_noise;
+use super::least_squares;
 use super::surface_fit::{self, LossPoint};
 use crate::chapter::{Chapter, Progress, Row, errata};
 use hysteron::dataset::{Dataset, Record};
@@ -581,7 +581,11 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -
         };
         add("joint", &by_joint, "joint fit of the whole chain to noisy records: the bench's own equations");
         add("chain", &by_chain, "the thesis' identifications one after another, derivatives by local polynomials");
-        add("filter_chain", &by_filter, "the thesis' identifications, derivatives by the alpha-beta-gamma filter (printed alpha and beta, gamma by Kalata)");
+        add(
+            "filter_chain",
+            &by_filter,
+            "the thesis' identifications, derivatives by the alpha-beta-gamma filter (printed alpha and beta, gamma by Kalata)",
+        );
         add("noisy", &by_noisy, "as printed, the thesis' noise in all records, error of the reading");
         rows.push(Row::new(
             format!("ch5.joint.{hz:.0}hz.better"),
@@ -707,7 +711,8 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     let joint = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Signed, progress)?;
     let positive = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Positive, progress)?;
     rows_of_joint_fits(&data, &joint, &positive, &mut rows);
-    let identified = Identified { noisy_chain: &noisy_chain, chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
+    let identified =
+        Identified { noisy_chain: &noisy_chain, chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
     let (table, figures_9) = validation(&bench, &identified, &mut rows);
 
     progress("chapter 5: timing of a full identification of 100,000 samples");

@@ -2,7 +2,9 @@
 //!
 //! The schemes of the thesis run with the thesis' gains and, as there, without computational delay.
 
-use crate::bench_runs::{CHOICE_HZ, CHOICE_SEED, choice, commission, designed, gains_of, quasi_step_rows, run, sine_reference_um, tracking, without_model};
+use crate::bench_runs::{
+    CHOICE_HZ, CHOICE_SEED, choice, commission, designed, gains_of, quasi_step_rows, run, sine_reference_um, tracking, without_model,
+};
 use crate::chapter::{Chapter, Progress, Row};
 use crate::figures;
 use hysteron::servo::check::alpha_beta_loop_poles;
@@ -40,7 +42,9 @@ fn pid_candidates() -> Vec<Scheme> {
 }
 
 fn reaching_candidates(reaching: &[ReachingGains]) -> Vec<Scheme> {
-    let Some(Scheme::SlidingMode { nominal, estimator, controller, form, .. }) = thesis_scheme("pidsm-chapter-6") else { return Vec::new() };
+    let Some(Scheme::SlidingMode { nominal, estimator, controller, form, .. }) = thesis_scheme("pidsm-chapter-6") else {
+        return Vec::new();
+    };
     reaching.iter().map(|reaching| Scheme::SlidingMode { nominal, estimator, controller, reaching: *reaching, form }).collect()
 }
 
@@ -116,7 +120,7 @@ pub fn rows_of_chapter_6(bench: &Bench, schemes: &[NamedScheme]) -> Vec<Row> {
         for hz in [10.0, 50.0, 100.0, 150.0] {
             jobs.push((format!("ch6.{id}.{hz}hz.rms"), design.clone(), Some(hz), format!("{hz} Hz, {condition}")));
         }
-        jobs.push((format!("ch6.{id}"), design, None, condition));
+        jobs.push((format!("ch6.{id}"), design.clone(), None, condition));
     }
     jobs.par_iter()
         .flat_map_iter(|(id, design, hz, condition)| match hz {

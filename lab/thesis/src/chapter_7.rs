@@ -6,8 +6,8 @@
 //! is designed from that model. The schemes of the thesis run with the thesis' gains and, as there, without computational delay.
 
 use crate::bench_runs::{
-    Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, choice, commission_all, designed, quasi_step_rows, row_um, sine_reference_um, tracking,
-    without_model,
+    Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, choice, commission_all, designed, quasi_step_rows, row_um, sine_reference_um,
+    tracking, without_model,
 };
 use crate::chapter::{Chapter, Progress, Row};
 use crate::comparison;
@@ -46,8 +46,13 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
                     if let (Scheme::SlidingMode { nominal, estimator, controller, reaching, form }, "pidsmoc") = (&scheme, id) {
                         // The thesis compares I_c = 1 with I_c = 2, which decides at low frequency: the same integral gain beside.
                         let (nominal, estimator, reaching, form) = (*nominal, *estimator, *reaching, *form);
-                        let equal =
-                            Scheme::SlidingMode { nominal, estimator, controller: ControllerGains { i: 2.0, ..*controller }, reaching, form };
+                        let equal = Scheme::SlidingMode {
+                            nominal,
+                            estimator,
+                            controller: ControllerGains { i: 2.0, ..*controller },
+                            reaching,
+                            form,
+                        };
                         let condition =
                             format!("{hz} Hz, {load}, plain bench, thesis gains but I_c = 2 as in PIDSMC + alpha-beta, no delay");
                         let id = format!("ch7.pidsmoc_equal_integral.{hz}hz.{load}.rms");
@@ -280,5 +285,10 @@ fn reduction(rows: &[Row]) -> Option<Row> {
         let (ours, theirs) = (of("pidsmoc", hz, load)?, of("pidsmc_ab", hz, load)?);
         least = least.min(100.0 * (1.0 - ours.0 / theirs.0)).min(100.0 * (1.0 - ours.1 / theirs.1));
     }
-    Some(Row::new("ch7.reduction_pct", least, "%", "least reduction of RMS and largest errors at 100 and 150 Hz, thesis gains, with and without load"))
+    Some(Row::new(
+        "ch7.reduction_pct",
+        least,
+        "%",
+        "least reduction of RMS and largest errors at 100 and 150 Hz, thesis gains, with and without load",
+    ))
 }

@@ -26,12 +26,8 @@ fn followed(jobs: &[Job<'_>]) -> Vec<Row> {
 }
 
 /// Schemes that are designed under one set of margins, with their names in the rows.
-const DESIGNED: [(Choice, &str); 4] = [
-    (Choice::Pidsmoc, "pidsmoc"),
-    (Choice::PidsmcAlphaBeta, "pidsmc_ab"),
-    (Choice::Smcbl, "smcbl"),
-    (Choice::Predictor, "predictor"),
-];
+const DESIGNED: [(Choice, &str); 4] =
+    [(Choice::Pidsmoc, "pidsmoc"), (Choice::PidsmcAlphaBeta, "pidsmc_ab"), (Choice::Smcbl, "smcbl"), (Choice::Predictor, "predictor")];
 
 /// PIDSMOC, PIDSMC + alpha-beta, a boundary layer and a predictor, each designed for the model that was identified of the bench and under the same margins,
 /// with the period of delay, with and without the hysteresis inverted.

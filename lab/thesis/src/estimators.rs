@@ -237,7 +237,13 @@ mod tests {
             (y, v) = (a[(0, 0)] * y + a[(0, 1)] * v + b[0] * u, a[(1, 0)] * y + a[(1, 1)] * v + b[1] * u);
         }
         let largest = truth.iter().map(|v| v.abs()).fold(0.0, f64::max);
-        for (kind, most) in [(Kind::Printed, 0.01), (Kind::Pidsmo(5000.0), 0.01), (Kind::HighGain(5000.0), 0.01), (Kind::Kalman(0.01), 0.01), (Kind::SuperTwisting(1e7), 0.05)] {
+        for (kind, most) in [
+            (Kind::Printed, 0.01),
+            (Kind::Pidsmo(5000.0), 0.01),
+            (Kind::HighGain(5000.0), 0.01),
+            (Kind::Kalman(0.01), 0.01),
+            (Kind::SuperTwisting(1e7), 0.05),
+        ] {
             let found = velocity_um_s(kind, &readings, &drives);
             let error = found.iter().zip(&truth).skip(3000).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(error < most * largest, "{kind:?}: {error} of {largest}");

@@ -30,6 +30,24 @@ pub mod surface_fit;
 pub use bench_runs::{commission, run, sine_reference_um};
 pub use chapter::{Chapter, ErrorPair, Progress, Row, RunKey};
 
+/// Chapters that can be reproduced here.
+pub const CHAPTERS: [u32; 5] = [3, 4, 5, 6, 7];
+
+/// Reproduces one chapter.
+///
+/// # Errors
+/// A message if the chapter is not known or an identification fails.
+pub fn chapter(number: u32, progress: Progress) -> Result<Chapter, String> {
+    match number {
+        3 => chapter_3::reproduce(progress),
+        4 => chapter_4::reproduce(progress),
+        5 => chapter_5::reproduce(progress),
+        6 => chapter_6::reproduce(progress),
+        7 => chapter_7::reproduce(progress),
+        _ => Err(format!("chapter {number} has nothing to reproduce: choose from {CHAPTERS:?}")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use hysteron_sim::effect::registry;
@@ -56,27 +74,11 @@ mod tests {
             let declared = effect.declaration();
             let cited = CITED.iter().find(|(id, _)| *id == declared.id).map(|(_, place)| *place);
             match cited {
-                Some(place) => assert!(declared.reference.starts_with(&format!("thesis {place}")), "{}: {}", declared.id, declared.reference),
+                Some(place) => {
+                    assert!(declared.reference.starts_with(&format!("thesis {place}")), "{}: {}", declared.id, declared.reference)
+                }
                 None => assert!(!declared.reference.contains("thesis"), "{} is not in the list: {}", declared.id, declared.reference),
             }
         }
-    }
-}
-
-/// Chapters that can be reproduced here.
-pub const CHAPTERS: [u32; 5] = [3, 4, 5, 6, 7];
-
-/// Reproduces one chapter.
-///
-/// # Errors
-/// A message if the chapter is not known or an identification fails.
-pub fn chapter(number: u32, progress: Progress) -> Result<Chapter, String> {
-    match number {
-        3 => chapter_3::reproduce(progress),
-        4 => chapter_4::reproduce(progress),
-        5 => chapter_5::reproduce(progress),
-        6 => chapter_6::reproduce(progress),
-        7 => chapter_7::reproduce(progress),
-        _ => Err(format!("chapter {number} has nothing to reproduce: choose from {CHAPTERS:?}")),
     }
 }

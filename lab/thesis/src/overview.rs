@@ -155,11 +155,8 @@ pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
     for row in rows.iter().filter(|row| row.thesis.is_none()) {
         others.rows.push(vec![row.id.clone(), value(row.ours), number(row.sensor), row.unit.clone(), row.algorithm.clone()]);
     }
-    let scoreboard = Section {
-        heading: "The printed results".into(),
-        text: String::new(),
-        blocks: of_thesis.chain([Block::Table(others)]).collect(),
-    };
+    let scoreboard =
+        Section { heading: "The printed results".into(), text: String::new(), blocks: of_thesis.chain([Block::Table(others)]).collect() };
     let sections: Vec<Section> = std::iter::once(scoreboard).chain(chapters.iter().flat_map(|c| c.sections.clone())).collect();
     Page {
         title: "Hysteron: the thesis reproduced".into(),

@@ -224,7 +224,8 @@ pub fn rows_as_printed() -> Vec<Row> {
         let velocity = trace.estimate_um.iter().skip(1).zip(moved).skip(4000).map(|(x, v)| (x[1] - v).abs()).fold(0.0, f64::max);
         let span_of_velocity = 10.0 * std::f64::consts::TAU * PRINTED.hz * SAMPLING_PERIOD_S;
         let estimate = of_span(position).max(100.0 * velocity / span_of_velocity);
-        let both = format!("{note}; displacement {:.2} %, velocity {:.2} % of its span", of_span(position), 100.0 * velocity / span_of_velocity);
+        let both =
+            format!("{note}; displacement {:.2} %, velocity {:.2} % of its span", of_span(position), 100.0 * velocity / span_of_velocity);
         rows.push(Row::new("ch7.robust.pidsmoc.estimate_pct", estimate, "%", both).on(key(), PRINTED.seed));
     }
     if let Some(nominal) = figures(&design, PRINTED, 1.0, true, 0.05) {

@@ -315,7 +315,8 @@ mod tests {
     fn only_the_algorithm_as_printed_meets_a_printed_result() {
         let cells: Vec<Cell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
         let run = |as_printed: f64, tuned: f64| {
-            let rows = vec![Row::new("ch6.sm_ab_thesis.10hz.rms", as_printed, "um", ""), Row::new("ch6.sm_ab.10hz.rms", tuned, "um", "tuned")];
+            let rows =
+                vec![Row::new("ch6.sm_ab_thesis.10hz.rms", as_printed, "um", ""), Row::new("ch6.sm_ab.10hz.rms", tuned, "um", "tuned")];
             score(&[chapter(rows)], &cells)
         };
         let missed = run(0.9, 0.1);

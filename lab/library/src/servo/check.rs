@@ -141,7 +141,9 @@ pub fn gains_in_words(
     };
     let estimated = match estimator {
         Estimator::Pidsmo(o) => format!("P_o = {:.2} V/um, I_o = {:.0} V/(um s), D_o = {:.2e} V s/um", o.p, o.i, o.d),
-        Estimator::AlphaBeta(f) => format!("alpha-beta filter of {:.0} Hz, damping ratio {:.2}", f.natural_frequency_rad_s / TAU, f.damping_ratio),
+        Estimator::AlphaBeta(f) => {
+            format!("alpha-beta filter of {:.0} Hz, damping ratio {:.2}", f.natural_frequency_rad_s / TAU, f.damping_ratio)
+        }
     };
     let mut out = vec![format!("m_c = {m:.0} 1/s, {reached}; {estimated}.")];
     if let (Estimator::Pidsmo(o), ReachingGains::Pid) = (estimator, reaching) {
@@ -263,8 +265,7 @@ mod tests {
         assert!((peak - 1.86).abs() < 0.006, "{peak}");
         assert!((response(&loop_gains, 1187.0) - std::f64::consts::FRAC_1_SQRT_2).abs() < 2e-3);
         for (hz, nm) in [(1.0, 0.41), (10.0, 3.95), (50.0, 12.3), (100.0, 17.5), (150.0, 22.8), (300.0, 42.3)] {
-            let found =
-                1e3 * unknown_input_response(&MODEL, &loop_gains, &ControllerGains::THESIS_PIDSMOC, TAU * hz).norm();
+            let found = 1e3 * unknown_input_response(&MODEL, &loop_gains, &ControllerGains::THESIS_PIDSMOC, TAU * hz).norm();
             assert!((found - nm).abs() < 0.006 * nm.max(1.0), "{hz} Hz: {found} {nm}");
         }
     }

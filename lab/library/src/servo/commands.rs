@@ -11,9 +11,9 @@ use super::model::{ActuatorModel, NominalModel, actuator_model, required_model};
 use super::order::{self, ASSUMED_NOISE_UM, Order};
 use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
-use super::schemes::{self, AtWork, Choice};
 use super::reference::Reference;
 use super::regulator_loop;
+use super::schemes::{self, AtWork, Choice};
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
 use super::track::{Beside, Circumstances, TrackResult, track};
 use crate::statistics::extremes;
@@ -217,7 +217,10 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
                 out.remarks.push("A law that switches has no eigenvalues, and nothing is claimed: follow a reference to judge it.".into());
             }
             if matches!(reaching, ReachingGains::BoundaryLayer { .. }) {
-                out.remarks.push("Judged with the slope at the middle of the boundary layer, its largest; it has no integral, so a steady error stays.".into());
+                out.remarks.push(
+                    "Judged with the slope at the middle of the boundary layer, its largest; it has no integral, so a steady error stays."
+                        .into(),
+                );
             }
             if *reaching == ReachingGains::Pid {
                 out.continuous = check::sliding_mode(nominal, estimator, controller, design.delayed).continuous;

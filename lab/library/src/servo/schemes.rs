@@ -99,7 +99,13 @@ pub(super) struct Chosen {
 }
 
 /// Scans a scheme other than the predictor; `explain` puts a scan's choice into words, or a refusal.
-pub(super) fn choose(choice: Choice, inverse: bool, model: &ActuatorModel, task: &Task<'_>, words: &impl InWords) -> Result<Chosen, String> {
+pub(super) fn choose(
+    choice: Choice,
+    inverse: bool,
+    model: &ActuatorModel,
+    task: &Task<'_>,
+    words: &impl InWords,
+) -> Result<Chosen, String> {
     let kind = match choice {
         Choice::Predictor => return Err("the predictor is designed by itself".into()),
         Choice::Pid => {
@@ -158,13 +164,8 @@ pub fn at_work(chain: &Model, designs: &[&ServoDesign], frequencies_hz: &[f64], 
     let jobs: Vec<(&ServoDesign, f64)> = designs.iter().flat_map(|design| frequencies_hz.iter().map(move |hz| (*design, *hz))).collect();
     let run = |(design, hz): &(&ServoDesign, f64)| {
         let amplitude_um = 0.3 * design.model.reach_um();
-        let reference = PeriodicReference {
-            shape: Shape::Sine,
-            frequency_hz: *hz,
-            amplitude_um,
-            offset_um: 1.12 * amplitude_um,
-            phase_deg: -90.0,
-        };
+        let reference =
+            PeriodicReference { shape: Shape::Sine, frequency_hz: *hz, amplitude_um, offset_um: 1.12 * amplitude_um, phase_deg: -90.0 };
         let circumstances = Circumstances { noise_um, seed: 1, disturbance: None };
         let found = track(chain, design, &Reference::Periodic(reference), "", circumstances);
         let (true_rms_um, true_max_um) = found.map_or((f64::NAN, f64::NAN), |found| (found.truth.rms_um, found.truth.max_um));

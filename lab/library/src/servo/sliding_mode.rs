@@ -40,10 +40,7 @@ impl SlidingModeLaw {
         let (f, g) = ([[phi[(0, 0)], phi[(0, 1)] / t], [phi[(1, 0)] * t, phi[(1, 1)]]], [gamma[0], gamma[1] * t]);
         let s = [gains.m * t, 1.0];
         let held = s[0] * g[0] + s[1] * g[1];
-        let equivalent = [
-            (s[0] * (f[0][0] - 1.0) + s[1] * f[1][0]) / held,
-            (s[0] * f[0][1] + s[1] * (f[1][1] - 1.0)) / held,
-        ];
+        let equivalent = [(s[0] * (f[0][0] - 1.0) + s[1] * f[1][0]) / held, (s[0] * f[0][1] + s[1] * (f[1][1] - 1.0)) / held];
         let prediction = match estimator {
             // The integral is the unknown input with its sign turned.
             Estimator::Pidsmo(_) => [[f[0][0], f[0][1], -g[0], g[0]], [f[1][0], f[1][1], -g[1], g[1]]],
@@ -53,9 +50,7 @@ impl SlidingModeLaw {
         let (pid, reaching) = match *reaching {
             ReachingGains::Pid => ([k * gains.p / t, k * gains.d / (t * t), k * gains.i], ReachingGains::Pid),
             ReachingGains::Switching { eta_v } => ([0.0; 3], ReachingGains::Switching { eta_v: k * eta_v }),
-            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => {
-                ([0.0; 3], ReachingGains::BoundaryLayer { eta_v: k * eta_v, delta_um_s })
-            }
+            ReachingGains::BoundaryLayer { eta_v, delta_um_s } => ([0.0; 3], ReachingGains::BoundaryLayer { eta_v: k * eta_v, delta_um_s }),
         };
         Self {
             output: Unit::Micrometre,
@@ -373,7 +368,9 @@ mod tests {
         for (hz, damping_ratio) in [(852.0, 0.7876), (850.0, 0.02), (302.0, 0.015), (302.0, 0.5), (1500.0, 0.05)] {
             let linear = linear(hz, damping_ratio);
             let scan = scanned(SlidingKind::Pidsmoc, &linear);
-            let best = scan.best().unwrap_or_else(|| panic!("{hz} Hz {damping_ratio}: {:?}", scan.candidates.iter().filter_map(|c| c.broken).collect::<Vec<_>>()));
+            let best = scan.best().unwrap_or_else(|| {
+                panic!("{hz} Hz {damping_ratio}: {:?}", scan.candidates.iter().filter_map(|c| c.broken).collect::<Vec<_>>())
+            });
             println!("{hz} Hz, {damping_ratio}: {:.2} nm, {:?}", 1e3 * best.expected_um(), best.tuning);
             let law = family(SlidingKind::Pidsmoc, &linear).law(&best.tuning).unwrap();
             let plant = linear.sampled(SAMPLING_PERIOD_S);
