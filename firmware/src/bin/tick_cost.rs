@@ -49,9 +49,6 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
 /// The block that the emulated target's tests close the loop with.
 static BLOCK: &[u8] = include_bytes!("../../../board/emulator/tests/p753.block");
 
-/// The same actuator under a PIDSMOC in predictor form.
-static PIDSMOC: &[u8] = include_bytes!("../../../board/emulator/tests/p753_pidsmoc.block");
-
 /// Counts of one case.
 struct Cost {
     most: u32,
@@ -155,12 +152,6 @@ fn main() -> ! {
         measure(ServoTick::new(leaping));
         measure_amplifier(Amplifier::new(parameters));
     }
-    if let Ok(parameters) = read(PIDSMOC, 20_000) {
-        let begin = DWT::cycle_count();
-        let empty = DWT::cycle_count().wrapping_sub(begin);
-        let mut servo = ServoTick::new(parameters.servo);
-        follow(&mut servo, empty).say("pidsmoc", &servo);
-    }
     defmt::info!("tick cost done");
     loop {
         cortex_m::asm::nop();
@@ -184,32 +175,27 @@ const ADAPTATION: AdaptationParameters =
 /// Two turns more than there is room for, so that the memory is full whatever the direction.
 const TURNS: u32 = 2 * STACK_CAPACITY as u32 + 2;
 
-/// A closed loop that follows a triangle of 0.1 um: the memory stays full.
-fn follow(servo: &mut ServoTick, empty: u32) -> Cost {
-    let c = servo.parameters().converters;
-    fill(servo, TURNS);
-    servo.enable();
-    let mut cost = Cost::NONE;
-    let middle = servo.applied().to_bits();
-    let mut plant = Mode { position: middle, velocity: 0 };
-    for k in 0..600u32 {
-        let phase = (k % 200) as i32;
-        let reference = middle + (phase.min(200 - phase) - 50) * 16_777;
-        let applied = servo.applied().to_bits();
-        cost.tick(servo, plant.code(&c, k), reference, empty);
-        plant.step(applied);
-    }
-    cost
-}
-
 fn measure(fresh: ServoTick) {
     let begin = DWT::cycle_count();
     let empty = DWT::cycle_count().wrapping_sub(begin);
     let c = fresh.parameters().converters;
     let code_at = |position: i32| code_at(&c, position);
 
+    // A closed loop that follows a triangle of 0.1 um: the memory stays full.
     let mut servo = fresh.clone();
-    follow(&mut servo, empty).say("follow", &servo);
+    fill(&mut servo, TURNS);
+    servo.enable();
+    let mut typical = Cost::NONE;
+    let middle = servo.applied().to_bits();
+    let mut plant = Mode { position: middle, velocity: 0 };
+    for k in 0..600u32 {
+        let phase = (k % 200) as i32;
+        let reference = middle + (phase.min(200 - phase) - 50) * 16_777;
+        let applied = servo.applied().to_bits();
+        typical.tick(&mut servo, plant.code(&c, k), reference, empty);
+        plant.step(applied);
+    }
+    typical.say("follow", &servo);
 
     // The same with the triangle's correction learned, from the third period on.
     let mut parameters = *fresh.parameters();

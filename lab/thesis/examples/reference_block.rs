@@ -2,10 +2,8 @@
 //! designs the servo, and writes the block.
 //!
 //! `cargo run --release --package hysteron-thesis --example reference_block -- board/emulator/tests/p753.block`
-//! `cargo run --release --package hysteron-thesis --example reference_block -- board/emulator/tests/p753_pidsmoc.block pidsmoc`
 
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
-use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::sensor_lag;
@@ -18,10 +16,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     let bench = Bench::reference()?;
     let identified = hysteron_thesis::commissioning::on_bench(&bench, Variant::FULL, 1).ok_or("no model")?;
     let mut design = ServoDesign::best(&identified.model, &Demands::default()).ok_or("no tuning keeps all margins")?;
-    if let Some(name) = std::env::args().nth(2) {
-        design = with_scheme(&design, &name)?;
-        design.explanation.clear();
-    }
     // The data sheet's, which the model holds.
     design.sensor_lag_s = identified.model.linear.sensor_bandwidth_hz.map(sensor_lag::lag_s);
     for line in &design.explanation {

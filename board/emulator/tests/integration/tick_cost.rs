@@ -9,12 +9,11 @@ use hysteron_emulator::run::{MILLISECOND, Script, run};
 /// Core clock after reset, before any clock set-up: the count of instructions a second that makes a cycle an instruction.
 const RESET_CLOCK_HZ: u64 = 64_000_000;
 /// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick from the ADC's code to the DAC's, with
-/// 16 pairs of extrema stored, `pidsmoc` that of a PIDSMOC in predictor form where the predictor does `follow`, and the same while the correction of a triangle is learned, or the gain adapted; `amplifier` is all that the interrupt does between its
+/// 16 pairs of extrema stored, and the same while the correction of a triangle is learned, or the gain adapted; `amplifier` is all that the interrupt does between its
 /// converters. `exchange` is what the servo does, once, when a block with another hysteresis takes over, `swap` all that the interrupt does when the same block does; both stand before
 /// the tick of that period. A change that needs more says so here.
-const LIMITS: [(&str, u32, u32); 11] = [
+const LIMITS: [(&str, u32, u32); 10] = [
     ("follow", 1_000, 800),
-    ("pidsmoc", 1_500, 800),
     ("learn", 1_500, 1_400),
     ("adapt", 1_500, 900),
     ("jump", 1_300, 950),

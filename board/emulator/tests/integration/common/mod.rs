@@ -80,12 +80,7 @@ pub fn parameters() -> AmplifierParameters {
 
 /// The best design for the reference bench, made from records of it: `lab/examples/reference_block.rs` wrote the file.
 pub fn best_parameters() -> AmplifierParameters {
-    parameters_of(include_bytes!("../../p753.block"))
-}
-
-/// What stands in a block that is made by `lab/thesis/examples/reference_block.rs`.
-pub fn parameters_of(block: &[u8]) -> AmplifierParameters {
-    read(block, 20_000).expect("a valid block")
+    read(include_bytes!("../../p753.block"), 20_000).expect("a valid block")
 }
 
 /// The gain of the model of [`wrong_gain`] over the true one, hundredths.
