@@ -23,7 +23,7 @@ use crate::sensor_lag::SensorLag;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters};
 use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, Quantity, Volts};
-use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
+use crate::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
 
 /// Numbers of every size.
@@ -49,11 +49,19 @@ fn law() -> impl Strategy<Value = LawParameters> {
         number().prop_map(|magnitude| Reaching::Switching { magnitude }),
         (number(), number()).prop_map(|(magnitude, thickness)| Reaching::BoundaryLayer { magnitude, thickness }),
     ];
-    let sliding = (prop::array::uniform3(row()), row(), row(), row(), row(), row(), reaching).prop_map(
-        |(rows, unknown_input, reference_velocity, reference_drive, switching_function, equivalent_control, reaching)| {
+    let prediction = prop::option::of([row(), row()].prop_map(|rows| Prediction { rows }));
+    let sliding = (prop::array::uniform3(row()), row(), row(), row(), row(), row(), reaching, prediction).prop_map(
+        |(rows, unknown_input, reference_velocity, reference_drive, switching_function, equivalent_control, reaching, prediction)| {
             LawParameters::SlidingMode {
                 estimator: EstimatorParameters { rows, unknown_input },
-                controller: SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching },
+                controller: SlidingModeParameters {
+                    reference_velocity,
+                    reference_drive,
+                    switching_function,
+                    equivalent_control,
+                    reaching,
+                    prediction,
+                },
             }
         },
     );

@@ -14,6 +14,7 @@ mod on_chip;
 mod option_bytes;
 mod record;
 mod serial_port;
+mod sliding_mode;
 mod swap;
 mod telemetry;
 mod tick_cost;
