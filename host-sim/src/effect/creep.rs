@@ -7,6 +7,7 @@
 use super::{
     Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
+use crate::block::{Block, Linear};
 use crate::chain::{EffectInstance, Model};
 use std::sync::Arc;
 
@@ -141,6 +142,13 @@ impl Stage for CreepStage {
             }
         }
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let of = |value: fn(&Term) -> f64| self.terms.iter().map(value).collect::<Vec<f64>>();
+        let diagonal = |i: usize| (0..self.terms.len()).map(|j| if i == j { self.terms[i].decay } else { 0.0 }).collect();
+        let phi = (0..self.terms.len()).map(diagonal).collect();
+        let rest = vec![1.0; self.terms.len()];
+        Some(vec![Block::Linear(Linear::reading_states(phi, of(|t| t.from_start), of(|t| t.from_end), &of(|t| t.share), 1.0, rest))])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.input = input;
         let mut output = input;
@@ -228,6 +236,12 @@ impl Effect for Creep {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = x + sum share_i s_i`, `time_constant_i_s s_i' + s_i = x`.
+
+Exact for an input that runs straight through the interval. With `a = exp(-T / tau)` and `m = (1 - a) tau / T`: `s[k] = a s[k-1] + (m - a) x[k-1] + (1 - m) x[k]`. At rest `s_i = x`.
+Behind modes it goes once a period, by the values at the ends of periods."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         self.time_constants_s(overview)

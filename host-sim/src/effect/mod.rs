@@ -42,6 +42,7 @@ pub mod slew_limit;
 pub mod thermal_drift;
 pub mod vibration;
 
+use crate::block::Block;
 use crate::chain::Model;
 use std::sync::Arc;
 
@@ -414,6 +415,11 @@ pub trait Stage: Send {
         }
     }
 
+    /// What it computes, as numbers, for exports; `None` where no block does that.
+    fn blocks(&self) -> Option<Vec<Block>> {
+        None
+    }
+
     /// What makes a costly part of the stage that another may share with it: two with the same values here make the same of the same input.
     fn shared_part(&self) -> Option<Vec<f64>> {
         None
@@ -481,6 +487,12 @@ pub struct FreeMotion {
 pub trait Effect: Send + Sync {
     /// What the effect says about itself.
     fn declaration(&self) -> Declaration;
+
+    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and how it is discretised, in Markdown. `docs/effects.md`
+    /// explains the notation.
+    fn equations(&self) -> &'static str {
+        ""
+    }
 
     /// Its parameters for a data set (number of terms, bounds).
     fn parameters(&self, overview: &Overview) -> Vec<Parameter>;

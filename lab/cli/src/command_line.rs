@@ -6,7 +6,7 @@
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
 use crate::{
-    add, board, capture, check, compare, design, diagnose, drives, effects, explain, identify, lab, plant, reproduce, score, screen,
+    add, board, capture, check, compare, design, diagnose, drives, effects, explain, export, identify, lab, plant, reproduce, score, screen,
     simulate, track,
 };
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -274,6 +274,26 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99), or its linear part as a state space
+    #[command(
+        after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\nEquations: docs/effects.md"
+    )]
+    Export {
+        /// Model file
+        model: PathBuf,
+        /// matlab, python, c or state-space
+        #[arg(long = "as", value_name = "LANGUAGE")]
+        language: String,
+        /// Samples per second of the drive that the function takes
+        #[arg(long, default_value_t = 20000.0)]
+        rate_hz: f64,
+        /// File to write; its name without the extension is that of the function [default: the model's name]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// Replace the file if it exists
+        #[arg(long)]
+        force: bool,
+    },
     /// The lab page in your browser, with this program behind it; nothing leaves this machine
     #[command(after_help = "Examples:\n  hysteron lab\n  hysteron lab recording.mat")]
     Lab {
@@ -495,6 +515,7 @@ fn dispatch(command: Command) -> Result<bool> {
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
+        Command::Export { model, language, rate_hz, out, force } => export::export(&model, &language, rate_hz, out.as_deref(), force),
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
         Command::Plant(wanted) => plant::plant(&wanted),
         Command::Board { .. } => Ok(true),

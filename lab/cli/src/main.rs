@@ -18,6 +18,7 @@ mod diagnose;
 mod drives;
 mod effects;
 mod explain;
+mod export;
 mod identify;
 mod lab;
 mod plant;

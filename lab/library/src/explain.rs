@@ -1,5 +1,6 @@
 //! The main job: identify, compare, diagnose, add, until the floor; and everything that files show of it.
 
+use crate::beginning;
 use crate::dataset::Dataset;
 use crate::dataset::reading_limits::reading_limits;
 use crate::diagnosis::drive_timing::{self, OwnRow};
@@ -28,6 +29,7 @@ use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::identify::require_chain;
 use crate::parallel;
+use crate::replay::{Replay, replays};
 use crate::statistics::largest;
 use crate::watch::{Event, Watch};
 use hysteron_sim::chain::{EffectInstance, Model};
@@ -48,6 +50,10 @@ pub struct RecordFigures {
     pub max_um: f64,
     /// Residual in % of the measured range.
     pub rms_pct_range: f64,
+    /// Error of the replay of the whole file that the record is a part of, um.
+    pub replay_rms_um: f64,
+    /// Largest error of that replay, um.
+    pub replay_max_um: f64,
 }
 
 /// One value of a model.
@@ -89,6 +95,8 @@ pub struct FitFigures {
     pub effects: Vec<String>,
     /// Every record.
     pub records: Vec<RecordFigures>,
+    /// The model driven from the first sample of each file to its last.
+    pub replays: Vec<Replay>,
     /// Floor.
     pub noise_floor_um: Option<f64>,
     /// What it rests on.
@@ -211,6 +219,10 @@ pub fn explain(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
 /// # Errors
 /// As [`explain`].
 pub fn explain_as_timed(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<(Explanation, Option<Dataset>)> {
+    beginning::explained(dataset, watch, |dataset| explain_with_its_timing(dataset, start.clone(), options, watch))
+}
+
+fn explain_with_its_timing(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<(Explanation, Option<Dataset>)> {
     let found = explain(dataset, start.clone(), options, watch)?;
     let Some(own_row) = found.own_row.as_ref().filter(|_| !found.stopped && !watch.searched_enough()) else { return Ok((found, None)) };
     watch.event(&Event::Doing("once more, with readings that follow the drive of their own row"));
@@ -540,15 +552,20 @@ fn next_experiment(
     Some(NextExperiment { between: [undecided.id.clone(), rival.id.clone()], proposal, sentence })
 }
 
-fn record_figures(model: &Model, dataset: &Dataset) -> Vec<RecordFigures> {
+fn record_figures(model: &Model, dataset: &Dataset, replays: &[Replay]) -> Vec<RecordFigures> {
+    let replayed = |i: usize| replays.iter().find(|replay| replay.records.contains(&i)).map(|replay| (replay.rms_um, replay.max_um));
     dataset
         .records
         .iter()
-        .map(|record| {
+        .enumerate()
+        .map(|(i, record)| {
             let r = counted_residual(model, record);
             let rms_um = rms(&r);
             let range = record.range_um();
+            let (replay_rms_um, replay_max_um) = replayed(i).unwrap_or((rms_um, largest(&r)));
             RecordFigures {
+                replay_rms_um,
+                replay_max_um,
                 file: record.name.clone(),
                 role: record.role.name(),
                 rms_um,
@@ -585,10 +602,12 @@ pub fn fit_figures(
     cannot_identify: &[CannotIdentify],
     seconds: f64,
 ) -> FitFigures {
+    let replays = replays(model, dataset);
     FitFigures {
         schema: "hysteron.fit/1",
         effects: model.effect_ids(),
-        records: record_figures(model, dataset),
+        records: record_figures(model, dataset, &replays),
+        replays,
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         parameters: parameter_figures(model),

@@ -35,16 +35,20 @@
 //! # Ok::<(), hysteron::Error>(())
 //! ```
 
+mod beginning;
 #[cfg(feature = "trace")]
 pub mod capture;
 pub mod dataset;
 pub mod diagnosis;
+pub mod engineering;
 pub mod error;
 pub mod explain;
+pub mod export;
 pub mod identification;
 pub mod identify;
 pub mod model_file;
 mod parallel;
+pub mod replay;
 pub mod series;
 pub mod servo;
 pub mod simulate;

@@ -46,7 +46,8 @@ pub fn leave_out(records: &mut [Record]) {
     let limits = limits_of_all(records);
     for record in records {
         let mine: Vec<f64> = limits.iter().filter(|limit| limit.record == record.name).map(|limit| limit.reading_um).collect();
-        record.left_out = runs_of_equals(record).filter(|run| mine.contains(&record.displacement_um[run.start])).collect();
+        let runs: Vec<Range<usize>> = runs_of_equals(record).filter(|run| mine.contains(&record.displacement_um[run.start])).collect();
+        record.leave_out(runs);
     }
 }
 

@@ -45,7 +45,8 @@ struct Outliers {
 /// note of it with the samples, which are to count in nothing; `ends_um` are the readings at which the sensor's range ends.
 pub(super) fn replaced(record: &mut Record, ends_um: &[f64]) -> Option<(String, Vec<usize>)> {
     // Of one recording that is cut into several records each has its part.
-    let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(|k| record.window.contains(k)).collect();
+    let mine = |k: &usize| record.window.contains(k) && record.counts(*k);
+    let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(mine).collect();
     match too_many(record, single.len(), *single.first()?) {
         Some(note) => Some((note, Vec::new())),
         None => Some((singles_replaced(record, &single)?, single)),
@@ -54,9 +55,7 @@ pub(super) fn replaced(record: &mut Record, ends_um: &[f64]) -> Option<(String, 
 
 /// Leaves samples out of what counts, beside those that are left out already.
 pub(super) fn leave_out(record: &mut Record, samples: impl IntoIterator<Item = usize>) {
-    let further: Vec<Range<usize>> = samples.into_iter().filter(|k| record.counts(*k)).map(|k| k..k + 1).collect();
-    record.left_out.extend(further);
-    record.left_out.sort_by_key(|range| range.start);
+    record.leave_out(samples.into_iter().map(|k| k..k + 1));
 }
 
 /// Leaves readings that stand out beside one another out of what counts, with those between them, and gives a note of it.

@@ -278,7 +278,7 @@ fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
 fn over_judging(dataset: &Dataset, of_records_um: &[Option<f64>]) -> Option<f64> {
     let judging = dataset.records.iter().zip(of_records_um).filter(|(r, _)| matches!(r.role, Role::Identify | Role::Validate));
     let (sum, count) = judging.fold((Some(0.0), 0.0), |(sum, count), (record, floor)| {
-        let samples = record.window.len() as f64;
+        let samples = record.counted().count() as f64;
         (sum.zip(*floor).map(|(sum, floor)| sum + samples * floor * floor), count + samples)
     });
     sum.filter(|_| count > 0.0).map(|sum| (sum / count).sqrt())
