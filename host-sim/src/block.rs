@@ -287,7 +287,8 @@ impl BlockChain {
             let setting = model.setting(dt_s, if fine { substeps } else { 1 }, Signals::default());
             let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) else { continue };
             let of_stage = stage.blocks().ok_or_else(|| instance.id.clone())?;
-            blocks.extend(of_stage.into_iter().map(|block| Placed { effect: instance.id.clone(), fine, block }));
+            let acts = |block: &Block| !matches!(block, Block::Linear(l) if l.rest.is_empty() && l.before == 0.0 && l.through == 1.0);
+            blocks.extend(of_stage.into_iter().filter(acts).map(|block| Placed { effect: instance.id.clone(), fine, block }));
         }
         Ok(Self { dt_s, substeps, drive_min_v: model.drive_min_v, drive_max_v: model.drive_max_v, blocks })
     }

@@ -14,6 +14,10 @@ use std::sync::Arc;
 /// Identifier in files and on the command line.
 pub const ID: &str = "creep";
 
+/// Share of a term, of the motion: stacks creep by one to three per cent in a decade of time (Adriaens et al., IEEE/ASME Trans. Mechatronics 5 (2000) 331-341), and
+/// terms stand about a decade apart.
+pub const EXPECTED_SHARE: f64 = 0.03;
+
 /// Sum of first-order terms behind the vibration.
 pub struct Creep {
     /// Number of terms.
@@ -249,7 +253,7 @@ Behind modes it goes once a period, by the values at the ends of periods."
             .enumerate()
             .flat_map(|(i, tau)| {
                 [
-                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01),
+                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01).expected_within(EXPECTED_SHARE),
                     Parameter::logarithmic(format!("time_constant_{}_s", i + 1), "s", tau / 10.0, tau * 10.0).on_a_grid(),
                 ]
             })

@@ -126,6 +126,8 @@ pub struct Parameter {
     pub scale: Scale,
     /// Not estimated unless asked for.
     pub fixed: bool,
+    /// What it is expected to lie within without any data: the standard deviation of a prior around zero, in its unit.
+    pub expected: Option<f64>,
     /// Its value was chosen before any data, as one of a grid: what another choice could do is no evidence of a missing effect.
     pub of_a_grid: bool,
 }
@@ -145,7 +147,14 @@ impl Parameter {
 
     /// Data may reach no further than a limit; bounds never cross.
     fn varied(name: String, unit: &str, (lower, upper): (f64, f64), scale: Scale) -> Self {
-        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, of_a_grid: false }
+        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, expected: None, of_a_grid: false }
+    }
+
+    /// The same parameter, expected within so much of zero where data do not say it.
+    #[must_use]
+    pub fn expected_within(mut self, std: f64) -> Self {
+        self.expected = Some(std);
+        self
     }
 
     /// The same parameter, kept at its value.

@@ -21,6 +21,7 @@ use crate::diagnosis::study::Study;
 use crate::diagnosis::unanswered;
 use crate::diagnosis::verdict::{self, Diagnosis, Found, Verdict};
 use crate::diagnosis::words;
+use crate::engineering::{self, Figure};
 use crate::error::Result;
 use crate::identification::fit::{Effort, counted_residual, fit_rows, rms};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
@@ -103,6 +104,8 @@ pub struct FitFigures {
     pub floor_basis: String,
     /// All values.
     pub parameters: Vec<ParameterFigures>,
+    /// The same as an engineer reads them.
+    pub values: Vec<Figure>,
     /// The way to it.
     pub steps: Vec<StepFigures>,
     /// What the data cannot tell, in words.
@@ -611,6 +614,7 @@ pub fn fit_figures(
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         parameters: parameter_figures(model),
+        values: engineering::figures(model, cannot_identify),
         steps,
         cannot_identify: cannot_identify.iter().map(words::cannot_identify).collect(),
         warnings: dataset.notes.iter().chain(&floor.warnings).cloned().collect(),

@@ -8,7 +8,7 @@ use super::recognise::{self, Wanted};
 use super::table::Table;
 use super::time_axis::{Known, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
-use super::{Dataset, Periods, Record, SAMPLES_MIN};
+use super::{Dataset, Periods, Record, Role, SAMPLES_MIN};
 use crate::error::{Error, Result};
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
