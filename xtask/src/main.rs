@@ -17,6 +17,7 @@ mod mutate;
 mod pipython;
 mod python_package;
 mod steps;
+mod test_programs;
 mod toolchain;
 mod virtual_environment;
 mod whole_circle;
@@ -24,7 +25,9 @@ mod whole_circle;
 use std::process::ExitCode;
 
 const USAGE: &str = "\
-cargo xtask check      everything: format, lints, docs, tests, the firmware's cross-build, the emulated target
+cargo xtask quick      format, lints, unit tests, one explain: what an edit is tried with
+cargo xtask full       the check, then what takes long: 72 independent stages, mutations of the firmware
+cargo xtask check      everything but that: format, lints, docs, tests, the firmware's cross-build, the emulated target
 cargo xtask host       the steps that need only the host's toolchain
 cargo xtask targets    the steps of other targets: `library`, `firmware` and `emulate`
 cargo xtask library    the library alone: what it depends on, its build for WebAssembly, and the lab page with its test
@@ -42,6 +45,9 @@ fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     if wanted == ["check"] {
         return ended(steps::check());
+    }
+    if wanted == ["full"] {
+        return ended(steps::full());
     }
     if wanted == ["readme"] {
         return ended(steps::write_tables());
@@ -65,6 +71,7 @@ fn main() -> ExitCode {
     }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [steps::OTHER_TARGETS] => steps::of_other_targets(),
+        ["quick"] => steps::quick(),
         ["host"] => steps::host(),
         ["library"] => steps::library(),
         ["python"] => steps::python(),

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use crate::dependency_tree::packages;
-use crate::steps::{build_as_tested, built, cargo, command, root};
+use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root};
 use crate::virtual_environment::{fresh, install, kept};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the formats that are read, and the cluster of
@@ -28,7 +28,7 @@ const WITH_FEATURES: &str = "{p} {f}";
 
 /// A package with other features than the tests' is built once more for the wheel, and so is all that stands on it: with one such the library was.
 fn shares_what_the_tests_have_built() -> Result<(), String> {
-    let of_the_tests = packages(&["--workspace", "--edges", "normal,build,dev"], WITH_FEATURES)?;
+    let of_the_tests = packages(&["--workspace", "--features", "hysteron-cli/full", "--edges", "normal,build,dev"], WITH_FEATURES)?;
     let of_the_wheel = packages(&["--package", "hysteron-python", "--edges", "normal,build"], WITH_FEATURES)?;
     let others: Vec<&str> = of_the_wheel.difference(&of_the_tests).map(String::as_str).collect();
     if others.is_empty() {
@@ -65,6 +65,6 @@ pub fn formats() -> Result<(), String> {
     let folder = root().join("target/python/formats");
     emptied(&folder)?;
     command(&kept("python/tools", &TOOLS)?, &["lab/library/tests/formats/make.py", &text(&folder)], &root(), &[])?;
-    let test = ["test", "--quiet", "--release", "--workspace", "--test", "formats"];
+    let test = [&["test", "--quiet"], &AS_TESTED[..], &["--test", "integration", "formats::"]].concat();
     cargo(&test, &root(), &[("HYSTERON_FORMATS", &text(&folder))])
 }
