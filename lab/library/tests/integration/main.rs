@@ -2,8 +2,11 @@
 
 mod decision;
 mod example;
+mod exports;
 mod formats;
 mod how_it_was_recorded;
+mod prediction;
+mod replay;
 mod slow_noise;
 mod stages_written_by_hand;
 mod text_files;

@@ -280,7 +280,7 @@ fn what_cannot_be_exported_is_refused_by_name() {
         assert!(message.contains("vibration") && message.contains("friction"), "{message}");
     }
     let mut own = model(&[("gain", &[0.14])]);
-    let text = include_str!("../../../examples/contact.toml");
+    let text = include_str!("../../../../examples/contact.toml");
     let effect = own_effect(text, "contact.toml").unwrap();
     let id = effect.declaration().id;
     own.add(EffectInstance::new(effect, &Overview::without_data(0.0, 70.0), &[]));
