@@ -51,6 +51,7 @@ pub mod model_file;
 mod parallel;
 pub mod prediction;
 pub mod replay;
+pub mod response;
 pub mod series;
 pub mod servo;
 pub mod simulate;

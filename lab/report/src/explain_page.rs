@@ -31,6 +31,7 @@ pub fn explain_page(report: &ExplainReport) -> Page {
     sections.extend(evidence(report));
     sections.push(falling_error(report));
     sections.push(one_record(report, &kept));
+    sections.extend(crate::dynamics::dynamics(report));
     sections.extend(alternatives(report));
     sections.push(what_the_residual_follows(report, &kept));
     sections.extend(parameters(report));

@@ -165,6 +165,7 @@ impl Dataset {
         let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
         self.notes.extend(doubts);
         self.notes.extend(as_said::given_twice(&self.records));
+        self.notes.extend(doubtful_gain(self.straight_line_gain()));
         if !self.records.iter().any(|r| r.role == Role::Identify) {
             self.notes.push("no record has role = \"identify\": those to validate are fitted, and nothing judges".into());
         }
@@ -333,6 +334,17 @@ const LIKELY_SPAN_MAX_UM: f64 = 2000.0;
 const LIKELY_SPAN_MIN_UM: f64 = 1e-3;
 /// Sampling rate below which the unit of time is likely to be missing.
 const LIKELY_RATE_MIN_HZ: f64 = 50.0;
+/// Gain in um/V beyond which a unit is likely to be missing: a millimetre for a command of ten volts is the most that flexures make of a stack.
+const LIKELY_GAIN_MAX_UM_V: f64 = 100.0;
+
+/// What looks as if drive and displacement were not in the units, or not of the sign, that their file says.
+fn doubtful_gain(gain_um_v: f64) -> Option<String> {
+    if gain_um_v.abs() > LIKELY_GAIN_MAX_UM_V {
+        return Some(format!("the displacement changes by {gain_um_v:.0} um/V; is drive or displacement in another unit (--units u=kV, y=nm)?"));
+    }
+    (gain_um_v < 0.0).then(|| format!("the displacement falls where the drive rises ({gain_um_v:.3} um/V); is the sign of a column inverted?"))
+}
+
 /// What looks as if a record were not what its file says.
 fn doubt(record: &Record) -> Option<String> {
     if record.range_um() > LIKELY_SPAN_MAX_UM {

@@ -46,7 +46,11 @@ struct Outliers {
 pub(super) fn replaced(record: &mut Record, ends_um: &[f64]) -> Option<(String, Vec<usize>)> {
     // Of one recording that is cut into several records each has its part.
     let mine = |k: &usize| record.window.contains(k) && record.counts(*k);
-    let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(mine).collect();
+    let (single, elsewhere): (Vec<usize>, Vec<usize>) = outliers(record, ends_um).single.into_iter().partition(mine);
+    // What does not count shows noise all the same, as a rest in front of the window does.
+    if too_many(record, elsewhere.len(), 0).is_none() {
+        singles_replaced(record, &elsewhere);
+    }
     match too_many(record, single.len(), *single.first()?) {
         Some(note) => Some((note, Vec::new())),
         None => Some((singles_replaced(record, &single)?, single)),

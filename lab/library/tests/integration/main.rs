@@ -3,6 +3,7 @@
 mod decision;
 mod example;
 mod exports;
+mod faults;
 mod formats;
 mod how_it_was_recorded;
 mod prediction;
