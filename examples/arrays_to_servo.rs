@@ -1,6 +1,6 @@
 //! `cargo run --release -p hysteron --example arrays_to_servo`: from arrays to the verdict, a better model and a servo. The recordings are simulated here; yours come from wherever you keep them.
 
-use hysteron::explain::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::servo::{commands::design, predictor::Demands};
 use hysteron::{Dataset, Record, Role, diagnosis::words::nm, model_file, watch::Unwatched};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -33,7 +33,7 @@ pub(crate) fn arrays_to_servo() -> Result<String, Box<dyn std::error::Error>> {
         Record::new(name, RATE_HZ, drive_v, displacement_um).from_virgin_state().with_role(role)
     };
     let dataset = Dataset::new("my stage", 0.0, 70.0, (0..).zip(drives).map(record).collect())?;
-    let found = explain(&dataset, Start::Effects(&model_file::effects_named("hysteresis,vibration")?), &Options::default(), &Unwatched)?;
+    let found = analyse(&dataset, Start::Effects(&model_file::effects_named("hysteresis,vibration")?), &Options::default(), &Unwatched)?;
     let servo = design(&found.model, &Demands { sensor_noise_um: 0.004, ..Demands::default() })?;
     let (verdict, error_nm, effects) = (&found.diagnosis.sentence, nm(found.last().error_um()), found.model.effect_ids().join(", "));
     Ok(format!(

@@ -311,7 +311,9 @@ impl BlockChain {
             }
             fine = placed.fine;
             let substeps = if fine { self.substeps } else { 1 };
-            at_rest = run(&placed.block, at_rest, &mut signal, |interval| drive.force_n.and_then(|f| f.get(interval / substeps)).copied().unwrap_or(0.0));
+            at_rest = run(&placed.block, at_rest, &mut signal, |interval| {
+                drive.force_n.and_then(|f| f.get(interval / substeps)).copied().unwrap_or(0.0)
+            });
         }
         if fine {
             signal = crate::chain::ends(&signal, self.substeps);
@@ -375,7 +377,8 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
                 let sum = sum_of_plays(plays, &mut stands, x);
                 let y = operator.step(v) + sum;
                 let top = operator.stack().global_maximum();
-                let curve = operator.initial_curve_at_maximum() + plays.iter().map(|p| p.weight * (top - p.threshold).max(0.0)).sum::<f64>();
+                let curve =
+                    operator.initial_curve_at_maximum() + plays.iter().map(|p| p.weight * (top - p.threshold).max(0.0)).sum::<f64>();
                 (y, curve)
             };
             let mut y = follow(at_rest).0;

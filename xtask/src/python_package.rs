@@ -8,8 +8,9 @@ use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root};
 use crate::virtual_environment::{fresh, install, kept};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the formats that are read, and the cluster of
-/// the example.
-const TOOLS: [&str; 10] = ["maturin", "mypy", "numpy", "scipy", "h5py", "npTDMS", "pyarrow", "pandas", "openpyxl", "dask[distributed]"];
+/// the example, and what runs a notebook.
+const TOOLS: [&str; 12] =
+    ["maturin", "mypy", "numpy", "scipy", "h5py", "npTDMS", "pyarrow", "pandas", "openpyxl", "dask[distributed]", "nbclient", "ipykernel"];
 
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
@@ -57,7 +58,21 @@ pub fn test() -> Result<(), String> {
     install(&tools, &["--force-reinstall", "--no-deps", &text(&wheel.path())])?;
     let program = text(&built("hysteron"));
     command(&python, &["-m", "unittest", "--quiet", "lab/python/tests/test_package.py"], &root(), &[("HYSTERON", &program)])?;
-    command(&tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_fleet.py"], &root(), &[])
+    command(&tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_fleet.py"], &root(), &[])?;
+    notebook(&tools, &[])
+}
+
+/// Runs the notebook of the examples in the environment that has the wheel.
+fn notebook(tools: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
+    // Its kernel is looked for beside the interpreter, not among those of the user.
+    let kernels = text(&tools.with_file_name("../share/jupyter"));
+    let variables = [variables, &[("JUPYTER_PATH", kernels.as_str()), ("PYTHONWARNINGS", "ignore::DeprecationWarning")]].concat();
+    command(tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_notebook.py"], &root(), &variables)
+}
+
+/// Stores what the notebook prints now, with the wheel of the last `cargo xtask python`.
+pub fn write_notebook() -> Result<(), String> {
+    notebook(&kept("python/tools", &TOOLS)?, &[("HYSTERON_WRITE_NOTEBOOK", "1")])
 }
 
 /// Library and program on files that the libraries of their formats have just written, whole and damaged.

@@ -12,8 +12,8 @@ use std::time::Instant;
 
 use crate::test_programs::{self, TestProgram};
 use crate::{
-    board, board_tune, browser, control_code, lab_page, library_alone, mutate, pipython, python_package, toolchain, virtual_environment,
-    whole_circle,
+    board, board_tune, browser, control_code, house, lab_page, library_alone, mutate, packages, pipython, prose, python_package, toolchain,
+    virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -24,7 +24,8 @@ pub struct Step {
 
 /// What the host's compiler builds: first of the two lines of the check.
 fn of_the_host() -> Vec<Step> {
-    let mut steps = host();
+    let mut steps = house();
+    steps.extend(host());
     steps.extend(python());
     steps
 }
@@ -103,6 +104,16 @@ pub fn library() -> Vec<Step> {
         Step { name: "library and lab page for wasm32-unknown-unknown", action: lab_page::build_for_tests },
         Step { name: "lab page in a browser", action: lab_page::test },
     ]
+}
+
+/// What stands beside the sources.
+pub fn house() -> Vec<Step> {
+    vec![Step { name: "workflows, citation, licences", action: house::lint }, Step { name: "manifests", action: packages::manifests }]
+}
+
+/// What is published.
+pub fn packages() -> Vec<Step> {
+    vec![Step { name: "packages as they are published", action: packages::check }]
 }
 
 /// The Python package.
@@ -318,12 +329,18 @@ fn firmware_images() -> Result<(), String> {
     let toolchain = toolchain::for_target(&toolchain::FIRMWARE)?;
     let folder = root().join("firmware");
     let image = toolchain::image();
-    let keep = |other: &Path| std::fs::copy(&image, other).map_err(|error| format!("{}: {error}", other.display()));
+    // With the map that the linker writes beside it.
+    let keep = |other: PathBuf| {
+        let copy =
+            |from: &Path, to: &Path| std::fs::copy(from, to).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()));
+        copy(&image.with_extension("map"), &other.with_extension("map"))?;
+        copy(&image, &other)
+    };
     // All binaries of the other board; the one that is not kept is only built.
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--no-default-features", "--features", "nucleo-g474re"])?;
-    keep(&toolchain::g474re_image())?;
+    keep(toolchain::g474re_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
-    keep(&toolchain::on_chip_image())?;
+    keep(toolchain::on_chip_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &[])
 }
 
@@ -400,6 +417,7 @@ pub fn quick() -> Vec<Step> {
         Step { name: "lints", action: lints },
         Step { name: "unit tests", action: unit_tests },
         Step { name: "one explain", action: one_explain },
+        Step { name: "prose", action: || prose::report(&[]) },
     ]
 }
 
@@ -408,6 +426,7 @@ fn long() -> Vec<Step> {
     vec![
         Step { name: "tests that take long (72 independent stages)", action: long_tests },
         Step { name: "lab page as it is published", action: lab_page::build },
+        Step { name: "packages as they are published", action: packages::check },
         Step { name: "mutations of the firmware's safety lines", action: || mutate::run(&[]) },
     ]
 }

@@ -627,11 +627,6 @@ pub trait Effect: Send + Sync {
         false
     }
 
-    /// Whether it is looked for in the place of an effect that does much the same, though not by itself.
-    fn in_exchange(&self) -> bool {
-        false
-    }
-
     /// The text that defines an effect which is not built in.
     fn definition(&self) -> Option<&str> {
         None

@@ -79,7 +79,8 @@ impl PlayOperators {
 
     /// The elements.
     pub(super) fn plays(&self) -> Vec<Play> {
-        let play = |e: &Elements| -> [Play; SIDE_BY_SIDE] { std::array::from_fn(|i| Play { threshold: e.thresholds[i], weight: e.weights[i] }) };
+        let play =
+            |e: &Elements| -> [Play; SIDE_BY_SIDE] { std::array::from_fn(|i| Play { threshold: e.thresholds[i], weight: e.weights[i] }) };
         self.elements.iter().flat_map(play).take(self.count).collect()
     }
 

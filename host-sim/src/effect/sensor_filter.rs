@@ -132,7 +132,7 @@ impl Effect for SensorFilter {
             experiment: "multisines up to a third of the sampling rate".into(),
             // Not looked for by itself: beside other lags it ties with them on most data, and a mode with such a damping is said to be one. Beside a mode
             // it is tried in the place of another lag.
-            candidate: false,
+            candidate: true,
             one_sided: true,
         }
     }
@@ -169,9 +169,6 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         // What is read between two instants is taken as straight: finer than others need where records are neither fast nor at rest at every sample.
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
         super::substeps_inside_period(dt_s).max(straight)
-    }
-    fn in_exchange(&self) -> bool {
-        true
     }
     fn goes_by_ends(&self, model: &Model) -> bool {
         taken_in_by_modes(model).is_some()

@@ -28,7 +28,12 @@ pub fn page() -> String {
         effect.parameters(&overview).iter().for_each(|p| {
             let _ = writeln!(out, "| `{}` | {} | {} |", p.name, if p.unit == "1" { "" } else { p.unit.as_str() }, remark(p));
         });
-        let _ = write!(out, "\nReference: {}. Best shown by: {}.\n", declaration.reference.trim_end_matches('.'), declaration.experiment.trim_end_matches('.'));
+        let _ = write!(
+            out,
+            "\nReference: {}. Best shown by: {}.\n",
+            declaration.reference.trim_end_matches('.'),
+            declaration.experiment.trim_end_matches('.')
+        );
     }
     out
 }

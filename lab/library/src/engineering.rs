@@ -41,7 +41,8 @@ pub fn loop_figures(model: &Model) -> Option<LoopFigures> {
     let falling: Vec<f64> = read[BRANCH..=2 * BRANCH].iter().rev().copied().collect();
     let rising = &read[2 * BRANCH..=3 * BRANCH];
     let height = rising[BRANCH] - rising[0];
-    let slopes = [&falling[..], rising].into_iter().flat_map(|branch| branch.windows(2)).map(|w| (w[1] - w[0]) * BRANCH as f64 / (to - from));
+    let slopes =
+        [&falling[..], rising].into_iter().flat_map(|branch| branch.windows(2)).map(|w| (w[1] - w[0]) * BRANCH as f64 / (to - from));
     let (least, largest) = slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), slope| (a.min(slope), b.max(slope)));
     let width = falling.iter().zip(rising).map(|(down, up)| (down - up).abs()).fold(0.0, f64::max);
     Some(LoopFigures {

@@ -63,7 +63,8 @@ impl IdentifiedEntry {
         let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
         let rows: Option<Vec<Vec<f64>>> = self.covariance_factor.iter().map(|row| row.split_whitespace().map(number).collect()).collect();
         let factor = rows.filter(|rows| rows.len() == values.len() && rows.iter().enumerate().all(|(i, row)| row.len() == i + 1));
-        let factor = factor.ok_or_else(|| wrong("covariance_factor: expected as many rows as values, the first of one number, each of one more"))?;
+        let factor =
+            factor.ok_or_else(|| wrong("covariance_factor: expected as many rows as values, the first of one number, each of one more"))?;
         let Self { error_um, seconds, low_v, high_v, slope_max_v_s, .. } = self;
         if ![error_um, seconds, low_v, high_v, slope_max_v_s].into_iter().all(f64::is_finite) {
             return Err(wrong("a figure is no number"));
@@ -217,7 +218,9 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
             return Err(Error::new(&place, format!("and {gone} both turn the drive into a displacement; expected one of them")));
         }
     }
-    let known = |(effect, parameter): &(String, String)| model.effect(effect).is_some_and(|e| e.parameters.iter().any(|p| p.parameter.name == *parameter));
+    let known = |(effect, parameter): &(String, String)| {
+        model.effect(effect).is_some_and(|e| e.parameters.iter().any(|p| p.parameter.name == *parameter))
+    };
     if let Some(value) = identified.iter().flat_map(|i| &i.values).find(|value| !known(value)) {
         return Err(Error::new(file_name, format!("[identified] values: the model has no {}.{}", value.0, value.1)));
     }

@@ -24,14 +24,16 @@ pub fn std_um(model: &Model, drive: &Drive) -> Option<Vec<f64>> {
     for column in 0..identified.factor.len() {
         let mut moved = model.clone();
         for ((effect, parameter), row) in identified.values.iter().zip(&identified.factor).skip(column) {
-            let value = moved.effects.iter_mut().find(|e| e.id == *effect)?.parameters.iter_mut().find(|p| p.parameter.name == *parameter)?;
+            let value =
+                moved.effects.iter_mut().find(|e| e.id == *effect)?.parameters.iter_mut().find(|p| p.parameter.name == *parameter)?;
             value.set_coordinate(value.coordinate() + row.get(column)?);
         }
         variations.push(moved);
     }
     variations.extend(unseen_creep(model, identified.seconds, drive.drive_v.len() as f64 * drive.dt_s));
     let base = model.simulate(drive);
-    let squares = parallel::map(&variations, |one| one.simulate(drive).iter().zip(&base).map(|(a, b)| (a - b).powi(2)).collect::<Vec<f64>>());
+    let squares =
+        parallel::map(&variations, |one| one.simulate(drive).iter().zip(&base).map(|(a, b)| (a - b).powi(2)).collect::<Vec<f64>>());
     let mut sums = vec![identified.error_um.powi(2); base.len()];
     squares.iter().for_each(|one| sums.iter_mut().zip(one).for_each(|(sum, square)| *sum += square));
     Some(sums.into_iter().map(f64::sqrt).collect())
@@ -70,7 +72,10 @@ pub fn beyond(model: &Model, drive: &Drive) -> Vec<String> {
     let margin = BEYOND * (known.high_v - known.low_v);
     let mut out = Vec::new();
     if lasts_s > (1.0 + BEYOND) * known.seconds {
-        out.push(format!("the drive lasts {lasts_s:.3} s, the longest record {:.3} s: creep and drift beyond that are a guess", known.seconds));
+        out.push(format!(
+            "the drive lasts {lasts_s:.3} s, the longest record {:.3} s: creep and drift beyond that are a guess",
+            known.seconds
+        ));
     }
     if slope > (1.0 + BEYOND) * known.slope_max_v_s {
         out.push(format!("the drive moves at up to {slope:.0} V/s, the records at up to {:.0} V/s", known.slope_max_v_s));

@@ -220,7 +220,8 @@ fn drift(model: &Model, whole: &Record, left: &[f64], parts: &[Range<usize>], re
         Some(share) if *share > TAKES => 0,
         _ => (0..all.len()).max_by(|a, b| shares[*a].total_cmp(&shares[*b])).unwrap_or(0),
     };
-    let (cause, share) = if shares[best] > TAKES { (all[best].cause.clone(), shares[best]) } else { ("unknown".to_owned(), shares[best].max(0.0)) };
+    let (cause, share) =
+        if shares[best] > TAKES { (all[best].cause.clone(), shares[best]) } else { ("unknown".to_owned(), shares[best].max(0.0)) };
     Drift { sentence: advice(model, whole, &cause, share), cause, share }
 }
 
@@ -258,7 +259,8 @@ fn outside(model: &Model, whole: &Record, parts: &[Range<usize>], replay: &Repla
     } else {
         "between the parts that are fitted".to_owned()
     };
-    let remembers = whole.initial_state == InitialState::Unknown && at < first && model.effects.iter().any(|e| e.effect.declaration().is_main());
+    let remembers =
+        whole.initial_state == InitialState::Unknown && at < first && model.effects.iter().any(|e| e.effect.declaration().is_main());
     let what = if remembers {
         "The loops remember what came before the first sample. Begin a recording at rest at the lowest drive, or with one cycle over the whole range."
     } else {
@@ -275,8 +277,12 @@ fn advice(model: &Model, whole: &Record, cause: &str, share: f64) -> String {
             "A slow trend that no effect of the model follows is {percent:.0} % of it: a thermal drift, or creep slower than the recording. Record {length_s:.0} s of rest \
              at constant drive before and after the motion, and the temperature."
         ),
-        "offset" => format!("A jump between the parts of the recording is {percent:.0} % of it. Look for a sensor or an amplifier that changed its zero."),
-        "unknown" => "No single slow motion explains it: loops or dynamics differ between the parts. Record each kind of motion twice.".to_owned(),
+        "offset" => format!(
+            "A jump between the parts of the recording is {percent:.0} % of it. Look for a sensor or an amplifier that changed its zero."
+        ),
+        "unknown" => {
+            "No single slow motion explains it: loops or dynamics differ between the parts. Record each kind of motion twice.".to_owned()
+        }
         id => {
             let experiment = model.effect(id).map_or_else(String::new, |e| e.effect.declaration().experiment);
             format!("The states of {id} do not carry over from one part to the next: {percent:.0} % of it. Best shown by: {experiment}.")

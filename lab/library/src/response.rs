@@ -145,11 +145,14 @@ mod tests {
         let (u, noise) = (white(60_000, 1), white(60_000, 2));
         let left = (-TAU * corner_hz / rate_hz).exp();
         let mut y = 0.0;
-        let clean: Vec<f64> = u.iter().map(|u| {
-            let now = y;
-            y = left * y + (1.0 - left) * 3.0 * u;
-            now
-        }).collect();
+        let clean: Vec<f64> = u
+            .iter()
+            .map(|u| {
+                let now = y;
+                y = left * y + (1.0 - left) * 3.0 * u;
+                now
+            })
+            .collect();
         let noisy: Vec<f64> = clean.iter().zip(&noise).map(|(y, n)| y + 0.05 * n).collect();
         let found = frequency_response(&u, &noisy, rate_hz);
         let at = |hz: f64| found.frequency_hz.iter().position(|f| *f > hz).unwrap();

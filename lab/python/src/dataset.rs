@@ -3,7 +3,7 @@
 use crate::{bytes, numbers, raised, wrong};
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
-use hysteron::dataset::recognise::Wanted;
+use hysteron::dataset::recognise::ColumnRules;
 use hysteron::dataset::timing::Timing;
 use hysteron::dataset::{Periods, folder};
 use hysteron::{Record, Role};
@@ -63,7 +63,19 @@ pub fn auxiliary_signals(by_name: &BTreeMap<String, PyBackedBytes>) -> Vec<Auxil
 
 fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
     let RecordParts {
-        name, sample_rate_hz, drive_v, displacement_um, force_n, role, window, left_out, periods, repeat_of, offset, auxiliary, ..
+        name,
+        sample_rate_hz,
+        drive_v,
+        displacement_um,
+        force_n,
+        role,
+        window,
+        left_out,
+        periods,
+        repeat_of,
+        offset,
+        auxiliary,
+        ..
     } = parts;
     let roles = [Role::Identify, Role::Validate, Role::Noise, Role::Test];
     let Some(role) = roles.into_iter().find(|known| known.name() == role) else {
@@ -165,7 +177,7 @@ impl Dataset {
         };
         let (columns, unit) = (by_signal("columns", columns, column)?, by_signal("units", units, |unit| unit)?);
         let auxiliary = auxiliary.into_iter().map(|(name, said)| (name, column(said))).collect();
-        let wanted = Wanted { columns, unit, scale: PerColumn::default(), auxiliary };
+        let wanted = ColumnRules { columns, unit, scale: PerColumn::default(), auxiliary };
         let timing = timing.map(|name| Timing::named("timing", &name)).transpose().map_err(raised)?;
         let instructions = Instructions { wanted, sample_rate_hz, skip_rows, timing };
         Ok(Self(Arc::new(py.detach(|| folder::load_as(&path, &instructions)).map_err(raised)?)))
@@ -188,7 +200,7 @@ impl Dataset {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.0.notes.clone()
+        self.0.remarks()
     }
 
     fn record_names(&self) -> Vec<String> {

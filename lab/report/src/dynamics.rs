@@ -48,8 +48,13 @@ fn longest_part(record: &RecordReport) -> Option<std::ops::Range<usize>> {
 
 fn bode(measured: &Response, model: &Response) -> [Plot; 3] {
     let plot = |title: &str, axis: &str, unit: &str, log: bool, of: fn(&Response) -> &Vec<f64>, both: bool| {
-        let line = |label: &str, role: Role, response: &Response| Series::line(label, role, response.frequency_hz.clone(), of(response).clone());
-        let plot = Plot::new(title).x_axis("frequency", "Hz").y_axis(axis, unit).log(true, log).link("frequency").with(line("measured", Role::Measured, measured));
+        let line =
+            |label: &str, role: Role, response: &Response| Series::line(label, role, response.frequency_hz.clone(), of(response).clone());
+        let plot = Plot::new(title).x_axis("frequency", "Hz").y_axis(axis, unit).log(true, log).link("frequency").with(line(
+            "measured",
+            Role::Measured,
+            measured,
+        ));
         if both { plot.with(line("modelled", Role::Model, model)) } else { plot }
     };
     [

@@ -1,7 +1,7 @@
 //! `dataset.toml`: what a folder of records says about itself. Unknown keys are errors, with the nearest known one named.
 
 use super::Role;
-use super::recognise::Wanted;
+use super::recognise::ColumnRules;
 use super::timing::Timing;
 use super::units::Quantity;
 use crate::error::{Error, Result, line_of, nearest};
@@ -173,8 +173,8 @@ pub struct RecordEntry {
 impl RecordEntry {
     /// What is said about the columns of the file.
     #[must_use]
-    pub fn wanted(&self) -> Wanted {
-        Wanted { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
+    pub fn wanted(&self) -> ColumnRules {
+        ColumnRules { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
     }
 }
 
@@ -215,7 +215,9 @@ const NEEDED_OF_A_RECORD: [&str; 3] = ["file", "role", "initial_state"];
 
 /// Every key that is needed and missing, so that one run tells all of them.
 fn missing_keys(table: &toml::Table) -> Vec<String> {
-    let of = |table: &toml::Table, needed: &[&str]| needed.iter().filter(|key| !table.contains_key(**key)).map(|key| format!("`{key}`")).collect::<Vec<_>>();
+    let of = |table: &toml::Table, needed: &[&str]| {
+        needed.iter().filter(|key| !table.contains_key(**key)).map(|key| format!("`{key}`")).collect::<Vec<_>>()
+    };
     let mut out = Vec::new();
     let own = of(table, &NEEDED);
     if !own.is_empty() {

@@ -59,7 +59,7 @@ pub struct Record {
     /// Samples that count.
     pub window: Range<usize>,
     /// Samples among them that do not: their readings say nothing of the displacement, because the sensor's range ends there
-    /// ([`super::reading_limits`] finds them), or they belong to another record of the same tape. Ascending.
+    /// ([`crate::quality`] finds them), or they belong to another record of the same tape. Ascending.
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,
@@ -144,13 +144,14 @@ impl Record {
     pub fn leave_out(&mut self, ranges: impl IntoIterator<Item = Range<usize>>) {
         self.left_out.extend(ranges);
         self.left_out.sort_by_key(|range| range.start);
-        self.left_out = std::mem::take(&mut self.left_out).into_iter().filter(|range| !range.is_empty()).fold(Vec::new(), |mut out, range| {
-            match out.last_mut().filter(|last: &&mut Range<usize>| range.start <= last.end) {
-                Some(last) => last.end = last.end.max(range.end),
-                None => out.push(range),
-            }
-            out
-        });
+        self.left_out =
+            std::mem::take(&mut self.left_out).into_iter().filter(|range| !range.is_empty()).fold(Vec::new(), |mut out, range| {
+                match out.last_mut().filter(|last: &&mut Range<usize>| range.start <= last.end) {
+                    Some(last) => last.end = last.end.max(range.end),
+                    None => out.push(range),
+                }
+                out
+            });
     }
 
     /// Whether the reading of a sample inside the window says something of the displacement.

@@ -53,7 +53,8 @@ fn without_rest_before(record: &mut Record) {
 }
 
 fn shorten(record: &mut Record, share: f64) {
-    let beginning = |part: &std::ops::Range<usize>| part.start..part.start + ((part.len() as f64 * share) as usize).max(1000).min(part.len());
+    let beginning =
+        |part: &std::ops::Range<usize>| part.start..part.start + ((part.len() as f64 * share) as usize).max(1000).min(part.len());
     let parts = parts_of(record);
     let kept: Vec<_> = parts.iter().map(beginning).collect();
     let end = kept.last().map_or(record.window.end, |last| last.end);

@@ -34,7 +34,13 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
         " *\n * {name}_init puts the model at rest at a drive ({name}_DRIVE_MIN_V is the virgin state) and gives the reading at the first sample;\n \
          * {name}_step takes the drive of a sample and gives the reading at the next one. No memory is allocated.\n */\n#include <math.h>\n\n"
     );
-    let _ = writeln!(out, "#define {name}_SAMPLE_RATE_HZ {}\n#define {name}_DRIVE_MIN_V {}\n#define {name}_DRIVE_MAX_V {}", number(1.0 / chain.dt_s), number(chain.drive_min_v), number(chain.drive_max_v));
+    let _ = writeln!(
+        out,
+        "#define {name}_SAMPLE_RATE_HZ {}\n#define {name}_DRIVE_MIN_V {}\n#define {name}_DRIVE_MAX_V {}",
+        number(1.0 / chain.dt_s),
+        number(chain.drive_min_v),
+        number(chain.drive_max_v)
+    );
     let _ = writeln!(out, "#define H_PAIRS {PAIRS}\n#define H_STATES_MAX {}", states.max(1));
     out.push_str(&needed(BLOCKS, chain, "/*"));
     out.push('\n');
@@ -55,10 +61,15 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     for (block, placed) in blocks.iter().zip(&chain.blocks) {
         if placed.fine != fine {
             fine = placed.fine;
-            let _ = if fine { writeln!(out, "    for (int k = 0; k < {n}; k++) v[k] = x;") } else { writeln!(out, "    x = v[{}];", n - 1) };
+            let _ =
+                if fine { writeln!(out, "    for (int k = 0; k < {n}; k++) v[k] = x;") } else { writeln!(out, "    x = v[{}];", n - 1) };
         }
         let _ = if fine {
-            writeln!(out, "    for (int k = 0; k < {n}; k++) {{ /* {} */\n        x = v[k];\n        v[k] = {};\n    }}", placed.effect, block.step)
+            writeln!(
+                out,
+                "    for (int k = 0; k < {n}; k++) {{ /* {} */\n        x = v[k];\n        v[k] = {};\n    }}",
+                placed.effect, block.step
+            )
         } else {
             writeln!(out, "    x = {}; /* {} */", block.step, placed.effect)
         };
@@ -116,7 +127,8 @@ fn written(i: usize, placed: &Placed) -> Written {
         Block::Loops { g, r, plays, rate, lower, span } => {
             let flat: Vec<f64> = g.iter().flatten().copied().collect();
             let law = rate.as_ref().map(|l| vec![l.loop_linear, l.loop_quadratic, l.curve_linear, l.dt_s, l.substeps as f64]);
-            let constants = [array(&format!("{b}_g"), &flat), array(&format!("{b}_r"), r), table(&format!("{b}_plays"), 2, &pairs(plays))].concat();
+            let constants =
+                [array(&format!("{b}_g"), &flat), array(&format!("{b}_r"), r), table(&format!("{b}_plays"), 2, &pairs(plays))].concat();
             let rate = law.as_ref().map_or_else(|| "0".to_owned(), |_| format!("{b}_rate"));
             let values = format!(
                 "({}, {b}_g, {}, {b}_r, {}, {b}_plays, {rate}, {}, {}, &m->{b}, m->{b}_plays, x)",
@@ -163,7 +175,9 @@ fn written(i: usize, placed: &Placed) -> Written {
                 step,
             }
         }
-        Block::BoucWen { gain, alpha, beta, gamma, lower, span } => two_states(&b, "h_bouc_wen", &[*gain, *alpha, *beta, *gamma, *lower, *span]),
+        Block::BoucWen { gain, alpha, beta, gamma, lower, span } => {
+            two_states(&b, "h_bouc_wen", &[*gain, *alpha, *beta, *gamma, *lower, *span])
+        }
         Block::Duhem { approach, slope, elastic, lower, span } => two_states(&b, "h_duhem", &[*approach, *slope, *elastic, *lower, *span]),
         Block::Drift { rate, slowing } => Written {
             fields: format!("    double {b};\n"),
@@ -201,8 +215,6 @@ fn linear(b: &str, l: &Linear) -> Written {
         constants,
         fields: format!("    double {b}[{}], {b}_last;\n", n.max(1)),
         rest: format!("x = h_linear_rest({n}, {b}_out, {before}, {through}, {b}_rest, {offset}, m->{b}, &m->{b}_last, x);"),
-        step: format!(
-            "h_linear({n}, {b}_phi, {b}_start, {b}_end, {b}_out, {before}, {through}, {offset}, m->{b}, &m->{b}_last, x)"
-        ),
+        step: format!("h_linear({n}, {b}_phi, {b}_start, {b}_end, {b}_out, {before}, {through}, {offset}, m->{b}, &m->{b}_last, x)"),
     }
 }

@@ -11,7 +11,11 @@ pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     let force = if chain.takes_force() { ", force_n" } else { "" };
     let mut out = format!("function y_um = {name}(drive_v{force}, settled)\n");
     // Writing to a text cannot fail.
-    let _ = writeln!(out, "  % {name}  Reading (um) at every sample of a drive (V).\n  %   y_um = {name}(drive_v{force}) simulates a virgin actuator, at rest at {} V before the first sample.\n  %   y_um = {name}(drive_v{force}, true) begins at rest at the first drive.\n  %", chain.drive_min_v);
+    let _ = writeln!(
+        out,
+        "  % {name}  Reading (um) at every sample of a drive (V).\n  %   y_um = {name}(drive_v{force}) simulates a virgin actuator, at rest at {} V before the first sample.\n  %   y_um = {name}(drive_v{force}, true) begins at rest at the first drive.\n  %",
+        chain.drive_min_v
+    );
     for line in head(chain, model) {
         let _ = writeln!(out, "  % {line}");
     }

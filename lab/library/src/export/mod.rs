@@ -138,7 +138,12 @@ fn head(chain: &BlockChain, model: &Model) -> Vec<String> {
     let force = if chain.takes_force() { ", force in N" } else { "" };
     let mut out = vec![
         format!("Model of a piezoelectric actuator, exported by Hysteron {}.", env!("CARGO_PKG_VERSION")),
-        format!("Drive in V from {} to {}{force}, {} samples per second; reading in um.", chain.drive_min_v, chain.drive_max_v, 1.0 / chain.dt_s),
+        format!(
+            "Drive in V from {} to {}{force}, {} samples per second; reading in um.",
+            chain.drive_min_v,
+            chain.drive_max_v,
+            1.0 / chain.dt_s
+        ),
         "The drive of a sample acts from that sample to the next; the reading is taken at the sample.".into(),
         String::new(),
     ];

@@ -10,7 +10,13 @@ const BLOCKS: &str = include_str!("blocks.py");
 pub(super) fn text(chain: &BlockChain, model: &Model, name: &str) -> String {
     let mut out = format!("\"\"\"{}\"\"\"\n\nimport math\n\nimport numpy as np\n\n", head(chain, model).join("\n").replace('\\', "/"));
     // Writing to a text cannot fail.
-    let _ = writeln!(out, "SAMPLE_RATE_HZ = {}\nDRIVE_MIN_V = {}\nDRIVE_MAX_V = {}\nPAIRS = {PAIRS}", number(1.0 / chain.dt_s), number(chain.drive_min_v), number(chain.drive_max_v));
+    let _ = writeln!(
+        out,
+        "SAMPLE_RATE_HZ = {}\nDRIVE_MIN_V = {}\nDRIVE_MAX_V = {}\nPAIRS = {PAIRS}",
+        number(1.0 / chain.dt_s),
+        number(chain.drive_min_v),
+        number(chain.drive_max_v)
+    );
     out.push_str(&needed(BLOCKS, chain, "#"));
     let force = if chain.takes_force() { "force_n, " } else { "" };
     let force_doc = if chain.takes_force() { " under a measured force (N)" } else { "" };

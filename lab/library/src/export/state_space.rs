@@ -39,7 +39,8 @@ pub(super) fn text(model: &Model, sample_rate_hz: f64) -> Result<String> {
 }
 
 fn matrices(model: &Model, sample_rate_hz: f64) -> Result<Value> {
-    let loops = loop_figures(model).ok_or_else(|| Error::new("export", "the model has neither a gain nor a hysteresis; expected one of them"))?;
+    let loops =
+        loop_figures(model).ok_or_else(|| Error::new("export", "the model has neither a gain nor a hysteresis; expected one of them"))?;
     let (linear, left_out) = linear_part(model, loops.gain_um_v);
     let of = |linear: &Model| -> Result<(Value, Value)> {
         let chain = BlockChain::of(linear, 1.0 / sample_rate_hz).map_err(|effect| super::cannot(linear, &effect))?;

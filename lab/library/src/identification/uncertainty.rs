@@ -56,7 +56,8 @@ pub fn estimate_uncertainty(model: &mut Model, dataset: &Dataset, records: &[usi
     let white = &inverse * variance;
     let larger = DVector::from_fn(p, |i, _| (sandwich[(i, i)].max(0.0) / white[(i, i)].max(f64::MIN_POSITIVE)).sqrt().max(1.0));
     let covariance = DMatrix::from_fn(p, p, |i, j| larger[i] * white[(i, j)] * larger[j]);
-    model.identified = Some(Arc::new(Identified { values: values.collect(), factor: factor_of(&covariance), ..known_of(dataset, records) }));
+    model.identified =
+        Some(Arc::new(Identified { values: values.collect(), factor: factor_of(&covariance), ..known_of(dataset, records) }));
     let mut unidentified = Vec::new();
     for (i, index) in free.iter().enumerate() {
         let white = white[(i, i)].max(0.0).sqrt();

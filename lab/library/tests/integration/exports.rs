@@ -61,7 +61,12 @@ const CASES: [Case; 9] = [
     (
         "glide_before_a_sensor",
         20_000.0,
-        &[("amplifier_bandwidth", &[900.0]), ("bouc_wen", &[11.0, 4.0, 2.0, 0.5]), ("sensor_filter", &[2000.0, 0.7]), ("second_mode", &[0.1, 5000.0, 0.1])],
+        &[
+            ("amplifier_bandwidth", &[900.0]),
+            ("bouc_wen", &[11.0, 4.0, 2.0, 0.5]),
+            ("sensor_filter", &[2000.0, 0.7]),
+            ("second_mode", &[0.1, 5000.0, 0.1]),
+        ],
     ),
     (
         "charge_gap_and_force",
@@ -138,7 +143,12 @@ fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
         .current_dir(folder)
         .output()
         .unwrap_or_else(|error| panic!("{program}: {error}; apt-get install python3-numpy octave gcc"));
-    assert!(output.status.success(), "{program} {arguments:?}: {}{}", String::from_utf8_lossy(&output.stderr), String::from_utf8_lossy(&output.stdout));
+    assert!(
+        output.status.success(),
+        "{program} {arguments:?}: {}{}",
+        String::from_utf8_lossy(&output.stderr),
+        String::from_utf8_lossy(&output.stdout)
+    );
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
@@ -230,7 +240,11 @@ fn c_with_fixed_memory_reads_what_the_program_reads() {
              }}\n    return 0;\n}}\n"
         );
         std::fs::write(folder.path().join("model.c"), text).unwrap();
-        run(folder.path(), "cc", &["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-O1", "model.c", "-lm", "-o", "model"]);
+        run(
+            folder.path(),
+            "cc",
+            &["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function", "-O1", "model.c", "-lm", "-o", "model"],
+        );
         let expected = [read(&model, rate_hz, false), read(&model, rate_hz, true)].concat();
         same(name, &run(folder.path(), "./model", &[]), &expected);
     }

@@ -34,7 +34,8 @@ fn one_bad_reading_in_the_rest_is_no_noise() {
 
 #[test]
 fn all_missing_keys_are_told_at_once() {
-    let text = "drive_min_v = 0.0\n[[record]]\nfile = \"a.csv\"\n[[record]]\nfile = \"b.csv\"\nrole = \"identify\"\ninitial_state = \"unknown\"\n";
+    let text =
+        "drive_min_v = 0.0\n[[record]]\nfile = \"a.csv\"\n[[record]]\nfile = \"b.csv\"\nrole = \"identify\"\ninitial_state = \"unknown\"\n";
     let message = Manifest::parse(text, "dataset.toml").unwrap_err().to_string();
     for key in ["`name`", "`drive_max_v`", "`role`, `initial_state` of record 1"] {
         assert!(message.contains(key), "{message}");
@@ -47,7 +48,7 @@ fn implausible_gains_are_doubted() {
     let notes = |gain: f64| {
         let drive: Vec<f64> = (0..2000).map(|k| 30.0 - 30.0 * (0.01 * f64::from(k)).cos()).collect();
         let read = (0..2000_usize).map(|k| gain * drive[k.saturating_sub(1)]).collect();
-        Dataset::new("d", 0.0, 60.0, vec![Record::new("r", 1000.0, drive, read)]).unwrap().notes.join("; ")
+        Dataset::new("d", 0.0, 60.0, vec![Record::new("r", 1000.0, drive, read)]).unwrap().remarks().join("; ")
     };
     assert!(notes(180.0).contains("180 um/V"), "{}", notes(180.0));
     assert!(notes(-0.14).contains("inverted"), "{}", notes(-0.14));
@@ -67,14 +68,23 @@ fn readings_without_noise_are_doubted() {
 #[test]
 fn a_drive_to_the_commanded_limit_is_simulated() {
     let mut model = Model::new(0.0, 94.99969);
-    let overview = Dataset::new("d", 0.0, 95.0, vec![Record::new("r", 1000.0, (0..100).map(f64::from).map(|u| 0.9 * u).collect(), (0..100).map(f64::from).collect())])
-        .unwrap()
-        .overview();
+    let overview = Dataset::new(
+        "d",
+        0.0,
+        95.0,
+        vec![Record::new("r", 1000.0, (0..100).map(f64::from).map(|u| 0.9 * u).collect(), (0..100).map(f64::from).collect())],
+    )
+    .unwrap()
+    .overview();
     let effect = effects_named("gain").unwrap().remove(0);
     model.add(EffectInstance::new(effect, &overview, &[0.1]));
     let reaches = |high: f64| {
         let drive_v: Vec<f64> = (0..100).map(|k| high * f64::from(k) / 99.0).collect();
-        simulate(&model, &Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Virgin }, "--drive")
+        simulate(
+            &model,
+            &Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Virgin },
+            "--drive",
+        )
     };
     assert!(reaches(95.0).is_ok());
     assert!(reaches(96.0).unwrap_err().to_string().contains("96"));

@@ -1,6 +1,5 @@
 //! Tests of the library through its public items: one program, so that dependencies are linked once.
 
-mod decision;
 mod example;
 mod exports;
 mod faults;
@@ -11,3 +10,4 @@ mod replay;
 mod slow_noise;
 mod stages_written_by_hand;
 mod text_files;
+mod verdicts;

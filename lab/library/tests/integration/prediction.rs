@@ -15,7 +15,8 @@ const SECONDS: f64 = 4.0;
 /// A stage by its equations: gain, mode, and creep by the logarithm of time as a sum of relaxations over six decades.
 fn reads(i: usize, drive_v: &[f64]) -> Vec<f64> {
     let share = |k: usize| ((i * 37 + k * 61) % 100) as f64 / 100.0;
-    let (gain, w, damping, creep) = (0.1 + 0.08 * share(1), TAU * (60.0 + 80.0 * share(2)), 0.05 + 0.2 * share(3), 0.004 + 0.022 * share(4));
+    let (gain, w, damping, creep) =
+        (0.1 + 0.08 * share(1), TAU * (60.0 + 80.0 * share(2)), 0.05 + 0.2 * share(3), 0.004 + 0.022 * share(4));
     let taus: Vec<f64> = (0..18).map(|k| 10f64.powf(-2.5 + k as f64 / 3.0)).collect();
     let (mut y, mut v, mut crept, fine) = (0.0, 0.0, vec![0.0; taus.len()], 40);
     let dt_s = 1.0 / RATE_HZ / f64::from(fine);
@@ -66,7 +67,11 @@ fn the_truth_of_forty_stages_lies_in_the_band() {
         let misses = (0..truth.len()).filter(|k| (truth[*k] - predicted[*k]).abs() > BAND_95 * std[*k]).count();
         let last = truth.len() - 1;
         let relative = (truth[last] - predicted[last]).abs() / std[last];
-        println!("{i}: {:.1} % outside, {relative:.2} standard deviations at the end, band {:.0} nm", 100.0 * misses as f64 / truth.len() as f64, 1e3 * BAND_95 * std[last]);
+        println!(
+            "{i}: {:.1} % outside, {relative:.2} standard deviations at the end, band {:.0} nm",
+            100.0 * misses as f64 / truth.len() as f64,
+            1e3 * BAND_95 * std[last]
+        );
         inside += usize::from(misses * 20 <= truth.len() && relative <= BAND_95);
         // A band that is as wide as the motion says nothing.
         assert!(BAND_95 * std[last] < 0.1 * 70.0 * 0.18, "{i}: {}", std[last]);

@@ -1,10 +1,10 @@
 //! The model that is saved holds over the whole file: twelve single recordings of stages whose equations stand here, and one that drifts.
 
 use hysteron::Dataset;
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::reading::from_file;
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain_as_timed};
 use hysteron::model_file::effects_named;
+use hysteron::outcome::{Outcome, Verdict};
 use hysteron::replay::{AS_GOOD, Replay, replays};
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
@@ -31,7 +31,9 @@ impl Stage {
         let share = |k: u32| f64::from((i * 37 + k * 61) % 100) / 100.0;
         let count = 3 + i % 6;
         Self {
-            plays: (0..count).map(|k| (1.0 + 28.0 * f64::from(k) / f64::from(count) + 2.0 * share(k), 0.02 * (0.5 + share(k + 9)) / f64::from(count))).collect(),
+            plays: (0..count)
+                .map(|k| (1.0 + 28.0 * f64::from(k) / f64::from(count) + 2.0 * share(k), 0.02 * (0.5 + share(k + 9)) / f64::from(count)))
+                .collect(),
             gain_um_v: 0.10 + 0.08 * share(1),
             bend_per_v: if i % 3 == 0 { 6e-4 * (share(2) - 0.5) } else { 0.0 },
             mode_hz: 250.0 + 500.0 * share(3),
@@ -82,7 +84,8 @@ fn tape(rate_hz: f64, i: u32) -> Vec<f64> {
         let samples = ((to - from).abs() / slope_v_s * rate_hz) as usize;
         (0..samples).map(move |k| from + (to - from) * k as f64 / samples as f64)
     };
-    let corners = [[0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0], [0.0, 70.0, 20.0, 80.0, 0.0, 50.0, 10.0, 65.0, 0.0]][i as usize % 2];
+    let corners =
+        [[0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 10.0, 40.0, 0.0], [0.0, 70.0, 20.0, 80.0, 0.0, 50.0, 10.0, 65.0, 0.0]][i as usize % 2];
     let hold = |seconds: f64, level: f64| std::iter::repeat_n(level, (seconds * rate_hz) as usize);
     let mut drive: Vec<f64> = hold(0.3, 0.0).collect();
     for slope in [400.0, 1600.0] {
@@ -95,11 +98,11 @@ fn tape(rate_hz: f64, i: u32) -> Vec<f64> {
     drive
 }
 
-fn explained(file: &str) -> (Explanation, Vec<Replay>) {
+fn explained(file: &str) -> (Outcome, Vec<Replay>) {
     let dataset: Dataset = from_file("recording.csv", file.as_bytes()).unwrap();
     let start = Start::Effects(&effects_named("gain").unwrap());
-    let (found, timed) = explain_as_timed(&dataset, start, &Options::default(), &Unwatched).unwrap();
-    let replays = replays(&found.model, timed.as_ref().unwrap_or(&dataset));
+    let found = analyse(&dataset, start, &Options::default(), &Unwatched).unwrap();
+    let replays = replays(&found.model, found.corrected.as_ref().unwrap_or(&dataset));
     (found, replays)
 }
 
@@ -140,7 +143,15 @@ fn a_drift_within_one_tape_is_named() {
 #[test]
 fn a_replay_that_drifts_names_its_cause() {
     let rate_hz = 2000.0;
-    let stage = Stage { drift_um: 0.3, drift_s: 8.0, plays: Vec::new(), bend_per_v: 0.0, mode_hz: 180.0, creep_per_decade: 0.0, ..Stage::numbered(1) };
+    let stage = Stage {
+        drift_um: 0.3,
+        drift_s: 8.0,
+        plays: Vec::new(),
+        bend_per_v: 0.0,
+        mode_hz: 180.0,
+        creep_per_decade: 0.0,
+        ..Stage::numbered(1)
+    };
     let mut drive: Vec<f64> = vec![0.0; 1000];
     drive.extend((0..16_000).map(|k| 35.0 * (1.0 - (TAU * f64::from(k) / 1600.0).cos())));
     // Judged in short windows, each with a constant of its own.
