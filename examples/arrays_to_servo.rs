@@ -15,7 +15,7 @@ fn measured_um(drive_v: &[f64], seed: u64) -> Vec<f64> {
     for (id, values) in [("hysteresis", &[10.0, 1.2, -1.2][..]), ("vibration", &[4000.0, 0.4]), ("delay", &[180e-6])] {
         actuator.add(EffectInstance::new(effect::by_id(id).expect("a built-in effect"), &overview, values));
     }
-    let drive = Drive { drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Virgin };
+    let drive = Drive::held(drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
     let mut noise = WhiteNoise::new(0.004, seed);
     actuator.simulate(&drive).into_iter().map(|y_um| y_um + noise.next_um()).collect()
 }

@@ -20,6 +20,7 @@ pub mod elastoplastic_friction;
 pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
+pub mod intersample;
 pub mod linear_system;
 pub mod noise;
 pub mod rate_dependent_hysteresis;

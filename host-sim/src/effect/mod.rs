@@ -17,18 +17,22 @@ pub mod creep;
 pub mod delay;
 pub mod duhem;
 pub mod expression;
+pub mod force_balance;
 mod formula;
 pub mod friction;
 pub mod gain;
 mod held_mass;
 pub mod hum_harmonics;
 pub mod hysteresis;
+pub mod hysteretic_stiffness;
 pub mod initial_curve;
 pub mod load_force;
 mod loops;
 pub mod mains_hum;
 pub mod mass_change;
 pub mod maxwell_slip;
+pub mod nonlinear_damping;
+pub mod nonlinear_stiffness;
 pub mod play_operators;
 pub mod prandtl_ishlinskii;
 pub mod quantisation;
@@ -44,6 +48,7 @@ pub mod vibration;
 
 use crate::block::Block;
 use crate::chain::Model;
+use force_balance::RestoringForce;
 use std::sync::Arc;
 
 /// Where an effect stands in the chain from drive to measurement, in this order.
@@ -365,6 +370,8 @@ pub struct Setting<'a> {
     pub drive_min_v: f64,
     /// Limits of the drive, V.
     pub drive_max_v: f64,
+    /// Signals run straight from the end of one interval to the end of the next: the drive is not held between samples.
+    pub runs_straight: bool,
 }
 
 impl Setting<'_> {
@@ -606,6 +613,11 @@ pub trait Effect: Send + Sync {
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
+    /// What the effect adds to the force balance of the moving mass, which the vibration stage takes in.
+    fn restoring_force(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        None
+    }
+
     /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them.
     fn coefficient_walker(&self, _model: &Model, _setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
         None
@@ -682,6 +694,9 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),
+        Arc::new(nonlinear_stiffness::NonlinearStiffness),
+        Arc::new(nonlinear_damping::NonlinearDamping),
+        Arc::new(hysteretic_stiffness::HystereticStiffness),
         Arc::new(vibration::Vibration),
         Arc::new(second_mode::SecondMode),
         Arc::new(mass_change::MassChange),

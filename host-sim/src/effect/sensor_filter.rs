@@ -158,7 +158,7 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         if taken_in_by_modes(model).is_some() {
             return None;
         }
-        let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting.dt_s));
+        let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting));
         let interval = Interval::new(values[0], values[1], setting.dt_s, arrival);
         Some(Box::new(FilterStage { interval, state: [0.0; 2], before: 0.0 }))
     }
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn a_step_is_answered_as_by_the_closed_form() {
         let (frequency_hz, xi, dt_s) = (900.0, 0.6, 1e-4);
-        let drive = Drive { drive_v: &[1.0; 40], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&[1.0; 40], dt_s, InitialState::Virgin);
         let reading = model(&[("gain", &[1.0])], frequency_hz, xi).simulate(&drive);
         let w = TAU * frequency_hz;
         let damped = (1.0 - xi * xi).sqrt();
@@ -238,7 +238,7 @@ mod tests {
             y
         };
         for dt_s in [5e-5, 5e-4, 5e-3] {
-            let drive = Drive { drive_v: &[1.0; 4], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+            let drive = Drive::held(&[1.0; 4], dt_s, InitialState::Virgin);
             let reading = filtered.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(k as f64 * dt_s);
@@ -257,9 +257,7 @@ mod tests {
             let model = model(&[&[("gain", &[1.0][..]), mode], more].concat(), 1500.0, 0.7);
             let slow: Vec<f64> = (0..40).map(|k| f64::from(u8::from(k > 3)) - 0.5 * f64::from(u8::from(k > 20))).collect();
             let fast: Vec<f64> = slow.iter().flat_map(|v| [*v; 100]).collect();
-            let read = |drive_v: &[f64], dt_s: f64| {
-                model.simulate(&Drive { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin })
-            };
+            let read = |drive_v: &[f64], dt_s: f64| model.simulate(&Drive::held(drive_v, dt_s, InitialState::Virgin));
             let (slowly, quickly) = (read(&slow, 5e-3), read(&fast, 5e-5));
             for (k, y) in slowly.iter().enumerate() {
                 assert!((y - quickly[100 * k]).abs() < 1e-9, "{more:?} {k}: {y} {}", quickly[100 * k]);

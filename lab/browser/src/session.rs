@@ -312,6 +312,10 @@ impl Session {
         let found = unless_taken_back(analyse(dataset, start, &Options::default(), &Teller(asker))?, asker)?;
         let answer = answers::explanation(&found, dataset, &found.figures(dataset, 0.0));
         self.model = Some(found.steps[0].judged.model.clone());
+        // What was found is of the corrected recording, and so is all that the page shows beside it.
+        if let (Some(data), Some(corrected)) = (&mut self.data, &found.corrected) {
+            data.recording.dataset.clone_from(corrected);
+        }
         self.found = Some(found);
         Ok(answer)
     }

@@ -314,12 +314,12 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let (mut forgiven, mut closed) = (BTreeSet::new(), BTreeSet::new());
     let mut selected;
     loop {
-        let before = search.pool.rank(search.pool.best());
         search.run()?;
         if search.stopped {
             return Ok(Grown { stopped: true, beside_start, ..best_so_far(study, &search.pool, base) });
         }
         begin_again(&mut search.pool)?;
+        let before = search.pool.rank(search.pool.best());
         selected = close(&mut search.pool, &forgiven, &mut closed)?;
         // What came out of single moves around the simplest models may lead further.
         let gained = before - search.pool.rank(search.pool.best()) > study.policy.least_gain;
@@ -360,16 +360,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
         beside_start = Some(study.weigh(&base.model, &study.candidates_for(&base.model), study.policy.seed)?);
     }
     let loops = other_loops(&simplest, &end_judged.model, loops);
-    Ok(Grown {
-        steps,
-        weighed,
-        models: simplest.iter().map(kept_model).collect(),
-        simplest,
-        beside_start,
-        loops,
-        out_of_time,
-        ..Grown::default()
-    })
+    Ok(Grown { steps, weighed, models: kept_models(&simplest), simplest, beside_start, loops, out_of_time, ..Grown::default() })
 }
 
 /// The best model of a pool with each effect that has several initial guesses begun again beside the others.
@@ -393,8 +384,16 @@ fn end_of(pool: &Pool, selected: &Selected) -> Entry {
     pool.entries.values().filter(has_all).min_by(|a, b| cost(a).total_cmp(&cost(b))).unwrap_or_else(|| pool.best()).clone()
 }
 
-fn kept_model(entry: &Entry) -> KeptModel {
-    KeptModel { effects: entry.moves.iter().map(|m| m.effect().to_owned()).collect(), rms_um: Residuals::of(&entry.judged) }
+/// The simplest models as they are written: of those with the same moves the best.
+fn kept_models(simplest: &[Entry]) -> Vec<KeptModel> {
+    let mut out: Vec<KeptModel> = Vec::new();
+    for entry in simplest {
+        let effects: Vec<String> = entry.moves.iter().map(|m| m.effect().to_owned()).collect();
+        if out.iter().all(|m| m.effects != effects) {
+            out.push(KeptModel { effects, rms_um: Residuals::of(&entry.judged) });
+        }
+    }
+    out
 }
 
 /// How the loops at the end are described and those of other simplest models, where they are not of the structure that was there before. In the place of a gain loops
@@ -490,7 +489,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         let (weighed, _) = weigh(&mut pool, &selected.minimal)?;
         grown.weighed = weighed;
         grown.simplest = selected.minimal.iter().map(|k| pool.entries[k].clone()).collect();
-        grown.models = grown.simplest.iter().map(kept_model).collect();
+        grown.models = kept_models(&grown.simplest);
         grown.tried = pool.entries.values().filter(|e| e.held && e.moves.len() == 1).cloned().collect();
     }
     let _ = fitted;
@@ -501,7 +500,9 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         let freed = moved.filter_map(|m| if let Move::Freed(id) = m { Some(id) } else { None });
         freed.flat_map(|id| prior::changes(study, id, &base.model, &entry.judged.model)).collect()
     });
-    grown.weighed.retain(|w| told.is_some() || w.slot.moves.iter().any(|m| matches!(m, Move::Added(_))));
+    if told.is_none() {
+        grown.weighed.retain(|w| w.slot.moves.iter().any(|m| matches!(m, Move::Added(_))));
+    }
     grown.steps = steps;
     Ok(grown)
 }

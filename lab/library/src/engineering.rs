@@ -35,7 +35,7 @@ pub fn loop_figures(model: &Model) -> Option<LoopFigures> {
     let rise = (0..=BRANCH).map(at);
     let fall = (0..BRANCH).rev().map(at);
     let drive_v: Vec<f64> = rise.clone().chain(fall).chain(rise.skip(1)).chain([to]).collect();
-    let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: DT_S, initial_state: InitialState::Virgin };
+    let drive = Drive::held(&drive_v, DT_S, InitialState::Virgin);
     // A reading answers to the drive of the sample before.
     let read = loops.simulate(&drive).split_off(1);
     let falling: Vec<f64> = read[BRANCH..=2 * BRANCH].iter().rev().copied().collect();

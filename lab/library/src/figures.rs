@@ -1,6 +1,7 @@
 //! Figures of models and fits for files (`hysteron.fit/1`).
 
 use crate::dataset::Dataset;
+use crate::dataset::units::SignalUnits;
 use crate::diagnosis::path::Step;
 use crate::diagnosis::words;
 use crate::engineering::{self, Figure};
@@ -69,6 +70,8 @@ pub struct FitFigures {
     pub schema: &'static str,
     /// Effects in the order of the chain.
     pub effects: Vec<String>,
+    /// What V and um stand for in the names of the fields.
+    pub units: SignalUnits,
     /// Every record.
     pub records: Vec<RecordFigures>,
     /// The model driven from the first sample of each file to its last.
@@ -150,6 +153,7 @@ pub fn fit_figures(
     FitFigures {
         schema: "hysteron.fit/1",
         effects: model.effect_ids(),
+        units: dataset.units.clone(),
         records: record_figures(model, dataset, &replays),
         replays,
         noise_floor_um: floor.rms_um,

@@ -71,10 +71,10 @@ pub enum Evidence {
     Readings,
 }
 
-/// One finding: an effect that is missing, with what the data cannot distinguish from it.
+/// One finding: an effect that is missing or has other values, with what the data cannot distinguish from it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// The effects, likeliest first; more than one where the data cannot distinguish them.
+    /// The effects that are missing, likeliest first; more than one where the data cannot distinguish them, none where only values have changed.
     pub effects: Vec<String>,
     /// Effects of the prior model of which other values explain as much.
     #[serde(skip_serializing_if = "Vec::is_empty")]

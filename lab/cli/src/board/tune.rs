@@ -205,6 +205,7 @@ fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequ
     let progress = Progress::of_search(false);
     let found = analyse(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
     drop(progress);
+    let dataset = found.dataset(&dataset).clone();
     println!("{}", found.diagnosis.sentence);
     let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
     let TuneRequest { reference_hz, sensor_bandwidth_hz } = *wanted;

@@ -37,7 +37,6 @@ pub mod table;
 #[cfg(feature = "readers")]
 pub mod time_axis;
 pub mod timing;
-#[cfg(feature = "readers")]
 pub mod units;
 
 pub use record::{Periods, Record, Role};
@@ -46,6 +45,7 @@ use crate::error::{Error, Result, nearest};
 use crate::quality::{self, Issue};
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::Overview;
+use units::SignalUnits;
 
 /// Records with the limits of the actuator they were taken on.
 #[derive(Clone, Debug)]
@@ -64,6 +64,8 @@ pub struct Dataset {
     pub sensor_lsb_um: Option<f64>,
     /// The records.
     pub records: Vec<Record>,
+    /// Units of drive and reading, where they are not V and um.
+    pub units: SignalUnits,
     /// Neither anybody nor the records themselves say whether the drive of a row acts before its reading or after it: the latter is assumed, and a
     /// delay counts from there.
     pub timing_is_assumed: bool,
@@ -100,6 +102,7 @@ impl Dataset {
             sensor_lsb_um: None,
             records,
             timing_is_assumed: false,
+            units: SignalUnits::default(),
             notes: Vec::new(),
             issues: Vec::new(),
         }

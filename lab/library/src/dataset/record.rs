@@ -3,6 +3,7 @@
 use crate::statistics::peak_to_peak;
 use hysteron_sim::chain::{Drive, InitialState};
 use hysteron_sim::effect::AuxiliarySignal;
+use hysteron_sim::intersample::Intersample;
 use std::ops::Range;
 
 /// What a record is for.
@@ -69,7 +70,9 @@ pub struct Record {
     pub offset_is_fitted: bool,
     /// Nobody specified the state at the first sample: the drive stands still there, so rest is assumed, and a fit with an unknown state checks it.
     pub state_is_assumed: bool,
-    /// Drive, V, held from each sample to the next.
+    /// What the drive does between samples.
+    pub intersample: Intersample,
+    /// Drive at every sample.
     pub drive_v: Vec<f64>,
     /// Measured displacement, um.
     pub displacement_um: Vec<f64>,
@@ -96,6 +99,7 @@ impl Record {
             repeat_of: None,
             offset_is_fitted: true,
             state_is_assumed: false,
+            intersample: Intersample::Hold,
             drive_v,
             displacement_um,
             force_n: None,
@@ -137,6 +141,7 @@ impl Record {
             auxiliary: &self.auxiliary,
             dt_s: self.dt_s(),
             initial_state: self.initial_state,
+            intersample: self.intersample,
         }
     }
 

@@ -6,6 +6,7 @@ use super::{Dataset, Record};
 use crate::error::{Error, Result};
 #[cfg(feature = "readers")]
 use crate::quality::{self, Issue};
+use hysteron_sim::intersample::Intersample;
 use serde::Deserialize;
 
 /// When samples are taken and drives act.
@@ -32,6 +33,15 @@ impl Timing {
     }
 }
 
+/// What a drive does between samples, by its name in files; `place` is where somebody specified it.
+///
+/// # Errors
+/// With all names.
+pub fn intersample_named(place: &str, name: &str) -> Result<Intersample> {
+    let found = Intersample::NAMES.into_iter().find(|(known, _)| *known == name).map(|(_, one)| one);
+    found.ok_or_else(|| Error::new(place, format!("`{name}`; expected hold, linear or band_limited")))
+}
+
 /// Brings the records of one data set to the one timing. What is not specified is taken from the records: one that leads shows that the logger reads
 /// after it writes, and so do the others, which may be too slow to show it. Gives an issue where the records showed it themselves.
 #[cfg(feature = "readers")]
@@ -46,6 +56,15 @@ pub(super) fn bring_to_one_timing(records: &mut [Record], said: Option<Timing>) 
 }
 
 impl Dataset {
+    /// The same readings with a drive that does this between its samples.
+    #[must_use]
+    pub fn running_on(&self, intersample: Intersample) -> Self {
+        let mut out = self.clone();
+        out.records.iter_mut().for_each(|record| record.intersample = intersample);
+        out.timing_is_assumed = false;
+        out
+    }
+
     /// The same readings, taken to follow the drive of their own row.
     #[must_use]
     pub fn in_own_rows(&self) -> Self {

@@ -52,11 +52,10 @@ pub struct Weighed {
 }
 
 impl Weighed {
-    /// As a finding; none where all that it says is that values have changed.
+    /// As a finding.
     #[must_use]
-    pub fn finding(&self) -> Option<Finding> {
-        let effects = self.slot.effects();
-        (!effects.is_empty()).then(|| Finding { effects, or_other_values_of: self.slot.other_values_of(), evidence: self.evidence })
+    pub fn finding(&self) -> Finding {
+        Finding { effects: self.slot.effects(), or_other_values_of: self.slot.other_values_of(), evidence: self.evidence }
     }
 
     /// By how much the error falls with it, um: the root of the difference of the mean squares, the larger of fitted and held-out records.

@@ -66,7 +66,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     let blocks = found.issues.iter().filter(|i| i.severity == Severity::Blocks);
     let least_fall_um = blocks.map(|i| i.effect_um().unwrap_or(f64::INFINITY)).fold(0.0, f64::max);
     let stands = |w: &&Weighed| blocked.is_none() || w.fall_um() > least_fall_um;
-    let mut findings: Vec<Finding> = found.weighed.iter().filter(stands).filter_map(Weighed::finding).collect();
+    let mut findings: Vec<Finding> = found.weighed.iter().filter(stands).map(Weighed::finding).collect();
     if let Some(id) = found.quantised.filter(|_| blocked.is_none()) {
         findings.push(Finding { effects: vec![id.into()], or_other_values_of: Vec::new(), evidence: Evidence::Readings });
     }
@@ -82,7 +82,10 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         .effects
         .iter()
         .any(|e| found.first.model.effect(&e.id).is_none() && found.last.model.ruled_out_because(&e.id).is_some());
+    let only_values = findings.iter().all(|f| f.effects.is_empty());
     let verdict = match (findings.is_empty(), reason) {
+        // Nothing is missing where other values reach the noise.
+        (false, None) if only_values && within(study.as_the_noise()) => Verdict::AtFloor,
         (false, _) if findings.iter().any(or) => Verdict::Ambiguous,
         (false, _) => Verdict::Named,
         (true, Some(_)) => Verdict::Undecidable,
@@ -96,7 +99,7 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
         verdict,
         reason,
         sentence: String::new(),
-        named: findings.iter().flat_map(|f| f.effects.iter().cloned()).collect(),
+        named: if verdict == Verdict::AtFloor { Vec::new() } else { findings.iter().flat_map(about).cloned().collect() },
         findings,
         remainder: Remainder { rms_um, times_noise: floor.rms_um.map(|floor_um| rms_um / floor_um) },
         changed: found.changed.to_vec(),
@@ -119,6 +122,11 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     }
     out.sentence = words::sentence(&out, found.first, found.last, dataset, study);
     out
+}
+
+/// The effects that a finding is about: those that are missing, or else those that have other values.
+fn about(finding: &Finding) -> &[String] {
+    if finding.effects.is_empty() { &finding.or_other_values_of } else { &finding.effects }
 }
 
 fn candidate_figures(found: &Found, floor: &NoiseFloor, study: &Study) -> Vec<CandidateFigures> {

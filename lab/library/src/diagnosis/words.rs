@@ -222,11 +222,18 @@ impl<'a> Said<'a> {
             ),
             Verdict::AtFloor => format!("Nothing is missing that this data could show: the {which} is {after} nm, {noise}."),
             Verdict::Named if d.findings.iter().all(|f| f.evidence == Evidence::Readings) => self.coarse_readings(),
-            Verdict::Named | Verdict::Ambiguous => {
-                let plural = d.findings.len() > 1;
+            Verdict::Named | Verdict::Ambiguous if d.findings.iter().all(|f| f.effects.is_empty()) => {
                 let names: Vec<String> = d.findings.iter().map(finding).collect();
+                format!(
+                    "{} explain what changed: with them the {which} falls from {before} to {after} nm; {noise}.",
+                    capital(&joined(&names))
+                )
+            }
+            Verdict::Named | Verdict::Ambiguous => {
+                let names: Vec<String> = d.findings.iter().filter(|f| !f.effects.is_empty()).map(finding).collect();
+                let plural = names.len() > 1;
                 let ambiguous =
-                    if d.verdict == Verdict::Ambiguous { " Where it says \"or\", this data cannot distinguish the two." } else { "" };
+                    if d.verdict == Verdict::Ambiguous { " Where it says \"or\", this data cannot distinguish them." } else { "" };
                 format!(
                     "{} {} missing: with {} the {which} falls from {before} to {after} nm; {noise}.{ambiguous}",
                     capital(&joined(&names)),

@@ -77,8 +77,8 @@ fn cannot(model: &Model, effect: &str) -> Error {
     let own = model.effect(effect).is_some_and(|e| e.effect.definition().is_some());
     let why = if own {
         "is an effect of your own; write its expression into the exported file where it stands in the chain"
-    } else if effect == hysteron_sim::effect::vibration::ID && model.effect(hysteron_sim::effect::friction::ID).is_some() {
-        "holds a mass by friction, which takes a variable step; expected a model without friction beside vibration"
+    } else if effect == hysteron_sim::effect::vibration::ID {
+        "moves a mass against friction or other forces in its balance, which takes a variable step; expected a model without them"
     } else {
         "has no export; expected a model without it"
     };
@@ -144,7 +144,7 @@ fn head(chain: &BlockChain, model: &Model) -> Vec<String> {
             chain.drive_max_v,
             1.0 / chain.dt_s
         ),
-        "The drive of a sample acts from that sample to the next; the reading is taken at the sample.".into(),
+        "The drive is held from each sample to the next; the reading is taken at the sample.".into(),
         String::new(),
     ];
     out.extend(described(model));

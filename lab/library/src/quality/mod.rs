@@ -8,6 +8,7 @@
 
 mod answer;
 mod as_specified;
+mod between_samples;
 mod closed_loop;
 mod given_twice;
 mod initial_state;
@@ -75,7 +76,7 @@ pub type Check = fn(&Subject) -> Vec<Issue>;
 
 /// All checks. Those that correct a data set when it is made stand in the order in which they must; of two that explain the same error the simpler one stands
 /// first.
-const CHECKS: [Check; 14] = [
+const CHECKS: [Check; 15] = [
     rest::check,
     outliers::single,
     range::check,
@@ -84,6 +85,7 @@ const CHECKS: [Check; 14] = [
     given_twice::check,
     as_specified::check,
     answer::check,
+    between_samples::check,
     timing::check,
     sensor_offset::check,
     initial_state::check,
@@ -154,6 +156,7 @@ fn apply(dataset: &mut Dataset, issue: &Issue) {
             of_the_tape.for_each(|r| r.initial_state = InitialState::Unknown);
         }
         (Kind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
+        (Kind::RunsOnBetweenSamples { intersample, .. }, _) => *dataset = dataset.running_on(between_samples::named(intersample)),
         _ => {}
     }
 }
@@ -246,6 +249,15 @@ pub enum Kind {
         assumed_um: f64,
         /// Error with the drive of the same row, um.
         same_sample_um: f64,
+    },
+    /// The drive is not held between its samples.
+    RunsOnBetweenSamples {
+        /// What it does there.
+        intersample: String,
+        /// Error with a held drive, um.
+        held_um: f64,
+        /// Error of the same effects with this one, um.
+        runs_on_um: f64,
     },
     /// The readings themselves show that they respond to the drive of the same row.
     TimingInReadings {
@@ -348,6 +360,8 @@ pub enum Reason {
     InitialState,
     /// The readings respond to the drive of the same row, and the search was not repeated with this timing.
     SameSampleTiming,
+    /// The drive is not held between its samples.
+    RunsOnBetweenSamples,
     /// Somebody stopped the search.
     Stopped,
     /// The time was over before the search was.
@@ -376,7 +390,9 @@ impl Issue {
     #[must_use]
     pub fn asks_for_another_search(&self) -> bool {
         match self.kind {
-            Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. } => self.severity != Severity::Corrects,
+            Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. } | Kind::RunsOnBetweenSamples { .. } => {
+                self.severity != Severity::Corrects
+            }
             // A state that somebody specified is not changed.
             Kind::InitialState { .. } => self.severity == Severity::Notes,
             _ => false,
@@ -390,6 +406,7 @@ impl Issue {
             Kind::NotAnswered { .. } => Reason::NotAnswered,
             Kind::InitialState { .. } => Reason::InitialState,
             Kind::SameSampleTiming { .. } => Reason::SameSampleTiming,
+            Kind::RunsOnBetweenSamples { .. } => Reason::RunsOnBetweenSamples,
             _ => return None,
         };
         (self.severity == Severity::Blocks).then_some(reason)
@@ -404,6 +421,7 @@ impl Issue {
             Kind::SensorOffset { specified_um, fitted_um } => Some(fall(specified_um, fitted_um)),
             Kind::InitialState { specified_um, unknown_um } => Some(fall(specified_um, unknown_um)),
             Kind::SameSampleTiming { assumed_um, same_sample_um, .. } => Some(fall(assumed_um, same_sample_um)),
+            Kind::RunsOnBetweenSamples { held_um, runs_on_um, .. } => Some(fall(held_um, runs_on_um)),
             _ => None,
         }
     }

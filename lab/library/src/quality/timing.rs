@@ -11,6 +11,7 @@ use crate::diagnosis::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::parallel;
 use crate::watch::Event;
+use hysteron_sim::intersample::Intersample;
 
 /// A mode above this share of half the sampling rate is as fast as the recording can show.
 const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
@@ -99,7 +100,7 @@ pub(super) fn leads_the_drive(subject: &Subject) -> Vec<Issue> {
     if !matches!(subject.moment, Moment::Made) {
         return Vec::new();
     }
-    let driven = subject.dataset.records.iter().filter(|r| r.role != Role::Noise && leads(r));
+    let driven = subject.dataset.records.iter().filter(|r| r.role != Role::Noise && r.intersample == Intersample::Hold && leads(r));
     driven.map(|r| Issue::of(&r.name, Severity::Notes, Kind::LeadsTheDrive {})).collect()
 }
 

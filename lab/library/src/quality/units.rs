@@ -1,6 +1,7 @@
 //! Units that look doubtful: spans and rates that no piezoelectric stage has.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
+use crate::dataset::units::SignalUnits;
 use crate::dataset::{Record, Role};
 
 /// Span of a displacement in um beyond which a unit is likely to be missing.
@@ -15,7 +16,8 @@ const LIKELY_GAIN_MAX_UM_V: f64 = 100.0;
 
 /// Examines every driven record.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
-    if !matches!(subject.moment, Moment::Made) {
+    // What is in other units than V and um is no piezoelectric stage.
+    if !matches!(subject.moment, Moment::Made) || subject.dataset.units != SignalUnits::default() {
         return Vec::new();
     }
     let doubt = |record: &Record| {

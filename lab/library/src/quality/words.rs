@@ -57,6 +57,11 @@ pub(super) fn of_kind(kind: &Kind) -> String {
                 nm(*assumed_um)
             )
         }
+        Kind::RunsOnBetweenSamples { intersample, held_um, runs_on_um } => format!(
+            "the drive is not held between its samples, so `{intersample}` is used (error {} nm instead of {} nm). To override: --intersample hold",
+            nm(*runs_on_um),
+            nm(*held_um)
+        ),
         Kind::TimingInReadings { jumps } => {
             let how = match jumps {
                 None => "y[k] follows u[k] much better than u[k-1]".to_owned(),

@@ -134,7 +134,7 @@ fn signals() -> (Vec<f64>, Vec<f64>) {
 fn read(model: &Model, rate_hz: f64, settled: bool) -> Vec<f64> {
     let (drive_v, force_n) = signals();
     let initial_state = if settled { InitialState::Settled } else { InitialState::Virgin };
-    model.simulate(&Drive { drive_v: &drive_v, force_n: Some(&force_n), auxiliary: &[], dt_s: 1.0 / rate_hz, initial_state })
+    model.simulate(&Drive { force_n: Some(&force_n), ..Drive::held(&drive_v, 1.0 / rate_hz, initial_state) })
 }
 
 fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
@@ -176,7 +176,7 @@ fn blocks_compute_what_the_stages_do() {
         let chain = BlockChain::of(&model, 1.0 / rate_hz).unwrap();
         for settled in [false, true] {
             let initial_state = if settled { InitialState::Settled } else { InitialState::Virgin };
-            let drive = Drive { drive_v: &drive_v, force_n: Some(&force_n), auxiliary: &[], dt_s: 1.0 / rate_hz, initial_state };
+            let drive = Drive { force_n: Some(&force_n), ..Drive::held(&drive_v, 1.0 / rate_hz, initial_state) };
             let found = chain.simulate(&drive, model.resting_drive_v(&drive));
             let apart = found.iter().zip(&read(&model, rate_hz, settled)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(apart < TOLERANCE_UM, "{name}: {apart:e}");

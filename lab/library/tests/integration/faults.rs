@@ -80,11 +80,7 @@ fn a_drive_to_the_commanded_limit_is_simulated() {
     model.add(EffectInstance::new(effect, &overview, &[0.1]));
     let reaches = |high: f64| {
         let drive_v: Vec<f64> = (0..100).map(|k| high * f64::from(k) / 99.0).collect();
-        simulate(
-            &model,
-            &Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Virgin },
-            "--drive",
-        )
+        simulate(&model, &Drive::held(&drive_v, 1e-3, InitialState::Virgin), "--drive")
     };
     assert!(reaches(95.0).is_ok());
     assert!(reaches(96.0).unwrap_err().to_string().contains("96"));

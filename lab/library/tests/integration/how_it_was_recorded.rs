@@ -33,7 +33,7 @@ fn recorded(model: &Model, cut_samples: usize) -> Dataset {
         ("rest", Role::Noise, vec![0.0; 4000]),
     ];
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
         let mut noise = WhiteNoise::new(NOISE_UM, 100 + i as u64);
         let readings: Vec<f64> = model.simulate(&drive).into_iter().map(|y| y + noise.next_um()).collect();
         let from = if name == "steps" { cut_samples } else { 0 };

@@ -40,7 +40,7 @@ fn steps(seconds: f64, hold_s: f64, seed: usize) -> Vec<f64> {
 }
 
 fn driven(drive_v: &[f64]) -> Drive<'_> {
-    Drive { drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Settled }
+    Drive::held(drive_v, 1.0 / RATE_HZ, InitialState::Settled)
 }
 
 fn identified(i: usize) -> Model {

@@ -29,7 +29,7 @@ fn recorded(seed: u64) -> Dataset {
         ("rest", Role::Noise, vec![0.0; 2000]),
     ];
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Settled };
+        let drive = Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Settled);
         let of_record = 10 * seed + i as u64;
         let (mut white, mut slow) = (WhiteNoise::new(WHITE_UM, of_record), FlickerNoise::new(AT_1_HZ_UM, RATE_HZ, 5000 + of_record));
         let readings = model.simulate(&drive).into_iter().map(|y| y + white.next_um() + slow.next_um()).collect();

@@ -118,7 +118,7 @@ fn recorded(chain: &[(&str, &[f64])], noise_um: f64, lsb_um: f64, held_out: bool
     ];
     let wanted = |role: &Role| (held_out || *role != Role::Validate) && (rest || *role != Role::Noise);
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
         let mut noise = WhiteNoise::new(noise_um, 100 + i as u64);
         let read = |y: f64| if lsb_um > 0.0 { (y / lsb_um).round() * lsb_um } else { y };
         let readings = model.simulate(&drive).into_iter().map(|y| read(y + noise.next_um())).collect();
