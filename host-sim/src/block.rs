@@ -4,8 +4,7 @@
 //! up, and refuses an effect that has no blocks. [`BlockChain::simulate`] is the reference for every export: the same readings as
 //! [`Model::simulate`](crate::chain::Model::simulate).
 
-use crate::chain::{Drive, Model};
-use crate::effect::Signals;
+use crate::chain::{Drive, InitialState, Model};
 use crate::hysteresis_surface::{OneSidedHysteresis, STACK_CAPACITY, Surfaces};
 
 /// A linear block: `y = out s + before x[k-1] + through x[k]`, then `s = phi s + start x[k-1] + end x[k]`; `x` counts from `offset`, and so does `y`.
@@ -282,9 +281,10 @@ impl BlockChain {
     pub fn of(model: &Model, dt_s: f64) -> Result<Self, String> {
         let substeps = model.substeps(dt_s);
         let mut blocks = Vec::new();
-        for (effect, fine) in model.order_with_fineness(dt_s) {
+        let held = Drive::held(&[], dt_s, InitialState::Virgin);
+        for (effect, fine) in model.order_with_fineness(&held) {
             let instance = &model.effects[effect];
-            let setting = model.setting(dt_s, if fine { substeps } else { 1 }, Signals::default());
+            let setting = model.setting(&held, if fine { substeps } else { 1 });
             let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) else { continue };
             let of_stage = stage.blocks().ok_or_else(|| instance.id.clone())?;
             let acts = |block: &Block| !matches!(block, Block::Linear(l) if l.rest.is_empty() && l.before == 0.0 && l.through == 1.0);
