@@ -103,6 +103,9 @@ impl Effect for HystereticStiffness {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let per_um = 1.0 / overview.range_um.max(1e-6);
         vec![

@@ -53,7 +53,10 @@ fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
     let issue = |i: &usize| {
         let (specified_um, unknown_um) = (rms(&as_specified.residuals[*i]), rms(&without.residuals[*i]));
         let kind = Kind::InitialState { specified_um, unknown_um };
-        (specified_um > study.policy.explained * unknown_um).then(|| Issue::of(&study.dataset.records[*i].name, Severity::Blocks, kind))
+        let record = &study.dataset.records[*i];
+        // A state that nobody specified is estimated instead, by another search.
+        let severity = if record.state_is_assumed { Severity::Notes } else { Severity::Blocks };
+        (specified_um > study.policy.explained * unknown_um).then(|| Issue::of(&record.name, severity, kind))
     };
     Some(both.iter().filter(|i| specified(i)).filter_map(issue).collect())
 }
