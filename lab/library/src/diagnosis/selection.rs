@@ -233,9 +233,14 @@ pub struct Selected {
 pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
     pool.compare_best();
     let policy = pool.study.policy.clone();
+    // Models are compared with the best that is what it is called, fitted as far as the others.
+    let admissible = |pool: &Pool| pool.ranked().into_iter().find(|(_, e)| !e.is_excluded()).map(|(k, _)| k.clone());
+    while let Some(key) = admissible(pool).filter(|k| !pool.entries[k].compared) {
+        pool.compare(&[key]);
+    }
     // What no test could keep is not compared: the merit is a logarithm of the error.
     let most = |pool: &Pool| {
-        let best = pool.best();
+        let best = admissible(pool).map_or_else(|| pool.best(), |k| &pool.entries[&k]);
         let margin = if pool.study.near_the_noise(&best.judged) { policy.matters_at_noise } else { policy.matters_of_remainder };
         best.merit + 0.5 * (1.0 + margin).ln() + policy.in_contention
     };
