@@ -54,7 +54,7 @@ impl Effect for BoucWen {
         Declaration {
             id: "bouc_wen".into(),
             physics: "One hysteretic state follows the drive and saturates: a smooth loop from four numbers.".into(),
-            reference: "thesis Ch. 2, Eq. 3; Low and Guo, J. Microelectromech. Syst. 4 (1995) 230-237".into(),
+            reference: "thesis Ch. 2, 3.1.5; Low and Guo, J. Microelectromech. Syst. 4 (1995) 230-237".into(),
             place: Place::Hysteresis,
             modifies: None,
             experiment: "slow sines of several amplitudes".into(),

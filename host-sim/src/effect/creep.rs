@@ -233,7 +233,7 @@ impl Effect for Creep {
             physics:
                 "After a change of drive domains go on switching for seconds and minutes: the displacement creeps on after every step."
                     .into(),
-            reference: "thesis Ch. 2, Eqs. 4-5; Ch. 5, Eqs. 9-17".into(),
+            reference: "thesis Ch. 2, Eqs. 4-5; Ch. 5, Eqs. 13 and 17".into(),
             place: Place::Creep,
             modifies: None,
             experiment: "steps of several heights, each held for ten seconds or more".into(),

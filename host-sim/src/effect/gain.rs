@@ -32,7 +32,7 @@ impl Effect for Gain {
         Declaration {
             id: ID.into(),
             physics: "The displacement is proportional to the drive voltage.".into(),
-            reference: "thesis Ch. 5, K".into(),
+            reference: "thesis Ch. 6, Eq. 3".into(),
             place: Place::Hysteresis,
             modifies: None,
             experiment: "any slow drive over the range".into(),

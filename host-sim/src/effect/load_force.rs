@@ -35,7 +35,7 @@ impl Effect for LoadForce {
         Declaration {
             id: "load_force".into(),
             physics: "An external force compresses the actuator by its compliance.".into(),
-            reference: "thesis Ch. 7, Eq. 1; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)".into(),
+            reference: "thesis Ch. 2, Eq. 11; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)".into(),
             place: Place::LoadForce,
             modifies: None,
             experiment: "constant drive while the force changes and is recorded".into(),

@@ -46,7 +46,7 @@ impl Effect for MaxwellSlip {
         Declaration {
             id: "maxwell_slip".into(),
             physics: "Elements that stretch and then slip hold part of the charge back: rate-independent loops.".into(),
-            reference: "Goldfarb and Celanovic, IEEE Control Systems 17 (1997) 69-79".into(),
+            reference: "thesis Ch. 2, Eq. 3; Goldfarb and Celanovic, IEEE Control Systems 17 (1997) 69-79".into(),
             place: Place::Hysteresis,
             modifies: None,
             experiment: "slow triangles of several heights".into(),

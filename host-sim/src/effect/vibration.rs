@@ -262,7 +262,7 @@ impl Propagator {
 }
 
 impl Mode {
-    /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. (5).
+    /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. 12.
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
         Self::of(
@@ -653,7 +653,7 @@ impl Effect for Vibration {
         Declaration {
             id: ID.into(),
             physics: "Mass, stiffness and damping make the displacement follow the piezo force as a second-order mode.".into(),
-            reference: "thesis Ch. 5, Eq. 5".into(),
+            reference: "thesis Ch. 5, Eq. 12".into(),
             place: Place::Vibration,
             modifies: None,
             experiment: "a small multisine or sweep beyond the resonance".into(),

@@ -346,6 +346,12 @@ enum Command {
         /// Servo file to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// `predictor`, `pidsmoc`, `pidsmc-alpha-beta`, `smcbl` or `pid` (docs/servo_schemes.md says which to take)
+        #[arg(long, value_name = "NAME", default_value = "predictor")]
+        scheme: String,
+        /// Leave the hysteresis to the unknown input instead of inverting it
+        #[arg(long)]
+        no_inverse: bool,
         /// Highest frequency of the references
         #[arg(long, default_value_t = 150.0)]
         reference_hz: f64,
@@ -388,7 +394,7 @@ enum Command {
         /// Model file
         #[arg(long)]
         model: PathBuf,
-        /// Check a scheme of the thesis with the thesis' gains instead, on the target with its period of delay
+        /// Another scheme, designed for the servo's model without a recording
         #[arg(long, value_name = "NAME")]
         scheme: Option<String>,
         #[command(flatten)]
@@ -404,7 +410,7 @@ enum Command {
         /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, or a file with a column of time in s and one of um
         #[arg(long)]
         reference: String,
-        /// Another scheme for the same model
+        /// Another scheme, designed for the servo's model without a recording
         #[arg(long, value_name = "NAME")]
         scheme: Option<String>,
         /// RMS noise of the sensor [default: what the servo was designed for, or 0.001]
@@ -540,6 +546,8 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Design {
             model,
             out,
+            scheme,
+            no_inverse,
             reference_hz,
             sensor_noise_um,
             sensor: SensorSaid { sensor_bandwidth_hz },
@@ -561,6 +569,8 @@ fn dispatch(command: Command) -> Result<bool> {
                 learning,
                 adaptation,
                 mode_moves,
+                scheme,
+                no_inverse,
             };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };

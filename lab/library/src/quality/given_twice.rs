@@ -36,9 +36,10 @@ mod tests {
         };
         let issues = |windows: [std::ops::Range<usize>; 2]| {
             let [one, two] = windows;
-            Dataset::new("d", 0.0, 100.0, vec![record("one", one), record("two", two)]).unwrap().issues
+            let dataset = Dataset::unchecked("d", 0.0, 100.0, vec![record("one", one), record("two", two)]);
+            check(&Subject { dataset: &dataset, moment: Moment::Made })
         };
-        assert_eq!(issues([0..3000, 0..3000])[0], Issue::of("two", Severity::Notes, Kind::GivenTwice { same_as: "one".into() }));
+        assert_eq!(issues([0..3000, 0..3000]), [Issue::of("two", Severity::Notes, Kind::GivenTwice { same_as: "one".into() })]);
         assert_eq!(issues([0..1500, 1500..3000]), []);
     }
 }

@@ -1,10 +1,10 @@
 //! The model that is saved holds over the whole file: twelve single recordings of stages whose equations stand here, and one that drifts.
 
 use hysteron::Dataset;
-use hysteron::analyse::{Options, Start, analyse};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::reading::from_file;
 use hysteron::model_file::effects_named;
-use hysteron::outcome::{Outcome, Verdict};
+use hysteron::outcome::Verdict;
 use hysteron::replay::{AS_GOOD, Replay, replays};
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
@@ -63,7 +63,7 @@ impl Stage {
             text.push_str(&format!("{t_s:.6},{u:.5},{:.6}\n", y + creep + drift + noise.next_um()));
             let mut force = self.gain_um_v * u * (1.0 + self.bend_per_v * u);
             for ((threshold, weight), play) in self.plays.iter().zip(&mut plays) {
-                *play = play.clamp(u - threshold, u + threshold);
+                *play = f64::clamp(*play, u - threshold, u + threshold);
                 force += weight * *play;
             }
             for _ in 0..fine {
