@@ -220,8 +220,8 @@ fn octave_reads_what_the_program_reads() {
             expected.extend(read(&model, rate_hz, settled));
         }
     }
-    std::fs::write(folder.path().join("run.m"), script).unwrap();
-    same("octave", &run(folder.path(), "octave-cli", &["--no-gui", "--norc", "run.m"]), &expected);
+    std::fs::write(folder.path().join("compare_all.m"), script).unwrap();
+    same("octave", &run(folder.path(), "octave-cli", &["--no-gui", "--norc", "compare_all.m"]), &expected);
 }
 
 #[test]
