@@ -49,7 +49,8 @@ pub struct PhysicalDescription {
     pub slew_limit_v_s: u32,
     /// Position from the sensor's lowest to its highest code, nm.
     pub sensor_span_nm: i32,
-    /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths; at 1 000 000 the loop is not stable.
+    /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths, as the host found it; at 1 000 000 the loop is not stable. The target
+    /// does not compute it again: what it sees of a loop that is not stable is its tracking error.
     pub spectral_radius_millionths: u32,
 }
 
@@ -89,6 +90,12 @@ pub enum BlockError {
     Unstable,
     /// The buffer is too small to write it.
     NoRoom,
+    /// Two blocks are kept, and nothing says which of them counts ([`crate::block_choice`]).
+    Ambiguous,
+    /// It exceeds the board's safety envelope ([`crate::safety_envelope`]).
+    BeyondEnvelope(&'static str),
+    /// The board has no safety envelope.
+    NoEnvelope,
 }
 
 impl BlockError {
@@ -105,8 +112,11 @@ impl BlockError {
             Self::SampleRate(_) => "made for another sampling rate",
             Self::Mismatch => "integers contradict the physical limits",
             Self::Range(what) => what,
-            Self::Unstable => "the design is not stable when sampled",
+            Self::Unstable => "by its own figure the design is not stable when sampled",
             Self::NoRoom => "larger than the buffer",
+            Self::Ambiguous => "two blocks, and neither replaces the other: erase one, or bring one by command",
+            Self::BeyondEnvelope(what) => what,
+            Self::NoEnvelope => "no safety envelope: nothing is driven without one",
         }
     }
 }
@@ -117,7 +127,18 @@ pub struct Writer<'a> {
     at: usize,
 }
 
-impl Writer<'_> {
+impl<'a> Writer<'a> {
+    /// At the beginning of these.
+    pub fn new(bytes: &'a mut [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    /// Bytes written so far.
+    #[must_use]
+    pub fn at(&self) -> usize {
+        self.at
+    }
+
     fn put(&mut self, bytes: &[u8]) -> Result<(), BlockError> {
         let end = self.at.checked_add(bytes.len()).ok_or(BlockError::NoRoom)?;
         self.bytes.get_mut(self.at..end).ok_or(BlockError::NoRoom)?.copy_from_slice(bytes);
@@ -131,7 +152,19 @@ pub struct Reader<'a> {
     rest: &'a [u8],
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
+    /// At the beginning of these.
+    #[must_use]
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    /// Bytes that have not been read.
+    #[must_use]
+    pub fn left(&self) -> usize {
+        self.rest.len()
+    }
+
     fn take<const N: usize>(&mut self) -> Result<[u8; N], BlockError> {
         let (chunk, rest) = self.rest.split_first_chunk::<N>().ok_or(BlockError::Length)?;
         self.rest = rest;
@@ -210,18 +243,23 @@ impl<T: Wire + Copy + Default, const N: usize> Wire for [T; N] {
 
 macro_rules! wire_struct {
     ($type:ident $(<$(const $n:ident: $t:ty),*>)? { $($field:ident),* $(,)? }) => {
-        impl $(<$(const $n: $t),*>)? Wire for $type $(<$($n),*>)? {
-            fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        impl $(<$(const $n: $t),*>)? $crate::parameter_block::Wire for $type $(<$($n),*>)? {
+            fn write(
+                &self,
+                to: &mut $crate::parameter_block::Writer<'_>,
+            ) -> Result<(), $crate::parameter_block::BlockError> {
                 let Self { $($field),* } = self;
                 $($field.write(to)?;)*
                 Ok(())
             }
-            fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
-                Ok(Self { $($field: Wire::read(from)?),* })
+            fn read(from: &mut $crate::parameter_block::Reader<'_>) -> Result<Self, $crate::parameter_block::BlockError> {
+                Ok(Self { $($field: $crate::parameter_block::Wire::read(from)?),* })
             }
         }
     };
 }
+
+pub(crate) use wire_struct;
 
 wire_struct!(Row<const N: usize, const Q: u32> { coefficients });
 wire_struct!(SurfaceCoefficients { g, f });

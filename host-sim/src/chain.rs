@@ -96,6 +96,25 @@ impl EffectInstance {
     }
 }
 
+/// What a model was identified from, and how well its values are known together.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Identified {
+    /// The values, each by effect and parameter.
+    pub values: Vec<(String, String)>,
+    /// Lower triangular factor of their covariance in coordinates, by rows.
+    pub factor: Vec<Vec<f64>>,
+    /// The error that judged the model, um.
+    pub error_um: f64,
+    /// Longest record, s.
+    pub seconds: f64,
+    /// Lowest drive, V.
+    pub low_v: f64,
+    /// Highest drive, V.
+    pub high_v: f64,
+    /// Largest slope of the drive, V/s.
+    pub slope_max_v_s: f64,
+}
+
 /// A chain of effects with values: drive voltage in, sensor reading out.
 #[derive(Clone, Debug)]
 pub struct Model {
@@ -105,6 +124,8 @@ pub struct Model {
     pub drive_max_v: f64,
     /// The effects, in any order.
     pub effects: Vec<EffectInstance>,
+    /// What it was identified from; none for a model that was written or changed by hand.
+    pub identified: Option<Arc<Identified>>,
 }
 
 /// The state of the actuator at the first sample of a record.
@@ -163,7 +184,7 @@ impl Model {
     #[must_use]
     pub fn new(drive_min_v: f64, drive_max_v: f64) -> Self {
         // Zero has no sign: "-0 V" is no limit.
-        Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new() }
+        Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new(), identified: None }
     }
 
     /// Why what the model has for an effect is none of it, by its physics.
@@ -193,7 +214,7 @@ impl Model {
             return Cow::Borrowed(self);
         }
         let effects = self.effects.iter().filter(|e| !rounds(e)).cloned().collect();
-        Cow::Owned(Self { effects, ..*self })
+        Cow::Owned(Self { effects, identified: None, ..*self })
     }
 
     /// Adds an effect, in place of one with the same identifier; a hysteresis replaces the gain or the hysteresis that was there.

@@ -11,6 +11,7 @@
 //! `t[k]` is therefore element `k - 1`, and the value at rest for `k = 0`.
 
 pub mod bench;
+pub mod block;
 pub mod chain;
 pub mod closed_loop;
 pub mod converter_scale;

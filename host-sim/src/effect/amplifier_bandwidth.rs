@@ -4,6 +4,7 @@
 //! which makes another shape of it, it gives means.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -35,6 +36,18 @@ impl Stage for LagStage {
         }
         input + away * self.output_weight
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Linear(Linear {
+            phi: vec![vec![self.decay]],
+            start: vec![0.0],
+            end: vec![1.0 - self.decay],
+            out: vec![self.output_weight],
+            before: 0.0,
+            through: 1.0 - self.output_weight,
+            rest: vec![1.0],
+            offset: 0.0,
+        })])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         (self.voltage_v, self.before_v) = (input, input);
         input
@@ -54,6 +67,13 @@ impl Effect for AmplifierBandwidth {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`tau y' + y = x`, `tau = 1 / (2 pi bandwidth_hz)`.
+
+With `a = exp(-T / tau)` and the voltage `v`: `v[k] = x[k] + (v[k-1] - x[k]) a`, and `y[k] = v[k]`. What stands behind is told that its input glides with `tau` (*Arrival*). In front of
+`slew_limit`, and with a mode or a sensor's lag in the model, it gives means: `y[k] = x[k] + (v[k-1] - x[k]) (1 - a) tau / T`. With a mode or a sensor's lag and `T` above 25 us the
+period is divided into 2. At rest `v = y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         super::lag_parameters(overview)

@@ -5,6 +5,7 @@
 //! the two moves inside the period or has a clock of its own, the delay stands where it acts and the period is divided.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use crate::block::Block;
 use crate::chain::{EffectInstance, Model};
 use std::collections::VecDeque;
 
@@ -26,6 +27,9 @@ impl Stage for DelayStage {
         let early = self.line.front().copied().unwrap_or(input);
         // The mean over the interval of the held drive that changes inside it.
         self.late_share * late + (1.0 - self.late_share) * early
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Delay { whole: self.line.len() - 1, late_share: self.late_share }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.line.iter_mut().for_each(|v| *v = input);
@@ -60,6 +64,15 @@ impl Effect for Delay {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"The drive acts `delay_s` later: `y(t) = x(t - delay_s)`.
+
+Beside `vibration`, and with nothing between the two but saturation, charge leakage, hysteresis and friction, the modes take the delay in. With `d = delay_s / T`, its whole
+part delays the input of the modes by as many intervals, and its fraction `f` makes that input arrive late by the share `f` (*Arrival*).
+
+Otherwise the delay stands where it acts, and gives the mean of the held input that changes inside the interval: `y[k] = f x[k-d-1] + (1 - f) x[k-d]` with whole `d`. Then, for
+`T` above 60 us and with an amplifier, a slew limit, a mode or a sensor's lag in the model, the period is divided into `max(2, inside(T))` sub-intervals. At rest `y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let dt_s = 1.0 / overview.sample_rate_max_hz;

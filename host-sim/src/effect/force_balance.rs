@@ -455,7 +455,7 @@ mod tests {
             let from_neutral = x - 5.0;
             let of_spring = on(spring, SPRING[0] * from_neutral.powi(2) + SPRING[1] * from_neutral.powi(3));
             let of_damper = on(damper, DAMPER[0] * (v / DAMPER[2]).abs() * (v / DAMPER[2]));
-            let of_bouc_wen = on(bouc_wen, BOUC_WEN[0] * (z - x));
+            let of_bouc_wen = on(bouc_wen, BOUC_WEN[0] * (z - from_neutral));
             let z_rate = w * (v - BOUC_WEN[1] * v.abs() * z - BOUC_WEN[2] * v * z.abs());
             [w * v, w * (f - x - of_spring - of_damper - of_bouc_wen) - 2.0 * xi * w * v, z_rate]
         };
@@ -466,7 +466,7 @@ mod tests {
         state[0] = settled;
         let ways = 100_000;
         for _ in 0..ways {
-            let way = settled / f64::from(ways);
+            let way = (settled - 5.0) / f64::from(ways);
             state[2] += way - (BOUC_WEN[1] * way.abs() * state[2] + BOUC_WEN[2] * way * state[2].abs());
         }
         let mut out = vec![settled];

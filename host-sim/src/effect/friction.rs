@@ -207,6 +207,13 @@ impl Effect for Friction {
             one_sided: true,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"A bristle of bend `z` holds the stage: `s = bristle_stiffness`, `S = break_away_um / s` the bend in steady sliding. While the stage moves, `dz = (1 - a(z) z sign(v) / S) dy` with `a = 1` (Dahl), or, with
+`breakaway_ratio = r > 0`, the elastic-plastic `a` of Dupont: 0 below `r S`, 1 above `S`, `(1 - cos(pi (|z| - r S) / (S - r S))) / 2` between, and 0 where `z` and the motion have different signs.
+
+Without `vibration` the stage rests where `y + s z = x`: the output is the solution of it, from the last one on. With `vibration` the bristle holds the moving mass, `m y'' + d y' + y + s z = x`, by a step
+that is divided where the mass sticks and slides. No export does this."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![
             Parameter::linear("break_away_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6)),

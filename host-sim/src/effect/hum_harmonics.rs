@@ -36,6 +36,9 @@ impl Effect for HumHarmonics {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
         let amplitude = |name: String| Parameter::linear(name, "um", -range, range, 1e-4 * range).fixed();

@@ -1,6 +1,6 @@
 //! A spring part of which slips inside: the restoring force of Bouc and Wen.
 //!
-//! Of the stiffness a share `s` is hysteretic: the force is `(1 - s) x + s h`, with `h' = x' - beta |x'| |h|^(n-1) h - gamma x' |h|^n`. While the mass moves one way, `h`
+//! Of the stiffness a share `s` is hysteretic: `x` from where the stage stands without voltage, the force is `(1 - s) x + s h`, with `h' = x' - beta |x'| |h|^(n-1) h - gamma x' |h|^n`. While the mass moves one way, `h`
 //! depends on the way alone; with `n = 1`, where it stands unless a model file says otherwise, it is an exponential of it.
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
@@ -20,6 +20,7 @@ struct BoucWenSpring {
     beta: f64,
     gamma: f64,
     exponent: f64,
+    neutral_um: f64,
 }
 
 /// A hardening element is followed up to this power of e over one way: no recording has a loop that grows so.
@@ -70,7 +71,10 @@ fn tends(h: f64, rate: f64, way_um: f64) -> f64 {
 impl RestoringForce for BoucWenSpring {
     fn held(&self, memory: f64, way: Travel) -> (f64, f64) {
         let h = self.after(memory, way.to_um - way.from_um);
-        (self.share * (h - way.to_um), h)
+        (self.share * (h - (way.to_um - self.neutral_um)), h)
+    }
+    fn at_rest(&self, at_um: f64) -> (f64, f64) {
+        self.held(0.0, Travel { from_um: self.neutral_um, to_um: at_um, speed_um: 0.0 })
     }
     fn stiffening(&self, memory: f64, _swing_um: f64) -> f64 {
         // It gets stiffer than it is at the beginning only where it unloads, or hardens.
@@ -80,8 +84,9 @@ impl RestoringForce for BoucWenSpring {
 }
 
 impl HystereticStiffness {
-    fn spring(values: &[f64]) -> Box<dyn RestoringForce> {
-        Box::new(BoucWenSpring { share: values[0], beta: values[1], gamma: values[2], exponent: values[3] })
+    fn spring(model: &Model, values: &[f64], setting: &Setting) -> Box<dyn RestoringForce> {
+        let neutral_um = model.neutral_um(setting);
+        Box::new(BoucWenSpring { share: values[0], beta: values[1], gamma: values[2], exponent: values[3], neutral_um })
     }
 }
 
@@ -97,6 +102,9 @@ impl Effect for HystereticStiffness {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let per_um = 1.0 / overview.range_um.max(1e-6);
@@ -116,12 +124,12 @@ impl Effect for HystereticStiffness {
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
         model.effect(vibration::ID).is_some()
     }
-    fn restoring_force(&self, _model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
-        Some(Self::spring(values))
+    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        Some(Self::spring(model, values, setting))
     }
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         // With inertia in the model the spring holds the moving mass.
-        model.effect(vibration::ID).is_none().then(|| Box::new(RestingPlace::of(Self::spring(values))) as Box<dyn Stage>)
+        model.effect(vibration::ID).is_none().then(|| Box::new(RestingPlace::of(Self::spring(model, values, setting))) as Box<dyn Stage>)
     }
     fn planted(&self) -> Planted {
         // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
@@ -156,7 +164,7 @@ mod tests {
     #[test]
     fn a_way_is_the_sum_of_its_steps() {
         for (beta, gamma, exponent) in [(0.8, -1.1, 1.0), (2.0, 0.0, 1.0), (0.5, 0.5, 1.0), (0.6, 0.2, 2.0), (0.4, -0.1, 1.5)] {
-            let spring = BoucWenSpring { share: 0.5, beta, gamma, exponent };
+            let spring = BoucWenSpring { share: 0.5, beta, gamma, exponent, neutral_um: 0.0 };
             for h in [-0.7, -0.01, 0.0, 0.3] {
                 for way_um in [0.05, 1.3, -2.0] {
                     let (found, expected) = (spring.after(h, way_um), by_euler(&spring, h, way_um));

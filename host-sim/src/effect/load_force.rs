@@ -3,6 +3,7 @@
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Displacement by a measured force through the compliance of the actuator.
@@ -17,6 +18,9 @@ impl Stage for LoadStage<'_> {
     fn step(&mut self, k: usize, input: f64) -> f64 {
         let force_n = self.setting.signals.force_n.map_or(0.0, |force_n| self.setting.held(force_n, k));
         input + self.compliance_um_n * force_n
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Force { compliance: self.compliance_um_n }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -38,6 +42,9 @@ impl Effect for LoadForce {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = x + compliance_um_n F`, with the measured force of the sample at which the interval begins."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("compliance_um_n", "um/N", -1e3, 1e3, 0.001 * overview.range_um.max(1e-6))]

@@ -46,6 +46,7 @@ pub mod slew_limit;
 pub mod thermal_drift;
 pub mod vibration;
 
+use crate::block::Block;
 use crate::chain::Model;
 use force_balance::RestoringForce;
 use std::sync::Arc;
@@ -130,6 +131,8 @@ pub struct Parameter {
     pub scale: Scale,
     /// Not estimated unless asked for.
     pub fixed: bool,
+    /// What it is expected to lie within without any data: the standard deviation of a prior around zero, in its unit.
+    pub expected: Option<f64>,
     /// Its value was chosen before any data, as one of a grid: what another choice could do is no evidence of a missing effect.
     pub of_a_grid: bool,
 }
@@ -149,7 +152,14 @@ impl Parameter {
 
     /// Data may reach no further than a limit; bounds never cross.
     fn varied(name: String, unit: &str, (lower, upper): (f64, f64), scale: Scale) -> Self {
-        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, of_a_grid: false }
+        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, expected: None, of_a_grid: false }
+    }
+
+    /// The same parameter, expected within so much of zero where data do not say it.
+    #[must_use]
+    pub fn expected_within(mut self, std: f64) -> Self {
+        self.expected = Some(std);
+        self
     }
 
     /// The same parameter, kept at its value.
@@ -421,6 +431,11 @@ pub trait Stage: Send {
         }
     }
 
+    /// What it computes, as numbers, for exports; `None` where no block does that.
+    fn blocks(&self) -> Option<Vec<Block>> {
+        None
+    }
+
     /// What makes a costly part of the stage that another may share with it: two with the same values here make the same of the same input.
     fn shared_part(&self) -> Option<Vec<f64>> {
         None
@@ -488,6 +503,12 @@ pub struct FreeMotion {
 pub trait Effect: Send + Sync {
     /// What the effect says about itself.
     fn declaration(&self) -> Declaration;
+
+    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and how it is discretised, in Markdown. `docs/effects.md`
+    /// explains the notation.
+    fn equations(&self) -> &'static str {
+        ""
+    }
 
     /// Its parameters for a data set (number of terms, bounds).
     fn parameters(&self, overview: &Overview) -> Vec<Parameter>;

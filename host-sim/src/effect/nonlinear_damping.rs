@@ -51,6 +51,9 @@ impl Effect for NonlinearDamping {
             one_sided: true,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
         vec![

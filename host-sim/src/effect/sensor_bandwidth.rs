@@ -5,6 +5,7 @@
 
 use super::arrival::{Arrival, Over};
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -50,6 +51,10 @@ impl Stage for SensorLag {
         self.before = input;
         self.reading
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let Interval { left, by_start, by_end } = self.interval;
+        Some(vec![Block::Linear(Linear::reading_states(vec![vec![left]], vec![by_start], vec![by_end], &[1.0], 0.0, vec![1.0]))])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         (self.reading, self.before) = (input, input);
         input
@@ -93,6 +98,9 @@ impl Effect for SensorBandwidth {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         super::lag_parameters(overview)

@@ -9,6 +9,7 @@
 use super::arrival::{Arrival, Over};
 use super::vibration::free_motions_of;
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -83,6 +84,11 @@ impl Stage for FilterStage {
         self.before = input;
         self.state[0]
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let Interval { phi, at_start, at_end } = self.interval;
+        let phi = vec![phi[..2].to_vec(), phi[2..].to_vec()];
+        Some(vec![Block::Linear(Linear::reading_states(phi, at_start.to_vec(), at_end.to_vec(), &[1.0, 0.0], 0.0, vec![1.0, 0.0]))])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         (self.state, self.before) = ([input, 0.0], input);
         input
@@ -129,6 +135,10 @@ impl Effect for SensorFilter {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
+exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest_hz = 0.5 * overview.sample_rate_max_hz;

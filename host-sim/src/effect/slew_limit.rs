@@ -1,6 +1,7 @@
 //! Slew limit of the amplifier: its current charges the piezo no faster than so many volts per second.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -32,6 +33,9 @@ impl Stage for SlewStage {
             0.5 * (start + self.voltage_v)
         }
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Slope { most: self.step_max_v, gives_mean: self.gives_mean }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.voltage_v = input;
         input
@@ -50,6 +54,12 @@ impl Effect for SlewLimit {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`|y'| <= slew_v_s`. The period is divided into `inside(T)` sub-intervals.
+
+With `D = slew_v_s T` and `e = x[k] - v[k-1]`: the voltage arrives, `v[k] = x[k]`, where `|e| <= D`, otherwise `v[k] = v[k-1] + D sign(e)`. With a mode or a sensor's lag in the
+model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where it arrives, `(v[k-1] + v[k]) / 2` otherwise; without either `y[k] = v[k]`. At rest `v = y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::logarithmic("slew_v_s", "V/s", 1.0, 20.0 * overview.slope_max_v_s.max(1.0))]

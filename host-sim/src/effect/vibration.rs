@@ -7,6 +7,7 @@ use super::held_mass::HeldMass;
 use super::{
     Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Resonance, Setting, SimulatedStage, Stage,
 };
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -323,6 +324,34 @@ impl Mode {
         self.filter.map_or(self.motion.reading, |(_, [reading, _])| reading)
     }
 
+    /// The mode with what reads it, over its interval: displacement, velocity, lagging reading, and what the filter has.
+    fn as_linear(&self) -> Linear {
+        let Propagator { phi, gamma, sensor, start, .. } = self.propagator;
+        let mut rows = vec![vec![phi[0], phi[1], 0.0], vec![phi[2], phi[3], 0.0]];
+        let (mut starts, mut ends) = (vec![start.gamma[0], start.gamma[1]], vec![gamma[0], gamma[1]]);
+        // Without a lag the reading is the displacement.
+        let (row, by_start, by_end) = match sensor {
+            Some(SensorPropagator { phi, gamma }) => (phi.to_vec(), start.sensor_gamma, gamma),
+            None => (rows[0].clone(), starts[0], ends[0]),
+        };
+        rows.push(row);
+        starts.push(by_start);
+        ends.push(by_end);
+        let mut rest = vec![1.0, 0.0, 1.0];
+        let mut reading = vec![0.0, 0.0, 1.0];
+        if let Some((filter, _)) = &self.filter {
+            rows.iter_mut().for_each(|row| row.extend([0.0; 2]));
+            for row in filter.rows {
+                rows.push(row[..5].to_vec());
+                starts.push(row[5]);
+                ends.push(row[6]);
+            }
+            rest.extend([1.0, 0.0]);
+            reading = vec![0.0, 0.0, 0.0, 1.0, 0.0];
+        }
+        Linear::reading_states(rows, starts, ends, &reading, 0.0, rest)
+    }
+
     /// Present displacement.
     #[must_use]
     pub fn displacement(&self) -> f64 {
@@ -472,6 +501,20 @@ impl Stage for VibrationStage {
         signal.copy_from_slice(part);
         self.second_beside(forces, signal);
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let first = match &self.first {
+            Some(First::Free(mode)) => Some(mode.as_linear()),
+            Some(First::Held(_) | First::Balanced(_)) => return None,
+            None => None,
+        };
+        let second = self.second.as_ref().map(|(share, mode)| (*share, mode.as_linear()));
+        let share = second.as_ref().map_or(0.0, |(share, _)| *share);
+        let mut parts: Vec<(f64, &Linear)> = first.iter().map(|first| (1.0 - share, first)).collect();
+        parts.extend(second.iter().map(|(share, second)| (*share, second)));
+        let modes = Linear::side_by_side(&parts, if first.is_none() { 1.0 - share } else { 0.0 });
+        let late = (!self.late.is_empty()).then(|| Block::Delay { whole: self.late.len(), late_share: 0.0 });
+        Some(late.into_iter().chain([Block::Linear(modes)]).collect())
+    }
     fn settle(&mut self, input: f64) -> f64 {
         let mut rest = input;
         match &mut self.first {
@@ -617,6 +660,12 @@ impl Effect for Vibration {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = natural_frequency_rad_s`. `mass_change` multiplies `w` and `damping_ratio` by `1 / sqrt(1 + mass_ratio)`.
+
+States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w], [-w, -2 damping_ratio w]]`, `B = [0, w]`. Exact over an interval for an input that arrives as *Arrival* says. `sensor_bandwidth` and
+`sensor_filter` behind are further states of the same linear system: `r' = 2 pi bandwidth_hz (y - r)`. At rest `y = r = x`, `v = 0`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;

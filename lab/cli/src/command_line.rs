@@ -13,7 +13,9 @@ use crate::lab;
 use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
-use crate::{add, check, compare, design, diagnose, drives, effects, explain, full_build, identify, plant, score, screen, simulate, track};
+use crate::{
+    add, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate, track,
+};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::watch::{Deadline, Watch};
@@ -279,6 +281,26 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99), or its linear part as a state space
+    #[command(
+        after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\nEquations: docs/effects.md"
+    )]
+    Export {
+        /// Model file
+        model: PathBuf,
+        /// matlab, python, c or state-space
+        #[arg(long = "as", value_name = "LANGUAGE")]
+        language: String,
+        /// Samples per second of the drive that the function takes
+        #[arg(long, default_value_t = 20000.0)]
+        rate_hz: f64,
+        /// File to write; its name without the extension is that of the function [default: the model's name]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// Replace the file if it exists
+        #[arg(long)]
+        force: bool,
+    },
     /// The lab page in your browser, with this program behind it; nothing leaves this machine
     #[command(after_help = "Examples:\n  hysteron lab\n  hysteron lab recording.mat")]
     Lab {
@@ -420,8 +442,11 @@ enum Command {
         outputs: Outputs,
     },
     /// Every effect of the library: its physics, what it does to a reading, what looks like it
-    #[command(after_help = "Example:\n  hysteron effects --report effects.html")]
+    #[command(after_help = "Examples:\n  hysteron effects --report effects.html\n  hysteron effects --equations effects.md")]
     Effects {
+        /// Write the equations, the parameters and the discretisation of every effect as Markdown, and nothing else
+        #[arg(long, value_name = "FILE")]
+        equations: Option<PathBuf>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -507,6 +532,7 @@ fn dispatch(command: Command) -> Result<bool> {
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
+        Command::Export { model, language, rate_hz, out, force } => export::export(&model, &language, rate_hz, out.as_deref(), force),
         #[cfg(feature = "lab")]
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
         #[cfg(not(feature = "lab"))]
@@ -566,7 +592,7 @@ fn dispatch(command: Command) -> Result<bool> {
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
-        Command::Effects { outputs } => effects::effects(&outputs),
+        Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {
             let mut script = Vec::new();

@@ -82,7 +82,8 @@ pub fn design(files: &Files, wanted: &DesignRequest, reading: &ReadArguments, ou
     desk.target(block)?;
     desk.target(commands_file.as_deref())?;
     outputs.check(&desk)?;
-    let DesignRequest { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves, .. } = *wanted;
+    let DesignRequest { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves, .. } =
+        *wanted;
     let scheme = Choice::named(&wanted.scheme).map_err(|m| Error::new("--scheme", m))?;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
     let order = Order {

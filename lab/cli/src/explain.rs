@@ -4,7 +4,7 @@ use crate::command_line::{Outputs, StudyOutputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use crate::tables::{print_notes, print_records, print_steps, say_candidates, say_next, say_stopped};
+use crate::tables::{print_notes, print_records, print_steps, print_values, say_candidates, say_next, say_stopped};
 use hysteron::Result;
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::servo::order;
@@ -48,6 +48,7 @@ pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, ou
     print_steps(&figures.steps, figures.noise_floor_um);
     println!();
     print_records(&figures);
+    print_values(&figures);
     print_notes(&figures);
     for step in figures.steps.iter().skip(1) {
         if let Some(id) = &step.added {

@@ -1,10 +1,12 @@
 //! `simulate`.
 
 use crate::desk::Desk;
+use crate::tables::say_notes;
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::recognise::{ColumnRules, time_and_drive};
 use hysteron::dataset::time_axis::{StampContext, TimeAxis};
-use hysteron::{Error, Result};
+use hysteron::diagnosis::words::nm;
+use hysteron::{Error, Result, prediction};
 use hysteron_sim::chain::{Drive, InitialState};
 use std::path::Path;
 
@@ -30,12 +32,29 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool
     desk.target(Some(out))?;
     let driven = Drive::held(&drive_v, dt_s, InitialState::Virgin);
     let y = hysteron::simulate::simulate(&model, &driven, &format!("--drive {drive}"))?;
-    let mut text = String::from("t_s,u_v,y_um\n");
-    for ((t, u), y) in t_s.iter().zip(&drive_v).zip(&y) {
-        text.push_str(&format!("{t:.9},{u:.6},{y:.6}\n"));
+    let std_um = prediction::std_um(&model, &driven);
+    let mut text = format!("t_s,u_v,y_um{}\n", if std_um.is_some() { ",low_um,high_um" } else { "" });
+    for (k, ((t, u), y)) in t_s.iter().zip(&drive_v).zip(&y).enumerate() {
+        text.push_str(&format!("{t:.9},{u:.6},{y:.6}"));
+        if let Some(std_um) = &std_um {
+            let half_um = prediction::BAND_95 * std_um[k];
+            text.push_str(&format!(",{:.6},{:.6}", y - half_um, y + half_um));
+        }
+        text.push('\n');
     }
     desk.write(out, text.as_bytes())?;
     println!("{} samples in {}", y.len(), out.display());
+    if let Some(std_um) = &std_um {
+        let widest = std_um.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        let last = std_um.last().copied().unwrap_or(0.0);
+        println!(
+            "95 % band: +-{} nm at the end, +-{} nm where it is widest ({:.3} s)",
+            nm(prediction::BAND_95 * last),
+            nm(prediction::BAND_95 * widest.1),
+            t_s[widest.0]
+        );
+    }
+    say_notes(&prediction::beyond(&model, &driven));
     Ok(true)
 }
 

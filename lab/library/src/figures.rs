@@ -4,10 +4,12 @@ use crate::dataset::Dataset;
 use crate::dataset::units::SignalUnits;
 use crate::diagnosis::path::Step;
 use crate::diagnosis::words;
+use crate::engineering::{self, Figure};
 use crate::identification::fit::{counted_residual, rms};
 use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::Diagnosis;
+use crate::replay::{Replay, replays};
 use crate::statistics::largest;
 use hysteron_sim::chain::{EffectInstance, Model};
 use serde::Serialize;
@@ -25,6 +27,10 @@ pub struct RecordFigures {
     pub max_um: f64,
     /// Residual in % of the measured range.
     pub rms_pct_range: f64,
+    /// Error of the replay of the whole file that the record is a part of, um.
+    pub replay_rms_um: f64,
+    /// Largest error of that replay, um.
+    pub replay_max_um: f64,
 }
 
 /// One value of a model.
@@ -68,12 +74,16 @@ pub struct FitFigures {
     pub units: SignalUnits,
     /// Every record.
     pub records: Vec<RecordFigures>,
+    /// The model driven from the first sample of each file to its last.
+    pub replays: Vec<Replay>,
     /// Floor.
     pub noise_floor_um: Option<f64>,
     /// What it rests on.
     pub floor_basis: String,
     /// All values.
     pub parameters: Vec<ParameterFigures>,
+    /// The same as an engineer reads them.
+    pub values: Vec<Figure>,
     /// The way to it.
     pub steps: Vec<StepFigures>,
     /// What the data cannot tell, in words.
@@ -89,15 +99,20 @@ pub struct FitFigures {
     pub diagnosis: Option<Diagnosis>,
 }
 
-fn record_figures(model: &Model, dataset: &Dataset) -> Vec<RecordFigures> {
+fn record_figures(model: &Model, dataset: &Dataset, replays: &[Replay]) -> Vec<RecordFigures> {
+    let replayed = |i: usize| replays.iter().find(|replay| replay.records.contains(&i)).map(|replay| (replay.rms_um, replay.max_um));
     dataset
         .records
         .iter()
-        .map(|record| {
+        .enumerate()
+        .map(|(i, record)| {
             let r = counted_residual(model, record);
             let rms_um = rms(&r);
             let range = record.range_um();
+            let (replay_rms_um, replay_max_um) = replayed(i).unwrap_or((rms_um, largest(&r)));
             RecordFigures {
+                replay_rms_um,
+                replay_max_um,
                 file: record.name.clone(),
                 role: record.role.name(),
                 rms_um,
@@ -134,14 +149,17 @@ pub fn fit_figures(
     cannot_identify: &[CannotIdentify],
     seconds: f64,
 ) -> FitFigures {
+    let replays = replays(model, dataset);
     FitFigures {
         schema: "hysteron.fit/1",
         effects: model.effect_ids(),
         units: dataset.units.clone(),
-        records: record_figures(model, dataset),
+        records: record_figures(model, dataset, &replays),
+        replays,
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),
         parameters: parameter_figures(model),
+        values: engineering::figures(model, cannot_identify),
         steps,
         cannot_identify: cannot_identify.iter().map(words::cannot_identify).collect(),
         warnings: dataset.remarks().into_iter().chain(floor.warnings.iter().cloned()).collect(),

@@ -37,6 +37,8 @@ class Record:
     initial_state: Literal["virgin", "settled", "unknown"] = "unknown"
     #: First sample that counts, and the one behind the last; all without it. What lies before still drives the model.
     window: tuple[int, int] | None = None
+    #: Samples inside the window that do not count, first and behind the last of each stretch: no reading of the displacement, or another part of a tape.
+    left_out: list[tuple[int, int]] = field(default_factory=list)
     #: Steady-state periods: first sample, samples of a period, whole periods.
     periods: tuple[int, int, int] | None = None
     #: Name of the record with the same drive.

@@ -34,6 +34,8 @@ struct RecordParts<Signal> {
     initial_state: String,
     /// First sample that counts, and the one behind the last.
     window: Option<(usize, usize)>,
+    /// Stretches inside the window that do not count.
+    left_out: Vec<(usize, usize)>,
     /// First sample of the first steady-state period, samples of a period, whole periods.
     periods: Option<(usize, usize, usize)>,
     repeat_of: Option<String>,
@@ -61,7 +63,19 @@ pub fn auxiliary_signals(by_name: &BTreeMap<String, PyBackedBytes>) -> Vec<Auxil
 
 fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
     let RecordParts {
-        name, sample_rate_hz, drive_v, displacement_um, force_n, role, window, periods, repeat_of, offset, auxiliary, ..
+        name,
+        sample_rate_hz,
+        drive_v,
+        displacement_um,
+        force_n,
+        role,
+        window,
+        left_out,
+        periods,
+        repeat_of,
+        offset,
+        auxiliary,
+        ..
     } = parts;
     let roles = [Role::Identify, Role::Validate, Role::Noise, Role::Test];
     let Some(role) = roles.into_iter().find(|known| known.name() == role) else {
@@ -75,7 +89,10 @@ fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
         Some(other) => return Err(wrong(&name, format!("offset = \"{other}\"; expected fit or zero"))),
     };
     let drive_v = numbers(&drive_v);
-    Ok(Record {
+    if let Some((from, to)) = left_out.iter().find(|(from, to)| from >= to || *to > drive_v.len()) {
+        return Err(wrong(&name, format!("left_out = ({from}, {to}); expected a first sample, and one behind the last")));
+    }
+    let mut record = Record {
         role,
         initial_state,
         offset_is_fitted,
@@ -85,7 +102,9 @@ fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
         force_n: force_n.map(|force| numbers(&force)),
         auxiliary: auxiliary_signals(&auxiliary),
         ..Record::new(name, sample_rate_hz, drive_v, numbers(&displacement_um))
-    })
+    };
+    record.leave_out(left_out.into_iter().map(|(from, to)| from..to));
+    Ok(record)
 }
 
 fn parts_of<'py>(py: Python<'py>, record: &Record) -> RecordParts<Bound<'py, PyBytes>> {
@@ -100,6 +119,7 @@ fn parts_of<'py>(py: Python<'py>, record: &Record) -> RecordParts<Bound<'py, PyB
         role: record.role.name().into(),
         initial_state: state.into(),
         window: Some((record.window.start, record.window.end)),
+        left_out: record.left_out.iter().map(|range| (range.start, range.end)).collect(),
         periods: record.periods.map(|p| (p.from, p.length, p.count)),
         repeat_of: record.repeat_of.clone(),
         offset: Some(if record.offset_is_fitted { "fit" } else { "zero" }.into()),

@@ -3,6 +3,7 @@
 use crate::at_work::at_work;
 use crate::dataset::{Dataset, auxiliary_signals, initial_state};
 use crate::{bytes, numbers, raised, wrong};
+use hysteron::export::{Language, export};
 use hysteron::identification::fit;
 use hysteron::model_file;
 use hysteron_sim::chain::{Drive, EffectInstance};
@@ -34,6 +35,11 @@ impl Model {
 
     fn to_toml(&self) -> PyResult<String> {
         model_file::to_toml(&self.model, &self.data_set).map_err(raised)
+    }
+
+    fn export(&self, language: &str, sample_rate_hz: f64, name: &str) -> PyResult<String> {
+        let language = Language::named("language", language).map_err(raised)?;
+        export(&self.model, language, sample_rate_hz, name).map_err(raised)
     }
 
     fn effects(&self) -> Vec<String> {

@@ -31,6 +31,7 @@ pub fn explain_page(report: &ExplainReport) -> Page {
     sections.extend(evidence(report));
     sections.push(falling_error(report));
     sections.push(one_record(report, &kept));
+    sections.extend(crate::dynamics::dynamics(report));
     sections.extend(alternatives(report));
     sections.push(what_the_residual_follows(report, &kept));
     sections.extend(parameters(report));
@@ -351,7 +352,10 @@ fn falling_error(report: &ExplainReport) -> Section {
     }));
     blocks.push(Block::Table(Table {
         title: "Last model, record by record".to_owned(),
-        columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, \u{b5}m"].map(str::to_owned).to_vec(),
+        caption: report.replays.iter().map(|line| capital(line)).collect::<Vec<_>>().join(" "),
+        columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, \u{b5}m", "Replay of the file, nm"]
+            .map(str::to_owned)
+            .to_vec(),
         rows: report
             .records
             .iter()
@@ -363,6 +367,7 @@ fn falling_error(report: &ExplainReport) -> Section {
                     figure(1e3 * r.max_um),
                     if r.role != "noise" && r.range_um > 0.0 { figure(100.0 * r.rms_um / r.range_um) } else { String::new() },
                     figure(r.range_um),
+                    if r.replay_rms_um > 0.0 { figure(1e3 * r.replay_rms_um) } else { String::new() },
                 ]
             })
             .collect(),
@@ -377,6 +382,13 @@ fn falling_error(report: &ExplainReport) -> Section {
         },
         blocks,
     }
+}
+
+/// A sentence that begins with a capital letter and ends with a full stop.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    let begun = letters.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + letters.as_str());
+    if begun.ends_with('.') { begun } else { begun + "." }
 }
 
 fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
@@ -640,6 +652,12 @@ fn parameters(report: &ExplainReport) -> Option<Section> {
         heading: "Parameters".to_owned(),
         text: String::new(),
         blocks: vec![Block::Table(Table {
+            title: "As an engineer reads them".to_owned(),
+            columns: ["Effect", "", "Value"].map(str::to_owned).to_vec(),
+            rows: report.values.iter().map(|value| value.to_vec()).collect(),
+            ..Table::default()
+        }), Block::Table(Table {
+            title: "As the model file has them".to_owned(),
             columns: ["Effect", "Parameter", "Value", "Standard deviation", "Unit", ""]
                 .map(str::to_owned)
                 .to_vec(),

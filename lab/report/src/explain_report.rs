@@ -31,6 +31,10 @@ pub struct ExplainReport {
     pub parameters: Vec<ParameterReport>,
     /// The drive that would decide, if something is undecided.
     pub next_experiment: Option<ExperimentReport>,
+    /// What the model leaves of whole files, from their first sample to their last, a sentence each.
+    pub replays: Vec<String>,
+    /// The model as an engineer reads it: effect, what it is, and its value with deviation and unit.
+    pub values: Vec<[String; 3]>,
     /// Remarks on the data and on what it cannot identify.
     pub warnings: Vec<String>,
     /// Version of the program.
@@ -68,6 +72,9 @@ pub struct RecordReport {
     pub rms_um: f64,
     /// Largest magnitude of the last residual, um.
     pub max_um: f64,
+    /// RMS of the last model's replay over the whole file, um; zero where there is none.
+    #[serde(default)]
+    pub replay_rms_um: f64,
 }
 
 /// The noise floor and what it rests on.

@@ -11,12 +11,14 @@ use hysteron::diagnosis::judgement::{Split, judge, noise_floor_beside};
 use hysteron::diagnosis::latent_force::latent_force_nm;
 use hysteron::diagnosis::path::Step;
 use hysteron::diagnosis::words::{self, nm};
+use hysteron::engineering::{Figure, figures};
 use hysteron::figures::{FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::identification::own_part::Samples;
 use hysteron::outcome::{CandidateFigures, Standing, Verdict};
+use hysteron::replay::{lines, replays};
 use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Effect;
@@ -41,6 +43,8 @@ pub fn explain_report(found: &Outcome, dataset: &Dataset, command: String) -> Ex
         candidates: found.diagnosis.candidates.iter().map(candidate_report).collect(),
         evidence: evidence(found, dataset),
         parameters: parameter_reports(&found.model),
+        replays: lines(&replays(&found.model, dataset)),
+        values: value_reports(&figures(&found.model, &found.cannot_identify)),
         next_experiment: found.next_experiment.as_ref().map(|next| ExperimentReport {
             why: next.sentence.clone(),
             t_s: (0..next.proposal.drive_v.len()).map(|k| k as f64 / next.proposal.sample_rate_hz).collect(),
@@ -148,10 +152,12 @@ fn evidence(found: &Outcome, dataset: &Dataset) -> Vec<EvidenceReport> {
 /// Records with measured and modelled displacement for a page.
 #[must_use]
 pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport> {
+    let replayed = models.last().map_or_else(Vec::new, |last| replays(last, dataset));
     dataset
         .records
         .iter()
-        .map(|record| {
+        .enumerate()
+        .map(|(i, record)| {
             let window = record.window.clone();
             let mut residuals: Vec<Vec<f64>> = models.iter().map(|m| residual(m, record)).collect();
             let last = residuals.last().map_or_else(Vec::new, |last| counted_of(record, last));
@@ -172,6 +178,7 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
                 range_um: record.range_um(),
                 rms_um: rms(&last),
                 max_um: largest(&last),
+                replay_rms_um: replayed.iter().find(|replay| replay.records.contains(&i)).map_or(0.0, |replay| replay.rms_um),
             }
         })
         .collect()
@@ -212,6 +219,10 @@ pub fn parameter_reports(model: &Model) -> Vec<ParameterReport> {
         .collect()
 }
 
+fn value_reports(values: &[Figure]) -> Vec<[String; 3]> {
+    values.iter().map(|value| [value.effect.clone(), value.name.clone(), value.text()]).collect()
+}
+
 /// A model as it is on a data set.
 #[must_use]
 pub fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures, command: String) -> ExplainReport {
@@ -238,6 +249,8 @@ pub fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures,
             validate_rms_um: judged.validate_rms_um,
         }],
         parameters: parameter_reports(model),
+        replays: lines(&figures.replays),
+        values: value_reports(&figures.values),
         warnings,
         program_version: env!("CARGO_PKG_VERSION").into(),
         command,

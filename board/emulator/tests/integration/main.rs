@@ -5,6 +5,7 @@ mod boot;
 mod closed_loop;
 mod commands;
 mod common;
+mod dangers;
 mod faults;
 mod gain_adaptation;
 mod host_lost;

@@ -207,10 +207,10 @@ fn periods_that_do_not_fit_are_refused_and_doubtful_timing_is_noted() {
     std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
     let output = hysteron(&["identify", ".", "--effects", "gain"], folder.path());
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(said.contains("follows u[k] much better than u[k-1]: a drive is taken to act before the sample of its row"), "{said}");
+    assert!(said.contains("follows u[k] much better than u[k-1], so `hold_before_sample` is used"), "{said}");
     let as_said = hysteron(&["identify", ".", "--effects", "gain", "--timing", "hold_after_sample"], folder.path());
     let said = String::from_utf8_lossy(&as_said.stdout).into_owned();
-    assert!(said.contains("was y read after u was written?"), "{said}");
+    assert!(said.contains("If y was read after u was written, specify"), "{said}");
     for none in ["0", "-1", "soon", "inf"] {
         says(&["explain", ".", &format!("--within={none}")], folder.path(), "expected a time in seconds above zero");
     }

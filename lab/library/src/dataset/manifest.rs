@@ -235,12 +235,42 @@ const KEYS: [&str; 28] = [
     "force",
 ];
 
+/// Keys that a data set needs, and each of its records.
+const NEEDED: [&str; 3] = ["name", "drive_min_v", "drive_max_v"];
+const NEEDED_OF_A_RECORD: [&str; 3] = ["file", "role", "initial_state"];
+
+/// Every key that is needed and missing, so that one run tells all of them.
+fn missing_keys(table: &toml::Table) -> Vec<String> {
+    let of = |table: &toml::Table, needed: &[&str]| {
+        needed.iter().filter(|key| !table.contains_key(**key)).map(|key| format!("`{key}`")).collect::<Vec<_>>()
+    };
+    let mut out = Vec::new();
+    let own = of(table, &NEEDED);
+    if !own.is_empty() {
+        out.push(format!("{} (limits in V, beside [[record]])", own.join(", ")));
+    }
+    let records = table.get("record").and_then(toml::Value::as_array).cloned().unwrap_or_default();
+    for (i, record) in records.iter().enumerate().filter_map(|(i, record)| Some((i, record.as_table()?))) {
+        let keys = of(record, &NEEDED_OF_A_RECORD);
+        if !keys.is_empty() {
+            out.push(format!("{} of record {}", keys.join(", "), i + 1));
+        }
+    }
+    out
+}
+
 impl Manifest {
     /// Reads and checks the text; `place` is what the file is called in messages.
     ///
     /// # Errors
     /// Names line, key and the nearest known key.
     pub fn parse(text: &str, place: &str) -> Result<Self> {
+        if let Ok(table) = toml::from_str::<toml::Table>(text) {
+            let missing = missing_keys(&table);
+            if !missing.is_empty() {
+                return Err(Error::new(place, format!("misses {}", missing.join("; "))));
+            }
+        }
         let manifest: Self = toml::from_str(text).map_err(|e| {
             let line = line_of(text, e.span());
             let message = e.message().to_string();

@@ -248,7 +248,7 @@ impl Dataset {
     }
 
     /// The same to the last digit whatever the order of the records: a search takes another way where a single one differs.
-    fn straight_line_gain(&self) -> f64 {
+    pub(crate) fn straight_line_gain(&self) -> f64 {
         let to_fit = if self.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
         let mut fitted: Vec<&Record> = self.records.iter().filter(|r| r.role == to_fit).collect();
         fitted.sort_by(|a, b| a.name.cmp(&b.name));

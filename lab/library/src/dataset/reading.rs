@@ -9,7 +9,7 @@ use super::table::Table;
 use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
 use super::units::SignalUnits;
-use super::{Dataset, Periods, Record, SAMPLES_MIN};
+use super::{Dataset, Periods, Record, Role, SAMPLES_MIN};
 use crate::error::{Error, Result};
 use crate::quality::Issue;
 use crate::statistics::extremes;
@@ -274,9 +274,12 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     let parts = one_recording::parts(&even.u_v, &even.y_um, even.sample_rate_hz);
     let mut notes = even.notes.clone();
     notes.extend(parts.notes.iter().cloned());
-    notes.push(format!("limits of the drive taken from the file: {low} to {high} V; the state at its beginning is estimated"));
     let mut records = one_recording::records(&name, place, &even, &parts);
-    if records.len() < parts.windows.len() {
+    let at_rest = records.iter().any(|record| record.initial_state == InitialState::Settled);
+    let state = if at_rest { "it begins at rest, it is assumed" } else { "the state at its beginning is estimated" };
+    notes.push(format!("limits of the drive taken from the file: {low} to {high} V; {state}"));
+    let rests = |of: &mut dyn Iterator<Item = Role>| of.filter(|role| *role == Role::Noise).count();
+    if rests(&mut records.iter().map(|r| r.role)) < rests(&mut parts.windows.iter().map(|(role, _)| *role)) {
         notes.push("a rest in which the reading does not move shows no noise, and is left out".into());
     }
     let (shown, timing_is_assumed) = timed(&mut records, instructions.timing, instructions.intersample);

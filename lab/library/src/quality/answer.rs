@@ -20,8 +20,9 @@ use std::f64::consts::TAU;
 const SEGMENTS: [usize; 5] = [4, 8, 16, 32, 64];
 /// Shortest segment whose spectrum says something.
 const SEGMENT_MIN: usize = 16;
-/// Probability of an answer by chance below which readings answer.
-const BY_CHANCE: f64 = 1e-3;
+/// Probability of an answer by chance below which readings answer: one disconnected sensor in so many passes, while readings of which a twentieth of the square
+/// goes with a sine are taken for an answer in 5000 samples (the tests below).
+const BY_CHANCE: f64 = 1e-4;
 /// Bins in which a signal has less than this share of its strongest bin say nothing.
 const MOVES_THERE: f64 = 1e-4;
 /// With fewer samples even a clear answer may be missed.

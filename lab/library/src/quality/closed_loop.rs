@@ -4,10 +4,11 @@
 //! the drive, and a fit takes some of it for motion: what is identified then is biased towards the controller's inverse (Ljung, System
 //! Identification, 2nd ed., chapter 13.4).
 //!
-//! What of a residual its own past does not predict is new noise; what of a drive its own past does not predict is what its
-//! source put in there. Where the second follows the first by a few samples with the opposite sign, clearly and by far more than what chance makes of
-//! samples that lie far apart, a loop was closed. Two things look like it and are none: a residual that follows the drive, which is a missing effect (a drive
-//! that is smooth is known before it comes), and one that is made of the noise with which the drive was read back.
+//! The innovation of a residual (what its own past does not predict) is new noise; the innovation of a drive is what its source put in there. Where the drive's
+//! follows the residual's by a few samples with the opposite sign, by far more than chance makes of samples that lie far apart, a loop was closed.
+//!
+//! Two things look alike and are excluded: a residual that follows the drive, which is a missing effect (a smooth drive is known before it comes), and a residual
+//! that consists of the noise of a measured drive.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Dataset, Record};
@@ -33,7 +34,7 @@ const LEAST: f64 = 0.2;
 const LIMITED_AT: f64 = 5.0;
 /// By how many times it must be larger than what of the residual follows the drive.
 const BEYOND_WHAT_FOLLOWS: f64 = 1.5;
-/// Where the noise of the drive's column makes this share of what is left, nothing is said.
+/// A residual of which the noise of the measured drive makes this share shows no loop.
 const MADE_BY_THE_COLUMN: f64 = 0.3;
 /// Fewer samples say nothing.
 const SAMPLES_MIN: usize = 2000;

@@ -12,7 +12,8 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     // One file may be several records, each with a window of its own.
     let same = |a: &Record, b: &Record| {
         let both = a.window.start.max(b.window.start)..a.window.end.min(b.window.end);
-        !both.is_empty() && a.sample_rate_hz == b.sample_rate_hz && a.displacement_um[both.clone()] == b.displacement_um[both]
+        let mut counted = both.filter(|k| a.counts(*k) && b.counts(*k)).peekable();
+        counted.peek().is_some() && a.sample_rate_hz == b.sample_rate_hz && counted.all(|k| a.displacement_um[k] == b.displacement_um[k])
     };
     let before = |(i, record): (usize, &&Record)| {
         let earlier = driven[..i].iter().find(|earlier| same(earlier, record))?;
@@ -35,9 +36,10 @@ mod tests {
         };
         let issues = |windows: [std::ops::Range<usize>; 2]| {
             let [one, two] = windows;
-            Dataset::new("d", 0.0, 100.0, vec![record("one", one), record("two", two)]).unwrap().issues
+            let dataset = Dataset::unchecked("d", 0.0, 100.0, vec![record("one", one), record("two", two)]);
+            check(&Subject { dataset: &dataset, moment: Moment::Made })
         };
-        assert_eq!(issues([0..3000, 0..3000])[0], Issue::of("two", Severity::Notes, Kind::GivenTwice { same_as: "one".into() }));
+        assert_eq!(issues([0..3000, 0..3000]), [Issue::of("two", Severity::Notes, Kind::GivenTwice { same_as: "one".into() })]);
         assert_eq!(issues([0..1500, 1500..3000]), []);
     }
 }

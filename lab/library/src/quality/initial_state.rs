@@ -32,13 +32,13 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
 fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
     let explains = |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
     let both = study.split.both();
-    let said = |i: &&usize| study.dataset.records[**i].initial_state != InitialState::Unknown;
-    if study.floor_um.is_none() || explains(fitted) || !both.iter().any(|i| said(&i)) || study.watch.stopped() {
+    let specified = |i: &&usize| study.dataset.records[**i].initial_state != InitialState::Unknown;
+    if study.floor_um.is_none() || explains(fitted) || !both.iter().any(|i| specified(&i)) || study.watch.stopped() {
         return None;
     }
     study.watch.event(&Event::Doing("asking the states in which records begin"));
-    let unsaid = unknown_states(study.dataset);
-    let other = study.of(&unsaid);
+    let unknown = unknown_states(study.dataset);
+    let other = study.of(&unknown);
     let lower = |before: &Judged, after: &Judged| other.merit(after) < study.merit(before) + SUSPECTED.ln();
     let quick = other.quickly(&fitted.model);
     if !lower(fitted, &quick) {
@@ -53,13 +53,16 @@ fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
     let issue = |i: &usize| {
         let (specified_um, unknown_um) = (rms(&as_specified.residuals[*i]), rms(&without.residuals[*i]));
         let kind = Kind::InitialState { specified_um, unknown_um };
-        (specified_um > study.policy.explained * unknown_um).then(|| Issue::of(&study.dataset.records[*i].name, Severity::Blocks, kind))
+        let record = &study.dataset.records[*i];
+        // A state that nobody specified is estimated instead, by another search.
+        let severity = if record.state_is_assumed { Severity::Notes } else { Severity::Blocks };
+        (specified_um > study.policy.explained * unknown_um).then(|| Issue::of(&record.name, severity, kind))
     };
-    Some(both.iter().filter(|i| said(i)).filter_map(issue).collect())
+    Some(both.iter().filter(|i| specified(i)).filter_map(issue).collect())
 }
 
-/// Whether one effect more, from the states that were said, comes as near to the noise as unknown states of all records do, which are many more values: a
-/// drift is met by them too.
+/// Whether one effect more, from the specified states, comes as near to the noise as unknown states of all records do, which are many more values: they explain
+/// a drift as well.
 fn one_effect_does_as_well(study: &Study, fitted: &Judged, unknown: f64) -> bool {
     let Ok(screening) = study.score(&fitted.model) else { return false };
     let tried = parallel::map(&screening.scores[..screening.scores.len().min(ONES_TRIED)], |score| {

@@ -29,6 +29,7 @@ use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::Study;
 use crate::error::{Error, Result};
 use crate::identification::noise_floor::NoiseFloor;
+use hysteron_sim::chain::InitialState;
 use serde::Serialize;
 use std::ops::Range;
 
@@ -144,10 +145,16 @@ fn apply(dataset: &mut Dataset, issue: &Issue) {
         (Kind::RestWithoutNoise { in_steps: false }, _) => records.retain(|r| Some(&r.name) != issue.record.as_ref()),
         (Kind::OutliersReplaced { .. }, Some(record)) => {
             outliers::interpolate(record, &issue.samples);
-            record.leave_out(&issue.samples);
+            record.leave_out(issue.samples.iter().cloned());
         }
-        (Kind::RangeEnds { .. } | Kind::OutliersLeftOut { .. }, Some(record)) => record.leave_out(&issue.samples),
+        (Kind::RangeEnds { .. } | Kind::OutliersLeftOut { .. }, Some(record)) => record.leave_out(issue.samples.iter().cloned()),
         (Kind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
+        // All records of the tape begin in the same state.
+        (Kind::InitialState { .. }, Some(record)) => {
+            let source = record.source.clone();
+            let of_the_tape = records.iter_mut().filter(|r| r.state_is_assumed && r.source == source);
+            of_the_tape.for_each(|r| r.initial_state = InitialState::Unknown);
+        }
         (Kind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
         (Kind::RunsOnBetweenSamples { intersample, .. }, _) => *dataset = dataset.running_on(between_samples::named(intersample)),
         _ => {}
@@ -264,6 +271,11 @@ pub enum Kind {
         /// Peak to peak, um.
         span_um: f64,
     },
+    /// The unit or the sign of drive or displacement is doubtful.
+    Gain {
+        /// Of a straight line, um/V.
+        gain_um_v: f64,
+    },
     /// The unit of time is doubtful.
     TimeUnit {
         /// Between two samples, s.
@@ -377,8 +389,14 @@ impl Issue {
     /// A search on corrected data may answer otherwise.
     #[must_use]
     pub fn asks_for_another_search(&self) -> bool {
-        matches!(self.kind, Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. } | Kind::RunsOnBetweenSamples { .. })
-            && self.severity != Severity::Corrects
+        match self.kind {
+            Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. } | Kind::RunsOnBetweenSamples { .. } => {
+                self.severity != Severity::Corrects
+            }
+            // A state that somebody specified is not changed.
+            Kind::InitialState { .. } => self.severity == Severity::Notes,
+            _ => false,
+        }
     }
 
     /// The reason for which nothing can be decided beside this issue.

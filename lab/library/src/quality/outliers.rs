@@ -45,8 +45,8 @@ struct Outliers {
 /// Readings that stand alone: spectra find even steps where they are interpolated, and they count in nothing.
 pub(super) fn single(subject: &Subject) -> Vec<Issue> {
     of_all(subject, |record, ends_um| {
-        // Of one recording that is cut into several records each has its part.
-        let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(|k| record.window.contains(k)).collect();
+        // Of a tape each record has its part; what lies in front of a window shows noise too.
+        let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(|k| record.counts(*k)).collect();
         let first_sample = single.first()? + 1;
         if let Some(kept) = too_many(record, single.len(), first_sample) {
             return Some(kept);

@@ -30,11 +30,11 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
 }
 
 fn compare(study: &Study, begun: &Judged, found: &Judged, added: &[String]) -> Option<Vec<Issue>> {
-    let said: Vec<usize> = study.split.both().into_iter().filter(|i| !study.dataset.records[*i].offset_is_fitted).collect();
+    let specified: Vec<usize> = study.split.both().into_iter().filter(|i| !study.dataset.records[*i].offset_is_fitted).collect();
     let explains = |judged: &Judged| judged.within(study.policy.explained, &study.floors_um, &study.split);
     let drifts = added.iter().any(|id| id == thermal_drift::ID);
     let misses = study.floor_um.is_some() && !explains(found);
-    if said.is_empty() || !(drifts || misses) || study.watch.stopped() {
+    if specified.is_empty() || !(drifts || misses) || study.watch.stopped() {
         return None;
     }
     study.watch.event(&Event::Doing("asking whether a sensor's zero is off"));
@@ -58,5 +58,5 @@ fn compare(study: &Study, begun: &Judged, found: &Judged, added: &[String]) -> O
         let kind = Kind::SensorOffset { specified_um: rms(&as_specified.residuals[*i]), fitted_um: rms(&without.residuals[*i]) };
         Issue::of(&study.dataset.records[*i].name, Severity::Notes, kind)
     };
-    Some(said.iter().map(issue).collect())
+    Some(specified.iter().map(issue).collect())
 }

@@ -17,7 +17,7 @@ use hysteron_sim::intersample::Intersample;
 const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
 /// The model without it does as well where its rank is worse by no more than this: some per cent of the error.
 const AS_WELL: f64 = 0.03;
-/// Where nothing met the noise, the other timing is said where its rank is better by so much.
+/// Where no model reached the noise, the other timing is taken where its cost is lower by so much.
 const MUCH_BETTER: f64 = 0.2;
 /// The same of a model from elsewhere as it is: half of the error, as a logarithm.
 const LEAVES_HALF: f64 = std::f64::consts::LN_2;
@@ -29,7 +29,7 @@ const MAY_COME_TO_IT_BEGUN_AGAIN: f64 = 0.1;
 /// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
 const LEADING_SHARE: f64 = 0.3;
 
-/// The displacement follows the drive of its own row much better than that of the row before.
+/// The displacement responds to the drive of the same row much better than that of the row before.
 fn leads(record: &Record) -> bool {
     let from = record.window.start.max(1);
     let left_by =
@@ -153,15 +153,15 @@ fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Iss
 }
 
 /// A prior model as it is, before anything of it is fitted: with the drive of the same row it leaves less than half.
-fn of_a_prior_model(study: &Study, as_said: &Judged) -> Option<Issue> {
+fn of_a_prior_model(study: &Study, assumed: &Judged) -> Option<Issue> {
     if study.watch.stopped() {
         return None;
     }
     let timed = study.dataset.in_own_rows();
     let other = study.of(&timed);
-    let own_row = other.judged(as_said.model.clone());
-    let less = study.merit(as_said) - other.merit(&own_row);
-    (less > LEAVES_HALF).then(|| issue(Vec::new(), as_said.error_um(), own_row.error_um()))
+    let same_row = other.judged(assumed.model.clone());
+    let less = study.merit(assumed) - other.merit(&same_row);
+    (less > LEAVES_HALF).then(|| issue(Vec::new(), assumed.error_um(), same_row.error_um()))
 }
 
 /// Which of the added modes may stand for a period: all that are as fast as can be shown together, and each alone.

@@ -11,6 +11,9 @@ const LIKELY_SPAN_MIN_UM: f64 = 1e-3;
 /// Sampling rate below which the unit of time is likely to be missing.
 const LIKELY_RATE_MIN_HZ: f64 = 50.0;
 
+/// Gain in um/V beyond which a unit is likely to be missing: a millimetre for a command of ten volts is the most that flexures make of a stack.
+const LIKELY_GAIN_MAX_UM_V: f64 = 100.0;
+
 /// Examines every driven record.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     // What is in other units than V and um is no piezoelectric stage.
@@ -28,5 +31,7 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         };
         Some(Issue::of(&record.name, Severity::Notes, kind))
     };
-    subject.dataset.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect()
+    let gain_um_v = subject.dataset.straight_line_gain();
+    let of_all = (gain_um_v < 0.0 || gain_um_v > LIKELY_GAIN_MAX_UM_V).then(|| Issue::of_all(Severity::Notes, Kind::Gain { gain_um_v }));
+    subject.dataset.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).chain(of_all).collect()
 }

@@ -78,6 +78,12 @@ pub(super) fn of_kind(kind: &Kind) -> String {
             format!("the displacement spans {span_um:.0} um; is its column in another unit?")
         }
         Kind::DisplacementUnit { span_um } => format!("the displacement spans {span_um:.2e} um; is its column in another unit?"),
+        Kind::Gain { gain_um_v } if *gain_um_v < 0.0 => {
+            format!("the displacement falls where the drive rises ({gain_um_v:.3} um/V). Is the sign of a column inverted?")
+        }
+        Kind::Gain { gain_um_v } => {
+            format!("the displacement changes by {gain_um_v:.0} um/V. Is drive or displacement in another unit (--units u=kV, y=nm)?")
+        }
         Kind::TimeUnit { period_s } => format!("samples come {period_s} s apart; is the column of time in another unit?"),
         Kind::InitialState { specified_um, unknown_um } => format!(
             "the record does not begin in the specified state: from there the error is {} nm, from an unknown state {} nm with the same effects. \

@@ -236,6 +236,9 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
             1e3 * w.at_1_hz_um
         )
     }));
+    warnings.extend(rms_um.filter(|rms_um| *rms_um < LEAST_NOISE_UM).map(|rms_um| {
+        format!("the noise is {:.2e} nm, less than any sensor has: are the readings simulated, filtered, or in another unit?", 1e3 * rms_um)
+    }));
     let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);
     let basis = estimates.first().map_or_else(|| "undecidable".to_owned(), |e| e.basis.clone());
     let reading_step_um = step_um.filter(matters);
@@ -278,11 +281,14 @@ fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
 fn over_judging(dataset: &Dataset, of_records_um: &[Option<f64>]) -> Option<f64> {
     let judging = dataset.records.iter().zip(of_records_um).filter(|(r, _)| matches!(r.role, Role::Identify | Role::Validate));
     let (sum, count) = judging.fold((Some(0.0), 0.0), |(sum, count), (record, floor)| {
-        let samples = record.window.len() as f64;
+        let samples = record.counted().count() as f64;
         (sum.zip(*floor).map(|(sum, floor)| sum + samples * floor * floor), count + samples)
     });
     sum.filter(|_| count > 0.0).map(|sum| (sum / count).sqrt())
 }
+
+/// Noise of a capacitive sensor of a hertz of bandwidth, um: nothing that records motion reads with less.
+const LEAST_NOISE_UM: f64 = 1e-6;
 
 fn disagreements(estimates: &[FloorEstimate]) -> Vec<String> {
     let Some((first, others)) = estimates.split_first() else { return Vec::new() };

@@ -66,10 +66,9 @@ fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) 
 
 /// What the longest hold inside a driven record shows, in front of its window or behind its end too.
 pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<AtRest> {
-    let hold = holds(&record.drive_v, &record.displacement_um, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len)?;
-    if record.left_out.iter().any(|range| range.start < hold.end && hold.start < range.end) {
-        return None;
-    }
+    let says_something = |hold: &Range<usize>| record.left_out.iter().all(|range| range.start >= hold.end || hold.start >= range.end);
+    let holds = holds(&record.drive_v, &record.displacement_um, HOLD_SAMPLES_MIN);
+    let hold = holds.into_iter().filter(says_something).max_by_key(Range::len)?;
     if record.force_n.as_ref().is_some_and(|f| f[hold.clone()].iter().any(|v| *v != f[hold.start])) {
         return None;
     }
