@@ -31,7 +31,7 @@ fn acting(world: &SharedWorld) -> Vec<DriveCode> {
 #[test]
 fn a_finished_wave_is_not_read_again() {
     let world = world();
-    let wave = "RON 1 0\nSVO 1 1\nMOV 1 3\nWAV 1 X LIN 100 2 3 100 0 0\nWSL 1 1\nWGC 1 1\n";
+    let wave = "ARM 1 2\nRON 1 0\nSVO 1 1\nMOV 1 3\nWAV 1 X LIN 100 2 3 100 0 0\nWSL 1 1\nWGC 1 1\n";
     let script = Script {
         block: Some(block(&best_parameters())),
         serial: vec![

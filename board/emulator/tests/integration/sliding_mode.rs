@@ -45,6 +45,7 @@ fn a_pidsmoc_agrees_with_the_host_to_the_last_bit() {
     assert!(matches!(&parameters.servo.law, LawParameters::SlidingMode { controller, .. } if controller.prediction.is_some()));
     // A step, then a sine of 5 um that goes on to the end.
     let commands = [
+        (99, "arm untested"),
         (100, "condition"),
         (FIRST_TICK, "reference sine 10000 5000 5600"),
         (FIRST_TICK + 1, "enable"),
