@@ -290,7 +290,8 @@ impl Watchdog {
             if key == Self::FEED || !self.running {
                 self.fed_at_ns = at_ns;
             }
-            self.running = true;
+            // Feeding one that has not been started does nothing.
+            self.running |= key != Self::FEED;
         }
         let (prescaler, reload) = (registers.get(iwdg::Register::Pr) & 7, registers.get(iwdg::Register::Rlr) & 0xFFF);
         let period_ns = (reload + 1) * (4 << prescaler) * 1_000_000 / 32;

@@ -118,7 +118,7 @@ fn begin_drive_interface() {
     start_interface(SPI3, 24, Comm::TRANSMITTER, Cpha::SECOND_EDGE);
 }
 
-/// One frame to the DAC, framed by SYNC.
+/// One frame to the DAC, framed by SYNC; whether it has gone.
 #[inline(always)]
 fn send_to_dac(word: u32) -> bool {
     GPIOC.bsrr().write(|w| w.0 = SYNC_LOW);
@@ -131,7 +131,8 @@ fn send_to_dac(word: u32) -> bool {
         }
     }
     GPIOC.bsrr().write(|w| w.0 = SYNC_HIGH);
-    polls < MOST_POLLS
+    // An interface that is off says at once that all is sent (RM0433, 50.11.6).
+    polls < MOST_POLLS && SPI3.cr1().read().spe()
 }
 
 impl SpiConverters {
