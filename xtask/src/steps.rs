@@ -12,8 +12,8 @@ use std::time::Instant;
 
 use crate::test_programs::{self, TestProgram};
 use crate::{
-    board, board_tune, browser, control_code, house, lab_page, library_alone, mutate, packages, pipython, prose, python_package, toolchain,
-    virtual_environment, whole_circle,
+    board, board_tune, browser, control_code, debian, house, lab_page, library_alone, mutate, packages, pipython, prose, python_package,
+    toolchain, virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -83,6 +83,7 @@ fn install_what_is_needed() -> Result<(), String> {
     toolchain::for_target(&toolchain::FIRMWARE)?;
     toolchain::for_target(&toolchain::WEB_ASSEMBLY)?;
     virtual_environment::see_to_python()?;
+    debian::see_to_octave()?;
     browser::ensure()
 }
 

@@ -357,7 +357,8 @@ pub fn split_name(name: &str) -> (String, Option<String>) {
     for separator in ['/', '_', ' ', ','] {
         if let Some((bare, unit)) = name.rsplit_once(separator)
             && is_unit(unit)
-            && dimension_of(unit).is_some_and(|dimension| dimension != Dimension::Other || separator != ' ')
+            // `Channel A` is an input of an oscilloscope.
+            && (separator != ' ' || dimension_of(unit) != Some(Dimension::Other) && normal(unit) != "a")
             && !bare.trim().is_empty()
         {
             return parts(bare, unit);
@@ -430,6 +431,7 @@ mod tests {
             ("in s", "", Some("s")),
             ("Drive V", "Drive", Some("V")),
             ("Channel A", "Channel A", None),
+            ("Coil mA", "Coil", Some("mA")),
             ("x_value", "x_value", None),
             ("data(2)", "data(2)", None),
         ] {

@@ -106,7 +106,8 @@ fn largest_coherence(input: &[f64], readings: &[f64], segments: usize) -> Option
         }
     }
     let most = of_input[1..].iter().copied().fold(0.0, f64::max);
-    let moves: Vec<usize> = (1..bins).filter(|k| most > 0.0 && of_input[*k] >= MOVES_THERE * most).collect();
+    // At half the sampling rate a spectrum is real, and reaches a high coherence more often.
+    let moves: Vec<usize> = (1..length.div_ceil(2)).filter(|k| most > 0.0 && of_input[*k] >= MOVES_THERE * most).collect();
     let coherence = |k: &usize| if of_readings[*k] > 0.0 { of_both[*k].norm_sqr() / (of_input[*k] * of_readings[*k]) } else { 0.0 };
     let largest = moves.iter().map(coherence).reduce(f64::max)?;
     Some((largest.min(1.0), moves.len()))

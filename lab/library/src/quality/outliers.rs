@@ -9,7 +9,8 @@
 use super::{Issue, Kind, Moment, Severity, Subject, range};
 use crate::dataset::Record;
 use crate::dataset::reading_grid::levels;
-use crate::statistics::{mean, peak_to_peak};
+use crate::statistics::{extremes, mean, peak_to_peak};
+use hysteron_sim::chain::InitialState;
 use std::ops::Range;
 
 /// A reading stands out where it is so many times as far from its neighbours as readings usually are.
@@ -45,8 +46,11 @@ struct Outliers {
 /// Readings that stand alone: spectra find even steps where they are interpolated, and they count in nothing.
 pub(super) fn single(subject: &Subject) -> Vec<Issue> {
     of_all(subject, |record, ends_um| {
-        // Of a tape each record has its part; what lies in front of a window shows noise too.
-        let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(|k| record.counts(*k)).collect();
+        // What lies in front of a window shows noise too, unless it is another record's of the same tape.
+        let of_the_tape = subject.dataset.records.iter().filter(|other| other.name != record.name && other.source == record.source);
+        let of_others: Vec<&Range<usize>> = of_the_tape.map(|other| &other.window).collect();
+        let mine = |k: &usize| record.counts(*k) && (record.window.contains(k) || !of_others.iter().any(|window| window.contains(k)));
+        let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(mine).collect();
         let first_sample = single.first()? + 1;
         if let Some(kept) = too_many(record, single.len(), first_sample) {
             return Some(kept);
@@ -151,14 +155,17 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     let at_its_end = |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
     let beside_an_end = |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
     // What the drive itself has of it, a straight stage would read: the corner of a triangle.
-    let gain_um_per_v = peak_to_peak(readings_um) / peak_to_peak(drive_v).max(f64::MIN_POSITIVE);
+    let drive_span_v = peak_to_peak(drive_v);
+    let gain_um_per_v = if drive_span_v > 0.0 { peak_to_peak(readings_um) / drive_span_v } else { 0.0 };
     let of_the_drive = |k: usize| {
         let reach = k.saturating_sub(MEDIAN_REACHES)..(k + MEDIAN_REACHES + 1).min(n);
         let corner_v = reach.clone().map(|j| (drive_v[j] - expected(drive_v, j)).abs()).fold(0.0, f64::max);
-        // In front of the first sample the drive may have stood still.
+        // In front of the first sample the drive may have stood still, of a virgin record at the lower end.
         let at_an_end = k < AT_AN_END || k + AT_AN_END >= n;
+        let is_virgin = k < AT_AN_END && record.initial_state == InitialState::Virgin;
+        let begins_v = if is_virgin { drive_v[0] - extremes(drive_v).0 } else { 0.0 };
         let change_v = reach.filter(|j| at_an_end && j + 1 < n).map(|j| (drive_v[j + 1] - drive_v[j]).abs()).fold(0.0, f64::max);
-        corner_v.max(change_v) * gain_um_per_v
+        corner_v.max(change_v).max(begins_v) * gain_um_per_v
     };
     let mut found: Vec<usize> = (0..n)
         .filter(|k| stands_out(*k) && apart[*k] > AS_THE_DRIVE * of_the_drive(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k))
@@ -249,6 +256,19 @@ mod tests {
         }
     }
 
+    /// The first reading stands before the drive of its row acts: of a virgin record it is zero, wherever the drive begins.
+    #[test]
+    fn the_first_reading_of_a_virgin_record_is_no_outlier() {
+        let mut record = record();
+        record.drive_v.iter_mut().for_each(|u| *u = 35.0 - *u);
+        record.displacement_um.iter_mut().for_each(|y| *y = 7.0 - *y);
+        record.displacement_um[0] = 0.0;
+        record.initial_state = InitialState::Virgin;
+        assert_eq!(outliers(&record, &[]).single, []);
+        record.initial_state = InitialState::Unknown;
+        assert_eq!(outliers(&record, &[]).single, [0]);
+    }
+
     #[test]
     fn many_are_said_and_left_alone() {
         let mut record = record();
@@ -273,13 +293,21 @@ mod tests {
         assert!(record.counted().count() > 8000 - 25);
     }
 
+    /// What no other record of the tape has, in front of a window, shows noise, and is mended too.
     #[test]
-    fn what_lies_outside_the_window_is_of_another_record() {
-        let mut record = record();
-        [2000, 4411].iter().for_each(|k| record.displacement_um[*k] += 2.0);
-        record.window = 3500..8000;
-        let found = checked(single, &mut record).unwrap();
-        assert!(matches!(found, Kind::OutliersReplaced { samples: 1, first_sample: 4412, .. }), "{found:?}");
+    fn what_another_record_of_the_tape_has_is_mended_there() {
+        let mut whole = record();
+        [1000, 2260, 4411].iter().for_each(|k| whole.displacement_um[*k] += 2.0);
+        let part = |name: &str, window| Record { name: name.into(), window, ..whole.clone() };
+        let found = |records: Vec<Record>| {
+            let dataset = Dataset::unchecked("d", 0.0, 100.0, records);
+            let issues = single(&Subject { dataset: &dataset, moment: Moment::Made });
+            issues.into_iter().map(|issue| (issue.record.unwrap(), issue.samples)).collect::<Vec<_>>()
+        };
+        let single_at = |samples: &[usize]| samples.iter().map(|k| *k..k + 1).collect::<Vec<_>>();
+        let both = found(vec![part("one", 1500..3500), part("two", 3500..8000)]);
+        assert_eq!(both, [("one".into(), single_at(&[1000, 2260])), ("two".into(), single_at(&[1000, 4411]))]);
+        assert_eq!(found(vec![part("two", 3500..8000)]), [("two".into(), single_at(&[1000, 2260, 4411]))]);
     }
 
     #[test]
