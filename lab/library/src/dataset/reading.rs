@@ -276,7 +276,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     notes.extend(parts.notes.iter().cloned());
     let mut records = one_recording::records(&name, place, &even, &parts);
     let at_rest = records.iter().any(|record| record.initial_state == InitialState::Settled);
-    let state = if at_rest { "it begins at rest, it is assumed" } else { "the state at its beginning is estimated" };
+    let state = if at_rest { "it begins at rest, which is assumed" } else { "the state at its beginning is estimated" };
     notes.push(format!("limits of the drive taken from the file: {low} to {high} V; {state}"));
     let rests = |of: &mut dyn Iterator<Item = Role>| of.filter(|role| *role == Role::Noise).count();
     if rests(&mut records.iter().map(|r| r.role)) < rests(&mut parts.windows.iter().map(|(role, _)| *role)) {
