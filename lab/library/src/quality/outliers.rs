@@ -264,7 +264,7 @@ mod tests {
         record.displacement_um.iter_mut().for_each(|y| *y = 7.0 - *y);
         record.displacement_um[0] = 0.0;
         record.initial_state = InitialState::Virgin;
-        assert_eq!(outliers(&record, &[]).single, []);
+        assert_eq!(outliers(&record, &[]), Outliers::default());
         record.initial_state = InitialState::Unknown;
         assert_eq!(outliers(&record, &[]).single, [0]);
     }
