@@ -127,7 +127,11 @@ fn a_search_that_was_stopped_claims_nothing_of_what_it_added() {
     let found = analyse(&dataset, Start::Effects(&effects), &Options::default(), &UntilSomethingIsAdded::default()).unwrap();
     assert!(found.stopped && found.diagnosis.named.is_empty(), "{}", found.diagnosis.sentence);
     assert_eq!(found.diagnosis.verdict, Verdict::Undecidable);
-    assert!(found.diagnosis.sentence.starts_with("Stopped before the evidence was weighed: the held-out error is "), "{}", found.diagnosis.sentence);
+    assert!(
+        found.diagnosis.sentence.starts_with("Stopped before the evidence was weighed: the held-out error is "),
+        "{}",
+        found.diagnosis.sentence
+    );
     let figures = found.figures(&dataset, 0.0);
     assert!(figures.steps.last().is_some_and(|step| step.added.as_ref().is_some_and(|added| !added.is_empty())), "{:?}", figures.steps);
 }
