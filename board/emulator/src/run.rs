@@ -14,7 +14,7 @@ use rigless::emulator::{Driver, Host, InterruptLine, Start, Stop, run as emulate
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::soc::Width;
-use rigless::soc::stm32h743::generated::{iwdg, rcc};
+use rigless::soc::stm32h743::generated::{iwdg, rcc, spi1};
 use rigless::time::VirtualNanos;
 
 use crate::board::{NucleoBoard, SafetyLine};
@@ -116,13 +116,8 @@ pub enum Injection {
         /// New value.
         value: u16,
     },
-    /// A word of the target's memory or of a register changes.
-    Word {
-        /// Address.
-        address: u64,
-        /// New value.
-        value: u32,
-    },
+    /// The interface of the drive's converter is switched off: SPI3's CR1, RM0433, 50.11.1.
+    DriveInterfaceOff,
     /// A line of the board is opened, or closed to ground.
     Line {
         /// Which one.
@@ -327,8 +322,11 @@ impl Driver<NucleoBoard> for Probe {
                 Injection::Halfword { address, value } => {
                     let _ = host.write(address, Width::W16, u64::from(value));
                 }
-                Injection::Word { address, value } => {
-                    let _ = host.write(address, Width::W32, u64::from(value));
+                Injection::DriveInterfaceOff => {
+                    let bus = session.mcu().bus_mut();
+                    if let Some(slot) = bus.slot_of("SPI3") {
+                        bus.slot_mut(slot).registers_mut().set(spi1::Register::Cr1, 0);
+                    }
                 }
                 Injection::Line { line, closed } => session.board_mut().set_line(line, closed, stop.at),
                 Injection::Supply { millivolts } => {

@@ -49,8 +49,9 @@ pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn Restori
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
 const PIECE_RAD: f64 = 0.5;
-/// Most pieces of an interval of the mode as it is; with more the ringing within an interval is not followed: the forces balance and the mode comes behind.
-const PIECES_MAX: f64 = 64.0;
+/// Angle of the mode in one interval beyond which its ringing is not followed: it is above half the sampling rate, so that no reading shows it. There the forces
+/// balance and the mode comes behind.
+const RINGING_MAX_RAD: f64 = std::f64::consts::PI;
 /// How often the pieces are halved where the mode is stiffer.
 const HALVINGS_MAX: usize = 5;
 
@@ -246,7 +247,7 @@ impl<const N: usize> Balanced<N> {
             }
             other => vec![segment(dt_s, other)],
         };
-        let too_fast = law.natural_frequency_rad_s * dt_s > PIECE_RAD * PIECES_MAX;
+        let too_fast = law.natural_frequency_rad_s * dt_s > RINGING_MAX_RAD;
         Self {
             behind: too_fast.then(|| Transition::of(&system, dt_s, arrival)),
             system,
