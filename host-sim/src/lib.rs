@@ -14,6 +14,7 @@ pub mod bench;
 pub mod chain;
 pub mod closed_loop;
 pub mod converter_scale;
+pub mod domain_stage;
 pub mod effect;
 pub mod elastoplastic_friction;
 pub mod hysteresis_coefficients;

@@ -14,6 +14,8 @@ pub mod bipolar;
 pub mod bouc_wen;
 pub mod charge_leakage;
 pub mod creep;
+pub mod creep_operators;
+pub mod creep_pole_pair;
 pub mod delay;
 pub mod duhem;
 pub mod expression;
@@ -25,6 +27,7 @@ pub mod hum_harmonics;
 pub mod hysteresis;
 pub mod initial_curve;
 pub mod load_force;
+pub mod logarithmic_creep;
 mod loops;
 pub mod mains_hum;
 pub mod mass_change;
@@ -670,6 +673,9 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(second_mode::SecondMode),
         Arc::new(mass_change::MassChange),
         Arc::new(creep::Creep::default()),
+        Arc::new(creep_pole_pair::CreepPolePair),
+        Arc::new(logarithmic_creep::LogarithmicCreep),
+        Arc::new(creep_operators::CreepOperators::default()),
         Arc::new(thermal_drift::ThermalDrift),
         Arc::new(sensor_nonlinearity::SensorNonlinearity),
         Arc::new(sensor_bandwidth::SensorBandwidth),

@@ -1,10 +1,12 @@
 //! What a servo design knows of the actuator: hysteresis surfaces, modes, bandwidths. All of it identified, or from a data sheet.
 
+use super::creep::{self, CreepPair};
+pub use super::creep::CreepTerm;
 use super::quantise;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{
-    amplifier_bandwidth, creep, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    amplifier_bandwidth, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
@@ -187,16 +189,9 @@ pub struct ActuatorModel {
     /// Creep behind them, as first-order terms: for the feedforward; a feedback leaves it to the unknown input.
     #[serde(default)]
     pub creep: Vec<CreepTerm>,
-}
-
-/// A first-order term of creep (thesis Ch. 5, Eqs. 9-17).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CreepTerm {
-    /// Displacement that it adds in the end, as a share of what it follows.
-    pub share: f64,
-    /// Time constant, s.
-    pub time_constant_s: f64,
+    /// Its second-order term with complex poles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub creep_pair: Option<CreepPair>,
 }
 
 impl ActuatorModel {
@@ -335,7 +330,7 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
     let g = chain.values(hysteresis::ID).or_else(of_gain)?;
     let r = chain.values(initial_curve::ID).unwrap_or_default();
     let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
-    let creep = chain.values(creep::ID).unwrap_or_default();
+    let (creep, creep_pair) = creep::of_chain(chain);
     let mode = |v: &[f64]| Some(ModeModel { natural_frequency_rad_s: *v.first()?, damping_ratio: *v.get(1)? });
     let model = ActuatorModel {
         drive_min_v: chain.drive_min_v,
@@ -348,7 +343,8 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
             amplifier_bandwidth_hz: chain.values(amplifier_bandwidth::ID).and_then(|v| v.first().copied()),
             sensor_bandwidth_hz: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()),
         },
-        creep: creep.chunks_exact(2).map(|pair| CreepTerm { share: pair[0], time_constant_s: pair[1] }).collect(),
+        creep,
+        creep_pair,
     };
     let Some(plays) = chain.values(play_operators::ID) else { return Some(model) };
     // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.

@@ -4,7 +4,8 @@
 //! the estimates; their integral is a sum and their derivative a difference, as in the tick. [`SlidingModeLaw`] is the law in f64: what is
 //! quantised and what the sampled eigenvalues are taken of.
 
-use super::model::{CreepTerm, NominalModel, SAMPLING_PERIOD_S};
+use super::creep::{CreepPair, CreepTerm};
+use super::model::{NominalModel, SAMPLING_PERIOD_S};
 use super::quantise::{QuantisationError, Unit, creep_inverse, number, row, row_um};
 use super::window_fit;
 use hysteron_core::integer_row::Row;
@@ -320,6 +321,8 @@ pub struct Feedforward<'a> {
     pub window: &'a [f64],
     /// Creep that it undoes.
     pub creep: &'a [CreepTerm],
+    /// Its second-order term.
+    pub creep_pair: Option<&'a CreepPair>,
 }
 
 /// PID, or PI with feedforward. `output` is what stands behind: volts, or um of force-equivalent displacement, in which the gains then are.
@@ -339,7 +342,7 @@ pub fn regulator(
         proportional_derivative: row("P, D", &[gains.p, gains.d / t], |_| Unit::Micrometre, output)?,
         integral: number("I", gains.i * t, 26 + unit_bits)?,
         feedforward: row("feedforward", feedforward.window, |_| Unit::Micrometre, output)?,
-        creep: creep_inverse(feedforward.creep)?,
+        creep: creep_inverse(feedforward.creep, feedforward.creep_pair)?,
         notch: {
             let mut quantised = Row::default();
             for (i, value) in biquad.iter().enumerate() {
