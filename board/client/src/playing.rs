@@ -7,10 +7,10 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use hysteron_protocol::code_lines::SAMPLES_IN_LINE;
 use hysteron_core::checksum::crc32;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::trace_frame::{self, CODE_BYTES};
+use hysteron_protocol::code_lines::SAMPLES_IN_LINE;
 
 use crate::board::{BETWEEN_QUESTIONS, Board};
 use crate::error::{Error, Result};
@@ -181,8 +181,8 @@ fn codes_of(line: &str) -> Option<Vec<(SensorCode, DriveCode)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hysteron_protocol::code_lines::write_line;
     use hysteron_core::trace_frame::TraceSample;
+    use hysteron_protocol::code_lines::write_line;
 
     #[test]
     fn a_line_of_codes_comes_back_and_a_garbled_one_is_found() {

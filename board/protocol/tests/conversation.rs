@@ -4,9 +4,6 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::atomic::AtomicI32;
 
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
-use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
-use hysteron_protocol::{DIALECT, Lines};
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::BlockPiece;
@@ -14,6 +11,9 @@ use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
+use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
+use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
+use hysteron_protocol::{DIALECT, Lines};
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
 use proptest::prelude::*;
 

@@ -215,7 +215,8 @@ fn of_board(problem: hysteron_client::Error) -> Error {
 }
 
 /// What a command needs that another program does, where it is not there.
-const PROBE_NEEDED: &str = "It is done by `hysteron-probe`: in the project's folder `cargo install --path board/probe --locked` installs it.";
+const PROBE_NEEDED: &str =
+    "It is done by `hysteron-probe`: in the project's folder `cargo install --path board/probe --locked` installs it.";
 const BOARD_NEEDED: &str = "It is done by `hysteron-board`: `cargo xtask firmware` and `cargo xtask board` build it.";
 
 /// Runs it.

@@ -3,12 +3,17 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message. Output files are written whole
 //! at the end, so that a failed run leaves what was there.
 
+#[cfg(feature = "board")]
+use crate::board;
+#[cfg(feature = "trace")]
+use crate::capture;
 use crate::desk::Desk;
+#[cfg(feature = "lab")]
+use crate::lab;
 use crate::read_arguments::ReadArguments;
-use crate::{
-    add, board, capture, check, compare, design, diagnose, drives, effects, explain, identify, lab, plant, reproduce, score, screen,
-    simulate, track,
-};
+#[cfg(feature = "thesis")]
+use crate::reproduce;
+use crate::{add, check, compare, design, diagnose, drives, effects, explain, full_build, identify, plant, score, screen, simulate, track};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::watch::{Watch, Within};
@@ -467,6 +472,7 @@ pub fn run() -> ExitCode {
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
     };
+    #[cfg(feature = "board")]
     if let Command::Board { words } = &arguments.command {
         return board::run(words);
     }
@@ -495,10 +501,16 @@ fn dispatch(command: Command) -> Result<bool> {
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
+        #[cfg(feature = "lab")]
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
+        #[cfg(not(feature = "lab"))]
+        Command::Lab { .. } => full_build::needed("lab"),
         Command::Plant(wanted) => plant::plant(&wanted),
-        Command::Board { .. } => Ok(true),
+        Command::Board { .. } => full_build::needed("board"),
+        #[cfg(feature = "trace")]
         Command::Capture { elf, raw, out, force } => capture::capture(&elf, &raw, &out, force),
+        #[cfg(not(feature = "trace"))]
+        Command::Capture { .. } => full_build::needed("capture"),
         Command::Design {
             model,
             out,
@@ -532,7 +544,10 @@ fn dispatch(command: Command) -> Result<bool> {
             };
             track::track(&model, &servo, &wanted, &outputs)
         }
+        #[cfg(feature = "thesis")]
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
+        #[cfg(not(feature = "thesis"))]
+        Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
         Command::Effects { outputs } => effects::effects(&outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),

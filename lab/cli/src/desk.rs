@@ -136,6 +136,7 @@ impl Desk {
 
     /// Takes a folder as [`Desk::folder`] does, but leaves no trace of it where it is not there: [`Desk::make_folder`] makes it when there is something
     /// to be written.
+    #[cfg(feature = "board")]
     pub fn folder_to_be(&self, path: &Path, files: &[String]) -> Result<()> {
         if path.is_dir() {
             return files.iter().try_for_each(|name| self.target(Some(&path.join(name))));

@@ -7,7 +7,9 @@ macro_rules! println {
 }
 
 mod add;
+#[cfg(feature = "board")]
 mod board;
+#[cfg(feature = "trace")]
 mod capture;
 mod check;
 mod command_line;
@@ -18,11 +20,14 @@ mod diagnose;
 mod drives;
 mod effects;
 mod explain;
+mod full_build;
 mod identify;
+#[cfg(feature = "lab")]
 mod lab;
 mod plant;
 mod progress;
 mod read_arguments;
+#[cfg(feature = "thesis")]
 mod reproduce;
 mod score;
 mod screen;

@@ -4,10 +4,10 @@
 mod common;
 
 use common::page::{Served, body};
-use hysteron_protocol::code_lines::{SAMPLES_IN_LINE, write_line};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::TraceSample;
+use hysteron_protocol::code_lines::{SAMPLES_IN_LINE, write_line};
 use serde_json::Value;
 use std::f64::consts::TAU;
 use std::io::{BufRead, BufReader, Read, Write};

@@ -52,6 +52,19 @@ enum Format {
     Refused(&'static str),
 }
 
+impl Format {
+    /// The message of a build without its reader.
+    fn needs_full_build(self) -> String {
+        let name = match self {
+            Self::Hdf5 => "HDF5 or MATLAB 7.3 (`save -v7` in MATLAB writes a format that it reads)".to_owned(),
+            other => format!("{other:?}"),
+        };
+        format!(
+            "this build of the program does not read {name}. `cargo install --path lab/cli --locked --features full` builds all readers"
+        )
+    }
+}
+
 fn format_of(place: &str, bytes: &[u8]) -> Format {
     let extension = place.rsplit_once('.').map(|(_, extension)| extension.to_lowercase()).unwrap_or_default();
     let hdf5_at = |at: usize| bytes.get(at..).is_some_and(|rest| rest.starts_with(HDF5));
@@ -104,7 +117,7 @@ pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
         Format::Text => delimited::read(place, bytes, hints),
         Format::Refused(what) => Err(Error::new(place, format!("is {what}; expected {FORMATS}"))),
         #[allow(unreachable_patterns)]
-        other => Err(Error::new(place, format!("is {other:?}, which this build does not read"))),
+        other => Err(Error::new(place, other.needs_full_build())),
     };
     table.and_then(Table::finite)
 }
