@@ -124,7 +124,7 @@ impl StructureTruth {
         let mut mass = DVector::from_element(n, self.stack_mass_kg / elements as f64);
         mass[0] = self.base_mass_kg + 0.5 * self.stack_mass_kg / elements as f64;
         mass[end] = self.end_mass_kg + 0.5 * self.stack_mass_kg / elements as f64;
-        let mut stiffness = DMatrix::zeros(n, n);
+        let mut stiffness = DMatrix::<f64>::zeros(n, n);
         stiffness[(0, 0)] += self.base_stiffness_n_m;
         stiffness[(end, end)] += self.flexure_stiffness_n_m;
         let mut spring = |a: usize, b: usize, k: f64| {
@@ -140,13 +140,13 @@ impl StructureTruth {
         }
         // Mass-normalised: M^-1/2 K M^-1/2 is symmetric.
         let root = mass.map(f64::sqrt);
-        let normalised = DMatrix::from_fn(n, n, |i, j| stiffness[(i, j)] / (root[i] * root[j]));
+        let normalised: DMatrix<f64> = DMatrix::from_fn(n, n, |i, j| stiffness[(i, j)] / (root[i] * root[j]));
         let eigen = normalised.symmetric_eigen();
         let shape = |at: usize, mode: usize| eigen.eigenvectors[(at, mode)] / root[at];
         let moved: Vec<f64> = (0..n).map(|m| shape(end, m) * (shape(end, m) - shape(0, m)) / eigen.eigenvalues[m]).collect();
         let all: f64 = moved.iter().sum();
         let mode = |m: usize| {
-            let w = eigen.eigenvalues[m].sqrt();
+            let w: f64 = eigen.eigenvalues[m].sqrt();
             StructureMode {
                 natural_frequency_rad_s: w,
                 damping_ratio: self.loss_damping_ratio + self.end_damper_n_s_m * shape(end, m).powi(2) / (2.0 * w),

@@ -21,6 +21,7 @@ pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
 pub mod linear_system;
+pub mod loop_inverse;
 pub mod noise;
 pub mod rate_dependent_hysteresis;
 pub mod stick_slip;

@@ -33,13 +33,13 @@ impl LoopInverse {
             Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: model.drive_min_v, drive_max_v: model.drive_max_v };
         let mut loops = main.effect.loops(model, &main.values(), &setting)?;
         let drive_v = model.virgin_drive_v();
-        loops.step(drive_v);
+        loops.go_to(drive_v);
         Some(Self { loops, limits_v: [model.drive_min_v, model.drive_max_v], drive_v })
     }
 
     /// What the loops would give at a drive.
     fn at(&self, drive_v: f64) -> f64 {
-        self.loops.boxed().step(drive_v)
+        self.loops.boxed().go_to(drive_v)
     }
 
     /// The drive that takes the output to `desired_um`, and the memory with it.
@@ -47,7 +47,7 @@ impl LoopInverse {
         let held_um = self.at(self.drive_v);
         let (drive_v, saturated) = if desired_um == held_um { (self.drive_v, false) } else { self.towards(desired_um, held_um) };
         self.drive_v = drive_v;
-        InverseDrive { drive_v, output_um: self.loops.step(drive_v), saturated }
+        InverseDrive { drive_v, output_um: self.loops.go_to(drive_v), saturated }
     }
 
     fn towards(&self, desired_um: f64, held_um: f64) -> (f64, bool) {

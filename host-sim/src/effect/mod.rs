@@ -33,9 +33,12 @@ pub mod mains_hum;
 pub mod mass_change;
 pub mod maxwell_slip;
 pub mod play_operators;
+pub mod polynomial_loop;
 pub mod prandtl_ishlinskii;
 pub mod quantisation;
 pub mod rate_dependence;
+pub mod rate_dependent_prandtl_ishlinskii;
+pub mod rate_dependent_surfaces;
 pub mod saturation;
 pub mod second_mode;
 pub mod sensor_bandwidth;
@@ -43,6 +46,7 @@ pub mod sensor_filter;
 pub mod sensor_nonlinearity;
 pub mod slew_limit;
 pub mod thermal_drift;
+pub mod two_sided;
 pub mod vibration;
 
 use crate::chain::Model;
@@ -442,6 +446,18 @@ pub trait Stage: Send {
     }
 }
 
+/// Loops of a structure that can be tried: what a drive would give, without going there. For [`crate::loop_inverse`].
+pub trait Loops: Send {
+    /// The same loops with the same memory.
+    fn boxed(&self) -> Box<dyn Loops>;
+
+    /// Takes the next drive, V, and returns the force-equivalent displacement, um.
+    fn go_to(&mut self, drive_v: f64) -> f64;
+
+    /// Drives at which the output bends on the way up, or down, from where the drive stands, V, in any order; those behind it may be among them.
+    fn bends_v(&self, rising: bool) -> Vec<f64>;
+}
+
 /// Many signals that pass a linear stage side by side. A block holds a row for every interval, with one value for each lane.
 pub trait LinearLanes: Send {
     /// Puts all lanes at rest for constant inputs, one for each, and leaves the outputs in their place.
@@ -588,6 +604,11 @@ pub trait Effect: Send + Sync {
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
+    /// The loops of a structure that has an inverse.
+    fn loops(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        None
+    }
+
     /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them.
     fn coefficient_walker(&self, _model: &Model, _setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
         None
@@ -660,12 +681,16 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(initial_curve::InitialCurve::default()),
         Arc::new(play_operators::PlayOperatorsBeside::default()),
         Arc::new(rate_dependence::RateDependence),
+        Arc::new(rate_dependent_surfaces::RateDependentSurfaces::default()),
         Arc::new(bipolar::Bipolar),
+        Arc::new(two_sided::TwoSided),
         Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: false }),
         Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: true }),
+        Arc::new(rate_dependent_prandtl_ishlinskii::RateDependentPrandtlIshlinskii),
         Arc::new(maxwell_slip::MaxwellSlip),
         Arc::new(bouc_wen::BoucWen),
         Arc::new(duhem::Duhem),
+        Arc::new(polynomial_loop::PolynomialLoop),
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),
