@@ -133,7 +133,13 @@ mod tests {
 
     /// The analytic inverse of the Prandtl-Ishlinskii operator (Krejci and Kuhnen 2001): again one, with thresholds and weights of its own.
     fn analytic_inverse(weights: &[f64], thresholds: &[f64], desired: &[f64]) -> Vec<f64> {
-        let sums: Vec<f64> = weights.iter().scan(0.0, |sum, w| { *sum += w; Some(*sum) }).collect();
+        let sums: Vec<f64> = weights
+            .iter()
+            .scan(0.0, |sum, w| {
+                *sum += w;
+                Some(*sum)
+            })
+            .collect();
         let inverse_weight = |i: usize| if i == 0 { 1.0 / weights[0] } else { -weights[i] / (sums[i] * sums[i - 1]) };
         let inverse_threshold = |i: usize| (0..=i).map(|j| weights[j] * (thresholds[i] - thresholds[j])).sum::<f64>();
         let mut plays = vec![0.0f64; weights.len()];

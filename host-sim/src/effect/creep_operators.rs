@@ -85,7 +85,8 @@ impl Effect for CreepOperators {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "Creep that ends elsewhere on the way up than on the way down: domains creep only where they are pushed hard enough.".into(),
+            physics: "Creep that ends elsewhere on the way up than on the way down: domains creep only where they are pushed hard enough."
+                .into(),
             reference: "thesis Ch. 2, 3.2.1; Krejci and Kuhnen, IEE Proc. Control Theory Appl. 148 (2001) 185-192".into(),
             place: Place::Creep,
             modifies: None,

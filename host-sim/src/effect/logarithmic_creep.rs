@@ -46,7 +46,9 @@ impl Effect for LogarithmicCreep {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
-            physics: "Domains of all activation energies go on switching: the displacement creeps by the same share in every decade of time.".into(),
+            physics:
+                "Domains of all activation energies go on switching: the displacement creeps by the same share in every decade of time."
+                    .into(),
             reference: "thesis Ch. 2, Eq. 4; Vieira, IBM J. Res. Dev. 30 (1986) 553-563".into(),
             place: Place::Creep,
             modifies: None,

@@ -26,6 +26,7 @@ mod held_mass;
 pub mod hum_harmonics;
 pub mod hysteresis;
 pub mod initial_curve;
+pub mod inverse_preisach;
 pub mod load_force;
 pub mod logarithmic_creep;
 mod loops;
@@ -604,6 +605,11 @@ pub trait Effect: Send + Sync {
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
+    /// Whether its loops are tried in the place of another structure's: one without memory, or that only adds parameters to another, is not.
+    fn is_tried_for_loops(&self) -> bool {
+        self.declaration().is_main()
+    }
+
     /// The loops of a structure that has an inverse.
     fn loops(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         None
@@ -691,6 +697,7 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(bouc_wen::BoucWen),
         Arc::new(duhem::Duhem),
         Arc::new(polynomial_loop::PolynomialLoop),
+        Arc::new(inverse_preisach::InversePreisach),
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),

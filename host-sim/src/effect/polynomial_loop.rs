@@ -99,6 +99,9 @@ impl Effect for PolynomialLoop {
     fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(PolynomialStage::new(model, values)))
     }
+    fn is_tried_for_loops(&self) -> bool {
+        false
+    }
     fn fitting_rank(&self) -> usize {
         1
     }

@@ -56,7 +56,9 @@ impl RatePlayStage {
     fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
         let (weights, by_rate) = values.split_at(PLAYS.min(values.len()));
         Self {
-            operators: PlayOperators::new(&weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>()),
+            operators: PlayOperators::new(
+                &weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>(),
+            ),
             by_rate: by_rate.to_vec(),
             lower_limit_v: model.drive_min_v,
             range_v: model.drive_max_v - model.drive_min_v,
@@ -98,6 +100,9 @@ impl Effect for RateDependentPrandtlIshlinskii {
     }
     fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(RatePlayStage::new(model, values, setting)))
+    }
+    fn is_tried_for_loops(&self) -> bool {
+        false
     }
     fn fitting_rank(&self) -> usize {
         1

@@ -133,7 +133,8 @@ mod tests {
         let drive_v: Vec<f64> = (0..400).map(|k| 40.0 - 40.0 * (0.05 * f64::from(k)).cos() * (0.013 * f64::from(k)).cos()).collect();
         let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Virgin };
         let order = |terms: &[f64]| Surfaces::from_legendre(DEGREE, &terms[..LOOP_TERMS], &terms[LOOP_TERMS..]);
-        let orders = std::iter::once(Surfaces::from_legendre(4, &base, &[0.3, -0.1, 0.02, 0.0])).chain(by_rate.chunks_exact(TERMS).map(order));
+        let orders =
+            std::iter::once(Surfaces::from_legendre(4, &base, &[0.3, -0.1, 0.02, 0.0])).chain(by_rate.chunks_exact(TERMS).map(order));
         let surfaces = RateSurfaces { orders: orders.collect(), reference_rate_v_s: 5000.0 };
         let mut oracle = RateDependentHysteresis::virgin(&surfaces, 0.0, 80.0, 1000.0);
         let expected: Vec<f64> = drive_v.iter().map(|u| oracle.step(*u)).collect();

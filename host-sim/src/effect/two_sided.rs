@@ -11,7 +11,7 @@
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, Stage};
 use crate::chain::Model;
-use crate::hysteresis_surface::{Surfaces, shifted_legendre, horner};
+use crate::hysteresis_surface::{Surfaces, horner, shifted_legendre};
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "two_sided";
@@ -112,7 +112,10 @@ impl Effect for TwoSided {
         2
     }
     fn picture(&self) -> Picture {
-        Picture { against: Against::Drive, caption: "An error on the first way up and the first way down from 0 V that later loops do not have." }
+        Picture {
+            against: Against::Drive,
+            caption: "An error on the first way up and the first way down from 0 V that later loops do not have.",
+        }
     }
 }
 
@@ -168,7 +171,8 @@ mod tests {
             for up in 1 - n..=n {
                 for down in -n..up {
                     // A cell of the triangle: the mixed difference of the surface.
-                    let weight = g(up, down) - g(up - 1, down) - g(up, down + 1) + if up - 1 > down + 1 { g(up - 1, down + 1) } else { 0.0 };
+                    let weight =
+                        g(up, down) - g(up - 1, down) - g(up, down + 1) + if up - 1 > down + 1 { g(up - 1, down + 1) } else { 0.0 };
                     let state = match (up > 0, down < 0) {
                         (true, true) => State::Virgin,
                         (true, false) => State::Down,

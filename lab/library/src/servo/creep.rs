@@ -121,7 +121,8 @@ fn keep_apart(factors: &mut [Factor]) {
     for k in 1..factors.len() {
         let (before, rest) = factors.split_at_mut(k);
         for (pole, residue) in &mut rest[0].0 {
-            while let Some((near, _)) = before.iter().flat_map(|f| &f.0).find(|(p, _)| (p - *pole).norm() < 0.5 * NEAREST_POLES * p.norm()) {
+            while let Some((near, _)) = before.iter().flat_map(|f| &f.0).find(|(p, _)| (p - *pole).norm() < 0.5 * NEAREST_POLES * p.norm())
+            {
                 let moved = near * (1.0 + NEAREST_POLES);
                 (*residue, *pole) = (*residue * moved / *pole, moved);
             }

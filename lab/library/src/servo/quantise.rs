@@ -158,18 +158,18 @@ pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>) -> Result<Cr
     shares.extend(pair.iter().flat_map(|p| [p.share, p.velocity_share]));
     let of_pair = |i: usize, j: usize| phi.map_or(0.0, |phi: [[f64; 2]; 2]| phi[i][j]);
     let recursion = DMatrix::from_fn(rates.len(), rates.len(), |i, j| {
-        let own = if i >= n && j >= n {
-            of_pair(i - n, j - n)
-        } else {
-            f64::from(u8::from(i == j)) * (1.0 - rates[i])
-        };
+        let own = if i >= n && j >= n { of_pair(i - n, j - n) } else { f64::from(u8::from(i == j)) * (1.0 - rates[i]) };
         own - rates[i] * shares[j]
     });
     let radius = recursion.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
     // Between states that stand still and states that follow any mixture may move: their shares are bounded beside.
     let of_operators: f64 = if used.iter().any(|t| t.threshold_um > 0.0) { shares.iter().map(|s| s.abs()).sum() } else { 0.0 };
     if radius >= 1.0 || of_operators >= 1.0 {
-        return Err(QuantisationError { what: "largest eigenvalue of the inverse of creep".into(), value: radius.max(of_operators), limit: 1.0 });
+        return Err(QuantisationError {
+            what: "largest eigenvalue of the inverse of creep".into(),
+            value: radius.max(of_operators),
+            limit: 1.0,
+        });
     }
     let mut out = CreepInverseParameters { terms: n as u8, pair: pair.is_some(), ..CreepInverseParameters::default() };
     out.shares = row_um("shares of creep", &shares[..n])?;

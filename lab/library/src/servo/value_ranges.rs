@@ -85,7 +85,8 @@ mod tests {
         let first_mode = ModeModel { natural_frequency_rad_s: 5000.0, damping_ratio: 0.3 };
         let linear = LinearModel { first_mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: Some(1e4) };
         let creep = vec![CreepTerm::linear(0.01, 0.1)];
-        let model = ActuatorModel { drive_min_v: 0.0, drive_max_v: 80.0, g_um: vec![vec![10.0]], r_um: vec![0.1], linear, creep, creep_pair: None };
+        let model =
+            ActuatorModel { drive_min_v: 0.0, drive_max_v: 80.0, g_um: vec![vec![10.0]], r_um: vec![0.1], linear, creep, creep_pair: None };
         ServoDesign::new(Scheme::Predictor { tuning: PredictorTuning::START, hysteresis_inverse: true }, &model, true)
     }
 
