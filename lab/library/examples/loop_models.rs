@@ -5,18 +5,18 @@
 //! Best first by the error at 40 Hz.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example loop_models -- [--data FOLDER] [--csv FILE] [MODEL ...]
+//! cargo run --release -p hysteron --example loop_models -- [--data FOLDER] [--csv FILE] [MODEL ...]
 //! ```
 //!
 //! The recordings are not part of the project (docs/real_recordings.md names their source); without the folder it says so.
 
-use hysteron::dataset::{Dataset, Role};
+use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identification::fit::{Effort, fit, rms_over};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Overview, Setting, Signals, by_id};
 use hysteron_sim::loop_inverse::LoopInverse;
-use hysteron_tests::measured::{folder, record, stage, value_of};
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// A structure: its name in the table, and its effects.
@@ -54,6 +54,23 @@ struct Row {
     inverse: Option<(f64, f64)>,
 }
 
+/// One record of the stage, 10 kHz, columns time, drive, displacement. What lies before [`FROM_S`] drives the model and is not judged.
+fn record(data: &Path, name: &str, role: Role) -> Result<Record, String> {
+    let file = data.join(format!("piezo_stage/{name}.csv"));
+    let text = std::fs::read_to_string(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+    let rows: Vec<Vec<f64>> = text.lines().skip(1).filter_map(|l| l.split(',').map(|v| v.parse().ok()).collect()).collect();
+    let column = |i: usize| rows.iter().filter_map(|r| r.get(i).copied()).collect::<Vec<f64>>();
+    let mut record = Record::new(name, 10_000.0, column(1), column(2)).with_role(role);
+    record.window.start = (FROM_S * record.sample_rate_hz) as usize;
+    Ok(record)
+}
+
+/// The value behind an option, taken out of the arguments.
+fn value_of(arguments: &mut Vec<String>, option: &str) -> Option<String> {
+    let at = arguments.iter().position(|a| a == option)?;
+    arguments.drain(at..(at + 2).min(arguments.len())).nth(1)
+}
+
 fn with(model: &Model, id: &str, overview: &Overview, values: &[f64]) -> Model {
     let mut out = model.clone();
     out.add(EffectInstance::new(by_id(id).expect("a built-in effect"), overview, values));
@@ -81,10 +98,12 @@ fn loops_and_inverse(model: &Model, drive_v: &[f64], dt_s: f64) -> (f64, Option<
 fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let csv = value_of(&mut arguments, "--csv");
-    let Some(data) = folder(&mut arguments) else { return };
-    let fitted = record(&data, "20_hz_no_lp", FROM_S, Role::Identify);
-    let judged = record(&data, "40_hz_no_lp", FROM_S, Role::Validate);
-    let dataset: Dataset = stage(vec![fitted, judged]);
+    let data = value_of(&mut arguments, "--data").map_or_else(|| PathBuf::from("../shared/data/measured"), PathBuf::from);
+    let records = [("20_hz_no_lp", Role::Identify), ("40_hz_no_lp", Role::Validate)].map(|(name, role)| record(&data, name, role));
+    let dataset: Dataset = match records.into_iter().collect::<Result<Vec<_>, _>>() {
+        Ok(records) => Dataset::new("piezo_stage", -95.0, 95.0, records).expect("the recordings make a data set"),
+        Err(error) => return eprintln!("{error}: give the folder of the recordings with --data"),
+    };
     let overview = dataset.overview();
     let (low, high) = dataset.records[1].displacement_um[dataset.records[1].window.clone()]
         .iter()
