@@ -8,7 +8,7 @@
 //! the truth.
 //!
 //! A *plain* bench has only what the thesis' nominal model has; the *full* one also the second mode and the bandwidths that the
-//! nominal model leaves out. A *loaded* bench carries the additional mass, which lowers both modes.
+//! nominal model leaves out (the bench of domains has all its modes in both). A *loaded* bench carries the additional mass, which lowers both modes.
 //!
 //! [`Bench::domains`] is a second bench of the same size and interface whose actuator follows other equations ([`crate::domain_stage`]): what was
 //! developed on the reference bench is judged there on a plant that is not its model.
@@ -305,7 +305,7 @@ impl Bench {
             substeps,
             amplifier: if full { lag(self.full.amplifier_bandwidth_hz) } else { None },
             stage: match &self.domains {
-                Some(truth) => Actuator::Domains(DomainStage::virgin(truth, limits_v, load_kg, full, dt_s)),
+                Some(truth) => Actuator::Domains(DomainStage::virgin(truth, limits_v, load_kg, dt_s)),
                 None => Actuator::Surfaces(surfaces()),
             },
             coloured: self.coloured_noise(0),

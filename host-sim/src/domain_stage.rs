@@ -324,10 +324,10 @@ pub(crate) struct DomainStage {
 }
 
 impl DomainStage {
-    /// At rest, never driven. Without all modes it has the first one alone.
-    pub(crate) fn virgin(truth: &DomainTruth, (drive_min_v, drive_max_v): (f64, f64), load_kg: f64, all_modes: bool, dt_s: f64) -> Self {
+    /// At rest, never driven.
+    pub(crate) fn virgin(truth: &DomainTruth, (drive_min_v, drive_max_v): (f64, f64), load_kg: f64, dt_s: f64) -> Self {
         let modes = truth.structure.modes(load_kg);
-        let kept = modes.iter().take(if all_modes { MODES } else { 1 });
+        let kept = modes.iter().take(MODES);
         let all: f64 = kept.clone().map(|m| m.share).sum();
         let system = |m: &StructureMode| {
             let w = m.natural_frequency_rad_s;

@@ -17,6 +17,7 @@ pub mod converter_scale;
 pub mod domain_stage;
 pub mod effect;
 pub mod elastoplastic_friction;
+pub mod electromechanical;
 pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
