@@ -38,6 +38,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let text = fs::read_to_string(&memory).map_err(|error| format!("{}: {error}", memory.display()))?;
     fs::write(Path::new(&out).join("memory.x"), text + SECTIONS)?;
     println!("cargo:rustc-link-search={out}");
+    // target/<triple>/release, where cargo puts the image.
+    let beside_image = Path::new(&out).ancestors().nth(3).ok_or("no folder for the map")?;
+    println!("cargo:rustc-link-arg-bin=hysteron-firmware=-Map={}", beside_image.join("hysteron-firmware.map").display());
     println!("cargo:rerun-if-changed={board}");
     println!("cargo:rerun-if-changed=build.rs");
     Ok(())

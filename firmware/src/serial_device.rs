@@ -2,13 +2,13 @@
 
 use core::sync::atomic::AtomicI32;
 
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
-use hysteron_protocol::session::WAVE_TABLES;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::trace_frame::TraceSample;
+use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
+use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
 use crate::{control, option_bytes, recorder, serial_port, settings, telemetry};

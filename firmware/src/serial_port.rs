@@ -17,10 +17,10 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
-use hysteron_protocol::session::{Outcome, Piece, Session, Step};
-use hysteron_protocol::{DIALECT, Lines};
 use hysteron_core::amplifier::Command;
 use hysteron_core::parameter_block::AmplifierParameters;
+use hysteron_protocol::session::{Outcome, Piece, Session, Step};
+use hysteron_protocol::{DIALECT, Lines};
 use static_cell::StaticCell;
 
 use crate::board::{Board, Platform};

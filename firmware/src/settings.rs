@@ -13,10 +13,10 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
-use hysteron_protocol::device::Brought;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
+use hysteron_protocol::device::Brought;
 
 use crate::board::{Board, Converters, Platform};
 use crate::front_end::{CodeBits, FrontEnd};

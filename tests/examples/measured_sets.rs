@@ -16,7 +16,7 @@ use hysteron::explain::{Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
-use hysteron::watch::{Unwatched, Watch, Within};
+use hysteron::watch::{Deadline, Unwatched, Watch};
 use hysteron_sim::chain::Model;
 use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, value_of};
 use std::fmt::Write as _;
@@ -137,7 +137,7 @@ fn main() {
         let begin = Instant::now();
         let explained =
             |watch: &dyn Watch| explain(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
-        let found = within.map_or_else(|| explained(watch), |within| explained(&Within::new(watch, within)));
+        let found = within.map_or_else(|| explained(watch), |within| explained(&Deadline::new(watch, within)));
         let seconds = begin.elapsed().as_secs_f64();
         let (fitted, held_out) = errors_um(&found.model, &dataset, set);
         println!(

@@ -1,8 +1,8 @@
-//! The operator's program, which is built in the emulated part's workspace, beside `hysteron`; the image is put there too.
+//! The emulated board's program, built beside `hysteron`; the image is put there too.
 
 use std::path::PathBuf;
 
-use crate::steps::{EMULATOR_VARIABLES, built, cargo, root};
+use crate::steps::{build_as_tested, built, cargo, root};
 use crate::toolchain;
 
 /// The program.
@@ -10,26 +10,19 @@ pub fn program() -> PathBuf {
     built("hysteron-board")
 }
 
-/// The board in front of an independent stage (`board/emulator/examples/independent_stage.rs`), built with the tests of the emulated part.
+/// The board in front of an independent stage (`board/emulator/examples/independent_stage.rs`), built with the tests.
 pub fn independent_stage() -> Result<PathBuf, String> {
     build_as_tested()?;
     Ok(built("examples/independent_stage"))
 }
 
-/// Builds what the emulated part's workspace has as its tests have it: a build without them has other features of its dependencies and would begin anew.
-pub fn build_as_tested() -> Result<(), String> {
-    let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--workspace", "--all-targets"];
-    cargo(&arguments, &root().join("board/emulator"), &EMULATOR_VARIABLES)
-}
-
 /// Builds the program and puts the image beside it.
 pub fn build() -> Result<(), String> {
-    let arguments = ["build", "--quiet", "--release", "--ignore-rust-version", "--bin", "hysteron-board"];
-    cargo(&arguments, &root().join("board/emulator"), &EMULATOR_VARIABLES)?;
+    cargo(&["build", "--quiet", "--release", "--ignore-rust-version", "--bin", "hysteron-board"], &root(), &[])?;
     place_image()
 }
 
-/// The same of what the tests of the emulated part have built.
+/// Builds the program as the tests have it and puts the image beside it.
 pub fn place() -> Result<(), String> {
     build_as_tested()?;
     place_image()

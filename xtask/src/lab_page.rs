@@ -25,28 +25,42 @@ pub fn file() -> PathBuf {
     root().join("target/lab.html")
 }
 
-/// Builds module and page, and checks the library alone.
+/// Builds module and page as they are published: small enough to open.
 pub fn build() -> Result<(), String> {
-    let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
-    // A folder of its own: another compiler may be at work than the one of the host.
-    let folder = ["--target-dir", "target/web_assembly"];
-    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-browser"], &folder[..], &AS_ONE_PIECE].concat())?;
-    write()?;
-    toolchain.check(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron", "--no-default-features"], &folder[..], &AS_ONE_PIECE].concat())
+    module(&AS_ONE_PIECE)?;
+    let bytes = write()?;
+    if bytes > MOST_BYTES {
+        return Err(format!("the page has {bytes} bytes, more than the {MOST_BYTES} of xtask/src/lab_page.rs"));
+    }
+    Ok(())
 }
 
-/// Packs the page around the module.
-fn write() -> Result<(), String> {
+/// Builds module and page crate by crate, as the tests open it, and checks the library alone.
+pub fn build_for_tests() -> Result<(), String> {
+    module(&[])?;
+    write()?;
+    let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
+    toolchain.check(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron", "--no-default-features"], &FOLDER[..]].concat())
+}
+
+/// A folder of its own: another compiler may be at work than the one of the host.
+const FOLDER: [&str; 2] = ["--target-dir", "target/web_assembly"];
+
+fn module(options: &[&str]) -> Result<(), String> {
+    let toolchain = toolchain::for_target(&WEB_ASSEMBLY)?;
+    toolchain.build(&WEB_ASSEMBLY, &root(), &[&["--package", "hysteron-browser"], &FOLDER[..], options].concat())
+}
+
+/// Packs the page around the module; how many bytes it has.
+fn write() -> Result<usize, String> {
     let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_browser.wasm"))?;
     let example: serde_json::Map<String, serde_json::Value> =
-        hysteron_page::EXAMPLE.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
+        hysteron_examples::HIDDEN_EFFECT.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
     let example = serde_json::Value::from(example).to_string();
     let page = hysteron_page::from_disk(&compact(&without_custom_sections(&module)?)?, &compact(example.as_bytes())?)?;
-    if page.len() > MOST_BYTES {
-        return Err(format!("the page has {} bytes, more than the {MOST_BYTES} of xtask/src/lab_page.rs", page.len()));
-    }
     println!("   {}: {} bytes", file().display(), page.len());
-    std::fs::write(file(), page).map_err(|error| format!("{}: {error}", file().display()))
+    std::fs::write(file(), &page).map_err(|error| format!("{}: {error}", file().display()))?;
+    Ok(page.len())
 }
 
 /// Real clicks and a real drop in a browser.
@@ -55,8 +69,8 @@ pub fn test() -> Result<(), String> {
         return Err(format!("{} is not there: run `cargo xtask lab` first", file().display()));
     }
     browser::ensure()?;
-    let arguments = ["test", "--release", "--workspace", "--test", "lab_page", "--", "--ignored", "--nocapture", "--test-threads", "1"];
-    cargo(&arguments, &root(), &[("HYSTERON_SKIPPED", &steps::skipped_file().to_string_lossy())])
+    let only = ["--test", "integration", "lab_page::", "--", "--ignored", "--nocapture", "--test-threads", "1"];
+    cargo(&[&["test"], &steps::AS_TESTED[..], &only].concat(), &root(), &[("HYSTERON_SKIPPED", &steps::skipped_file().to_string_lossy())])
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, String> {

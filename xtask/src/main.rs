@@ -11,12 +11,16 @@ mod control_code;
 mod debian;
 mod dependency_tree;
 mod emulated_board;
+mod house;
 mod lab_page;
 mod library_alone;
 mod mutate;
+mod packages;
 mod pipython;
+mod prose;
 mod python_package;
 mod steps;
+mod test_programs;
 mod toolchain;
 mod virtual_environment;
 mod whole_circle;
@@ -24,7 +28,9 @@ mod whole_circle;
 use std::process::ExitCode;
 
 const USAGE: &str = "\
-cargo xtask check      everything: format, lints, docs, tests, the firmware's cross-build, the emulated target
+cargo xtask quick      format, lints, unit tests, one explain: what an edit is tried with
+cargo xtask full       the check, then what takes long: 72 independent stages, mutations of the firmware
+cargo xtask check      everything but that: format, lints, docs, tests, the firmware's cross-build, the emulated target
 cargo xtask host       the steps that need only the host's toolchain
 cargo xtask targets    the steps of other targets: `library`, `firmware` and `emulate`
 cargo xtask library    the library alone: what it depends on, its build for WebAssembly, and the lab page with its test
@@ -36,6 +42,10 @@ cargo xtask operate    what an operator does with the emulated board: PIPython, 
 cargo xtask tune SEED.. `hysteron board tune` in front of these independent stages (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask mutate [NAME..] takes lines of safety out of the firmware, each once, and expects an emulated test to fail (firmware/mutations.toml)
+cargo xtask notebook   stores what the notebook of examples/ prints (after `python`)
+cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long lines by file; of named files, each place
+cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
+cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
 cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
 fn main() -> ExitCode {
@@ -43,8 +53,14 @@ fn main() -> ExitCode {
     if wanted == ["check"] {
         return ended(steps::check());
     }
+    if wanted == ["full"] {
+        return ended(steps::full());
+    }
     if wanted == ["readme"] {
         return ended(steps::write_tables());
+    }
+    if wanted == ["notebook"] {
+        return ended(python_package::write_notebook());
     }
     if wanted == ["board"] {
         return ended(board::build());
@@ -63,13 +79,21 @@ fn main() -> ExitCode {
     {
         return ended(mutate::run(names));
     }
+    if let [first, rest @ ..] = wanted.as_slice()
+        && first == "prose"
+    {
+        return ended(prose::report(rest));
+    }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [steps::OTHER_TARGETS] => steps::of_other_targets(),
+        ["quick"] => steps::quick(),
         ["host"] => steps::host(),
         ["library"] => steps::library(),
         ["python"] => steps::python(),
         ["firmware"] => steps::firmware(),
         ["emulate"] => steps::emulator(),
+        ["house"] => steps::house(),
+        ["packages"] => steps::packages(),
         ["operate"] => steps::operator(),
         _ => {
             eprintln!("{USAGE}");

@@ -11,12 +11,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use serde::Deserialize;
 
-use crate::steps::{EMULATOR_VARIABLES, cargo, root};
+use crate::steps::root;
+use crate::test_programs::{self, TestProgram};
 use crate::toolchain::{self, FIRMWARE, Toolchain};
 
 /// Where the emulated tests look for images, when it is not where `cargo xtask firmware` puts them.
@@ -106,7 +107,7 @@ pub fn run(names: &[String]) -> Result<(), String> {
     }
     let chosen: Vec<&Mutation> = all.iter().filter(|mutation| names.is_empty() || names.contains(&mutation.name)).collect();
     let scratch = Scratch::new()?;
-    let tests = test_programs()?;
+    let tests = test_program()?;
     let mut sound = BTreeMap::new();
     let mut survivors = Vec::new();
     scratch.build_all(&chosen)?;
@@ -136,26 +137,11 @@ pub fn run(names: &[String]) -> Result<(), String> {
     if survivors.is_empty() { Ok(()) } else { Err(format!("not noticed: {}", survivors.join(", "))) }
 }
 
-/// The emulated tests' programs by their names, built.
-fn test_programs() -> Result<BTreeMap<String, PathBuf>, String> {
-    let folder = root().join("board/emulator");
-    let build = ["test", "--quiet", "--release", "--ignore-rust-version", "--no-run"];
-    cargo(&build, &folder, &EMULATOR_VARIABLES)?;
-    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .args(build)
-        .arg("--message-format=json")
-        .current_dir(&folder)
-        .envs(EMULATOR_VARIABLES)
-        .stderr(Stdio::null())
-        .output()
-        .map_err(|error| format!("cargo cannot be started: {error}"))?;
-    let messages = String::from_utf8_lossy(&output.stdout);
-    let programs = messages.lines().filter_map(|line| {
-        let message: serde_json::Value = serde_json::from_str(line).ok()?;
-        let name = message.get("target")?.get("name")?.as_str()?.to_string();
-        Some((name, PathBuf::from(message.get("executable")?.as_str()?)))
-    });
-    Ok(programs.collect())
+/// The emulated tests' program, built.
+fn test_program() -> Result<PathBuf, String> {
+    let emulated = |program: &TestProgram| program.is_of("board/emulator") && program.kind == "test";
+    let programs = test_programs::build()?;
+    programs.into_iter().find(emulated).map(|program| program.executable).ok_or_else(|| "the emulated tests have no program".into())
 }
 
 /// The copy that is changed.
@@ -200,23 +186,22 @@ impl Scratch {
     }
 
     /// Makes a mutation, runs its test and takes the mutation back.
-    fn try_out(&self, tests: &BTreeMap<String, PathBuf>, mutation: &Mutation) -> Result<Ran, String> {
+    fn try_out(&self, program: &Path, mutation: &Mutation) -> Result<Ran, String> {
         let [honest, changed] = [root(), self.folder.clone()].map(|folder| folder.join(&mutation.file));
         let text = fs::read_to_string(&honest).map_err(|error| format!("{}: {error}", honest.display()))?;
         fs::write(&changed, mutation.applied_to(&text)?).map_err(|error| format!("{}: {error}", changed.display()))?;
-        let ran = self.build(mutation.image).and_then(|()| self.test(tests, mutation));
+        let ran = self.build(mutation.image).and_then(|()| self.test(program, mutation));
         fs::write(&changed, text).map_err(|error| format!("{}: {error}", changed.display()))?;
         ran
     }
 
-    fn test(&self, tests: &BTreeMap<String, PathBuf>, mutation: &Mutation) -> Result<Ran, String> {
+    fn test(&self, program: &Path, mutation: &Mutation) -> Result<Ran, String> {
         let (file, function) = mutation.test()?;
-        let program = tests.get(file).ok_or_else(|| format!("there is no test program `{file}`"))?;
         let log = self.folder.join(format!("{}.log", mutation.name));
         let said = fs::File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
         let also = said.try_clone().map_err(|error| format!("{}: {error}", log.display()))?;
         let mut child = Command::new(program)
-            .args(["--exact", function])
+            .args(["--exact", &format!("{file}::{function}")])
             .current_dir(root().join("board/emulator"))
             .env(IMAGES, self.images())
             .env("RUST_BACKTRACE", "0")
@@ -289,7 +274,7 @@ mod tests {
             assert_ne!(changed, text, "{} changes nothing", mutation.name);
             assert!(SOURCES.iter().any(|source| mutation.file.starts_with(&format!("{source}/"))), "{} is not copied", mutation.file);
             let (file, function) = mutation.test().expect("a test");
-            let path = root().join(format!("board/emulator/tests/{file}.rs"));
+            let path = root().join(format!("board/emulator/tests/integration/{file}.rs"));
             let tests = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
             assert!(tests.contains(&format!("#[test]\nfn {function}(")), "{}: no test {function} in {}", mutation.name, path.display());
         }

@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
+use crate::test_programs::{self, TestProgram};
 use crate::{
-    board, board_tune, browser, control_code, lab_page, library_alone, pipython, python_package, toolchain, virtual_environment,
-    whole_circle,
+    board, board_tune, browser, control_code, house, lab_page, library_alone, mutate, packages, pipython, prose, python_package, toolchain,
+    virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -23,7 +24,8 @@ pub struct Step {
 
 /// What the host's compiler builds: first of the two lines of the check.
 fn of_the_host() -> Vec<Step> {
-    let mut steps = host();
+    let mut steps = house();
+    steps.extend(host());
     steps.extend(python());
     steps
 }
@@ -91,6 +93,7 @@ pub fn host() -> Vec<Step> {
         Step { name: "lints", action: lints },
         Step { name: "documentation", action: documentation },
         Step { name: "host tests (release)", action: host_tests },
+        Step { name: "examples in the documentation", action: documentation_tests },
     ]
 }
 
@@ -98,9 +101,19 @@ pub fn host() -> Vec<Step> {
 pub fn library() -> Vec<Step> {
     vec![
         Step { name: "library alone: what it depends on", action: library_alone::dependencies },
-        Step { name: "library and lab page for wasm32-unknown-unknown", action: lab_page::build },
+        Step { name: "library and lab page for wasm32-unknown-unknown", action: lab_page::build_for_tests },
         Step { name: "lab page in a browser", action: lab_page::test },
     ]
+}
+
+/// What stands beside the sources.
+pub fn house() -> Vec<Step> {
+    vec![Step { name: "workflows, citation, licences", action: house::lint }, Step { name: "manifests", action: packages::manifests }]
+}
+
+/// What is published.
+pub fn packages() -> Vec<Step> {
+    vec![Step { name: "packages as they are published", action: packages::check }]
 }
 
 /// The Python package.
@@ -137,7 +150,6 @@ pub fn operator() -> Vec<Step> {
 
 fn image_on_the_emulated_part() -> Vec<Step> {
     vec![
-        Step { name: "emulated STM32H743: build", action: emulator_build },
         Step { name: "emulated STM32H743: run the image", action: emulator_tests },
         Step { name: "the operator's program", action: board::place },
         Step { name: "the debug probe's program: what an image and a chip must be", action: probe_tests },
@@ -213,8 +225,12 @@ pub fn built(name: &str) -> PathBuf {
 /// Builds the workspace as its tests have it, for a step that needs its programs: a build without them has other features of its dependencies
 /// and would begin anew.
 pub fn build_as_tested() -> Result<(), String> {
-    cargo(&["test", "--quiet", "--release", "--workspace", "--no-run"], &root(), &[])
+    cargo(&[&["test", "--quiet", "--no-run"], &AS_TESTED[..]].concat(), &root(), &[])
 }
+
+/// The workspace with all features, in one profile: tests, lints and programs share what they are built with.
+/// The emulated part declares a newer compiler than it needs; Cargo.lock names versions that build on this one.
+pub const AS_TESTED: [&str; 5] = ["--release", "--workspace", "--features", "hysteron-cli/full", "--ignore-rust-version"];
 
 /// Runs a command in a folder of the repository and fails with its own words.
 pub fn command(program: impl AsRef<OsStr>, arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
@@ -236,7 +252,7 @@ pub fn cargo(arguments: &[&str], folder: &Path, variables: &[(&str, &str)]) -> R
 }
 
 fn format() -> Result<(), String> {
-    for folder in [root(), root().join("firmware"), root().join("board/emulator"), root().join("board/probe")] {
+    for folder in [root(), root().join("firmware"), root().join("board/probe")] {
         cargo(&["fmt", "--check", "--all"], &folder, &[])?;
     }
     Ok(())
@@ -244,12 +260,12 @@ fn format() -> Result<(), String> {
 
 fn lints() -> Result<(), String> {
     // The profile of the tests, so that dependencies are built once.
-    cargo(&["clippy", "--quiet", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"], &root(), &[])
+    cargo(&[&["clippy", "--quiet"], &AS_TESTED[..], &["--all-targets", "--", "-D", "warnings"]].concat(), &root(), &[])
 }
 
 fn documentation() -> Result<(), String> {
     cargo(
-        &["doc", "--quiet", "--release", "--workspace", "--no-deps", "--document-private-items"],
+        &[&["doc", "--quiet"], &AS_TESTED[..], &["--no-deps", "--document-private-items"]].concat(),
         &root(),
         &[("RUSTDOCFLAGS", "-D warnings -A rustdoc::private-intra-doc-links")],
     )
@@ -276,11 +292,24 @@ pub fn forget_skipped_tests() -> Result<(), String> {
     Ok(())
 }
 
+/// Everything but the emulated part, whose tests need the image.
 fn host_tests() -> Result<(), String> {
     browser::ensure()?;
-    let file = skipped_file();
-    cargo(&["test", "--release", "--workspace"], &root(), &[("HYSTERON_SKIPPED", &file.to_string_lossy()), SAME_RANDOM_CASES])
+    let programs = test_programs::build()?;
+    let chosen: Vec<&TestProgram> = programs.iter().filter(|program| !program.is_of(EMULATOR)).collect();
+    test_programs::run(&chosen, &[], &variables(&skipped_file().to_string_lossy()))
 }
+
+fn documentation_tests() -> Result<(), String> {
+    cargo(&[&["test", "--quiet", "--doc"], &AS_TESTED[..]].concat(), &root(), &[])
+}
+
+/// What the programs of tests are run with.
+fn variables(skipped: &str) -> [(&str, &str); 2] {
+    [("HYSTERON_SKIPPED", skipped), SAME_RANDOM_CASES]
+}
+
+const EMULATOR: &str = "board/emulator";
 
 /// Of the property tests: a check says the same of the same sources every time. `cargo test` alone draws other cases each time, and finds more.
 const SAME_RANDOM_CASES: (&str, &str) = ("PROPTEST_RNG_SEED", "20260101");
@@ -289,7 +318,8 @@ const SAME_RANDOM_CASES: (&str, &str) = ("PROPTEST_RNG_SEED", "20260101");
 /// where one is stale.
 pub fn write_tables() -> Result<(), String> {
     for [test, name] in [["readme", "the_table_in_the_readme"], ["formats", "the_table_of_formats"]] {
-        let arguments = ["test", "--quiet", "--release", "--workspace", "--test", test, name];
+        let filter = format!("{test}::{name}");
+        let arguments = [&["test", "--quiet"], &AS_TESTED[..], &["--test", "integration", &filter]].concat();
         cargo(&arguments, &root(), &[("HYSTERON_WRITE_README", "1")])?;
     }
     Ok(())
@@ -299,12 +329,18 @@ fn firmware_images() -> Result<(), String> {
     let toolchain = toolchain::for_target(&toolchain::FIRMWARE)?;
     let folder = root().join("firmware");
     let image = toolchain::image();
-    let keep = |other: &Path| std::fs::copy(&image, other).map_err(|error| format!("{}: {error}", other.display()));
+    // With the map that the linker writes beside it.
+    let keep = |other: PathBuf| {
+        let copy =
+            |from: &Path, to: &Path| std::fs::copy(from, to).map_err(|error| format!("{} to {}: {error}", from.display(), to.display()));
+        copy(&image.with_extension("map"), &other.with_extension("map"))?;
+        copy(&image, &other)
+    };
     // All binaries of the other board; the one that is not kept is only built.
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--no-default-features", "--features", "nucleo-g474re"])?;
-    keep(&toolchain::g474re_image())?;
+    keep(toolchain::g474re_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
-    keep(&toolchain::on_chip_image())?;
+    keep(toolchain::on_chip_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &[])
 }
 
@@ -346,19 +382,6 @@ fn check_image(name: &str, image: &Path, most_ram_bytes: u64) -> Result<(), Stri
     Ok(())
 }
 
-/// The emulated part asks for a newer compiler than it needs; its lock file names versions that build on this one.
-pub const EMULATOR_VARIABLES: [(&str, &str); 1] = [("CARGO_RESOLVER_INCOMPATIBLE_RUST_VERSIONS", "allow")];
-
-fn emulator_build() -> Result<(), String> {
-    let folder = root().join("board/emulator");
-    cargo(
-        &["clippy", "--quiet", "--release", "--ignore-rust-version", "--workspace", "--all-targets", "--", "-D", "warnings"],
-        &folder,
-        &EMULATOR_VARIABLES,
-    )?;
-    board::build_as_tested()
-}
-
 /// No probe is at hand: what is tested is what is looked at before and around it. In the profile that is built fastest.
 fn probe_tests() -> Result<(), String> {
     cargo(&["test", "--quiet", "--locked"], &root().join("board/probe"), &[])
@@ -369,9 +392,70 @@ fn emulator_tests() -> Result<(), String> {
     if !image.is_file() {
         return Err(format!("{} is not there: run `cargo xtask firmware` first", image.display()));
     }
-    cargo(
-        &["test", "--release", "--ignore-rust-version", "--workspace", "--", "--nocapture"],
-        &root().join("board/emulator"),
-        &EMULATOR_VARIABLES,
-    )
+    let programs = test_programs::build()?;
+    let chosen: Vec<&TestProgram> = programs.iter().filter(|program| program.is_of(EMULATOR)).collect();
+    test_programs::run(&chosen, &[], &[])
+}
+
+/// Unit tests alone.
+fn unit_tests() -> Result<(), String> {
+    let programs = test_programs::build()?;
+    let chosen: Vec<&TestProgram> = programs.iter().filter(|program| program.has_unit_tests() && !program.is_of(EMULATOR)).collect();
+    test_programs::run(&chosen, &[], &variables(&skipped_file().to_string_lossy()))
+}
+
+/// README's first command.
+fn one_explain() -> Result<(), String> {
+    let model = "hysteresis,initial_curve,vibration";
+    command(built("hysteron"), &["explain", "examples/hidden_effect", "--from", model], &root(), &[])
+}
+
+/// What an edit is tried with: minutes where everything is built.
+pub fn quick() -> Vec<Step> {
+    vec![
+        Step { name: "format", action: format },
+        Step { name: "lints", action: lints },
+        Step { name: "unit tests", action: unit_tests },
+        Step { name: "one explain", action: one_explain },
+        Step { name: "prose", action: || prose::report(&[]) },
+    ]
+}
+
+/// What takes long, beside the check.
+fn long() -> Vec<Step> {
+    vec![
+        Step { name: "tests that take long (72 independent stages)", action: long_tests },
+        Step { name: "lab page as it is published", action: lab_page::build },
+        Step { name: "packages as they are published", action: packages::check },
+        Step { name: "mutations of the firmware's safety lines", action: || mutate::run(&[]) },
+    ]
+}
+
+/// Tests marked as long; those that need what another step leaves are run by that step.
+fn long_tests() -> Result<(), String> {
+    let programs = test_programs::build()?;
+    let chosen: Vec<&TestProgram> = programs.iter().filter(|program| program.is_of("tests") && program.kind == "test").collect();
+    let arguments = ["--ignored", "--skip", "lab_page::", "--skip", "trace_on_page::"];
+    test_programs::run(&chosen, &arguments, &variables(&skipped_file().to_string_lossy()))
+}
+
+/// Where [`full`] writes when it was last green, and what it ran.
+const OUTPUT_OF_FULL: &str = "target/full.txt";
+
+/// The check and what takes long.
+pub fn full() -> Result<(), String> {
+    let output = root().join(OUTPUT_OF_FULL);
+    let last = std::fs::read_to_string(&output).unwrap_or_else(|_| "no green run so far".into());
+    println!("   {OUTPUT_OF_FULL}: {}", last.trim_end());
+    println!("   beside `cargo xtask check`:");
+    for step in long() {
+        println!("   - {}", step.name);
+    }
+    let begin = Instant::now();
+    check()?;
+    run(&long())?;
+    let seconds = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let names: Vec<&str> = long().iter().map(|step| step.name).collect();
+    let text = format!("green at {seconds} s of Unix time, in {:.0} s: the check, {}\n", begin.elapsed().as_secs_f64(), names.join(", "));
+    std::fs::write(&output, text).map_err(|error| format!("{}: {error}", output.display()))
 }

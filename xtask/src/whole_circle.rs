@@ -5,7 +5,7 @@
 //! complex poles (Ch. 5, Eq. 17), which no known effect has: that something is left above the noise is right to be said. A servo is
 //! designed from the model that it comes to, down to the parameter block.
 
-use crate::steps::{build_as_tested, built, cargo, command, root, skipped_file};
+use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root, skipped_file};
 use crate::{browser, lab_page, toolchain};
 
 /// What the actuator has and the model is not given.
@@ -55,7 +55,7 @@ pub fn run() -> Result<(), String> {
         [("HYSTERON_PAGE", lab_page::file()), ("HYSTERON_IMAGE", image), ("HYSTERON_LOG", log), ("HYSTERON_SKIPPED", skipped_file())];
     let seen = seen.map(|(name, path)| (name, path.to_string_lossy().into_owned()));
     let variables: Vec<(&str, &str)> = seen.iter().map(|(name, path)| (*name, path.as_str())).collect();
-    cargo(&["test", "--release", "--workspace", "--test", "trace_on_page", "--", "--ignored"], &root(), &variables)?;
+    cargo(&[&["test"], &AS_TESTED[..], &["--test", "integration", "trace_on_page::", "--", "--ignored"]].concat(), &root(), &variables)?;
     // And from the same record the next controller, as the block that the target keeps.
     hysteron(&["design", &path("model.toml"), "--out", &path("servo.toml"), "--block", &path("servo.block"), "--force"])
 }

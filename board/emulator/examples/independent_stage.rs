@@ -13,8 +13,8 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use hysteron::servo::amplifier_block::FrontEnd;
-use hysteron_emulator::running_board::{serve_board, witness};
 use hysteron_emulator::converters::World;
+use hysteron_emulator::running_board::{serve_board, witness};
 use independent_stage::{Change, IndependentStage, Truth};
 
 fn run(seed: &str, image: &str, front_end: &str, truth_file: &str) -> Result<(), String> {

@@ -4,10 +4,10 @@ use std::io::{BufWriter, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 
-use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::converters::{Witness, World};
-use hysteron_emulator::live_run::run_live;
-use hysteron_emulator::serial_line::SharedLine;
+use crate::board::NucleoBoard;
+use crate::converters::{Witness, World};
+use crate::live_run::run_live;
+use crate::serial_line::SharedLine;
 
 use crate::serial_socket;
 

@@ -7,7 +7,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-use hysteron_emulator::serial_line::{SerialLine, SharedLine};
+use crate::serial_line::{SerialLine, SharedLine};
 
 /// How long the bridge waits for bytes from the program before it looks for bytes from the board.
 const WAIT: Duration = Duration::from_millis(1);

@@ -9,7 +9,7 @@ use hysteron::capture::capture;
 use hysteron::dataset::manifest::PerColumn;
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::reading::{Instructions, from_file_as, from_manifest_as};
-use hysteron::dataset::recognise::{self, Wanted};
+use hysteron::dataset::recognise::{self, ColumnRules};
 use hysteron::dataset::table::Table;
 use hysteron::dataset::timing::Timing;
 use hysteron::statistics::extremes;
@@ -48,7 +48,7 @@ impl Said {
         let c = &self.columns;
         let columns = PerColumn { t: column(&c.t), u: column(&c.u), y: column(&c.y), force: column(&c.force) };
         Instructions {
-            wanted: Wanted { columns, unit: self.units.clone(), ..Wanted::default() },
+            wanted: ColumnRules { columns, unit: self.units.clone(), ..ColumnRules::default() },
             sample_rate_hz: self.sample_rate_hz,
             skip_rows: self.skip_rows,
             timing: self.timing,

@@ -255,7 +255,7 @@ pub fn run(words: &[OsString]) -> ExitCode {
 fn obey(command: BoardCommand) -> Result<bool> {
     match command {
         BoardCommand::Tune { out, wiring, reference_hz, sensor, line, force } => {
-            tune::tune(&out, &wiring, &tune::Wanted { reference_hz, sensor_bandwidth_hz: sensor.sensor_bandwidth_hz }, &line, force)
+            tune::tune(&out, &wiring, &tune::TuneRequest { reference_hz, sensor_bandwidth_hz: sensor.sensor_bandwidth_hz }, &line, force)
         }
         BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
         BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),

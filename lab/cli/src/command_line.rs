@@ -16,7 +16,7 @@ use crate::reproduce;
 use crate::{add, check, compare, design, diagnose, drives, effects, explain, full_build, identify, plant, score, screen, simulate, track};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
-use hysteron::watch::{Watch, Within};
+use hysteron::watch::{Deadline, Watch};
 use hysteron::{Dataset, Error, Result, series};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -56,7 +56,7 @@ impl TimeArguments {
     /// Does what is watched in that time.
     pub fn beside<T>(self, watch: &dyn Watch, watched: impl FnOnce(&dyn Watch) -> T) -> T {
         match self.within {
-            Some(within) => watched(&Within::new(watch, within)),
+            Some(within) => watched(&Deadline::new(watch, within)),
             None => watched(watch),
         }
     }
@@ -489,7 +489,7 @@ pub fn run() -> ExitCode {
 fn dispatch(command: Command) -> Result<bool> {
     match command {
         Command::Explain { dataset, from, own, verbose, time, animation, reading, outputs } => {
-            let wanted = explain::Wanted { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
+            let wanted = explain::ExplainRequest { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
@@ -527,15 +527,22 @@ fn dispatch(command: Command) -> Result<bool> {
             front_end,
             outputs,
         } => {
-            let wanted =
-                design::Wanted { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves };
+            let wanted = design::DesignRequest {
+                reference_hz,
+                sensor_noise_um,
+                sensor_bandwidth_hz,
+                sensitivity_peak,
+                learning,
+                adaptation,
+                mode_moves,
+            };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
             design::design(&files, &wanted, &reading, &outputs)
         }
         Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
         Command::Track { model, servo, reference, scheme, sensor_noise_um, disturbance, added_mass, outputs } => {
-            let wanted = track::Wanted {
+            let wanted = track::TrackRequest {
                 reference: &reference,
                 scheme: scheme.as_deref(),
                 sensor_noise_um,

@@ -41,7 +41,7 @@ pub struct Files<'a> {
 }
 
 /// What is asked of the servo.
-pub struct Wanted {
+pub struct DesignRequest {
     /// Highest frequency of references, Hz.
     pub reference_hz: f64,
     /// Noise of the sensor, um.
@@ -59,7 +59,7 @@ pub struct Wanted {
 }
 
 /// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end front_end.toml]`.
-pub fn design(files: &Files, wanted: &Wanted, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
+pub fn design(files: &Files, wanted: &DesignRequest, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
     let Files { model, data, out, block, front_end } = *files;
     let desk = Desk::new(outputs.force);
     let front_end = match front_end {
@@ -74,7 +74,7 @@ pub fn design(files: &Files, wanted: &Wanted, reading: &ReadArguments, outputs: 
     desk.target(block)?;
     desk.target(commands_file.as_deref())?;
     outputs.check(&desk)?;
-    let Wanted { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves } = *wanted;
+    let DesignRequest { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves } = *wanted;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
     let order = Order {
         reference_hz,

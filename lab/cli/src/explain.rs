@@ -13,7 +13,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What is asked of a run beside the data.
-pub struct Wanted<'a> {
+pub struct ExplainRequest<'a> {
     /// Effects to start from.
     pub from: &'a str,
     /// Effects of the user's own.
@@ -27,8 +27,8 @@ pub struct Wanted<'a> {
 }
 
 /// The main job.
-pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
-    let Wanted { from, own, verbose, time, animation } = *wanted;
+pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
+    let ExplainRequest { from, own, verbose, time, animation } = *wanted;
     let started = Instant::now();
     let desk = Desk::new(outputs.recordings.files.force);
     let effects = desk.effects(from)?;

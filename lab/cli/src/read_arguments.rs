@@ -3,7 +3,7 @@
 use crate::desk::as_argument;
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
-use hysteron::dataset::recognise::Wanted;
+use hysteron::dataset::recognise::ColumnRules;
 use hysteron::dataset::timing::Timing;
 use hysteron::{Error, Result};
 use std::collections::BTreeMap;
@@ -59,7 +59,7 @@ impl ReadArguments {
         }
         Ok(Instructions {
             timing: self.timing.as_deref().map(|name| Timing::named("--timing", name)).transpose()?,
-            wanted: Wanted {
+            wanted: ColumnRules {
                 columns: by_signal("--columns", self.columns.as_deref(), column)?,
                 unit: by_signal("--units", self.units.as_deref(), str::to_owned)?,
                 scale: PerColumn::default(),

@@ -2,8 +2,8 @@
 
 use crate::desk::Desk;
 use hysteron::dataset::readers::{self, Hints};
-use hysteron::dataset::recognise::{Wanted, time_and_drive};
-use hysteron::dataset::time_axis::{Known, TimeAxis};
+use hysteron::dataset::recognise::{ColumnRules, time_and_drive};
+use hysteron::dataset::time_axis::{StampContext, TimeAxis};
 use hysteron::{Error, Result};
 use hysteron_sim::chain::{Drive, InitialState};
 use std::path::Path;
@@ -15,9 +15,9 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool
     let path = Path::new(drive);
     let (t_s, drive_v, dt_s) = if path.is_file() {
         let table = readers::read(drive, &desk.bytes(path, "a drive")?, Hints::default())?;
-        let (t_s, u_v) = time_and_drive(&table, &Wanted::default())?;
+        let (t_s, u_v) = time_and_drive(&table, &ColumnRules::default())?;
         // A drive is played as it is: uneven stamps are an error.
-        let known = Known { place: drive, line_of: &|row| table.line_of(row), sample_rate_hz: None, resample: Some(false) };
+        let known = StampContext { place: drive, line_of: &|row| table.line_of(row), sample_rate_hz: None, resample: Some(false) };
         let axis = TimeAxis::from_stamps(&t_s, &known)?;
         (t_s, u_v, 1.0 / axis.sample_rate_hz)
     } else {

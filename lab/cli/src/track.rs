@@ -17,7 +17,7 @@ fn nm(um: f64) -> String {
 }
 
 /// What is followed, and with what.
-pub struct Wanted<'a> {
+pub struct TrackRequest<'a> {
     /// The reference.
     pub reference: &'a str,
     /// Another scheme than that of the file.
@@ -50,8 +50,8 @@ fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
 }
 
 /// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D] [--added-mass RATIO]`.
-pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> Result<bool> {
-    let Wanted { reference, scheme, sensor_noise_um, disturbance, added_mass } = *wanted;
+pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Outputs) -> Result<bool> {
+    let TrackRequest { reference, scheme, sensor_noise_um, disturbance, added_mass } = *wanted;
     let desk = Desk::new(outputs.force);
     let design = read_design(&desk, servo)?;
     let chain = desk.model(model)?;

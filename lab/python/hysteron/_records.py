@@ -84,7 +84,7 @@ class Dataset:
         auxiliary: Mapping[str, int | str] | None = None, sample_rate_hz: float | None = None, skip_rows: int | None = None,
         timing: str | None = None,
     ) -> Dataset:
-        """Reads a folder with ``dataset.toml``, a manifest, or one file (CSV, MATLAB, HDF5, NPY, NPZ, TDMS, Parquet, XLSX, WAV).
+        """Reads a folder with ``dataset.toml``, a manifest, or one file (CSV, MATLAB, HDF5, NPY, NPZ, TDMS, Parquet, Feather, XLSX, WAV).
 
         ``columns`` says which column is what, by number from 1 or by name: ``{"t": 1, "u": "drive", "y": 2}``. ``units`` says in what they
         are, or how sensitive the sensor is: ``{"u": "mV", "y": "5um/V"}``. ``auxiliary`` names columns of further signals for own effects:

@@ -3,7 +3,7 @@
 use crate::{bytes, numbers, raised, wrong};
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
-use hysteron::dataset::recognise::Wanted;
+use hysteron::dataset::recognise::ColumnRules;
 use hysteron::dataset::timing::Timing;
 use hysteron::dataset::{Periods, folder};
 use hysteron::{Record, Role};
@@ -157,7 +157,7 @@ impl Dataset {
         };
         let (columns, unit) = (by_signal("columns", columns, column)?, by_signal("units", units, |unit| unit)?);
         let auxiliary = auxiliary.into_iter().map(|(name, said)| (name, column(said))).collect();
-        let wanted = Wanted { columns, unit, scale: PerColumn::default(), auxiliary };
+        let wanted = ColumnRules { columns, unit, scale: PerColumn::default(), auxiliary };
         let timing = timing.map(|name| Timing::named("timing", &name)).transpose().map_err(raised)?;
         let instructions = Instructions { wanted, sample_rate_hz, skip_rows, timing };
         Ok(Self(Arc::new(py.detach(|| folder::load_as(&path, &instructions)).map_err(raised)?)))

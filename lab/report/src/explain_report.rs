@@ -62,15 +62,11 @@ pub struct RecordReport {
     pub latent_force: Vec<f64>,
     /// Unit of `latent_force`.
     pub latent_unit: String,
-    /// Samples that count: from this index ...
-    pub window_from: usize,
-    /// ... up to, not including, this one (0: to the end).
-    pub window_to: usize,
-    /// Peak to peak of the measured displacement inside the window, um.
+    /// Peak to peak of the measured displacement, um.
     pub range_um: f64,
-    /// RMS of the last residual inside the window, um.
+    /// RMS of the last residual, um.
     pub rms_um: f64,
-    /// Largest magnitude of the last residual inside the window, um.
+    /// Largest magnitude of the last residual, um.
     pub max_um: f64,
 }
 
@@ -173,8 +169,6 @@ pub struct ParameterReport {
 pub struct ExperimentReport {
     /// What it decides, in a sentence.
     pub why: String,
-    /// File ready to run, if one was written.
-    pub file: Option<String>,
     /// Time, s.
     pub t_s: Vec<f64>,
     /// Drive, V.

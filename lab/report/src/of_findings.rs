@@ -42,7 +42,6 @@ pub fn explain_report(found: &Explanation, dataset: &Dataset, command: String) -
         parameters: parameter_reports(&found.model),
         next_experiment: found.next_experiment.as_ref().map(|next| ExperimentReport {
             why: next.sentence.clone(),
-            file: None,
             t_s: (0..next.proposal.drive_v.len()).map(|k| k as f64 / next.proposal.sample_rate_hz).collect(),
             u_v: next.proposal.drive_v.clone(),
         }),
@@ -169,8 +168,6 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
                 residual_um: residuals,
                 latent_force: Vec::new(),
                 latent_unit: String::new(),
-                window_from: 0,
-                window_to: 0,
                 range_um: record.range_um(),
                 rms_um: rms(&last),
                 max_um: largest(&last),

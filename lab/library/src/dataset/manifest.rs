@@ -1,7 +1,7 @@
 //! `dataset.toml`: what a folder of records says about itself. Unknown keys are errors, with the nearest known one named.
 
 use super::Role;
-use super::recognise::Wanted;
+use super::recognise::ColumnRules;
 use super::timing::Timing;
 use super::units::Quantity;
 use crate::error::{Error, Result, line_of, nearest};
@@ -173,8 +173,8 @@ pub struct RecordEntry {
 impl RecordEntry {
     /// What is said about the columns of the file.
     #[must_use]
-    pub fn wanted(&self) -> Wanted {
-        Wanted { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
+    pub fn wanted(&self) -> ColumnRules {
+        ColumnRules { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
     }
 }
 

@@ -4,9 +4,9 @@ use super::behaviour::rows_between_news;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
 use super::readers::{self, Hints};
-use super::recognise::{self, Wanted};
+use super::recognise::{self, ColumnRules};
 use super::table::Table;
-use super::time_axis::{Known, TimeAxis};
+use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
 use super::{Dataset, Periods, Record, SAMPLES_MIN};
 use crate::error::{Error, Result};
@@ -41,7 +41,7 @@ impl Files for BTreeMap<String, Vec<u8>> {
 #[derive(Clone, Debug, Default)]
 pub struct Instructions {
     /// Columns, units and factors.
-    pub wanted: Wanted,
+    pub wanted: ColumnRules,
     /// Sampling rate.
     pub sample_rate_hz: Option<f64>,
     /// Rows of text to leave out at the top.
@@ -53,9 +53,9 @@ pub struct Instructions {
 impl Instructions {
     /// What is said here, and where nothing is what is said there.
     #[must_use]
-    pub fn before(&self, wanted: Wanted) -> Wanted {
+    pub fn before(&self, wanted: ColumnRules) -> ColumnRules {
         let own = self.wanted.clone();
-        Wanted {
+        ColumnRules {
             columns: own.columns.or(wanted.columns),
             unit: own.unit.or(wanted.unit),
             scale: own.scale.or(wanted.scale),
@@ -143,9 +143,9 @@ pub(super) struct Even {
 }
 
 /// The signals of a table at even times.
-fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
+fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
     let mut signals = recognise::signals(table, wanted)?;
-    let known = Known { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
+    let known = StampContext { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
     let mut notes = std::mem::take(&mut signals.notes);
     if let (Some(t_s), Some(t_of_y_s)) = (&mut signals.t_s, &signals.t_of_y_s) {
         let common = interpolate_to(t_s, t_of_y_s, &mut signals.y_um, table)?;

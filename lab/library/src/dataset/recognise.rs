@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 /// What is known about the columns of a file beside what it says itself.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Wanted {
+pub struct ColumnRules {
     /// Which column is what.
     pub columns: Columns,
     /// Units by signal: `mV`, or a sensitivity `5 um/V`.
@@ -63,7 +63,7 @@ const CHANNELS_IN_TURN: f64 = 2.0;
 ///
 /// # Errors
 /// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be told apart.
-pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
+pub fn signals(table: &Table, wanted: &ColumnRules) -> Result<Signals> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
     for (name, column) in &wanted.auxiliary {
         let at = choice.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
@@ -95,7 +95,7 @@ pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
 ///
 /// # Errors
 /// When either column is missing.
-pub fn time_and_drive(table: &Table, wanted: &Wanted) -> Result<(Vec<f64>, Vec<f64>)> {
+pub fn time_and_drive(table: &Table, wanted: &ColumnRules) -> Result<(Vec<f64>, Vec<f64>)> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: Vec::new() };
     for quantity in Quantity::ALL {
         choice.found[quantity as usize] = choice.said(quantity, wanted.columns.get(quantity))?;
@@ -368,7 +368,7 @@ impl Choice<'_> {
     }
 
     /// A column in the program's unit.
-    fn scaled(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<Vec<f64>> {
+    fn scaled(&self, quantity: Quantity, at: usize, wanted: &ColumnRules) -> Result<Vec<f64>> {
         let factor = self.factor(quantity, at, wanted)?;
         let column = self.column(at);
         let values: Vec<f64> = column.values.iter().map(|v| v * factor).collect();
@@ -386,7 +386,7 @@ impl Choice<'_> {
         }
     }
 
-    fn factor(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<f64> {
+    fn factor(&self, quantity: Quantity, at: usize, wanted: &ColumnRules) -> Result<f64> {
         let column = self.column(at);
         let scale = wanted.scale.get(quantity).copied();
         let unit = wanted.unit.get(quantity);
@@ -407,7 +407,7 @@ impl Choice<'_> {
     }
 
     /// Says what was assumed, and hands the signals over.
-    fn finish(mut self, wanted: &Wanted) -> Result<Signals> {
+    fn finish(mut self, wanted: &ColumnRules) -> Result<Signals> {
         let taken: Vec<(Quantity, Found)> = Quantity::ALL.into_iter().filter_map(|q| Some((q, self.of(q)?))).collect();
         let unit_is_open = |(quantity, found): &(Quantity, Found)| {
             let column = self.column(found.at);
@@ -463,7 +463,7 @@ impl Choice<'_> {
     }
 
     /// The time column that stands before the displacement, where it is another than that of the drive (oscilloscopes with two channels).
-    fn second_time(&mut self, y: usize, wanted: &Wanted) -> Result<Option<Vec<f64>>> {
+    fn second_time(&mut self, y: usize, wanted: &ColumnRules) -> Result<Option<Vec<f64>>> {
         let (Some(t), Some(u)) = (self.of(Quantity::Time), self.of(Quantity::Drive)) else { return Ok(None) };
         let others: Vec<usize> = (0..self.table.columns.len())
             .filter(|at| !self.is_used(*at) && rises_evenly(&self.column(*at).values))

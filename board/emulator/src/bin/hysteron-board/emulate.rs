@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use hysteron::model_file;
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::servo::chain_plant::ChainPlant;
-use hysteron_emulator::running_board::{serve_board, witness};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::parameter_block::read;
 use hysteron_emulator::converters::World;
+use hysteron_emulator::running_board::{serve_board, witness};
 use hysteron_sim::bench::{Bench, Variant};
 
 /// Ticks per second that the image is made for.

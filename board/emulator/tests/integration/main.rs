@@ -1,0 +1,21 @@
+//! Tests of the image on the emulated part: one program, so that dependencies are linked once.
+
+mod board_check;
+mod boot;
+mod closed_loop;
+mod commands;
+mod common;
+mod faults;
+mod gain_adaptation;
+mod host_lost;
+mod learned_feedforward;
+mod on_chip;
+mod option_bytes;
+mod record;
+mod serial_port;
+mod swap;
+mod telemetry;
+mod tick_cost;
+mod trigger_output;
+mod typed_commands;
+mod wide_codes;

@@ -1,0 +1,47 @@
+//! What the servo's tick costs in instructions, counted by the emulated part's cycle counter at one instruction a cycle.
+
+use crate::common;
+
+use common::image_named;
+use hysteron_emulator::board::NucleoBoard;
+use hysteron_emulator::run::{MILLISECOND, Script, run};
+
+/// Core clock after reset, before any clock set-up: the count of instructions a second that makes a cycle an instruction.
+const RESET_CLOCK_HZ: u64 = 64_000_000;
+/// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick from the ADC's code to the DAC's, with
+/// 16 pairs of extrema stored, and the same while the correction of a triangle is learned, or the gain adapted; `amplifier` is all that the interrupt does between its
+/// converters. `exchange` is what the servo does, once, when a block with another hysteresis takes over, `swap` all that the interrupt does when the same block does; both stand before
+/// the tick of that period. A change that needs more says so here.
+const LIMITS: [(&str, u32, u32); 10] = [
+    ("follow", 1_000, 800),
+    ("learn", 1_500, 1_400),
+    ("adapt", 1_500, 900),
+    ("jump", 1_300, 950),
+    ("jump while learning", 1_800, 1_100),
+    ("chatter", 1_050, 950),
+    ("amplifier begins", 1_250, 1_050),
+    ("amplifier follows", 1_300, 1_050),
+    ("exchange", 8_900, 8_800),
+    ("swap", 3_750, 3_750),
+];
+
+#[test]
+fn the_servo_tick_keeps_its_count_with_a_full_memory() {
+    let mut board = NucleoBoard::new().expect("a board");
+    board.instructions_per_second = RESET_CLOCK_HZ;
+    let outcome = run(&image_named("tick_cost"), board, Script::listening(600 * MILLISECOND)).expect("a run");
+    assert_eq!(outcome.texts_with("tick cost done").count(), 1, "{:?}", outcome.messages);
+    for (case, most, typical) in LIMITS {
+        let begin = format!("tick cost {case} most");
+        let text = outcome.texts_with(&begin).next().expect("every case is reported");
+        println!("{text} (limits {most}, {typical})");
+        let number = |name: &str| -> u32 {
+            let mut words = text.split(' ').skip_while(|word| *word != name);
+            words.nth(1).and_then(|word| word.parse().ok()).unwrap_or(u32::MAX)
+        };
+        assert!(number("most") <= most && number("typical") <= typical, "{text}");
+        if case == "follow" {
+            assert_eq!(number("pairs"), 16, "the memory is full: {text}");
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! Tests of the simulation across its files: one program, so that dependencies are linked once.
+
+mod between_marks;
+mod block_swap;
+mod integer_hysteresis;
+mod readme;
+mod variations;
+mod wide_codes;

@@ -1,0 +1,15 @@
+//! Tests of the program as its users start it: one program, so that dependencies are linked once.
+
+mod bad_input;
+mod common;
+mod formats;
+mod guide;
+mod lab;
+mod outputs;
+mod own_effects;
+mod own_effects_page;
+mod planting;
+mod scope;
+mod servo_files;
+mod starts;
+mod stopping;
