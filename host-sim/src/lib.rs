@@ -21,6 +21,7 @@ pub mod electromechanical;
 pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
+pub mod intersample;
 pub mod linear_system;
 pub mod loop_inverse;
 pub mod noise;

@@ -29,8 +29,14 @@ impl LoopInverse {
     #[must_use]
     pub fn of(model: &Model, dt_s: f64) -> Option<Self> {
         let main = model.effects.iter().find(|e| e.effect.declaration().is_main())?;
-        let setting =
-            Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: model.drive_min_v, drive_max_v: model.drive_max_v };
+        let setting = Setting {
+            dt_s,
+            substeps: 1,
+            signals: Signals::default(),
+            drive_min_v: model.drive_min_v,
+            drive_max_v: model.drive_max_v,
+            runs_straight: false,
+        };
         let mut loops = main.effect.loops(model, &main.values(), &setting)?;
         let drive_v = model.virgin_drive_v();
         loops.go_to(drive_v);
@@ -108,7 +114,7 @@ mod tests {
     /// The model simulated apart: what it gives for the drives of the inverse, um.
     fn forward(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
         let main = &model.effects[0];
-        let setting = Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: 0.0, drive_max_v: 80.0 };
+        let setting = Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: 0.0, drive_max_v: 80.0, runs_straight: false };
         let mut stage = main.effect.stage(model, &main.values(), &setting).unwrap();
         stage.settle(0.0);
         drive_v.iter().enumerate().map(|(k, v)| stage.step(k, *v)).collect()

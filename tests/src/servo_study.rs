@@ -1,8 +1,8 @@
 //! From a recording to a servo at work on the stage that was recorded: the way of a user, on [`IndependentStage`].
 
 use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Truth};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::model_file::effects_named;
 use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
@@ -126,9 +126,9 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
 /// # Panics
 /// If the search gives something that is no number.
 #[must_use]
-pub fn explained(dataset: &Dataset) -> Explanation {
+pub fn explained(dataset: &Dataset) -> Outcome {
     let effects = effects_named("hysteresis,initial_curve,vibration,creep").expect("known effects");
-    explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
+    analyse(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
 }
 
 /// The model that [`explained`] found before, kept in `target/servo_from_data`, or a new one. Delete the folder to identify anew.

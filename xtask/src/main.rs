@@ -11,6 +11,7 @@ mod control_code;
 mod debian;
 mod dependency_tree;
 mod emulated_board;
+mod finder_sets;
 mod house;
 mod lab_page;
 mod library_alone;
@@ -46,6 +47,7 @@ cargo xtask notebook   stores what the notebook of examples/ prints (after `pyth
 cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long lines by file; of named files, each place
 cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
 cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
+cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET..] how well a program finds what is missing, set by set; results in benchmarks/results
 cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
 
 fn main() -> ExitCode {
@@ -83,6 +85,11 @@ fn main() -> ExitCode {
         && first == "prose"
     {
         return ended(prose::report(rest));
+    }
+    if let [first, arguments @ ..] = wanted.as_slice()
+        && first == "finder-sets"
+    {
+        return ended(finder_sets::run(arguments));
     }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [steps::OTHER_TARGETS] => steps::of_other_targets(),

@@ -184,7 +184,7 @@ mod tests {
         model.add(creep);
         model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &pair));
         let drive_v: Vec<f64> = (0..6000).map(|k| if k < 10 { 0.0 } else { 30.0 + 10.0 * (0.002 * f64::from(k)).sin() }).collect();
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 0.001, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 0.001, InitialState::Virgin);
         let reading = model.simulate(&drive);
         let mut g2 = ContinuousSystem::from_transfer_function(&[0.1804, 4.181, 47.84, 9.404], &[1.0, 14.10, 610.1, 1018.0, 125.0])
             .unwrap()

@@ -73,7 +73,8 @@ impl Effect for Delay {
         Planted::InPairs
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        if taken_in_s(model).is_some() {
+        // Where the drive runs straight, what the stage makes of two ends is no mean but the place between them.
+        if taken_in_s(model).is_some() && !setting.runs_straight {
             return None;
         }
         let intervals = (values[0] / setting.dt_s).max(0.0);
@@ -129,7 +130,7 @@ mod tests {
     }
 
     fn simulate(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
-        model.simulate(&Drive { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled })
+        model.simulate(&Drive::held(drive_v, dt_s, InitialState::Settled))
     }
 
     /// Late by so many fifths of a period, against a drive held over fifths and shifted by as many of them through the punctual chain.

@@ -7,6 +7,7 @@
 //! the model has inertia, the vibration stage takes the bristle in: it then holds the moving mass, and a small motion inside the
 //! presliding range sees it as an additional spring.
 
+use super::force_balance::{RestoringForce, Travel};
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
@@ -147,6 +148,20 @@ impl Bristle {
     pub(super) fn relax(&mut self, displacement: f64) {
         self.displacement = displacement;
         self.bend = 0.0;
+    }
+}
+
+/// Beside other forces of the moving mass; its memory is its bend.
+impl RestoringForce for Bristle {
+    fn held(&self, memory: f64, way: Travel) -> (f64, f64) {
+        let bend = self.bend_after(memory, way.to_um - way.from_um);
+        (self.held_at(bend), bend)
+    }
+    fn at_rest(&self, _at_um: f64) -> (f64, f64) {
+        (0.0, 0.0)
+    }
+    fn stiffening(&self, _memory: f64, _swing_um: f64) -> f64 {
+        self.contact.stiffness_n_um
     }
 }
 

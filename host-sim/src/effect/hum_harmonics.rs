@@ -88,7 +88,7 @@ mod tests {
         let mut values = [0.0; 12];
         (values[1], values[2]) = (0.3, 0.2);
         model.add(EffectInstance::new(by_id("hum_harmonics").unwrap(), &overview, &values));
-        let drive = Drive { drive_v: &[0.0; 3000], force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Settled };
+        let drive = Drive::held(&[0.0; 3000], 1e-3, InitialState::Settled);
         for (k, read_um) in model.simulate(&drive).iter().enumerate() {
             let phase = std::f64::consts::TAU * 49.9 * 1e-3 * k as f64;
             let expected_um = 0.3 * (2.0 * phase).cos() + 0.2 * (3.0 * phase).sin();

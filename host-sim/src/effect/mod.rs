@@ -19,12 +19,14 @@ pub mod creep_pole_pair;
 pub mod delay;
 pub mod duhem;
 pub mod expression;
+pub mod force_balance;
 mod formula;
 pub mod friction;
 pub mod gain;
 mod held_mass;
 pub mod hum_harmonics;
 pub mod hysteresis;
+pub mod hysteretic_stiffness;
 pub mod initial_curve;
 pub mod inverse_preisach;
 pub mod load_force;
@@ -33,6 +35,8 @@ mod loops;
 pub mod mains_hum;
 pub mod mass_change;
 pub mod maxwell_slip;
+pub mod nonlinear_damping;
+pub mod nonlinear_stiffness;
 pub mod play_operators;
 pub mod polynomial_loop;
 pub mod prandtl_ishlinskii;
@@ -51,6 +55,7 @@ pub mod two_sided;
 pub mod vibration;
 
 use crate::chain::Model;
+use force_balance::RestoringForce;
 use std::sync::Arc;
 
 /// Where an effect stands in the chain from drive to measurement, in this order.
@@ -363,6 +368,8 @@ pub struct Setting<'a> {
     pub drive_min_v: f64,
     /// Limits of the drive, V.
     pub drive_max_v: f64,
+    /// Signals run straight from the end of one interval to the end of the next: the drive is not held between samples.
+    pub runs_straight: bool,
 }
 
 impl Setting<'_> {
@@ -615,6 +622,11 @@ pub trait Effect: Send + Sync {
         None
     }
 
+    /// What the effect adds to the force balance of the moving mass, which the vibration stage takes in.
+    fn restoring_force(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        None
+    }
+
     /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them.
     fn coefficient_walker(&self, _model: &Model, _setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
         None
@@ -633,11 +645,6 @@ pub trait Effect: Send + Sync {
     /// Whether what it makes of a motion in `model` is known from where that stands at the ends of sampling periods: behind what moves inside them it then
     /// goes in whole periods, if all that stand behind it do.
     fn goes_by_ends(&self, _model: &Model) -> bool {
-        false
-    }
-
-    /// Whether it is looked for in the place of an effect that does much the same, though not by itself.
-    fn in_exchange(&self) -> bool {
         false
     }
 
@@ -701,6 +708,9 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),
+        Arc::new(nonlinear_stiffness::NonlinearStiffness),
+        Arc::new(nonlinear_damping::NonlinearDamping),
+        Arc::new(hysteretic_stiffness::HystereticStiffness),
         Arc::new(vibration::Vibration),
         Arc::new(second_mode::SecondMode),
         Arc::new(mass_change::MassChange),

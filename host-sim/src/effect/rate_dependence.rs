@@ -98,7 +98,7 @@ mod tests {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         }
         let drive_v: Vec<f64> = (0..200).map(|k| 40.0 - 40.0 * (0.07 * f64::from(k)).cos()).map(|u| (u / 3.0).round() * 3.0).collect();
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 5e-5, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 5e-5, InitialState::Virgin);
         let coarse = model.simulate(&drive);
         for substeps in [2, 4, 7] {
             let fine = model.simulate_finely(&drive, substeps);

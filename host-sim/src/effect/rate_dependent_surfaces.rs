@@ -131,7 +131,7 @@ mod tests {
         let values: Vec<f64> = std::iter::once(5000.0).chain(by_rate.iter().copied()).collect();
         model.add(EffectInstance::new(by_id(ID).unwrap(), &overview, &values));
         let drive_v: Vec<f64> = (0..400).map(|k| 40.0 - 40.0 * (0.05 * f64::from(k)).cos() * (0.013 * f64::from(k)).cos()).collect();
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 1e-3, InitialState::Virgin);
         let order = |terms: &[f64]| Surfaces::from_legendre(DEGREE, &terms[..LOOP_TERMS], &terms[LOOP_TERMS..]);
         let orders =
             std::iter::once(Surfaces::from_legendre(4, &base, &[0.3, -0.1, 0.02, 0.0])).chain(by_rate.chunks_exact(TERMS).map(order));

@@ -53,7 +53,7 @@ impl Effect for SecondMode {
     fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         match model.effect(super::vibration::ID) {
             Some(_) => None,
-            None => Some(Box::new(vibration::VibrationStage::of(model, setting.dt_s))),
+            None => Some(Box::new(vibration::VibrationStage::of(model, setting))),
         }
     }
     fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {

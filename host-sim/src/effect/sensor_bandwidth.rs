@@ -108,7 +108,7 @@ impl Effect for SensorBandwidth {
         if model.effect(super::vibration::ID).is_some() {
             return None;
         }
-        let interval = Interval::of(values[0], Arrival::of(model, setting.dt_s), setting.dt_s);
+        let interval = Interval::of(values[0], Arrival::of(model, setting), setting.dt_s);
         Some(Box::new(SensorLag { interval, before: 0.0, reading: 0.0 }))
     }
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
@@ -147,7 +147,7 @@ mod tests {
         model.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[3000.0, 0.25]));
         model.add(EffectInstance::new(by_id("sensor_bandwidth").unwrap(), &overview, &[800.0]));
         for dt_s in [5e-5, 5e-4, 5e-3] {
-            let drive = Drive { drive_v: &[1.0; 4], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+            let drive = Drive::held(&[1.0; 4], dt_s, InitialState::Virgin);
             let reading = model.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(3000.0, 0.25, 800.0, k as f64 * dt_s);

@@ -58,7 +58,7 @@ impl Effect for SlewLimit {
         [0.9, 0.7, 0.5, 0.35, 0.22, 0.12, 0.06, 0.03].iter().map(|share| vec![share * overview.slope_max_v_s.max(1.0)]).collect()
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let gives_mean = super::takes_the_mean_in(model);
+        let gives_mean = !setting.runs_straight && super::takes_the_mean_in(model);
         Some(Box::new(SlewStage { step_max_v: values[0] * setting.dt_s, voltage_v: model.drive_min_v, gives_mean }))
     }
     fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
@@ -84,7 +84,7 @@ mod tests {
         for (id, values) in [("gain", vec![0.1, 0.0]), (effect.0, vec![effect.1])] {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, &values));
         }
-        model.simulate(&Drive { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled })
+        model.simulate(&Drive::held(drive_v, dt_s, InitialState::Settled))
     }
 
     fn drive_v(dt_s: f64) -> Vec<f64> {

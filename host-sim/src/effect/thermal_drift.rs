@@ -98,7 +98,7 @@ mod tests {
         for (rate_um_s, slowing_per_s) in [(0.05, 0.5), (-0.02, 0.0), (0.01, -0.3), (0.03, 1e-13)] {
             let mut model = Model::new(0.0, 1.0);
             model.add(EffectInstance::new(by_id("thermal_drift").unwrap(), &overview, &[rate_um_s, slowing_per_s]));
-            let drive = Drive { drive_v: &[0.0; 3000], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled };
+            let drive = Drive::held(&[0.0; 3000], dt_s, InitialState::Settled);
             let read_um = model.simulate(&drive);
             // Summed in a hundred pieces of an interval.
             let mut sum_um = 0.0;

@@ -237,7 +237,7 @@ mod tests {
                 drive_v.push(f64::from(level) * 40.0 / LEVELS as f64);
             }
             drive_v.push(0.0);
-            let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Virgin };
+            let drive = Drive::held(&drive_v, 1e-3, InitialState::Virgin);
             for (k, (got, wanted)) in model(virgin_share).simulate(&drive).iter().zip(&expected).enumerate() {
                 prop_assert!((got - wanted).abs() < 1e-9, "{k}: {got} {wanted}");
             }
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn both_first_ways_leave_the_origin() {
         let drive_v = [0.0, 20.0, 0.0, -20.0, 0.0, 0.0];
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 1e-3, InitialState::Virgin);
         let reading = model(0.5).simulate(&drive);
         assert_eq!(reading[0], 0.0);
         assert!(reading[1].abs() < 1e-12 && reading[2] > 0.5 && reading[4] < 0.0);

@@ -1,6 +1,7 @@
 //! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
 
 use super::arrival::{Arrival, Over};
+use super::force_balance::{BalancedMass, forces_of};
 use super::friction::Bristle;
 use super::held_mass::HeldMass;
 use super::{
@@ -146,7 +147,27 @@ impl ModeLaw {
 
     /// The filter over such an interval.
     fn filter_over(&self, dt_s: f64, arrival: Arrival) -> Option<FilterPropagator> {
-        let [frequency_hz, damping_ratio] = self.sensor_filter?;
+        let Over { phi, start, end } = arrival.over(&self.system_with_filter(self.sensor_filter?), dt_s);
+        let row = |i: usize| [phi[(i, 0)], phi[(i, 1)], phi[(i, 2)], phi[(i, 3)], phi[(i, 4)], start[i], end[i]];
+        // Without a lag what is read is the displacement, which stands in its own place.
+        Some(FilterPropagator { rows: [row(3), row(4)] })
+    }
+
+    /// The mode with what reads it, and the state that is read: displacement in um, velocity divided by omega, and the lag's and the filter's states where there are any.
+    pub(super) fn read_system(&self) -> (ContinuousSystem, usize) {
+        if let Some(filter) = self.sensor_filter {
+            return (self.system_with_filter(filter), 3);
+        }
+        let system = self.system();
+        if self.sensor_bandwidth_hz.is_some() {
+            return (system, 2);
+        }
+        let ContinuousSystem { a, b, c, d } = system;
+        (ContinuousSystem { a: a.remove_row(2).remove_column(2), b: b.remove_row(2), c: c.remove_row(2), d }, 0)
+    }
+
+    /// The mode, the lag and a filter of this natural frequency, Hz, and damping ratio behind them.
+    fn system_with_filter(&self, [frequency_hz, damping_ratio]: [f64; 2]) -> ContinuousSystem {
         let w = std::f64::consts::TAU * frequency_hz;
         let ContinuousSystem { a, b, .. } = self.system();
         let mut with_filter = DMatrix::zeros(5, 5);
@@ -155,11 +176,7 @@ impl ModeLaw {
         with_filter[(4, if self.sensor_bandwidth_hz.is_some() { 2 } else { 0 })] = w;
         with_filter[(4, 3)] = -w;
         with_filter[(4, 4)] = -2.0 * damping_ratio * w;
-        let system = ContinuousSystem { a: with_filter, b: b.push(0.0).push(0.0), c: DVector::zeros(5), d: 0.0 };
-        let Over { phi, start, end } = arrival.over(&system, dt_s);
-        let row = |i: usize| [phi[(i, 0)], phi[(i, 1)], phi[(i, 2)], phi[(i, 3)], phi[(i, 4)], start[i], end[i]];
-        // Without a lag what is read is the displacement, which stands in its own place.
-        Some(FilterPropagator { rows: [row(3), row(4)] })
+        ContinuousSystem { a: with_filter, b: b.push(0.0).push(0.0), c: DVector::zeros(5), d: 0.0 }
     }
 
     /// Displacement in um, velocity divided by omega, and the reading.
@@ -328,10 +345,11 @@ impl Mode {
     }
 }
 
-/// The first mode, its mass free or held by a bristle.
+/// The first mode: its mass free, held by a bristle, or against other forces.
 enum First {
     Free(Box<Mode>),
     Held(Box<HeldMass>),
+    Balanced(BalancedMass),
 }
 
 /// The modes that share the motion.
@@ -349,13 +367,15 @@ pub(super) struct VibrationStage {
 
 impl VibrationStage {
     /// The modes that `model` has.
-    pub(super) fn of(model: &Model, dt_s: f64) -> Self {
+    pub(super) fn of(model: &Model, setting: &Setting) -> Self {
+        let dt_s = setting.dt_s;
         let mass_factor = super::mass_change::frequency_factor(model);
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
         let sensor_bandwidth_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
         let sensor_filter = super::sensor_filter::taken_in_by_modes(model);
-        let arrival = Arrival::of(model, dt_s);
-        let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
+        let arrival = Arrival::of(model, setting);
+        let taken_in_s = super::delay::taken_in_s(model).filter(|_| !setting.runs_straight);
+        let late_intervals = taken_in_s.map_or(0.0, |delay_s| delay_s / dt_s);
         let law = |natural_frequency_rad_s: f64, damping_ratio: f64| ModeLaw {
             natural_frequency_rad_s: natural_frequency_rad_s * mass_factor,
             damping_ratio: damping_ratio * mass_factor,
@@ -363,7 +383,10 @@ impl VibrationStage {
             sensor_filter,
         };
         let first_law = model.values(ID).map(|v| law(v[0], v[1]));
+        let forces = forces_of(model, setting);
+        let balanced = !forces.is_empty();
         let first = first_law.map(|first| match Bristle::of(model) {
+            _ if balanced => First::Balanced(BalancedMass::new(&first, forces, mass_factor, dt_s, arrival, model.drive_min_v)),
             Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, arrival, model.drive_min_v))),
             None => First::Free(Box::new(Mode::read(&first, dt_s, arrival))),
         });
@@ -400,6 +423,7 @@ impl Stage for VibrationStage {
                 mode.reading()
             }
             Some(First::Held(held)) => held.step(input),
+            Some(First::Balanced(balanced)) => balanced.step(input),
             None => input,
         };
         match &mut self.second {
@@ -424,6 +448,7 @@ impl Stage for VibrationStage {
                     kept.extend_from_slice(signal);
                 }
             }
+            Some(First::Balanced(balanced)) => balanced.run_over(signal),
             None => {}
         }
         if let Some(forces) = forces {
@@ -448,20 +473,24 @@ impl Stage for VibrationStage {
         self.second_beside(forces, signal);
     }
     fn settle(&mut self, input: f64) -> f64 {
+        let mut rest = input;
         match &mut self.first {
             Some(First::Free(mode)) => {
                 mode.settle(input);
             }
             Some(First::Held(held)) => held.settle(input),
+            Some(First::Balanced(balanced)) => rest = balanced.settle(input),
             None => {}
         }
         self.late.iter_mut().for_each(|value| *value = input);
-        if let Some((_, mode)) = &mut self.second {
+        if let Some((share, mode)) = &mut self.second {
             mode.settle(input);
+            rest += *share * (input - rest);
         }
-        input
+        rest
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        // Against other forces the mass passes small changes on as the free mode does, but for the bend of those forces.
         Some(Box::new(VibrationLanes {
             first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
             second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
@@ -611,7 +640,7 @@ impl Effect for Vibration {
         Some(vec![stage.natural_frequency_rad_s, stage.damping_ratio])
     }
     fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(VibrationStage::of(model, setting.dt_s)))
+        Some(Box::new(VibrationStage::of(model, setting)))
     }
     fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         let factor = super::mass_change::frequency_factor(model);

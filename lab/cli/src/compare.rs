@@ -8,7 +8,7 @@ use hysteron::dataset::Role;
 use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::diagnosis::policy::Policy;
 use hysteron::diagnosis::words::nm;
-use hysteron::explain::{FitFigures, RecordFigures, fit_figures};
+use hysteron::figures::{FitFigures, RecordFigures, fit_figures};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::{Dataset, Result};
 use hysteron_report::{comparison_report, explain_page};

@@ -6,7 +6,7 @@ use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{print_notes, print_records, print_steps, say_candidates, say_next, say_stopped};
 use hysteron::Result;
-use hysteron::explain::{self, Explanation, Options, Start};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::servo::order;
 use hysteron_report::{explain_page, explain_report, falling_error_svg};
 use std::path::Path;
@@ -39,8 +39,8 @@ pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, ou
     desk.target(files.next_drive().as_deref())?;
     desk.target(animation)?;
     let progress = Progress::of_search(verbose);
-    let (found, timed) = time.beside(&progress, |watch| explain::explain_as_timed(&dataset, Start::Effects(&effects), &options, watch))?;
-    let dataset = timed.unwrap_or(dataset);
+    let found = time.beside(&progress, |watch| analyse(&dataset, Start::Effects(&effects), &options, watch))?;
+    let dataset = found.dataset(&dataset).clone();
     drop(progress);
     let figures = found.figures(&dataset, started.elapsed().as_secs_f64());
     say_stopped(found.stopped);
@@ -79,7 +79,7 @@ pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, ou
 }
 
 /// Writes the drive that would decide beside the other outputs.
-pub fn write_next_experiment(desk: &Desk, found: &Explanation, outputs: &Outputs) -> Result<()> {
+pub fn write_next_experiment(desk: &Desk, found: &Outcome, outputs: &Outputs) -> Result<()> {
     let Some(next) = &found.next_experiment else { return Ok(()) };
     println!("  {}", next.sentence);
     if let Some(path) = outputs.next_drive() {

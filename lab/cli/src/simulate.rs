@@ -28,7 +28,7 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool
         ((0..u_v.len()).map(|k| k as f64 / rate_hz).collect(), u_v, 1.0 / rate_hz)
     };
     desk.target(Some(out))?;
-    let driven = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+    let driven = Drive::held(&drive_v, dt_s, InitialState::Virgin);
     let y = hysteron::simulate::simulate(&model, &driven, &format!("--drive {drive}"))?;
     let mut text = String::from("t_s,u_v,y_um\n");
     for ((t, u), y) in t_s.iter().zip(&drive_v).zip(&y) {

@@ -1,9 +1,9 @@
 //! Tables on the screen.
 
 use crate::command_line::Outputs;
-use hysteron::diagnosis::verdict::{Diagnosis, Verdict};
 use hysteron::diagnosis::words::{nm, why};
-use hysteron::explain::{FitFigures, StepFigures};
+use hysteron::figures::{FitFigures, StepFigures};
+use hysteron::outcome::{Diagnosis, Verdict};
 use hysteron_sim::chain::Model;
 use std::path::Path;
 
@@ -65,7 +65,7 @@ pub fn say_candidates(diagnosis: &Diagnosis, model: &Model) {
                     "  the nearest is {}: it would explain {:.0} % of what is left; not taken: {}",
                     c.effect,
                     100.0 * c.explained_share,
-                    why(&c.decision)
+                    why(&c.standing)
                 ),
                 None => {}
             }

@@ -80,8 +80,14 @@ fn with(model: &Model, id: &str, overview: &Overview, values: &[f64]) -> Model {
 /// Time of a sample of the loops, and of their inverse along what they give.
 fn loops_and_inverse(model: &Model, drive_v: &[f64], dt_s: f64) -> (f64, Option<(f64, f64)>) {
     let main = model.effects.iter().find(|e| e.effect.declaration().is_main()).expect("loops");
-    let setting =
-        Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: model.drive_min_v, drive_max_v: model.drive_max_v };
+    let setting = Setting {
+        dt_s,
+        substeps: 1,
+        signals: Signals::default(),
+        drive_min_v: model.drive_min_v,
+        drive_max_v: model.drive_max_v,
+        runs_straight: false,
+    };
     let mut stage = main.effect.stage(model, &main.values(), &setting).expect("a stage");
     stage.settle(model.drive_min_v);
     let begin = Instant::now();

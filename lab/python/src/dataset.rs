@@ -4,7 +4,7 @@ use crate::{bytes, numbers, raised, wrong};
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
 use hysteron::dataset::recognise::ColumnRules;
-use hysteron::dataset::timing::Timing;
+use hysteron::dataset::timing::{Timing, intersample_named};
 use hysteron::dataset::{Periods, folder};
 use hysteron::{Record, Role};
 use hysteron_sim::chain::InitialState;
@@ -150,6 +150,7 @@ impl Dataset {
         sample_rate_hz: Option<f64>,
         skip_rows: Option<usize>,
         timing: Option<String>,
+        intersample: Option<String>,
     ) -> PyResult<Self> {
         let column = |column| match column {
             Column::Number(number) => ColumnName::Number(number),
@@ -159,7 +160,8 @@ impl Dataset {
         let auxiliary = auxiliary.into_iter().map(|(name, said)| (name, column(said))).collect();
         let wanted = ColumnRules { columns, unit, scale: PerColumn::default(), auxiliary };
         let timing = timing.map(|name| Timing::named("timing", &name)).transpose().map_err(raised)?;
-        let instructions = Instructions { wanted, sample_rate_hz, skip_rows, timing };
+        let intersample = intersample.map(|name| intersample_named("intersample", &name)).transpose().map_err(raised)?;
+        let instructions = Instructions { wanted, sample_rate_hz, skip_rows, timing, intersample };
         Ok(Self(Arc::new(py.detach(|| folder::load_as(&path, &instructions)).map_err(raised)?)))
     }
 
@@ -180,7 +182,7 @@ impl Dataset {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.0.notes.clone()
+        self.0.remarks()
     }
 
     fn record_names(&self) -> Vec<String> {

@@ -66,13 +66,8 @@ impl Model {
         if let Some(force) = force_n.as_ref().filter(|force| force.len() != drive_v.len()) {
             return Err(wrong("simulate", format!("drive_v has {} samples, force_n {}; expected as many", drive_v.len(), force.len())));
         }
-        let drive = Drive {
-            drive_v: &drive_v,
-            force_n: force_n.as_deref(),
-            auxiliary: &auxiliary_signals(&auxiliary),
-            dt_s: 1.0 / sample_rate_hz,
-            initial_state,
-        };
+        let beside = auxiliary_signals(&auxiliary);
+        let drive = Drive { force_n: force_n.as_deref(), auxiliary: &beside, ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state) };
         let read = at_work(py, None, |_| hysteron::simulate::simulate(&self.model, &drive, "drive_v"))?;
         Ok(bytes(py, &read))
     }

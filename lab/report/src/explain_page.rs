@@ -479,8 +479,10 @@ fn alternatives(report: &ExplainReport) -> Option<Section> {
         (None, Some(after)) => format!("to {}", figure(1e3 * after)),
         _ => "not refitted".to_owned(),
     };
-    let p_value = |p: f64| {
-        if p < 1e-3 { "< 0.001".to_owned() } else { figure(p) }
+    let p_value = |p: Option<f64>| match p {
+        None => "-".to_owned(),
+        Some(p) if p < 1e-3 => "< 0.001".to_owned(),
+        Some(p) => figure(p),
     };
     Some(Section {
         heading: "The alternatives, and why not".to_owned(),

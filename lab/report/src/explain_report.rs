@@ -105,8 +105,8 @@ pub struct CandidateReport {
     pub explained_share: f64,
     /// 90 % interval of that share, if it was resampled.
     pub explained_share_interval: Option<(f64, f64)>,
-    /// p-value after correction for all candidates tried.
-    pub p_value: f64,
+    /// p-value after correction for all candidates tried; none where it was not weighed.
+    pub p_value: Option<f64>,
     /// Validation RMS before adding it, um.
     pub validate_rms_before_um: Option<f64>,
     /// Validation RMS after adding it and refitting, um.

@@ -547,8 +547,7 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -
         let measured = bench.record(Variant::FULL, Start::Virgin, &drive, 570);
         let by_chain = difference(&measured.noise_free_um, &chain.simulate(bench, &measured.drive_v));
         let by_filter = difference(&measured.noise_free_um, &filter_chain.simulate(bench, &measured.drive_v));
-        let drive_of_joint =
-            Drive { drive_v: &measured.drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / fs, initial_state: InitialState::Virgin };
+        let drive_of_joint = Drive::held(&measured.drive_v, 1.0 / fs, InitialState::Virgin);
         let joint_um = joint.simulate(&drive_of_joint);
         let by_joint = difference(&measured.noise_free_um, &joint_um);
         let by_positive = difference(&measured.noise_free_um, &positive.simulate(&drive_of_joint));

@@ -84,7 +84,7 @@ fn candidate(effect: &str, share: f64, p: f64, after: Option<f64>, why: &str) ->
         effect: effect.into(),
         explained_share: share,
         explained_share_interval: Some(((share - 0.05).max(0.0), (share + 0.04).min(1.0))),
-        p_value: p,
+        p_value: Some(p),
         validate_rms_before_um: Some(0.021),
         validate_rms_after_um: after,
         confusable_with: Vec::new(),

@@ -6,7 +6,7 @@ use crate::command_line::as_typed;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use hysteron::explain::{self, Explanation, Options, Start};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, wiring_parameters};
 use hysteron::servo::commands::{self, CheckResult};
@@ -113,7 +113,7 @@ struct ScaleFigures {
 
 /// What is known once the servo has been designed.
 struct Designed {
-    found: Explanation,
+    found: Outcome,
     dataset: Dataset,
     noise_um: f64,
     travel_um: f64,
@@ -203,8 +203,9 @@ pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &TuneRequest, line: &L
 fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequest) -> Result<Designed> {
     let dataset = desk.dataset(recording, &ReadArguments::default())?;
     let progress = Progress::of_search(false);
-    let found = explain::explain(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
+    let found = analyse(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
     drop(progress);
+    let dataset = found.dataset(&dataset).clone();
     println!("{}", found.diagnosis.sentence);
     let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
     let TuneRequest { reference_hz, sensor_bandwidth_hz } = *wanted;

@@ -6,6 +6,7 @@ use super::timing::Timing;
 use super::units::Quantity;
 use crate::error::{Error, Result, line_of, nearest};
 use hysteron_sim::chain::InitialState;
+use hysteron_sim::intersample::Intersample;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -21,6 +22,8 @@ pub struct Manifest {
     pub drive_max_v: f64,
     /// When the drive of a row acts; from the records where it is not said.
     pub timing: Option<Timing>,
+    /// What the drive does between samples; from the records where it is not specified.
+    pub intersample: Option<IntersampleEntry>,
     /// From a data sheet.
     pub sensor_bandwidth_hz: Option<f64>,
     /// From a data sheet.
@@ -48,6 +51,28 @@ impl From<InitialStateEntry> for InitialState {
             InitialStateEntry::Virgin => InitialState::Virgin,
             InitialStateEntry::Settled => InitialState::Settled,
             InitialStateEntry::Unknown => InitialState::Unknown,
+        }
+    }
+}
+
+/// What the drive does between samples.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum IntersampleEntry {
+    /// A converter holds it.
+    Hold,
+    /// It runs straight.
+    Linear,
+    /// It has no power above half the sampling rate.
+    BandLimited,
+}
+
+impl From<IntersampleEntry> for Intersample {
+    fn from(entry: IntersampleEntry) -> Self {
+        match entry {
+            IntersampleEntry::Hold => Self::Hold,
+            IntersampleEntry::Linear => Self::Linear,
+            IntersampleEntry::BandLimited => Self::BandLimited,
         }
     }
 }
@@ -179,7 +204,8 @@ impl RecordEntry {
 }
 
 /// Every key that a manifest may have.
-const KEYS: [&str; 27] = [
+const KEYS: [&str; 28] = [
+    "intersample",
     "name",
     "drive_min_v",
     "drive_max_v",

@@ -8,11 +8,14 @@ use super::recognise::{self, ColumnRules};
 use super::table::Table;
 use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
+use super::units::SignalUnits;
 use super::{Dataset, Periods, Record, SAMPLES_MIN};
 use crate::error::{Error, Result};
+use crate::quality::Issue;
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::AuxiliarySignal;
+use hysteron_sim::intersample::Intersample;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -48,6 +51,8 @@ pub struct Instructions {
     pub skip_rows: Option<usize>,
     /// When the drive of a row acts.
     pub timing: Option<Timing>,
+    /// What the drive does between samples.
+    pub intersample: Option<Intersample>,
 }
 
 impl Instructions {
@@ -80,6 +85,7 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
     let manifest = Manifest::parse(text, place)?;
     let mut records: Vec<Record> = Vec::new();
     let mut notes: Vec<String> = Vec::new();
+    let mut units: Option<(String, SignalUnits)> = None;
     // One file may serve as several records: what it says is then said once.
     let mut tables: BTreeMap<(&str, usize), Table> = BTreeMap::new();
     for (index, entry) in manifest.record.iter().enumerate() {
@@ -91,7 +97,8 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
                 place.insert(readers::read(&source, &files.read(&entry.file)?, Hints { skip_rows })?)
             }
         };
-        let (mut record, said) = record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
+        let (mut record, said, of_record) =
+            record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
         record.name = match &entry.name {
             Some(name) => name.clone(),
             None => name_beside(&stem(&entry.file), &records),
@@ -101,14 +108,27 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
                 notes.push(note);
             }
         }
+        if let Some((first, units)) = &units
+            && *units != of_record
+        {
+            return Err(Error::new(
+                place,
+                format!(
+                    "{first} is in {} and {}, {} in {} and {}; expected records of one kind",
+                    units.drive, units.reading, record.name, of_record.drive, of_record.reading
+                ),
+            ));
+        }
+        units.get_or_insert((record.name.clone(), of_record));
         records.push(record);
     }
+    let units = units.map(|(_, units)| units).unwrap_or_default();
     let timing = instructions.timing.or(manifest.timing);
-    let shown = bring_to_one_timing(&mut records, timing);
-    let timing_is_assumed = timing.is_none() && shown.is_none();
-    notes.extend(shown);
+    let intersample = instructions.intersample.or(manifest.intersample.map(Into::into));
+    let (shown, timing_is_assumed) = timed(&mut records, timing, intersample);
     Dataset {
         timing_is_assumed,
+        units,
         name: manifest.name.clone(),
         source: place.to_owned(),
         drive_min_v: manifest.drive_min_v,
@@ -117,8 +137,21 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         sensor_lsb_um: manifest.sensor_lsb_um,
         records,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
+}
+
+/// Gives the records the timing and the way between samples that were specified; the issue where they show a timing themselves, and whether one is assumed. A drive that
+/// runs on acts from no row to another.
+fn timed(records: &mut [Record], timing: Option<Timing>, intersample: Option<Intersample>) -> (Option<Issue>, bool) {
+    records.iter_mut().for_each(|record| record.intersample = intersample.unwrap_or_default());
+    if intersample.is_some_and(|one| one != Intersample::Hold) {
+        return (None, false);
+    }
+    let shown = bring_to_one_timing(records, timing);
+    let assumed = timing.is_none() && shown.is_none();
+    (shown, assumed)
 }
 
 /// A name that no earlier record has: one file may serve as several records.
@@ -138,6 +171,7 @@ pub(super) struct Even {
     pub y_um: Vec<f64>,
     pub force_n: Option<Vec<f64>>,
     pub auxiliary: Vec<AuxiliarySignal>,
+    pub units: SignalUnits,
     /// What was assumed and mended.
     pub notes: Vec<String>,
 }
@@ -177,6 +211,7 @@ fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>
         u_v: axis.apply(signals.u_v),
         y_um: axis.apply(signals.y_um),
         force_n: signals.force_n.map(|force_n| axis.apply(force_n)),
+        units: signals.units,
         auxiliary: signals.auxiliary.iter().map(|signal| signal.with(|values| axis.apply(values.to_vec()))).collect(),
         notes,
     })
@@ -244,11 +279,10 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     if records.len() < parts.windows.len() {
         notes.push("a rest in which the reading does not move shows no noise, and is left out".into());
     }
-    let shown = bring_to_one_timing(&mut records, instructions.timing);
-    let timing_is_assumed = instructions.timing.is_none() && shown.is_none();
-    notes.extend(shown);
+    let (shown, timing_is_assumed) = timed(&mut records, instructions.timing, instructions.intersample);
     Dataset {
         timing_is_assumed,
+        units: even.units,
         source: place.to_owned(),
         drive_min_v: low,
         drive_max_v: high,
@@ -257,6 +291,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         records,
         name,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
 }
@@ -266,7 +301,7 @@ fn stem(file: &str) -> String {
     std::path::Path::new(file).file_stem().map_or_else(|| "record".into(), |s| s.to_string_lossy().into_owned())
 }
 
-fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, place: &str) -> Result<(Record, Vec<String>)> {
+fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, place: &str) -> Result<(Record, Vec<String>, SignalUnits)> {
     let rate = instructions.sample_rate_hz.or(entry.sample_rate_hz);
     if let Some(rate) = rate.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
         return Err(Error::new(place, format!("sample_rate_hz = {rate}; expected a positive number")));
@@ -314,7 +349,7 @@ fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, pl
         auxiliary: even.auxiliary,
         ..Record::new(stem(&entry.file), fs, even.u_v, even.y_um)
     };
-    Ok((record, even.notes))
+    Ok((record, even.notes, even.units))
 }
 
 /// The steady-state periods that an entry declares.

@@ -3,7 +3,7 @@
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
 use super::manifest::{ColumnName, Columns, PerColumn};
 use super::table::{Column, Table};
-use super::units::{Quantity, factor, is_of_counts, is_of_something_else};
+use super::units::{Quantity, SignalUnits, factor, has_own_unit, is_of_counts, is_of_something_else, is_voltage, own_unit};
 use crate::error::{Error, Result, nearest};
 use hysteron_sim::effect::AuxiliarySignal;
 use std::collections::BTreeMap;
@@ -36,6 +36,8 @@ pub struct Signals {
     pub force_n: Option<Vec<f64>>,
     /// Further signals, as the file has them.
     pub auxiliary: Vec<AuxiliarySignal>,
+    /// The units of drive and displacement.
+    pub units: SignalUnits,
     /// What was assumed.
     pub notes: Vec<String>,
 }
@@ -232,7 +234,12 @@ impl Choice<'_> {
 
     fn force_by_name(&mut self) {
         if self.of(Quantity::Force).is_none() {
-            let best = self.by_name(Quantity::Force).first().copied();
+            // What is called a drive or a displacement and is a force drives the stage, or is read of it.
+            let called_otherwise = |at: &usize| {
+                let likeness = |quantity: Quantity| quantity.likeness(&self.column(*at).name, None);
+                likeness(Quantity::Drive).max(likeness(Quantity::Displacement)) > likeness(Quantity::Force)
+            };
+            let best = self.by_name(Quantity::Force).into_iter().find(|at| !called_otherwise(at));
             // Something else by its name: `load` may also be the load of a processor.
             self.found[Quantity::Force as usize] = best.map(|at| Found { at, how: How::Name });
         }
@@ -249,6 +256,7 @@ impl Choice<'_> {
                 [best, next, ..] => (likeness(best) > likeness(next)).then_some(best),
             }
         };
+        self.force_as_response();
         // What is sure by its name goes first; a sensor in volts is no second drive.
         for quantity in [Quantity::Displacement, Quantity::Drive, Quantity::Displacement] {
             if self.of(quantity).is_none()
@@ -265,6 +273,26 @@ impl Choice<'_> {
         }
         self.say_contradiction();
         Ok(())
+    }
+
+    /// Of a displacement and a force alone, as of a damper on a testing machine, one drives and the other is read.
+    fn force_as_response(&mut self) {
+        let (Some(force), None, None) = (self.of(Quantity::Force), self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
+            return;
+        };
+        let [other] = self.unused()[..] else { return };
+        let judged = drive_among(&self.column(other).values, &self.column(force.at).values);
+        let (drive, response) = if judged.first_is_drive { (other, force.at) } else { (force.at, other) };
+        self.found[Quantity::Force as usize] = None;
+        self.found[Quantity::Drive as usize] = Some(Found { at: drive, how: How::Behaviour });
+        self.found[Quantity::Displacement as usize] = Some(Found { at: response, how: How::Behaviour });
+        self.notes.push(format!(
+            "{}{} drives, because {}; {} is read",
+            if judged.is_sure { "" } else { "doubtful: " },
+            self.column(drive).called(),
+            judged.why,
+            self.column(response).called()
+        ));
     }
 
     /// What could be a quantity: by name if any, else whatever is left that moves and is no time.
@@ -397,6 +425,18 @@ impl Choice<'_> {
                     column.called()
                 )));
             }
+            (Some(unit), ..) if has_own_unit(quantity, unit) => self.own_unit(at, unit).1,
+            (None, Some(unit), None) if has_own_unit(quantity, unit) => {
+                // The channel of an oscilloscope reads a sensor; what is called an output is one.
+                if quantity == Quantity::Displacement && is_voltage(unit) && quantity.likeness(&column.name, None) == 0 {
+                    return Err(self.wrong(format!(
+                        "{} is the displacement in volts; what a volt means is needed: --units y=5um/V for 5 um per volt, or unit = {{ y = \"5 \
+                         um/V\" }} in dataset.toml; --units y=V to keep volts",
+                        column.called()
+                    )));
+                }
+                self.own_unit(at, unit).1
+            }
             (Some(unit), ..) => factor(quantity, unit, &self.table.place, &column.called())?,
             // A factor alone brings any unit to the program's.
             (None, Some(unit), Some(_)) => factor(quantity, unit, &self.table.place, &column.called()).unwrap_or(1.0),
@@ -404,6 +444,20 @@ impl Choice<'_> {
             (None, None, _) => 1.0,
         };
         Ok(of_unit * scale.unwrap_or(1.0))
+    }
+
+    /// The unit that a column which is no voltage, or no length, keeps, and the factor to it.
+    fn own_unit(&self, at: usize, unit: &str) -> (String, f64) {
+        own_unit(unit, crate::statistics::peak_to_peak(&self.column(at).values))
+    }
+
+    /// The unit in which a signal is kept.
+    fn unit_of(&self, quantity: Quantity, at: usize, wanted: &ColumnRules) -> String {
+        let said = wanted.unit.get(quantity).or(self.column(at).unit.as_ref().filter(|_| wanted.scale.get(quantity).is_none()));
+        match said {
+            Some(unit) if has_own_unit(quantity, unit) => self.own_unit(at, unit).0,
+            _ => quantity.unit().to_owned(),
+        }
     }
 
     /// Says what was assumed, and hands the signals over.
@@ -449,8 +503,18 @@ impl Choice<'_> {
         let force_n = self.of(Quantity::Force).map(|f| self.scaled(Quantity::Force, f.at, wanted)).transpose()?;
         let named = wanted.auxiliary.keys().zip(&self.auxiliary);
         let auxiliary = named.map(|(name, at)| AuxiliarySignal { name: name.clone(), values: self.column(*at).values.clone() }).collect();
+        let units =
+            SignalUnits { drive: self.unit_of(Quantity::Drive, u.at, wanted), reading: self.unit_of(Quantity::Displacement, y.at, wanted) };
+        if units.reading != Quantity::Displacement.unit() {
+            self.notes.push(format!(
+                "{} is no displacement: it is kept in {}; for a sensor whose volts mean micrometres: --units y=5um/V",
+                self.column(y.at).called(),
+                units.reading
+            ));
+        }
         let signals = Signals {
             auxiliary,
+            units,
             u_v: self.scaled(Quantity::Drive, u.at, wanted)?,
             y_um: self.scaled(Quantity::Displacement, y.at, wanted)?,
             t_s,

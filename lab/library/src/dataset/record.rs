@@ -3,6 +3,7 @@
 use crate::statistics::peak_to_peak;
 use hysteron_sim::chain::{Drive, InitialState};
 use hysteron_sim::effect::AuxiliarySignal;
+use hysteron_sim::intersample::Intersample;
 use std::ops::Range;
 
 /// What a record is for.
@@ -59,7 +60,7 @@ pub struct Record {
     /// Samples that count.
     pub window: Range<usize>,
     /// Samples among them that do not, because their readings say nothing of the displacement: the sensor's range ends there. Ascending;
-    /// a data set finds them ([`super::reading_limits`]).
+    /// a data set finds them ([`crate::quality`]).
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,
@@ -67,7 +68,9 @@ pub struct Record {
     pub repeat_of: Option<String>,
     /// A constant is estimated for this record.
     pub offset_is_fitted: bool,
-    /// Drive, V, held from each sample to the next.
+    /// What the drive does between samples.
+    pub intersample: Intersample,
+    /// Drive at every sample.
     pub drive_v: Vec<f64>,
     /// Measured displacement, um.
     pub displacement_um: Vec<f64>,
@@ -93,6 +96,7 @@ impl Record {
             periods: None,
             repeat_of: None,
             offset_is_fitted: true,
+            intersample: Intersample::Hold,
             drive_v,
             displacement_um,
             force_n: None,
@@ -127,6 +131,7 @@ impl Record {
             auxiliary: &self.auxiliary,
             dt_s: self.dt_s(),
             initial_state: self.initial_state,
+            intersample: self.intersample,
         }
     }
 
@@ -135,6 +140,13 @@ impl Record {
     pub fn counts(&self, sample: usize) -> bool {
         let before = self.left_out.partition_point(|range| range.end <= sample);
         self.left_out.get(before).is_none_or(|range| sample < range.start)
+    }
+
+    /// Leaves samples out of what counts, beside those that are left out already.
+    pub(crate) fn leave_out(&mut self, samples: &[Range<usize>]) {
+        let further = samples.iter().flat_map(|range| range.clone().filter(|k| self.counts(*k))).collect::<Vec<_>>();
+        self.left_out.extend(further.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[run.len() - 1] + 1));
+        self.left_out.sort_by_key(|range| range.start);
     }
 
     /// The samples inside the window whose readings say something of the displacement.

@@ -371,8 +371,14 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
 /// virgin state. None where the structure cannot be stepped by itself.
 fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>> {
     // So slow that nothing of the loops depends on the rate.
-    let setting =
-        Setting { dt_s: 1.0, substeps: 1, signals: Signals::default(), drive_min_v: chain.drive_min_v, drive_max_v: chain.drive_max_v };
+    let setting = Setting {
+        dt_s: 1.0,
+        substeps: 1,
+        signals: Signals::default(),
+        drive_min_v: chain.drive_min_v,
+        drive_max_v: chain.drive_max_v,
+        runs_straight: false,
+    };
     let drive_v = |k: usize| chain.drive_min_v + (chain.drive_max_v - chain.drive_min_v) * k as f64 / LOOP_GRID as f64;
     (0..=LOOP_GRID)
         .map(|turn| {

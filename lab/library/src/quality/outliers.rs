@@ -6,8 +6,9 @@
 //! usually is around it, and the differences beside it are small. After a jump of the drive nothing is taken for an outlier: the
 //! first overshoot of a fast mode is as narrow.
 
-use super::Record;
-use super::reading_grid::levels;
+use super::{Issue, Kind, Moment, Severity, Subject, range};
+use crate::dataset::Record;
+use crate::dataset::reading_grid::levels;
 use crate::statistics::{mean, peak_to_peak};
 use std::ops::Range;
 
@@ -41,82 +42,63 @@ struct Outliers {
     beside_others: Vec<usize>,
 }
 
-/// Puts what its neighbours say in the place of each reading inside the window that stands alone, so that spectra find even steps, and gives a
-/// note of it with the samples, which are to count in nothing; `ends_um` are the readings at which the sensor's range ends.
-pub(super) fn replaced(record: &mut Record, ends_um: &[f64]) -> Option<(String, Vec<usize>)> {
-    // Of one recording that is cut into several records each has its part.
-    let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(|k| record.window.contains(k)).collect();
-    match too_many(record, single.len(), *single.first()?) {
-        Some(note) => Some((note, Vec::new())),
-        None => Some((singles_replaced(record, &single)?, single)),
-    }
-}
-
-/// Leaves samples out of what counts, beside those that are left out already.
-pub(super) fn leave_out(record: &mut Record, samples: impl IntoIterator<Item = usize>) {
-    let further: Vec<Range<usize>> = samples.into_iter().filter(|k| record.counts(*k)).map(|k| k..k + 1).collect();
-    record.left_out.extend(further);
-    record.left_out.sort_by_key(|range| range.start);
-}
-
-/// Leaves readings that stand out beside one another out of what counts, with those between them, and gives a note of it.
-pub(super) fn several_left_out(record: &mut Record, ends_um: &[f64]) -> Option<String> {
-    let beside_others: Vec<usize> = outliers(record, ends_um).beside_others.into_iter().filter(|k| record.counts(*k)).collect();
-    let around = |group: &[usize]| group[0].max(record.window.start)..(group[group.len() - 1] + 1).min(record.window.end);
-    let together = beside_others.chunk_by(|a, b| b - a <= ALONE_WITHIN).map(around);
-    let groups: Vec<Range<usize>> = together.filter(|group| !group.is_empty()).collect();
-    let first = groups.first()?.clone();
-    let readings: usize = groups.iter().map(Range::len).sum();
-    if let Some(note) = too_many(record, readings, first.start) {
-        return Some(note);
-    }
-    leave_out(record, groups.iter().cloned().flatten());
-    let more = match groups.len() - 1 {
-        0 => String::new(),
-        1 => ", and in one more place".into(),
-        n => format!(", and in {n} more places"),
-    };
-    let samples = if first.len() == 1 { format!("sample {}", first.end) } else { format!("samples {} to {}", first.start + 1, first.end) };
-    Some(format!(
-        "{}: readings stand out together, {samples}{more}: no stage does that, and the {readings} there are left out of every fit and figure",
-        record.name
-    ))
-}
-
-/// Said, where so many readings stand out that they are no disturbances.
-fn too_many(record: &Record, readings: usize, first: usize) -> Option<String> {
-    (readings as f64 > SHARE_MAX * record.window.len() as f64).then(|| {
-        format!(
-            "{}: {readings} readings stand out (the first is sample {}), too many for disturbances; they are left as they are",
-            record.name,
-            first + 1
-        )
+/// Readings that stand alone: spectra find even steps where they are interpolated, and they count in nothing.
+pub(super) fn single(subject: &Subject) -> Vec<Issue> {
+    of_all(subject, |record, ends_um| {
+        // Of one recording that is cut into several records each has its part.
+        let single: Vec<usize> = outliers(record, ends_um).single.into_iter().filter(|k| record.window.contains(k)).collect();
+        let first_sample = single.first()? + 1;
+        if let Some(kept) = too_many(record, single.len(), first_sample) {
+            return Some(kept);
+        }
+        let samples: Vec<Range<usize>> = single.iter().map(|k| *k..k + 1).collect();
+        let mut mended = record.clone();
+        interpolate(&mut mended, &samples);
+        let apart_um = |k: &usize| (record.displacement_um[*k] - mended.displacement_um[*k]).abs();
+        let farthest_um = single.iter().map(apart_um).fold(0.0, f64::max);
+        let kind = Kind::OutliersReplaced { samples: single.len(), first_sample, farthest_um };
+        Some(Issue::of(&record.name, Severity::Corrects, kind).with_samples(samples))
     })
 }
 
-fn singles_replaced(record: &mut Record, outliers: &[usize]) -> Option<String> {
-    let first = outliers.first()?;
-    let y = &mut record.displacement_um;
-    let mut farthest_um = 0.0_f64;
-    for &k in outliers {
-        let beside_um = if (1..y.len() - 1).contains(&k) { 0.5 * (y[k - 1] + y[k + 1]) } else { expected(y, k) };
-        farthest_um = farthest_um.max((y[k] - beside_um).abs());
-        y[k] = beside_um;
+/// Readings that stand out beside one another, with those between them.
+pub(super) fn together(subject: &Subject) -> Vec<Issue> {
+    of_all(subject, |record, ends_um| {
+        let beside_others: Vec<usize> = outliers(record, ends_um).beside_others.into_iter().filter(|k| record.counts(*k)).collect();
+        let around = |group: &[usize]| group[0].max(record.window.start)..(group[group.len() - 1] + 1).min(record.window.end);
+        let groups = beside_others.chunk_by(|a, b| b - a <= ALONE_WITHIN).map(around);
+        let groups: Vec<Range<usize>> = groups.filter(|group| !group.is_empty()).collect();
+        let first = groups.first()?.clone();
+        let samples: usize = groups.iter().map(Range::len).sum();
+        if let Some(kept) = too_many(record, samples, first.start + 1) {
+            return Some(kept);
+        }
+        let kind = Kind::OutliersLeftOut { samples, places: groups.len(), first_sample: first.start + 1, last_sample: first.end };
+        Some(Issue::of(&record.name, Severity::Corrects, kind).with_samples(groups))
+    })
+}
+
+fn of_all(subject: &Subject, of_record: impl Fn(&Record, &[f64]) -> Option<Issue>) -> Vec<Issue> {
+    if !matches!(subject.moment, Moment::Made) {
+        return Vec::new();
     }
-    let (readings, replaced, sample) = match outliers.len() {
-        1 => ("1 reading stands alone".into(), "it is replaced by what its neighbours say, and counts in no figure", "sample"),
-        n => (
-            format!("{n} readings stand alone"),
-            "they are replaced by what their neighbours say, and count in no figure",
-            "the first is sample",
-        ),
-    };
-    Some(format!(
-        "{}: {readings}, up to {:.3} um beside what comes before and after ({sample} {}): no stage does that; {replaced}",
-        record.name,
-        farthest_um,
-        first + 1
-    ))
+    let records = &subject.dataset.records;
+    let ends_um = range::ends_um(records);
+    records.iter().filter_map(|record| of_record(record, &ends_um)).collect()
+}
+
+/// So many readings stand out that they are no disturbances.
+fn too_many(record: &Record, samples: usize, first_sample: usize) -> Option<Issue> {
+    let is_so = samples as f64 > SHARE_MAX * record.window.len() as f64;
+    is_so.then(|| Issue::of(&record.name, Severity::Notes, Kind::OutliersKept { samples, first_sample }))
+}
+
+/// Puts what its neighbours say in the place of each of these readings.
+pub(super) fn interpolate(record: &mut Record, samples: &[Range<usize>]) {
+    let y = &mut record.displacement_um;
+    for k in samples.iter().cloned().flatten() {
+        y[k] = if (1..y.len() - 1).contains(&k) { 0.5 * (y[k - 1] + y[k + 1]) } else { expected(y, k) };
+    }
 }
 
 /// The least difference between two values that are not the same: one step, where they are those of a converter.
@@ -202,8 +184,18 @@ fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::Dataset;
     use crate::dataset::Role;
     use hysteron_sim::noise::WhiteNoise;
+
+    /// What the check finds in a record whose readings end there, corrected.
+    fn checked(check: fn(&Subject) -> Vec<Issue>, record: &mut Record) -> Option<Kind> {
+        let mut dataset = Dataset::unchecked("d", 0.0, 100.0, vec![record.clone()]);
+        let issue = check(&Subject { dataset: &dataset, moment: Moment::Made }).into_iter().next()?;
+        crate::quality::apply(&mut dataset, &issue);
+        *record = dataset.records.remove(0);
+        Some(issue.kind)
+    }
 
     /// A stage with a mode of 0.3 damping at a fifth of the sampling rate, driven by a staircase and then by a sine.
     fn record() -> Record {
@@ -233,13 +225,13 @@ mod tests {
             record.displacement_um[*k] += [0.7, -0.5, 1.5][i % 3];
         }
         assert_eq!(outliers(&record, &[]), Outliers { single: disturbed.to_vec(), beside_others: Vec::new() });
-        let (notes, samples) = replaced(&mut record, &[]).unwrap();
-        assert_eq!(samples, disturbed);
-        assert!(notes.contains("8 readings stand alone") && notes.contains("the first is sample 1)"), "{notes}");
+        let found = checked(single, &mut record).unwrap();
+        assert!(matches!(found, Kind::OutliersReplaced { samples: 8, first_sample: 1, .. }), "{found:?}");
         for k in disturbed {
+            assert!(!record.counts(k));
             assert!((record.displacement_um[k] - clean.displacement_um[k]).abs() < 0.03, "{k}");
         }
-        assert_eq!((replaced(&mut record, &[]), several_left_out(&mut record, &[])), (None, None));
+        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
     }
 
     /// A triangle met by a stage without dynamics, hardly any noise: its corners are as sharp as the drive's.
@@ -262,8 +254,7 @@ mod tests {
         let mut record = record();
         (3100..7900).step_by(20).for_each(|k| record.displacement_um[k] += 2.0);
         let before = record.displacement_um.clone();
-        let (note, samples) = replaced(&mut record, &[]).unwrap();
-        assert!(note.contains("too many") && samples.is_empty(), "{note}");
+        assert_eq!(checked(single, &mut record), Some(Kind::OutliersKept { samples: 240, first_sample: 3101 }));
         assert_eq!(record.displacement_um, before);
     }
 
@@ -274,9 +265,9 @@ mod tests {
         (4000..4003).for_each(|k| record.displacement_um[k] += 2.0 + 0.3 * k as f64 % 0.7);
         (6000..6006).for_each(|k| record.displacement_um[k] = 9.99);
         let before = record.displacement_um.clone();
-        assert_eq!(replaced(&mut record, &[]), None);
-        let note = several_left_out(&mut record, &[]).unwrap();
-        assert!(note.contains("and in one more place"), "{note}");
+        assert_eq!(checked(single, &mut record), None);
+        let found = checked(together, &mut record).unwrap();
+        assert!(matches!(found, Kind::OutliersLeftOut { places: 2, .. }), "{found:?}");
         assert_eq!(record.displacement_um, before);
         assert!((4000..4003).chain(6000..6006).all(|k| !record.counts(k)), "{:?}", record.left_out);
         assert!(record.counted().count() > 8000 - 25);
@@ -287,8 +278,8 @@ mod tests {
         let mut record = record();
         [2000, 4411].iter().for_each(|k| record.displacement_um[*k] += 2.0);
         record.window = 3500..8000;
-        let (note, _) = replaced(&mut record, &[]).unwrap();
-        assert!(note.contains("1 reading stands alone") && note.contains("sample 4412"), "{note}");
+        let found = checked(single, &mut record).unwrap();
+        assert!(matches!(found, Kind::OutliersReplaced { samples: 1, first_sample: 4412, .. }), "{found:?}");
     }
 
     #[test]
@@ -296,14 +287,14 @@ mod tests {
         let drive_v: Vec<f64> = (0..6000).map(|k| 50.0 - 50.0 * (0.003 * f64::from(k)).cos()).collect();
         let displacement_um = drive_v.iter().map(|u| (0.1 * u + if *u > 90.0 { 0.2 } else { 0.0 }).min(9.1)).collect();
         let mut record = Record::new("r", 1000.0, drive_v, displacement_um);
-        assert_eq!((replaced(&mut record, &[9.1]), several_left_out(&mut record, &[9.1])), (None, None));
+        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
     }
 
     #[test]
     fn coarse_readings_have_no_outliers() {
         let mut record = record();
         record.displacement_um.iter_mut().for_each(|y| *y = (*y / 0.05).round() * 0.05);
-        assert_eq!((replaced(&mut record, &[]), several_left_out(&mut record, &[])), (None, None));
+        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
     }
 
     /// Noise of an eighth of a step, which seldom leaves its code: the codes beside it are readings as others are.
@@ -314,7 +305,7 @@ mod tests {
         let mut record = Record::new("rest", 20_000.0, vec![0.0; 12_000], readings_um).with_role(Role::Noise);
         let before = record.displacement_um.clone();
         assert!(before.iter().any(|um| *um != 0.0) && before.iter().filter(|um| **um != 0.0).count() < 600);
-        assert!(replaced(&mut record, &[]).is_none() && several_left_out(&mut record, &[]).is_none());
+        assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
         assert_eq!(record.displacement_um, before);
     }
 }

@@ -1,15 +1,16 @@
-//! Invariant 5 of ARCHITECTURE.md: an effect is named only by a rule. Every rule of the decision on residuals made for it, and the rule beside
+//! Invariant 5 of ARCHITECTURE.md: an effect is named only with evidence. The comparison of models on residuals made for it, and the evidence beside
 //! every name on data that end in each kind of verdict.
 
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::decision::{Decision, decide};
 use hysteron::diagnosis::judgement::Judged;
 use hysteron::diagnosis::policy::Policy;
+use hysteron::diagnosis::selection::{Fate, Losses, confidence_set};
 use hysteron::diagnosis::study::Study;
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
+use hysteron::outcome::{Evidence, Standing, Verdict};
+use hysteron::quality::Reason;
 use hysteron::watch::{Event, Unwatched, Watch};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
@@ -33,20 +34,16 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// A fitted record and, perhaps, one that judges.
-fn records(held_out: bool) -> Dataset {
+/// A fitted record and one that judges.
+fn records() -> Dataset {
     let drive_v: Vec<f64> = (0..SAMPLES).map(|k| 5.0 - 5.0 * (k as f64 * 0.01).cos()).collect();
     let record = |name: &str| Record::new(name, 1000.0, drive_v.clone(), scaled(&drive_v, 0.1));
-    let mut all = vec![record("fitted")];
-    if held_out {
-        all.push(record("judging").with_role(Role::Validate));
-    }
-    Dataset::new("t", 0.0, 10.0, all).unwrap()
+    Dataset::new("t", 0.0, 10.0, vec![record("fitted"), record("judging").with_role(Role::Validate)]).unwrap()
 }
 
-fn judged(fitted: Vec<f64>, held_out: Option<Vec<f64>>) -> Judged {
-    let (identify_rms_um, validate_rms_um) = (rms(&fitted), held_out.as_deref().map(rms));
-    Judged { model: Model::new(0.0, 10.0), residuals: std::iter::once(fitted).chain(held_out).collect(), identify_rms_um, validate_rms_um }
+fn judged(fitted: Vec<f64>, held_out: Vec<f64>) -> Judged {
+    let (identify_rms_um, validate_rms_um) = (rms(&fitted), Some(rms(&held_out)));
+    Judged { model: Model::new(0.0, 10.0), residuals: vec![fitted, held_out], identify_rms_um, validate_rms_um }
 }
 
 /// A floor that is the same in all records, or none.
@@ -68,60 +65,41 @@ fn known(rms_um: Option<f64>, records: usize) -> NoiseFloor {
     }
 }
 
-/// What is decided where the residuals of fitted and held-out record go from one size to another, the noise being 1 where it is known.
-fn decided(floor_um: Option<f64>, fitted: (f64, f64), held_out: Option<(f64, f64)>, p: Option<f64>) -> Decision {
-    let dataset = records(held_out.is_some());
-    let floor = known(floor_um, dataset.records.len());
-    let study = Study::new(&dataset, Vec::new(), &floor, Policy::default(), &Unwatched);
+/// How the second of two models fares whose residuals are so many times the noise on the fitted and on the held-out record.
+fn fate(floor_um: Option<f64>, best: (f64, f64), other: (f64, f64)) -> Fate {
+    let dataset = records();
+    let study = Study::new(&dataset, Vec::new(), &known(floor_um, dataset.records.len()), Policy::default(), &Unwatched);
     let (a, b) = (noise(1, 1.0), noise(2, 1.0));
     let (a, b) = (scaled(&a, 1.0 / rms(&a)), scaled(&b, 1.0 / rms(&b)));
-    let at = |fitted: f64, held_out: Option<f64>| judged(scaled(&a, fitted), held_out.map(|size| scaled(&b, size)));
-    decide(&study, &at(fitted.0, held_out.map(|h| h.0)), &at(fitted.1, held_out.map(|h| h.1)), p)
+    let losses = [best, other].map(|(fitted, held_out)| Losses::of_judged(&study, &judged(scaled(&a, fitted), scaled(&b, held_out))));
+    confidence_set(&study, &losses.each_ref())[1]
+}
+
+fn is_rejected(fate: Fate) -> bool {
+    matches!(fate, Fate::Rejected(by) if by > 0.0)
 }
 
 #[test]
-fn what_is_not_in_the_residual_is_refused_unless_it_reaches_the_noise() {
-    let refused = decided(Some(1.0), (3.0, 2.0), Some((3.0, 2.0)), Some(0.2));
-    assert_eq!(refused, Decision::NotInTheResidual { p: 0.2 });
-    assert!(!refused.admits());
-    assert_eq!(decided(Some(1.0), (1.5, 1.0), Some((1.5, 1.0)), Some(0.2)), Decision::ReachesTheFloor);
-    // From barely above what counts as the noise to barely below it, by less than matters.
-    assert!(matches!(decided(Some(1.0), (1.06, 1.045), Some((1.06, 1.045)), None), Decision::TooSmall { .. }));
-    // A ring behind each of a few steps: signs say little of few events, errors that fall to less than half do.
-    assert!(matches!(decided(Some(1.0), (800.0, 1.3), Some((900.0, 1.3)), Some(0.2)), Decision::HeldOutErrorFalls { .. }));
-    assert_eq!(decided(Some(1.0), (800.0, 1.3), Some((900.0, 600.0)), Some(0.2)), Decision::NotInTheResidual { p: 0.2 });
-    // Reached where it was fitted only.
-    assert!(!matches!(decided(Some(1.0), (1.5, 1.0), Some((1.5, 1.5)), None), Decision::ReachesTheFloor));
+fn at_the_noise_two_percent_of_the_error_matter() {
+    assert_eq!(fate(Some(1.0), (1.0, 1.0), (1.0, 1.0)), Fate::Kept);
+    assert_eq!(fate(Some(1.0), (1.0, 1.0), (1.015, 1.015)), Fate::Kept);
+    assert!(is_rejected(fate(Some(1.0), (1.0, 1.0), (1.2, 1.2))));
 }
 
 #[test]
-fn a_held_out_error_that_falls_by_more_than_chance_admits() {
-    let admitted = decided(Some(1.0), (3.0, 2.7), Some((3.0, 2.7)), Some(0.01));
-    let Decision::HeldOutErrorFalls { z, relative } = admitted else { panic!("{admitted:?}") };
-    assert!(z > 2.0 && (relative - 0.1).abs() < 1e-9 && admitted.admits());
-    assert!(matches!(decided(Some(1.0), (3.0, 2.95), Some((3.0, 2.95)), Some(0.01)), Decision::TooSmall { .. }));
+fn one_record_shows_an_effect_unless_the_other_gets_worse() {
+    assert!(is_rejected(fate(Some(1.0), (1.0, 1.0), (1.0, 1.3))));
+    assert!(is_rejected(fate(Some(1.0), (1.0, 1.0), (1.3, 1.0))));
+    assert_eq!(fate(Some(1.0), (1.0, 1.2), (1.3, 1.0)), Fate::Kept);
 }
 
 #[test]
-fn what_the_held_out_records_do_not_show_must_be_beyond_doubt_and_must_not_harm_them() {
-    let admitted = decided(Some(1.0), (3.0, 2.0), Some((3.0, 3.0)), Some(0.01));
-    assert!(matches!(admitted, Decision::SeenBeyondDoubt { z, .. } if z > 5.0), "{admitted:?}");
-    assert!(admitted.admits());
-    let refused = decided(Some(1.0), (3.0, 2.0), Some((3.0, 3.3)), Some(0.01));
-    assert!(matches!(refused, Decision::HeldOutErrorDoesNotFall { relative, .. } if relative < 0.0), "{refused:?}");
-    assert!(!refused.admits());
-}
-
-#[test]
-fn without_a_known_noise_two_percent_of_the_held_out_error_are_asked() {
-    assert!(matches!(decided(None, (3.0, 2.85), Some((3.0, 2.85)), None), Decision::HeldOutErrorFalls { .. }));
-    assert!(matches!(decided(None, (3.0, 2.91), Some((3.0, 2.97)), None), Decision::HeldOutErrorDoesNotFall { .. }));
-}
-
-#[test]
-fn where_nothing_judges_chance_is_excluded_the_more_clearly() {
-    assert!(matches!(decided(Some(1.0), (3.0, 2.7), None, None), Decision::FittedErrorFalls { .. }));
-    assert!(matches!(decided(Some(1.0), (3.0, 2.95), None, None), Decision::TooSmall { .. }));
+fn above_the_noise_a_difference_matters_that_exceeds_the_remainder() {
+    assert_eq!(fate(Some(1.0), (20.0, 20.0), (25.0, 25.0)), Fate::Kept);
+    assert!(is_rejected(fate(Some(1.0), (34.0, 34.0), (1117.0, 1117.0))));
+    // Without a noise all that is left may be the remainder.
+    assert_eq!(fate(None, (3.0, 3.0), (3.6, 3.6)), Fate::Kept);
+    assert!(is_rejected(fate(None, (3.0, 3.0), (5.0, 5.0))));
 }
 
 /// What each record was driven with, and the readings of a chain with noise.
@@ -140,7 +118,7 @@ fn recorded(chain: &[(&str, &[f64])], noise_um: f64, lsb_um: f64, held_out: bool
     ];
     let wanted = |role: &Role| (held_out || *role != Role::Validate) && (rest || *role != Role::Noise);
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
         let mut noise = WhiteNoise::new(noise_um, 100 + i as u64);
         let read = |y: f64| if lsb_um > 0.0 { (y / lsb_um).round() * lsb_um } else { y };
         let readings = model.simulate(&drive).into_iter().map(|y| read(y + noise.next_um())).collect();
@@ -150,32 +128,29 @@ fn recorded(chain: &[(&str, &[f64])], noise_um: f64, lsb_um: f64, held_out: bool
     Dataset::new("recorded", 0.0, 10.0, records).unwrap()
 }
 
-/// Every name has a finding and a candidate, each admitted by a rule; what was taken back was refused; the whole comes to the noise.
-fn holds_invariant_5(found: &Explanation) {
+/// Every name has a finding with evidence and a candidate; a verdict without names has none, and says why where nothing can be decided.
+fn holds_invariant_5(found: &Outcome) {
     let d = &found.diagnosis;
     for name in &d.named {
         let finding =
             d.findings.iter().find(|f| f.effects.contains(name)).unwrap_or_else(|| panic!("{name} without finding: {}", d.sentence));
-        assert!(finding.decision.admits(), "{name}: {:?}", finding.decision);
-        let candidate = d.candidates.iter().find(|c| c.effect == *name).unwrap_or_else(|| panic!("{name} is no candidate: {}", d.sentence));
-        assert!(candidate.decision.admits(), "{name}: {:?}", candidate.decision);
-    }
-    assert!(d.taken_back.iter().all(|(_, decision)| !decision.admits()), "{:?}", d.taken_back);
-    let floor = &found.floor;
-    let floors_um = if floor.rms_um.is_some() { floor.of_records_um.clone() } else { vec![floor.at_least_um; floor.of_records_um.len()] };
-    match d.verdict {
-        Verdict::Named | Verdict::Ambiguous => {
-            assert!(!d.named.is_empty());
-            assert!(found.last().within(Policy::default().explained, &floors_um, &found.split), "{}", d.sentence);
+        if let Evidence::Models { without, with, .. } = finding.evidence {
+            assert!(with.identify < without.identify || with.validate < without.validate, "{name}: {:?}", finding.evidence);
         }
-        Verdict::AtFloor | Verdict::Unexplained => assert!(d.named.is_empty(), "{}", d.sentence),
-        Verdict::Undecidable => assert!(floor.rms_um.is_none() || d.below_the_floor, "{}", d.sentence),
+        let candidate = d.candidates.iter().find(|c| c.effect == *name).unwrap_or_else(|| panic!("{name} is no candidate: {}", d.sentence));
+        let stands = matches!(candidate.standing, Standing::Named | Standing::Alternative | Standing::InTheReadings);
+        assert!(stands, "{name}: {:?}", candidate.standing);
+    }
+    match d.verdict {
+        Verdict::Named | Verdict::Ambiguous => assert!(!d.named.is_empty()),
+        Verdict::AtFloor | Verdict::Unexplained => assert!(d.named.is_empty() && d.reason.is_none(), "{}", d.sentence),
+        Verdict::Undecidable => assert!(d.reason.is_some(), "{}", d.sentence),
     }
 }
 
-fn explained(dataset: &Dataset, from: &str) -> Explanation {
+fn explained(dataset: &Dataset, from: &str) -> Outcome {
     let effects = effects_named(from).unwrap();
-    let found = explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).unwrap();
+    let found = analyse(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).unwrap();
     holds_invariant_5(&found);
     found
 }
@@ -202,12 +177,12 @@ fn a_search_whose_time_is_over_does_not_say_that_the_library_has_nothing() {
     let gain = effects_named("gain").unwrap();
     let within = |most: usize| {
         let watch = LooksAtTheClock { most, taken: AtomicUsize::new(0) };
-        explain(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap()
+        analyse(&dataset, Start::Effects(&gain), &Options::default(), &watch).unwrap()
     };
     let nothing = within(0);
     let (d, notes) = (&nothing.diagnosis, &nothing.floor.warnings);
     assert_eq!((d.verdict, d.named.len()), (Verdict::Undecidable, 0), "{}", d.sentence);
-    assert!(d.sentence.contains("in the time there was") && notes.iter().any(|n| n.contains("time was over")), "{} {notes:?}", d.sentence);
+    assert!(d.reason == Some(Reason::OutOfTime) && notes.iter().any(|n| n.contains("time was over")), "{} {notes:?}", d.sentence);
     // The mode is found in the first round, which comes to the noise: nothing was cut short.
     let all = within(1);
     assert_eq!(
@@ -234,17 +209,16 @@ fn a_name_rests_on_held_out_records_or_says_that_there_are_none() {
 fn the_steps_of_a_converter_are_named_by_the_readings_alone() {
     let found = explained(&recorded(&[("gain", &[0.1]), MODE], 0.002, 0.01, true, true), "gain,vibration");
     let finding = found.diagnosis.findings.iter().find(|f| f.effects == ["quantisation"]).unwrap();
-    assert_eq!(finding.decision, Decision::ReadingsShowIt);
+    assert_eq!(finding.evidence, Evidence::Readings);
 }
 
 #[test]
-fn beside_a_model_from_elsewhere_an_effect_is_named_that_alone_explains_what_a_new_fit_could_remove() {
+fn beside_a_prior_model_an_effect_that_alone_explains_it_is_named() {
     let model = explained(&recorded(&[("gain", &[0.1]), MODE], 0.002, 0.0, true, true), "gain,vibration").model;
     let lagging = recorded(&[("gain", &[0.1]), MODE, ("sensor_bandwidth", &[120.0])], 0.002, 0.0, true, true);
-    let found = explain(&lagging, Start::Model(model), &Options::default(), &Unwatched).unwrap();
+    let found = analyse(&lagging, Start::Model(model), &Options::default(), &Unwatched).unwrap();
     holds_invariant_5(&found);
     // A lag in front of a mode does the same as one behind it: both are said.
     assert!(found.diagnosis.named.contains(&"sensor_bandwidth".to_owned()), "{}", found.diagnosis.sentence);
     assert!(found.diagnosis.findings[0].effects.contains(&"sensor_bandwidth".to_owned()));
-    assert!(matches!(found.diagnosis.findings[0].decision, Decision::ExplainsAlone { share } if share > 0.5));
 }

@@ -3,7 +3,8 @@
 //! An amplifier that cannot give more holds the stage, and the sensor's noise goes on; a converter at its end reads the same value, digit by digit.
 //! What it reads there says only that the displacement is beyond: such samples are left out of fits, noise and figures.
 
-use super::{Dataset, Record, Role};
+use super::{Issue, Kind, Moment, Severity, Subject};
+use crate::dataset::{Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
 use std::ops::Range;
 
@@ -16,38 +17,34 @@ const DRIVE_MOVES: f64 = 0.01;
 
 /// A limit at which readings stand still.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ReadingLimit {
-    /// The record.
-    pub record: String,
-    /// The reading, um.
-    pub reading_um: f64,
+struct ReadingLimit {
+    record: String,
+    reading_um: f64,
     /// It is the highest; the lowest otherwise.
-    pub highest: bool,
-    /// Readings there.
-    pub samples: usize,
-    /// Share of the record.
-    pub share: f64,
+    highest: bool,
+    samples: usize,
+    share: f64,
 }
 
 /// The limits of all driven records: those that a record shows by itself, and the same values in the others, which the same sensor read. Where
 /// another record reads further and does not end, it was not the sensor that ended.
-#[must_use]
-pub fn reading_limits(dataset: &Dataset) -> Vec<ReadingLimit> {
-    limits_of_all(&dataset.records)
+pub(super) fn check(subject: &Subject) -> Vec<Issue> {
+    if !matches!(subject.moment, Moment::Made) {
+        return Vec::new();
+    }
+    let records = &subject.dataset.records;
+    let issue = |limit: ReadingLimit| {
+        let ReadingLimit { record: name, reading_um, highest, samples, share } = limit;
+        let there = |record: &Record| runs_of_equals(record).filter(|run| record.displacement_um[run.start] == reading_um).collect();
+        let left_out = records.iter().find(|r| r.name == name).map_or_else(Vec::new, there);
+        Issue::of(name, Severity::Corrects, Kind::RangeEnds { reading_um, highest, samples, share }).with_samples(left_out)
+    };
+    limits_of_all(records).into_iter().map(issue).collect()
 }
 
 /// The readings at which the sensor's range ends, in any record.
 pub(super) fn ends_um(records: &[Record]) -> Vec<f64> {
     limits_of_all(records).iter().map(|limit| limit.reading_um).collect()
-}
-
-/// Leaves the readings that stand at a limit out of what counts in each record. A data set does so with the records that it is made of.
-pub fn leave_out(records: &mut [Record]) {
-    let limits = limits_of_all(records);
-    for record in records {
-        let mine: Vec<f64> = limits.iter().filter(|limit| limit.record == record.name).map(|limit| limit.reading_um).collect();
-        record.left_out = runs_of_equals(record).filter(|run| mine.contains(&record.displacement_um[run.start])).collect();
-    }
 }
 
 fn limits_of_all(records: &[Record]) -> Vec<ReadingLimit> {
@@ -110,7 +107,19 @@ fn runs_of_equals(record: &Record) -> impl Iterator<Item = Range<usize>> + '_ {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::Dataset;
     use hysteron_sim::noise::WhiteNoise;
+
+    /// What making a data set finds.
+    fn reading_limits(dataset: &Dataset) -> Vec<ReadingLimit> {
+        let limit = |issue: &Issue| match (&issue.kind, &issue.record) {
+            (Kind::RangeEnds { reading_um, highest, samples, share }, Some(record)) => {
+                Some(ReadingLimit { record: record.clone(), reading_um: *reading_um, highest: *highest, samples: *samples, share: *share })
+            }
+            _ => None,
+        };
+        dataset.issues.iter().filter_map(limit).collect()
+    }
 
     fn dataset(reading: impl Fn(f64, f64) -> f64) -> Dataset {
         let mut noise = WhiteNoise::new(0.003, 3);

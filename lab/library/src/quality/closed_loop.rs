@@ -9,8 +9,9 @@
 //! samples that lie far apart, a loop was closed. Two things look like it and are none: a residual that follows the drive, which is a missing effect (a drive
 //! that is smooth is known before it comes), and one that is made of the noise with which the drive was read back.
 
-use super::judgement::Judged;
+use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Dataset, Record};
+use crate::diagnosis::judgement::Judged;
 use crate::identification::fit::{dot, rms};
 use crate::identification::noise_floor::NoiseFloor;
 use crate::parallel;
@@ -39,23 +40,16 @@ const SAMPLES_MIN: usize = 2000;
 /// Samples of a record that are looked at.
 const SAMPLES_MAX: usize = 100_000;
 
-/// A drive that follows the noise of the readings.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Feedback {
-    /// The record.
-    pub record: String,
-    /// Samples by which the drive comes after the noise.
-    pub later_samples: usize,
-    /// Correlation of what is new in both, below zero.
-    pub correlation: f64,
-    /// The largest size of it at samples that lie far apart: chance.
-    pub by_chance: f64,
+/// Examines the drives beside what the model at the end leaves. Where that is so many times the noise (`near_the_noise` of the policy) something else
+/// remains, as a ring that the model does not have, or what uneven time stamps make of a drive and its readings alike.
+pub(super) fn check(subject: &Subject) -> Vec<Issue> {
+    match subject.moment {
+        Moment::End(end) => followed(subject.dataset, end.last, end.noise, end.study.policy.near_the_noise),
+        _ => Vec::new(),
+    }
 }
 
-/// The records whose drive follows what a model leaves of them. Where that is so many times the noise (`near_the_noise`) something else is what is left, as a ring that
-/// the model does not have, or what uneven time stamps make of a drive and its readings alike, and nothing is said.
-#[must_use]
-pub fn followed(dataset: &Dataset, judged: &Judged, floor: &NoiseFloor, near_the_noise: f64) -> Vec<Feedback> {
+fn followed(dataset: &Dataset, judged: &Judged, floor: &NoiseFloor, near_the_noise: f64) -> Vec<Issue> {
     let of_the_noise = |record: &Record, left: &[f64]| {
         !floor.read_back.is_some_and(|r| r.response_um(&judged.model, record) > MADE_BY_THE_COLUMN * rms(left))
     };
@@ -63,10 +57,14 @@ pub fn followed(dataset: &Dataset, judged: &Judged, floor: &NoiseFloor, near_the
     let is_noise = |left: &[f64], floor_um: &Option<f64>| floor_um.is_none_or(|floor_um| rms(left) < near_the_noise * floor_um);
     let near: Vec<(&Record, &Vec<f64>)> =
         each.filter(|((_, left), floor_um)| !left.is_empty() && is_noise(left, floor_um)).map(|(both, _)| both).collect();
-    parallel::map(&near, |(record, left)| of_record(record, left).filter(|_| of_the_noise(record, left))).into_iter().flatten().collect()
+    let issue = |(record, left): &(&Record, &Vec<f64>)| {
+        let kind = of_record(record, left).filter(|_| of_the_noise(record, left))?;
+        Some(Issue::of(&record.name, Severity::Notes, kind))
+    };
+    parallel::map(&near, issue).into_iter().flatten().collect()
 }
 
-fn of_record(record: &Record, left: &[f64]) -> Option<Feedback> {
+fn of_record(record: &Record, left: &[f64]) -> Option<Kind> {
     let from = record.window.start;
     let to = record.window.end.min(from + SAMPLES_MAX);
     // What is left out says nothing of the noise: no residual stands there.
@@ -84,7 +82,7 @@ fn of_record(record: &Record, left: &[f64]) -> Option<Feedback> {
     let follows = |later: usize| dot(&drive[..drive.len() - later], &noise[later..]).abs() / power;
     let missing = (1..=ANSWERS_WITHIN).map(follows).fold(0.0, f64::max);
     let answered = -correlation > LEAST.max(BEYOND_CHANCE * by_chance).max(BEYOND_WHAT_FOLLOWS * missing);
-    answered.then(|| Feedback { record: record.name.clone(), later_samples, correlation, by_chance })
+    answered.then_some(Kind::ClosedLoop { later_samples, correlation, by_chance })
 }
 
 /// What the samples before each one do not predict of it, by least squares; nothing where a signal is constant.
@@ -133,7 +131,7 @@ mod tests {
     const NEAR_THE_NOISE: f64 = 4.0;
 
     /// Beside this floor, or none.
-    fn followed(dataset: &Dataset, judged: &Judged, floor_um: Option<f64>) -> Vec<Feedback> {
+    fn followed(dataset: &Dataset, judged: &Judged, floor_um: Option<f64>) -> Vec<Issue> {
         let floor = NoiseFloor { of_records_um: vec![floor_um], read_back: None, ..noise_floor(dataset) };
         super::followed(dataset, judged, &floor, NEAR_THE_NOISE)
     }
@@ -174,8 +172,8 @@ mod tests {
         for gain in [0.3, 2.0] {
             let found = followed(&dataset(closed_loop(gain, &noise), &noise), &left(&noise), None);
             assert_eq!(found.len(), 1, "{gain}");
-            assert_eq!(found[0].later_samples, 1);
-            assert!(found[0].correlation < -0.5 && found[0].by_chance < 0.1, "{:?}", found[0]);
+            let Kind::ClosedLoop { later_samples, correlation, by_chance } = found[0].kind else { panic!("{found:?}") };
+            assert!(later_samples == 1 && correlation < -0.5 && by_chance < 0.1, "{found:?}");
             // With a noise of 0.1 nm something else than noise is what is left.
             assert_eq!(followed(&dataset(closed_loop(gain, &noise), &noise), &left(&noise), Some(1e-4)), []);
         }
