@@ -86,7 +86,7 @@ impl Effect for TwoSided {
             place: Place::Hysteresis,
             modifies: Some(super::hysteresis::ID),
             experiment: "triangles to both sides of 0 V of growing height, from the virgin state".into(),
-            candidate: true,
+            candidate: false,
             one_sided: false,
         }
     }

@@ -532,11 +532,10 @@ impl<'a> Study<'a> {
         [finer_plays::denser(model, &self.overview), finer_plays::freed(model, &self.overview)].into_iter().flatten().collect()
     }
 
-    /// Finer descriptions of its creep: more terms, free time constants, a pair of complex poles beside those.
+    /// Finer descriptions of its creep: more terms, or free time constants.
     #[must_use]
     pub fn finer_creep(&self, model: &Model) -> Vec<Model> {
-        let terms = [finer_creep::denser(model, &self.overview), finer_creep::freed(model, &self.overview)].into_iter().flatten();
-        terms.chain(finer_creep::with_pole_pair(model, &self.overview)).collect()
+        [finer_creep::denser(model, &self.overview), finer_creep::freed(model, &self.overview)].into_iter().flatten().collect()
     }
 
     /// By how many steps a model is described more finely than its effects are declared.

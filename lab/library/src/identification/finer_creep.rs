@@ -1,18 +1,15 @@
-//! Better descriptions of creep: time constants closer to one another, free ones, or a pair of complex poles beside them.
+//! Better descriptions of creep: time constants closer to one another, or free ones.
 //!
 //! Creep is a sum of first-order terms on a grid of time constants, one for each decade. An actuator that creeps with the logarithm of time is met by that to
 //! some per cent of its creep; one with a single time constant between two of the grid leaves a twentieth of it, which looks like drift, leakage or loops of
 //! another kind. On the recorded stage twice and four times as many terms bring the error down by a third (`docs/real_recordings.md`).
 //!
 //! Both ways are tried because neither is the better one everywhere: free time constants meet few terms exactly, and on long creep they follow what the fitted
-//! records happen to show; a dense grid with shares that are not negative is smooth. Held-out records decide. Creep that overshoots on its way, as that of the
-//! thesis' actuator (Ch. 5, Eq. 17), is met by no sum of first-order terms with positive shares: beside free terms a pair of complex poles is tried.
+//! records happen to show; a dense grid with shares that are not negative is smooth. Held-out records decide.
 
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::Effect;
 use hysteron_sim::effect::Overview;
 use hysteron_sim::effect::creep::{self, Creep};
-use hysteron_sim::effect::creep_pole_pair::{self, CreepPolePair};
 use std::sync::Arc;
 
 /// Most terms of a grid: four for each decade of the usual three, and what lies beyond.
@@ -49,27 +46,12 @@ pub fn freed(model: &Model, overview: &Overview) -> Option<Model> {
     (!kept.is_empty() && terms.len() <= FREE_TERMS_MAX).then(|| with_terms(model, overview, &kept, false))
 }
 
-/// The model with a pair of complex poles beside the free terms of its creep, from several frequencies; none where its terms are not free or it has one.
-#[must_use]
-pub fn with_pole_pair(model: &Model, overview: &Overview) -> Vec<Model> {
-    let free = model.effect(creep::ID).is_some_and(is_free);
-    if !free || model.effect(creep_pole_pair::ID).is_some() {
-        return Vec::new();
-    }
-    let with = |start: Vec<f64>| {
-        let mut out = model.clone();
-        out.add(EffectInstance::new(Arc::new(CreepPolePair), overview, &start));
-        out
-    };
-    CreepPolePair.starts(overview).into_iter().map(with).collect()
-}
-
 /// By how many steps creep is described more finely than it is declared.
 #[must_use]
 pub fn steps_finer(model: &Model) -> usize {
     let Some(creep) = model.effect(creep::ID) else { return 0 };
     if is_free(creep) {
-        return STEPS_OF_FREE + usize::from(model.effect(creep_pole_pair::ID).is_some());
+        return STEPS_OF_FREE;
     }
     let intervals = |terms: usize| terms.saturating_sub(1).max(1);
     (intervals(creep.parameters.len() / 2) / intervals(Creep::default().terms)).max(1).ilog2() as usize
@@ -80,8 +62,7 @@ pub fn steps_finer(model: &Model) -> usize {
 pub fn description(model: &Model) -> Option<String> {
     let creep = model.effect(creep::ID)?;
     let how = if is_free(creep) { "free time constants" } else { "time constants on a grid" };
-    let pair = if model.effect(creep_pole_pair::ID).is_some() { " and a pair of complex poles" } else { "" };
-    Some(format!("{} terms with {how}{pair}", creep.parameters.len() / 2))
+    Some(format!("{} terms with {how}", creep.parameters.len() / 2))
 }
 
 fn is_free(creep: &EffectInstance) -> bool {
@@ -145,9 +126,5 @@ mod tests {
         assert!(is_free(creep) && steps_finer(&freed_model) == STEPS_OF_FREE);
         assert!(freed(&freed_model, &overview()).is_none() && denser(&freed_model, &overview()).is_none());
         assert_ne!(description(&model()), description(&freed_model));
-        // Beside free terms a pair of poles is tried, once.
-        let with_pair = with_pole_pair(&freed_model, &overview());
-        assert!(with_pair.len() > 1 && with_pole_pair(&model(), &overview()).is_empty());
-        assert!(with_pair.iter().all(|m| with_pole_pair(m, &overview()).is_empty() && steps_finer(m) == STEPS_OF_FREE + 1));
     }
 }
