@@ -10,7 +10,6 @@
 #[cfg(test)]
 mod accepted_blocks;
 pub mod amplifier;
-pub mod block_choice;
 pub mod block_swap;
 pub mod checksum;
 pub mod codes;
@@ -32,8 +31,6 @@ pub mod pid_regulator;
 pub mod predictor_law;
 pub mod reference_generator;
 pub mod reference_window;
-pub mod safety_envelope;
-pub mod self_test;
 pub mod sensor_lag;
 pub mod servo_parameters;
 pub mod servo_tick;

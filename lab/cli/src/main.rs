@@ -20,7 +20,6 @@ mod diagnose;
 mod drives;
 mod effects;
 mod explain;
-mod export;
 mod full_build;
 mod identify;
 #[cfg(feature = "lab")]

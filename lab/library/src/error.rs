@@ -39,10 +39,9 @@ pub enum Error {
 }
 
 impl Error {
-    /// Wrong input at a place. What a library of a format says in several lines becomes one.
+    /// Wrong input at a place.
     pub fn new(place: impl fmt::Display, message: impl fmt::Display) -> Self {
-        let message = message.to_string();
-        Self::Input { place: place.to_string(), message: message.split_whitespace().collect::<Vec<_>>().join(" ") }
+        Self::Input { place: place.to_string(), message: message.to_string() }
     }
 }
 
