@@ -1,6 +1,6 @@
 //! `cargo run --release -p hysteron --example arrays_to_servo`: from arrays to the verdict, a better model and a servo. The recordings are simulated here; yours come from wherever you keep them.
 
-use hysteron::explain::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::servo::{commands::design, predictor::Demands};
 use hysteron::{Dataset, Record, Role, diagnosis::words::nm, model_file, watch::Unwatched};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -15,7 +15,7 @@ fn measured_um(drive_v: &[f64], seed: u64) -> Vec<f64> {
     for (id, values) in [("hysteresis", &[10.0, 1.2, -1.2][..]), ("vibration", &[4000.0, 0.4]), ("delay", &[180e-6])] {
         actuator.add(EffectInstance::new(effect::by_id(id).expect("a built-in effect"), &overview, values));
     }
-    let drive = Drive { drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Virgin };
+    let drive = Drive::held(drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
     let mut noise = WhiteNoise::new(0.004, seed);
     actuator.simulate(&drive).into_iter().map(|y_um| y_um + noise.next_um()).collect()
 }
@@ -33,7 +33,7 @@ pub(crate) fn arrays_to_servo() -> Result<String, Box<dyn std::error::Error>> {
         Record::new(name, RATE_HZ, drive_v, displacement_um).from_virgin_state().with_role(role)
     };
     let dataset = Dataset::new("my stage", 0.0, 70.0, (0..).zip(drives).map(record).collect())?;
-    let found = explain(&dataset, Start::Effects(&model_file::effects_named("hysteresis,vibration")?), &Options::default(), &Unwatched)?;
+    let found = analyse(&dataset, Start::Effects(&model_file::effects_named("hysteresis,vibration")?), &Options::default(), &Unwatched)?;
     let servo = design(&found.model, &Demands { sensor_noise_um: 0.004, ..Demands::default() })?;
     let (verdict, error_nm, effects) = (&found.diagnosis.sentence, nm(found.last().error_um()), found.model.effect_ids().join(", "));
     Ok(format!(

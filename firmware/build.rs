@@ -1,8 +1,9 @@
 //! Hands the linker the board's memory map and the section that is copied to the memory of the control interrupt's code.
 //!
 //! The functions of `hysteron_core` and of the compiler's integer helpers are named in the section, because the control
-//! interrupt calls them; what it does not reach is dropped by the linker's garbage collection. What reads and verifies parameter blocks only
-//! runs in tasks, and stays in flash: that memory is short on some boards.
+//! interrupt calls them; what it does not reach is dropped by the linker's garbage collection. What reads and verifies parameter blocks, the safety
+//! envelope and command lines only runs in tasks, and stays in flash: that memory is short on some boards. `cargo xtask firmware` finds a function
+//! that the control interrupt calls there.
 
 use std::{env, fs, path::Path};
 
@@ -10,7 +11,10 @@ use std::{env, fs, path::Path};
 const SECTIONS: &str = r"
 SECTIONS
 {
-  .start_code : { *(.text.*hysteron_core*parameter_block*); } > FLASH
+  .start_code : {
+    *(.text.*hysteron_core*parameter_block* .text.*hysteron_core*safety_envelope* .text.*hysteron_core*block_choice*);
+    *(.text.*hysteron_core*command_text* .text.*hysteron_core*command_lines* .text.*hysteron_core*checksum*);
+  } > FLASH
   .control_code : ALIGN(8)
   {
     . = ALIGN(8);
@@ -38,6 +42,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let text = fs::read_to_string(&memory).map_err(|error| format!("{}: {error}", memory.display()))?;
     fs::write(Path::new(&out).join("memory.x"), text + SECTIONS)?;
     println!("cargo:rustc-link-search={out}");
+    // target/<triple>/release, where cargo puts the image.
+    let beside_image = Path::new(&out).ancestors().nth(3).ok_or("no folder for the map")?;
+    println!("cargo:rustc-link-arg-bin=hysteron-firmware=-Map={}", beside_image.join("hysteron-firmware.map").display());
     println!("cargo:rerun-if-changed={board}");
     println!("cargo:rerun-if-changed=build.rs");
     Ok(())

@@ -22,7 +22,8 @@ use crate::reference_generator::Waveform;
 use crate::sensor_lag::SensorLag;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters};
 use crate::servo_tick::ServoTick;
-use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
+use crate::signal::{Micrometres, Quantity, Volts};
+use crate::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
 
 /// Numbers of every size.
@@ -48,11 +49,19 @@ fn law() -> impl Strategy<Value = LawParameters> {
         number().prop_map(|magnitude| Reaching::Switching { magnitude }),
         (number(), number()).prop_map(|(magnitude, thickness)| Reaching::BoundaryLayer { magnitude, thickness }),
     ];
-    let sliding = (prop::array::uniform3(row()), row(), row(), row(), row(), row(), reaching).prop_map(
-        |(rows, unknown_input, reference_velocity, reference_drive, switching_function, equivalent_control, reaching)| {
+    let prediction = prop::option::of([row(), row()].prop_map(|rows| Prediction { rows }));
+    let sliding = (prop::array::uniform3(row()), row(), row(), row(), row(), row(), reaching, prediction).prop_map(
+        |(rows, unknown_input, reference_velocity, reference_drive, switching_function, equivalent_control, reaching, prediction)| {
             LawParameters::SlidingMode {
                 estimator: EstimatorParameters { rows, unknown_input },
-                controller: SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching },
+                controller: SlidingModeParameters {
+                    reference_velocity,
+                    reference_drive,
+                    switching_function,
+                    equivalent_control,
+                    reaching,
+                    prediction,
+                },
             }
         },
     );
@@ -207,42 +216,69 @@ fn position(c: ConverterParameters, code: SensorCode) -> i64 {
 
 /// Runs the amplifier through its modes; no code leaves the limits or changes by more than the slew limit.
 fn run(parameters: &AmplifierParameters, asked: &Asked) -> Result<(), TestCaseError> {
-    let c = parameters.servo.converters;
-    let mut amplifier = Amplifier::new(*parameters);
-    let sine = |amplitude: i32| Waveform::Multisine { tones: [(asked.increment, amplitude, 0); 4] };
+    fn sine<Q: Quantity>(increment: u32, amplitude: i32) -> Waveform<Q> {
+        Waveform::Multisine { tones: [(increment, Q::of_bits(amplitude), 0); 4] }
+    }
     let phases = [
         (10, Some(Command::RequireConditioning(false))),
-        (1200, Some(Command::Condition { cycle_ticks: 60, rest_ticks: 1 })),
-        (60, Some(Command::Play { waveform: sine(asked.play.0), offset: asked.play.1, ticks: 60 })),
+        (1, Some(Command::Arm { tested: false })),
+        (60, Some(Command::Play { waveform: sine(asked.increment, asked.play.0), offset: Volts::from_bits(asked.play.1), ticks: 60 })),
         (1, Some(Command::Disable)),
-        (1, Some(Command::Reference { waveform: sine(asked.reference.0), offset: asked.reference.1 })),
+        (
+            1,
+            Some(Command::Reference {
+                waveform: sine(asked.increment, asked.reference.0),
+                offset: Micrometres::from_bits(asked.reference.1),
+            }),
+        ),
         (250, Some(Command::Enable)),
-        (1, Some(Command::Reference { waveform: Waveform::Constant, offset: i32::MIN })),
+        (1, Some(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::MIN })),
         (80, None),
         (
             1,
-            Some(Command::Reference { waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: i32::MIN }, offset: 0 }),
+            Some(Command::Reference {
+                waveform: Waveform::RoundedTriangle { increment: asked.increment, amplitude: Micrometres::MIN },
+                offset: Micrometres::from_bits(0),
+            }),
         ),
         (80, None),
         // A period that is learned, until points are written and played.
         (
             4 * LEAST_PERIOD_TICKS + SETTLING_TICKS,
             Some(Command::Reference {
-                waveform: Waveform::RoundedTriangle { increment: u32::MAX / LEAST_PERIOD_TICKS + 1, amplitude: asked.reference.0 },
-                offset: asked.reference.1,
+                waveform: Waveform::RoundedTriangle {
+                    increment: u32::MAX / LEAST_PERIOD_TICKS + 1,
+                    amplitude: Micrometres::from_bits(asked.reference.0),
+                },
+                offset: Micrometres::from_bits(asked.reference.1),
             }),
         ),
         (100, Some(Command::Disable)),
     ];
+    // By themselves: readings that nothing moves end both in a fault.
+    let tests = [
+        (300, Some(Command::Arm { tested: true })),
+        (1, Some(Command::Disable)),
+        (1, Some(Command::Arm { tested: false })),
+        (1200, Some(Command::Condition { cycle_ticks: 60, rest_ticks: 1 })),
+    ];
+    run_phases(parameters, asked, &tests)?;
+    run_phases(parameters, asked, &phases)
+}
+
+fn run_phases(parameters: &AmplifierParameters, asked: &Asked, phases: &[(u32, Option<Command>)]) -> Result<(), TestCaseError> {
+    let c = parameters.servo.converters;
+    let mut amplifier = Amplifier::new(*parameters);
     let mut before = parameters.guard.rest_code;
     // Mostly those of the converter; now and then one that only a wider one has, which is a fault.
     let codes = |raw: u32| if raw % 64 == 63 { SensorCode::new(raw >> 12) } else { SensorCode::new(raw >> (32 - c.adc_bits)) };
     let mut readings = asked.readings.iter().map(|raw| codes(*raw)).cycle();
     for (ticks, command) in phases {
         if let Some(command) = command {
-            let _ = amplifier.command(command);
+            // Whatever its limits are: they are looked at before.
+            let _ = amplifier.obey(*command);
         }
-        for _ in 0..ticks {
+        for _ in 0..*ticks {
             let sample = amplifier.tick(readings.next(), false);
             prop_assert!((c.dac_code_min..=c.dac_code_max).contains(&sample.dac_code));
             prop_assert!(sample.dac_code.abs_diff(before) <= c.slew_codes, "{} from {before}", sample.dac_code);

@@ -13,25 +13,38 @@
 //!
 //! In every mode the drive changes by no more than the slew limit of the block in one tick.
 //!
-//! Conditioning is a played raised cosine of a given length over the whole range, a rest, and then the sensor is zeroed at the mean of the last
-//! [`ZERO_TICKS`] readings.
+//! # Arming
+//! Behind a start and behind every fault the amplifier's power stage is off ([`Amplifier::powered`]), and nothing plays or closes until somebody arms it
+//! ([`Command::Arm`]): the power stage is switched on at rest, and a small step shows that the drive moves the sensor as the model says
+//! ([`crate::self_test`]). [`Command::Disarm`] goes to rest and switches it off there.
+//!
+//! # Conditioning
+//! A played raised cosine over the whole range, as long as it is asked for or as long as the slew limit needs, a rest, and then the sensor is zeroed
+//! at the mean of the last [`ZERO_TICKS`] readings. It counts only if the drive was at both its limits and the sensor moved with it, as far as
+//! the model says; otherwise it ends in a fault that says which.
+//!
+//! # What is followed
+//! A reference that was given with the loop open is followed once it is closed, if it lies within the limits then. A stop, a fault and a conditioning forget it:
+//! a loop that is closed behind them stays where the stage stands.
 //!
 //! # What conditioned means
 //! The servo inverts the hysteresis from a memory of its own, the drives of the past as it knows them, and that must be the stage's. A cycle over the
 //! whole range wipes out every loop in both, so behind it they agree, and the sensor's zero is that of this memory. They go on agreeing for as
 //! long as every drive is one that was written here: through rest, open-loop drives and closed loops, however long, because the memory of a
-//! hysteresis does not fade. They no longer do after a start, and after every fault: there the amplifier's power stage was switched off, and the
+//! hysteresis does not fade. They no longer do once the amplifier's power stage was off, as behind a start and every fault: the
 //! stage went its own way. The loop closes only while they agree ([`Amplifier::conditioned`]), unless that is waived
 //! ([`Command::RequireConditioning`]).
 
 use crate::block_swap;
 use crate::codes::{DriveCode, SensorCode};
+use crate::command_limits;
 use crate::guard::{Fault, Guard};
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use crate::reference_window::PREVIEW_TICKS;
+use crate::self_test::{Extremes, Motion, SelfTest, has_model};
 use crate::servo_tick::ServoTick;
-use crate::signal::{Micrometres, narrow, volts};
+use crate::signal::{Micrometres, Volts, narrow, volts};
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
@@ -68,17 +81,17 @@ pub enum Command {
     Disable,
     /// Follows another reference.
     Reference {
-        /// Its form, amplitudes in um with 24 fraction bits.
-        waveform: Waveform,
-        /// Its offset, um with 24 fraction bits.
-        offset: i32,
+        /// Its form.
+        waveform: Waveform<Micrometres>,
+        /// Its offset.
+        offset: Micrometres,
     },
     /// Plays an open-loop drive, then goes to rest.
     Play {
-        /// Its form, amplitudes in V with 22 fraction bits.
-        waveform: Waveform,
-        /// Its offset, V with 22 fraction bits.
-        offset: i32,
+        /// Its form.
+        waveform: Waveform<Volts>,
+        /// Its offset.
+        offset: Volts,
         /// How long, ticks.
         ticks: u32,
     },
@@ -98,9 +111,16 @@ pub enum Command {
     },
     /// Goes to an open-loop drive, no faster than to rest, and holds it; the loop can be closed from there.
     Hold {
-        /// The drive, V with 22 fraction bits, held within its limits; `None`: where it is.
-        drive: Option<i32>,
+        /// The drive, held within its limits; `None`: where it is.
+        drive: Option<Volts>,
     },
+    /// At rest: switches the power stage on. Nothing plays or closes before it.
+    Arm {
+        /// Behind a step that shows sign, gain, noise and drift of the sensor ([`crate::self_test`]); without it whoever arms knows them.
+        tested: bool,
+    },
+    /// Goes to rest, and switches the power stage off there.
+    Disarm,
     /// Clears the fault, if the sensor has been healthy long enough.
     Clear,
     /// Whether the loop closes only behind a conditioning, as after every start, or whatever the stage's memory is.
@@ -116,12 +136,16 @@ pub enum Refusal {
     NotYetHealthy,
     /// Only at rest, the ramp there ended.
     NotAtRest,
-    /// There is no valid parameter block, and nothing but a block and a restart helps.
+    /// There is no valid parameter block or no safety envelope, and nothing but one and a restart helps.
     NoBlock,
     /// The actuator was not conditioned since the start or the last fault.
     NotConditioned,
     /// A reference or a drive leaves its limits ([`crate::command_limits`]).
     BeyondLimits,
+    /// The power stage is off: nobody has armed it since the start or the last fault.
+    NotArmed,
+    /// The points of a table are followed only by a loop that is closed already.
+    LoopOpen,
 }
 
 /// The amplifier with all its state.
@@ -132,9 +156,13 @@ pub struct Amplifier {
     guard: Guard,
     mode: Mode,
     fault: Option<Fault>,
-    without_block: bool,
-    reference: (Waveform, i32),
-    generator: ReferenceGenerator,
+    /// What nothing clears.
+    for_good: Option<Fault>,
+    /// What is followed, or would be; `None`: where the stage stands.
+    reference: Option<(Waveform<Micrometres>, Micrometres)>,
+    generator: ReferenceGenerator<Micrometres>,
+    /// What is played with the loop open.
+    player: ReferenceGenerator<Volts>,
     rest_before_ticks: u32,
     /// Amplitude of the sweep beside what is played, V with 22 fraction bits; 0 for none.
     sweep: i32,
@@ -142,6 +170,10 @@ pub struct Amplifier {
     remaining_ticks: u32,
     rest_after_ticks: u32,
     zero_sum: i64,
+    cycle: Cycle,
+    self_test: Option<SelfTest>,
+    armed: bool,
+    powered: bool,
     /// What is played is this code, until something else is told.
     held_code: Option<DriveCode>,
     zeroed: bool,
@@ -149,9 +181,36 @@ pub struct Amplifier {
     conditioning_required: bool,
     code: DriveCode,
     tick: u32,
+    /// Mean square of the drive's change, times [`CURRENT_TICKS`], and its limit.
+    change: u64,
+    most_change: u64,
     parameters: AmplifierParameters,
     servo: ServoTick,
 }
+
+/// What a conditioning has seen of the range.
+#[derive(Clone, Copy, Debug)]
+struct Cycle {
+    lowest: DriveCode,
+    highest: DriveCode,
+    /// At the highest drive: the reading and the model's displacement.
+    reading: SensorCode,
+    applied: i32,
+    /// Readings of the rest behind it.
+    noise: Extremes,
+}
+
+impl Cycle {
+    const NONE: Self =
+        Self { lowest: DriveCode::MOST, highest: DriveCode::new(0), reading: SensorCode::new(0), applied: 0, noise: Extremes::NONE };
+}
+
+/// Ticks over which the mean square of the drive's change is taken, 0.8 s at 20 kHz: what warms an amplifier takes longer.
+pub const CURRENT_TICKS: u32 = 1 << CURRENT_SHIFT;
+const CURRENT_SHIFT: u32 = 14;
+
+/// A conditioning has been at a limit of the drive if it came as near as this share of the range, 2^-10: amplitudes of tones have 1024ths.
+const RANGE_SHIFT: u32 = 10;
 
 impl Amplifier {
     /// At rest. Without a valid block it is made from any parameters and [`Amplifier::refuse`]d at once.
@@ -164,15 +223,22 @@ impl Amplifier {
             guard: Guard::new(parameters.guard),
             mode: Mode::Rest,
             fault: None,
-            without_block: false,
-            reference: (Waveform::Constant, 0),
+            for_good: None,
+            change: 0,
+            most_change: u64::MAX,
+            reference: None,
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
+            player: ReferenceGenerator::new(Waveform::Constant, Volts::from_bits(0)),
             rest_before_ticks: 0,
             sweep: 0,
             sweep_tick: 0,
             remaining_ticks: 0,
             rest_after_ticks: 0,
             zero_sum: 0,
+            cycle: Cycle::NONE,
+            self_test: None,
+            armed: false,
+            powered: false,
             held_code: None,
             zeroed: false,
             conditioned: false,
@@ -188,13 +254,27 @@ impl Amplifier {
         self.fault.get_or_insert(fault);
         self.mode = Mode::Fault;
         self.conditioned = false;
+        self.armed = false;
+        self.forget_plans();
     }
 
-    /// Stops for want of a parameter block. A fault that was found before stays in front; when it has been cleared this one is named, and
+    /// Stops for want of a parameter block or a safety envelope. A fault that was found before stays in front; when it has been cleared this one is named, and
     /// nothing clears it.
-    pub fn refuse_without_block(&mut self) {
-        self.without_block = true;
-        self.refuse(Fault::ParameterBlock);
+    pub fn refuse_for_good(&mut self, fault: Fault) {
+        self.for_good = Some(fault);
+        self.refuse(fault);
+    }
+
+    /// From now on a drive that changes by more than this from tick to tick is a fault, mean square over [`CURRENT_TICKS`] ticks, square codes: the current into the
+    /// actuator ([`crate::safety_envelope::SafetyEnvelope::mean_square_codes`]).
+    pub fn limit_current(&mut self, mean_square_codes: u64) {
+        self.most_change = mean_square_codes << CURRENT_SHIFT;
+    }
+
+    /// What was asked for before a stop is not done behind it.
+    fn forget_plans(&mut self) {
+        self.reference = None;
+        self.self_test = None;
     }
 
     /// Takes a command.
@@ -202,8 +282,23 @@ impl Amplifier {
     /// # Errors
     /// [`Refusal`]; nothing has changed then.
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
+        // A fault is said before limits.
+        if self.mode != Mode::Fault {
+            command_limits::check(&command, &self.parameters)?;
+        }
+        if let (Command::Enable, Some((waveform, offset))) = (command, self.reference) {
+            // Against the zero that is in force now.
+            command_limits::check(&Command::Reference { waveform, offset }, &self.parameters)?;
+        }
+        self.obey(command)
+    }
+
+    /// Takes a command that may lie beyond the limits.
+    pub(crate) fn obey(&mut self, command: Command) -> Result<(), Refusal> {
         match command {
-            Command::Disable => {
+            Command::Disable | Command::Disarm => {
+                self.armed &= command == Command::Disable;
+                self.forget_plans();
                 if self.mode != Mode::Fault {
                     self.mode = Mode::Rest;
                 }
@@ -214,16 +309,34 @@ impl Amplifier {
                     if !self.guard.healthy() {
                         return Err(Refusal::NotYetHealthy);
                     }
-                    if self.without_block && self.fault == Some(Fault::ParameterBlock) {
+                    if self.for_good.is_some() && self.fault == self.for_good {
                         return Err(Refusal::NoBlock);
                     }
-                    self.fault = self.without_block.then_some(Fault::ParameterBlock);
-                    self.mode = if self.without_block { Mode::Fault } else { Mode::Rest };
+                    self.fault = self.for_good;
+                    self.mode = if self.for_good.is_some() { Mode::Fault } else { Mode::Rest };
+                    self.change = 0;
                 }
                 return Ok(());
             }
             Command::RequireConditioning(required) => self.conditioning_required = required,
             _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
+            Command::Reference { waveform: Waveform::Table(_), .. } if self.mode != Mode::Closed => return Err(Refusal::LoopOpen),
+            Command::Reference { waveform, offset } => {
+                self.reference = Some((waveform, offset));
+                if self.mode == Mode::Closed {
+                    self.begin_reference();
+                }
+            }
+            Command::Arm { tested } => {
+                self.at_rest()?;
+                self.powered = true;
+                self.armed = !tested;
+                if tested {
+                    self.begin_playing(0, 0);
+                    self.self_test = Some(SelfTest::new(&self.parameters));
+                }
+            }
+            _ if !self.armed => return Err(Refusal::NotArmed),
             Command::Enable => {
                 if self.mode == Mode::Playing && self.held_code.is_none() {
                     return Err(Refusal::NotAtRest);
@@ -234,33 +347,31 @@ impl Amplifier {
                 self.begin_reference();
                 self.mode = Mode::Closed;
             }
-            Command::Reference { waveform, offset } => {
-                self.reference = (waveform, offset);
-                if self.mode == Mode::Closed {
-                    self.begin_reference();
-                }
-            }
             Command::Play { waveform, offset, ticks } => {
                 self.at_rest()?;
-                self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
+                self.player = ReferenceGenerator::new(waveform, offset);
                 self.begin_playing(ticks, 0);
             }
             Command::Hold { drive } => {
                 if self.mode == Mode::Playing && self.held_code.is_none() {
                     return Err(Refusal::NotAtRest);
                 }
-                self.held_code = Some(drive.map_or(self.code, |drive| self.code_for(drive)));
+                self.reference = None;
+                self.held_code = Some(drive.map_or(self.code, |drive| self.code_for(drive.to_bits())));
                 self.mode = Mode::Playing;
             }
             Command::Condition { cycle_ticks, rest_ticks } => {
                 self.at_rest()?;
+                let cycle_ticks = cycle_ticks.max(self.shortest_cycle());
                 let increment = u32::MAX.checked_div(cycle_ticks).unwrap_or(0);
-                self.generator = self.over_the_range([(increment, 1 << 10), (0, 0), (0, 0), (0, 0)]);
+                self.reference = None;
+                self.cycle = Cycle::NONE;
+                self.player = self.over_the_range([(increment, 1 << 10), (0, 0), (0, 0), (0, 0)]);
                 self.begin_playing(cycle_ticks, rest_ticks.max(ZERO_TICKS));
             }
             Command::Identify { ticks } => {
                 self.at_rest()?;
-                self.generator = self.over_the_range(IDENTIFICATION_TONES);
+                self.player = self.over_the_range(IDENTIFICATION_TONES);
                 self.begin_playing(ticks, 0);
                 self.rest_before_ticks = REST_BEFORE_TICKS;
                 self.sweep = self.of_half_the_range(IDENTIFICATION_SWEEP);
@@ -300,9 +411,9 @@ impl Amplifier {
 
     /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest point, so that it begins at the lower
     /// limit.
-    fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator {
-        let tones = tones.map(|(increment, share)| (increment, self.of_half_the_range(share), LOWEST_POINT));
-        ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(self.middle()))
+    fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator<Volts> {
+        let tones = tones.map(|(increment, share)| (increment, Volts::from_bits(self.of_half_the_range(share)), LOWEST_POINT));
+        ReferenceGenerator::new(Waveform::Multisine { tones }, Volts::from_bits(self.middle()))
     }
 
     /// Middle of the drive's range, V with 22 fraction bits.
@@ -321,11 +432,26 @@ impl Amplifier {
         if self.mode == Mode::Rest && self.drive_rests() { Ok(()) } else { Err(Refusal::NotAtRest) }
     }
 
+    /// Ticks that a cycle over the whole range takes at least, so that its steepest part is within the slew limit: pi times the range.
+    fn shortest_cycle(&self) -> u32 {
+        let c = &self.parameters.servo.converters;
+        let range = u64::from(c.dac_code_max.abs_diff(c.dac_code_min));
+        // 20 bits times 22, over 7: pi, rounded up.
+        (range * 22).checked_div(7 * u64::from(c.slew_codes)).map_or(u32::MAX, |ticks| ticks as u32 + 1)
+    }
+
     fn begin_reference(&mut self) {
-        let (waveform, offset) = self.reference;
-        self.generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(offset));
+        let (waveform, offset) = self.reference.unwrap_or_else(|| (Waveform::Constant, self.standing()));
+        self.generator = ReferenceGenerator::new(waveform, offset);
         self.servo.repeat(waveform.period_ticks());
         self.servo.enable();
+    }
+
+    /// Where the stage stands, within what the sensor can honestly give.
+    fn standing(&self) -> Micrometres {
+        let (lowest, highest) = command_limits::positions(&self.parameters.servo.converters, &self.parameters.guard);
+        let here = self.guard.last_code().map_or(0, |code| self.parameters.servo.converters.position(code));
+        Micrometres::from_bits(here).max(lowest).min(highest)
     }
 
     fn begin_playing(&mut self, ticks: u32, rest_after_ticks: u32) {
@@ -355,7 +481,7 @@ impl Amplifier {
         let before = self.code;
         self.code = match (self.mode, reading) {
             (Mode::Closed, Some(code)) => {
-                let wanted = self.servo.tick(code, self.generator.next_position());
+                let wanted = self.servo.tick(code, self.generator.next_value());
                 let error = self.servo.reference().to_bits().saturating_sub(self.servo.reading().to_bits());
                 match self.guard.inspect_loop(error, self.servo.slewing()) {
                     None => wanted,
@@ -368,6 +494,14 @@ impl Amplifier {
             (Mode::Playing, Some(code)) => self.play(code),
             _ => self.servo.open_loop(self.guard.towards_rest(before)),
         };
+        let step = u64::from(self.code.abs_diff(before));
+        self.change = self.change - (self.change >> CURRENT_SHIFT) + step * step;
+        if self.change > self.most_change && self.mode != Mode::Fault {
+            self.refuse(Fault::DriveCurrent);
+        }
+        if !self.armed && self.powered && self.self_test.is_none() && self.drive_rests() {
+            self.switch_off();
+        }
         TraceSample {
             tick,
             adc_code: reading.unwrap_or_default(),
@@ -377,6 +511,67 @@ impl Amplifier {
             unknown_input: self.servo.unknown_input(),
             flags: self.mode as u16 | (self.fault.map_or(0, |fault| fault as u16) << 8),
         }
+    }
+
+    /// The power stage is off from now on, and the stage goes its own way.
+    fn switch_off(&mut self) {
+        self.powered = false;
+        self.conditioned = false;
+    }
+
+    /// The next code of the self-test.
+    #[inline(never)]
+    fn test(&mut self, reading: SensorCode) -> DriveCode {
+        let Some(aim) = self.self_test.as_ref().map(SelfTest::aim) else { return self.code };
+        let code = self.servo.open_loop(self.guard.towards(self.code, aim));
+        let applied = self.servo.applied().to_bits();
+        match self.self_test.as_mut().and_then(|test| test.take(reading, code == aim, applied)) {
+            None => {}
+            Some(Ok(())) => {
+                self.self_test = None;
+                self.armed = true;
+                self.mode = Mode::Rest;
+            }
+            Some(Err(fault)) => self.refuse(fault),
+        }
+        code
+    }
+
+    /// Whether a conditioning did what it is for: both limits of the drive, and a sensor that moves with it.
+    ///
+    /// # Errors
+    /// What it did not.
+    fn judge_cycle(&self) -> Result<(), Fault> {
+        let (c, cycle) = (&self.parameters.servo.converters, &self.cycle);
+        let short = c.dac_code_max.abs_diff(c.dac_code_min) >> RANGE_SHIFT;
+        if cycle.highest + short < c.dac_code_max || cycle.lowest > c.dac_code_min + short {
+            return Err(Fault::RangeNotReached);
+        }
+        let expected = cycle.applied.saturating_sub(self.servo.applied().to_bits());
+        let motion = Motion {
+            measured: i64::from(cycle.reading) * i64::from(ZERO_TICKS) - self.zero_sum,
+            expected: has_model(&self.parameters.servo.actuator).then_some(expected),
+            noise_codes: cycle.noise.peak_to_peak(),
+            adc_step: c.adc_step,
+        };
+        motion.judge()
+    }
+
+    /// The end of a conditioning: the sensor is zeroed where it stands.
+    #[inline(never)]
+    fn end_conditioning(&mut self) {
+        if let Err(fault) = self.judge_cycle() {
+            self.refuse(fault);
+            return;
+        }
+        let c = &mut self.parameters.servo.converters;
+        // codes * ZERO_TICKS (2^10) * um/code (40) -> um (24)
+        c.adc_zero = -narrow((self.zero_sum * c.adc_step) >> 26);
+        self.servo.swap(self.parameters.servo);
+        self.servo.reset_counters();
+        self.zeroed = true;
+        self.conditioned = true;
+        self.mode = Mode::Rest;
     }
 
     /// The code of a drive (V with 22 fraction bits) within its limits.
@@ -389,6 +584,9 @@ impl Amplifier {
     /// The next code of an open-loop drive.
     #[inline]
     fn play(&mut self, reading: SensorCode) -> DriveCode {
+        if self.self_test.is_some() {
+            return self.test(reading);
+        }
         if let Some(held) = self.held_code {
             return self.servo.open_loop(self.guard.towards(self.code, held));
         }
@@ -398,17 +596,21 @@ impl Amplifier {
         }
         if self.remaining_ticks > 0 {
             self.remaining_ticks -= 1;
-            // V with 22 fraction bits, whatever the generator calls it.
-            let mut drive = self.generator.next_position().to_bits();
+            let mut drive = self.player.next_value().to_bits();
             if self.sweep != 0 {
                 drive = drive.saturating_add(sweep(self.sweep, self.sweep_tick));
                 self.sweep_tick = self.sweep_tick.wrapping_add(1);
             }
             let (code, c) = (self.code_for(drive), &self.parameters.servo.converters);
             let (lowest, highest) = (self.code - c.slew_codes, self.code + c.slew_codes);
-            return self.servo.open_loop(code.max(lowest).min(highest));
+            let code = self.servo.open_loop(code.max(lowest).min(highest));
+            if code > self.cycle.highest {
+                (self.cycle.highest, self.cycle.reading, self.cycle.applied) = (code, reading, self.servo.applied().to_bits());
+            }
+            self.cycle.lowest = self.cycle.lowest.min(code);
+            return code;
         }
-        self.generator.forget_marks();
+        self.player.forget_marks();
         let code = self.servo.open_loop(self.guard.towards_rest(self.code));
         if self.rest_after_ticks == 0 {
             self.mode = Mode::Rest;
@@ -416,17 +618,11 @@ impl Amplifier {
         }
         if self.rest_after_ticks <= ZERO_TICKS {
             self.zero_sum += i64::from(reading);
+            self.cycle.noise.take(reading);
         }
         self.rest_after_ticks -= 1;
         if self.rest_after_ticks == 0 {
-            let c = &mut self.parameters.servo.converters;
-            // codes * ZERO_TICKS (2^10) * um/code (40) -> um (24)
-            c.adc_zero = -narrow((self.zero_sum * c.adc_step) >> 26);
-            self.servo.swap(self.parameters.servo);
-            self.servo.reset_counters();
-            self.zeroed = true;
-            self.conditioned = true;
-            self.mode = Mode::Rest;
+            self.end_conditioning();
         }
         code
     }
@@ -464,6 +660,20 @@ impl Amplifier {
         self.conditioned
     }
 
+    /// Whether the power stage is to be on.
+    #[inline]
+    #[must_use]
+    pub fn powered(&self) -> bool {
+        self.powered
+    }
+
+    /// Whether something may be played and closed.
+    #[inline]
+    #[must_use]
+    pub fn armed(&self) -> bool {
+        self.armed
+    }
+
     /// Whether the loop closes only behind a conditioning.
     #[inline]
     #[must_use]
@@ -479,7 +689,7 @@ impl Amplifier {
         match self.mode {
             // What is generated counts so many ticks later.
             Mode::Closed => self.generator.marked(PREVIEW_TICKS - 1),
-            Mode::Playing => self.held_code.is_none() && self.generator.marked(0),
+            Mode::Playing => self.held_code.is_none() && self.player.marked(0),
             Mode::Rest | Mode::Fault => false,
         }
     }
@@ -502,7 +712,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::parameter_block::tests::example;
-    use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+    use crate::signal::Quantity;
     use crate::wave_table::{POINT_FRACTION_BITS, WaveTable};
     use core::sync::atomic::{AtomicI32, Ordering};
     use std::vec::Vec;
@@ -513,6 +723,13 @@ mod tests {
         SensorCode::new(((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u32 + (tick.wrapping_mul(2_654_435_761) >> 30))
     }
 
+    /// At rest, armed by somebody who knows the stage.
+    fn armed(parameters: AmplifierParameters) -> Amplifier {
+        let mut amplifier = Amplifier::new(parameters);
+        assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
+        amplifier
+    }
+
     #[test]
     fn an_identification_of_a_150_v_actuator_sweeps_its_range() {
         let mut parameters = example();
@@ -521,7 +738,7 @@ mod tests {
         (c.dac_zero, c.dac_step, c.dac_codes_per_volt) = (0, (200i64 << 38) >> 16, ((65_536i64 << 16) / 200) as i32);
         (c.dac_code_min, c.dac_code_max) = (DriveCode::new(0), DriveCode::new(49_152));
         parameters.guard.rest_code = DriveCode::new(0);
-        let mut amplifier = Amplifier::new(parameters);
+        let mut amplifier = armed(parameters);
         assert_eq!(amplifier.command(Command::Identify { ticks: 20_000 }), Ok(()));
         for k in 0..REST_BEFORE_TICKS {
             assert_eq!(amplifier.tick(Some(reading(DriveCode::new(9_362), k)), false).dac_code, DriveCode::new(0), "rests first");
@@ -539,7 +756,7 @@ mod tests {
 
     #[test]
     fn a_drive_is_held_and_the_loop_closes_from_there() {
-        let mut amplifier = Amplifier::new(example());
+        let mut amplifier = armed(example());
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
         let mut code = amplifier.parameters().guard.rest_code;
         let mut run = |amplifier: &mut Amplifier, ticks: u32| {
@@ -552,15 +769,18 @@ mod tests {
             (code, largest_step)
         };
         run(&mut amplifier, 10);
-        assert_eq!(amplifier.command(Command::Hold { drive: Some(35 << VOLT_FRACTION_BITS) }), Ok(()));
+        assert_eq!(amplifier.command(Command::Hold { drive: Some(Volts::from_num(35)) }), Ok(()));
         let ramp = amplifier.parameters().guard.ramp_codes;
         // The example's converter: -20 V at code 0, 140 V over 65536 codes.
         assert_eq!(run(&mut amplifier, 4000), (DriveCode::new(25_746), ramp));
         assert_eq!(amplifier.mode(), Mode::Playing);
-        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: 0, ticks: 5 }), Err(Refusal::NotAtRest));
+        assert_eq!(
+            amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_bits(0), ticks: 5 }),
+            Err(Refusal::NotAtRest)
+        );
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
         assert_eq!(run(&mut amplifier, 10), (DriveCode::new(25_746), 0));
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000);
         assert_eq!(amplifier.mode(), Mode::Closed);
@@ -568,7 +788,7 @@ mod tests {
         let (closed, _) = run(&mut amplifier, 1);
         assert_eq!(amplifier.command(Command::Hold { drive: None }), Ok(()));
         assert_eq!(run(&mut amplifier, 100), (closed, 0));
-        assert_eq!(amplifier.command(Command::Hold { drive: Some(i32::MAX) }), Ok(()));
+        assert_eq!(amplifier.command(Command::Hold { drive: Some(Volts::MAX) }), Ok(()));
         assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().servo.converters.dac_code_max);
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
         assert_eq!(run(&mut amplifier, 8000).0, amplifier.parameters().guard.rest_code);
@@ -576,7 +796,7 @@ mod tests {
 
     #[test]
     fn conditions_zeroes_and_follows_then_a_fault_rests_and_is_cleared() {
-        let mut amplifier = Amplifier::new(example());
+        let mut amplifier = armed(example());
         let mut code = amplifier.parameters().guard.rest_code;
         let mut run = |amplifier: &mut Amplifier, ticks: u32, sensor: bool| {
             let mut last = TraceSample::default();
@@ -600,7 +820,7 @@ mod tests {
         assert_eq!(amplifier.command(condition), Ok(()));
         run(&mut amplifier, 4500, true);
         assert_eq!(amplifier.mode(), Mode::Rest);
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
         let error_um = amplifier.servo().reading().to_num::<f64>() - 5.0;
@@ -613,12 +833,14 @@ mod tests {
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::Faulted));
         run(&mut amplifier, 1100, true);
         assert_eq!(amplifier.command(Command::Clear), Ok(()));
+        assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotArmed));
+        assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
         // At a fault the power stage is switched off, and nobody knows what the stage did.
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
         assert_eq!(amplifier.command(condition), Ok(()));
         run(&mut amplifier, 4500, true);
         // An open-loop drive and a rest of any length lose nothing.
-        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: 9 << 22, ticks: 500 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Play { waveform: Waveform::Constant, offset: Volts::from_num(9), ticks: 500 }), Ok(()));
         run(&mut amplifier, 20_000, true);
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         run(&mut amplifier, 8000, true);
@@ -629,8 +851,10 @@ mod tests {
     fn a_marked_point_is_told_for_the_edge_at_which_it_acts() {
         static POINTS: [AtomicI32; 4] = [const { AtomicI32::new(3 << POINT_FRACTION_BITS) }; 4];
         POINTS[2].store(4 << POINT_FRACTION_BITS, Ordering::Relaxed);
-        let table = |bits| Waveform::Table(WaveTable::new(&POINTS, bits, 5, false, 3).marking(3));
-        let mut amplifier = Amplifier::new(example());
+        fn table<Q: Quantity>() -> Waveform<Q> {
+            Waveform::Table(WaveTable::new(&POINTS, 5, false, 3).marking(3))
+        }
+        let mut amplifier = armed(example());
         let mut code = amplifier.parameters().guard.rest_code;
         // What was told before a tick, and the tick.
         let mut run = |amplifier: &mut Amplifier, ticks: u32| -> Vec<(bool, TraceSample)> {
@@ -644,7 +868,7 @@ mod tests {
                 .collect()
         };
         run(&mut amplifier, 10);
-        assert_eq!(amplifier.command(Command::Play { waveform: table(VOLT_FRACTION_BITS), offset: 0, ticks: 60 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Play { waveform: table(), offset: Volts::from_bits(0), ticks: 60 }), Ok(()));
         let open = run(&mut amplifier, 70);
         // 23 V above the converter's -20 V, 24 V at the marked point: the code of a tick acts at the edge before the next one.
         let high = DriveCode::new(24 * 65_536 / 140);
@@ -654,8 +878,9 @@ mod tests {
         assert_eq!(told, acts);
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
         run(&mut amplifier, 4000);
-        assert_eq!(amplifier.command(Command::Reference { waveform: table(MICROMETRE_FRACTION_BITS), offset: 0 }), Ok(()));
-        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        let wave = Command::Reference { waveform: table(), offset: Micrometres::from_bits(0) };
+        assert_eq!(amplifier.command(wave), Err(Refusal::LoopOpen));
+        assert_eq!((amplifier.command(Command::Enable), amplifier.command(wave)), (Ok(()), Ok(())));
         let closed = run(&mut amplifier, 80);
         assert_eq!(closed.iter().filter(|(told, _)| *told).count(), 15);
         // The reference rises with the marked point, whatever offset it still has from the beginning of the loop.
@@ -668,8 +893,143 @@ mod tests {
     }
 
     #[test]
-    fn an_operator_who_knows_the_stage_closes_the_loop_without_a_conditioning() {
+    fn a_reference_from_before_a_stop_is_not_played_again() {
+        let mut amplifier = armed(example());
+        let mut code = amplifier.parameters().guard.rest_code;
+        let mut run = |amplifier: &mut Amplifier, ticks: u32| {
+            (0..ticks)
+                .map(|k| {
+                    let sample = amplifier.tick(Some(reading(code, k)), false);
+                    code = sample.dac_code;
+                    sample.reference
+                })
+                .last()
+        };
+        run(&mut amplifier, 10);
+        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        let far = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(8) };
+        assert_eq!((amplifier.command(far), amplifier.command(Command::Enable)), (Ok(()), Ok(())));
+        run(&mut amplifier, 4000);
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        run(&mut amplifier, 4000);
+        // Rest is near 0 um; nobody has asked for 8 um since.
+        assert_eq!(amplifier.command(Command::Enable), Ok(()));
+        assert!(run(&mut amplifier, 4000).is_some_and(|reference| reference < 1 << 24));
+        // Nor does a reference act that the sensor cannot show.
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        run(&mut amplifier, 4000);
+        let beyond = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(100) };
+        let refused = amplifier.command(beyond).and_then(|()| amplifier.command(Command::Enable));
+        assert_eq!(refused, Err(Refusal::BeyondLimits));
+    }
+
+    #[test]
+    fn nothing_moves_until_somebody_arms_and_the_power_stage_follows() {
         let mut amplifier = Amplifier::new(example());
+        let mut code = amplifier.parameters().guard.rest_code;
+        let mut run = |amplifier: &mut Amplifier, ticks: u32, sensor: bool| {
+            for k in 0..ticks {
+                code = amplifier.tick(sensor.then(|| reading(code, k)), false).dac_code;
+            }
+            (amplifier.powered(), amplifier.armed(), amplifier.mode())
+        };
+        let play = Command::Play { waveform: Waveform::Constant, offset: Volts::from_num(9), ticks: 500 };
+        let condition = Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 };
+        assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
+        for command in [play, condition, Command::Enable, Command::Identify { ticks: 9 }, Command::Hold { drive: None }] {
+            assert_eq!(amplifier.command(command), Err(Refusal::NotArmed));
+        }
+        assert_eq!(run(&mut amplifier, 100, true), (false, false, Mode::Rest));
+        assert_eq!(amplifier.command(Command::Arm { tested: true }), Ok(()));
+        assert_eq!(run(&mut amplifier, 3000, true), (true, false, Mode::Playing), "the self-test");
+        assert_eq!(run(&mut amplifier, 7000, true), (true, true, Mode::Rest));
+        assert_eq!(amplifier.command(condition), Ok(()));
+        assert_eq!(run(&mut amplifier, 4500, true), (true, true, Mode::Rest));
+        assert!(amplifier.conditioned());
+        // A stop keeps it armed; whoever disarms switches off, and nobody knows the stage's memory then.
+        assert_eq!((amplifier.command(Command::Enable), amplifier.command(Command::Disable)), (Ok(()), Ok(())));
+        assert_eq!(run(&mut amplifier, 1000, true), (true, true, Mode::Rest));
+        assert_eq!((amplifier.command(play), run(&mut amplifier, 100, true)), (Ok(()), (true, true, Mode::Playing)));
+        assert_eq!((amplifier.command(Command::Disarm), amplifier.powered()), (Ok(()), true), "until it rests");
+        assert_eq!(run(&mut amplifier, 1000, true), (false, false, Mode::Rest));
+        assert!(!amplifier.conditioned());
+        // A self-test that is stopped is none, and a sensor that does not follow it is a fault.
+        assert_eq!(amplifier.command(Command::Arm { tested: true }), Ok(()));
+        run(&mut amplifier, 4000, true);
+        assert_eq!(amplifier.command(Command::Disable), Ok(()));
+        assert_eq!(run(&mut amplifier, 1000, true), (false, false, Mode::Rest));
+        assert_eq!(amplifier.command(Command::Arm { tested: true }), Ok(()));
+        let rest = amplifier.parameters().guard.rest_code;
+        for k in 0..10_000 {
+            amplifier.tick(Some(reading(rest, k)), false);
+        }
+        assert_eq!((amplifier.fault(), amplifier.powered()), (Some(Fault::SensorDoesNotMove), false));
+    }
+
+    #[test]
+    fn a_drive_that_takes_more_current_than_it_may_goes_to_rest() {
+        let run = |mean_square_codes| {
+            let mut amplifier = armed(example());
+            amplifier.limit_current(mean_square_codes);
+            let mut code = amplifier.parameters().guard.rest_code;
+            // 100 Hz from 10 to 50 V: 0.44 V a tick RMS, 208 codes.
+            let tone = (((100u64 << 32) / 20_000) as u32, Volts::from_num(20), 0);
+            let none = (0, Volts::ZERO, 0);
+            let waveform = Waveform::Multisine { tones: [tone, none, none, none] };
+            assert_eq!(amplifier.command(Command::Play { waveform, offset: Volts::from_num(30), ticks: 80_000 }), Ok(()));
+            let stopped = (0..80_000).find(|k| {
+                code = amplifier.tick(Some(reading(code, *k)), false).dac_code;
+                amplifier.mode() == Mode::Fault
+            });
+            (stopped, amplifier.fault())
+        };
+        assert_eq!(run(215 * 215), (None, None));
+        let (stopped, fault) = run(200 * 200);
+        assert!(stopped.is_some_and(|tick| (16_384..60_000).contains(&tick)), "{stopped:?}");
+        assert_eq!(fault, Some(Fault::DriveCurrent));
+    }
+
+    /// Conditions an actuator that is read through `sensor`; the conditioned state and the mode behind it.
+    fn condition(parameters: AmplifierParameters, sensor: impl Fn(DriveCode, u32) -> SensorCode) -> (bool, Mode, DriveCode) {
+        let mut amplifier = armed(parameters);
+        let (mut code, mut highest) = (parameters.guard.rest_code, DriveCode::new(0));
+        assert_eq!(amplifier.command(Command::Condition { cycle_ticks: 2000, rest_ticks: 2000 }), Ok(()));
+        for k in 0..200_000 {
+            code = amplifier.tick(Some(sensor(code, k)), false).dac_code;
+            highest = highest.max(code);
+        }
+        (amplifier.conditioned(), amplifier.mode(), highest)
+    }
+
+    #[test]
+    fn a_conditioning_reaches_the_whole_range_however_slow_the_amplifier_is() {
+        for slew_codes in [1, 20, 468, 2340] {
+            let mut parameters = example();
+            parameters.servo.converters.slew_codes = slew_codes;
+            parameters.guard.ramp_codes = slew_codes.min(40);
+            let (conditioned, _, highest) = condition(parameters, reading);
+            let short = parameters.servo.converters.dac_code_max.abs_diff(highest);
+            std::println!("slew {slew_codes} codes a tick: the cycle ends {short} codes below the highest drive");
+            assert!(conditioned && short < 40, "{slew_codes}: {short}");
+        }
+    }
+
+    #[test]
+    fn a_dead_amplifier_and_a_reversed_sensor_are_not_conditioned() {
+        let rest = example().guard.rest_code;
+        let dead = |_, tick| reading(rest, tick);
+        let reversed = |code, tick| SensorCode::new(65_536 - reading(code, tick).steps());
+        let tenth = |code: DriveCode, tick| reading(rest + (code.abs_diff(rest) / 10), tick);
+        for (nth, (conditioned, mode, _)) in
+            [condition(example(), dead), condition(example(), reversed), condition(example(), tenth)].into_iter().enumerate()
+        {
+            assert_eq!((conditioned, mode), (false, Mode::Fault), "{nth}");
+        }
+    }
+
+    #[test]
+    fn an_operator_who_knows_the_stage_closes_the_loop_without_a_conditioning() {
+        let mut amplifier = armed(example());
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));

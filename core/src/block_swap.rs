@@ -73,6 +73,7 @@ mod tests {
     use crate::parameter_block::verify;
     use crate::pid_regulator::PidParameters;
     use crate::reference_generator::Waveform;
+    use crate::signal::Micrometres;
     use proptest::prelude::*;
 
     const CODES_PER_VOLT: f64 = 65_536.0 / 140.0;
@@ -145,11 +146,12 @@ mod tests {
     impl Running {
         fn begin(family: &Family, hz: f64, amplitude_um: f64, noise_codes: u32) -> Self {
             let mut amplifier = Amplifier::new(block(family));
+            assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
             assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
             let increment = (hz / 20_000.0 * 2f64.powi(32)) as u32;
-            let tone = (increment, (amplitude_um * f64::from(1 << 24)) as i32, 0);
-            let waveform = Waveform::Multisine { tones: [tone, (0, 0, 0), (0, 0, 0), (0, 0, 0)] };
-            assert_eq!(amplifier.command(Command::Reference { waveform, offset: 5 << 24 }), Ok(()));
+            let (tone, none) = ((increment, Micrometres::from_num(amplitude_um), 0), (0, Micrometres::ZERO, 0));
+            let waveform = Waveform::Multisine { tones: [tone, none, none, none] };
+            assert_eq!(amplifier.command(Command::Reference { waveform, offset: Micrometres::from_num(5) }), Ok(()));
             let code = amplifier.parameters().guard.rest_code;
             let mut this = Self { amplifier, code, tick: 0, noise_codes };
             this.run(10);
@@ -325,13 +327,14 @@ mod tests {
         learning.servo.learning = Some(learning_example());
         assert_eq!(verify(&learning, 20_000), Ok(()));
         let mut amplifier = Amplifier::new(learning);
+        assert_eq!(amplifier.command(Command::Arm { tested: false }), Ok(()));
         assert_eq!(amplifier.command(Command::RequireConditioning(false)), Ok(()));
-        let waveform = Waveform::RoundedTriangle { increment: u32::MAX / 400 + 1, amplitude: 1 << 24 };
-        assert_eq!(amplifier.command(Command::Reference { waveform, offset: 5 << 24 }), Ok(()));
+        let waveform = Waveform::RoundedTriangle { increment: u32::MAX / 400 + 1, amplitude: Micrometres::from_num(1) };
+        assert_eq!(amplifier.command(Command::Reference { waveform, offset: Micrometres::from_num(5) }), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Ok(()));
         assert_eq!(amplifier.swap(&learning), Ok(()));
         assert!(amplifier.swap(&example()).is_err_and(|reason| reason.contains("learned")));
-        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: 5 << 24 }), Ok(()));
+        assert_eq!(amplifier.command(Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(5) }), Ok(()));
         assert_eq!(amplifier.swap(&example()), Ok(()));
     }
 }

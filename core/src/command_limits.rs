@@ -9,33 +9,44 @@ use crate::guard::GuardParameters;
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::Waveform;
 use crate::servo_parameters::ConverterParameters;
-use crate::signal::volts;
+use crate::signal::{Micrometres, Quantity, Volts, volts};
 
 /// What rounding an amplitude and an offset to their format can bring a limit beyond itself, in last places.
 const ROUNDING: i64 = 2;
 
-/// Positions that the sensor can honestly give, lowest and highest, um with 24 fraction bits.
+/// Positions that the sensor can honestly give, lowest and highest.
 #[must_use]
-pub fn positions(converters: &ConverterParameters, guard: &GuardParameters) -> (i32, i32) {
-    (converters.position(guard.adc_code_min), converters.position(guard.adc_code_max))
+pub fn positions(converters: &ConverterParameters, guard: &GuardParameters) -> (Micrometres, Micrometres) {
+    let position = |code| Micrometres::from_bits(converters.position(code));
+    (position(guard.adc_code_min), position(guard.adc_code_max))
 }
 
-/// Drives that the actuator may have, lowest and highest, V with 22 fraction bits.
+/// Drives that the actuator may have, lowest and highest.
 #[must_use]
-pub fn drives(parameters: &AmplifierParameters) -> (i32, i32) {
-    (volts(parameters.physical.drive_min_mv), volts(parameters.physical.drive_max_mv))
+pub fn drives(parameters: &AmplifierParameters) -> (Volts, Volts) {
+    let limit = |millivolts| Volts::from_bits(volts(millivolts));
+    (limit(parameters.physical.drive_min_mv), limit(parameters.physical.drive_max_mv))
 }
 
-/// How far a waveform goes below and above its offset; `None` for the points of a table.
-fn reach(waveform: &Waveform) -> Option<(i64, i64)> {
+/// How far a waveform goes below and above its offset, raw; `None` for the points of a table.
+fn reach<Q: Quantity>(waveform: &Waveform<Q>) -> Option<(i64, i64)> {
+    let size = |amplitude: &Q| i64::from(amplitude.bits()).abs();
     let both = |amplitude: i64| Some((-amplitude, amplitude));
     match waveform {
         Waveform::Constant => both(0),
-        Waveform::Multisine { tones } => both(tones.iter().map(|(_, amplitude, _)| i64::from(*amplitude).abs()).sum()),
-        Waveform::RoundedTriangle { amplitude, .. } | Waveform::Chirp { amplitude, .. } => both(i64::from(*amplitude).abs()),
-        Waveform::QuasiStep { height, .. } => Some((i64::from(*height).min(0), i64::from(*height).max(0))),
+        Waveform::Multisine { tones } => both(tones.iter().map(|(_, amplitude, _)| size(amplitude)).sum()),
+        Waveform::RoundedTriangle { amplitude, .. } | Waveform::Chirp { amplitude, .. } => both(size(amplitude)),
+        Waveform::QuasiStep { height, .. } => Some((i64::from(height.bits()).min(0), i64::from(height.bits()).max(0))),
         Waveform::Table(_) => None,
     }
+}
+
+/// Whether all of a waveform lies within limits of the same quantity. The points of a table are looked at by whoever writes them.
+#[must_use]
+pub fn is_within<Q: Quantity>(waveform: &Waveform<Q>, offset: Q, (lowest, highest): (Q, Q)) -> bool {
+    let Some((below, above)) = reach(waveform) else { return true };
+    let offset = i64::from(offset.bits());
+    offset + below >= i64::from(lowest.bits()) - ROUNDING && offset + above <= i64::from(highest.bits()) + ROUNDING
 }
 
 /// Looks at a command before it acts.
@@ -43,14 +54,11 @@ fn reach(waveform: &Waveform) -> Option<(i64, i64)> {
 /// # Errors
 /// [`Refusal::BeyondLimits`] where what it plays leaves its limits.
 pub fn check(command: &Command, parameters: &AmplifierParameters) -> Result<(), Refusal> {
-    let (waveform, offset, (lowest, highest)) = match command {
-        Command::Reference { waveform, offset } => (waveform, *offset, positions(&parameters.servo.converters, &parameters.guard)),
-        Command::Play { waveform, offset, .. } => (waveform, *offset, drives(parameters)),
-        _ => return Ok(()),
+    let within = match command {
+        Command::Reference { waveform, offset } => is_within(waveform, *offset, positions(&parameters.servo.converters, &parameters.guard)),
+        Command::Play { waveform, offset, .. } => is_within(waveform, *offset, drives(parameters)),
+        _ => true,
     };
-    let Some((below, above)) = reach(waveform) else { return Ok(()) };
-    let offset = i64::from(offset);
-    let within = offset + below >= i64::from(lowest) - ROUNDING && offset + above <= i64::from(highest) + ROUNDING;
     if within { Ok(()) } else { Err(Refusal::BeyondLimits) }
 }
 
@@ -109,6 +117,6 @@ mod tests {
         let positions = |parameters: &AmplifierParameters| positions(&parameters.servo.converters, &parameters.guard);
         let (lowest, highest) = positions(&parameters);
         parameters.servo.converters.adc_zero = -(3 << 24);
-        assert_eq!(positions(&parameters), (lowest - (3 << 24), highest - (3 << 24)));
+        assert_eq!(positions(&parameters), (lowest - Micrometres::from_num(3), highest - Micrometres::from_num(3)));
     }
 }

@@ -2,6 +2,9 @@
 //!
 //! ```text
 //! enable | disable | clear | status
+//! arm                                          at rest: switches the amplifier on, and a step of 1.5 V shows that the sensor follows; nothing moves before
+//! arm untested                                 the same without the step, by somebody who knows the stage
+//! disarm                                       to rest, and switches the amplifier off there
 //! stop                                         as disable; so does the byte 0x18 (Ctrl-X) anywhere. None of these three waits for anything
 //! condition                                    one 10 Hz cycle over the range, 1 s of rest, zero the sensor
 //! conditioning required|waived                 whether `enable` insists on a conditioning since the start or the last fault, as it does after a start
@@ -21,6 +24,7 @@
 //! block data OFFSET HEX                        up to 32 bytes of it
 //! block commit                                 verify it and keep it in flash, beside the last good one
 //! block swap                                   verify it and let it take the place of the running block, without a step of the drive; it is not kept
+//! block envelope CHECKSUM                      what came is the safety envelope with this checksum (8 digits, hexadecimal): verify and keep it; only disarmed, at rest
 //! restart                                      with the newest valid block
 //! ```
 //!
@@ -32,7 +36,7 @@ use core::fmt::{self, Write};
 use crate::amplifier::Command;
 use crate::loop_telemetry::{EXPECTED_RESONANCE, ResonanceWatch};
 use crate::reference_generator::Waveform;
-use crate::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use crate::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Quantity, VOLT_FRACTION_BITS, Volts};
 use crate::trace_frame::Channels;
 
 const EXPECTED_TIMEOUT: &str = "expected a timeout of 10 to 3600000 milliseconds, or 0 for none";
@@ -68,6 +72,8 @@ pub enum Line {
     BlockCommit,
     /// It is complete and takes the place of the running one.
     BlockSwap,
+    /// It is a safety envelope with this checksum; keep it.
+    BlockEnvelope(u32),
     /// Start again.
     Restart,
 }
@@ -144,6 +150,11 @@ pub fn write_upload(block: &[u8], to: &mut impl Write) -> fmt::Result {
 /// `SAMPLE_RATE_HZ / 10`: a conditioning cycle of 10 Hz.
 const CONDITIONING_HZ: u32 = 10;
 
+fn sine<Q: Quantity>(increment: u32, amplitude: Q) -> Waveform<Q> {
+    let none = (0, Q::of_bits(0), 0);
+    Waveform::Multisine { tones: [(increment, amplitude, 0), none, none, none] }
+}
+
 /// Understands a line for a target with this sampling rate.
 ///
 /// # Errors
@@ -179,16 +190,18 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
     let scaled = |value: i32, fraction_bits: u32| -> Result<i32, &'static str> {
         i32::try_from((i64::from(value) << fraction_bits) / 1000).map_err(|_| "an amplitude or offset is too large")
     };
-    let micrometres = |nanometres: i32| scaled(nanometres, MICROMETRE_FRACTION_BITS);
-    let volts = |millivolts: i32| scaled(millivolts, VOLT_FRACTION_BITS);
+    let micrometres = |nanometres: i32| scaled(nanometres, MICROMETRE_FRACTION_BITS).map(Micrometres::from_bits);
+    let volts = |millivolts: i32| scaled(millivolts, VOLT_FRACTION_BITS).map(Volts::from_bits);
     let ticks = |value: i32| u32::try_from(value).map_err(|_| "a duration is negative");
-    let sine = |increment: u32, amplitude: i32| Waveform::Multisine { tones: [(increment, amplitude, 0), (0, 0, 0), (0, 0, 0), (0, 0, 0)] };
 
     let mut verbs = words.clone();
     let command = match (verbs.next(), verbs.next()) {
         (Some("enable"), None) => Command::Enable,
         (Some("disable" | "stop"), None) => Command::Disable,
         (Some("clear"), None) => Command::Clear,
+        (Some("arm"), None) => Command::Arm { tested: true },
+        (Some("arm"), Some("untested")) => Command::Arm { tested: false },
+        (Some("disarm"), None) => Command::Disarm,
         (Some("status"), None) => return Ok(Line::Status),
         (Some("conditioning"), Some("required")) => Command::RequireConditioning(true),
         (Some("conditioning"), Some("waived")) => Command::RequireConditioning(false),
@@ -211,7 +224,7 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
         }
         (Some("reference"), Some("step")) => {
             let (height, delay_ticks, duration_ticks) = (micrometres(number()?)?, ticks(number()?)?, ticks(number()?)?);
-            Command::Reference { waveform: Waveform::QuasiStep { height, delay_ticks, duration_ticks }, offset: 0 }
+            Command::Reference { waveform: Waveform::QuasiStep { height, delay_ticks, duration_ticks }, offset: Micrometres::from_bits(0) }
         }
         (Some("play"), Some("sine")) => {
             let waveform = sine(increment(number()?)?, volts(number()?)?);
@@ -251,6 +264,11 @@ pub fn parse(line: &str, sample_rate_hz: u32) -> Result<Line, &'static str> {
             return Ok(Line::BlockData(BlockPiece::parse(offset, hexadecimal)?));
         }
         (Some("block"), Some("commit")) => return Ok(Line::BlockCommit),
+        (Some("block"), Some("envelope")) => {
+            const EXPECTED: &str = "expected the envelope's checksum, 8 hexadecimal digits";
+            let digits = verbs.next().filter(|digits| digits.len() == 8).ok_or(EXPECTED)?;
+            return u32::from_str_radix(digits, 16).map(Line::BlockEnvelope).map_err(|_| EXPECTED);
+        }
         (Some("block"), Some("swap")) => return Ok(Line::BlockSwap),
         (Some("restart"), None) => return Ok(Line::Restart),
         _ => {
@@ -276,14 +294,14 @@ mod tests {
         assert_eq!(parse(" @500  disable ", 20_000), Ok(Line::Control(Some(500), Command::Disable)));
         assert_eq!(
             parse("reference constant -2500", 20_000),
-            Ok(Line::Control(None, Command::Reference { waveform: Waveform::Constant, offset: -(5 << 23) }))
+            Ok(Line::Control(None, Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_num(-2.5) }))
         );
         let Ok(Line::Control(None, Command::Reference { waveform: Waveform::Multisine { tones }, offset })) =
             parse("reference sine 100000 5000 5600", 20_000)
         else {
             panic!()
         };
-        assert_eq!((tones[0], offset), ((21_474_836, 5 << 24, 0), 93_952_409));
+        assert_eq!((tones[0], offset), ((21_474_836, Micrometres::from_num(5), 0), Micrometres::from_bits(93_952_409)));
         assert_eq!(parse("trace 31 1", 20_000), Ok(Line::Trace(Channels::ALL, 1)));
         assert_eq!(parse("timeout 250", 20_000), Ok(Line::HostTimeout(5000)));
         assert_eq!(parse("timeout 0", 20_000), Ok(Line::HostTimeout(0)));
@@ -315,6 +333,8 @@ mod tests {
         assert_eq!(received, block);
         assert_eq!(parse("capture fault 100 200", 20_000), Ok(Line::Capture(Trigger::Fault, 100, 200)));
         assert_eq!(parse("block swap", 20_000), Ok(Line::BlockSwap));
+        assert_eq!(parse("block envelope 0012abcd", 20_000), Ok(Line::BlockEnvelope(0x12_abcd)));
+        assert!(parse("block envelope 12", 20_000).is_err() && parse("block envelope", 20_000).is_err());
         assert_eq!(parse("identify 40000", 20_000), Ok(Line::Identify(40_000)));
     }
 

@@ -15,6 +15,10 @@
 //! | overrun | a tick was still running when the next was due | ramp to rest |
 //! | emergency stop, interlock, amplifier not ready | a line to the board is open | ramp to rest, for as long as it is |
 //! | host lost | the drive is live and no command came for longer than a time that the host chose | ramp to rest |
+//! | drive does not arrive | the drive's converter did not take a code | ramp to rest |
+//! | sensor does not move, moves against the drive, motion is not the model's, drifts, is noisy | self-test or conditioning ([`crate::self_test`]) | ramp to rest |
+//! | conditioning did not reach the whole range | at its end | rest |
+//! | drive current | the slew of the drive, RMS, is more than the envelope's current ([`crate::safety_envelope`]) | ramp to rest |
 //! | parameter block, watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
 use crate::codes::{DriveCode, SensorCode};
@@ -57,11 +61,31 @@ pub enum Fault {
     HostLost = 16,
     /// The part's supply had fallen below the level of the voltage detector.
     SupplyLow = 17,
+    /// The drive's converter did not take a code.
+    DriveSilent = 18,
+    /// The drive changed and the sensor's reading did not.
+    SensorDoesNotMove = 19,
+    /// The reading fell when the drive rose.
+    SensorReversed = 20,
+    /// The stage moved much less, or much more, than its model says.
+    GainDiffers = 21,
+    /// The reading did not come back with the drive.
+    SensorDrifts = 22,
+    /// The reading has more noise than the motion that is looked for.
+    SensorNoisy = 23,
+    /// A conditioning ended before the drive had been at both its limits.
+    RangeNotReached = 24,
+    /// The drive changed so much that the current into the actuator exceeds its limit, RMS.
+    DriveCurrent = 25,
+    /// A code left the board's safety envelope.
+    BeyondEnvelope = 26,
+    /// The board has no safety envelope.
+    NoEnvelope = 27,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 17] = [
+    pub const ALL: [(Self, &'static str); 27] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -79,6 +103,16 @@ impl Fault {
         (Self::AmplifierNotReady, "amplifier not ready"),
         (Self::HostLost, "host lost"),
         (Self::SupplyLow, "supply low"),
+        (Self::DriveSilent, "drive does not arrive"),
+        (Self::SensorDoesNotMove, "sensor does not move with the drive"),
+        (Self::SensorReversed, "sensor moves against the drive"),
+        (Self::GainDiffers, "motion is not the model's"),
+        (Self::SensorDrifts, "sensor drifts"),
+        (Self::SensorNoisy, "sensor is noisier than the step of the self-test"),
+        (Self::RangeNotReached, "conditioning did not reach the whole range"),
+        (Self::DriveCurrent, "drive current"),
+        (Self::BeyondEnvelope, "drive beyond the safety envelope"),
+        (Self::NoEnvelope, "no safety envelope"),
     ];
 
     /// Its name.
@@ -168,6 +202,12 @@ impl Guard {
             return Some(Fault::SensorStuck);
         }
         (code.abs_diff(last) > p.jump_codes).then_some(Fault::SensorJump)
+    }
+
+    /// The last reading; `None` if the converter did not answer, or before the first.
+    #[must_use]
+    pub fn last_code(&self) -> Option<SensorCode> {
+        self.last_code
     }
 
     /// Looks at the loop: error (um with 24 fraction bits), and whether the law wanted more than the slew limit.

@@ -10,6 +10,7 @@
 #[cfg(test)]
 mod accepted_blocks;
 pub mod amplifier;
+pub mod block_choice;
 pub mod block_swap;
 pub mod checksum;
 pub mod codes;
@@ -31,6 +32,8 @@ pub mod pid_regulator;
 pub mod predictor_law;
 pub mod reference_generator;
 pub mod reference_window;
+pub mod safety_envelope;
+pub mod self_test;
 pub mod sensor_lag;
 pub mod servo_parameters;
 pub mod servo_tick;

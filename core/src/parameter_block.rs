@@ -19,7 +19,7 @@ use crate::pid_regulator::PidParameters;
 use crate::predictor_law::PredictorParameters;
 use crate::sensor_lag::SensorLag;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
-use crate::sliding_mode_controller::{Reaching, SlidingModeParameters};
+use crate::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use crate::state_estimator::EstimatorParameters;
 
 /// First bytes of a block.
@@ -49,7 +49,8 @@ pub struct PhysicalDescription {
     pub slew_limit_v_s: u32,
     /// Position from the sensor's lowest to its highest code, nm.
     pub sensor_span_nm: i32,
-    /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths; at 1 000 000 the loop is not stable.
+    /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths, as the host found it; at 1 000 000 the loop is not stable. The target
+    /// does not compute it again: what it sees of a loop that is not stable is its tracking error.
     pub spectral_radius_millionths: u32,
 }
 
@@ -89,6 +90,12 @@ pub enum BlockError {
     Unstable,
     /// The buffer is too small to write it.
     NoRoom,
+    /// Two blocks are kept, and nothing says which of them counts ([`crate::block_choice`]).
+    Ambiguous,
+    /// It exceeds the board's safety envelope ([`crate::safety_envelope`]).
+    BeyondEnvelope(&'static str),
+    /// The board has no safety envelope.
+    NoEnvelope,
 }
 
 impl BlockError {
@@ -105,8 +112,11 @@ impl BlockError {
             Self::SampleRate(_) => "made for another sampling rate",
             Self::Mismatch => "integers contradict the physical limits",
             Self::Range(what) => what,
-            Self::Unstable => "the design is not stable when sampled",
+            Self::Unstable => "by its own figure the design is not stable when sampled",
             Self::NoRoom => "larger than the buffer",
+            Self::Ambiguous => "two blocks, and neither replaces the other: erase one, or bring one by command",
+            Self::BeyondEnvelope(what) => what,
+            Self::NoEnvelope => "no safety envelope: nothing is driven without one",
         }
     }
 }
@@ -117,7 +127,18 @@ pub struct Writer<'a> {
     at: usize,
 }
 
-impl Writer<'_> {
+impl<'a> Writer<'a> {
+    /// At the beginning of these.
+    pub fn new(bytes: &'a mut [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    /// Bytes written so far.
+    #[must_use]
+    pub fn at(&self) -> usize {
+        self.at
+    }
+
     fn put(&mut self, bytes: &[u8]) -> Result<(), BlockError> {
         let end = self.at.checked_add(bytes.len()).ok_or(BlockError::NoRoom)?;
         self.bytes.get_mut(self.at..end).ok_or(BlockError::NoRoom)?.copy_from_slice(bytes);
@@ -131,7 +152,19 @@ pub struct Reader<'a> {
     rest: &'a [u8],
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
+    /// At the beginning of these.
+    #[must_use]
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    /// Bytes that have not been read.
+    #[must_use]
+    pub fn left(&self) -> usize {
+        self.rest.len()
+    }
+
     fn take<const N: usize>(&mut self) -> Result<[u8; N], BlockError> {
         let (chunk, rest) = self.rest.split_first_chunk::<N>().ok_or(BlockError::Length)?;
         self.rest = rest;
@@ -210,18 +243,23 @@ impl<T: Wire + Copy + Default, const N: usize> Wire for [T; N] {
 
 macro_rules! wire_struct {
     ($type:ident $(<$(const $n:ident: $t:ty),*>)? { $($field:ident),* $(,)? }) => {
-        impl $(<$(const $n: $t),*>)? Wire for $type $(<$($n),*>)? {
-            fn write(&self, to: &mut Writer<'_>) -> Result<(), BlockError> {
+        impl $(<$(const $n: $t),*>)? $crate::parameter_block::Wire for $type $(<$($n),*>)? {
+            fn write(
+                &self,
+                to: &mut $crate::parameter_block::Writer<'_>,
+            ) -> Result<(), $crate::parameter_block::BlockError> {
                 let Self { $($field),* } = self;
                 $($field.write(to)?;)*
                 Ok(())
             }
-            fn read(from: &mut Reader<'_>) -> Result<Self, BlockError> {
-                Ok(Self { $($field: Wire::read(from)?),* })
+            fn read(from: &mut $crate::parameter_block::Reader<'_>) -> Result<Self, $crate::parameter_block::BlockError> {
+                Ok(Self { $($field: $crate::parameter_block::Wire::read(from)?),* })
             }
         }
     };
 }
+
+pub(crate) use wire_struct;
 
 wire_struct!(Row<const N: usize, const Q: u32> { coefficients });
 wire_struct!(SurfaceCoefficients { g, f });
@@ -242,7 +280,7 @@ wire_struct!(ConverterParameters {
 wire_struct!(CreepInverseParameters { terms, shares, rates, at_rest });
 wire_struct!(PidParameters { proportional_derivative, integral, feedforward, creep, notch });
 wire_struct!(EstimatorParameters { rows, unknown_input });
-wire_struct!(SlidingModeParameters { reference_velocity, reference_drive, switching_function, equivalent_control, reaching });
+wire_struct!(Prediction { rows });
 wire_struct!(PredictorParameters { state_rows, unknown_gain, slope_gain, reading_row, gain_row, feedforward });
 wire_struct!(LearningParameters { learning, robustness, error_limit, point_limit, periods_per_halving, most_halvings });
 wire_struct!(AdaptationParameters { most, most_step, error_limit, least_motion });
@@ -373,10 +411,17 @@ impl Wire for LawParameters {
                 1u8.write(to)?;
                 parameters.write(to)
             }
-            Self::SlidingMode { estimator, controller } => {
-                2u8.write(to)?;
+            Self::SlidingMode { estimator, controller: c } => {
+                // With a prediction it is a law of its own, so that blocks without one stay as they are.
+                let tag: u8 = if c.prediction.is_some() { 4 } else { 2 };
+                tag.write(to)?;
                 estimator.write(to)?;
-                controller.write(to)
+                c.reference_velocity.write(to)?;
+                c.reference_drive.write(to)?;
+                c.switching_function.write(to)?;
+                c.equivalent_control.write(to)?;
+                c.reaching.write(to)?;
+                c.prediction.as_ref().map_or(Ok(()), |prediction| prediction.write(to))
             }
             Self::Predictor(parameters) => {
                 3u8.write(to)?;
@@ -388,7 +433,17 @@ impl Wire for LawParameters {
         Ok(match u8::read(from)? {
             0 => Self::Hold,
             1 => Self::Regulator(Wire::read(from)?),
-            2 => Self::SlidingMode { estimator: Wire::read(from)?, controller: Wire::read(from)? },
+            tag @ (2 | 4) => Self::SlidingMode {
+                estimator: Wire::read(from)?,
+                controller: SlidingModeParameters {
+                    reference_velocity: Wire::read(from)?,
+                    reference_drive: Wire::read(from)?,
+                    switching_function: Wire::read(from)?,
+                    equivalent_control: Wire::read(from)?,
+                    reaching: Wire::read(from)?,
+                    prediction: if tag == 4 { Some(Wire::read(from)?) } else { None },
+                },
+            },
             3 => Self::Predictor(Wire::read(from)?),
             _ => return Err(BlockError::Value),
         })
@@ -540,6 +595,7 @@ impl LawParameters {
                     && bounded(&p.reference_drive)
                     && bounded(&p.switching_function)
                     && bounded(&p.equivalent_control)
+                    && p.prediction.iter().flat_map(|prediction| &prediction.rows).all(bounded)
             }
             Self::Predictor(p) => {
                 p.state_rows.iter().all(bounded) && bounded(&p.reading_row) && bounded(&p.gain_row) && bounded(&p.feedforward)
@@ -622,6 +678,10 @@ pub fn verify(parameters: &AmplifierParameters, sample_rate_hz: u32) -> Result<(
     actuator_fits(&parameters.servo.actuator, physical, step_mv)?;
     if !parameters.servo.law.bounded() {
         return Err(BlockError::Range("a coefficient of the law is beyond its format"));
+    }
+    let predicts = matches!(&parameters.servo.law, LawParameters::SlidingMode { controller, .. } if controller.prediction.is_some());
+    if predicts && !parameters.servo.delayed {
+        return Err(BlockError::Range("an estimate is only carried over the period of delay where there is one"));
     }
     if !parameters.servo.sensor_lag.accepted() {
         return Err(BlockError::Range("the lag of the sensor is beyond its format"));
@@ -754,6 +814,7 @@ pub(crate) mod tests {
                     switching_function: Row { coefficients: [3, 4] },
                     equivalent_control: Row { coefficients: [5, 6] },
                     reaching: Reaching::BoundaryLayer { magnitude: 7, thickness: 8 },
+                    prediction: None,
                 },
             },
             LawParameters::Predictor(PredictorParameters {
@@ -764,6 +825,17 @@ pub(crate) mod tests {
                 gain_row: Row::default(),
                 feedforward: Row { coefficients: row.coefficients },
             }),
+            LawParameters::SlidingMode {
+                estimator: EstimatorParameters { rows: [Row::default(); 3], unknown_input: Row::default() },
+                controller: SlidingModeParameters {
+                    reference_velocity: row,
+                    reference_drive: Row { coefficients: row.coefficients },
+                    switching_function: Row { coefficients: [3, 4] },
+                    equivalent_control: Row { coefficients: [5, 6] },
+                    reaching: Reaching::Pid { proportional_derivative: Row { coefficients: [7, 8] }, integral: 9 },
+                    prediction: Some(Prediction { rows: [Row { coefficients: [1, -2, 3, -4] }; 2] }),
+                },
+            },
         ];
         let surfaces = SurfaceCoefficients { g: [[1, 2, 3, 4, 5]; 5], f: [-1, -2, -3, -4, -5] };
         let actuators = [

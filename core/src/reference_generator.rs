@@ -4,7 +4,7 @@
 //! better than a fast single-precision sine). Rounded triangles are the sine's own series to its third term, the
 //! quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from elsewhere are a waveform of their own ([`crate::wave_table`]).
 
-use crate::signal::{Micrometres, narrow};
+use crate::signal::{Quantity, narrow};
 use crate::wave_table::{TablePlayer, WaveTable};
 
 /// `sin(2 pi phase / 2^32)` with 30 fraction bits.
@@ -45,22 +45,22 @@ pub fn sweep(amplitude: i32, tick: u32) -> i32 {
     scaled(amplitude, sine(phase.wrapping_add(LOWEST_POINT)))
 }
 
-/// What is followed.
+/// What is followed or played, in the unit of `Q`: [`crate::signal::Micrometres`] or [`crate::signal::Volts`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Waveform {
+pub enum Waveform<Q> {
     /// Stays at the offset.
     Constant,
     /// Sines of given phase increments per sample (2^32 a turn), amplitudes and first phases.
     Multisine {
-        /// Up to four tones `(increment, amplitude um, first phase)`; unused ones have no amplitude.
-        tones: [(u32, i32, u32); 4],
+        /// Up to four tones `(increment, amplitude, first phase)`; unused ones have no amplitude.
+        tones: [(u32, Q, u32); 4],
     },
     /// A triangle with rounded corners: three terms of its series with falling weights.
     RoundedTriangle {
         /// Phase increment per sample.
         increment: u32,
-        /// Amplitude, um.
-        amplitude: i32,
+        /// Amplitude.
+        amplitude: Q,
     },
     /// A sine whose frequency changes evenly.
     Chirp {
@@ -68,31 +68,31 @@ pub enum Waveform {
         increment: u32,
         /// Change of the increment at every sample, with 8 fraction bits.
         change: i32,
-        /// Amplitude, um.
-        amplitude: i32,
+        /// Amplitude.
+        amplitude: Q,
         /// Samples until the frequency stays.
         duration_ticks: u32,
     },
     /// The quasi-step of thesis Ch. 6, Eq. (44): a quintic with velocity and acceleration zero at both ends.
     QuasiStep {
-        /// Height, um.
-        height: i32,
+        /// Height.
+        height: Q,
         /// Samples before it begins.
         delay_ticks: u32,
         /// Samples that it takes.
         duration_ticks: u32,
     },
     /// The points of a table.
-    Table(WaveTable),
+    Table(WaveTable<Q>),
 }
 
-impl Waveform {
+impl<Q: Quantity> Waveform<Q> {
     /// Samples after which it repeats, but for what a phase increment loses to rounding or cutting off; `None` where it does not.
     #[must_use]
     pub fn period_ticks(&self) -> Option<u32> {
         match self {
             Self::Multisine { tones } => {
-                let sounding = || tones.iter().filter(|(_, amplitude, _)| *amplitude != 0).map(|(increment, ..)| *increment);
+                let sounding = || tones.iter().filter(|(_, amplitude, _)| amplitude.bits() != 0).map(|(increment, ..)| *increment);
                 let period = whole_period(sounding().min()?)?;
                 sounding().all(|increment| returns_after(increment, period)).then_some(period)
             }
@@ -118,7 +118,7 @@ fn returns_after(increment: u32, period_ticks: u32) -> bool {
 /// Largest amplitude: a sine is wrong by up to 2e-8 of it, and must not leave the format.
 const MOST_AMPLITUDE: i32 = i32::MAX - 1024;
 
-impl Waveform {
+impl<Q: Quantity> Waveform<Q> {
     /// Itself, with amplitudes whose samples stay within their format.
     fn within_format(mut self) -> Self {
         match &mut self {
@@ -131,37 +131,30 @@ impl Waveform {
     }
 }
 
-fn limit(amplitude: &mut i32) {
-    *amplitude = (*amplitude).clamp(-MOST_AMPLITUDE, MOST_AMPLITUDE);
+fn limit<Q: Quantity>(amplitude: &mut Q) {
+    *amplitude = Q::of_bits(amplitude.bits().clamp(-MOST_AMPLITUDE, MOST_AMPLITUDE));
 }
 
-/// A reference that is generated sample by sample.
+/// A reference or a drive that is generated sample by sample.
 #[derive(Clone, Debug)]
-pub struct ReferenceGenerator {
-    waveform: Waveform,
-    offset: i32,
+pub struct ReferenceGenerator<Q> {
+    waveform: Waveform<Q>,
+    offset: Q,
     tick: u32,
     phase: u32,
     chirp_increment: i64,
     player: TablePlayer,
 }
 
-impl ReferenceGenerator {
+impl<Q: Quantity> ReferenceGenerator<Q> {
     /// From sample 0.
     #[must_use]
-    pub fn new(waveform: Waveform, offset: Micrometres) -> Self {
+    pub fn new(waveform: Waveform<Q>, offset: Q) -> Self {
         let chirp_increment = match waveform {
             Waveform::Chirp { increment, .. } => i64::from(increment) << 8,
             _ => 0,
         };
-        Self {
-            waveform: waveform.within_format(),
-            offset: offset.to_bits(),
-            tick: 0,
-            phase: 0,
-            chirp_increment,
-            player: TablePlayer::default(),
-        }
+        Self { waveform: waveform.within_format(), offset, tick: 0, phase: 0, chirp_increment, player: TablePlayer::default() }
     }
 
     /// Whether the sample so many (0 to 31) before the last one belongs to the marked point of a table.
@@ -178,15 +171,15 @@ impl ReferenceGenerator {
     }
 
     /// The next sample.
-    pub fn next_position(&mut self) -> Micrometres {
+    pub fn next_value(&mut self) -> Q {
         let tick = self.tick;
         self.tick = self.tick.saturating_add(1);
         let value = match &self.waveform {
             Waveform::Constant => 0,
             Waveform::Multisine { tones } => {
                 let mut sum = 0i32;
-                for (increment, amplitude, first) in tones.iter().filter(|(_, amplitude, _)| *amplitude != 0) {
-                    sum = sum.saturating_add(scaled(*amplitude, sine(increment.wrapping_mul(tick).wrapping_add(*first))));
+                for (increment, amplitude, first) in tones.iter().filter(|(_, amplitude, _)| amplitude.bits() != 0) {
+                    sum = sum.saturating_add(scaled(amplitude.bits(), sine(increment.wrapping_mul(tick).wrapping_add(*first))));
                 }
                 sum
             }
@@ -196,10 +189,10 @@ impl ReferenceGenerator {
                 let series = i64::from(sine(phase)) * 997_283_428
                     + i64::from(sine(phase.wrapping_mul(3))) * -66_485_562
                     + i64::from(sine(phase.wrapping_mul(5))) * 9_972_834;
-                narrow(((series >> 30) * i64::from(*amplitude)) >> 30)
+                narrow(((series >> 30) * i64::from(amplitude.bits())) >> 30)
             }
             Waveform::Chirp { change, amplitude, duration_ticks, .. } => {
-                let value = scaled(*amplitude, sine(self.phase));
+                let value = scaled(amplitude.bits(), sine(self.phase));
                 self.phase = self.phase.wrapping_add((self.chirp_increment >> 8) as u32);
                 if tick < *duration_ticks {
                     self.chirp_increment = self.chirp_increment.wrapping_add(i64::from(*change));
@@ -212,11 +205,11 @@ impl ReferenceGenerator {
                 // s^3 (10 - 15 s + 6 s^2)
                 let cube = (((share * share) >> 30) * share) >> 30;
                 let bracket = (10i64 << 30) - 15 * share + 6 * ((share * share) >> 30);
-                scaled(*height, narrow((cube * (bracket >> 4)) >> 26))
+                scaled(height.bits(), narrow((cube * (bracket >> 4)) >> 26))
             }
             Waveform::Table(table) => self.player.next_point(table),
         };
-        Micrometres::from_bits(self.offset.saturating_add(value))
+        Q::of_bits(self.offset.bits().saturating_add(value))
     }
 }
 
@@ -229,6 +222,7 @@ fn scaled(amplitude: i32, share: i32) -> i32 {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::signal::Micrometres;
     use std::vec::Vec;
 
     #[test]
@@ -260,9 +254,9 @@ mod tests {
 
     #[test]
     fn the_quasi_step_of_chapter_6() {
-        let waveform = Waveform::QuasiStep { height: 5 << 24, delay_ticks: 2000, duration_ticks: 1000 };
+        let waveform = Waveform::QuasiStep { height: Micrometres::from_num(5), delay_ticks: 2000, duration_ticks: 1000 };
         let mut generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(0));
-        let samples: Vec<f64> = (0..3200).map(|_| generator.next_position().to_num()).collect();
+        let samples: Vec<f64> = (0..3200).map(|_| generator.next_value().to_num()).collect();
         // Ch. 6, Eq. (44): 0 at 0.1 s, 2.5 at 0.125 s, 5 at 0.15 s.
         for (k, expected) in [(2000, 0.0), (2500, 2.5), (3000, 5.0), (3199, 5.0)] {
             assert!((samples[k] - expected).abs() < 1e-6, "{k} {}", samples[k]);
@@ -274,19 +268,20 @@ mod tests {
 
     #[test]
     fn what_repeats_says_after_how_many_samples() {
-        let increment = |hz: f64| (hz / 20_000.0 * 4_294_967_296.0).round() as u32;
-        let sines =
-            |hz: [f64; 2]| Waveform::Multisine { tones: [(increment(hz[0]), 5, 0), (increment(hz[1]), 5, 7), (77, 0, 0), (0, 0, 0)] };
+        let (um, increment) = (Micrometres::from_bits, |hz: f64| (hz / 20_000.0 * 4_294_967_296.0).round() as u32);
+        let sines = |hz: [f64; 2]| Waveform::Multisine {
+            tones: [(increment(hz[0]), um(5), 0), (increment(hz[1]), um(5), 7), (77, um(0), 0), (0, um(0), 0)],
+        };
         for (waveform, period) in [
             (sines([100.0, 300.0]), Some(200)),
             (sines([200.0, 100.0]), Some(200)),
             (sines([100.0, 150.0]), None),
             (sines([150.0, 150.0]), None),
-            (Waveform::RoundedTriangle { increment: increment(12.5), amplitude: 1 }, Some(1600)),
-            (Waveform::RoundedTriangle { increment: 0, amplitude: 1 }, None),
-            (Waveform::Multisine { tones: [(0, 0, 0); 4] }, None),
+            (Waveform::RoundedTriangle { increment: increment(12.5), amplitude: um(1) }, Some(1600)),
+            (Waveform::RoundedTriangle { increment: 0, amplitude: um(1) }, None),
+            (Waveform::Multisine { tones: [(0, um(0), 0); 4] }, None),
             // Cut off, as commands make it.
-            (Waveform::RoundedTriangle { increment: 26_843_545, amplitude: 1 }, Some(160)),
+            (Waveform::RoundedTriangle { increment: 26_843_545, amplitude: um(1) }, Some(160)),
             (Waveform::Constant, None),
         ] {
             assert_eq!(waveform.period_ticks(), period, "{waveform:?}");
@@ -295,9 +290,9 @@ mod tests {
 
     #[test]
     fn the_rounded_triangle_reaches_its_amplitude() {
-        let waveform = Waveform::RoundedTriangle { increment: 1 << 20, amplitude: 3 << 24 };
+        let waveform = Waveform::RoundedTriangle { increment: 1 << 20, amplitude: Micrometres::from_num(3) };
         let mut generator = ReferenceGenerator::new(waveform, Micrometres::from_bits(0));
-        let highest = (0..4096).map(|_| generator.next_position().to_num::<f64>()).fold(0.0, f64::max);
+        let highest = (0..4096).map(|_| generator.next_value().to_num::<f64>()).fold(0.0, f64::max);
         assert!((highest - 3.0).abs() < 1e-4, "{highest}");
     }
 }

@@ -83,6 +83,13 @@ impl ReferenceWindow {
         self.positions()[WINDOW - 1 - PREVIEW_TICKS]
     }
 
+    /// The reference one sample from now, when a drive that is computed now begins to act.
+    #[inline]
+    #[must_use]
+    pub fn next(&self) -> i32 {
+        self.positions()[WINDOW - PREVIEW_TICKS]
+    }
+
     /// All of it, oldest first.
     #[inline]
     #[must_use]

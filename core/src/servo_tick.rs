@@ -63,11 +63,12 @@ enum LawState {
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct ServoTick {
-    /// Codes of the last two ticks, newest first, and their drives, V.
+    /// The newest code and its drive, V.
     code: DriveCode,
-    drives: [i32; 2],
-    /// Force-equivalent displacement of the newest drive, um (V for a direct actuator).
+    drive: i32,
+    /// Force-equivalent displacement of the newest drive, um (V for a direct actuator), and of the one before.
     applied: i32,
+    applied_before: i32,
     rounding_error: i32,
     /// Sign of the limit at which the drive is held, or beyond which the hysteresis cannot reach.
     limited: i32,
@@ -101,8 +102,9 @@ impl ServoTick {
             adaptation: GainAdaptation::off(),
             hysteresis,
             code: parameters.converters.dac_code_min,
-            drives: [0; 2],
+            drive: 0,
             applied: 0,
+            applied_before: 0,
             rounding_error: 0,
             limited: 0,
             slewing: false,
@@ -187,9 +189,9 @@ impl ServoTick {
         }
         self.parameters.converters = parameters.converters;
         // What the drive of now does by the new model; it is no newer drive.
-        let (was, drives) = (self.applied, self.drives);
+        let (was, before) = (self.applied, self.applied_before);
         self.note(self.code);
-        self.drives = drives;
+        self.applied_before = before;
         let shift = self.applied.saturating_sub(was);
         let (saturated, window) = (&mut self.counters.saturated_values, &self.window);
         match (&mut self.law, &mut self.parameters.law, &parameters.law) {
@@ -284,16 +286,15 @@ impl ServoTick {
                 Some(regulator.output(parameters, reading, &self.window, self.limited, saturated))
             }
             (LawParameters::SlidingMode { estimator, controller }, LawState::SlidingMode(states, law)) => {
-                let acted = if self.parameters.delayed { self.drives[1] } else { self.drives[0] };
+                let acted = if self.parameters.delayed { self.applied_before } else { self.applied };
                 states.update(estimator, reading, acted, saturated);
-                Some(law.drive(controller, states.position(), states.velocity_per_tick(), &self.window, self.limited, saturated))
+                Some(law.drive(controller, states, self.applied, &self.window, self.limited, saturated))
             }
             (LawParameters::Predictor(parameters), LawState::Predictor(law)) => {
                 Some(law.output(parameters, reading, self.applied, &self.window, saturated))
             }
             (parameters, _) => {
-                let (applied, drive) = (self.applied, self.drives[0]);
-                self.law = begin(parameters, reading, applied, drive, &self.window, saturated);
+                self.law = begin(parameters, reading, self.applied, &self.window, saturated);
                 None
             }
         }
@@ -342,7 +343,7 @@ impl ServoTick {
             self.counters.limited_ticks = self.counters.limited_ticks.saturating_add(1);
         }
         self.note(DriveCode::known(reached));
-        self.rounding_error = if self.limited == 0 { wanted.saturating_sub(self.drives[0]) } else { 0 };
+        self.rounding_error = if self.limited == 0 { wanted.saturating_sub(self.drive) } else { 0 };
     }
 
     /// Takes note of a code that will act.
@@ -351,7 +352,8 @@ impl ServoTick {
         let c = &self.parameters.converters;
         let drive = c.drive(code);
         self.code = code;
-        self.drives = [drive, self.drives[0]];
+        self.drive = drive;
+        self.applied_before = self.applied;
         self.applied = match &self.parameters.actuator {
             ActuatorParameters::Direct => drive,
             ActuatorParameters::Linear { micrometres_per_volt, .. } => {
@@ -394,7 +396,7 @@ impl ServoTick {
     /// Drive of the newest code.
     #[must_use]
     pub fn drive(&self) -> Volts {
-        Volts::from_bits(self.drives[0])
+        Volts::from_bits(self.drive)
     }
 
     /// Force-equivalent displacement of the newest drive; for a direct actuator the drive's raw number.
@@ -479,18 +481,20 @@ impl ServoTick {
 }
 
 /// A law that takes over: at this tick it leaves the drive as it is, at the next it begins.
-fn begin(parameters: &LawParameters, reading: i32, applied: i32, drive: i32, window: &ReferenceWindow, saturated: &mut u32) -> LawState {
+fn begin(parameters: &LawParameters, reading: i32, applied: i32, window: &ReferenceWindow, saturated: &mut u32) -> LawState {
     match parameters {
         LawParameters::Hold => LawState::Off,
         LawParameters::Regulator(parameters) => {
             LawState::Regulator(PidRegulator::take_over(parameters, reading, window, applied, saturated))
         }
         LawParameters::SlidingMode { controller, .. } => {
-            let estimator = StateEstimator::at_rest(reading);
+            // At rest the equivalent control of a position is minus the drive that holds it, and what is applied beyond that is held by the unknown input.
+            let integral = applied.saturating_add(controller.equivalent_control.apply(&[reading, 0], saturated));
+            let estimator = StateEstimator::at_rest(reading, integral);
             let mut law = SlidingModeController::default();
             if matches!(controller.reaching, Reaching::Pid { .. }) {
-                let first = law.drive(controller, reading, 0, window, 0, saturated);
-                law.take_over(drive, first);
+                let first = law.drive(controller, &estimator, applied, window, 0, saturated);
+                law.take_over(applied, first);
             }
             LawState::SlidingMode(estimator, law)
         }

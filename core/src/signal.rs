@@ -27,6 +27,34 @@ pub const VOLT_FRACTION_BITS: u32 = 22;
 /// Fraction bits of [`DriveShare`].
 pub const SHARE_FRACTION_BITS: u32 = 30;
 
+/// A quantity with a unit, in the format that the tick has for it: a number of one kind is none of another.
+pub trait Quantity: Copy + core::fmt::Debug + Eq {
+    /// Fraction bits of its raw integer.
+    const FRACTION_BITS: u32;
+    /// From its raw integer.
+    fn of_bits(bits: i32) -> Self;
+    /// Its raw integer.
+    fn bits(self) -> i32;
+}
+
+macro_rules! quantity {
+    ($type:ty, $fraction_bits:expr) => {
+        impl Quantity for $type {
+            const FRACTION_BITS: u32 = $fraction_bits;
+            #[inline(always)]
+            fn of_bits(bits: i32) -> Self {
+                Self::from_bits(bits)
+            }
+            #[inline(always)]
+            fn bits(self) -> i32 {
+                self.to_bits()
+            }
+        }
+    };
+}
+quantity!(Micrometres, MICROMETRE_FRACTION_BITS);
+quantity!(Volts, VOLT_FRACTION_BITS);
+
 /// The nearest 32-bit value; counts when it is not the value itself.
 #[inline(always)]
 #[must_use]

@@ -6,10 +6,16 @@
 //! * [`Reaching::Pid`]: minus `P_c q + I_c` integral of `q` `+ D_c dq/dt` (Eq. 14): PIDSMC;
 //! * [`Reaching::Switching`]: minus `eta sign(q)` (Eq. 13): the ideal sliding mode, which chatters;
 //! * [`Reaching::BoundaryLayer`]: minus `eta q / (|q| + delta)` (Eq. 45), which leaves a steady error.
+//!
+//! # The instant of the drive
+//! A code acts one period after its reading. With a [`Prediction`] the estimate is carried over that period by the nominal model, with the drive that
+//! acts in it and the estimated unknown input, and is compared with the reference of the instant at which the new drive begins to act: the predictor
+//! form. Without one the law is the thesis' own, which acts at once.
 
 use crate::integer_row::{Integrating, Row};
 use crate::reference_window::{ReferenceWindow, WindowRow};
 use crate::signal::narrow;
+use crate::state_estimator::StateEstimator;
 
 /// Fraction bits of rows whose result is a drive.
 pub const DRIVE_ROW_FRACTION_BITS: u32 = 18;
@@ -40,7 +46,14 @@ pub enum Reaching {
     },
 }
 
-/// Parameters of a sliding-mode controller.
+/// Carries an estimate to the instant at which the drive that is computed begins to act.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Prediction {
+    /// Position and velocity times the period then, um, over `[x1, x2 T, integral of the estimator, what acts until then]`.
+    pub rows: [Row<4, ERROR_ROW_FRACTION_BITS>; 2],
+}
+
+/// Parameters of a sliding-mode controller. What it calls a drive is um of force-equivalent displacement where the actuator's model stands behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlidingModeParameters {
     /// Reference velocity times the period over the reference window, um.
@@ -53,6 +66,9 @@ pub struct SlidingModeParameters {
     pub equivalent_control: Row<2, DRIVE_ROW_FRACTION_BITS>,
     /// How the surface is reached.
     pub reaching: Reaching,
+    /// How the estimate is carried over the period of delay; none where the drive acts at once. The rows over the reference are then for the instant to
+    /// which it is carried.
+    pub prediction: Option<Prediction>,
 }
 
 /// States of a sliding-mode controller.
@@ -69,19 +85,27 @@ impl SlidingModeController {
         self.integral = Integrating::at(without.saturating_sub(drive));
     }
 
-    /// The drive for an estimated position (um) and velocity times the period (um). `hold` stops the integral while the drive saturates
-    /// in the direction of its sign.
+    /// The drive for an estimate; `acting` is what acts until it does. `hold` stops the integral while the drive saturates in the direction of
+    /// its sign.
     #[inline]
     pub fn drive(
         &mut self,
         parameters: &SlidingModeParameters,
-        position: i32,
-        velocity_per_tick: i32,
+        estimate: &StateEstimator,
+        acting: i32,
         reference: &ReferenceWindow,
         hold: i32,
         saturated: &mut u32,
     ) -> i32 {
-        let e1 = position.saturating_sub(reference.now());
+        let [x1, x2] = [estimate.position(), estimate.velocity_per_tick()];
+        let (position, velocity_per_tick, wanted) = match &parameters.prediction {
+            None => (x1, x2, reference.now()),
+            Some(Prediction { rows: [row_1, row_2] }) => {
+                let signals = [x1, x2, estimate.integral(), acting];
+                (row_1.apply(&signals, saturated), row_2.apply(&signals, saturated), reference.next())
+            }
+        };
+        let e1 = position.saturating_sub(wanted);
         let e2 = velocity_per_tick.saturating_sub(parameters.reference_velocity.apply(reference.positions(), saturated));
         self.errors = [e1, e2];
         let q = parameters.switching_function.apply(&self.errors, saturated);

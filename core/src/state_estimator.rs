@@ -34,16 +34,11 @@ pub struct StateEstimator {
 }
 
 impl StateEstimator {
-    /// At rest at a position.
+    /// At rest at a position, with the integral that holds it there.
     #[must_use]
-    pub fn at_rest(position: i32) -> Self {
-        Self { states: [Integrating::at(position), Integrating::at(0), Integrating::at(0)], last_reading: position, unknown_input: 0 }
-    }
-
-    /// At given states: position (um), velocity times the period (um), and the reading that came before.
-    #[must_use]
-    pub fn at(position: i32, velocity_per_tick: i32, last_reading: i32) -> Self {
-        Self { states: [Integrating::at(position), Integrating::at(velocity_per_tick), Integrating::at(0)], last_reading, unknown_input: 0 }
+    pub fn at_rest(position: i32, integral: i32) -> Self {
+        let states = [Integrating::at(position), Integrating::at(0), Integrating::at(integral)];
+        Self { states, last_reading: position, unknown_input: integral.saturating_neg() }
     }
 
     /// Takes the reading `y[k]` and the drive that acted since `y[k-1]`.
@@ -74,6 +69,13 @@ impl StateEstimator {
     #[must_use]
     pub fn velocity_per_tick(&self) -> i32 {
         self.states[1].state
+    }
+
+    /// The integral: the estimated unknown input with its sign turned, without what the last readings add to it.
+    #[inline]
+    #[must_use]
+    pub fn integral(&self) -> i32 {
+        self.states[2].state
     }
 
     /// Estimated unknown input `epsilon`, V.

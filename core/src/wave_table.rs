@@ -1,25 +1,25 @@
-//! Points of a reference that somebody wrote into memory, played tick by tick.
+//! Points of a reference or of a drive that somebody wrote into memory, played tick by tick.
 //!
 //! # How it works
 //! The memory is a row of atomics that outlives everything ([`WaveTable`]), so that a task may write the points and the control interrupt
 //! read them without a lock: a point is whole at any time, and whoever writes points while they are played sees them played. Each point
 //! lasts a number of ticks; between two of them the reference goes in a straight line or stays. What comes after the last point is the
-//! first one, as often as the table is cycled; then the last point stays.
+//! first one, as often as the table is cycled. Then the last value stays, whatever is written into the memory: a table that has ended is not read
+//! again. A table is one of positions or one of drives ([`Quantity`]), and the compiler keeps them apart.
 
+use core::marker::PhantomData;
 use core::sync::atomic::{AtomicI32, Ordering};
 
-/// The largest difference of the two formats: [`crate::signal`] has 22 and 24 bits.
-const MOST_SHIFT: u32 = 2;
+use crate::signal::Quantity;
 
-/// Fraction bits of a point, um where a reference is played and V where a drive is: as many as a drive has, which reaches further.
+/// Fraction bits of a point, um in a table of positions and V in one of drives: as many as a drive has, which reaches further.
 pub const POINT_FRACTION_BITS: u32 = 22;
 
-/// A table as it is played.
+/// A table of `Q` as it is played.
 #[derive(Clone, Copy, Debug)]
-pub struct WaveTable {
+pub struct WaveTable<Q> {
     points: &'static [AtomicI32],
-    /// From the bits of a point to those of what is played.
-    shift: u32,
+    of: PhantomData<Q>,
     ticks_per_point: u32,
     /// `2^30 / ticks_per_point` where points are joined by lines; 0 where they stay.
     slope: u32,
@@ -28,14 +28,17 @@ pub struct WaveTable {
     marked: u32,
 }
 
-impl WaveTable {
-    /// These points, each with [`POINT_FRACTION_BITS`], for so many ticks (at least 1), joined by lines or not, so many times (0: for ever). They
-    /// are played with `fraction_bits`: those of a position or of a drive. Every point must lie within its format, or it is cut to it.
+impl<Q: Quantity> WaveTable<Q> {
+    /// From the bits of a point to those of the quantity.
+    const SHIFT: u32 = Q::FRACTION_BITS - POINT_FRACTION_BITS;
+
+    /// These points, each with [`POINT_FRACTION_BITS`], for so many ticks (at least 1), joined by lines or not, so many times (0: for ever). Every
+    /// point must lie within the format of `Q`, or it is cut to it.
     #[must_use]
-    pub fn new(points: &'static [AtomicI32], fraction_bits: u32, ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
+    pub fn new(points: &'static [AtomicI32], ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
         let ticks_per_point = ticks_per_point.max(1);
         let slope = if joined && ticks_per_point > 1 { (1 << 30) / ticks_per_point } else { 0 };
-        Self { points, shift: fraction_bits.saturating_sub(POINT_FRACTION_BITS).min(MOST_SHIFT), ticks_per_point, slope, cycles, marked: 0 }
+        Self { points, of: PhantomData, ticks_per_point, slope, cycles, marked: 0 }
     }
 
     /// Itself with a point that is marked while it is played, from 1; 0 for none.
@@ -53,19 +56,19 @@ impl WaveTable {
 
     fn point(&self, nth: usize) -> i32 {
         let point = self.points.get(nth).map_or(0, |point| point.load(Ordering::Relaxed));
-        point.max(i32::MIN >> self.shift).min(i32::MAX >> self.shift) << self.shift
+        point.max(i32::MIN >> Self::SHIFT).min(i32::MAX >> Self::SHIFT) << Self::SHIFT
     }
 }
 
-impl PartialEq for WaveTable {
+impl<Q> PartialEq for WaveTable<Q> {
     fn eq(&self, other: &Self) -> bool {
         core::ptr::eq(self.points, other.points)
-            && (self.shift, self.ticks_per_point, self.slope, self.cycles, self.marked)
-                == (other.shift, other.ticks_per_point, other.slope, other.cycles, other.marked)
+            && (self.ticks_per_point, self.slope, self.cycles, self.marked)
+                == (other.ticks_per_point, other.slope, other.cycles, other.marked)
     }
 }
 
-impl Eq for WaveTable {}
+impl<Q> Eq for WaveTable<Q> {}
 
 /// Where a table is being played.
 #[derive(Clone, Debug, Default)]
@@ -74,18 +77,20 @@ pub struct TablePlayer {
     ticks: u32,
     cycles: u32,
     ended: bool,
+    /// What was played last: once the table has ended, what stays.
+    last: i32,
     /// Whether what was played belonged to the marked point: the last tick in the lowest bit, the tick before it in the next.
     marks: u32,
 }
 
 impl TablePlayer {
-    /// What is played at the next tick, with the fraction bits that the table is played with; 0 of a table without points.
-    pub fn next_point(&mut self, table: &WaveTable) -> i32 {
-        let here = table.point(self.point);
+    /// What is played at the next tick, in the format of the quantity; 0 of a table without points.
+    pub fn next_point<Q: Quantity>(&mut self, table: &WaveTable<Q>) -> i32 {
         self.marks <<= 1;
         if self.ended {
-            return here;
+            return self.last;
         }
+        let here = table.point(self.point);
         self.marks |= u32::from(self.point as u32 + 1 == table.marked);
         let last = self.point + 1 >= table.points.len();
         let mut value = here;
@@ -101,6 +106,7 @@ impl TablePlayer {
             self.ticks = 0;
             self.end_of_point(last, table.cycles);
         }
+        self.last = value;
         value
     }
 
@@ -135,6 +141,7 @@ impl TablePlayer {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::signal::{Micrometres, Volts};
     use proptest::prelude::*;
     use std::boxed::Box;
     use std::vec::Vec;
@@ -143,7 +150,7 @@ mod tests {
         Box::leak(points.iter().map(|point| AtomicI32::new(*point)).collect::<Vec<_>>().into_boxed_slice())
     }
 
-    fn play(table: WaveTable, ticks: usize) -> Vec<i32> {
+    fn play<Q: Quantity>(table: WaveTable<Q>, ticks: usize) -> Vec<i32> {
         let mut player = TablePlayer::default();
         (0..ticks).map(|_| player.next_point(&table)).collect()
     }
@@ -151,21 +158,21 @@ mod tests {
     #[test]
     fn points_are_played_joined_or_not_so_many_times_and_the_last_one_stays() {
         let points = memory(&[0, 100, -100]);
-        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 1, true, 2), 8), [0, 100, -100, 0, 100, -100, -100, -100]);
-        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 2, false, 1), 8), [0, 0, 100, 100, -100, -100, -100, -100]);
-        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 1, false, 0), 301)[300], 0, "for ever");
+        assert_eq!(play(WaveTable::<Volts>::new(points, 1, true, 2), 8), [0, 100, -100, 0, 100, -100, -100, -100]);
+        assert_eq!(play(WaveTable::<Volts>::new(points, 2, false, 1), 8), [0, 0, 100, 100, -100, -100, -100, -100]);
+        assert_eq!(play(WaveTable::<Volts>::new(points, 1, false, 0), 301)[300], 0, "for ever");
         // Straight lines; the shares 1/4, 1/2 and 3/4 are a little short of themselves.
-        let joined = play(WaveTable::new(points, POINT_FRACTION_BITS, 4, true, 0), 13);
+        let joined = play(WaveTable::<Volts>::new(points, 4, true, 0), 13);
         let exact = [0.0, 25.0, 50.0, 75.0, 100.0, 50.0, 0.0, -50.0, -100.0, -75.0, -50.0, -25.0, 0.0];
         for (value, exact) in joined.iter().zip(exact) {
             assert!((f64::from(*value) - exact).abs() <= 1.0, "{joined:?}");
         }
-        assert_eq!(play(WaveTable::new(points, POINT_FRACTION_BITS, 4, true, 1), 20)[8..], [-100; 12], "the end joins nothing");
+        assert_eq!(play(WaveTable::<Volts>::new(points, 4, true, 1), 20)[8..], [-100; 12], "the end joins nothing");
     }
 
     #[test]
     fn a_table_that_is_cycled_has_a_period() {
-        let table = |points: &[i32], ticks, cycles| WaveTable::new(memory(points), POINT_FRACTION_BITS, ticks, true, cycles).period_ticks();
+        let table = |points: &[i32], ticks, cycles| WaveTable::<Volts>::new(memory(points), ticks, true, cycles).period_ticks();
         assert_eq!((table(&[1, 2], 100, 0), table(&[1, 2, 3], 7, 5)), (Some(200), Some(21)));
         assert_eq!((table(&[1, 2], 100, 1), table(&[], 100, 0), table(&[1, 2], u32::MAX, 0)), (None, None, None));
     }
@@ -173,15 +180,15 @@ mod tests {
     #[test]
     fn a_position_has_two_bits_more_than_a_drive_and_never_wraps() {
         let points = memory(&[3 << 22, -5, i32::MAX, i32::MIN]);
-        assert_eq!(play(WaveTable::new(points, 22, 1, false, 1), 4), [3 << 22, -5, i32::MAX, i32::MIN]);
-        assert_eq!(play(WaveTable::new(points, 24, 1, false, 1), 4), [3 << 24, -20, i32::MAX - 3, i32::MIN]);
+        assert_eq!(play(WaveTable::<Volts>::new(points, 1, false, 1), 4), [3 << 22, -5, i32::MAX, i32::MIN]);
+        assert_eq!(play(WaveTable::<Micrometres>::new(points, 1, false, 1), 4), [3 << 24, -20, i32::MAX - 3, i32::MIN]);
     }
 
     #[test]
     fn a_point_is_marked_for_as_long_as_it_lasts_in_every_cycle_and_not_behind_the_last() {
         let marks = |point, cycles| -> Vec<u8> {
             let (table, mut player) =
-                (WaveTable::new(memory(&[5, 6, 7]), POINT_FRACTION_BITS, 2, false, cycles).marking(point), TablePlayer::default());
+                (WaveTable::<Volts>::new(memory(&[5, 6, 7]), 2, false, cycles).marking(point), TablePlayer::default());
             (0..16).map(|_| (player.next_point(&table), u8::from(player.marked(0))).1).collect()
         };
         assert_eq!(marks(2, 2), [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0]);
@@ -190,14 +197,25 @@ mod tests {
     }
 
     #[test]
+    fn a_finished_table_is_not_read_again() {
+        for joined in [false, true] {
+            let points = memory(&[5, 6, 7]);
+            let (table, mut player) = (WaveTable::<Volts>::new(points, 2, joined, 2), TablePlayer::default());
+            let last = (0..20).map(|_| player.next_point(&table)).last();
+            points.iter().for_each(|point| point.store(60 << POINT_FRACTION_BITS, Ordering::Relaxed));
+            assert_eq!((last, player.next_point(&table)), (Some(7), 7), "joined: {joined}");
+        }
+    }
+
+    #[test]
     fn a_table_without_points_is_zero() {
-        assert_eq!(play(WaveTable::new(&[], POINT_FRACTION_BITS, 3, true, 0), 5), [0; 5]);
+        assert_eq!(play(WaveTable::<Volts>::new(&[], 3, true, 0), 5), [0; 5]);
     }
 
     proptest! {
         #[test]
         fn a_line_never_leaves_its_two_points(a in any::<i32>(), b in any::<i32>(), ticks in 1u32..5000, joined: bool) {
-            let values = play(WaveTable::new(memory(&[a, b]), POINT_FRACTION_BITS, ticks, joined, 0), 2 * ticks as usize);
+            let values = play(WaveTable::<Volts>::new(memory(&[a, b]), ticks, joined, 0), 2 * ticks as usize);
             prop_assert!(values.iter().all(|value| (a.min(b)..=a.max(b)).contains(value)));
         }
     }

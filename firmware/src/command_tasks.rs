@@ -13,7 +13,7 @@ use rtt_target::DownChannel;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
 use crate::sample_clock::SAMPLE_RATE_HZ;
-use crate::{command_port, option_bytes, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks};
+use crate::{command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.
 #[embassy_executor::task]
@@ -102,7 +102,9 @@ fn refusal_text(refusal: Refusal) -> &'static str {
         Refusal::Faulted => "a fault is latched",
         Refusal::NotYetHealthy => "the sensor has not been healthy long enough",
         Refusal::NotAtRest => "only at rest",
-        Refusal::NoBlock => "no valid parameter block: bring one, then `restart`",
+        Refusal::NoBlock => "no valid parameter block or no safety envelope: bring one, then `restart`",
+        Refusal::NotArmed => "not armed since the start or the last fault: `arm`",
+        Refusal::LoopOpen => "only with the loop closed",
         Refusal::NotConditioned => "not conditioned since the start or the last fault: `condition`, or `conditioning waived`",
         Refusal::BeyondLimits => "beyond the limits",
     }
@@ -125,6 +127,14 @@ fn say_mode(flags: u32) {
     match Fault::from_number((flags >> 8) as u8) {
         None => defmt::info!("mode {=str}", mode),
         Some(fault) => defmt::error!("mode {=str}: {=str}", mode, fault.name()),
+    }
+}
+
+/// Says the last faults, the newest first.
+fn say_events() {
+    for event in (0..).map_while(event_log::event) {
+        let name = Fault::from_number(event.fault as u8).map_or("", Fault::name);
+        defmt::info!("fault in start {=u32} of {=u32} at tick {=u32}: {=str}", event.start, event_log::starts(), event.tick, name);
     }
 }
 
@@ -191,6 +201,8 @@ fn obey(line: &WaitingLine) {
                 required,
                 control::host_timeout()
             );
+            defmt::info!("powered: {=bool}, armed: {=bool}", control::powered(), control::state().armed);
+            say_events();
             telemetry::say_loop();
             option_bytes::say();
         }
@@ -219,6 +231,7 @@ fn obey(line: &WaitingLine) {
             Ok(()) => settings::keep(),
             Err(reason) => defmt::warn!("refused: block: {=str}", reason),
         },
+        Ok(Line::BlockEnvelope(fingerprint)) => answer("safety envelope is being kept", settings::keep_envelope(fingerprint)),
         Ok(Line::BlockSwap) => settings::swap(),
         Ok(Line::Restart) if settings::is_keeping() => defmt::warn!("refused: a block is being kept"),
         Ok(Line::Restart) => match drive_rests() {

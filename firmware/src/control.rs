@@ -8,12 +8,12 @@
 use core::cell::UnsafeCell;
 use core::hint::black_box; // so that fields are reached from one address, not each from its own
 use core::mem::MaybeUninit;
-use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 use cortex_m::peripheral::DWT;
 use embassy_stm32::pac::TIM2 as TIMER;
 use hysteron_core::amplifier::{Amplifier, Command, Mode, Refusal};
-use hysteron_core::command_limits;
+use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_schedule::{CannotWait, CommandSchedule};
 use hysteron_core::gain_adaptation::{GAIN_FRACTION_BITS, GainAdaptation};
 use hysteron_core::guard::Fault;
@@ -25,7 +25,7 @@ use crate::board::{Board, Converters, Platform};
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
-use crate::{safety_lines, task_clock};
+use crate::{event_log, safety_lines, task_clock};
 
 /// Samples on their way to the trace task: 12 ms at 20 kHz.
 pub const SAMPLE_QUEUE: usize = 256;
@@ -100,6 +100,14 @@ pub struct Control {
     pub late_cycles: u32,
     /// The cycle counter at the last tick; `None` before the first.
     pub last_cycles: Option<u32>,
+    /// There is an envelope and a block: the drive's converter is given codes.
+    pub drives: bool,
+    /// Codes that may act, lowest and highest, whatever block and law say.
+    pub envelope: (DriveCode, DriveCode),
+    /// Times that the tick counter has begun again.
+    pub turns: u32,
+    /// The fault that was latched last.
+    pub latched: u8,
     /// Servo, guard and modes.
     pub amplifier: Amplifier,
 }
@@ -132,6 +140,32 @@ impl Control {
         };
     }
 
+    /// Gives the drive's converter its code, or sets it up anew. A code that it does not take is a fault: what acts is not what the servo remembers.
+    #[inline(always)]
+    fn drive(&mut self, code: DriveCode, renews: bool) {
+        if !self.drives {
+            return;
+        }
+        let (lowest, highest) = self.envelope;
+        let within = code.max(lowest).min(highest);
+        let taken = if renews { self.front_end.renew() } else { self.front_end.write(within) };
+        if !taken {
+            self.amplifier.refuse(Fault::DriveSilent);
+        }
+        if within != code {
+            self.amplifier.refuse(Fault::BeyondEnvelope);
+        }
+    }
+
+    #[inline(never)]
+    #[unsafe(link_section = ".control_code")]
+    fn note(&mut self, tick: u32, fault: u8) {
+        self.latched = fault;
+        if fault != 0 {
+            event_log::write(tick, fault);
+        }
+    }
+
     /// Lets at most one command act: one whose tick has come, else the next one that has been given.
     #[inline(always)]
     fn take_command(&mut self) {
@@ -152,10 +186,7 @@ impl Control {
     #[inline(never)]
     #[unsafe(link_section = ".control_code")]
     fn act(&mut self, from: Source, command: Command) {
-        // What the serial port plays was looked at by its session; a fault is said before limits.
-        let typed = from == Source::Probe && self.amplifier.mode() != Mode::Fault;
-        let within = if typed { command_limits::check(&command, self.amplifier.parameters()) } else { Ok(()) };
-        let outcome = within.and_then(|()| self.amplifier.command(command)).map_or_else(Outcome::Refused, |()| Outcome::Done);
+        let outcome = self.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done);
         self.recorder.command_acted();
         self.answer(from, outcome);
     }
@@ -183,24 +214,99 @@ static EXCHANGE: Exchanged = Exchanged(UnsafeCell::new(Exchange { block: MaybeUn
 /// A swap is wanted at the next tick.
 static SWAP: AtomicBool = AtomicBool::new(false);
 
-static TICKS: AtomicU32 = AtomicU32::new(0);
 static LOST_SAMPLES: AtomicU32 = AtomicU32::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static SLOWEST_COUNTS: AtomicU32 = AtomicU32::new(0);
 static LATEST_ENTRY_COUNTS: AtomicU32 = AtomicU32::new(0);
 static MOST_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
 static RECENT_TICK_CYCLES: AtomicU32 = AtomicU32::new(0);
-static FLAGS: AtomicU32 = AtomicU32::new(0);
-static SATURATED_VALUES: AtomicU32 = AtomicU32::new(0);
-static DRIVE_RESTS: AtomicBool = AtomicBool::new(true);
-static ADC_ZERO: AtomicI32 = AtomicI32::new(0);
-static ZEROED: AtomicBool = AtomicBool::new(false);
-static CONDITIONED: AtomicBool = AtomicBool::new(false);
-static CONDITIONING_REQUIRED: AtomicBool = AtomicBool::new(true);
 /// An alarm forbids to adapt the gain.
 static ADAPTATION_HELD: AtomicBool = AtomicBool::new(false);
-/// Gain that is adapted, with its fraction bits; 0: none is.
-static ADAPTED_GAIN: AtomicI32 = AtomicI32::new(0);
+
+/// The amplifier after a tick: all of one tick.
+#[derive(Clone, Copy)]
+pub struct State {
+    /// Ticks since the start.
+    pub ticks: u64,
+    /// Mode (low byte) and fault (next byte).
+    pub flags: u32,
+    /// What the sensor's converter gave.
+    pub adc_code: SensorCode,
+    /// What the drive's converter was given.
+    pub dac_code: DriveCode,
+    /// um with 24 fraction bits.
+    pub reference: i32,
+    /// Position at the sensor's code 0, um with 24 fraction bits.
+    pub adc_zero: i32,
+    /// A conditioning has found it.
+    pub zeroed: bool,
+    /// The actuator is conditioned.
+    pub conditioned: bool,
+    /// The loop closes only when it is.
+    pub conditioning_required: bool,
+    /// The power stage is on.
+    pub powered: bool,
+    /// Something may be played and closed.
+    pub armed: bool,
+    /// The drive is at its rest code.
+    pub rests: bool,
+    /// Values of the law that left their format and were cut.
+    pub saturated_values: u32,
+    /// Gain that is adapted, with its fraction bits; 0: none is.
+    pub adapted_gain: i32,
+}
+
+impl State {
+    const BEFORE_THE_START: Self = Self {
+        ticks: 0,
+        flags: 0,
+        adc_code: SensorCode::new(0),
+        dac_code: DriveCode::new(0),
+        reference: 0,
+        adc_zero: 0,
+        zeroed: false,
+        conditioned: false,
+        conditioning_required: true,
+        powered: false,
+        armed: false,
+        rests: true,
+        saturated_values: 0,
+        adapted_gain: 0,
+    };
+}
+
+/// Two places: the interrupt writes the one that nobody reads, and then says that it is the newest.
+struct Published([UnsafeCell<State>; 2]);
+// SAFETY: a reader runs below the interrupt, and reads again where two ticks have gone by meanwhile: only then its place has been written.
+unsafe impl Sync for Published {}
+static PUBLISHED: Published = Published([const { UnsafeCell::new(State::BEFORE_THE_START) }; 2]);
+/// How often was published; its lowest bit says which place is the newest.
+static PUBLICATION: AtomicU32 = AtomicU32::new(0);
+
+/// The amplifier after the last tick.
+pub fn state() -> State {
+    loop {
+        let before = PUBLICATION.load(Ordering::Acquire);
+        let [even, odd] = &PUBLISHED.0;
+        let place = if before & 1 == 0 { even } else { odd };
+        // SAFETY: the interrupt writes this place at the second tick from now at the earliest, and then it is read again.
+        let state = unsafe { place.get().read_volatile() };
+        if PUBLICATION.load(Ordering::Acquire).wrapping_sub(before) < 2 {
+            return state;
+        }
+    }
+}
+
+#[inline(always)]
+fn publish(state: State) {
+    let next = PUBLICATION.load(Ordering::Relaxed).wrapping_add(1);
+    let [even, odd] = &PUBLISHED.0;
+    let place = if next & 1 == 0 { even } else { odd };
+    // SAFETY: readers read the other place until the store below.
+    unsafe { place.get().write(state) };
+    PUBLICATION.store(next, Ordering::Release);
+}
+
 /// Whether whoever gives commands, on whatever channel, is still there.
 static HOST: HostWatch = HostWatch::new();
 
@@ -228,36 +334,42 @@ pub struct Report {
 /// The interrupt's state as of the last tick. Largest values begin again.
 pub fn report() -> Report {
     Report {
-        ticks: TICKS.load(Ordering::Relaxed),
+        ticks: ticks(),
         lost_samples: LOST_SAMPLES.load(Ordering::Relaxed),
         overruns: OVERRUNS.load(Ordering::Relaxed),
         slowest_counts: SLOWEST_COUNTS.swap(0, Ordering::Relaxed),
         latest_entry_counts: LATEST_ENTRY_COUNTS.swap(0, Ordering::Relaxed),
         most_tick_cycles: MOST_TICK_CYCLES.swap(0, Ordering::Relaxed),
         recent_tick_cycles: RECENT_TICK_CYCLES.load(Ordering::Relaxed) >> RECENT_SHIFT,
-        flags: FLAGS.load(Ordering::Relaxed),
+        flags: flags(),
     }
 }
 
 /// Ticks since the start.
 pub fn ticks() -> u32 {
-    TICKS.load(Ordering::Relaxed)
+    state().ticks as u32
 }
 
 /// Mode (low byte) and fault (next byte) of the last tick.
 pub fn flags() -> u32 {
-    FLAGS.load(Ordering::Relaxed)
+    state().flags
 }
 
 /// Whether the drive does not move: at rest or stopped by a fault, the ramp to rest ended.
 pub fn drive_rests() -> bool {
-    let mode = flags() as u8;
-    (mode == Mode::Rest as u8 || mode == Mode::Fault as u8) && DRIVE_RESTS.load(Ordering::Relaxed)
+    let state = state();
+    let mode = state.flags as u8;
+    (mode == Mode::Rest as u8 || mode == Mode::Fault as u8) && state.rests
+}
+
+/// Whether the power stage is on.
+pub fn powered() -> bool {
+    state().powered
 }
 
 /// Values of the law that left their format and were cut.
 pub fn saturated_values() -> u32 {
-    SATURATED_VALUES.load(Ordering::Relaxed)
+    state().saturated_values
 }
 
 /// Ticks that ended late.
@@ -265,19 +377,20 @@ pub fn overruns() -> u32 {
     OVERRUNS.load(Ordering::Relaxed)
 }
 
-/// Position at the sensor's code 0 as it is now, um with 24 fraction bits, and whether a conditioning has found it.
-pub fn zero() -> (i32, bool) {
-    (ADC_ZERO.load(Ordering::Relaxed), ZEROED.load(Ordering::Relaxed))
+/// Position at the sensor's code 0 as it is now, um with 24 fraction bits.
+pub fn zero() -> i32 {
+    state().adc_zero
 }
 
 /// Whether the actuator is conditioned, and whether the loop closes only when it is.
 pub fn conditioning() -> (bool, bool) {
-    (CONDITIONED.load(Ordering::Relaxed), CONDITIONING_REQUIRED.load(Ordering::Relaxed))
+    let state = state();
+    (state.conditioned, state.conditioning_required)
 }
 
 /// Gain of the actuator over the model's as the servo adapted it, millionths; 0: it does not.
 pub fn adapted_gain_millionths() -> u32 {
-    ((i64::from(ADAPTED_GAIN.load(Ordering::Relaxed)) * 1_000_000) >> GAIN_FRACTION_BITS) as u32
+    ((i64::from(state().adapted_gain) * 1_000_000) >> GAIN_FRACTION_BITS) as u32
 }
 
 /// Whether an alarm forbids to adapt it.
@@ -396,12 +509,8 @@ extern "C" fn TIM2() {
     let cycles = DWT::cycle_count().wrapping_sub(begin);
     let stopped = sample.flags as u8 == Mode::Fault as u8;
     let rests = control.amplifier.drive_rests() && (stopped || sample.flags as u8 == Mode::Rest as u8);
-    if rests && sample.tick & RENEW_MASK == 0 {
-        control.front_end.renew();
-    } else {
-        control.front_end.write(sample.dac_code);
-    }
-    safety_lines::set_enable(!(stopped && rests));
+    control.drive(sample.dac_code, rests && sample.tick & RENEW_MASK == 0);
+    safety_lines::set_enable(control.amplifier.powered());
 
     if stopped {
         // What was planned before a fault must not act after it.
@@ -413,15 +522,28 @@ extern "C" fn TIM2() {
         count(&LOST_SAMPLES);
     }
     control.tick = control.tick.wrapping_add(1);
-    TICKS.store(control.tick, Ordering::Relaxed);
-    FLAGS.store(u32::from(sample.flags), Ordering::Relaxed);
-    DRIVE_RESTS.store(control.amplifier.drive_rests(), Ordering::Relaxed);
-    SATURATED_VALUES.store(control.amplifier.servo().counters().saturated_values, Ordering::Relaxed);
-    ADAPTED_GAIN.store(control.amplifier.servo().adaptation().map_or(0, GainAdaptation::gain), Ordering::Relaxed);
-    ADC_ZERO.store(control.amplifier.parameters().servo.converters.adc_zero, Ordering::Relaxed);
-    ZEROED.store(control.amplifier.zeroed(), Ordering::Relaxed);
-    CONDITIONED.store(control.amplifier.conditioned(), Ordering::Relaxed);
-    CONDITIONING_REQUIRED.store(control.amplifier.conditioning_required(), Ordering::Relaxed);
+    control.turns = control.turns.wrapping_add(u32::from(control.tick == 0));
+    let fault = (sample.flags >> 8) as u8;
+    if fault != control.latched {
+        control.note(sample.tick, fault);
+    }
+    let amplifier = &control.amplifier;
+    publish(State {
+        ticks: u64::from(control.turns) << 32 | u64::from(control.tick),
+        flags: sample.flags.into(),
+        adc_code: sample.adc_code,
+        dac_code: sample.dac_code,
+        reference: sample.reference,
+        adc_zero: amplifier.parameters().servo.converters.adc_zero,
+        zeroed: amplifier.zeroed(),
+        conditioned: amplifier.conditioned(),
+        conditioning_required: amplifier.conditioning_required(),
+        powered: amplifier.powered(),
+        armed: amplifier.armed(),
+        rests: amplifier.drive_rests(),
+        saturated_values: amplifier.servo().counters().saturated_values,
+        adapted_gain: amplifier.servo().adaptation().map_or(0, GainAdaptation::gain),
+    });
     keep_largest(&LATEST_ENTRY_COUNTS, entry);
     keep_largest(&MOST_TICK_CYCLES, cycles);
     let recent = RECENT_TICK_CYCLES.load(Ordering::Relaxed);

@@ -16,7 +16,7 @@ use hysteron_core::guard::Fault;
 
 use crate::board::{Board, Converters, Platform};
 use crate::control;
-use crate::front_end::{CodeBits, FrontEnd};
+use crate::front_end::{CodeBits, FrontEnd, Wiring};
 use crate::safety_lines;
 use crate::task_clock;
 
@@ -24,8 +24,9 @@ use crate::task_clock;
 const MARK: u32 = 0x4859_5300;
 #[unsafe(link_section = ".uninit.restart_mark")]
 static mut RESTART_MARK: MaybeUninit<u32> = MaybeUninit::uninit();
-/// In the converter's own bits. Until a block says what rest is: 0 V at the actuator.
-static REST_CODE: AtomicU32 = AtomicU32::new(Converters::SAFE_CODE.steps());
+/// In the converter's own bits. Until a block says what rest is, none: the converter is then as it left its reset.
+static REST_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
+const NO_CODE: u32 = u32::MAX;
 
 /// Watchdog period: 32 kHz / 16 counts down from this in 50 ms.
 const WATCHDOG_COUNTS: u16 = 100;
@@ -86,7 +87,10 @@ pub async fn watch() {
 pub fn stop(fault: Fault) -> ! {
     cortex_m::interrupt::disable();
     safety_lines::set_enable(false);
-    Converters::new(Converters::BITS).force(DriveCode::new(REST_CODE.load(Ordering::Relaxed)));
+    let rest = REST_CODE.load(Ordering::Relaxed);
+    if rest != NO_CODE {
+        Converters::new(Converters::BITS, Wiring::default()).force(DriveCode::new(rest));
+    }
     // SAFETY: interrupts are off; nobody else runs any more.
     unsafe { (&raw mut RESTART_MARK).cast::<u32>().write_volatile(MARK | fault as u32) };
     cortex_m::asm::dsb();

@@ -5,6 +5,7 @@
 //! zeros.
 
 use hysteron_core::codes::{DriveCode, SensorCode};
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::servo_parameters::ConverterParameters;
 
 /// Bits of the codes on this side.
@@ -25,30 +26,48 @@ impl CodeBits {
     }
 }
 
+/// How the converters are wired, as far as their codes do not show it: what the safety envelope says.
+#[derive(Clone, Copy, Default)]
+#[allow(dead_code)] // the parts' own converters are wired one way
+pub struct Wiring {
+    /// The sensor's converter gives two's complement.
+    pub sensor_is_signed: bool,
+    /// From the lower reference of the drive's converter to its upper one, mV.
+    pub reference_span_mv: u32,
+}
+
+impl Wiring {
+    /// That of an envelope.
+    #[allow(dead_code)] // not every image has one
+    pub const fn of(envelope: &SafetyEnvelope) -> Self {
+        Self { sensor_is_signed: envelope.sensor_is_signed, reference_span_mv: envelope.reference_span_mv }
+    }
+}
+
 /// Converters as the control interrupt sees them. Both calls end after a bounded time, whatever the converters do.
 pub trait FrontEnd {
     /// Name, as reported at start.
     const NAME: &'static str;
     /// Bits that the converters have.
     const BITS: CodeBits;
-    /// The drive's code, in the converter's own bits, when no parameter block says what rest is: 0 V at the actuator as the wiring page has it.
-    const SAFE_CODE: DriveCode;
     /// From the edge of the sample clock until the sample can be read, ns.
     const INTERRUPT_AFTER_NS: u32;
     /// Whether it can give and take codes of so many bits.
     #[allow(dead_code)] // the board check has no block
     fn has(bits: CodeBits) -> bool;
     /// Not started yet; codes have so many bits, which it has.
-    fn new(bits: CodeBits) -> Self;
-    /// Sets pins and converters up, with the drive at `rest_code`; called before the beat starts.
-    fn start(&mut self, rest_code: DriveCode);
+    fn new(bits: CodeBits, wiring: Wiring) -> Self;
+    /// Sets pins and converters up, with the drive at `rest_code`; called before the beat starts. Without a code the drive's output stays off: clamped to ground,
+    /// or floating.
+    fn start(&mut self, rest_code: Option<DriveCode>);
     /// The sensor's code sampled at the latest edge; `None` if the converter did not answer.
     fn read(&mut self) -> Option<SensorCode>;
     /// The drive's code for the next edge; `false` if the converter did not take it.
     fn write(&mut self, code: DriveCode) -> bool;
-    /// Instead of a code, at rest: sets the drive's converter up as after its power-up. The code that it was given last is in its register.
+    /// Instead of a code, at rest: sets the drive's converter up as after its power-up; `false` if it did not take that. The code that it was given last is in its
+    /// register.
     #[allow(dead_code)] // not every image that has a front end keeps it so long
-    fn renew(&mut self);
+    fn renew(&mut self) -> bool;
     /// The drive at a code at once, without the sample clock, from any state: clocks off, pins not set up, a frame half sent.
     fn force(&mut self, code: DriveCode);
 }

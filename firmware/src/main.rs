@@ -12,6 +12,7 @@ mod command_tasks;
 mod control;
 mod control_code;
 mod critical_section_below_control;
+mod event_log;
 mod fault;
 mod flash_read;
 mod front_end;
@@ -32,6 +33,7 @@ mod trace_tasks;
 
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use hysteron_core::amplifier::Amplifier;
+use hysteron_core::codes::DriveCode;
 use hysteron_core::command_schedule::CommandSchedule;
 use hysteron_core::guard::Fault;
 use hysteron_core::parameter_block::AmplifierParameters;
@@ -41,7 +43,7 @@ use static_cell::StaticCell;
 
 use board::{Board, Converters, Platform};
 use control::{COMMAND_QUEUE, Control, Reply, SAMPLE_QUEUE, Scheduled};
-use front_end::{CodeBits, FrontEnd};
+use front_end::{CodeBits, FrontEnd, Wiring};
 use ring::{Consumer, Producer, Ring};
 use sample_clock::SAMPLE_RATE_HZ;
 
@@ -68,10 +70,16 @@ async fn main(spawner: Spawner) {
         Converters::NAME
     );
 
-    let (parameters, refused) = match settings::load(SAMPLE_RATE_HZ) {
-        Ok(parameters) => (parameters, false),
-        Err(_) => (settings::safe_parameters(SAMPLE_RATE_HZ, Converters::SAFE_CODE, Converters::BITS), true),
+    event_log::begin();
+    let envelope = settings::load_envelope();
+    let block = settings::load(SAMPLE_RATE_HZ);
+    let refused = match (&envelope, &block) {
+        (None, _) => Some(Fault::NoEnvelope),
+        (Some(_), Err(_)) => Some(Fault::ParameterBlock),
+        (Some(_), Ok(_)) => None,
     };
+    let rest = envelope.map_or(DriveCode::new(0), |envelope| envelope.safe_code);
+    let parameters = block.unwrap_or_else(|_| settings::safe_parameters(SAMPLE_RATE_HZ, rest, Converters::BITS));
     let c = &parameters.servo.converters;
     // What a decoder needs to turn codes into um and V, in the formats of the parameter block.
     defmt::info!(
@@ -88,9 +96,13 @@ async fn main(spawner: Spawner) {
     option_bytes::say();
     safety_lines::start();
     let bits = CodeBits::of(c);
-    let mut front_end = Converters::new(bits);
-    front_end.start(parameters.guard.rest_code);
-    fault::remember_rest(parameters.guard.rest_code, bits);
+    let mut front_end = Converters::new(bits, envelope.as_ref().map(Wiring::of).unwrap_or_default());
+    // Until somebody has said which code is rest the drive's converter stays as it left its reset.
+    let drives = refused.is_none();
+    front_end.start(drives.then_some(parameters.guard.rest_code));
+    if drives {
+        fault::remember_rest(parameters.guard.rest_code, bits);
+    }
 
     let (sample_producer, sample_consumer) = SAMPLES.init(Ring::new()).split();
     let (command_producer, command_consumer) = COMMANDS.init(Ring::new()).split();
@@ -99,6 +111,7 @@ async fn main(spawner: Spawner) {
         parameters,
         refused,
         Ends { front_end, samples: sample_producer, commands: command_consumer, replies: reply_producer },
+        envelope.map_or((DriveCode::new(0), DriveCode::MOST), |envelope| envelope.limits_of(bits.dac)),
         clocks.core_hz / SAMPLE_RATE_HZ / 2 * 3,
     );
     command_port::open(command_producer);
@@ -124,14 +137,17 @@ struct Ends {
 
 /// Makes the amplifier and hands it to the interrupt. Not a part of the task above: an amplifier takes 13 KiB, and what a task holds is static.
 #[inline(never)]
-fn hand_over(parameters: AmplifierParameters, refused: bool, ends: Ends, late_cycles: u32) {
+fn hand_over(parameters: AmplifierParameters, refused: Option<Fault>, ends: Ends, envelope: (DriveCode, DriveCode), late_cycles: u32) {
     let mut amplifier = Amplifier::new(parameters);
     if let Some(cause) = fault::cause_of_last_restart() {
         defmt::error!("last restart: {=str}", cause.name());
         amplifier.refuse(cause);
     }
-    if refused {
-        amplifier.refuse_without_block();
+    if let Some(fault) = refused {
+        amplifier.refuse_for_good(fault);
+    }
+    if let Some(envelope) = settings::envelope() {
+        amplifier.limit_current(envelope.mean_square_codes(amplifier.parameters()));
     }
     if !fault::cycle_counter_runs() {
         defmt::error!("the cycle counter does not run: ticks that are skipped cannot be found");
@@ -150,6 +166,10 @@ fn hand_over(parameters: AmplifierParameters, refused: bool, ends: Ends, late_cy
         overrun: false,
         late_cycles,
         last_cycles: None,
+        drives: refused.is_none(),
+        envelope,
+        turns: 0,
+        latched: 0,
     });
 }
 

@@ -6,11 +6,12 @@
 //! | emergency stop | a closed contact to ground is fine; open, a broken wire included, stops |
 //! | interlock | the same |
 //! | amplifier ready | the same: the amplifier's output that conducts while it is ready |
-//! | enable | high while the amplifier may drive; low at a fault once the drive has come to rest, and whenever the part does not run |
+//! | enable | high from the time that somebody arms the amplifier; low at a fault once the drive has come to rest, and whenever the part does not run |
 //!
 //! Their pins are the board's ([`Platform::LINES`]).
 //!
-//! The inputs are looked at in every tick. A stop is the ramp to rest, as at every fault; the enable output falls at its end.
+//! The inputs are looked at in every tick. A stop is the ramp to rest, as at every fault; the enable output falls at its end. An emergency stop that must not
+//! depend on a program has a second contact in the enable line itself (firmware/README.md, *Wiring*).
 
 use embassy_stm32::pac::gpio::vals::{Moder, Pupdr};
 use hysteron_core::guard::Fault;

@@ -3,7 +3,7 @@
 //! | channel | what it does |
 //! |---|---|
 //! | CH1 | high from the edge for 0.5 us: starts an external sensor converter |
-//! | CH3 | low from the edge for 0.2 us: latches the drive code that the interrupt wrote during the last period into an external converter |
+//! | CH3 | low from the edge for 0.7 us: latches the drive code that the interrupt wrote during the last period into an external converter |
 //! | TRGO | the edge itself: triggers the chip's own converters, where they are the front end |
 //! | CH4 | compare a microsecond or two after the edge: raises the control interrupt, when the conversion is done |
 //!
@@ -19,7 +19,8 @@ use crate::board::{Board, Platform};
 /// Control ticks per second.
 pub const SAMPLE_RATE_HZ: u32 = Board::SAMPLE_RATE_HZ;
 const CONVERSION_PULSE_NS: u32 = 500;
-const LATCH_PULSE_NS: u32 = 200;
+/// Longer than the sensor's converter converts (AD4000 family: 320 ns), so that LDAC does not rise meanwhile, and shorter than the way to the first frame.
+const LATCH_PULSE_NS: u32 = 700;
 /// OCxM: the output is high, or low, from the edge to the compare. Parts name them differently.
 const PWM_MODE_1: u8 = 6;
 const PWM_MODE_2: u8 = 7;

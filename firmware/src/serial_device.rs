@@ -6,12 +6,13 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
+use hysteron_protocol::device::{Brought, Device, Diagnosis, Event, Moving, View};
 use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
-use crate::{control, option_bytes, recorder, serial_port, settings, telemetry};
+use crate::{control, event_log, option_bytes, recorder, serial_port, settings, telemetry};
 
 const WAVE_MEMORY: usize = WAVE_TABLES * Board::WAVE_POINTS;
 /// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much of it counts.
@@ -23,28 +24,27 @@ pub struct Target;
 
 impl Device for Target {
     fn view(&self) -> View {
-        let (sample, on_target_ticks) = telemetry::latest();
-        let (adc_zero, zeroed) = control::zero();
-        let (conditioned, conditioning_required) = control::conditioning();
-        // The mode as it is now: a sample may be some ticks old, and a stop counts at once.
-        let flags = control::flags();
-        let mode = match flags as u8 {
+        // All of one tick; for how long the error has been small is the trace task's, some ticks old.
+        let (state, on_target_ticks) = (control::state(), telemetry::on_target_ticks());
+        let mode = match state.flags as u8 {
             0 => Mode::Rest,
             1 => Mode::Playing,
             2 => Mode::Closed,
             _ => Mode::Fault,
         };
         View {
-            tick: control::ticks(),
+            tick: state.ticks,
             mode,
-            fault: Fault::from_number((flags >> 8) as u8),
-            adc_code: sample.adc_code,
-            dac_code: sample.dac_code,
-            reference: sample.reference,
-            adc_zero,
-            zeroed,
-            conditioned,
-            conditioning_required,
+            fault: Fault::from_number((state.flags >> 8) as u8),
+            adc_code: state.adc_code,
+            dac_code: state.dac_code,
+            reference: state.reference,
+            adc_zero: state.adc_zero,
+            zeroed: state.zeroed,
+            conditioned: state.conditioned,
+            powered: state.powered,
+            armed: state.armed,
+            conditioning_required: state.conditioning_required,
             on_target_ticks,
         }
     }
@@ -83,6 +83,19 @@ impl Device for Target {
 
     fn keep_block(&mut self) -> Result<(), Moving> {
         if control::drive_rests() { Ok(settings::keep()) } else { Err(Moving) }
+    }
+
+    fn keep_envelope(&mut self, fingerprint: u32) -> Result<(), Moving> {
+        settings::keep_envelope(fingerprint).map_err(|_| Moving)
+    }
+
+    fn envelope(&self) -> Option<SafetyEnvelope> {
+        settings::envelope()
+    }
+
+    fn event(&self, before_last: u32) -> Option<Event> {
+        let event = event_log::event(before_last)?;
+        Some(Event { start: event.start, tick: event.tick, fault: Fault::from_number(event.fault as u8)? })
     }
 
     fn swap_block(&mut self) {

@@ -1,10 +1,12 @@
-//! The parameter blocks in flash: two sectors of the flash, the newest and the last good one beside it.
+//! The parameter blocks in flash, two sectors for the one in force and the last good one beside it, and the safety envelope in a third.
 //!
 //! A block is written by the probe to either address, or brought line by line as a command: then it is verified before anything is
-//! touched, gets a generation that counts up, goes where the block in use is not, and is read back. At start the valid block of the
-//! highest generation is taken, A before B, and the reason why a block was refused is said; a block that the supply cut off while it was
-//! written is only unreadable ([`crate::flash_read`]). So a block that was damaged on its way or in
+//! touched, gets a generation that counts up, goes where the block in use is not, is read back, and the other one is marked as replaced. Which of two
+//! valid blocks is in force says [`block_choice`]; where neither is marked nothing is driven. The reason why a block was refused is said; a block that the
+//! supply cut off while it was written is only unreadable ([`crate::flash_read`]). So a block that was damaged on its way or in
 //! flash leaves the last good one in force.
+//!
+//! The envelope comes by the same lines, and is kept by a command that names its checksum. No block that exceeds it is taken, and without one nothing is.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, Ordering};
@@ -13,9 +15,11 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
+use hysteron_core::block_choice::{self, Choice, Kept};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
+use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
 use hysteron_protocol::device::Brought;
 
 use crate::board::{Board, Converters, Platform};
@@ -25,8 +29,13 @@ use crate::{control, flash_read};
 /// Names and addresses of the blocks A and B.
 const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
 
-/// Bytes of a block with its header and checksum, at most.
-const KEPT_BYTES: usize = BLOCK_BYTES + 64;
+/// Bytes of a block with its header and checksum, at most: what a sector has before the mark of a replaced one.
+const KEPT_BYTES: usize = {
+    let (block, sector) = (BLOCK_BYTES + 64, (Board::SECTOR_BYTES - MARK_BYTES) as usize);
+    if block < sector { block } else { sector }
+};
+/// Bytes of the mark at the end of a sector: ones as erased, or zeros.
+const MARK_BYTES: u32 = 32;
 
 /// Which of [`BLOCKS`] is in use; none: 2. And its generation.
 static IN_USE: AtomicU8 = AtomicU8::new(2);
@@ -35,6 +44,10 @@ static GENERATION: AtomicU16 = AtomicU16::new(0);
 static FINGERPRINT: AtomicU32 = AtomicU32::new(0);
 /// The same of a block that was swapped in and stands in no flash; none: 0.
 static SWAPPED: AtomicU32 = AtomicU32::new(0);
+/// The highest generation of both places.
+static NEWEST: AtomicU16 = AtomicU16::new(0);
+/// The envelope in force.
+static ENVELOPE: ThreadModeMutex<Cell<Option<SafetyEnvelope>>> = ThreadModeMutex::new(Cell::new(None));
 /// What has become of the block that was brought last.
 static BROUGHT: ThreadModeMutex<Cell<Brought>> = ThreadModeMutex::new(Cell::new(Brought::Nothing));
 
@@ -62,35 +75,90 @@ fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
     Ok(bytes)
 }
 
-/// Reads a block and asks whether this image's converters have its codes.
+/// Reads a block and asks whether this image's converters have its codes, and whether it stays within the safety envelope.
 fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let parameters = read(bytes, sample_rate_hz)?;
-    let fits = Converters::has(CodeBits::of(&parameters.servo.converters));
-    if fits { Ok(parameters) } else { Err(BlockError::Mismatch) }
+    if !Converters::has(CodeBits::of(&parameters.servo.converters)) {
+        return Err(BlockError::Mismatch);
+    }
+    let envelope = envelope().ok_or(BlockError::NoEnvelope)?;
+    envelope.admits(&parameters).map_err(BlockError::BeyondEnvelope)?;
+    Ok(parameters)
 }
 
-/// The valid block of the highest generation.
-pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
-    let mut first_error = None;
-    let mut newest: Option<(u8, u16, u32, AmplifierParameters)> = None;
-    for (nth, (name, address)) in (0..).zip(BLOCKS) {
-        match kept(address).and_then(|bytes| Ok((generation(&bytes), fingerprint(&bytes), fitting(&bytes, sample_rate_hz)?))) {
-            Ok((this, print, parameters)) => {
-                if newest.as_ref().is_none_or(|(_, before, ..)| this > *before) {
-                    newest = Some((nth, this, print.unwrap_or(0), parameters));
-                }
-            }
-            Err(error) => {
-                defmt::warn!("parameter block {=str} refused: {=str}", name, error.reason());
-                first_error.get_or_insert(error);
-            }
+/// The envelope in force.
+pub fn envelope() -> Option<SafetyEnvelope> {
+    ENVELOPE.lock(Cell::get)
+}
+
+/// Looks for the envelope.
+pub fn load_envelope() -> Option<SafetyEnvelope> {
+    let mut bytes = [0; ENVELOPE_BYTES];
+    let found =
+        flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable).and_then(|()| safety_envelope::read(&bytes));
+    // For the codes of another converter it says nothing.
+    let found = found.and_then(|envelope| if envelope.dac_bits == Converters::BITS.dac { Ok(envelope) } else { Err(BlockError::Mismatch) });
+    match found {
+        Ok(envelope) => {
+            let millivolts = |code| (envelope.drive_uv(code) / 1000) as i32;
+            defmt::info!(
+                "safety envelope: {=i32} to {=i32} mV, rest {=i32} mV, checksum {=u32:#010x}",
+                millivolts(envelope.drive_min),
+                millivolts(envelope.drive_max),
+                millivolts(envelope.safe_code),
+                safety_envelope::fingerprint(&envelope)
+            );
+            ENVELOPE.lock(|place| place.set(Some(envelope)));
+            Some(envelope)
+        }
+        Err(error) => {
+            defmt::error!("no safety envelope ({=str}): nothing is driven", error.reason());
+            None
         }
     }
-    let Some((nth, this, print, parameters)) = newest else { return Err(first_error.unwrap_or(BlockError::Absent)) };
-    IN_USE.store(nth, Ordering::Relaxed);
-    GENERATION.store(this, Ordering::Relaxed);
-    FINGERPRINT.store(print, Ordering::Relaxed);
-    defmt::info!("parameter block {=str} taken", BLOCKS.get(usize::from(nth)).map_or("", |(name, _)| name));
+}
+
+/// Whether the block at an address is marked as replaced.
+fn is_replaced(address: u32) -> bool {
+    let mut mark = [0xFF; MARK_BYTES as usize];
+    let read = flash_read::copy(address + Board::SECTOR_BYTES - MARK_BYTES, &mut mark);
+    // A mark that the supply cut off was being made.
+    read.is_err() || mark.iter().any(|byte| *byte != 0xFF)
+}
+
+/// The block of a place, and what the choice between two of them asks for.
+fn found(nth: usize, sample_rate_hz: u32) -> Result<(Kept, u16), BlockError> {
+    let (name, address) = BLOCKS[nth & 1];
+    let bytes = kept(address)?;
+    let generation = generation(&bytes);
+    if let Err(error) = fitting(&bytes, sample_rate_hz) {
+        defmt::warn!("parameter block {=str} refused: {=str}", name, error.reason());
+        return Err(error);
+    }
+    Ok((Kept { fingerprint: fingerprint(&bytes).unwrap_or(0), replaced: is_replaced(address) }, generation))
+}
+
+/// The block in force.
+pub fn load(sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
+    let places = [found(0, sample_rate_hz), found(1, sample_rate_hz)];
+    let newest = places.iter().filter_map(|place| place.ok()).map(|(_, generation)| generation).max();
+    NEWEST.store(newest.unwrap_or(0), Ordering::Relaxed);
+    let [first, second] = places.map(|place| place.ok().map(|(kept, _)| kept));
+    let nth = match block_choice::choose(first, second) {
+        Choice::Place(nth) => nth & 1,
+        Choice::Ambiguous => {
+            defmt::error!("{=str}", BlockError::Ambiguous.reason());
+            return Err(BlockError::Ambiguous);
+        }
+        Choice::Nothing => return Err(places[0].err().unwrap_or(BlockError::Absent)),
+    };
+    let parameters = fitting(&kept(BLOCKS[nth].1)?, sample_rate_hz)?;
+    if let Ok((kept, generation)) = places[nth] {
+        IN_USE.store(nth as u8, Ordering::Relaxed);
+        GENERATION.store(generation, Ordering::Relaxed);
+        FINGERPRINT.store(kept.fingerprint, Ordering::Relaxed);
+    }
+    defmt::info!("parameter block {=str} taken", BLOCKS[nth].0);
     Ok(parameters)
 }
 
@@ -106,6 +174,8 @@ enum Wanted {
     Keep,
     /// In the place of the running one.
     Swap,
+    /// It is a safety envelope with this checksum; into the flash.
+    Envelope(u32),
 }
 
 struct Upload {
@@ -148,6 +218,16 @@ pub fn swap() {
     WANTED.signal(Wanted::Swap);
 }
 
+/// Lets [`keeper`] verify that what came is a safety envelope with this checksum, and keep it.
+pub fn keep_envelope(fingerprint: u32) -> Result<(), &'static str> {
+    if !control::drive_rests() || control::powered() {
+        return Err("only at rest, with the power stage off");
+    }
+    BROUGHT.lock(|brought| brought.set(Brought::Busy));
+    WANTED.signal(Wanted::Envelope(fingerprint));
+    Ok(())
+}
+
 /// Keeps blocks, and swaps them: an erase takes a second or two, and no command waits for it.
 #[embassy_executor::task]
 pub async fn keeper(sample_rate_hz: u32) {
@@ -157,6 +237,10 @@ pub async fn keeper(sample_rate_hz: u32) {
         let done = match wanted {
             Wanted::Keep => upload.commit(sample_rate_hz).await.map(|name| {
                 defmt::info!("block kept as {=str}: `restart` takes it", name);
+                Brought::Kept
+            }),
+            Wanted::Envelope(fingerprint) => upload.commit_envelope(fingerprint).await.map(|()| {
+                defmt::info!("safety envelope kept: `restart` takes it");
                 Brought::Kept
             }),
             Wanted::Swap => upload.swap(sample_rate_hz).await.map(|()| {
@@ -196,16 +280,38 @@ impl Upload {
     async fn commit(&mut self, sample_rate_hz: u32) -> Result<&'static str, &'static str> {
         let parameters = self.verified(sample_rate_hz)?;
         let in_use = usize::from(IN_USE.load(Ordering::Relaxed));
-        let newest = GENERATION.load(Ordering::Relaxed);
-        let (name, address) = if in_use == 0 { BLOCKS[1] } else { BLOCKS[0] };
+        let newest = NEWEST.load(Ordering::Relaxed);
+        let ((name, address), (_, other)) = if in_use == 0 { (BLOCKS[1], BLOCKS[0]) } else { (BLOCKS[0], BLOCKS[1]) };
         set_generation(&mut self.bytes, newest.checked_add(1).ok_or("the generations are used up: erase both blocks")?)
             .map_err(BlockError::reason)?;
         Board::write_sector(address, &self.bytes).await?;
-        if kept(address).and_then(|bytes| read(&bytes, sample_rate_hz)) == Ok(parameters) {
-            Ok(name)
-        } else {
-            Err("what was written does not read back")
+        if kept(address).and_then(|bytes| read(&bytes, sample_rate_hz)) != Ok(parameters) {
+            return Err("what was written does not read back");
         }
+        // Only now: until here the other one is in force.
+        if !is_replaced(other) {
+            Board::write_mark(other + Board::SECTOR_BYTES - MARK_BYTES).await?;
+        }
+        NEWEST.store(newest.saturating_add(1), Ordering::Relaxed);
+        Ok(name)
+    }
+
+    /// Verifies that what came is the envelope that is meant, and keeps it.
+    async fn commit_envelope(&self, fingerprint: u32) -> Result<(), &'static str> {
+        if self.bytes.len() != self.length {
+            return Err("pieces are missing");
+        }
+        let envelope = safety_envelope::read(&self.bytes).map_err(BlockError::reason)?;
+        if safety_envelope::fingerprint(&envelope) != fingerprint {
+            return Err("the checksum that was named is another envelope's");
+        }
+        if envelope.dac_bits != Converters::BITS.dac {
+            return Err("made for a drive's converter of other bits");
+        }
+        Board::write_sector(Board::ENVELOPE, &self.bytes).await?;
+        let mut bytes = [0; ENVELOPE_BYTES];
+        flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable.reason())?;
+        if safety_envelope::read(&bytes) == Ok(envelope) { Ok(()) } else { Err("what was written does not read back") }
     }
 }
 

@@ -1,4 +1,4 @@
-//! What the tasks know of the samples that pass by: the latest one, for how long the tracking error has been small, and how well the closed loop
+//! What the tasks know of the samples that pass by: for how long the tracking error has been small, and how well the closed loop
 //! followed over the last second.
 //!
 //! All of it is made in the trace task, from the samples that the control interrupt gives away: the task runs below every interrupt, and its floats are
@@ -8,13 +8,12 @@ use core::cell::{Cell, RefCell};
 
 use embassy_sync::blocking_mutex::ThreadModeMutex;
 use hysteron_core::amplifier::Mode;
-use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_limits;
 use hysteron_core::guard::GuardParameters;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::servo_parameters::ConverterParameters;
-use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::signal::{Micrometres, Quantity, Volts};
 use hysteron_core::trace_frame::TraceSample;
 
 use crate::control;
@@ -23,31 +22,20 @@ use crate::sample_clock::SAMPLE_RATE_HZ;
 #[derive(Clone, Copy)]
 struct Telemetry {
     converters: Option<ConverterParameters>,
-    latest: TraceSample,
     tolerance: i32,
     on_target_ticks: u32,
     guard: Option<GuardParameters>,
-    /// V with 22 fraction bits.
-    drive_limits: (i32, i32),
+    drive_limits: (Volts, Volts),
     railed_ticks: u32,
     limited_ticks: u32,
 }
 
 static TELEMETRY: ThreadModeMutex<Cell<Telemetry>> = ThreadModeMutex::new(Cell::new(Telemetry {
     converters: None,
-    latest: TraceSample {
-        tick: 0,
-        adc_code: SensorCode::new(0),
-        dac_code: DriveCode::new(0),
-        reference: 0,
-        applied: 0,
-        unknown_input: 0,
-        flags: 0,
-    },
     tolerance: 0,
     on_target_ticks: 0,
     guard: None,
-    drive_limits: (0, 0),
+    drive_limits: (Volts::ZERO, Volts::ZERO),
     railed_ticks: 0,
     limited_ticks: 0,
 }));
@@ -76,17 +64,17 @@ pub fn limits() -> ((i32, i32), (i32, i32)) {
     let telemetry = TELEMETRY.lock(Cell::get);
     let positions = match (telemetry.converters, telemetry.guard) {
         (Some(converters), Some(guard)) => {
-            command_limits::positions(&ConverterParameters { adc_zero: control::zero().0, ..converters }, &guard)
+            command_limits::positions(&ConverterParameters { adc_zero: control::zero(), ..converters }, &guard)
         }
-        _ => (0, 0),
+        _ => (Micrometres::ZERO, Micrometres::ZERO),
     };
-    let thousandths = |(lowest, highest), bits| (thousandths(lowest, bits), thousandths(highest, bits));
-    (thousandths(positions, MICROMETRE_FRACTION_BITS), thousandths(telemetry.drive_limits, VOLT_FRACTION_BITS))
+    (thousandths(positions), thousandths(telemetry.drive_limits))
 }
 
-/// Thousandths of a value with so many fraction bits, to the nearest.
-fn thousandths(value: i32, fraction_bits: u32) -> i32 {
-    ((i64::from(value) * 1000 + (1 << (fraction_bits - 1))) >> fraction_bits) as i32
+/// Thousandths of limits, to the nearest: nm or mV.
+fn thousandths<Q: Quantity>((lowest, highest): (Q, Q)) -> (i32, i32) {
+    let nearest = |value: Q| ((i64::from(value.bits()) * 1000 + (1 << (Q::FRACTION_BITS - 1))) >> Q::FRACTION_BITS) as i32;
+    (nearest(lowest), nearest(highest))
 }
 
 /// Ticks since the start at which the sensor's code was at or beyond its limits, and ticks of the closed loop at which the drive was at a limit.
@@ -103,7 +91,6 @@ pub fn set_tolerance(tolerance: i32) {
 /// Looks at the next sample.
 pub fn observe(sample: &TraceSample) {
     change(|telemetry| {
-        telemetry.latest = *sample;
         let (Some(converters), Some(guard)) = (telemetry.converters, telemetry.guard) else { return };
         if sample.adc_code <= guard.adc_code_min || sample.adc_code >= guard.adc_code_max {
             telemetry.railed_ticks = telemetry.railed_ticks.saturating_add(1);
@@ -112,7 +99,7 @@ pub fn observe(sample: &TraceSample) {
         if limited && sample.flags as u8 == Mode::Closed as u8 {
             telemetry.limited_ticks = telemetry.limited_ticks.saturating_add(1);
         }
-        let converters = ConverterParameters { adc_zero: control::zero().0, ..converters };
+        let converters = ConverterParameters { adc_zero: control::zero(), ..converters };
         let error = sample.reference.saturating_sub(converters.position(sample.adc_code));
         let small = sample.flags as u8 == Mode::Closed as u8 && error.saturating_abs() <= telemetry.tolerance;
         telemetry.on_target_ticks = if small { telemetry.on_target_ticks.saturating_add(1) } else { 0 };
@@ -176,8 +163,7 @@ pub fn listen(watch: ResonanceWatch) -> Result<(), &'static str> {
     LOOP.lock(|telemetry| telemetry.borrow_mut().listen(watch))
 }
 
-/// The latest sample, and for how many ticks the tracking error has been small.
-pub fn latest() -> (TraceSample, u32) {
-    let telemetry = TELEMETRY.lock(Cell::get);
-    (telemetry.latest, telemetry.on_target_ticks)
+/// For how many ticks the tracking error has been small.
+pub fn on_target_ticks() -> u32 {
+    TELEMETRY.lock(Cell::get).on_target_ticks
 }

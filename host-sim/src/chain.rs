@@ -3,10 +3,11 @@
 //! The order of the list does not matter; effects stand in the chain where they declare ([`crate::effect::Place`]). A model without any
 //! effect at the place of the hysteresis follows its drive one to one, which no real model does: `gain` is the least.
 //!
-//! Effects that follow the drive inside a sampling period (amplifier bandwidth, slew limit) make the chain run on sub-intervals; the
-//! drive is then held over all the sub-intervals of a sample.
+//! Effects that follow the drive inside a sampling period (amplifier bandwidth, slew limit) make the chain run on sub-intervals; a held
+//! drive keeps its value over all the sub-intervals of a sample, another one runs on ([`crate::intersample`]).
 
 use crate::effect::{AuxiliarySignal, Effect, Overview, Parameter, Place, Scale, Setting, Signals, Stage};
+use crate::intersample::Intersample;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -95,6 +96,25 @@ impl EffectInstance {
     }
 }
 
+/// What a model was identified from, and how well its values are known together.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Identified {
+    /// The values, each by effect and parameter.
+    pub values: Vec<(String, String)>,
+    /// Lower triangular factor of their covariance in coordinates, by rows.
+    pub factor: Vec<Vec<f64>>,
+    /// The error that judged the model, um.
+    pub error_um: f64,
+    /// Longest record, s.
+    pub seconds: f64,
+    /// Lowest drive, V.
+    pub low_v: f64,
+    /// Highest drive, V.
+    pub high_v: f64,
+    /// Largest slope of the drive, V/s.
+    pub slope_max_v_s: f64,
+}
+
 /// A chain of effects with values: drive voltage in, sensor reading out.
 #[derive(Clone, Debug)]
 pub struct Model {
@@ -104,6 +124,8 @@ pub struct Model {
     pub drive_max_v: f64,
     /// The effects, in any order.
     pub effects: Vec<EffectInstance>,
+    /// What it was identified from; none for a model that was written or changed by hand.
+    pub identified: Option<Arc<Identified>>,
 }
 
 /// The state of the actuator at the first sample of a record.
@@ -120,7 +142,7 @@ pub enum InitialState {
 /// The drive of one record, as the chain sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Drive<'a> {
-    /// Drive voltage, held from each sample to the next.
+    /// Drive, at every sample.
     pub drive_v: &'a [f64],
     /// External force, if measured.
     pub force_n: Option<&'a [f64]>,
@@ -130,13 +152,30 @@ pub struct Drive<'a> {
     pub dt_s: f64,
     /// State at the first sample.
     pub initial_state: InitialState,
+    /// What the drive does between samples.
+    pub intersample: Intersample,
 }
 
 impl<'a> Drive<'a> {
+    /// A drive that a converter holds from each sample to the next, with nothing recorded beside it.
+    #[must_use]
+    pub fn held(drive_v: &'a [f64], dt_s: f64, initial_state: InitialState) -> Self {
+        Self { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state, intersample: Intersample::Hold }
+    }
+
     /// What stages are told of the record.
     #[must_use]
     pub fn signals(&self) -> Signals<'a> {
         Signals { drive_v: self.drive_v, force_n: self.force_n, auxiliary: self.auxiliary }
+    }
+
+    /// What the chain takes in over each interval where a period has so many, and whether that is in sub-intervals: a drive that is held goes in whole periods
+    /// as far as the stages do.
+    pub(crate) fn over_intervals(&self, substeps: usize) -> (Cow<'a, [f64]>, bool) {
+        match self.intersample {
+            Intersample::Hold => (Cow::Borrowed(self.drive_v), false),
+            other => (Cow::Owned(other.at_ends(self.drive_v, substeps)), substeps > 1),
+        }
     }
 }
 
@@ -145,7 +184,7 @@ impl Model {
     #[must_use]
     pub fn new(drive_min_v: f64, drive_max_v: f64) -> Self {
         // Zero has no sign: "-0 V" is no limit.
-        Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new() }
+        Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new(), identified: None }
     }
 
     /// Why what the model has for an effect is none of it, by its physics.
@@ -175,7 +214,7 @@ impl Model {
             return Cow::Borrowed(self);
         }
         let effects = self.effects.iter().filter(|e| !rounds(e)).cloned().collect();
-        Cow::Owned(Self { effects, ..*self })
+        Cow::Owned(Self { effects, identified: None, ..*self })
     }
 
     /// Adds an effect, in place of one with the same identifier; a hysteresis replaces the gain or the hysteresis that was there.
@@ -202,6 +241,20 @@ impl Model {
         self.effects.iter().map(|e| e.effect.substeps(self, dt_s)).max().unwrap_or(1).max(1)
     }
 
+    /// Sub-intervals per sample of a drive, which may need some of its own.
+    #[must_use]
+    pub fn substeps_for(&self, drive: &Drive) -> usize {
+        self.substeps(drive.dt_s).max(drive.intersample.substeps())
+    }
+
+    /// Where the force-equivalent displacement stands without drive, um, on the first way there: what a spring is deflected from.
+    pub(crate) fn neutral_um(&self, setting: &Setting) -> f64 {
+        let undriven_v = 0.0_f64.clamp(self.drive_min_v, self.drive_max_v);
+        let in_front = |i: &usize| self.effects[*i].effect.declaration().place <= Place::Hysteresis;
+        let stages = self.order().into_iter().filter(in_front).filter_map(|i| self.effects[i].stage(self, setting));
+        stages.fold(undriven_v, |value, mut stage| stage.settle(value))
+    }
+
     /// Builds the stages in the order of the chain, each with the index of its effect.
     #[must_use]
     pub fn stages<'a>(&self, setting: &Setting<'a>) -> Vec<(usize, Box<dyn Stage + 'a>)> {
@@ -219,9 +272,12 @@ impl Model {
     /// The effects in the order of the chain, each with whether it goes in sub-intervals of a period. What holds its value over a period is carried once a
     /// period, as far as the first stage that moves inside it; from there on all go in sub-intervals, but for the last ones where ends of periods tell
     /// them all.
-    pub(crate) fn order_with_fineness(&self, dt_s: f64) -> Vec<(usize, bool)> {
-        let order = self.order();
-        let fine_from = order.iter().position(|&effect| self.goes_in_sub_intervals(effect, dt_s)).unwrap_or(order.len());
+    pub(crate) fn order_with_fineness(&self, drive: &Drive) -> Vec<(usize, bool)> {
+        let (order, dt_s) = (self.order(), drive.dt_s);
+        // A drive that is not held moves inside a period from the first stage on.
+        let moves = drive.intersample != Intersample::Hold && self.substeps_for(drive) > 1;
+        let fine_from =
+            if moves { Some(0) } else { order.iter().position(|&effect| self.goes_in_sub_intervals(effect, dt_s)) }.unwrap_or(order.len());
         let by_ends = |effect: &&usize| self.effects[**effect].effect.goes_by_ends(self) && !self.goes_in_sub_intervals(**effect, dt_s);
         let fine_until = order.len() - order.iter().rev().take_while(by_ends).count();
         order.into_iter().enumerate().map(|(place, effect)| (effect, (fine_from..fine_until).contains(&place))).collect()
@@ -230,9 +286,9 @@ impl Model {
     /// The stages for a drive of this period.
     fn walk<'a>(&self, drive: &Drive<'a>, resolution: Resolution) -> Vec<WalkStage<'a>> {
         let mut out = Vec::new();
-        for (effect, fine) in self.order_with_fineness(drive.dt_s) {
+        for (effect, fine) in self.order_with_fineness(drive) {
             let (instance, fine) = (&self.effects[effect], fine || resolution.all_fine);
-            let setting = self.setting(drive.dt_s, if fine { resolution.substeps } else { 1 }, drive.signals());
+            let setting = self.setting(drive, if fine { resolution.substeps } else { 1 });
             out.extend(instance.stage(self, &setting).map(|stage| WalkStage { fine, stage }));
         }
         out
@@ -249,14 +305,21 @@ impl Model {
     }
 
     /// What stages of this model are told.
-    pub(crate) fn setting<'a>(&self, dt_s: f64, substeps: usize, signals: Signals<'a>) -> Setting<'a> {
-        Setting { dt_s: dt_s / substeps as f64, substeps, signals, drive_min_v: self.drive_min_v, drive_max_v: self.drive_max_v }
+    pub(crate) fn setting<'a>(&self, drive: &Drive<'a>, substeps: usize) -> Setting<'a> {
+        Setting {
+            dt_s: drive.dt_s / substeps as f64,
+            substeps,
+            signals: drive.signals(),
+            drive_min_v: self.drive_min_v,
+            drive_max_v: self.drive_max_v,
+            runs_straight: drive.intersample != Intersample::Hold,
+        }
     }
 
     /// What the sensor would read at every sample of a record, in um.
     #[must_use]
     pub fn simulate(&self, drive: &Drive) -> Vec<f64> {
-        self.simulate_in(drive, Resolution { substeps: self.substeps(drive.dt_s), all_fine: false })
+        self.simulate_in(drive, Resolution { substeps: self.substeps_for(drive), all_fine: false })
     }
 
     /// The same with every stage stepped in so many intervals per period: a plant that does not share the discretisation of a model.
@@ -266,7 +329,8 @@ impl Model {
     }
 
     fn simulate_in(&self, drive: &Drive, resolution: Resolution) -> Vec<f64> {
-        carry(self.walk(drive, resolution), Carried::at_start(self, drive), resolution.substeps, drive.drive_v.len())
+        let carried = Carried::at_start(self, drive, resolution.substeps);
+        carry(self.walk(drive, resolution), carried, resolution.substeps, drive.drive_v.len())
     }
 }
 
@@ -293,8 +357,9 @@ struct Carried {
 
 impl Carried {
     /// The drive, in front of everything.
-    fn at_start(model: &Model, drive: &Drive) -> Self {
-        Self { signal: drive.drive_v.to_vec(), fine: false, at_rest: model.resting_drive_v(drive) }
+    fn at_start(model: &Model, drive: &Drive, substeps: usize) -> Self {
+        let (signal, fine) = drive.over_intervals(substeps);
+        Self { signal: signal.into_owned(), fine, at_rest: model.resting_drive_v(drive) }
     }
 
     /// Goes over to sub-intervals.
@@ -388,9 +453,9 @@ mod tests {
             model(&[front, &[("vibration", &[2500.0, 0.2]), ("sensor_nonlinearity", &[0.01]), ("sensor_bandwidth", &[2000.0])]].concat());
         let with_lag = model(&[front, &[("sensor_bandwidth", &[2000.0])]].concat());
         let drive_v: Vec<f64> = (0..2000).map(|k| 35.0 + 30.0 * (0.3 * f64::from(k)).sin() * (0.017 * f64::from(k)).cos()).collect();
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 100e-6, initial_state: InitialState::Settled };
+        let drive = Drive::held(&drive_v, 100e-6, InitialState::Settled);
         for (model, fine, more_um) in [(&with_mode, 4, 1e-5), (&with_lag, 5, 1e-5), (&without_slew_limit, 3, 6e-4)] {
-            let order = model.order_with_fineness(drive.dt_s);
+            let order = model.order_with_fineness(&drive);
             let ids: Vec<&str> = order.iter().filter(|(_, fine)| *fine).map(|(effect, _)| model.effects[*effect].id.as_str()).collect();
             assert_eq!(ids.len(), fine, "{ids:?}");
             let finely = model.simulate_finely(&drive, 40);

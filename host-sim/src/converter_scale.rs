@@ -42,19 +42,6 @@ impl ConverterScale {
         }
     }
 
-    /// The same spans in codes of so many bits, sensor and drive.
-    #[must_use]
-    pub fn with_bits(self, adc_bits: u8, dac_bits: u8) -> Self {
-        let finer = |from: u8, to: u8| 2.0_f64.powi(i32::from(from) - i32::from(to));
-        Self {
-            adc_lsb_um: self.adc_lsb_um * finer(self.adc_bits, adc_bits),
-            dac_lsb_v: self.dac_lsb_v * finer(self.dac_bits, dac_bits),
-            adc_bits,
-            dac_bits,
-            ..self
-        }
-    }
-
     /// The same converters with the sensor's zero moved to what is now `zero_um`.
     #[must_use]
     pub fn zeroed_at(self, zero_um: f64) -> Self {

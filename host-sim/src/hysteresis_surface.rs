@@ -187,6 +187,12 @@ impl OneSidedHysteresis {
         this
     }
 
+    /// Its surfaces.
+    #[must_use]
+    pub fn surfaces(&self) -> &Surfaces {
+        &self.surfaces
+    }
+
     /// Takes the next drive voltage and returns the force-equivalent displacement in um (zero for the virgin state).
     pub fn step(&mut self, drive_v: f64) -> f64 {
         let x = (drive_v - self.lower_limit_v) / self.range_v;

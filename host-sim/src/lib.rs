@@ -11,6 +11,7 @@
 //! `t[k]` is therefore element `k - 1`, and the value at rest for `k = 0`.
 
 pub mod bench;
+pub mod block;
 pub mod chain;
 pub mod closed_loop;
 pub mod converter_scale;
@@ -19,6 +20,7 @@ pub mod elastoplastic_friction;
 pub mod hysteresis_coefficients;
 pub mod hysteresis_inverse;
 pub mod hysteresis_surface;
+pub mod intersample;
 pub mod linear_system;
 pub mod noise;
 pub mod rate_dependent_hysteresis;

@@ -81,6 +81,20 @@ impl ContinuousSystem {
         (exponential.view((0, 0), (n, n)).into_owned(), column(n), column(n + 1))
     }
 
+    /// Transition matrix, and input vectors over one interval for inputs of one, of its share of the interval that has passed, and of the square of that share.
+    #[must_use]
+    pub fn quadratic_matrices(&self, dt_s: f64) -> (DMatrix<f64>, [DVector<f64>; 3]) {
+        let n = self.a.nrows();
+        let mut augmented = DMatrix::zeros(n + 3, n + 3);
+        augmented.view_mut((0, 0), (n, n)).copy_from(&(&self.a * dt_s));
+        augmented.view_mut((0, n), (n, 1)).copy_from(&(&self.b * dt_s));
+        augmented[(n, n + 1)] = 1.0;
+        augmented[(n + 1, n + 2)] = 2.0;
+        let exponential = augmented.exp();
+        let column = |at: usize| exponential.view((0, at), (n, 1)).column(0).into_owned();
+        (exponential.view((0, 0), (n, n)).into_owned(), [column(n), column(n + 1), column(n + 2)])
+    }
+
     /// Discretises for inputs that run straight from one instant to the next (a held input is the special case of no slope).
     #[must_use]
     pub fn discretise(&self, dt_s: f64) -> DiscreteSystem {

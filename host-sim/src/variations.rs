@@ -9,8 +9,8 @@
 //!
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
 
-use crate::chain::{Drive, Model, ends};
-use crate::effect::{CoefficientWalker, LinearLanes, Signals, Stage};
+use crate::chain::{Drive, InitialState, Model, ends};
+use crate::effect::{CoefficientWalker, LinearLanes, Stage};
 
 /// Samples in a chunk.
 const CHUNK: usize = 2048;
@@ -84,9 +84,9 @@ enum Passing<'a> {
 
 fn stages_of<'a>(model: &Model, substeps: usize, drive: &Drive<'a>) -> Vec<OwnStage<'a>> {
     let mut out = Vec::new();
-    for (effect, fine) in model.order_with_fineness(drive.dt_s) {
+    for (effect, fine) in model.order_with_fineness(drive) {
         let instance = &model.effects[effect];
-        let setting = model.setting(drive.dt_s, if fine { substeps } else { 1 }, drive.signals());
+        let setting = model.setting(drive, if fine { substeps } else { 1 });
         if let Some(stage) = instance.effect.stage(model, &instance.values(), &setting) {
             out.push(OwnStage { effect, id: instance.id.clone(), fine, stage });
         }
@@ -106,7 +106,8 @@ struct Beside<'a> {
 /// The coefficients that [`walk`] gives lanes for, in the order of the lanes: effect and place among its parameters.
 #[must_use]
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
-    let setting = model.setting(1.0, 1, Signals::default());
+    let drive = Drive::held(&[], 1.0, InitialState::Unknown);
+    let setting = model.setting(&drive, 1);
     let walker = model.effects.iter().find_map(|e| e.effect.coefficient_walker(model, &setting));
     walker.map_or_else(Vec::new, |w| w.coefficients().into_iter().map(|(id, parameter)| (id.to_owned(), parameter)).collect())
 }
@@ -122,12 +123,11 @@ pub struct Manner {
 
 /// Walks a model and its variations along a record; `see` is shown every chunk.
 pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Manner, see: &mut dyn FnMut(&Chunk)) {
-    let dt_s = drive.dt_s;
-    let substeps = model.substeps(dt_s);
+    let substeps = model.substeps_for(drive);
     let mut stages = stages_of(model, substeps, drive);
     let resting = model.resting_drive_v(drive);
     // Variations that need another resolution walk alone.
-    let as_fine = |v: &Variation| manner.as_coarse_as_the_model || v.model.substeps(dt_s) == substeps;
+    let as_fine = |v: &Variation| manner.as_coarse_as_the_model || v.model.substeps_for(drive) == substeps;
     let shares = |v: &Variation| as_fine(v) && v.model.resting_drive_v(drive) == resting;
     let alone: Vec<Option<Vec<f64>>> = variations.iter().map(|v| (!shares(v)).then(|| v.model.simulate(drive))).collect();
     let mut beside: Vec<Option<Beside>> =
@@ -156,9 +156,11 @@ pub fn walk(model: &Model, drive: &Drive, variations: &[Variation], manner: Mann
     let mut outputs: Vec<Vec<f64>> = vec![Vec::new(); variations.len()];
     let wanted_at: Vec<bool> = (0..=stages.len()).map(|i| beside.iter().flatten().any(|b| b.from == i)).collect();
     let n = drive.drive_v.len();
+    let (input, fine) = drive.over_intervals(substeps);
+    let parts = if fine { substeps } else { 1 };
     for from in (0..n).step_by(CHUNK) {
         let to = (from + CHUNK).min(n);
-        let mut signal = Stretch { values: drive.drive_v[from..to].to_vec(), fine: false };
+        let mut signal = Stretch { values: input[from * parts..to * parts].to_vec(), fine };
         let mut kept: Vec<Option<Stretch>> = Vec::with_capacity(stages.len() + 1);
         let lane_stage = lanes.as_ref().map(|l| l.stage);
         let tried_behind = lanes.as_ref().is_some_and(|l| l.behind.iter().any(|(_, p)| matches!(p, Passing::Tried(_))));
@@ -239,7 +241,8 @@ fn lanes_of<'a>(
     at_rest: &[f64],
 ) -> Option<CoefficientLanes<'a>> {
     let (stage, mut walker) = stages.iter().enumerate().find_map(|(i, own)| {
-        let setting = model.setting(drive.dt_s, if own.fine { substeps } else { 1 }, Signals::default());
+        let without_signals = Drive { drive_v: &[], force_n: None, auxiliary: &[], ..*drive };
+        let setting = model.setting(&without_signals, if own.fine { substeps } else { 1 });
         Some((i, model.effects[own.effect].effect.coefficient_walker(model, &setting)?))
     })?;
     let lanes = walker.coefficients().len();
@@ -254,7 +257,7 @@ fn lanes_of<'a>(
             }
             None => {
                 let instance = &model.effects[own.effect];
-                let setting = model.setting(drive.dt_s, if own.fine { substeps } else { 1 }, drive.signals());
+                let setting = model.setting(drive, if own.fine { substeps } else { 1 });
                 let mut tried = Vec::new();
                 for value in &mut row {
                     let mut one = instance.effect.stage(model, &instance.values(), &setting)?;

@@ -173,18 +173,6 @@ pub fn chirp(sample_rate_hz: f64, from_hz: f64, to_hz: f64, amplitude: f64, offs
         .collect()
 }
 
-/// The quasi-step of thesis Ch. 6, Eq. (44): a quintic from 0 at `start_s` to `height` at `start_s + rise_s` whose first and second
-/// derivatives vanish at both ends.
-#[must_use]
-pub fn quasi_step(sample_rate_hz: f64, height: f64, start_s: f64, rise_s: f64, duration_s: f64) -> Vec<f64> {
-    (0..samples_in(sample_rate_hz, duration_s))
-        .map(|k| {
-            let s = ((k as f64 / sample_rate_hz - start_s) / rise_s).clamp(0.0, 1.0);
-            height * s * s * s * (10.0 + s * (6.0 * s - 15.0))
-        })
-        .collect()
-}
-
 /// Time in which a reference grows to its full amplitude, s.
 pub const GROWN_WITHIN_S: f64 = 0.3;
 
@@ -227,17 +215,6 @@ mod tests {
         // No corner but at the two ends: the slope changes by no more than the curvature of the sine allows.
         let curvature = 10_000.0_f64.powi(2) / 35.0;
         assert!(slopes.windows(2).take(slopes.len() - 3).all(|p| (p[1] - p[0]).abs() < 1.01 * curvature * 1e-6));
-    }
-
-    #[test]
-    fn quasi_step_of_chapter_6() {
-        let signal = quasi_step(FS, 5.0, 0.1, 0.05, 0.2);
-        let printed = |t: f64| 9.60e7 * t.powi(5) - 6.00e7 * t.powi(4) + 1.48e7 * t.powi(3) - 1.80e6 * t.powi(2) + 1.08e5 * t - 2.56e3;
-        for k in [2000usize, 2250, 2500, 2750, 3000] {
-            let t = k as f64 / FS;
-            assert!((signal[k] - printed(t)).abs() < 1e-6, "{} {}", signal[k], printed(t));
-        }
-        assert_eq!(signal[3500], 5.0);
     }
 
     #[test]

@@ -11,86 +11,90 @@
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
 
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, folder};
-use hysteron::explain::{Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
-use hysteron::watch::{Unwatched, Watch, Within};
+use hysteron::watch::{Deadline, Unwatched, Watch};
 use hysteron_sim::chain::Model;
 use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, value_of};
+use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// A set of records: what is fitted, what judges.
-struct Set {
-    name: &'static str,
-    stage: &'static str,
-    fitted: &'static [&'static str],
-    held_out: &'static [&'static str],
+/// `tests/manifests/recorded_sets.toml`.
+#[derive(Deserialize)]
+struct File {
+    stage: BTreeMap<String, Stage>,
+    set: Vec<Set>,
 }
 
-const PIEZO_STAGE: &str = "piezo_stage";
+/// Where recordings of one stage are judged, and its range.
+#[derive(Deserialize)]
+struct Stage {
+    span_v: f64,
+    record: String,
+    #[serde(default)]
+    other: BTreeMap<String, String>,
+    #[serde(default)]
+    copy_of: BTreeMap<String, String>,
+}
 
-const SETS: &[Set] = &[
-    Set { name: "20", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp"], held_out: &["40_hz_no_lp"] },
-    Set { name: "40", stage: PIEZO_STAGE, fitted: &["40_hz_no_lp"], held_out: &["20_hz_no_lp"] },
-    Set { name: "20+tri", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "tri50_1"], held_out: &["40_hz_no_lp"] },
-    Set { name: "20+sine", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "sine50_1"], held_out: &["40_hz_no_lp", "tri50_1"] },
-    Set { name: "20+40", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "40_hz_no_lp"], held_out: &["tri50_1", "sine50_1"] },
-    Set { name: "mixed", stage: PIEZO_STAGE, fitted: &["20_hz_no_lp", "tri50_1", "sine50_1"], held_out: &["40_hz_no_lp", "bigsine_1"] },
-    Set { name: "sine", stage: PIEZO_STAGE, fitted: &["sine50_1", "sine50_2"], held_out: &["sine50_3"] },
-    Set { name: "tri", stage: PIEZO_STAGE, fitted: &["tri50_1"], held_out: &["tri50_2"] },
-    Set { name: "sine+tri", stage: PIEZO_STAGE, fitted: &["sine50_1", "tri50_1"], held_out: &["sine50_3", "tri50_2"] },
-    Set { name: "bigsine", stage: PIEZO_STAGE, fitted: &["bigsine_1"], held_out: &["bigsine_2"] },
-    Set { name: "bigsine+tri", stage: PIEZO_STAGE, fitted: &["bigsine_1", "tri50_1"], held_out: &["sine50_1", "bigsine_2"] },
-    Set { name: "150v", stage: "piezo_150v_1hz", fitted: &["hysteresis_v_150_1hz"], held_out: &["second_half"] },
-];
+/// A set of records: what is fitted, what judges.
+#[derive(Deserialize)]
+struct Set {
+    name: String,
+    stage: String,
+    fitted: Vec<String>,
+    held_out: Vec<String>,
+}
+
+fn sets() -> File {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/recorded_sets.toml");
+    toml::from_str(&std::fs::read_to_string(path).expect("the sets are there")).expect("the sets can be read")
+}
 
 /// Effects of which subsets are formed.
 const SEVEN: [&str; 7] = ["initial_curve", "creep", "vibration", "friction", "amplifier_bandwidth", "sensor_bandwidth", "rate_dependence"];
 
-/// The manifest of a set; the first part of a record, where the stage was switched on, is left out.
-fn manifest(set: &Set) -> String {
-    let span_v = if set.stage == PIEZO_STAGE { 95.0 } else { 150.0 };
+/// The manifest of a set.
+fn manifest(set: &Set, stage: &Stage) -> String {
+    let span_v = stage.span_v;
     let mut out = format!("name = \"{}\"\ndrive_min_v = -{span_v:.1}\ndrive_max_v = {span_v:.1}\n", set.name);
-    for (role, records) in [("identify", set.fitted), ("validate", set.held_out)] {
+    for (role, records) in [("identify", &set.fitted), ("validate", &set.held_out)] {
         for record in records {
-            let part = match *record {
-                "hysteresis_v_150_1hz" => "sample_rate_hz = 5000.0\nfrom_s = 3.6\nto_s = 6.6\ncolumns = { t = 2, y = 3, u = 4 }",
-                "second_half" => "sample_rate_hz = 5000.0\nfrom_s = 6.6\ncolumns = { t = 2, y = 3, u = 4 }",
-                "20_hz_no_lp" | "40_hz_no_lp" => "sample_rate_hz = 10000.0\nfrom_s = 1.5",
-                _ => "sample_rate_hz = 10000.0\nfrom_s = 0.2",
-            };
+            let part = stage.other.get(record).unwrap_or(&stage.record);
             let _ = write!(out, "\n[[record]]\nfile = \"{record}.csv\"\nrole = \"{role}\"\ninitial_state = \"unknown\"\n{part}\n");
         }
     }
     out
 }
 
-fn load(set: &Set, data: &Path) -> Dataset {
+fn load(set: &Set, stage: &Stage, data: &Path) -> Dataset {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    for record in set.fitted.iter().chain(set.held_out) {
-        let source = if *record == "second_half" { "hysteresis_v_150_1hz" } else { record };
-        std::fs::copy(data.join(set.stage).join(format!("{source}.csv")), folder.path().join(format!("{record}.csv")))
+    for record in set.fitted.iter().chain(&set.held_out) {
+        let source = stage.copy_of.get(record).unwrap_or(record);
+        std::fs::copy(data.join(&set.stage).join(format!("{source}.csv")), folder.path().join(format!("{record}.csv")))
             .expect("the recording can be copied");
     }
-    std::fs::write(folder.path().join("dataset.toml"), manifest(set)).expect("the manifest can be written");
+    std::fs::write(folder.path().join("dataset.toml"), manifest(set, stage)).expect("the manifest can be written");
     folder::load(folder.path()).expect("the set can be read")
 }
 
 /// Fitted and held-out error, um: root of the mean square over the samples.
 fn errors_um(model: &Model, dataset: &Dataset, set: &Set) -> (f64, f64) {
-    let of = |names: &[&str]| -> f64 {
-        let each = dataset.records.iter().filter(|r| names.contains(&r.name.as_str()));
+    let of = |names: &[String]| -> f64 {
+        let each = dataset.records.iter().filter(|r| names.contains(&r.name));
         let (sum, count) = each.fold((0.0, 0), |(sum, count), record| {
             let left = residual(model, record);
             (sum + rms(&left).powi(2) * left.len() as f64, count + left.len())
         });
         (sum / count as f64).sqrt()
     };
-    (of(set.fitted), of(set.held_out))
+    (of(&set.fitted), of(&set.held_out))
 }
 
 fn nm(um: f64) -> String {
@@ -124,8 +128,9 @@ fn main() {
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
     let only = value_of(&mut arguments, "--identify");
     let within = value_of(&mut arguments, "--within").map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
-    for set in SETS.iter().filter(|s| arguments.is_empty() || arguments.iter().any(|a| a == s.name)) {
-        let dataset = load(set, &data);
+    let sets = sets();
+    for set in sets.set.iter().filter(|s| arguments.is_empty() || arguments.contains(&s.name)) {
+        let dataset = load(set, &sets.stage[&set.stage], &data);
         if let Some(effects) = &only {
             let listed = effects_named(effects).expect("known effects");
             let found = identify(&dataset, &listed, &Unwatched).expect("it can be identified");
@@ -136,8 +141,8 @@ fn main() {
         let gain = effects_named("gain").expect("a built-in effect");
         let begin = Instant::now();
         let explained =
-            |watch: &dyn Watch| explain(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
-        let found = within.map_or_else(|| explained(watch), |within| explained(&Within::new(watch, within)));
+            |watch: &dyn Watch| analyse(&dataset, Start::Effects(&gain), &Options::default(), watch).expect("it can be explained");
+        let found = within.map_or_else(|| explained(watch), |within| explained(&Deadline::new(watch, within)));
         let seconds = begin.elapsed().as_secs_f64();
         let (fitted, held_out) = errors_um(&found.model, &dataset, set);
         println!(
@@ -152,7 +157,7 @@ fn main() {
         if reversed {
             let mut other = dataset.clone();
             other.records.reverse();
-            let again = explain(&other, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+            let again = analyse(&other, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
             let (f, h) = errors_um(&again.model, &other, set);
             let same = if again.model.effect_ids() == found.model.effect_ids() { "the same effects" } else { "OTHER EFFECTS" };
             println!("{:<12} {:>7} / {:>7} nm  records in the other order: {same}", "", nm(f), nm(h));

@@ -4,9 +4,9 @@
 //! cargo run --release -p hysteron-tests --example other_actuators -- [SEEDS]
 //! ```
 
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Options, Start, explain};
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
+use hysteron::outcome::Verdict;
 use hysteron::watch::Unwatched;
 use hysteron_tests::other_actuators::{KINDS, OF_CERAMICS, imitated, recorded};
 use std::time::Instant;
@@ -19,7 +19,7 @@ fn main() {
         for seed in 1..=seeds {
             let dataset = recorded(kind, seed);
             let begin = Instant::now();
-            let found = explain(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+            let found = analyse(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
             let claims = matches!(found.diagnosis.verdict, Verdict::Named | Verdict::Ambiguous);
             let allowed = |id: &str| !OF_CERAMICS.contains(&id) || imitated(kind).contains(&id);
             let of_ceramics = claims && found.diagnosis.findings.iter().any(|f| f.effects.iter().all(|id| !allowed(id)));

@@ -6,6 +6,7 @@ use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::reference_generator::Waveform;
+use hysteron_core::signal::Micrometres;
 use hysteron_core::trace_frame::TraceSample;
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::converter_scale::ConverterScale;
@@ -20,9 +21,9 @@ pub fn front_end() -> FrontEnd {
 /// A sine about an offset, from its middle on.
 #[must_use]
 pub fn sine(hz: f64, amplitude_um: f64, offset_um: f64) -> Command {
-    let bits = |um: f64| (um * f64::from(1 << 24)) as i32;
-    let tone = ((hz / 20_000.0 * 2f64.powi(32)) as u32, bits(amplitude_um), 0);
-    Command::Reference { waveform: Waveform::Multisine { tones: [tone, (0, 0, 0), (0, 0, 0), (0, 0, 0)] }, offset: bits(offset_um) }
+    let tone = ((hz / 20_000.0 * 2f64.powi(32)) as u32, Micrometres::from_num(amplitude_um), 0);
+    let none = (0, Micrometres::from_bits(0), 0);
+    Command::Reference { waveform: Waveform::Multisine { tones: [tone, none, none, none] }, offset: Micrometres::from_num(offset_um) }
 }
 
 /// The two, with what is between them.
@@ -56,9 +57,12 @@ impl RunningAmplifier {
             position_um: 0.0,
         };
         this.run(10);
+        this.tell(Command::Arm { tested: true });
+        this.run(10_000);
+        assert!(this.amplifier.armed(), "{:?}", this.amplifier.fault());
         this.tell(Command::Condition { cycle_ticks: 2000, rest_ticks: 20_000 });
         this.run(22_100);
-        assert!(this.amplifier.conditioned(), "{:?}", this.amplifier.mode());
+        assert!(this.amplifier.conditioned(), "{:?}", this.amplifier.fault());
         this
     }
 

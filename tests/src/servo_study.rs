@@ -1,8 +1,8 @@
 //! From a recording to a servo at work on the stage that was recorded: the way of a user, on [`IndependentStage`].
 
 use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Truth};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::explain::{Explanation, Options, Start, explain};
 use hysteron::model_file::effects_named;
 use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
@@ -14,7 +14,7 @@ use hysteron::watch::Unwatched;
 use hysteron_core::amplifier::{IDENTIFICATION_SWEEP, IDENTIFICATION_TONES};
 use hysteron_core::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use hysteron_core::servo_tick::ServoTick;
-use hysteron_core::signal::{Micrometres, VOLT_FRACTION_BITS};
+use hysteron_core::signal::{VOLT_FRACTION_BITS, Volts};
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, Surroundings, Trace, condition, follow};
 use hysteron_sim::noise::WhiteNoise;
@@ -53,13 +53,12 @@ impl Recording {
 
 /// What the target's `identify` plays over a range that begins at zero, V.
 fn identification_drive_v(top_v: f64, samples: usize) -> Vec<f64> {
-    // The generator counts in volts with 22 fraction bits, whatever it calls them.
     let fraction = f64::from(1 << VOLT_FRACTION_BITS);
     let half = 0.5 * top_v * fraction;
     let of_half = |share: i32| (half * f64::from(share) / 1024.0) as i32;
-    let tones = IDENTIFICATION_TONES.map(|(increment, share)| (increment, of_half(share), LOWEST_POINT));
-    let mut generator = ReferenceGenerator::new(Waveform::Multisine { tones }, Micrometres::from_bits(half as i32));
-    let drive = |tick: usize| generator.next_position().to_bits() + sweep(of_half(IDENTIFICATION_SWEEP), tick as u32);
+    let tones = IDENTIFICATION_TONES.map(|(increment, share)| (increment, Volts::from_bits(of_half(share)), LOWEST_POINT));
+    let mut generator = ReferenceGenerator::new(Waveform::Multisine { tones }, Volts::from_bits(half as i32));
+    let drive = |tick: usize| generator.next_value().to_bits() + sweep(of_half(IDENTIFICATION_SWEEP), tick as u32);
     (0..samples).map(drive).map(|drive| (f64::from(drive) / fraction).clamp(0.0, top_v)).collect()
 }
 
@@ -126,9 +125,9 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
 /// # Panics
 /// If the search gives something that is no number.
 #[must_use]
-pub fn explained(dataset: &Dataset) -> Explanation {
+pub fn explained(dataset: &Dataset) -> Outcome {
     let effects = effects_named("hysteresis,initial_curve,vibration,creep").expect("known effects");
-    explain(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
+    analyse(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
 }
 
 /// The model that [`explained`] found before, kept in `target/servo_from_data`, or a new one. Delete the folder to identify anew.

@@ -20,3 +20,13 @@ pub fn install(packages: &[&str]) -> Result<(), String> {
     let arguments = [&["install", "-y", "-qq", "--no-install-recommends"], packages].concat();
     command("apt-get", &arguments, &root(), &quiet)
 }
+
+/// Sees to Octave, in which the tests run exported models.
+pub fn see_to_octave() -> Result<(), String> {
+    let there = || Command::new("octave-cli").arg("--version").output().is_ok_and(|output| output.status.success());
+    if !there() && can_install() {
+        println!("   no Octave yet; installing it, in which the tests run exported models");
+        install(&["octave"])?;
+    }
+    if there() { Ok(()) } else { Err("needs Octave, in which the tests run exported models: install octave".into()) }
+}

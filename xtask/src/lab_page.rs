@@ -55,7 +55,7 @@ fn module(options: &[&str]) -> Result<(), String> {
 fn write() -> Result<usize, String> {
     let module = read(&root().join("target/web_assembly/wasm32-unknown-unknown/release/hysteron_browser.wasm"))?;
     let example: serde_json::Map<String, serde_json::Value> =
-        hysteron_page::EXAMPLE.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
+        hysteron_examples::HIDDEN_EFFECT.iter().map(|(name, text)| ((*name).into(), (*text).into())).collect();
     let example = serde_json::Value::from(example).to_string();
     let page = hysteron_page::from_disk(&compact(&without_custom_sections(&module)?)?, &compact(example.as_bytes())?)?;
     println!("   {}: {} bytes", file().display(), page.len());

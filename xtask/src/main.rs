@@ -11,10 +11,14 @@ mod control_code;
 mod debian;
 mod dependency_tree;
 mod emulated_board;
+mod finder_sets;
+mod house;
 mod lab_page;
 mod library_alone;
 mod mutate;
+mod packages;
 mod pipython;
+mod prose;
 mod python_package;
 mod steps;
 mod test_programs;
@@ -39,7 +43,12 @@ cargo xtask operate    what an operator does with the emulated board: PIPython, 
 cargo xtask tune SEED.. `hysteron board tune` in front of these independent stages (after `board`)
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask mutate [NAME..] takes lines of safety out of the firmware, each once, and expects an emulated test to fail (firmware/mutations.toml)
-cargo xtask readme     writes the table of effects in README.md, and that of formats in docs/formats.md";
+cargo xtask notebook   stores what the notebook of examples/ prints (after `python`)
+cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long lines by file; of named files, each place
+cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
+cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
+cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET..] how well a program finds what is missing, set by set; results in benchmarks/results
+cargo xtask readme     writes the table of effects in docs/list_of_effects.md, and that of formats in docs/formats.md";
 
 fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
@@ -51,6 +60,9 @@ fn main() -> ExitCode {
     }
     if wanted == ["readme"] {
         return ended(steps::write_tables());
+    }
+    if wanted == ["notebook"] {
+        return ended(python_package::write_notebook());
     }
     if wanted == ["board"] {
         return ended(board::build());
@@ -69,6 +81,16 @@ fn main() -> ExitCode {
     {
         return ended(mutate::run(names));
     }
+    if let [first, rest @ ..] = wanted.as_slice()
+        && first == "prose"
+    {
+        return ended(prose::report(rest));
+    }
+    if let [first, arguments @ ..] = wanted.as_slice()
+        && first == "finder-sets"
+    {
+        return ended(finder_sets::run(arguments));
+    }
     let steps = match wanted.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         [steps::OTHER_TARGETS] => steps::of_other_targets(),
         ["quick"] => steps::quick(),
@@ -77,6 +99,8 @@ fn main() -> ExitCode {
         ["python"] => steps::python(),
         ["firmware"] => steps::firmware(),
         ["emulate"] => steps::emulator(),
+        ["house"] => steps::house(),
+        ["packages"] => steps::packages(),
         ["operate"] => steps::operator(),
         _ => {
             eprintln!("{USAGE}");

@@ -8,8 +8,9 @@ use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root};
 use crate::virtual_environment::{fresh, install, kept};
 
 /// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the formats that are read, and the cluster of
-/// the example.
-const TOOLS: [&str; 10] = ["maturin", "mypy", "numpy", "scipy", "h5py", "npTDMS", "pyarrow", "pandas", "openpyxl", "dask[distributed]"];
+/// the example, and what runs a notebook.
+const TOOLS: [&str; 12] =
+    ["maturin", "mypy", "numpy", "scipy", "h5py", "npTDMS", "pyarrow", "pandas", "openpyxl", "dask[distributed]", "nbclient", "ipykernel"];
 
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
@@ -26,20 +27,23 @@ fn emptied(folder: &Path) -> Result<(), String> {
 /// Each package with its features.
 const WITH_FEATURES: &str = "{p} {f}";
 
-/// Names what the wheel builds once more for itself: a package with other features than the tests have, which the emulated part brings into the workspace.
-fn print_what_is_built_anew() -> Result<(), String> {
+/// A package with other features than the tests' is built once more for the wheel, and so is all that stands on it: with one such the library was.
+fn shares_what_the_tests_have_built() -> Result<(), String> {
     let of_the_tests = packages(&["--workspace", "--features", "hysteron-cli/full", "--edges", "normal,build,dev"], WITH_FEATURES)?;
     let of_the_wheel = packages(&["--package", "hysteron-python", "--edges", "normal,build"], WITH_FEATURES)?;
     let others: Vec<&str> = of_the_wheel.difference(&of_the_tests).map(String::as_str).collect();
-    if !others.is_empty() {
-        println!("   the wheel has other features than the workspace, and builds anew: {}", others.join(", "));
+    if others.is_empty() {
+        return Ok(());
     }
-    Ok(())
+    Err(format!(
+        "the wheel has other features than the workspace, and would be built anew: {}; name them in lab/python/Cargo.toml as the workspace has them",
+        others.join(", ")
+    ))
 }
 
 /// The wheel against the program.
 pub fn test() -> Result<(), String> {
-    print_what_is_built_anew()?;
+    shares_what_the_tests_have_built()?;
     build_as_tested()?;
     let tools = kept("python/tools", &TOOLS)?;
     let wheels = root().join("target/python/wheels");
@@ -54,7 +58,21 @@ pub fn test() -> Result<(), String> {
     install(&tools, &["--force-reinstall", "--no-deps", &text(&wheel.path())])?;
     let program = text(&built("hysteron"));
     command(&python, &["-m", "unittest", "--quiet", "lab/python/tests/test_package.py"], &root(), &[("HYSTERON", &program)])?;
-    command(&tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_fleet.py"], &root(), &[])
+    command(&tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_fleet.py"], &root(), &[])?;
+    notebook(&tools, &[])
+}
+
+/// Runs the notebook of the examples in the environment that has the wheel.
+fn notebook(tools: &Path, variables: &[(&str, &str)]) -> Result<(), String> {
+    // Its kernel is looked for beside the interpreter, not among those of the user.
+    let kernels = text(&tools.with_file_name("../share/jupyter"));
+    let variables = [variables, &[("JUPYTER_PATH", kernels.as_str()), ("PYTHONWARNINGS", "ignore::DeprecationWarning")]].concat();
+    command(tools, &["-m", "unittest", "--quiet", "lab/python/tests/test_notebook.py"], &root(), &variables)
+}
+
+/// Stores what the notebook prints now, with the wheel of the last `cargo xtask python`.
+pub fn write_notebook() -> Result<(), String> {
+    notebook(&kept("python/tools", &TOOLS)?, &[("HYSTERON_WRITE_NOTEBOOK", "1")])
 }
 
 /// Library and program on files that the libraries of their formats have just written, whole and damaged.

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use hysteron_core::command_lines::STOP_BYTE;
 
+use crate::condition::{fault_name, what_to_do};
 use crate::error::{Error, Result, meaning};
 use crate::port::{Address, Port, USUAL_BAUD};
 
@@ -286,16 +287,35 @@ impl Board {
         Ok(())
     }
 
-    /// Conditions the actuator and zeroes the sensor.
+    /// Arms the amplifier behind its self-test, unless it is armed already.
+    ///
+    /// # Errors
+    /// The board refuses, or the self-test found something wrong; the error names it and says what to do.
+    pub fn arm(&mut self) -> Result<()> {
+        if self.number("ARM? 1")? == 1.0 {
+            return Ok(());
+        }
+        self.tell("ARM 1 1")?;
+        self.wait("DIA? 1", |mode| Ok(mode == "1=0" || mode == "1=3"))?;
+        if self.number("ARM? 1")? == 1.0 {
+            return Ok(());
+        }
+        let found = fault_name(self.number("DIA? 2")?);
+        Err(Error::new("ARM", format!("the self-test ended with `{found}`. {}", what_to_do(found))))
+    }
+
+    /// Conditions the actuator and zeroes the sensor, behind the self-test where the amplifier is not armed yet.
     ///
     /// # Errors
     /// The board refuses, or a fault ended it.
     pub fn condition(&mut self) -> Result<()> {
+        self.arm()?;
         self.tell("ATZ 1")?;
-        self.wait(
-            "DIA? 1",
-            |mode| if mode == "1=3" { Err(Error::new("ATZ", "a fault ended the conditioning")) } else { Ok(mode == "1=0") },
-        )?;
+        self.wait("DIA? 1", |mode| Ok(mode == "1=0" || mode == "1=3"))?;
+        if self.number("DIA? 1")? == 3.0 {
+            let found = fault_name(self.number("DIA? 2")?);
+            return Err(Error::new("ATZ", format!("the conditioning ended with `{found}`. {}", what_to_do(found))));
+        }
         if self.number("ATZ? 1")? == 1.0 { Ok(()) } else { Err(Error::new("ATZ", "was stopped before the sensor was zeroed")) }
     }
 }

@@ -40,7 +40,30 @@ pub fn what_to_do(fault: &str) -> &'static str {
         Some(Fault::AmplifierNotReady) => "The amplifier says that it is not ready: look at it, then clear (INI).",
         Some(Fault::HostLost) => "No line came for as long as the host had allowed: clear (INI), condition (ATZ), and go on.",
         Some(Fault::SupplyLow) => "The board's supply had fallen below 2.8 V: look at it, then clear (INI).",
-
+        Some(Fault::DriveSilent) => {
+            "The drive's converter does not take its code: look at its supply, its cable and its references, then clear (INI) and arm (ARM 1 1)."
+        }
+        Some(Fault::SensorDoesNotMove) => {
+            "The drive changed and the sensor did not: is the amplifier on and connected, the stage free, the sensor's cable in? Then clear (INI)."
+        }
+        Some(Fault::SensorReversed) => {
+            "The sensor falls when the drive rises: exchange its two wires, or its sign in the front end, then clear (INI)."
+        }
+        Some(Fault::GainDiffers) => {
+            "The stage moved much less or more than the block says: look at the amplifier's gain, the sensor's range and which block is in use, then clear (INI)."
+        }
+        Some(Fault::SensorDrifts) => {
+            "The sensor did not come back with the drive: let it warm up, look for a loose mount, then clear (INI)."
+        }
+        Some(Fault::SensorNoisy) => {
+            "The sensor has more noise than the motion that the self-test looks for: look at its cable and shield, then clear (INI)."
+        }
+        Some(Fault::RangeNotReached) => "The conditioning did not reach both ends of the drive: clear (INI), and report it.",
+        Some(Fault::DriveCurrent) => {
+            "The drive asked for more current than the envelope allows: a slower or smaller wave, then clear (INI)."
+        }
+        Some(Fault::BeyondEnvelope) => "A drive left the board's safety envelope and was held at its end: clear (INI), and report it.",
+        Some(Fault::NoEnvelope) => "The board has no safety envelope and drives nothing: `hysteron board envelope FILE` brings one.",
         None => "firmware/README.md, Faults, says what sees it and how it comes back.",
     }
 }
@@ -91,9 +114,9 @@ impl Condition {
         })
     }
 
-    /// Without a valid parameter block nothing moves.
+    /// Without a valid parameter block, or without a safety envelope, nothing moves.
     #[must_use]
     pub fn without_block(&self) -> bool {
-        self.fault == Some(Fault::ParameterBlock.name())
+        [Fault::ParameterBlock, Fault::NoEnvelope].iter().any(|fault| self.fault == Some(fault.name()))
     }
 }

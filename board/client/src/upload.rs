@@ -28,6 +28,22 @@ pub fn swap(board: &mut Board, block: &[u8]) -> Result<()> {
     expect_in_use(board, block, "after the swap")
 }
 
+/// Brings a safety envelope and restarts the board with it. `checksum` names it once more: the board keeps no other.
+///
+/// # Errors
+/// The power stage is on or the drive does not rest; the board refuses the envelope, and says why; or another one is in force after the restart.
+pub fn keep_envelope(board: &mut Board, envelope: &[u8], checksum: u32, baud: Option<u32>) -> Result<()> {
+    bring(board, envelope, &format!("ENVELOPE {checksum:#010x}"), "KEPT")?;
+    board.send(b"RBT\n")?;
+    board.meet_again(baud)?;
+    let used = board.ask("ENV?")?;
+    if used.contains(&format!("CHECKSUM={checksum:#010x}")) {
+        Ok(())
+    } else {
+        Err(Error::new("safety envelope", format!("after the restart the board says `{}`", used.trim())))
+    }
+}
+
 /// Brings a block, says what is to be done with it and waits until it is.
 fn bring(board: &mut Board, block: &[u8], what: &str, done: &str) -> Result<()> {
     let mut lines = vec![format!("BLK BEGIN {}", block.len())];

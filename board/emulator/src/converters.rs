@@ -217,6 +217,18 @@ impl World {
         }
     }
 
+    /// The converters' scale.
+    #[must_use]
+    pub fn scale(&self) -> &ConverterScale {
+        &self.scale
+    }
+
+    /// Whether the drive's output is clamped to ground.
+    #[must_use]
+    pub fn clamped(&self) -> bool {
+        self.clamped
+    }
+
     /// The code that acts now.
     #[must_use]
     pub fn acting_code(&self) -> DriveCode {

@@ -5,13 +5,16 @@ use std::sync::{Arc, Mutex};
 
 use anyhow::{Context, Result, anyhow, bail};
 use defmt_decoder::{DecodeError, Table};
+use hysteron_core::codes::DriveCode;
+use hysteron_core::safety_envelope::{self, SafetyEnvelope};
+use hysteron_sim::converter_scale::ConverterScale;
 use object::{Object, ObjectSection, ObjectSymbol};
 use rigless::device::Level;
 use rigless::emulator::{Driver, Host, InterruptLine, Start, Stop, run as emulate};
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::soc::Width;
-use rigless::soc::stm32h743::generated::{iwdg, rcc};
+use rigless::soc::stm32h743::generated::{iwdg, rcc, spi1};
 use rigless::time::VirtualNanos;
 
 use crate::board::{NucleoBoard, SafetyLine};
@@ -21,8 +24,61 @@ use crate::serial_line::SharedLine;
 /// Nanoseconds in a millisecond.
 pub const MILLISECOND: u64 = 1_000_000;
 
-/// Where the first parameter block stands (`memory.x`, SETTINGS).
-const SETTINGS: u64 = 0x081C_0000;
+/// Where the parameter blocks stand (`memory.x`, SETTINGS).
+const SETTINGS: [u64; 2] = [0x081C_0000, 0x081E_0000];
+
+/// Where the safety envelope stands.
+const ENVELOPE: u64 = 0x0818_0000;
+
+/// The envelope of the emulated bench: -20..120 V on 20 bits, of which what the reference actuator bears may act. Its guards are as wide as the widest test of
+/// the guard asks for.
+#[must_use]
+pub fn bench_envelope() -> SafetyEnvelope {
+    SafetyEnvelope {
+        name: *b"emulated bench\0\0",
+        dac_bits: 20,
+        sensor_is_signed: false,
+        reference_span_mv: 14_000,
+        drive_at_code_0_uv: -20_000_000,
+        drive_span_uv: 140_000_000,
+        drive_min: DriveCode::new(149_760),
+        drive_max: DriveCode::new(899_000),
+        safe_code: DriveCode::new(149_797),
+        slew_limit_v_s: 100_000,
+        rest_within_ms: 100,
+        stuck_within_ms: 20,
+        tracking_within_ms: 200,
+        tracking_error_nm: 127_000,
+        sensor_margin: 16,
+        healthy_ms: 5,
+        capacitance_nf: 1_500,
+        current_ua: 200_000,
+    }
+}
+
+/// The envelope of a bench with converters of this scale: what its actuator bears.
+#[must_use]
+pub fn envelope_of(scale: &ConverterScale) -> SafetyEnvelope {
+    let bench = bench_envelope();
+    let codes = |code: DriveCode| DriveCode::new(code.steps() << bench.dac_bits.saturating_sub(scale.dac_bits));
+    let lowest = codes(scale.dac_code(scale.drive_min_v));
+    SafetyEnvelope {
+        drive_at_code_0_uv: (scale.dac_zero_v * 1e6).round() as i32,
+        drive_span_uv: (scale.dac_lsb_v * 2f64.powi(i32::from(scale.dac_bits)) * 1e6).round() as u32,
+        drive_min: lowest,
+        drive_max: codes(scale.dac_code(scale.drive_max_v)),
+        safe_code: lowest,
+        ..bench
+    }
+}
+
+/// An envelope as it stands in flash.
+#[must_use]
+pub fn envelope_bytes(envelope: &SafetyEnvelope) -> Vec<u8> {
+    let mut bytes = [0; safety_envelope::ENVELOPE_BYTES];
+    let length = safety_envelope::write(envelope, &mut bytes).unwrap_or(0);
+    bytes[..length].to_vec()
+}
 
 /// The first address behind the flash: what reads a word there has a bus error, as at a word that is damaged, and is meant to survive it.
 const BEYOND_FLASH: u64 = 0x0820_0000;
@@ -34,8 +90,14 @@ pub struct Script {
     pub until_ns: u64,
     /// How often the probe reads RTT, ns; `None`: a probe that is not there.
     pub read_every_ns: Option<u64>,
-    /// A parameter block that is in the flash at the start.
+    /// A parameter block that is in the flash at the start, in the first place.
     pub block: Option<Vec<u8>>,
+    /// Another one, in the second place.
+    pub second_block: Option<Vec<u8>>,
+    /// The safety envelope that the board has: that of the bench, unless something else is said.
+    pub envelope: Option<Vec<u8>>,
+    /// The option bytes let the watchdog start with the supply.
+    pub hardware_watchdog: bool,
     /// Bytes for the command channel, each with the instant from which it is sent, ns; in order.
     pub commands: Vec<(u64, Vec<u8>)>,
     /// Bytes for the serial port, each with the instant from which they are sent, ns; in order.
@@ -54,6 +116,8 @@ pub enum Injection {
         /// New value.
         value: u16,
     },
+    /// The interface of the drive's converter is switched off: SPI3's CR1, RM0433, 50.11.1.
+    DriveInterfaceOff,
     /// A line of the board is opened, or closed to ground.
     Line {
         /// Which one.
@@ -82,7 +146,17 @@ impl Script {
     /// Runs for so long with a probe that reads every millisecond and sends nothing.
     #[must_use]
     pub fn listening(until_ns: u64) -> Self {
-        Self { until_ns, read_every_ns: Some(MILLISECOND), block: None, commands: Vec::new(), serial: Vec::new(), injections: Vec::new() }
+        Self {
+            until_ns,
+            read_every_ns: Some(MILLISECOND),
+            block: None,
+            second_block: None,
+            envelope: Some(envelope_bytes(&bench_envelope())),
+            hardware_watchdog: false,
+            commands: Vec::new(),
+            serial: Vec::new(),
+            injections: Vec::new(),
+        }
     }
 }
 
@@ -211,7 +285,8 @@ impl Watchdog {
             if key == Self::FEED || !self.running {
                 self.fed_at_ns = at_ns;
             }
-            self.running = true;
+            // Feeding one that has not been started does nothing.
+            self.running |= key != Self::FEED;
         }
         let (prescaler, reload) = (registers.get(iwdg::Register::Pr) & 7, registers.get(iwdg::Register::Rlr) & 0xFFF);
         let period_ns = (reload + 1) * (4 << prescaler) * 1_000_000 / 32;
@@ -246,6 +321,12 @@ impl Driver<NucleoBoard> for Probe {
             match *injection {
                 Injection::Halfword { address, value } => {
                     let _ = host.write(address, Width::W16, u64::from(value));
+                }
+                Injection::DriveInterfaceOff => {
+                    let bus = session.mcu().bus_mut();
+                    if let Some(slot) = bus.slot_of("SPI3") {
+                        bus.slot_mut(slot).registers_mut().set(spi1::Register::Cr1, 0);
+                    }
                 }
                 Injection::Line { line, closed } => session.board_mut().set_line(line, closed, stop.at),
                 Injection::Supply { millivolts } => {
@@ -323,12 +404,24 @@ pub(crate) struct Prepared {
 }
 
 /// Puts image, parameter block and serial line on a board; the run first stops at `first_stop_ns`.
-pub(crate) fn prepare(elf: &Path, mut board: NucleoBoard, block: Option<&[u8]>, line: &SharedLine, first_stop_ns: u64) -> Result<Prepared> {
+pub(crate) fn prepare(
+    elf: &Path,
+    mut board: NucleoBoard,
+    blocks: [Option<&[u8]>; 2],
+    envelope: Option<&[u8]>,
+    line: &SharedLine,
+    first_stop_ns: u64,
+) -> Result<Prepared> {
     let control_block = ControlBlock::at(address_of(elf, "_SEGGER_RTT")?);
     board.attach_serial(line);
     let mut images = vec![Image::read(elf, None)?];
-    if let Some(block) = block {
-        images.push(Image::new(Path::new("parameter block"), block.to_vec(), Some(SETTINGS))?);
+    if let Some(envelope) = envelope {
+        images.push(Image::new(Path::new("safety envelope"), envelope.to_vec(), Some(ENVELOPE))?);
+    }
+    for (block, place) in blocks.iter().zip(SETTINGS) {
+        if let Some(block) = block {
+            images.push(Image::new(Path::new("parameter block"), block.to_vec(), Some(place))?);
+        }
     }
     let mut session = Session::new(Box::new(board), 0, VirtualNanos(first_stop_ns))?;
     session.fail_next(BEYOND_FLASH, BEYOND_FLASH + 32);
@@ -345,8 +438,10 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
 
     let line = SharedLine::default();
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
-    let Prepared { session, images, control_block } = prepare(elf, board, script.block.as_deref(), &line, first)?;
+    let Prepared { session, images, control_block } =
+        prepare(elf, board, [script.block.as_deref(), script.second_block.as_deref()], script.envelope.as_deref(), &line, first)?;
     let taken = Arc::new(Mutex::new(Taken::default()));
+    let watchdog = Watchdog { running: script.hardware_watchdog, ..Watchdog::default() };
     let probe = Probe {
         script,
         control_block,
@@ -354,7 +449,7 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
         next_injection: 0,
         next_serial: 0,
         line: Arc::clone(&line),
-        watchdog: Watchdog::default(),
+        watchdog,
         detector_until_ns: None,
         next_read_ns: first,
         sent_of_command: 0,

@@ -7,6 +7,7 @@ use std::path::Path;
 use crate::board::NucleoBoard;
 use crate::converters::{Witness, World};
 use crate::live_run::run_live;
+use crate::run::{envelope_bytes, envelope_of};
 use crate::serial_line::SharedLine;
 
 use crate::serial_socket;
@@ -39,7 +40,7 @@ pub fn witness(path: &Path) -> Result<Witness, String> {
 }
 
 /// Runs the image until the process is interrupted, and says first, on a line of its own, where its serial port is. `block` is in the flash at
-/// the start.
+/// the start, and the safety envelope of the bench.
 ///
 /// # Errors
 /// The address cannot be listened at, or the image does not run.
@@ -52,9 +53,10 @@ pub fn serve_board(mut world: World, image: &Path, block: Option<&[u8]>, address
 
     let line = SharedLine::default();
     serial_socket::serve(listener, &line);
+    let envelope = envelope_bytes(&envelope_of(world.scale()));
     let world = world.shared();
     let board = NucleoBoard::with_plant(&world).map_err(|error| error.to_string())?;
-    run_live(image, board, block, &line, |level, text| {
+    run_live(image, board, block, Some(&envelope), &line, |level, text| {
         // The running trace is for programs that decode it.
         if !text.starts_with("trace [") {
             println!("{level:>5} {text}");

@@ -40,6 +40,25 @@ def identifies(device):
     assert not device.HasFRF()
 
 
+NOT_ARMED = 4001
+
+
+def ask(device, question):
+    """An answer as it is, for commands that PIPython has no name for."""
+    return device.read(question).strip()
+
+
+def arms(device):
+    """Nothing moves before the self-test has shown that the sensor follows the drive."""
+    assert ask(device, "ENV?").startswith("CHECKSUM="), "a safety envelope"
+    assert ask(device, "ARM? 1") == "1=0"
+    fails_with(NOT_ARMED, lambda: device.ATZ("1", 0))
+    device.send("ARM 1 1")
+    assert not device.IsControllerReady()
+    pitools.waitonready(device)
+    assert ask(device, "ARM? 1") == "1=1"
+
+
 def moves(device):
     fails_with(gcserror.E5_PI_CNTR_MOVE_WITHOUT_REF_OR_NO_SERVO, lambda: device.MOV("1", 1.0))
     device.ATZ("1", 0)
@@ -101,10 +120,31 @@ def stops(device):
     assert device.qERR() == 0
 
 
+def leaves_a_finished_wave_alone(device):
+    """The points of a wave that has ended are written anew, and the stage stays where it is."""
+    device.MOV("1", 3.0)
+    pitools.waitontarget(device, "1", timeout=60)
+    device.WGC(1, 1)
+    device.WGO(1, 1)
+    pitools.waitonwavegen(device, 1, timeout=60)
+    before = device.qPOS("1")["1"]
+    device.WAV_LIN(table=1, firstpoint=0, numpoints=200, append="X", speedupdown=0, amplitude=0.0, offset=9.0, seglength=200)
+    time.sleep(0.2)
+    assert device.qSVO("1")["1"] is True
+    assert abs(device.qPOS("1")["1"] - before) < 0.05, f"{before} um and {device.qPOS('1')['1']} um"
+
+
+def disarms(device):
+    """The power stage is switched off, and no fault has been latched in all of it."""
+    device.send("ARM 1 0")
+    wait(lambda: ask(device, "ARM? 1") == "1=0")
+    assert ask(device, "LOG?") == "NONE"
+
+
 def main():
     # The device closes its connection when it is dropped; closing it before as well would close it twice.
     device = GCSDevice(gateway=PISocket("127.0.0.1", int(sys.argv[1])))
-    for step in (identifies, moves, plays_and_records, stops):
+    for step in (identifies, arms, moves, plays_and_records, leaves_a_finished_wave_alone, stops, disarms):
         begin = time.time()
         step(device)
         print(f"   {step.__name__}: {time.time() - begin:.1f} s")

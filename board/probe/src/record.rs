@@ -27,6 +27,8 @@ enum Stage {
     Starting,
     /// The board is to come to rest.
     Resting,
+    /// The self-test of arming has been asked for, and perhaps begun.
+    Arming(bool),
     /// It was told to condition the actuator; whether it plays.
     Conditioning(bool),
     /// It was told to play the drive; whether it does.
@@ -76,7 +78,9 @@ impl Conversation {
         let is_trace = message.starts_with("trace [");
         let (stage, next) = match self.stage {
             Stage::Starting if message.starts_with("converters ") => (Stage::Resting, Next::Listen),
-            Stage::Resting if message == "mode rest" => (Stage::Conditioning(false), Next::Say("condition".into())),
+            Stage::Resting if message == "mode rest" => (Stage::Arming(false), Next::Say("arm".into())),
+            Stage::Arming(_) if message == "mode playing" => (Stage::Arming(true), Next::Listen),
+            Stage::Arming(true) if message == "mode rest" => (Stage::Conditioning(false), Next::Say("condition".into())),
             Stage::Conditioning(_) if message == "mode playing" => (Stage::Conditioning(true), Next::Listen),
             Stage::Conditioning(true) if message == "mode rest" => {
                 (Stage::Identifying(false), Next::Say(format!("identify {}", self.ticks)))
@@ -203,6 +207,9 @@ mod tests {
         "converters -16777216 251658240 -83886080 587202560 9362 46811 20000",
         "mode rest",
         "trace [1, 2]",
+        "done at tick 40",
+        "mode playing",
+        "mode rest",
         "done at tick 60",
         "mode playing",
         "trace [1, 2]",
@@ -228,7 +235,7 @@ mod tests {
                 Next::Done => panic!("too early, at {message}"),
             }
         }
-        assert_eq!(said, [(4, "condition".to_string()), (9, "identify 100000".to_string())]);
+        assert_eq!(said, [(4, "arm".to_string()), (8, "condition".to_string()), (12, "identify 100000".to_string())]);
         assert_eq!(conversation.hear("trace [7]"), Ok(Next::Listen));
         assert_eq!(conversation.hear("trace [8]"), Ok(Next::Done));
     }

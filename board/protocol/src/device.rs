@@ -5,13 +5,14 @@ use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
 
 /// The amplifier as of the last tick that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
-    /// The tick.
-    pub tick: u32,
+    /// Ticks since the start. They never wrap: an instant of this morning is not one of tomorrow.
+    pub tick: u64,
     /// What it is doing.
     pub mode: Mode,
     /// The latched fault.
@@ -28,6 +29,10 @@ pub struct View {
     pub zeroed: bool,
     /// Whether the actuator has been conditioned since the start and the last fault.
     pub conditioned: bool,
+    /// Whether the power stage is on.
+    pub powered: bool,
+    /// Whether something may be played and closed.
+    pub armed: bool,
     /// Whether the servo is switched on only behind a conditioning.
     pub conditioning_required: bool,
     /// Ticks for which the tracking error has been within the tolerance without a break.
@@ -70,6 +75,17 @@ pub struct Diagnosis {
     pub protection: u32,
     /// Gain of the actuator over the model's as the servo adapted it, millionths; 0: the block does not let it.
     pub adapted_gain_millionths: u32,
+}
+
+/// A fault of the past.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// The start of the program in which it was, counted since the supply was switched on.
+    pub start: u32,
+    /// The tick at which it was latched.
+    pub tick: u32,
+    /// Which one.
+    pub fault: Fault,
 }
 
 /// What carries the amplifier.
@@ -119,6 +135,18 @@ pub trait Device {
 
     /// Lets the block be verified and take the place of the running one, at rest or with the loop closed, within milliseconds.
     fn swap_block(&mut self);
+
+    /// Lets what was brought be verified as the safety envelope with this checksum, and kept.
+    ///
+    /// # Errors
+    /// The drive does not rest, or the power stage is on.
+    fn keep_envelope(&mut self, fingerprint: u32) -> Result<(), Moving>;
+
+    /// The safety envelope in force.
+    fn envelope(&self) -> Option<SafetyEnvelope>;
+
+    /// The fault so many before the last one that was latched; `None` beyond the oldest that is kept.
+    fn event(&self, before_last: u32) -> Option<Event>;
 
     /// What has become of it.
     fn brought(&self) -> Brought;

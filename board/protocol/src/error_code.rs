@@ -75,6 +75,8 @@ pub enum ErrorCode {
     GeneratorMode = 406,
     /// The tracking error was too large for too long.
     TrackingError = 504,
+    /// The power stage is off until `ARM`. Of this target: the public documents have no such number.
+    NotArmed = 4001,
 }
 
 impl ErrorCode {
@@ -87,6 +89,8 @@ impl ErrorCode {
             (Refusal::Faulted | Refusal::NotYetHealthy, _) => Self::Fault,
             (Refusal::NotAtRest, _) => Self::InMotion,
             (Refusal::NotConditioned, _) => Self::ServoIsOff,
+            (Refusal::LoopOpen, _) => Self::ServoIsOff,
+            (Refusal::NotArmed, _) => Self::NotArmed,
             (Refusal::BeyondLimits, _) => Self::Range,
         }
     }

@@ -29,7 +29,7 @@ pub const COMMANDS: &str = "The following commands are valid:";
 /// The first line of `HDI?`.
 pub const DIAGNOSIS_HEAD: &str = "#Diagnosis: identifier and description";
 /// What `DIA?` answers under 1, 2, and so on.
-pub const DIAGNOSIS: [&str; 16] = [
+pub const DIAGNOSIS: [&str; 17] = [
     "mode: 0 rest, 1 open loop, 2 closed loop, 3 fault",
     "latched fault, 0: none (the numbers are in the manual)",
     "ticks with the sensor at or beyond its limits",
@@ -46,4 +46,5 @@ pub const DIAGNOSIS: [&str; 16] = [
     "seconds of the closed loop that were given up because samples were missing",
     "alarms: 1 the amplitude at the resonance is above its alarm",
     "gain of the actuator over the model's as it was adapted, millionths, 0: it is not adapted",
+    "1 the power stage is on, 2 armed, 3 both",
 ];

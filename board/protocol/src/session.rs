@@ -7,10 +7,13 @@
 //!
 //! # Where it differs from other controllers
 //! * `STP` and `#24` bring the drive to rest, servo off: they take the path that nothing delays. `HLT` stays where it is, servo on.
+//! * Nothing moves before `ARM`: 1 switches the amplifier on and shows by a small step that the sensor follows, 2 leaves the step out, 0 goes to rest and
+//!   switches off. A fault and a start disarm.
 //! * `SVO 1 1` wants an `ATZ` since the start or the last fault; `RON 1 0` waives it, as it waives a reference move elsewhere.
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
 //! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
-//! * The wave generator plays positions with the servo on; with the servo off it plays drives, V, from rest, and goes to rest when it has ended.
+//! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one that is defined with the servo off is one of
+//!   drives, V, and is played from rest with the servo off, and goes to rest when it has ended.
 //! * The data recorder writes all its tables at the same ticks; `DRC` chooses what is read from each.
 
 mod amplifier_state;
@@ -82,7 +85,7 @@ enum Meaning {
     Move { from: i32, target: i32, ticks: u32 },
     /// The drive is on its way to `drive`, V with 22 fraction bits, for so many ticks.
     Drive { drive: Option<i32>, ticks: u32 },
-    /// A conditioning has begun.
+    /// A conditioning or a self-test has begun, or nothing is under way any more.
     Conditioning,
     /// Nothing is under way that was not before.
     Nothing,
@@ -102,6 +105,7 @@ enum Pending {
     Parameters(usize),
     RecorderHelp(usize),
     DiagnosisHelp(usize),
+    Events(u32),
     Recorded(DataArray),
     Codes { first: u32, count: u32 },
     Wave(DataArray),
@@ -114,7 +118,17 @@ enum Pending {
 enum Generator {
     Off,
     Endless,
-    Until(u32),
+    /// Until a tick.
+    Until(u64),
+}
+
+/// What the points of a wave table are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum WaveQuantity {
+    /// um, for the closed loop.
+    Position,
+    /// V, for the open one.
+    Drive,
 }
 
 /// What starts the data recorder.
@@ -148,12 +162,13 @@ pub struct Session<D> {
     /// Where the way to the target began.
     from: i32,
     drive: i32,
-    moving_until: Option<u32>,
+    moving_until: Option<u64>,
     /// um/s with 24 fraction bits.
     velocity: i64,
     tolerance: i32,
     settling_ticks: u32,
     wave_lengths: [u32; WAVE_TABLES],
+    wave_quantities: [WaveQuantity; WAVE_TABLES],
     wave_selected: u32,
     wave_cycles: u32,
     wave_rate: u32,
@@ -201,6 +216,7 @@ impl<D: Device + 'static> Session<D> {
             // 5 ms
             settling_ticks: parameters.physical.sample_rate_hz / 200,
             wave_lengths: [0; WAVE_TABLES],
+            wave_quantities: [WaveQuantity::Position; WAVE_TABLES],
             wave_selected: 0,
             wave_cycles: 0,
             wave_rate: 1,
@@ -338,6 +354,7 @@ impl<D: Device + 'static> Session<D> {
                 let written = writeln!(piece, "{line}{}", if last { "" } else { " " });
                 self.sent(written, if last { Pending::Nothing } else { Pending::RecorderHelp(nth + 1) })
             }
+            Pending::Events(nth) => self.next_event(nth, piece),
             Pending::Recorded(array) => self.send_array(array, piece, Pending::Recorded, Self::recorded_value, Self::recorded_name),
             Pending::Codes { first, count } => self.send_codes(first, count, piece),
             Pending::Wave(array) => self.send_array(array, piece, Pending::Wave, Self::wave_value, |_, _| "Wave table"),
@@ -373,8 +390,11 @@ impl<D: Device + 'static> Session<D> {
     }
 
     fn take_note(&mut self, tick: u32, meaning: Meaning) {
+        // The lowest 32 bits of a tick that is near.
+        let now = self.device.view().tick;
+        let tick = now.saturating_add_signed(i64::from(tick.wrapping_sub(now as u32) as i32));
         // The reference counts some ticks after it was generated.
-        let until = |ticks: u32| tick.wrapping_add(ticks).wrapping_add(PREVIEW_TICKS as u32 + 1);
+        let until = |ticks: u32| tick + u64::from(ticks) + PREVIEW_TICKS as u64 + 1;
         match meaning {
             Meaning::Nothing => {}
             Meaning::Conditioning => {
@@ -397,7 +417,7 @@ impl<D: Device + 'static> Session<D> {
                 self.moving_until = None;
             }
             Meaning::DriveWave { ticks } => {
-                self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(tick.wrapping_add(ticks)));
+                self.generator = ticks.map_or(Generator::Endless, |ticks| Generator::Until(tick + u64::from(ticks)));
                 self.moving_until = None;
             }
         }

@@ -7,11 +7,13 @@ use std::sync::atomic::AtomicI32;
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::guard::Fault;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
+use hysteron_core::safety_envelope::{self, SafetyEnvelope};
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Moving, View};
+use hysteron_protocol::device::{Brought, Device, Diagnosis, Event, Moving, View};
 use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
 use hysteron_protocol::{DIALECT, Lines};
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
@@ -36,6 +38,10 @@ struct Rig {
     baud: u32,
     host_timeout: u32,
     telemetry: LoopTelemetry,
+    /// Ticks that have gone by without being simulated.
+    skipped: u64,
+    envelope: Option<SafetyEnvelope>,
+    events: Vec<Event>,
 }
 
 const ROOM: u32 = 3000;
@@ -73,7 +79,7 @@ impl Device for Shared {
     fn view(&self) -> View {
         let rig = self.0.borrow();
         View {
-            tick: rig.latest.tick + 1,
+            tick: u64::from(rig.latest.tick + 1) + rig.skipped,
             mode: rig.amplifier.mode(),
             fault: rig.amplifier.fault(),
             adc_code: rig.latest.adc_code,
@@ -82,6 +88,8 @@ impl Device for Shared {
             adc_zero: rig.amplifier.parameters().servo.converters.adc_zero,
             zeroed: rig.amplifier.zeroed(),
             conditioned: rig.amplifier.conditioned(),
+            powered: rig.amplifier.powered(),
+            armed: rig.amplifier.armed(),
             conditioning_required: rig.amplifier.conditioning_required(),
             on_target_ticks: rig.on_target_ticks,
         }
@@ -129,6 +137,22 @@ impl Device for Shared {
         }
         rig.brought = read(&rig.block, 20_000).map_or_else(|error| Brought::Refused(error.reason()), |_| Brought::Kept);
         Ok(())
+    }
+    fn keep_envelope(&mut self, wanted: u32) -> Result<(), Moving> {
+        let mut rig = self.0.borrow_mut();
+        if rig.amplifier.powered() {
+            return Err(Moving);
+        }
+        let envelope = safety_envelope::read(&rig.block).ok().filter(|envelope| safety_envelope::fingerprint(envelope) == wanted);
+        rig.brought = if envelope.is_some() { Brought::Kept } else { Brought::Refused("another checksum") };
+        rig.envelope = envelope.or(rig.envelope);
+        Ok(())
+    }
+    fn envelope(&self) -> Option<SafetyEnvelope> {
+        self.0.borrow().envelope
+    }
+    fn event(&self, before_last: u32) -> Option<Event> {
+        self.0.borrow().events.iter().rev().nth(before_last as usize).copied()
     }
     fn swap_block(&mut self) {
         let mut rig = self.0.borrow_mut();
@@ -203,6 +227,9 @@ impl Table {
             baud: 115_200,
             host_timeout: 0,
             telemetry: LoopTelemetry::new(20_000),
+            skipped: 0,
+            envelope: None,
+            events: Vec::new(),
         })));
         rig.0.borrow_mut().run(100);
         let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(i32::MIN)).collect();
@@ -230,7 +257,7 @@ impl Table {
                     Step::Command(command) => {
                         let outcome = {
                             let mut rig = self.rig.0.borrow_mut();
-                            let tick = rig.latest.tick + 1;
+                            let tick = (u64::from(rig.latest.tick + 1) + rig.skipped) as u32;
                             rig.amplifier.command(command).map_or_else(Outcome::Refused, |()| Outcome::Done(tick))
                         };
                         self.session.outcome(outcome);
@@ -264,6 +291,10 @@ impl Table {
 
     fn ready() -> Self {
         let mut table = Self::new();
+        table.tell("ARM 1 1", 0);
+        assert_eq!((table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()), (&b"\xB0\n"[..], "1=2\n"), "the self-test");
+        table.run(10_000);
+        assert_eq!((table.send(b"\x07").as_slice(), table.ask("ARM?").as_str()), (&b"\xB1\n"[..], "1=1\n"));
         table.tell("ATZ 1", 0);
         assert_eq!(table.send(b"\x07"), b"\xB0\n", "busy");
         table.run(22_100);
@@ -374,6 +405,8 @@ fn a_stop_goes_to_rest_and_what_came_before_it_is_forgotten() {
 fn the_servo_wants_a_conditioned_actuator_unless_that_is_waived() {
     let mut table = Table::new();
     assert_eq!((table.ask("RON?").as_str(), table.ask("FRF? 1").as_str(), table.ask("DIA? 11").as_str()), ("1=1\n", "1=0\n", "11=0\n"));
+    table.tell("SVO 1 1", 4001);
+    table.tell("ARM 1 2", 0);
     table.tell("SVO 1 1", 5);
     assert_eq!(table.ask("SVO?"), "1=0\n");
     table.tell("RON 1 0", 0);
@@ -387,7 +420,9 @@ fn the_servo_wants_a_conditioned_actuator_unless_that_is_waived() {
     table.rig.0.borrow_mut().sensor_is_there = true;
     table.run(3000);
     table.tell("INI 1", 0);
-    assert_eq!((table.ask("FRF?").as_str(), table.ask("ATZ?").as_str()), ("1=0\n", "1=1\n"));
+    assert_eq!((table.ask("FRF?").as_str(), table.ask("ATZ?").as_str(), table.ask("ARM?").as_str()), ("1=0\n", "1=1\n", "1=0\n"));
+    table.tell("SVO 1 1", 4001);
+    table.tell("ARM 1 2", 0);
     table.tell("SVO 1 1", 5);
     table.tell("RON 1 2", 17);
     table.tell("RON 2 0", 15);
@@ -569,6 +604,7 @@ fn the_recorder_begins_when_it_is_told_to() {
 #[test]
 fn with_the_servo_off_a_wave_is_a_drive_that_begins_and_ends_at_rest() {
     let mut table = Table::new();
+    table.tell("ARM 1 2", 0);
     table.tell("WAV 1 X LIN 100 60 0 100 0 0", 0);
     table.tell("WAV 1 & LIN 100 -60 60 100 0 0", 0);
     table.tell("WAV 2 X PNT 1 2 1 79", 0);
@@ -634,6 +670,8 @@ fn a_block_is_brought_and_taken_by_a_restart() {
     assert_eq!(table.ask("BLK?"), "KEPT\n");
     upload(&mut table, &block[1..]);
     assert!(table.ask("BLK?").starts_with("REFUSED "), "with its reason");
+    table.tell("SVA 1 20", 4001);
+    table.tell("ARM 1 2", 0);
     table.tell("SVA 1 20", 0);
     table.run(3000);
     for line in ["BLK COMMIT", "RBT"] {
@@ -687,7 +725,7 @@ fn it_says_how_it_is_and_a_fault_is_cleared() {
     assert_eq!(table.ask("DIA? 1 3 9"), "1=2 \n3=7 \n9=3735928559\n");
     assert_eq!(table.ask("DIA?").lines().count() + 2, table.ask("HDI?").lines().count());
     assert_eq!(table.ask("DIA? 16"), "16=1050000\n");
-    table.tell("DIA? 17", 54);
+    table.tell("DIA? 18", 54);
     table.tell("IFC RSBAUD 921600", 0);
     assert_eq!(table.ask("IFC? RSBAUD"), "RSBAUD=921600\n");
     table.tell("IFC RSBAUD 9000000", 17);
@@ -751,9 +789,10 @@ proptest! {
     /// Words of the protocol in any order, which reach further than bytes do.
     #[test]
     fn no_words_do_harm(lines in proptest::collection::vec(
-        ("(MOV|MVR|SVO|RON|FRF\\?|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?|BLK|INI|RBT|IFC|DIA\\?|DRB\\?)",
+        ("(ARM|MOV|MVR|SVO|RON|FRF\\?|SVA|WAV|WAV\\?|WSL|WGO|WGC|WTR|WCL|DRC|DRT|DRR\\?|DRL\\?|GWD\\?|RTR|SPA|SPA\\?|VEL|HLT|STP|ATZ|POS\\?|ONT\\?|HPA\\?|BLK|INI|RBT|IFC|DIA\\?|DRB\\?)",
          proptest::collection::vec("(1|0|2|4|7|X|&|BEGIN|DATA|COMMIT|00ff|RSBAUD|PNT|SIN_P|RAMP|LIN|100|-3|1e-3|4294967295|9e9|-9e9|0x7000900|0x7000200|[0-9.eE+-]{1,6})", 0..8)), 1..25)) {
         let mut table = Table::new();
+        table.tell("ARM 1 2", 0);
         for (mnemonic, words) in lines {
             table.send(format!("{mnemonic} {}\n", words.join(" ")).as_bytes());
             let reference = table.rig.0.borrow().latest.reference;
@@ -765,4 +804,96 @@ proptest! {
         table.send(b"ERR?\n");
         prop_assert_eq!(table.ask("ERR?"), "0\n");
     }
+}
+
+#[test]
+fn a_finished_wave_is_not_read_again() {
+    let mut table = Table::ready();
+    table.tell("WAV 1 X LIN 100 2 3 100 0 0", 0);
+    table.tell("WSL 1 1", 0);
+    table.tell("WGC 1 1", 0);
+    table.tell("WGO 1 1", 0);
+    table.run(3000);
+    assert_eq!(table.send(b"\x09"), b"0\n", "the wave has ended");
+    let before = table.rig.0.borrow().latest.reference;
+    // Positions of another place, for the next start: the stage stays where it is.
+    table.tell("WAV 1 X LIN 100 0 9 100 0 0", 0);
+    table.run(100);
+    let (reference, mode) = (table.rig.0.borrow().latest.reference, table.rig.0.borrow().amplifier.mode());
+    // The offset of the take-over still decays, by less than a nanometre.
+    assert!(mode == Mode::Closed && (reference - before).abs() < (1 << 24) / 1000, "{mode:?}: {before} and {reference}");
+}
+
+#[test]
+fn a_wave_of_drives_is_no_wave_of_positions() {
+    let mut table = Table::ready();
+    // 60 V are a drive, and no position of a sensor of 15 um.
+    table.tell("WAV 1 X LIN 100 0 60 100 0 0", 405);
+    table.tell("WAV 1 X LIN 100 0 5 100 0 0", 0);
+    table.tell("WSL 1 1", 0);
+    table.tell("SVO 1 0", 0);
+    table.tell("STP", 10);
+    table.run(3000);
+    table.tell("WGO 1 1", 405);
+}
+
+#[test]
+fn a_held_axis_does_not_begin_to_move_after_a_day() {
+    let mut table = Table::ready();
+    table.tell("MOV 1 5", 0);
+    table.run(3000);
+    assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()));
+    // 29.8 h, 44.7 h and 59.7 h at 20 kHz.
+    for skipped in [1u64 << 31, 3 << 30, u64::from(u32::MAX), 5 << 33] {
+        table.rig.0.borrow_mut().skipped = skipped;
+        assert_eq!((table.send(b"\x05"), table.ask("ONT?")), (b"0\n".to_vec(), "1=1\n".to_string()), "{skipped} ticks");
+        table.tell("MOV 1 5.5", 0);
+        table.run(3000);
+        assert_eq!(table.ask("ONT?"), "1=1\n", "{skipped} ticks");
+        table.tell("MOV 1 5", 0);
+        table.run(3000);
+    }
+}
+
+#[test]
+fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off() {
+    let mut table = Table::new();
+    assert_eq!((table.ask("ENV?").as_str(), table.ask("LOG?").as_str()), ("NONE\n", "NONE\n"));
+    let envelope = SafetyEnvelope {
+        name: [0; 16],
+        dac_bits: 20,
+        sensor_is_signed: false,
+        reference_span_mv: 14_000,
+        drive_at_code_0_uv: -20_000_000,
+        drive_span_uv: 140_000_000,
+        drive_min: DriveCode::new(149_797),
+        drive_max: DriveCode::new(299_593),
+        safe_code: DriveCode::new(149_797),
+        slew_limit_v_s: 1_000,
+        rest_within_ms: 100,
+        stuck_within_ms: 10,
+        tracking_within_ms: 5,
+        tracking_error_nm: 1_000,
+        sensor_margin: 16,
+        healthy_ms: 100,
+        capacitance_nf: 1_500,
+        current_ua: 20_000,
+    };
+    let mut bytes = [0; safety_envelope::ENVELOPE_BYTES];
+    let length = safety_envelope::write(&envelope, &mut bytes).expect("fits");
+    table.rig.0.borrow_mut().block = bytes[..length].to_vec();
+    let checksum = safety_envelope::fingerprint(&envelope);
+    table.tell(&format!("BLK ENVELOPE {:#x}", checksum ^ 1), 0);
+    assert!(table.ask("BLK?").starts_with("REFUSED"));
+    table.tell("ARM 1 2", 0);
+    table.tell(&format!("BLK ENVELOPE {checksum:#x}"), 93);
+    table.tell("ARM 1 0", 0);
+    table.run(10);
+    table.tell(&format!("BLK ENVELOPE {checksum:#x}"), 0);
+    assert_eq!(table.ask("BLK?"), "KEPT\n");
+    let said = table.ask("ENV?");
+    assert!(said.contains(&format!("CHECKSUM={checksum:#010x}")) && said.contains("DRIVE=0.000 20.000 V"), "{said}");
+    let event = |tick, fault| Event { start: 3, tick, fault };
+    table.rig.0.borrow_mut().events = vec![event(7, Fault::Watchdog), event(900, Fault::Interlock)];
+    assert_eq!(table.ask("LOG?"), "START=3 TICK=900 FAULT=14 interlock \nSTART=3 TICK=7 FAULT=9 watchdog\n");
 }

@@ -1,8 +1,11 @@
 //! The checks of a board that need no instrument: `cargo run --release --bin board_check` with the drive's converter wired to the sensor's.
 //!
 //! # How it works
+//! The drive goes no further than the board's safety envelope ([`hysteron_core::safety_envelope`]) and no faster than its slew limit; without an envelope, and while a
+//! safety line is open, nothing is driven. The power stage's line stays low: the wire needs no amplifier. The watchdog is fed.
+//!
 //! The sample clock, the control interrupt's place and the front end are those of the firmware; the interrupt here writes a pattern to the
-//! drive (constant, step, ramp) and stores what the sensor reads. Each check says its figure and whether it passes, and the program ends with
+//! drive (constant, a step of one tick's slew, a ramp over three fifths of the envelope) and stores what the sensor reads. Each check says its figure and whether it passes, and the program ends with
 //! the number of checks that failed as its exit status, which `probe-rs run` hands on. The same image runs on the emulated part, where a wire
 //! stands between the converters; what it says there is function, not the timing or the noise of hardware.
 //!
@@ -30,6 +33,9 @@ mod critical_section_below_control;
 mod flash_read;
 #[path = "../front_end.rs"]
 mod front_end;
+#[path = "../safety_lines.rs"]
+#[allow(dead_code)] // no output of it is used here
+mod safety_lines;
 #[path = "../sample_clock.rs"]
 mod sample_clock;
 #[path = "../task_clock.rs"]
@@ -44,16 +50,14 @@ use embassy_time::Timer;
 use rtt_target::{ChannelMode, rtt_init};
 
 use board::{Board, Converters, Platform};
-use front_end::FrontEnd;
+use front_end::{FrontEnd, Wiring};
 use hysteron_core::codes::DriveCode;
+use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
 
 /// Ticks of one experiment.
 const TICKS: u32 = 4096;
 /// The tick at which a step is written.
 const STEP_AT: u32 = 64;
-/// The pattern stays within these parts of the drive's range.
-const LOW: u32 = (1 << Converters::BITS.dac) / 5;
-const HIGH: u32 = LOW * 4;
 const COMPARE_4: u32 = 1 << 4;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -65,6 +69,13 @@ enum Pattern {
     Rest = 3,
 }
 
+/// The pattern stays between the first and the last fifth of the envelope's range; the code of rest, and the largest change in one tick.
+static LOW: AtomicU32 = AtomicU32::new(0);
+static HIGH: AtomicU32 = AtomicU32::new(0);
+static REST: AtomicU32 = AtomicU32::new(0);
+static SLEW: AtomicU32 = AtomicU32::new(0);
+/// What was written last.
+static WRITTEN: AtomicU32 = AtomicU32::new(0);
 static PATTERN: AtomicU32 = AtomicU32::new(Pattern::Rest as u32);
 /// The tick of the experiment; at [`TICKS`] it is over.
 static TICK: AtomicU32 = AtomicU32::new(TICKS);
@@ -75,21 +86,24 @@ static MOST_PERIOD: AtomicU32 = AtomicU32::new(0);
 static FIRST_CYCLES: AtomicU32 = AtomicU32::new(0);
 static SILENT: AtomicU32 = AtomicU32::new(0);
 
-fn written(pattern: u32, tick: u32) -> DriveCode {
-    // Less than 2^20 codes times 2^12 ticks: within 32 bits.
-    let ramp = LOW + (HIGH - LOW) * tick.min(TICKS) / TICKS;
-    DriveCode::new(match pattern {
-        1 => {
-            if tick < STEP_AT {
-                LOW
-            } else {
-                HIGH
-            }
-        }
-        2 => ramp,
-        3 => Converters::SAFE_CODE.steps(),
-        _ => LOW,
-    })
+fn wanted(pattern: u32, tick: u32) -> u32 {
+    let (low, high) = (LOW.load(Ordering::Relaxed), HIGH.load(Ordering::Relaxed));
+    match pattern {
+        1 if tick >= STEP_AT => low + SLEW.load(Ordering::Relaxed),
+        // Less than 2^20 codes times 2^12 ticks: within 32 bits.
+        2 => low + (high - low) * tick.min(TICKS) / TICKS,
+        3 => REST.load(Ordering::Relaxed),
+        _ => low,
+    }
+}
+
+/// The next code: towards the pattern, or to rest while a safety line is open.
+fn next_code(pattern: u32, tick: u32) -> DriveCode {
+    let pattern = if safety_lines::fault().is_some() { Pattern::Rest as u32 } else { pattern };
+    let (before, slew) = (WRITTEN.load(Ordering::Relaxed), SLEW.load(Ordering::Relaxed));
+    let next = wanted(pattern, tick).max(before.saturating_sub(slew)).min(before + slew);
+    WRITTEN.store(next, Ordering::Relaxed);
+    DriveCode::new(next)
 }
 
 #[unsafe(no_mangle)]
@@ -97,11 +111,13 @@ fn written(pattern: u32, tick: u32) -> DriveCode {
 extern "C" fn TIM2() {
     let now = DWT::cycle_count();
     TIMER.sr().write(|w| w.0 = !COMPARE_4);
-    let mut converters = Converters::new(Converters::BITS);
+    let mut converters = Converters::new(Converters::BITS, Wiring::default());
     let reading = converters.read();
     let tick = TICK.load(Ordering::Relaxed);
     let mut silent = reading.is_none();
-    silent |= !converters.write(written(PATTERN.load(Ordering::Relaxed), tick));
+    // Before an experiment its first code.
+    let at = if tick < TICKS { tick } else { 0 };
+    silent |= !converters.write(next_code(PATTERN.load(Ordering::Relaxed), at));
     if tick >= TICKS {
         return;
     }
@@ -125,7 +141,13 @@ extern "C" fn TIM2() {
 /// Runs a pattern and waits for its end, for a while.
 async fn experiment(pattern: Pattern) {
     PATTERN.store(pattern as u32, Ordering::Relaxed);
-    // The first code of the pattern settles before it begins.
+    // The way to the first code of the pattern, however slow, and a while for it to settle.
+    while WRITTEN.load(Ordering::Relaxed) != wanted(pattern as u32, 0) {
+        if let Some(fault) = safety_lines::fault() {
+            refuse(fault.name());
+        }
+        Timer::after_millis(1).await;
+    }
     Timer::after_millis(20).await;
     TICK.store(0, Ordering::Relaxed);
     for _ in 0..1_000 {
@@ -196,6 +218,31 @@ fn bus_error_survives() -> bool {
     flash_read::copy(Board::BEYOND_FLASH, &mut word).is_err_and(|unreadable| unreadable.0 == Board::BEYOND_FLASH)
 }
 
+/// Says why nothing is driven, and ends.
+fn refuse(reason: &str) -> ! {
+    defmt::error!("board check: {=str}: nothing is driven", reason);
+    Converters::new(Converters::BITS, Wiring::default()).force(DriveCode::new(REST.load(Ordering::Relaxed)));
+    // The probe reads the log before the end.
+    cortex_m::asm::delay(20_000_000);
+    end(103)
+}
+
+/// The board's safety envelope.
+fn envelope() -> Option<SafetyEnvelope> {
+    let mut bytes = [0; ENVELOPE_BYTES];
+    flash_read::copy(Board::ENVELOPE, &mut bytes).ok()?;
+    safety_envelope::read(&bytes).ok().filter(|envelope| envelope.dac_bits == Converters::BITS.dac)
+}
+
+/// Feeds the watchdog, which the option bytes may have started with the supply.
+#[embassy_executor::task]
+async fn feeder() {
+    loop {
+        board::feed_watchdog();
+        Timer::after_millis(10).await;
+    }
+}
+
 /// Ends the program with a status, by semihosting (SYS_EXIT_EXTENDED).
 fn end(status: u32) -> ! {
     let arguments = [0x2_0026u32, status];
@@ -219,13 +266,32 @@ mod fault {
 }
 
 #[embassy_executor::main]
-async fn main(_spawner: Spawner) {
+async fn main(spawner: Spawner) {
     let channels = rtt_init! { up: { 0: { size: 4096, mode: ChannelMode::NoBlockSkip, name: "defmt" } } };
     rtt_target::set_defmt_channel(channels.up.0);
     let peripherals = board::init(|_| {});
     let clocks = board::clocks(&peripherals);
     defmt::info!("board check: core {=u32} Hz, front end {=str}", clocks.core_hz, Converters::NAME);
-    Converters::new(Converters::BITS).start(Converters::SAFE_CODE);
+    if let Ok(feeder) = feeder() {
+        spawner.spawn(feeder);
+    }
+    safety_lines::start();
+    let Some(envelope) = envelope() else { refuse("no safety envelope") };
+    if let Some(fault) = safety_lines::fault() {
+        refuse(fault.name());
+    }
+    let fifth = envelope.drive_max.abs_diff(envelope.drive_min) / 5;
+    let slew = (u64::from(envelope.slew_limit_v_s) * 1_000_000 / u64::from(Board::SAMPLE_RATE_HZ)) << envelope.dac_bits;
+    for (place, code) in [
+        (&LOW, (envelope.drive_min + fifth).steps()),
+        (&HIGH, (envelope.drive_max - fifth).steps()),
+        (&REST, envelope.safe_code.steps()),
+        (&WRITTEN, envelope.safe_code.steps()),
+        (&SLEW, (slew / u64::from(envelope.drive_span_uv)) as u32),
+    ] {
+        place.store(code, Ordering::Relaxed);
+    }
+    Converters::new(Converters::BITS, Wiring::of(&envelope)).start(Some(envelope.safe_code));
     sample_clock::start(clocks.timer_hz, Converters::INTERRUPT_AFTER_NS);
 
     let mut verdict = Verdict { failed: 0 };
@@ -253,7 +319,7 @@ async fn main(_spawner: Spawner) {
     let survives = bus_error_survives();
     verdict.say("bus error", f32::from(u8::from(survives)), "of 1 survived", survives);
     defmt::info!("board check: {=u32} failed", verdict.failed);
-    Converters::new(Converters::BITS).force(Converters::SAFE_CODE);
+    Converters::new(Converters::BITS, Wiring::default()).force(envelope.safe_code);
     // The probe reads the log before the end.
     Timer::after_millis(50).await;
     end(verdict.failed);

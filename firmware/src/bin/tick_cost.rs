@@ -14,7 +14,7 @@ mod control_code;
 use core::hint::black_box;
 
 use cortex_m::peripheral::DWT;
-use embassy_stm32 as _; // the vector table
+use embassy_stm32::pac::iwdg::vals::Key; // with it comes the vector table
 use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::gain_adaptation::{AdaptationParameters, MOST};
@@ -49,6 +49,15 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
 /// The block that the emulated target's tests close the loop with.
 static BLOCK: &[u8] = include_bytes!("../../../board/emulator/tests/p753.block");
 
+/// Feeds the watchdog, which the option bytes may have started with the supply.
+fn feed_watchdog() {
+    #[cfg(feature = "nucleo-g474re")]
+    use embassy_stm32::pac::IWDG as WATCHDOG;
+    #[cfg(feature = "nucleo-h743zi")]
+    use embassy_stm32::pac::IWDG1 as WATCHDOG;
+    WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
+}
+
 /// Counts of one case.
 struct Cost {
     most: u32,
@@ -72,6 +81,7 @@ impl Cost {
         self.most = self.most.max(cycles);
         self.sum = self.sum.wrapping_add(cycles);
         self.ticks += 1;
+        feed_watchdog();
     }
 
     fn say(&self, name: &str, servo: &ServoTick) {
@@ -154,7 +164,7 @@ fn main() -> ! {
     }
     defmt::info!("tick cost done");
     loop {
-        cortex_m::asm::nop();
+        feed_watchdog();
     }
 }
 
@@ -306,9 +316,11 @@ fn measure_amplifier(mut amplifier: Amplifier) {
     let begin = DWT::cycle_count();
     let empty = DWT::cycle_count().wrapping_sub(begin);
     let c = amplifier.parameters().servo.converters;
-    let tones = [((150u64 << 32) / 20_000, 5), (0, 0), (0, 0), (0, 0)].map(|(increment, um)| (increment as u32, um << 24, 0));
-    let reference = Command::Reference { waveform: Waveform::Multisine { tones }, offset: 94_000_000 };
+    let tones =
+        [((150u64 << 32) / 20_000, 5), (0, 0), (0, 0), (0, 0)].map(|(increment, um)| (increment as u32, Micrometres::from_num(um), 0));
+    let reference = Command::Reference { waveform: Waveform::Multisine { tones }, offset: Micrometres::from_bits(94_000_000) };
     // There is no stage here whose memory could be another one.
+    let _ = amplifier.command(Command::Arm { tested: false });
     let _ = amplifier.command(Command::RequireConditioning(false));
     let (_, _) = (amplifier.command(reference), amplifier.command(Command::Enable));
     let mut plant = Mode { position: 0, velocity: 0 };

@@ -8,10 +8,11 @@
 //! | `nucleo-h743zi` (default) | NUCLEO-H743ZI2 | STM32H743ZI |
 //! | `nucleo-g474re` | NUCLEO-G474RE | STM32G474RE |
 
-use cortex_m::peripheral::{DWT, MPU};
+use cortex_m::peripheral::{DWT, MPU, SCB};
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::iwdg::Iwdg;
+use embassy_stm32::pac::iwdg::vals::Key;
 use embassy_stm32::peripherals::TIM2;
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{BufferedUart, Config as SerialConfig, ConfigError};
@@ -62,6 +63,10 @@ pub trait Platform {
     const SERIAL_INTERRUPT: Interrupt;
     /// Names and addresses of the two places of a parameter block: sectors that no code occupies, in a bank that no code is in.
     const BLOCKS: [(&'static str, u32); 2];
+    /// The sector of the safety envelope.
+    const ENVELOPE: u32;
+    /// Bytes of a sector; the last 32 of a block's are the mark that another one replaces it.
+    const SECTOR_BYTES: u32;
     /// Another such sector, which holds nothing.
     #[allow(dead_code)] // for the board check
     const SPARE_SECTOR: u32;
@@ -71,6 +76,10 @@ pub trait Platform {
     /// The brown-out level that [`Platform::write_protection`] sets.
     const BROWN_OUT_LEVEL: &'static str;
 
+    /// Switches the crystal on; whether it runs.
+    fn crystal_runs() -> bool;
+    /// Switches caches on that the part leaves off.
+    fn use_caches(control: &mut SCB);
     /// The clock tree, for the HAL.
     fn clock_tree() -> Config;
     /// Lets a crystal that stops raise the NMI.
@@ -100,6 +109,11 @@ pub trait Platform {
     /// # Errors
     /// The flash refused it, or does not answer.
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str>;
+    /// Programs 32 bytes of zeros at `address`, which is erased.
+    ///
+    /// # Errors
+    /// The flash refused it, or does not answer.
+    async fn write_mark(address: u32) -> Result<(), &'static str>;
     /// Before flash is read that may be damaged.
     fn begin_reading();
     /// Behind it: whether the flash interface has met a double ECC error.
@@ -148,8 +162,33 @@ pub struct ResetCause {
     pub brown_out: bool,
 }
 
+/// The part leaves its reset with its own oscillator; how long the crystal may take to start is some milliseconds (DS12110, DS12288).
+const CRYSTAL_POLLS: u32 = 1_000;
+/// Between two of them, cycles of that oscillator: some 0.2 ms.
+const BETWEEN_POLLS_CYCLES: u32 = 10_000;
+
+/// Waits for the crystal. Without it the HAL would wait for ever, and nobody would know why; here it is said, the watchdog is fed, and nothing is driven: the
+/// power stage's line has not been set up, and the drive's converter is as it left its reset.
+fn wait_for_crystal() {
+    let mut polls = 0u32;
+    while !Board::crystal_runs() {
+        if polls % CRYSTAL_POLLS == CRYSTAL_POLLS - 1 {
+            defmt::error!("the crystal does not start: nothing is driven");
+        }
+        polls = polls.wrapping_add(1);
+        feed_watchdog();
+        cortex_m::asm::delay(BETWEEN_POLLS_CYCLES);
+    }
+}
+
+/// Feeds the watchdog, if the option bytes or the program have started it.
+pub fn feed_watchdog() {
+    Board::WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
+}
+
 /// Lets `guard_stack` have the memory protection unit, sets the clock tree up and puts the time driver's interrupt below the control interrupt.
 pub fn init(guard_stack: impl FnOnce(&mut MPU)) -> Peripherals {
+    wait_for_crystal();
     let peripherals = embassy_stm32::init(Board::clock_tree());
     interrupt::TIM5.set_priority(Priority::P8);
     if let Some(mut core) = cortex_m::Peripherals::take() {
@@ -158,6 +197,7 @@ pub fn init(guard_stack: impl FnOnce(&mut MPU)) -> Peripherals {
         // Locked until a debugger was there (Armv7-M, C1.8.8: LAR), which a part in the field never sees.
         DWT::unlock();
         core.DWT.enable_cycle_counter();
+        Board::use_caches(&mut core.SCB);
         guard_stack(&mut core.MPU);
     }
     Board::watch_crystal();

@@ -4,6 +4,7 @@
 //! which makes another shape of it, it gives means.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -16,17 +17,39 @@ struct LagStage {
     decay: f64,
     /// Of what is away at the beginning of an interval: what its mean has of it, or its end.
     output_weight: f64,
+    /// Of a drive that runs straight: what its rise over an interval leaves away at the end.
+    left_of_rise: f64,
     voltage_v: f64,
+    before_v: f64,
 }
 
 impl Stage for LagStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let rise = input - self.before_v;
+        self.before_v = input;
         let away = self.voltage_v - input;
         self.voltage_v = input + away * self.decay;
+        if self.left_of_rise > 0.0 {
+            // It rises with the drive, and comes short of it by what the drive rose since.
+            self.voltage_v += rise * (self.decay - self.left_of_rise);
+            return self.voltage_v;
+        }
         input + away * self.output_weight
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Linear(Linear {
+            phi: vec![vec![self.decay]],
+            start: vec![0.0],
+            end: vec![1.0 - self.decay],
+            out: vec![self.output_weight],
+            before: 0.0,
+            through: 1.0 - self.output_weight,
+            rest: vec![1.0],
+            offset: 0.0,
+        })])
+    }
     fn settle(&mut self, input: f64) -> f64 {
-        self.voltage_v = input;
+        (self.voltage_v, self.before_v) = (input, input);
         input
     }
 }
@@ -45,6 +68,13 @@ impl Effect for AmplifierBandwidth {
             one_sided: true,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`tau y' + y = x`, `tau = 1 / (2 pi bandwidth_hz)`.
+
+With `a = exp(-T / tau)` and the voltage `v`: `v[k] = x[k] + (v[k-1] - x[k]) a`, and `y[k] = v[k]`. What stands behind is told that its input glides with `tau` (*Arrival*). In front of
+`slew_limit`, and with a mode or a sensor's lag in the model, it gives means: `y[k] = x[k] + (v[k-1] - x[k]) (1 - a) tau / T`. With a mode or a sensor's lag and `T` above 25 us the
+period is divided into 2. At rest `v = y = x`."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         super::lag_parameters(overview)
     }
@@ -55,7 +85,8 @@ impl Effect for AmplifierBandwidth {
         let (decay, mean_weight) = super::lag_weights(values[0], setting.dt_s);
         let gives_mean = super::arrival::gliding_s(model).is_none() && super::takes_the_mean_in(model);
         let output_weight = if gives_mean { mean_weight } else { decay };
-        Some(Box::new(LagStage { decay, output_weight, voltage_v: model.drive_min_v }))
+        let left_of_rise = if setting.runs_straight { mean_weight } else { 0.0 };
+        Some(Box::new(LagStage { decay, output_weight, left_of_rise, voltage_v: model.drive_min_v, before_v: model.drive_min_v }))
     }
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
         // Loops bend on the way of a glide: in one interval a period the bench's sensor was found at 9.5 kHz, in two at 9.7, in four at 9.9; it is at 10.

@@ -1,11 +1,11 @@
 //! How a signal goes, inside an interval of the chain, from where it ended the one before to where it ends this one.
 //!
 //! Stages hand on where their signal stands at the ends of intervals. Between two ends a held drive steps, late where it is delayed; behind an amplifier of
-//! first order it glides, `exp(-t / tau)` of the way being left. Within one interval both go one way only, so hysteresis passes either on as it comes, as
+//! first order it glides, `exp(-t / tau)` of the way being left. A drive that is not held between samples ([`crate::chain::Intersample`]) runs straight. Within one interval both go one way only, so hysteresis passes either on as it comes, as
 //! far as its path is straight there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the bend of the loops alone, and two are
 //! as good as four were in which the mean of the voltage was held.
 
-use super::{amplifier_bandwidth, delay, slew_limit};
+use super::{Setting, amplifier_bandwidth, delay, slew_limit};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -17,6 +17,8 @@ pub(super) enum Arrival {
     Late(f64),
     /// It steps in time and follows with this time constant, s.
     Gliding(f64),
+    /// It runs straight.
+    Straight,
 }
 
 /// How a linear system goes over an interval: what its states make of themselves, and what is added for one unit of its input's start and end.
@@ -27,19 +29,23 @@ pub(super) struct Over {
 }
 
 impl Arrival {
-    /// The way of what stands behind the hysteresis of a model, over intervals of `dt_s`.
-    pub(super) fn of(model: &Model, dt_s: f64) -> Self {
+    /// The way of what stands behind the hysteresis of a model, over the intervals of a record.
+    pub(super) fn of(model: &Model, setting: &Setting) -> Self {
+        if setting.runs_straight {
+            return Self::Straight;
+        }
         match (delay::taken_in_s(model), gliding_s(model)) {
-            (Some(delay_s), _) => Self::Late((delay_s / dt_s).fract()),
+            (Some(delay_s), _) => Self::Late((delay_s / setting.dt_s).fract()),
             (None, Some(time_constant_s)) => Self::Gliding(time_constant_s),
             (None, None) => Self::Late(0.0),
         }
     }
 
-    /// What is left of the way to where a glide would come, behind so much time; nothing of a step.
+    /// What is left of the way to where a glide would come, behind so much time; nothing of a step, and a straight way comes to no end.
     pub(super) fn left_after(self, time_s: f64) -> f64 {
         match self {
             Self::Late(_) => 0.0,
+            Self::Straight => 1.0,
             Self::Gliding(time_constant_s) => (-time_s / time_constant_s).exp(),
         }
     }
@@ -58,6 +64,10 @@ impl Arrival {
                 let start = (decaying(system, time_constant_s, dt_s) - left * &held) / (1.0 - left);
                 Over { phi, end: held - &start, start }
             }
+            Self::Straight => {
+                let (phi, held, slope) = system.straight_matrices(dt_s);
+                Over { phi, start: held - &slope, end: slope }
+            }
         }
     }
 
@@ -66,6 +76,7 @@ impl Arrival {
         match self {
             Self::Late(share) => [share, 0.0],
             Self::Gliding(time_constant_s) => [0.0, time_constant_s],
+            Self::Straight => [0.0, f64::INFINITY],
         }
     }
 }
@@ -140,7 +151,7 @@ mod tests {
                 _ => {}
             }
             for dt_s in [5e-5, 5e-4, 5e-3] {
-                let drive = Drive { drive_v: &[1.0; 4], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+                let drive = Drive::held(&[1.0; 4], dt_s, InitialState::Virgin);
                 let reading = model.simulate(&drive);
                 for k in 1..4 {
                     let expected = by_euler(mode, sensor, k as f64 * dt_s);

@@ -6,6 +6,7 @@
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -23,6 +24,9 @@ impl Stage for BacklashStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.taken_along_um = self.taken_along_um.max(input - self.half_gap_um).min(input + self.half_gap_um);
         self.taken_along_um
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Gap { half: self.half_gap_um }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.taken_along_um = input;
@@ -47,6 +51,9 @@ impl Effect for Backlash {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y[k] = min(max(y[k-1], x[k] - gap_um / 2), x[k] + gap_um / 2)`. At rest `y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("gap_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6))]

@@ -28,6 +28,9 @@ impl Effect for Bipolar {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`low = lower_limit_v` in the `X` of `hysteresis`."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.drive_range_v();
         vec![Parameter::linear("lower_limit_v", "V", overview.drive_min_v - 2.0 * range, overview.drive_min_v, 0.01 * range).fixed()]

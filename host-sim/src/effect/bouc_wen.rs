@@ -1,6 +1,7 @@
 //! Bouc-Wen hysteresis: one state that follows the drive and saturates.
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Linear displacement less a Bouc-Wen state.
@@ -33,6 +34,16 @@ impl Stage for BoucWenStage {
         self.last = x;
         self.gain_um * x - self.state
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::BoucWen {
+            gain: self.gain_um,
+            alpha: self.alpha_um,
+            beta: self.beta,
+            gamma: self.gamma,
+            lower: self.lower_limit_v,
+            span: self.range_v,
+        }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
     }
@@ -43,13 +54,19 @@ impl Effect for BoucWen {
         Declaration {
             id: "bouc_wen".into(),
             physics: "One hysteretic state follows the drive and saturates: a smooth loop from four numbers.".into(),
-            reference: "thesis Ch. 2, Eq. 3; Low and Guo, J. Microelectromech. Syst. 4 (1995) 230-237".into(),
+            reference: "thesis Ch. 2, 3.1.5; Low and Guo, J. Microelectromech. Syst. 4 (1995) 230-237".into(),
             place: Place::Hysteresis,
             modifies: None,
             experiment: "slow sines of several amplitudes".into(),
             candidate: false,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - h`, `h' = alpha_um X' - beta |X'| h - gamma X' |h|`.
+
+The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|), 1), 400)` pieces `p`, each by the rule of the middle: with `f(h) = beta |p| + gamma p sign(h)`,
+`m = h + (alpha_um p - f(h) h) / 2`, then `h = h + alpha_um p - f(m) m`. At rest one step from `X = 0`, `h = 0`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);

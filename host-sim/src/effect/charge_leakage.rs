@@ -1,6 +1,7 @@
 //! Charge leakage: with a charge drive the piezo loses what it was given through its own resistance.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 
 /// High-pass of the drive in front of the hysteresis.
@@ -17,6 +18,12 @@ impl Stage for LeakStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.leaked = self.decay * self.leaked + (1.0 - self.decay) * (input - self.rest_v);
         input - self.share * self.leaked
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let stays = 1.0 - self.decay;
+        let mut leak = Linear::reading_states(vec![vec![self.decay]], vec![0.0], vec![stays], &[-self.share], 1.0, vec![1.0]);
+        leak.offset = self.rest_v;
+        Some(vec![Block::Linear(leak)])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.leaked = input - self.rest_v;
@@ -36,6 +43,11 @@ impl Effect for ChargeLeakage {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = x - share q`, `time_constant_s q' + q = x - drive_min_v`.
+
+With `a = exp(-T / time_constant_s)`: `q[k] = a q[k-1] + (1 - a) (x[k] - drive_min_v)`. At rest `q = x - drive_min_v`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![

@@ -7,11 +7,16 @@
 use super::{
     Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
+use crate::block::{Block, Linear};
 use crate::chain::{EffectInstance, Model};
 use std::sync::Arc;
 
 /// Identifier in files and on the command line.
 pub const ID: &str = "creep";
+
+/// Share of a term, of the motion: stacks creep by one to three per cent in a decade of time (Adriaens et al., IEEE/ASME Trans. Mechatronics 5 (2000) 331-341), and
+/// terms stand about a decade apart.
+pub const EXPECTED_SHARE: f64 = 0.03;
 
 /// Sum of first-order terms behind the vibration.
 pub struct Creep {
@@ -141,6 +146,13 @@ impl Stage for CreepStage {
             }
         }
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let of = |value: fn(&Term) -> f64| self.terms.iter().map(value).collect::<Vec<f64>>();
+        let diagonal = |i: usize| (0..self.terms.len()).map(|j| if i == j { self.terms[i].decay } else { 0.0 }).collect();
+        let phi = (0..self.terms.len()).map(diagonal).collect();
+        let rest = vec![1.0; self.terms.len()];
+        Some(vec![Block::Linear(Linear::reading_states(phi, of(|t| t.from_start), of(|t| t.from_end), &of(|t| t.share), 1.0, rest))])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.input = input;
         let mut output = input;
@@ -221,7 +233,7 @@ impl Effect for Creep {
             physics:
                 "After a change of drive domains go on switching for seconds and minutes: the displacement creeps on after every step."
                     .into(),
-            reference: "thesis Ch. 2, Eqs. 4-5; Ch. 5, Eqs. 9-17".into(),
+            reference: "thesis Ch. 2, Eqs. 4-5; Ch. 5, Eqs. 13 and 17".into(),
             place: Place::Creep,
             modifies: None,
             experiment: "steps of several heights, each held for ten seconds or more".into(),
@@ -229,13 +241,19 @@ impl Effect for Creep {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`y = x + sum share_i s_i`, `time_constant_i_s s_i' + s_i = x`.
+
+Exact for an input that runs straight through the interval. With `a = exp(-T / tau)` and `m = (1 - a) tau / T`: `s[k] = a s[k-1] + (m - a) x[k-1] + (1 - m) x[k]`. At rest `s_i = x`.
+Behind modes it goes once a period, by the values at the ends of periods."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         self.time_constants_s(overview)
             .iter()
             .enumerate()
             .flat_map(|(i, tau)| {
                 [
-                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01),
+                    Parameter::linear(format!("share_{}", i + 1), "1", 0.0, 0.9, 0.01).expected_within(EXPECTED_SHARE),
                     Parameter::logarithmic(format!("time_constant_{}_s", i + 1), "s", tau / 10.0, tau * 10.0).on_a_grid(),
                 ]
             })

@@ -5,6 +5,7 @@
 //! the two moves inside the period or has a clock of its own, the delay stands where it acts and the period is divided.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use crate::block::Block;
 use crate::chain::{EffectInstance, Model};
 use std::collections::VecDeque;
 
@@ -26,6 +27,9 @@ impl Stage for DelayStage {
         let early = self.line.front().copied().unwrap_or(input);
         // The mean over the interval of the held drive that changes inside it.
         self.late_share * late + (1.0 - self.late_share) * early
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Delay { whole: self.line.len() - 1, late_share: self.late_share }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.line.iter_mut().for_each(|v| *v = input);
@@ -61,6 +65,15 @@ impl Effect for Delay {
             one_sided: true,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"The drive acts `delay_s` later: `y(t) = x(t - delay_s)`.
+
+Beside `vibration`, and with nothing between the two but saturation, charge leakage, hysteresis and friction, the modes take the delay in. With `d = delay_s / T`, its whole
+part delays the input of the modes by as many intervals, and its fraction `f` makes that input arrive late by the share `f` (*Arrival*).
+
+Otherwise the delay stands where it acts, and gives the mean of the held input that changes inside the interval: `y[k] = f x[k-d-1] + (1 - f) x[k-d]` with whole `d`. Then, for
+`T` above 60 us and with an amplifier, a slew limit, a mode or a sensor's lag in the model, the period is divided into `max(2, inside(T))` sub-intervals. At rest `y = x`."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let dt_s = 1.0 / overview.sample_rate_max_hz;
         vec![Parameter::linear("delay_s", "s", 0.0, 200.0 * dt_s, 0.05 * dt_s)]
@@ -73,7 +86,8 @@ impl Effect for Delay {
         Planted::InPairs
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        if taken_in_s(model).is_some() {
+        // Where the drive runs straight, what the stage makes of two ends is no mean but the place between them.
+        if taken_in_s(model).is_some() && !setting.runs_straight {
             return None;
         }
         let intervals = (values[0] / setting.dt_s).max(0.0);
@@ -129,7 +143,7 @@ mod tests {
     }
 
     fn simulate(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
-        model.simulate(&Drive { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled })
+        model.simulate(&Drive::held(drive_v, dt_s, InitialState::Settled))
     }
 
     /// Late by so many fifths of a period, against a drive held over fifths and shifted by as many of them through the punctual chain.

@@ -1,6 +1,7 @@
 //! Duhem hysteresis: the slope of the displacement depends on the direction of the drive.
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Coleman-Hodgdon form of the Duhem model.
@@ -32,6 +33,15 @@ impl Stage for DuhemStage {
         self.last = x;
         self.output
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Duhem {
+            approach: self.approach,
+            slope: self.slope_um,
+            elastic: self.elastic_um,
+            lower: self.lower_limit_v,
+            span: self.range_v,
+        }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
     }
@@ -49,6 +59,12 @@ impl Effect for Duhem {
             candidate: false,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y' = approach |X'| (slope_um X - y) + elastic_um X'`.
+
+Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) sign(D) / approach`: `y[k] = slope_um X[k] + f + (y[k-1] - slope_um X[k-1] - f) exp(-approach |D|)`; where `approach` is below 1e-9
+`y[k] = y[k-1] + elastic_um D`. At rest one step from `X = 0`, `y = 0`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);

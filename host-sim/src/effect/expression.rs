@@ -370,7 +370,7 @@ mod tests {
     use super::*;
 
     fn setting(dt_s: f64) -> Setting<'static> {
-        Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: 0.0, drive_max_v: 1.0 }
+        Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: 0.0, drive_max_v: 1.0, runs_straight: false }
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! the model has inertia, the vibration stage takes the bristle in: it then holds the moving mass, and a small motion inside the
 //! presliding range sees it as an additional spring.
 
+use super::force_balance::{RestoringForce, Travel};
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
@@ -150,6 +151,20 @@ impl Bristle {
     }
 }
 
+/// Beside other forces of the moving mass; its memory is its bend.
+impl RestoringForce for Bristle {
+    fn held(&self, memory: f64, way: Travel) -> (f64, f64) {
+        let bend = self.bend_after(memory, way.to_um - way.from_um);
+        (self.held_at(bend), bend)
+    }
+    fn at_rest(&self, _at_um: f64) -> (f64, f64) {
+        (0.0, 0.0)
+    }
+    fn stiffening(&self, _memory: f64, _swing_um: f64) -> f64 {
+        self.contact.stiffness_n_um
+    }
+}
+
 /// Imbalance, in um, below which nothing moves: a millionth of what any sensor sees.
 const BALANCED_UM: f64 = 1e-9;
 /// A step of Newton's, in um, behind which as good as nothing is left: the error is half its square over the sliding bend, less than [`BALANCED_UM`]
@@ -191,6 +206,13 @@ impl Effect for Friction {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"A bristle of bend `z` holds the stage: `s = bristle_stiffness`, `S = break_away_um / s` the bend in steady sliding. While the stage moves, `dz = (1 - a(z) z sign(v) / S) dy` with `a = 1` (Dahl), or, with
+`breakaway_ratio = r > 0`, the elastic-plastic `a` of Dupont: 0 below `r S`, 1 above `S`, `(1 - cos(pi (|z| - r S) / (S - r S))) / 2` between, and 0 where `z` and the motion have different signs.
+
+Without `vibration` the stage rests where `y + s z = x`: the output is the solution of it, from the last one on. With `vibration` the bristle holds the moving mass, `m y'' + d y' + y + s z = x`, by a step
+that is divided where the mass sticks and slides. No export does this."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![

@@ -1,6 +1,7 @@
 //! Proportional response: the least that a model can be.
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -18,6 +19,9 @@ impl Stage for GainStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.gain_um_v * (input - self.lower_limit_v)
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Proportional { gain: self.gain_um_v, offset: self.lower_limit_v }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
     }
@@ -28,13 +32,16 @@ impl Effect for Gain {
         Declaration {
             id: ID.into(),
             physics: "The displacement is proportional to the drive voltage.".into(),
-            reference: "thesis Ch. 5, K".into(),
+            reference: "thesis Ch. 6, Eq. 3".into(),
             place: Place::Hysteresis,
             modifies: None,
             experiment: "any slow drive over the range".into(),
             candidate: false,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = gain_um_v (x - drive_min_v)`. At rest the same."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("gain_um_v", "um/V", -1e3, 1e3, 0.01 * overview.gain_um_v.abs().max(1e-6))]

@@ -66,6 +66,9 @@ struct Glide {
     left_of_stretch: f64,
     /// What the end of a piece makes of the mean displacement in it, of what it would make if it came at its beginning.
     of_mean: f64,
+    /// Of an input that runs straight, the part of its way in a piece and in a stretch; of a glide nothing.
+    per_piece: f64,
+    per_stretch: f64,
     before: f64,
 }
 
@@ -158,16 +161,18 @@ impl Way {
         let enters = match arrival {
             Arrival::Late(share) if share > 0.0 => Enters::Late(Switch::of(law, piece_s, share * count, at_rest)),
             Arrival::Late(_) => Enters::AtOnce,
-            Arrival::Gliding(_) => Enters::Gliding(Glide {
+            Arrival::Gliding(_) | Arrival::Straight => Enters::Gliding(Glide {
                 left: arrival.left_after(dt_s),
                 left_of_piece: arrival.left_after(piece_s),
                 left_of_stretch: arrival.left_after(stretch_s),
                 of_mean: law.share_in_mean(piece_s, arrival),
+                per_piece: if arrival == Arrival::Straight { 1.0 / count } else { 0.0 },
+                per_stretch: if arrival == Arrival::Straight { 1.0 / stretches } else { 0.0 },
                 before: at_rest,
             }),
         };
         // A late input changes in one piece only, one that glides in all.
-        let in_each = if matches!(arrival, Arrival::Gliding(_)) { arrival } else { Arrival::Late(0.0) };
+        let in_each = if matches!(arrival, Arrival::Gliding(_) | Arrival::Straight) { arrival } else { Arrival::Late(0.0) };
         let stretch = Stretch { pieces: in_one, propagator: law.over(stretch_s, in_each) };
         let (piece, within) = (law.over(piece_s, in_each), law.within(piece_s));
         Self::Pieces(Box::new(Pieces { count: count as usize, piece, within, stretch, enters }))
@@ -288,8 +293,9 @@ impl Pieces {
         before: f64,
         input: f64,
     ) -> (Motion, f64) {
-        // Where it would come, and what it is at the beginning of the next piece.
-        let aim = (input - glide.left * before) / (1.0 - glide.left);
+        // Where it would come, or by how much it rises in all, and what it is at the beginning of the next piece.
+        let straight = glide.per_piece > 0.0;
+        let (aim, rise) = if straight { (0.0, input - before) } else { ((input - glide.left * before) / (1.0 - glide.left), 0.0) };
         let mut force = before;
         let mut piece = 0;
         while piece < self.count {
@@ -297,7 +303,7 @@ impl Pieces {
             let held_before = bristle.held_at(bend);
             let stretch = &self.stretch;
             if piece + stretch.pieces <= self.count && bristle.slides(bend, ahead) {
-                let force_after = aim + glide.left_of_stretch * (force - aim);
+                let force_after = aim + glide.left_of_stretch * (force - aim) + glide.per_stretch * rise;
                 let begun = motion.with_input_before(force - held_before);
                 let onward = stretch.propagator.after_as::<true, LAGS>(begun, force_after - held_before);
                 // A force that comes may turn a motion back that had turned before, which then shows where the force had not come.
@@ -310,7 +316,7 @@ impl Pieces {
                     continue;
                 }
             }
-            let force_after = aim + glide.left_of_piece * (force - aim);
+            let force_after = aim + glide.left_of_piece * (force - aim) + glide.per_piece * rise;
             let in_the_mean = force + glide.of_mean * (force_after - force);
             let mean = self.within.mean_displacement(motion, in_the_mean - held_before);
             let held = bristle.held_at(bristle.bend_after(bend, mean - motion.displacement));

@@ -36,6 +36,9 @@ impl Effect for HumHarmonics {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
         let amplitude = |name: String| Parameter::linear(name, "um", -range, range, 1e-4 * range).fixed();
@@ -88,7 +91,7 @@ mod tests {
         let mut values = [0.0; 12];
         (values[1], values[2]) = (0.3, 0.2);
         model.add(EffectInstance::new(by_id("hum_harmonics").unwrap(), &overview, &values));
-        let drive = Drive { drive_v: &[0.0; 3000], force_n: None, auxiliary: &[], dt_s: 1e-3, initial_state: InitialState::Settled };
+        let drive = Drive::held(&[0.0; 3000], 1e-3, InitialState::Settled);
         for (k, read_um) in model.simulate(&drive).iter().enumerate() {
             let phase = std::f64::consts::TAU * 49.9 * 1e-3 * k as f64;
             let expected_um = 0.3 * (2.0 * phase).cos() + 0.2 * (3.0 * phase).sin();

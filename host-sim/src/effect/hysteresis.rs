@@ -7,6 +7,7 @@ use super::play_operators::PlayOperators;
 use super::{
     Against, CoefficientWalker, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, Stage, bipolar, rate_dependence,
 };
+use crate::block::Block;
 use crate::chain::Model;
 use crate::hysteresis_coefficients::CoefficientWalk;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
@@ -128,6 +129,18 @@ impl Stage for HysteresisStage {
         self.drive.settle(last_v);
         self.output_um = signal[signal.len() - 1];
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let surfaces = self.operator.surfaces();
+        let drive = &self.drive;
+        Some(vec![Block::Loops {
+            g: surfaces.g.clone(),
+            r: surfaces.r.clone(),
+            plays: self.plays.as_ref().map_or_else(Vec::new, PlayOperators::plays),
+            rate: drive.rate.map(|law| law.as_block(drive.dt_s, drive.substeps)),
+            lower: drive.lower_limit_v,
+            span: drive.range_v,
+        }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.drive.settle(input);
         self.output_um = self.rate_independent(input);
@@ -187,6 +200,26 @@ impl Effect for Hysteresis {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - low) / (drive_max_v - low)`, where `low = drive_min_v`, or `lower_limit_v` of `bipolar`:
+
+- loop surface `G(X, Z) = (X - Z) sum g_i_j_um P_i(X) P_j(Z)` over all `i + j < degree`; `n` coefficients make the least degree with `degree (degree + 1) / 2 >= n`;
+- `P_k` is the Legendre polynomial shifted to 0..1: `P_0 = 1`, `P_1 = 2 X - 1`, `(n + 1) P_{n+1} = (2 n + 1) (2 X - 1) P_n - n P_{n-1}`;
+- initial curve `F(X) = G(X, 0) + R(X)`, where `R` is that of `initial_curve`, or zero.
+
+**Memory.** Pairs of extrema `(M_1, m_1), (M_2, m_2), ..` with `M_1 > M_2 > ..` and `m_1 < m_2 < ..`, an open maximum `M` while the input falls, and the last input, which is 0 at first.
+A new input `X`
+
+1. above the last one: if there is an open maximum, it and the last input become the newest pair (the 129th is dropped), and no maximum is open. Then the newest pair is removed for as
+   long as `X >= M` of it;
+2. below the last one: if no maximum is open, the last input becomes it. Then, for as long as `X <= m` of the newest pair, the open maximum becomes `M` of that pair and the pair is removed;
+3. equal to it: nothing changes.
+
+**Output.** Without a pair and an open maximum `y = F(X)`. Otherwise `y = F(M_1) - sum_k [G(M_k, m_k) - G(N_k, m_k)]`, where `N_k` is the maximum behind `m_k`: `M_{k+1}`, then the open maximum, or
+`X` while the input rises on the last pair; less `G(M, X)` where a maximum `M` is open. Without a pair `M_1` is the open maximum.
+
+At rest the memory is that of one rise from 0 to `X`. The output is a force-equivalent displacement, um. `play_operators` add to it, then `rate_dependence` acts."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);

@@ -34,6 +34,9 @@ impl Effect for InitialCurve {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`R(X) = X sum r_k_um P_k(X)` in the `F` of `hysteresis`, with the same `X` and `P_k`."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         (0..self.terms).map(|k| Parameter::linear(format!("r_{k}_um"), "um", -1e6, 1e6, step)).collect()

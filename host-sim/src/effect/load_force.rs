@@ -3,6 +3,7 @@
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Displacement by a measured force through the compliance of the actuator.
@@ -18,6 +19,9 @@ impl Stage for LoadStage<'_> {
         let force_n = self.setting.signals.force_n.map_or(0.0, |force_n| self.setting.held(force_n, k));
         input + self.compliance_um_n * force_n
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Force { compliance: self.compliance_um_n }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
     }
@@ -31,13 +35,16 @@ impl Effect for LoadForce {
         Declaration {
             id: "load_force".into(),
             physics: "An external force compresses the actuator by its compliance.".into(),
-            reference: "thesis Ch. 7, Eq. 1; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)".into(),
+            reference: "thesis Ch. 2, Eq. 11; Goldfarb and Celanovic, IEEE Control Systems 17 (1997)".into(),
             place: Place::LoadForce,
             modifies: None,
             experiment: "constant drive while the force changes and is recorded".into(),
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = x + compliance_um_n F`, with the measured force of the sample at which the interval begins."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("compliance_um_n", "um/N", -1e3, 1e3, 0.001 * overview.range_um.max(1e-6))]

@@ -35,7 +35,7 @@ pub(super) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
     let fall = (0..BRANCH).map(|k| to_v + (from_v - to_v) * k as f64 / BRANCH as f64);
     // The first rise is that of the initial curve; a reading stands at the end of the interval before it.
     let drive_v: Vec<f64> = rise.clone().chain(fall).chain(rise).chain([to_v, to_v]).collect();
-    let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: DT_S, initial_state: InitialState::Virgin };
+    let drive = Drive::held(&drive_v, DT_S, InitialState::Virgin);
     let read = loops.simulate(&drive);
     let (falling, rising) = (&read[1 + BRANCH..2 * BRANCH + 2], &read[1 + 2 * BRANCH..3 * BRANCH + 2]);
     let opening_um = rising.iter().zip(falling.iter().rev()).map(|(up, down)| (up - down).abs()).fold(0.0, f64::max);

@@ -4,6 +4,7 @@ use super::{
     Against, Declaration, Effect, LinearLanes, LinesAtRest, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting,
     SimulatedStage, Stage,
 };
+use crate::block::Block;
 use crate::chain::Model;
 
 /// A sine in the reading. Its phase at the start of a record is arbitrary, so sine and cosine are estimated for every record.
@@ -46,6 +47,10 @@ impl Stage for LinesStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         self.0.iter_mut().fold(input, |sum, line| sum + line.next_um())
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let line = |line: &Line| [line.rotation.1.atan2(line.rotation.0), line.sine_um, line.cosine_um];
+        Some(vec![Block::Lines(self.0.iter().map(line).collect())])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.0.iter().fold(input, |sum, line| sum + line.cosine_um)
     }
@@ -73,6 +78,9 @@ impl Effect for MainsHum {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);

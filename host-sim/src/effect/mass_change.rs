@@ -28,6 +28,9 @@ impl Effect for MassChange {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"Natural frequency and damping ratio of every mode are multiplied by `1 / sqrt(max(1 + mass_ratio, 0.01))`."
+    }
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("mass_ratio", "1", -0.9, 50.0, 0.01)]
     }

@@ -1,6 +1,7 @@
 //! Maxwell slip hysteresis: elastic-plastic elements in parallel hold back an otherwise linear piezo.
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::block::{Block, Play};
 use crate::chain::Model;
 
 /// Number of elasto-slide elements.
@@ -30,6 +31,11 @@ impl Stage for SlipStage {
         self.last = x;
         self.gain_um * x - held
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let element = |(i, weight): (usize, &f64)| Play { threshold: 0.5 * (i + 1) as f64 / ELEMENTS as f64, weight: *weight };
+        let elements = self.stiffness_um.iter().enumerate().map(element).collect();
+        Some(vec![Block::Slip { gain: self.gain_um, elements, lower: self.lower_limit_v, span: self.range_v }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
     }
@@ -40,13 +46,17 @@ impl Effect for MaxwellSlip {
         Declaration {
             id: "maxwell_slip".into(),
             physics: "Elements that stretch and then slip hold part of the charge back: rate-independent loops.".into(),
-            reference: "Goldfarb and Celanovic, IEEE Control Systems 17 (1997) 69-79".into(),
+            reference: "thesis Ch. 2, Eq. 3; Goldfarb and Celanovic, IEEE Control Systems 17 (1997) 69-79".into(),
             place: Place::Hysteresis,
             modifies: None,
             experiment: "slow triangles of several heights".into(),
             candidate: false,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - sum_i stiffness_i_um e_i`, `i = 0..7`, each `e_i = min(max(e_i + X[k] - X[k-1], -l_i), l_i)` from 0 on, `l_i = (i + 1) / 16`.
+At rest the elements follow `X` once from 0."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);

@@ -17,18 +17,22 @@ pub mod creep;
 pub mod delay;
 pub mod duhem;
 pub mod expression;
+pub mod force_balance;
 mod formula;
 pub mod friction;
 pub mod gain;
 mod held_mass;
 pub mod hum_harmonics;
 pub mod hysteresis;
+pub mod hysteretic_stiffness;
 pub mod initial_curve;
 pub mod load_force;
 mod loops;
 pub mod mains_hum;
 pub mod mass_change;
 pub mod maxwell_slip;
+pub mod nonlinear_damping;
+pub mod nonlinear_stiffness;
 pub mod play_operators;
 pub mod prandtl_ishlinskii;
 pub mod quantisation;
@@ -42,7 +46,9 @@ pub mod slew_limit;
 pub mod thermal_drift;
 pub mod vibration;
 
+use crate::block::Block;
 use crate::chain::Model;
+use force_balance::RestoringForce;
 use std::sync::Arc;
 
 /// Where an effect stands in the chain from drive to measurement, in this order.
@@ -125,6 +131,8 @@ pub struct Parameter {
     pub scale: Scale,
     /// Not estimated unless asked for.
     pub fixed: bool,
+    /// What it is expected to lie within without any data: the standard deviation of a prior around zero, in its unit.
+    pub expected: Option<f64>,
     /// Its value was chosen before any data, as one of a grid: what another choice could do is no evidence of a missing effect.
     pub of_a_grid: bool,
 }
@@ -144,7 +152,14 @@ impl Parameter {
 
     /// Data may reach no further than a limit; bounds never cross.
     fn varied(name: String, unit: &str, (lower, upper): (f64, f64), scale: Scale) -> Self {
-        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, of_a_grid: false }
+        Self { name, unit: unit.into(), lower, upper: upper.max(lower), scale, fixed: false, expected: None, of_a_grid: false }
+    }
+
+    /// The same parameter, expected within so much of zero where data do not say it.
+    #[must_use]
+    pub fn expected_within(mut self, std: f64) -> Self {
+        self.expected = Some(std);
+        self
     }
 
     /// The same parameter, kept at its value.
@@ -355,6 +370,8 @@ pub struct Setting<'a> {
     pub drive_min_v: f64,
     /// Limits of the drive, V.
     pub drive_max_v: f64,
+    /// Signals run straight from the end of one interval to the end of the next: the drive is not held between samples.
+    pub runs_straight: bool,
 }
 
 impl Setting<'_> {
@@ -412,6 +429,11 @@ pub trait Stage: Send {
         for (k, value) in signal.iter_mut().enumerate() {
             *value = self.step(from + k, *value);
         }
+    }
+
+    /// What it computes, as numbers, for exports; `None` where no block does that.
+    fn blocks(&self) -> Option<Vec<Block>> {
+        None
     }
 
     /// What makes a costly part of the stage that another may share with it: two with the same values here make the same of the same input.
@@ -481,6 +503,12 @@ pub struct FreeMotion {
 pub trait Effect: Send + Sync {
     /// What the effect says about itself.
     fn declaration(&self) -> Declaration;
+
+    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and how it is discretised, in Markdown. `docs/effects.md`
+    /// explains the notation.
+    fn equations(&self) -> &'static str {
+        ""
+    }
 
     /// Its parameters for a data set (number of terms, bounds).
     fn parameters(&self, overview: &Overview) -> Vec<Parameter>;
@@ -585,6 +613,11 @@ pub trait Effect: Send + Sync {
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
+    /// What the effect adds to the force balance of the moving mass, which the vibration stage takes in.
+    fn restoring_force(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        None
+    }
+
     /// What each plain coefficient of the stage adds to its output, for a stage that is linear in them.
     fn coefficient_walker(&self, _model: &Model, _setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
         None
@@ -603,11 +636,6 @@ pub trait Effect: Send + Sync {
     /// Whether what it makes of a motion in `model` is known from where that stands at the ends of sampling periods: behind what moves inside them it then
     /// goes in whole periods, if all that stand behind it do.
     fn goes_by_ends(&self, _model: &Model) -> bool {
-        false
-    }
-
-    /// Whether it is looked for in the place of an effect that does much the same, though not by itself.
-    fn in_exchange(&self) -> bool {
         false
     }
 
@@ -666,6 +694,9 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),
+        Arc::new(nonlinear_stiffness::NonlinearStiffness),
+        Arc::new(nonlinear_damping::NonlinearDamping),
+        Arc::new(hysteretic_stiffness::HystereticStiffness),
         Arc::new(vibration::Vibration),
         Arc::new(second_mode::SecondMode),
         Arc::new(mass_change::MassChange),

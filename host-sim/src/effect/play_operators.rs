@@ -7,6 +7,7 @@
 //! leave a step at every turn; for those thresholds are set free (`finer_plays` of the library).
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::block::Play;
 use crate::chain::Model;
 use std::sync::Arc;
 
@@ -76,6 +77,13 @@ impl PlayOperators {
         all.take(self.count).map(move |(threshold, weight, play)| of(threshold, weight, play))
     }
 
+    /// The elements.
+    pub(super) fn plays(&self) -> Vec<Play> {
+        let play =
+            |e: &Elements| -> [Play; SIDE_BY_SIDE] { std::array::from_fn(|i| Play { threshold: e.thresholds[i], weight: e.weights[i] }) };
+        self.elements.iter().flat_map(play).take(self.count).collect()
+    }
+
     /// Where each element stands: what a unit of its weight gives.
     pub(super) fn positions(&self) -> impl Iterator<Item = f64> {
         self.each(|_, _, play| play)
@@ -127,6 +135,10 @@ impl Effect for PlayOperatorsBeside {
             candidate: false,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"Beside `hysteresis`, with its `X`: `y = y + sum weight_i_um p_i`, where each play follows `p_i = min(max(p_i, X - threshold_i), X + threshold_i)` from 0 on. In the `F(M_1)` of `rate_dependence` each
+counts `weight_i_um max(M_1 - threshold_i, 0)`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);

@@ -2,6 +2,7 @@
 
 use super::play_operators::PlayOperators;
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use crate::block::{Block, Play};
 use crate::chain::Model;
 
 /// Number of play operators.
@@ -34,6 +35,11 @@ impl Stage for PlayStage {
         }
         output
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let threshold = |i: usize| self.span_um * (i + 1) as f64 / (DEAD_ZONES + 1) as f64;
+        let zones = self.dead_zones.iter().enumerate().map(|(i, weight)| Play { threshold: threshold(i), weight: *weight }).collect();
+        Some(vec![Block::Plays { plays: self.operators.plays(), zones, lower: self.lower_limit_v, span: self.range_v }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
     }
@@ -56,6 +62,9 @@ impl Effect for PrandtlIshlinskii {
             candidate: false,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `s = sum_i weight_i_um p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. `y = s`; for the modified model `y = s + sum_j dead_zone_j max(s - d_j, 0)`, `d_j = span_um (j + 1) / 5`, `j = 0..3`. At rest the plays follow `X` once from 0."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);

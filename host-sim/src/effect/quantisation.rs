@@ -3,6 +3,7 @@
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Rounds the reading to the nearest code.
@@ -15,6 +16,9 @@ struct RoundStage {
 impl Stage for RoundStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         if self.lsb_um > 0.0 { (input / self.lsb_um).round() * self.lsb_um } else { input }
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Round { step: self.lsb_um }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -37,6 +41,9 @@ impl Effect for Quantisation {
             candidate: false,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = lsb_um round(x / lsb_um)`, halves away from zero; `y = x` where `lsb_um = 0`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("lsb_um", "um", 0.0, overview.range_um, 1e-5 * overview.range_um.max(1e-6)).fixed()]

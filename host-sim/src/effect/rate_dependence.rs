@@ -5,6 +5,7 @@
 //! 10^4 V/s. The rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use crate::block::Rate;
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -32,6 +33,12 @@ impl RateLaw {
         Some(Self { loop_linear: values[0], loop_quadratic: values[1], curve_linear: values[2] })
     }
 
+    /// The law over intervals of this length, so many in a sampling period.
+    pub(super) fn as_block(&self, dt_s: f64, substeps: usize) -> Rate {
+        let Self { loop_linear, loop_quadratic, curve_linear } = *self;
+        Rate { loop_linear, loop_quadratic, curve_linear, dt_s, substeps }
+    }
+
     /// Output at the present rate, from the rate-independent output and `F(M_max)`.
     #[must_use]
     pub fn apply(&self, rate_independent: f64, curve: f64, rate_v_s: f64) -> f64 {
@@ -53,6 +60,14 @@ impl Effect for RateDependence {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"Behind `hysteresis` and `play_operators`, with `v = |x[k] - x[k-1]| / T / (10^4 V/s)` and the output `y` so far:
+
+`y = F(M_1) (1 + curve_linear v) - (F(M_1) - y) (1 + loop_linear v + loop_quadratic v^2)`, where `M_1` is the largest input so far.
+
+In `n` sub-intervals `v` is that of whole periods while the drive steps from sample to sample: the counter `c` of sub-intervals without change is `n` at first. A change of `x` takes
+`T` times `n` where `c + 1 >= n`, times 1 otherwise, and sets `c` to 0. Without change `c` grows by one, and the output is computed anew, with `v = 0`, from `c >= n` on; before that it stays. At rest the law does not act."
     }
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         vec![
@@ -98,7 +113,7 @@ mod tests {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         }
         let drive_v: Vec<f64> = (0..200).map(|k| 40.0 - 40.0 * (0.07 * f64::from(k)).cos()).map(|u| (u / 3.0).round() * 3.0).collect();
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 5e-5, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 5e-5, InitialState::Virgin);
         let coarse = model.simulate(&drive);
         for substeps in [2, 4, 7] {
             let fine = model.simulate_finely(&drive, substeps);

@@ -1,6 +1,7 @@
 //! Saturation of the amplifier: the voltage on the piezo stops at a limit that the drive exceeds.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -17,6 +18,9 @@ struct SaturationStage {
 impl Stage for SaturationStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         input.min(self.upper_v).max(self.lower_v)
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Clamp { lower: self.lower_v, upper: self.upper_v }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -35,6 +39,9 @@ impl Effect for Saturation {
             candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = max(min(x, upper_v), lower_v)`. At rest the same."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.drive_range_v();

@@ -28,6 +28,10 @@ impl Effect for SecondMode {
             one_sided: false,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`y = (1 - share) y_1 + share y_2`: `y_2` is a second mode as in `vibration`, with its own `natural_frequency_rad_s` and `damping_ratio` and the same input, read by the same sensor; `y_1` is the first mode, or the input
+itself where there is no `vibration`."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
         vec![
@@ -53,7 +57,7 @@ impl Effect for SecondMode {
     fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         match model.effect(super::vibration::ID) {
             Some(_) => None,
-            None => Some(Box::new(vibration::VibrationStage::of(model, setting.dt_s))),
+            None => Some(Box::new(vibration::VibrationStage::of(model, setting))),
         }
     }
     fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {

@@ -5,6 +5,7 @@
 
 use super::arrival::{Arrival, Over};
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -50,6 +51,10 @@ impl Stage for SensorLag {
         self.before = input;
         self.reading
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let Interval { left, by_start, by_end } = self.interval;
+        Some(vec![Block::Linear(Linear::reading_states(vec![vec![left]], vec![by_start], vec![by_end], &[1.0], 0.0, vec![1.0]))])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         (self.reading, self.before) = (input, input);
         input
@@ -94,6 +99,9 @@ impl Effect for SensorBandwidth {
             one_sided: true,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         super::lag_parameters(overview)
     }
@@ -108,7 +116,7 @@ impl Effect for SensorBandwidth {
         if model.effect(super::vibration::ID).is_some() {
             return None;
         }
-        let interval = Interval::of(values[0], Arrival::of(model, setting.dt_s), setting.dt_s);
+        let interval = Interval::of(values[0], Arrival::of(model, setting), setting.dt_s);
         Some(Box::new(SensorLag { interval, before: 0.0, reading: 0.0 }))
     }
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
@@ -147,7 +155,7 @@ mod tests {
         model.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[3000.0, 0.25]));
         model.add(EffectInstance::new(by_id("sensor_bandwidth").unwrap(), &overview, &[800.0]));
         for dt_s in [5e-5, 5e-4, 5e-3] {
-            let drive = Drive { drive_v: &[1.0; 4], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+            let drive = Drive::held(&[1.0; 4], dt_s, InitialState::Virgin);
             let reading = model.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(3000.0, 0.25, 800.0, k as f64 * dt_s);

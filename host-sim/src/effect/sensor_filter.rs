@@ -9,6 +9,7 @@
 use super::arrival::{Arrival, Over};
 use super::vibration::free_motions_of;
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -83,6 +84,11 @@ impl Stage for FilterStage {
         self.before = input;
         self.state[0]
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let Interval { phi, at_start, at_end } = self.interval;
+        let phi = vec![phi[..2].to_vec(), phi[2..].to_vec()];
+        Some(vec![Block::Linear(Linear::reading_states(phi, at_start.to_vec(), at_end.to_vec(), &[1.0, 0.0], 0.0, vec![1.0, 0.0]))])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         (self.state, self.before) = ([input, 0.0], input);
         input
@@ -126,9 +132,13 @@ impl Effect for SensorFilter {
             experiment: "multisines up to a third of the sampling rate".into(),
             // Not looked for by itself: beside other lags it ties with them on most data, and a mode with such a damping is said to be one. Beside a mode
             // it is tried in the place of another lag.
-            candidate: false,
+            candidate: true,
             one_sided: true,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
+exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest_hz = 0.5 * overview.sample_rate_max_hz;
@@ -148,7 +158,7 @@ impl Effect for SensorFilter {
         if taken_in_by_modes(model).is_some() {
             return None;
         }
-        let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting.dt_s));
+        let arrival = (!has_inertia(model)).then(|| Arrival::of(model, setting));
         let interval = Interval::new(values[0], values[1], setting.dt_s, arrival);
         Some(Box::new(FilterStage { interval, state: [0.0; 2], before: 0.0 }))
     }
@@ -159,9 +169,6 @@ impl Effect for SensorFilter {
         // What is read between two instants is taken as straight: finer than others need where records are neither fast nor at rest at every sample.
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
         super::substeps_inside_period(dt_s).max(straight)
-    }
-    fn in_exchange(&self) -> bool {
-        true
     }
     fn goes_by_ends(&self, model: &Model) -> bool {
         taken_in_by_modes(model).is_some()
@@ -201,7 +208,7 @@ mod tests {
     #[test]
     fn a_step_is_answered_as_by_the_closed_form() {
         let (frequency_hz, xi, dt_s) = (900.0, 0.6, 1e-4);
-        let drive = Drive { drive_v: &[1.0; 40], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&[1.0; 40], dt_s, InitialState::Virgin);
         let reading = model(&[("gain", &[1.0])], frequency_hz, xi).simulate(&drive);
         let w = TAU * frequency_hz;
         let damped = (1.0 - xi * xi).sqrt();
@@ -231,7 +238,7 @@ mod tests {
             y
         };
         for dt_s in [5e-5, 5e-4, 5e-3] {
-            let drive = Drive { drive_v: &[1.0; 4], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+            let drive = Drive::held(&[1.0; 4], dt_s, InitialState::Virgin);
             let reading = filtered.simulate(&drive);
             for k in 1..4 {
                 let expected = by_euler(k as f64 * dt_s);
@@ -250,9 +257,7 @@ mod tests {
             let model = model(&[&[("gain", &[1.0][..]), mode], more].concat(), 1500.0, 0.7);
             let slow: Vec<f64> = (0..40).map(|k| f64::from(u8::from(k > 3)) - 0.5 * f64::from(u8::from(k > 20))).collect();
             let fast: Vec<f64> = slow.iter().flat_map(|v| [*v; 100]).collect();
-            let read = |drive_v: &[f64], dt_s: f64| {
-                model.simulate(&Drive { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin })
-            };
+            let read = |drive_v: &[f64], dt_s: f64| model.simulate(&Drive::held(drive_v, dt_s, InitialState::Virgin));
             let (slowly, quickly) = (read(&slow, 5e-3), read(&fast, 5e-5));
             for (k, y) in slowly.iter().enumerate() {
                 assert!((y - quickly[100 * k]).abs() < 1e-9, "{more:?} {k}: {y} {}", quickly[100 * k]);

@@ -3,6 +3,7 @@
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
 };
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Quadratic and cubic error of the sensor.
@@ -16,6 +17,9 @@ struct PolynomialStage {
 impl Stage for PolynomialStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         input * (1.0 + input * (self.quadratic + input * self.cubic))
+    }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Bend { quadratic: self.quadratic, cubic: self.cubic }])
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
@@ -37,6 +41,9 @@ impl Effect for SensorNonlinearity {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = x + quadratic_per_um x^2 + cubic_per_um2 x^3`. At rest the same."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);

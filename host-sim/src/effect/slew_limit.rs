@@ -1,6 +1,7 @@
 //! Slew limit of the amplifier: its current charges the piezo no faster than so many volts per second.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -32,6 +33,9 @@ impl Stage for SlewStage {
             0.5 * (start + self.voltage_v)
         }
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Slope { most: self.step_max_v, gives_mean: self.gives_mean }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         self.voltage_v = input;
         input
@@ -51,6 +55,12 @@ impl Effect for SlewLimit {
             one_sided: true,
         }
     }
+    fn equations(&self) -> &'static str {
+        r"`|y'| <= slew_v_s`. The period is divided into `inside(T)` sub-intervals.
+
+With `D = slew_v_s T` and `e = x[k] - v[k-1]`: the voltage arrives, `v[k] = x[k]`, where `|e| <= D`, otherwise `v[k] = v[k-1] + D sign(e)`. With a mode or a sensor's lag in the
+model it gives the mean over the interval: `y[k] = x[k] - e |e| / (2 D)` where it arrives, `(v[k-1] + v[k]) / 2` otherwise; without either `y[k] = v[k]`. At rest `v = y = x`."
+    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::logarithmic("slew_v_s", "V/s", 1.0, 20.0 * overview.slope_max_v_s.max(1.0))]
     }
@@ -58,7 +68,7 @@ impl Effect for SlewLimit {
         [0.9, 0.7, 0.5, 0.35, 0.22, 0.12, 0.06, 0.03].iter().map(|share| vec![share * overview.slope_max_v_s.max(1.0)]).collect()
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let gives_mean = super::takes_the_mean_in(model);
+        let gives_mean = !setting.runs_straight && super::takes_the_mean_in(model);
         Some(Box::new(SlewStage { step_max_v: values[0] * setting.dt_s, voltage_v: model.drive_min_v, gives_mean }))
     }
     fn substeps(&self, _model: &Model, dt_s: f64) -> usize {
@@ -84,7 +94,7 @@ mod tests {
         for (id, values) in [("gain", vec![0.1, 0.0]), (effect.0, vec![effect.1])] {
             model.add(EffectInstance::new(by_id(id).unwrap(), &overview, &values));
         }
-        model.simulate(&Drive { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled })
+        model.simulate(&Drive::held(drive_v, dt_s, InitialState::Settled))
     }
 
     fn drive_v(dt_s: f64) -> Vec<f64> {

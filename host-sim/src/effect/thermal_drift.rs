@@ -4,6 +4,7 @@ use super::{
     Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage,
     Stage,
 };
+use crate::block::Block;
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -25,6 +26,9 @@ impl Stage for DriftStage {
         let at_full_rate = if slowed.abs() < 1e-9 { intervals } else { -(-slowed).exp_m1() / self.slowing_per_interval };
         input + self.rate_um_per_interval * at_full_rate
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        Some(vec![Block::Drift { rate: self.rate_um_per_interval, slowing: self.slowing_per_interval }])
+    }
     fn settle(&mut self, input: f64) -> f64 {
         input
     }
@@ -45,6 +49,9 @@ impl Effect for ThermalDrift {
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y = x + rate_um_s (1 - exp(-slowing_per_s t)) / slowing_per_s`, `t` counted from the first sample of the record; `y = x + rate_um_s t` where `|slowing_per_s t|` is below 1e-9. At rest `y = x`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let rate_um_s = overview.range_um.max(1e-6) / overview.duration_s;
@@ -98,7 +105,7 @@ mod tests {
         for (rate_um_s, slowing_per_s) in [(0.05, 0.5), (-0.02, 0.0), (0.01, -0.3), (0.03, 1e-13)] {
             let mut model = Model::new(0.0, 1.0);
             model.add(EffectInstance::new(by_id("thermal_drift").unwrap(), &overview, &[rate_um_s, slowing_per_s]));
-            let drive = Drive { drive_v: &[0.0; 3000], force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Settled };
+            let drive = Drive::held(&[0.0; 3000], dt_s, InitialState::Settled);
             let read_um = model.simulate(&drive);
             // Summed in a hundred pieces of an interval.
             let mut sum_um = 0.0;

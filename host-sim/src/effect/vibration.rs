@@ -1,11 +1,13 @@
 //! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
 
 use super::arrival::{Arrival, Over};
+use super::force_balance::{BalancedMass, forces_of};
 use super::friction::Bristle;
 use super::held_mass::HeldMass;
 use super::{
     Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Resonance, Setting, SimulatedStage, Stage,
 };
+use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -146,7 +148,27 @@ impl ModeLaw {
 
     /// The filter over such an interval.
     fn filter_over(&self, dt_s: f64, arrival: Arrival) -> Option<FilterPropagator> {
-        let [frequency_hz, damping_ratio] = self.sensor_filter?;
+        let Over { phi, start, end } = arrival.over(&self.system_with_filter(self.sensor_filter?), dt_s);
+        let row = |i: usize| [phi[(i, 0)], phi[(i, 1)], phi[(i, 2)], phi[(i, 3)], phi[(i, 4)], start[i], end[i]];
+        // Without a lag what is read is the displacement, which stands in its own place.
+        Some(FilterPropagator { rows: [row(3), row(4)] })
+    }
+
+    /// The mode with what reads it, and the state that is read: displacement in um, velocity divided by omega, and the lag's and the filter's states where there are any.
+    pub(super) fn read_system(&self) -> (ContinuousSystem, usize) {
+        if let Some(filter) = self.sensor_filter {
+            return (self.system_with_filter(filter), 3);
+        }
+        let system = self.system();
+        if self.sensor_bandwidth_hz.is_some() {
+            return (system, 2);
+        }
+        let ContinuousSystem { a, b, c, d } = system;
+        (ContinuousSystem { a: a.remove_row(2).remove_column(2), b: b.remove_row(2), c: c.remove_row(2), d }, 0)
+    }
+
+    /// The mode, the lag and a filter of this natural frequency, Hz, and damping ratio behind them.
+    fn system_with_filter(&self, [frequency_hz, damping_ratio]: [f64; 2]) -> ContinuousSystem {
         let w = std::f64::consts::TAU * frequency_hz;
         let ContinuousSystem { a, b, .. } = self.system();
         let mut with_filter = DMatrix::zeros(5, 5);
@@ -155,11 +177,7 @@ impl ModeLaw {
         with_filter[(4, if self.sensor_bandwidth_hz.is_some() { 2 } else { 0 })] = w;
         with_filter[(4, 3)] = -w;
         with_filter[(4, 4)] = -2.0 * damping_ratio * w;
-        let system = ContinuousSystem { a: with_filter, b: b.push(0.0).push(0.0), c: DVector::zeros(5), d: 0.0 };
-        let Over { phi, start, end } = arrival.over(&system, dt_s);
-        let row = |i: usize| [phi[(i, 0)], phi[(i, 1)], phi[(i, 2)], phi[(i, 3)], phi[(i, 4)], start[i], end[i]];
-        // Without a lag what is read is the displacement, which stands in its own place.
-        Some(FilterPropagator { rows: [row(3), row(4)] })
+        ContinuousSystem { a: with_filter, b: b.push(0.0).push(0.0), c: DVector::zeros(5), d: 0.0 }
     }
 
     /// Displacement in um, velocity divided by omega, and the reading.
@@ -244,7 +262,7 @@ impl Propagator {
 }
 
 impl Mode {
-    /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. (5).
+    /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. 12.
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
         Self::of(
@@ -306,6 +324,34 @@ impl Mode {
         self.filter.map_or(self.motion.reading, |(_, [reading, _])| reading)
     }
 
+    /// The mode with what reads it, over its interval: displacement, velocity, lagging reading, and what the filter has.
+    fn as_linear(&self) -> Linear {
+        let Propagator { phi, gamma, sensor, start, .. } = self.propagator;
+        let mut rows = vec![vec![phi[0], phi[1], 0.0], vec![phi[2], phi[3], 0.0]];
+        let (mut starts, mut ends) = (vec![start.gamma[0], start.gamma[1]], vec![gamma[0], gamma[1]]);
+        // Without a lag the reading is the displacement.
+        let (row, by_start, by_end) = match sensor {
+            Some(SensorPropagator { phi, gamma }) => (phi.to_vec(), start.sensor_gamma, gamma),
+            None => (rows[0].clone(), starts[0], ends[0]),
+        };
+        rows.push(row);
+        starts.push(by_start);
+        ends.push(by_end);
+        let mut rest = vec![1.0, 0.0, 1.0];
+        let mut reading = vec![0.0, 0.0, 1.0];
+        if let Some((filter, _)) = &self.filter {
+            rows.iter_mut().for_each(|row| row.extend([0.0; 2]));
+            for row in filter.rows {
+                rows.push(row[..5].to_vec());
+                starts.push(row[5]);
+                ends.push(row[6]);
+            }
+            rest.extend([1.0, 0.0]);
+            reading = vec![0.0, 0.0, 0.0, 1.0, 0.0];
+        }
+        Linear::reading_states(rows, starts, ends, &reading, 0.0, rest)
+    }
+
     /// Present displacement.
     #[must_use]
     pub fn displacement(&self) -> f64 {
@@ -328,10 +374,11 @@ impl Mode {
     }
 }
 
-/// The first mode, its mass free or held by a bristle.
+/// The first mode: its mass free, held by a bristle, or against other forces.
 enum First {
     Free(Box<Mode>),
     Held(Box<HeldMass>),
+    Balanced(BalancedMass),
 }
 
 /// The modes that share the motion.
@@ -349,13 +396,15 @@ pub(super) struct VibrationStage {
 
 impl VibrationStage {
     /// The modes that `model` has.
-    pub(super) fn of(model: &Model, dt_s: f64) -> Self {
+    pub(super) fn of(model: &Model, setting: &Setting) -> Self {
+        let dt_s = setting.dt_s;
         let mass_factor = super::mass_change::frequency_factor(model);
         // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
         let sensor_bandwidth_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
         let sensor_filter = super::sensor_filter::taken_in_by_modes(model);
-        let arrival = Arrival::of(model, dt_s);
-        let late_intervals = super::delay::taken_in_s(model).map_or(0.0, |delay_s| delay_s / dt_s);
+        let arrival = Arrival::of(model, setting);
+        let taken_in_s = super::delay::taken_in_s(model).filter(|_| !setting.runs_straight);
+        let late_intervals = taken_in_s.map_or(0.0, |delay_s| delay_s / dt_s);
         let law = |natural_frequency_rad_s: f64, damping_ratio: f64| ModeLaw {
             natural_frequency_rad_s: natural_frequency_rad_s * mass_factor,
             damping_ratio: damping_ratio * mass_factor,
@@ -363,7 +412,10 @@ impl VibrationStage {
             sensor_filter,
         };
         let first_law = model.values(ID).map(|v| law(v[0], v[1]));
+        let forces = forces_of(model, setting);
+        let balanced = !forces.is_empty();
         let first = first_law.map(|first| match Bristle::of(model) {
+            _ if balanced => First::Balanced(BalancedMass::new(&first, forces, mass_factor, dt_s, arrival, model.drive_min_v)),
             Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, arrival, model.drive_min_v))),
             None => First::Free(Box::new(Mode::read(&first, dt_s, arrival))),
         });
@@ -400,6 +452,7 @@ impl Stage for VibrationStage {
                 mode.reading()
             }
             Some(First::Held(held)) => held.step(input),
+            Some(First::Balanced(balanced)) => balanced.step(input),
             None => input,
         };
         match &mut self.second {
@@ -424,6 +477,7 @@ impl Stage for VibrationStage {
                     kept.extend_from_slice(signal);
                 }
             }
+            Some(First::Balanced(balanced)) => balanced.run_over(signal),
             None => {}
         }
         if let Some(forces) = forces {
@@ -447,21 +501,39 @@ impl Stage for VibrationStage {
         signal.copy_from_slice(part);
         self.second_beside(forces, signal);
     }
+    fn blocks(&self) -> Option<Vec<Block>> {
+        let first = match &self.first {
+            Some(First::Free(mode)) => Some(mode.as_linear()),
+            Some(First::Held(_) | First::Balanced(_)) => return None,
+            None => None,
+        };
+        let second = self.second.as_ref().map(|(share, mode)| (*share, mode.as_linear()));
+        let share = second.as_ref().map_or(0.0, |(share, _)| *share);
+        let mut parts: Vec<(f64, &Linear)> = first.iter().map(|first| (1.0 - share, first)).collect();
+        parts.extend(second.iter().map(|(share, second)| (*share, second)));
+        let modes = Linear::side_by_side(&parts, if first.is_none() { 1.0 - share } else { 0.0 });
+        let late = (!self.late.is_empty()).then(|| Block::Delay { whole: self.late.len(), late_share: 0.0 });
+        Some(late.into_iter().chain([Block::Linear(modes)]).collect())
+    }
     fn settle(&mut self, input: f64) -> f64 {
+        let mut rest = input;
         match &mut self.first {
             Some(First::Free(mode)) => {
                 mode.settle(input);
             }
             Some(First::Held(held)) => held.settle(input),
+            Some(First::Balanced(balanced)) => rest = balanced.settle(input),
             None => {}
         }
         self.late.iter_mut().for_each(|value| *value = input);
-        if let Some((_, mode)) = &mut self.second {
+        if let Some((share, mode)) = &mut self.second {
             mode.settle(input);
+            rest += *share * (input - rest);
         }
-        input
+        rest
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
+        // Against other forces the mass passes small changes on as the free mode does, but for the bend of those forces.
         Some(Box::new(VibrationLanes {
             first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
             second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
@@ -581,13 +653,19 @@ impl Effect for Vibration {
         Declaration {
             id: ID.into(),
             physics: "Mass, stiffness and damping make the displacement follow the piezo force as a second-order mode.".into(),
-            reference: "thesis Ch. 5, Eq. 5".into(),
+            reference: "thesis Ch. 5, Eq. 12".into(),
             place: Place::Vibration,
             modifies: None,
             experiment: "a small multisine or sweep beyond the resonance".into(),
             candidate: true,
             one_sided: false,
         }
+    }
+    fn equations(&self) -> &'static str {
+        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = natural_frequency_rad_s`. `mass_change` multiplies `w` and `damping_ratio` by `1 / sqrt(1 + mass_ratio)`.
+
+States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w], [-w, -2 damping_ratio w]]`, `B = [0, w]`. Exact over an interval for an input that arrives as *Arrival* says. `sensor_bandwidth` and
+`sensor_filter` behind are further states of the same linear system: `r' = 2 pi bandwidth_hz (y - r)`. At rest `y = r = x`, `v = 0`."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
@@ -611,7 +689,7 @@ impl Effect for Vibration {
         Some(vec![stage.natural_frequency_rad_s, stage.damping_ratio])
     }
     fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(VibrationStage::of(model, setting.dt_s)))
+        Some(Box::new(VibrationStage::of(model, setting)))
     }
     fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         let factor = super::mass_change::frequency_factor(model);

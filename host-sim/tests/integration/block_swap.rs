@@ -6,6 +6,7 @@ use hysteron_core::parameter_block::{AmplifierParameters, read, verify};
 use hysteron_core::reference_generator::Waveform;
 use hysteron_core::sensor_lag::{LAG_FRACTION_BITS, SensorLag};
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
+use hysteron_core::signal::Micrometres;
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
 use proptest::prelude::*;
 
@@ -78,10 +79,12 @@ impl Loop {
             reading: SensorCode::default(),
         };
         this.sample();
+        assert_eq!(this.amplifier.command(Command::Arm { tested: false }), Ok(()));
         assert_eq!(this.amplifier.command(Command::RequireConditioning(false)), Ok(()));
-        let tone = ((hz / 20_000.0 * 2f64.powi(32)) as u32, (amplitude_um * f64::from(1 << 24)) as i32, 0);
-        let waveform = Waveform::Multisine { tones: [tone, (0, 0, 0), (0, 0, 0), (0, 0, 0)] };
-        let offset = (5.6 * f64::from(1 << 24)) as i32;
+        let tone = ((hz / 20_000.0 * 2f64.powi(32)) as u32, Micrometres::from_num(amplitude_um), 0);
+        let none = (0, Micrometres::from_bits(0), 0);
+        let waveform = Waveform::Multisine { tones: [tone, none, none, none] };
+        let offset = Micrometres::from_num(5.6);
         assert_eq!(this.amplifier.command(Command::Reference { waveform, offset }), Ok(()));
         assert_eq!(this.amplifier.command(Command::Enable), Ok(()));
         this

@@ -35,7 +35,7 @@ fn with_every_drive(check: impl Fn(&Drive)) {
     let force_n: Vec<f64> = (0..400).map(|k| if k % 90 > 40 { 5.0 } else { 0.0 }).collect();
     let drive_v: Vec<f64> = (0..400).map(|k| 30.0 + 28.0 * (0.05 * f64::from(k)).sin() * (0.011 * f64::from(k)).cos()).collect();
     for dt_s in [50e-6, 5e-3] {
-        check(&Drive { drive_v: &drive_v, force_n: Some(&force_n), auxiliary: &[], dt_s, initial_state: InitialState::Virgin });
+        check(&Drive { force_n: Some(&force_n), ..Drive::held(&drive_v, dt_s, InitialState::Virgin) });
     }
 }
 

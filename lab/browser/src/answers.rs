@@ -1,11 +1,13 @@
 //! What the page is told.
 
 use crate::recording::{ColumnChoice, Recording};
+use hysteron::analyse::Outcome;
 use hysteron::diagnosis::residual_map::{drive_features, residual_by_feature};
 use hysteron::diagnosis::words;
-use hysteron::explain::{Explanation, FitFigures};
+use hysteron::figures::FitFigures;
 use hysteron::identification::linearisation::fill_left_out;
 use hysteron::identification::noise_floor::NoiseFloor;
+use hysteron::quality;
 use hysteron::watch::Event;
 use hysteron::{Dataset, Record};
 use hysteron_report::explain_report;
@@ -78,7 +80,7 @@ pub fn recording(recording: &Recording, floor: &NoiseFloor) -> Value {
         "name": dataset.name,
         "drive_min_v": dataset.drive_min_v,
         "drive_max_v": dataset.drive_max_v,
-        "notes": dataset.notes,
+        "notes": dataset.remarks(),
         "records": dataset.records.iter().map(line).collect::<Vec<_>>(),
         "table": columns,
         "manifest": manifest,
@@ -158,7 +160,8 @@ fn against(kind: Against) -> &'static str {
 /// What was found, with the words for every candidate, and the curves of the evidence behind it: samples counted from the beginning of the
 /// window, residual, prediction.
 #[must_use]
-pub fn explanation(found: &Explanation, dataset: &Dataset, figures: &FitFigures) -> Answer {
+pub fn explanation(found: &Outcome, dataset: &Dataset, figures: &FitFigures) -> Answer {
+    let dataset = found.dataset(dataset);
     let report = explain_report(found, dataset, String::new());
     let mut columns = Vec::new();
     let mut curves = Vec::new();
@@ -178,7 +181,7 @@ pub fn explanation(found: &Explanation, dataset: &Dataset, figures: &FitFigures)
     }
     let candidates = found.diagnosis.candidates.iter().map(|c| {
         json!({
-            "effect": c.effect, "why": words::why(&c.decision), "share": c.explained_share, "p": c.p_value,
+            "effect": c.effect, "why": words::why(&c.standing), "share": c.explained_share, "p": c.p_value,
             "before_um": c.validate_rms_before_um, "after_um": c.validate_rms_after_um, "in_place_of": c.in_place_of,
             "unlikely_because": c.unlikely_because, "next_experiment": c.next_experiment,
         })
@@ -193,7 +196,8 @@ pub fn explanation(found: &Explanation, dataset: &Dataset, figures: &FitFigures)
     Answer {
         json: json!({
             "verdict": d.verdict.word(), "sentence": d.sentence, "named": d.named,
-            "findings": d.findings, "changed": words::changed(&d.changed), "recording": d.recording,
+            "findings": d.findings, "changed": words::changed(&d.changed), "reason": d.reason, "remainder": d.remainder,
+            "issues": d.issues.iter().map(quality::words::sentence).collect::<Vec<_>>(),
             "candidates": candidates.collect::<Vec<_>>(), "steps": steps.collect::<Vec<_>>(), "curves": curves,
             "cannot_identify": figures.cannot_identify, "warnings": figures.warnings,
             "next_experiment": found.next_experiment.as_ref().map(|n| json!({ "sentence": n.sentence, "csv": n.proposal.csv() })),

@@ -6,10 +6,10 @@
 //! image with its log is decoded as `hysteron capture` does.
 
 use hysteron::capture::capture;
-use hysteron::dataset::manifest::PerColumn;
+use hysteron::dataset::manifest::{IntersampleEntry, PerColumn};
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::reading::{Instructions, from_file_as, from_manifest_as};
-use hysteron::dataset::recognise::{self, Wanted};
+use hysteron::dataset::recognise::{self, ColumnRules};
 use hysteron::dataset::table::Table;
 use hysteron::dataset::timing::Timing;
 use hysteron::statistics::extremes;
@@ -32,6 +32,8 @@ pub struct Said {
     pub skip_rows: Option<usize>,
     /// When the drive of a row acts.
     pub timing: Option<Timing>,
+    /// What the drive does between samples.
+    pub intersample: Option<IntersampleEntry>,
     /// Roles of records by their names.
     pub roles: BTreeMap<String, Role>,
 }
@@ -48,10 +50,11 @@ impl Said {
         let c = &self.columns;
         let columns = PerColumn { t: column(&c.t), u: column(&c.u), y: column(&c.y), force: column(&c.force) };
         Instructions {
-            wanted: Wanted { columns, unit: self.units.clone(), ..Wanted::default() },
+            wanted: ColumnRules { columns, unit: self.units.clone(), ..ColumnRules::default() },
             sample_rate_hz: self.sample_rate_hz,
             skip_rows: self.skip_rows,
             timing: self.timing,
+            intersample: self.intersample.map(Into::into),
         }
     }
 }
@@ -206,5 +209,11 @@ fn with_roles(dataset: Dataset, roles: &BTreeMap<String, Role>) -> Result<Datase
         }
     }
     let (sensor_bandwidth_hz, sensor_lsb_um) = (dataset.sensor_bandwidth_hz, dataset.sensor_lsb_um);
-    Ok(Dataset { source: dataset.source, sensor_bandwidth_hz, sensor_lsb_um, notes, ..checked })
+    let mut issues = dataset.issues;
+    for issue in &checked.issues {
+        if !issues.contains(issue) {
+            issues.push(issue.clone());
+        }
+    }
+    Ok(Dataset { source: dataset.source, sensor_bandwidth_hz, sensor_lsb_um, notes, issues, ..checked })
 }

@@ -39,6 +39,7 @@ impl Served for OnDisk {
             sample_rate_hz: in_page.sample_rate_hz.or(self.instructions.sample_rate_hz),
             skip_rows: in_page.skip_rows.or(self.instructions.skip_rows),
             timing: in_page.timing.or(self.instructions.timing),
+            intersample: in_page.intersample.or(self.instructions.intersample),
         };
         let dataset = folder::load_as(&self.path, &instructions)?;
         let first = dataset.records.first().map(|record| record.source.clone());

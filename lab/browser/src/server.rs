@@ -95,7 +95,7 @@ impl Server {
             (Method::Get, "/") => (200, PAGE, self.page.clone().into_bytes()),
             (Method::Get, "/example") => {
                 let files: serde_json::Map<String, serde_json::Value> =
-                    hysteron_page::EXAMPLE.iter().map(|(name, text)| ((*name).into(), json!(text))).collect();
+                    hysteron_examples::HIDDEN_EFFECT.iter().map(|(name, text)| ((*name).into(), json!(text))).collect();
                 (200, JSON, json!(files).to_string().into_bytes())
             }
             (Method::Get, "/progress") => {

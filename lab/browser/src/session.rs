@@ -5,8 +5,9 @@ use crate::asker::{Asker, Teller};
 use crate::recording::{self, Recording, Said};
 use crate::served::Served;
 use crate::servo::{self, ServoQuestion};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::diagnosis::judgement::{Split, require_finite};
-use hysteron::explain::{Explanation, Options, Start, explain, fit_figures, step_figures};
+use hysteron::figures::{fit_figures, step_figures};
 use hysteron::identification::fit::{dot, residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
@@ -107,7 +108,7 @@ struct Data {
 pub struct Session {
     data: Option<Data>,
     model: Option<Model>,
-    found: Option<Explanation>,
+    found: Option<Outcome>,
     servo: Option<ServoDesign>,
     served: Option<Arc<dyn Served>>,
 }
@@ -308,9 +309,13 @@ impl Session {
             None => Start::Model(self.model.clone().ok_or_else(no_model)?),
         };
         let dataset = &self.data()?.recording.dataset;
-        let found = unless_taken_back(explain(dataset, start, &Options::default(), &Teller(asker))?, asker)?;
+        let found = unless_taken_back(analyse(dataset, start, &Options::default(), &Teller(asker))?, asker)?;
         let answer = answers::explanation(&found, dataset, &found.figures(dataset, 0.0));
         self.model = Some(found.steps[0].judged.model.clone());
+        // What was found is of the corrected recording, and so is all that the page shows beside it.
+        if let (Some(data), Some(corrected)) = (&mut self.data, &found.corrected) {
+            data.recording.dataset.clone_from(corrected);
+        }
         self.found = Some(found);
         Ok(answer)
     }

@@ -8,11 +8,11 @@ const escaped = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;"
 const told = document.documentElement.dataset;
 
 const VERDICTS = {
-  named: ["Named", "These effects are missing; with them the error comes down to the noise."],
+  named: ["Named", "These effects are missing: every simplest model that the data cannot reject has them."],
   at_floor: ["Nothing missing", "The model leaves no more than the noise: nothing is missing that this data could show."],
-  ambiguous: ["Ambiguous", "Where it says “or”, this data cannot tell which of them is missing."],
-  unexplained: ["Unexplained", "Something is missing that no known effect explains."],
-  undecidable: ["Undecidable", "Nothing in the data shows the noise, so nobody can say whether anything is missing. A rest, a hold or repeated periods would."],
+  ambiguous: ["Ambiguous", "Where it says “or”, this data cannot distinguish the effects."],
+  unexplained: ["Unexplained", "The error is above the noise, and no known effect is in all models that the data cannot reject."],
+  undecidable: ["Undecidable", "Nothing can be decided, for the reason in the sentence."],
 };
 const SIGNALS = { t: "time", u: "drive", y: "displacement", force: "force" };
 const ROLES = { identify: "fitted", validate: "held out", noise: "noise", test: "test" };
@@ -569,7 +569,7 @@ function showFinder() {
   place.innerHTML = `<p class="sentence"><span class="verdict">${word}</span>${escaped(found.sentence)}</p><p class="quiet">${meaning}</p>
     <p class="row">${button} <button id="find">Look again</button></p>
     <table class="steps"><tr><th>model</th><th>error on ${found.steps[0].held_out_um === null ? "fitted" : "held-out"} records</th><th></th></tr>${rows.join("")}</table>
-    ${found.changed ? `<p>Other values here: ${escaped(found.changed)}</p>` : ""}${found.recording.map((text) => `<p>${escaped(text)}</p>`).join("")}
+    ${found.changed ? `<p>Other values here: ${escaped(found.changed)}</p>` : ""}${found.issues.map((text) => `<p>${escaped(text)}.</p>`).join("")}
     <div id="evidence"></div>
     <details ${found.verdict === "ambiguous" ? "open" : ""}><summary>Alternatives, and why not</summary><div class="scroll"><table><tr><th>effect</th><th class="number">explains</th><th class="number">held out with it</th><th>why not</th><th></th></tr>${others.join("") || "<tr><td>none</td></tr>"}</table></div></details>
     ${found.cannot_identify.length ? `<details><summary>What this data leaves open</summary><ul>${found.cannot_identify.map((text) => `<li>${escaped(text)}</li>`).join("")}</ul></details>` : ""}

@@ -16,23 +16,9 @@ const SCRIPTS: [&str; 5] =
 /// What a page from disk may connect to, in its content security policy.
 const NO_CONNECTION: &str = "connect-src 'none'";
 
-/// The example by the names of its files; its truth stays out.
-pub const EXAMPLE: [(&str, &str); 10] = [
-    ("base_effects.txt", include_str!("../../../examples/hidden_effect/base_effects.txt")),
-    ("dataset.toml", include_str!("../../../examples/hidden_effect/dataset.toml")),
-    ("hold.csv", include_str!("../../../examples/hidden_effect/hold.csv")),
-    ("hold2.csv", include_str!("../../../examples/hidden_effect/hold2.csv")),
-    ("multisine.csv", include_str!("../../../examples/hidden_effect/multisine.csv")),
-    ("rest.csv", include_str!("../../../examples/hidden_effect/rest.csv")),
-    ("sines.csv", include_str!("../../../examples/hidden_effect/sines.csv")),
-    ("stair.csv", include_str!("../../../examples/hidden_effect/stair.csv")),
-    ("stair2.csv", include_str!("../../../examples/hidden_effect/stair2.csv")),
-    ("validation.csv", include_str!("../../../examples/hidden_effect/validation.csv")),
-];
-
 /// The page as one file that works from disk.
 ///
-/// `module` is the library and `example` the JSON of [`EXAMPLE`], both packed by gzip and written in base64.
+/// `module` is the library and `example` the JSON of `hysteron_examples::HIDDEN_EFFECT`, both packed by gzip and written in base64.
 ///
 /// # Errors
 /// What does not fit into the page.

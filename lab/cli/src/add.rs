@@ -5,7 +5,7 @@ use crate::compare::write_fit;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use crate::tables::{print_notes, print_records, print_steps, say_stopped};
+use crate::tables::{print_notes, print_records, print_steps, print_values, say_stopped};
 use hysteron::{Error, Result};
 use std::path::Path;
 use std::time::Instant;
@@ -27,6 +27,7 @@ pub fn add(effect: &str, model: &Path, path: &Path, out: &Path, reading: &ReadAr
     say_stopped(found.stopped);
     print_steps(&figures.steps, figures.noise_floor_um);
     print_records(&figures);
+    print_values(&figures);
     print_notes(&figures);
     write_fit(&desk, &found.model, &figures, &dataset, Some(out), outputs)?;
     println!("{:.1} s. Model: {}", figures.seconds, out.display());

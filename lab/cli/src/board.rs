@@ -4,6 +4,7 @@
 //! the program `hysteron-probe`, which needs USB, everything else by `hysteron-board`, which needs another compiler; both are built apart.
 
 mod attach;
+mod envelope;
 mod record;
 mod record_over_probe;
 mod scope;
@@ -99,6 +100,17 @@ enum BoardCommand {
         /// Take the place of the running block without opening the loop and without a step of the drive; not kept in the flash
         #[arg(long)]
         swap: bool,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+    },
+    /// Say what a safety envelope allows, and bring it to the board where its checksum is named
+    Envelope {
+        /// The envelope: limits of drive, slew, current and guards that no block exceeds (firmware/README.md, *Safety envelope*)
+        file: PathBuf,
+        /// The checksum that this command says without it
+        #[arg(long, value_name = "HEX")]
+        checksum: Option<String>,
         /// Where the board is
         #[command(flatten)]
         line: LineArguments,
@@ -255,11 +267,12 @@ pub fn run(words: &[OsString]) -> ExitCode {
 fn obey(command: BoardCommand) -> Result<bool> {
     match command {
         BoardCommand::Tune { out, wiring, reference_hz, sensor, line, force } => {
-            tune::tune(&out, &wiring, &tune::Wanted { reference_hz, sensor_bandwidth_hz: sensor.sensor_bandwidth_hz }, &line, force)
+            tune::tune(&out, &wiring, &tune::TuneRequest { reference_hz, sensor_bandwidth_hz: sensor.sensor_bandwidth_hz }, &line, force)
         }
         BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
         BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),
         BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),
+        BoardCommand::Envelope { file, checksum, line } => envelope::envelope(&file, checksum.as_deref(), &line),
         BoardCommand::Status { line } => status::status(&line),
         BoardCommand::Send { commands, line } => attach::send(&commands, &line),
         BoardCommand::Attach { line } => attach::attach(&line),

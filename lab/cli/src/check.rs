@@ -17,13 +17,12 @@ pub fn read_design(desk: &Desk, path: &Path) -> Result<ServoDesign> {
     design.impossible_value().map_or(Ok(design), |impossible| Err(wrong(path, impossible)))
 }
 
-/// `hysteron check SERVO --model MODEL [--scheme NAME]`; a scheme is checked with the target's period of delay.
+/// `hysteron check SERVO --model MODEL [--scheme NAME]`: another scheme is designed for the servo's model, as `track` does.
 pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     let mut design = read_design(&desk, servo)?;
     if let Some(name) = scheme {
         design = commands::with_scheme(&design, name).map_err(|m| Error::new("--scheme", m))?;
-        design.delayed = true;
     }
     let chain = desk.model(model)?;
     outputs.check(&desk)?;

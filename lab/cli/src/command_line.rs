@@ -13,10 +13,12 @@ use crate::lab;
 use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
-use crate::{add, check, compare, design, diagnose, drives, effects, explain, full_build, identify, plant, score, screen, simulate, track};
+use crate::{
+    add, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate, track,
+};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
-use hysteron::watch::{Watch, Within};
+use hysteron::watch::{Deadline, Watch};
 use hysteron::{Dataset, Error, Result, series};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -56,7 +58,7 @@ impl TimeArguments {
     /// Does what is watched in that time.
     pub fn beside<T>(self, watch: &dyn Watch, watched: impl FnOnce(&dyn Watch) -> T) -> T {
         match self.within {
-            Some(within) => watched(&Within::new(watch, within)),
+            Some(within) => watched(&Deadline::new(watch, within)),
             None => watched(watch),
         }
     }
@@ -279,6 +281,26 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
+    /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99), or its linear part as a state space
+    #[command(
+        after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\nEquations: docs/effects.md"
+    )]
+    Export {
+        /// Model file
+        model: PathBuf,
+        /// matlab, python, c or state-space
+        #[arg(long = "as", value_name = "LANGUAGE")]
+        language: String,
+        /// Samples per second of the drive that the function takes
+        #[arg(long, default_value_t = 20000.0)]
+        rate_hz: f64,
+        /// File to write; its name without the extension is that of the function [default: the model's name]
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// Replace the file if it exists
+        #[arg(long)]
+        force: bool,
+    },
     /// The lab page in your browser, with this program behind it; nothing leaves this machine
     #[command(after_help = "Examples:\n  hysteron lab\n  hysteron lab recording.mat")]
     Lab {
@@ -324,6 +346,12 @@ enum Command {
         /// Servo file to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// `predictor`, `pidsmoc`, `pidsmc-alpha-beta`, `smcbl` or `pid` (docs/servo_schemes.md says which to take)
+        #[arg(long, value_name = "NAME", default_value = "predictor")]
+        scheme: String,
+        /// Leave the hysteresis to the unknown input instead of inverting it
+        #[arg(long)]
+        no_inverse: bool,
         /// Highest frequency of the references
         #[arg(long, default_value_t = 150.0)]
         reference_hz: f64,
@@ -366,7 +394,7 @@ enum Command {
         /// Model file
         #[arg(long)]
         model: PathBuf,
-        /// Check a scheme of the thesis with the thesis' gains instead, on the target with its period of delay
+        /// Another scheme, designed for the servo's model without a recording
         #[arg(long, value_name = "NAME")]
         scheme: Option<String>,
         #[command(flatten)]
@@ -382,7 +410,7 @@ enum Command {
         /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, or a file with a column of time in s and one of um
         #[arg(long)]
         reference: String,
-        /// Another scheme for the same model
+        /// Another scheme, designed for the servo's model without a recording
         #[arg(long, value_name = "NAME")]
         scheme: Option<String>,
         /// RMS noise of the sensor [default: what the servo was designed for, or 0.001]
@@ -414,8 +442,11 @@ enum Command {
         outputs: Outputs,
     },
     /// Every effect of the library: its physics, what it does to a reading, what looks like it
-    #[command(after_help = "Example:\n  hysteron effects --report effects.html")]
+    #[command(after_help = "Examples:\n  hysteron effects --report effects.html\n  hysteron effects --equations effects.md")]
     Effects {
+        /// Write the equations, the parameters and the discretisation of every effect as Markdown, and nothing else
+        #[arg(long, value_name = "FILE")]
+        equations: Option<PathBuf>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -489,7 +520,7 @@ pub fn run() -> ExitCode {
 fn dispatch(command: Command) -> Result<bool> {
     match command {
         Command::Explain { dataset, from, own, verbose, time, animation, reading, outputs } => {
-            let wanted = explain::Wanted { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
+            let wanted = explain::ExplainRequest { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
@@ -501,6 +532,7 @@ fn dispatch(command: Command) -> Result<bool> {
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
+        Command::Export { model, language, rate_hz, out, force } => export::export(&model, &language, rate_hz, out.as_deref(), force),
         #[cfg(feature = "lab")]
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
         #[cfg(not(feature = "lab"))]
@@ -514,6 +546,8 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Design {
             model,
             out,
+            scheme,
+            no_inverse,
             reference_hz,
             sensor_noise_um,
             sensor: SensorSaid { sensor_bandwidth_hz },
@@ -527,15 +561,24 @@ fn dispatch(command: Command) -> Result<bool> {
             front_end,
             outputs,
         } => {
-            let wanted =
-                design::Wanted { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves };
+            let wanted = design::DesignRequest {
+                reference_hz,
+                sensor_noise_um,
+                sensor_bandwidth_hz,
+                sensitivity_peak,
+                learning,
+                adaptation,
+                mode_moves,
+                scheme,
+                no_inverse,
+            };
             let files =
                 design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
             design::design(&files, &wanted, &reading, &outputs)
         }
         Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
         Command::Track { model, servo, reference, scheme, sensor_noise_um, disturbance, added_mass, outputs } => {
-            let wanted = track::Wanted {
+            let wanted = track::TrackRequest {
                 reference: &reference,
                 scheme: scheme.as_deref(),
                 sensor_noise_um,
@@ -549,7 +592,7 @@ fn dispatch(command: Command) -> Result<bool> {
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),
-        Command::Effects { outputs } => effects::effects(&outputs),
+        Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {
             let mut script = Vec::new();

@@ -3,12 +3,12 @@
 use crate::command_line::{RecordingOutputs, as_typed};
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
-use crate::tables::{print_notes, print_records, say_next};
+use crate::tables::{print_notes, print_records, print_values, say_next};
 use hysteron::dataset::Role;
 use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::diagnosis::policy::Policy;
 use hysteron::diagnosis::words::nm;
-use hysteron::explain::{FitFigures, RecordFigures, fit_figures};
+use hysteron::figures::{FitFigures, RecordFigures, fit_figures};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::{Dataset, Result};
 use hysteron_report::{comparison_report, explain_page};
@@ -28,6 +28,7 @@ pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &Rec
     let figures = fit_figures(&model, &dataset, &floor, Vec::new(), &[], started.elapsed().as_secs_f64());
     println!("{}: {}", dataset.name, figures.effects.join(", "));
     print_records(&figures);
+    print_values(&figures);
     if let Some(floor) = figures.noise_floor_um {
         println!("  noise: {} nm, from {}", nm(floor), figures.floor_basis);
     }

@@ -3,11 +3,13 @@
 use crate::command_line::Outputs;
 use crate::desk::{Desk, as_argument, wrong};
 use crate::read_arguments::ReadArguments;
-use hysteron::Result;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
+use hysteron::servo::commands::design_beside_predictor;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::Order;
 use hysteron::servo::predictor::Assessment;
+use hysteron::servo::schemes::{AtWork, Choice};
+use hysteron::{Error, Result};
 use hysteron_report::{Block, Page, Section, learning as convergence, trade_off};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -17,6 +19,8 @@ use std::path::{Path, PathBuf};
 struct DesignFigures<'a> {
     schema: &'static str,
     design: &'a ServoDesign,
+    /// The scheme and the predictor on the same runs; empty for a predictor.
+    at_work: &'a [AtWork],
 }
 
 /// The file of the lines that bring a block to a running target.
@@ -41,7 +45,7 @@ pub struct Files<'a> {
 }
 
 /// What is asked of the servo.
-pub struct Wanted {
+pub struct DesignRequest {
     /// Highest frequency of references, Hz.
     pub reference_hz: f64,
     /// Noise of the sensor, um.
@@ -56,10 +60,14 @@ pub struct Wanted {
     pub adaptation: bool,
     /// Share of its frequency by which the first mode moves.
     pub mode_moves: f64,
+    /// Name of the scheme.
+    pub scheme: String,
+    /// The hysteresis is left to the unknown input.
+    pub no_inverse: bool,
 }
 
 /// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end front_end.toml]`.
-pub fn design(files: &Files, wanted: &Wanted, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
+pub fn design(files: &Files, wanted: &DesignRequest, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
     let Files { model, data, out, block, front_end } = *files;
     let desk = Desk::new(outputs.force);
     let front_end = match front_end {
@@ -74,7 +82,9 @@ pub fn design(files: &Files, wanted: &Wanted, reading: &ReadArguments, outputs: 
     desk.target(block)?;
     desk.target(commands_file.as_deref())?;
     outputs.check(&desk)?;
-    let Wanted { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves } = *wanted;
+    let DesignRequest { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves, .. } =
+        *wanted;
+    let scheme = Choice::named(&wanted.scheme).map_err(|m| Error::new("--scheme", m))?;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
     let order = Order {
         reference_hz,
@@ -86,14 +96,16 @@ pub fn design(files: &Files, wanted: &Wanted, reading: &ReadArguments, outputs: 
         learning,
         adaptation,
         mode_moves,
+        scheme,
+        inverse: !wanted.no_inverse,
     };
-    let design = order::design(&chain, &order).map_err(|m| wrong(model, m))?;
+    let (design, at_work) = design_beside_predictor(&chain, &order).map_err(|m| wrong(model, m))?;
     // What a target cannot take is no design: it fails before anything is written.
     let block_bytes = match (block, &front_end) {
         (Some(_), Some(front_end)) => Some(amplifier_block::block(&amplifier_parameters(&design, front_end)?)?),
         _ => None,
     };
-    desk.write_json(outputs.json.as_deref(), &DesignFigures { schema: "hysteron.design/1", design: &design })?;
+    desk.write_json(outputs.json.as_deref(), &DesignFigures { schema: "hysteron.design/1", design: &design, at_work: &at_work })?;
     let page = Page {
         title: "Servo design".into(),
         lead_sentence: design.explanation.first().cloned().unwrap_or_default(),

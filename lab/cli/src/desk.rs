@@ -1,6 +1,7 @@
 //! The files of one command: what it read is never written over, and whether a target can be written is known before the work begins.
 
 use crate::read_arguments::ReadArguments;
+use crate::screen;
 use crate::write_whole::write_whole;
 use hysteron::dataset::folder;
 use hysteron::{Dataset, Error, Result, model_file};
@@ -58,6 +59,7 @@ impl Desk {
         let dataset = folder::load_as(path, &reading.instructions()?)?;
         let sources = std::iter::once(&dataset.source).chain(dataset.records.iter().map(|r| &r.source));
         self.read.borrow_mut().extend(sources.map(|source| canonical(Path::new(source))));
+        screen::speak_in(&dataset.units);
         Ok(dataset)
     }
 
@@ -164,18 +166,38 @@ impl Desk {
     /// Writes figures as JSON, if a file is wanted.
     pub fn write_json(&self, path: Option<&Path>, value: &impl serde::Serialize) -> Result<()> {
         let Some(path) = path else { return Ok(()) };
-        let text = serde_json::to_string_pretty(value).map_err(|e| wrong(path, e))?;
+        let text = if screen::has_own_units() {
+            serde_json::to_value(value).and_then(|value| serde_json::to_string_pretty(&in_units(value)))
+        } else {
+            serde_json::to_string_pretty(value)
+        };
+        let text = text.map_err(|e| wrong(path, e))?;
         self.write(path, (text + "\n").as_bytes())
     }
 
     /// Writes a page, if a file is wanted.
     pub fn write_page(&self, path: Option<&Path>, page: impl FnOnce() -> hysteron_report::Page) -> Result<()> {
-        path.map_or(Ok(()), |path| self.write(path, page().to_html().as_bytes()))
+        path.map_or(Ok(()), |path| self.write(path, page().to_html_in(&screen::in_units).as_bytes()))
     }
 
     /// Writes a model, if a file is wanted.
     pub fn write_model(&self, path: Option<&Path>, model: &Model, data_set: &str) -> Result<()> {
         path.map_or(Ok(()), |path| self.write(path, model_file::to_toml(model, data_set)?.as_bytes()))
+    }
+}
+
+/// The texts of a value in the units of the data set.
+fn in_units(value: serde_json::Value) -> serde_json::Value {
+    use serde_json::Value;
+    match value {
+        Value::String(text) => Value::String(screen::in_units(&text)),
+        Value::Array(values) => Value::Array(values.into_iter().map(in_units).collect()),
+        Value::Object(fields) => {
+            // The units themselves stay what they are.
+            let said = |(key, value): (String, Value)| if key == "units" { (key, value) } else { (key, in_units(value)) };
+            Value::Object(fields.into_iter().map(said).collect())
+        }
+        other => other,
     }
 }
 

@@ -7,8 +7,8 @@ use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{say_candidates, say_next, say_notes, say_stopped};
 use hysteron::Result;
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::diagnosis::words::nm;
-use hysteron::explain::{self, Options, Start};
 use hysteron_report::{explain_page, explain_report};
 use std::path::Path;
 
@@ -29,20 +29,20 @@ pub fn diagnose(
     let files = &outputs.files;
     desk.target(files.next_drive().as_deref())?;
     let progress = Progress::of_search(false);
-    let (found, timed) = time.beside(&progress, |watch| explain::explain_as_timed(&dataset, Start::Model(model), &options, watch))?;
-    let dataset = timed.unwrap_or(dataset);
+    let found = time.beside(&progress, |watch| analyse(&dataset, Start::Model(model), &options, watch))?;
+    let dataset = found.dataset(&dataset).clone();
     drop(progress);
     let d = &found.diagnosis;
     say_stopped(found.stopped);
     println!("{}: {}", dataset.name, d.sentence);
-    say_notes(dataset.notes.iter().chain(&found.floor.warnings));
+    say_notes(dataset.remarks().iter().chain(&found.floor.warnings));
     println!("  {:24} share   p        held out nm before, after", "candidate");
     for c in d.candidates.iter().take(6) {
         println!(
             "  {:24} {:>4.0} %  {:<7}  {} , {}{}",
             c.effect,
             100.0 * c.explained_share,
-            c.p_weighed().map_or("-".into(), |p| format!("{p:.4}")),
+            c.p_value.map_or("-".into(), |p| format!("{p:.4}")),
             c.validate_rms_before_um.map_or("-".into(), nm),
             c.validate_rms_after_um.map_or("-".into(), nm),
             if c.confusable_with.is_empty() { String::new() } else { format!("   looks like {}", c.confusable_with.join(", ")) }

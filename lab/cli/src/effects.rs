@@ -4,9 +4,11 @@ use crate::command_line::Outputs;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use hysteron::Result;
+use hysteron::effect_reference;
 use hysteron::synthetic::signatures::{Signature, signatures};
 use hysteron_report::effects_page;
 use serde::Serialize;
+use std::path::Path;
 
 /// What `effects --json` carries of one effect.
 #[derive(Serialize)]
@@ -19,10 +21,16 @@ struct EffectFigures<'a> {
     looks_like: &'a [(String, f64)],
 }
 
-/// `hysteron effects [--report effects.html]`: the library, from what each effect declares.
-pub fn effects(outputs: &Outputs) -> Result<bool> {
+/// `hysteron effects [--report effects.html] [--equations effects.md]`: the library, from what each effect declares.
+pub fn effects(equations: Option<&Path>, outputs: &Outputs) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     outputs.check(&desk)?;
+    if let Some(path) = equations {
+        desk.target(Some(path))?;
+        desk.write(path, effect_reference::page().as_bytes())?;
+        println!("{}", path.display());
+        return Ok(true);
+    }
     let progress = Progress::start();
     progress.say("simulating what every effect does");
     let found = signatures()?;

@@ -4,16 +4,16 @@ use crate::command_line::{Outputs, StudyOutputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use crate::tables::{print_notes, print_records, print_steps, say_candidates, say_next, say_stopped};
+use crate::tables::{print_notes, print_records, print_steps, print_values, say_candidates, say_next, say_stopped};
 use hysteron::Result;
-use hysteron::explain::{self, Explanation, Options, Start};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::servo::order;
 use hysteron_report::{explain_page, explain_report, falling_error_svg};
 use std::path::Path;
 use std::time::Instant;
 
 /// What is asked of a run beside the data.
-pub struct Wanted<'a> {
+pub struct ExplainRequest<'a> {
     /// Effects to start from.
     pub from: &'a str,
     /// Effects of the user's own.
@@ -27,8 +27,8 @@ pub struct Wanted<'a> {
 }
 
 /// The main job.
-pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
-    let Wanted { from, own, verbose, time, animation } = *wanted;
+pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
+    let ExplainRequest { from, own, verbose, time, animation } = *wanted;
     let started = Instant::now();
     let desk = Desk::new(outputs.recordings.files.force);
     let effects = desk.effects(from)?;
@@ -39,8 +39,8 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
     desk.target(files.next_drive().as_deref())?;
     desk.target(animation)?;
     let progress = Progress::of_search(verbose);
-    let (found, timed) = time.beside(&progress, |watch| explain::explain_as_timed(&dataset, Start::Effects(&effects), &options, watch))?;
-    let dataset = timed.unwrap_or(dataset);
+    let found = time.beside(&progress, |watch| analyse(&dataset, Start::Effects(&effects), &options, watch))?;
+    let dataset = found.dataset(&dataset).clone();
     drop(progress);
     let figures = found.figures(&dataset, started.elapsed().as_secs_f64());
     say_stopped(found.stopped);
@@ -48,6 +48,7 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
     print_steps(&figures.steps, figures.noise_floor_um);
     println!();
     print_records(&figures);
+    print_values(&figures);
     print_notes(&figures);
     for step in figures.steps.iter().skip(1) {
         if let Some(id) = &step.added {
@@ -79,7 +80,7 @@ pub fn explain(path: &Path, wanted: &Wanted, reading: &ReadArguments, outputs: &
 }
 
 /// Writes the drive that would decide beside the other outputs.
-pub fn write_next_experiment(desk: &Desk, found: &Explanation, outputs: &Outputs) -> Result<()> {
+pub fn write_next_experiment(desk: &Desk, found: &Outcome, outputs: &Outputs) -> Result<()> {
     let Some(next) = &found.next_experiment else { return Ok(()) };
     println!("  {}", next.sentence);
     if let Some(path) = outputs.next_drive() {

@@ -5,7 +5,7 @@ use crate::compare::write_fit;
 use crate::desk::{Desk, as_argument};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use crate::tables::{print_notes, print_records, say_stopped};
+use crate::tables::{print_notes, print_records, print_values, say_stopped};
 use hysteron::error::nearest;
 use hysteron::{Error, Result, model_file};
 use hysteron_sim::effect::{Effect, Place, registry};
@@ -50,6 +50,7 @@ pub fn identify(path: &Path, effects: &str, kind: Option<&str>, reading: &ReadAr
     say_stopped(found.stopped);
     println!("{}: {}", dataset.name, figures.effects.join(", "));
     print_records(&figures);
+    print_values(&figures);
     print_notes(&figures);
     write_fit(&desk, &found.model, &figures, &dataset, outputs.out.as_deref(), &outputs.recordings)?;
     let next = outputs.out.as_ref().map_or_else(

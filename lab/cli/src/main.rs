@@ -20,6 +20,7 @@ mod diagnose;
 mod drives;
 mod effects;
 mod explain;
+mod export;
 mod full_build;
 mod identify;
 #[cfg(feature = "lab")]

@@ -3,8 +3,8 @@
 use crate::desk::as_argument;
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
-use hysteron::dataset::recognise::Wanted;
-use hysteron::dataset::timing::Timing;
+use hysteron::dataset::recognise::ColumnRules;
+use hysteron::dataset::timing::{Timing, intersample_named};
 use hysteron::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -27,6 +27,9 @@ pub struct ReadArguments {
     /// Whether the drive of a row acts from its sample on (hold_after_sample) or up to it (hold_before_sample)
     #[arg(long, value_name = "NAME", help_heading = "Reading")]
     timing: Option<String>,
+    /// What the drive does between samples: hold (a converter's output), linear, band_limited (a measured signal)
+    #[arg(long, value_name = "NAME", help_heading = "Reading")]
+    intersample: Option<String>,
     /// Rows of text to leave out at the top of a file
     #[arg(long, value_name = "N", help_heading = "Reading")]
     skip_rows: Option<usize>,
@@ -43,6 +46,7 @@ impl ReadArguments {
             ("--auxiliary", &self.auxiliary),
             ("--sample-rate-hz", &rate),
             ("--timing", &self.timing),
+            ("--intersample", &self.intersample),
             ("--skip-rows", &rows),
         ];
         said.iter().filter_map(|(name, value)| value.as_ref().map(|value| format!(" {name} {}", as_argument(Path::new(value))))).collect()
@@ -59,7 +63,8 @@ impl ReadArguments {
         }
         Ok(Instructions {
             timing: self.timing.as_deref().map(|name| Timing::named("--timing", name)).transpose()?,
-            wanted: Wanted {
+            intersample: self.intersample.as_deref().map(|name| intersample_named("--intersample", name)).transpose()?,
+            wanted: ColumnRules {
                 columns: by_signal("--columns", self.columns.as_deref(), column)?,
                 unit: by_signal("--units", self.units.as_deref(), str::to_owned)?,
                 scale: PerColumn::default(),

@@ -1,10 +1,12 @@
 //! `simulate`.
 
 use crate::desk::Desk;
+use crate::tables::say_notes;
 use hysteron::dataset::readers::{self, Hints};
-use hysteron::dataset::recognise::{Wanted, time_and_drive};
-use hysteron::dataset::time_axis::{Known, TimeAxis};
-use hysteron::{Error, Result};
+use hysteron::dataset::recognise::{ColumnRules, time_and_drive};
+use hysteron::dataset::time_axis::{StampContext, TimeAxis};
+use hysteron::diagnosis::words::nm;
+use hysteron::{Error, Result, prediction};
 use hysteron_sim::chain::{Drive, InitialState};
 use std::path::Path;
 
@@ -15,9 +17,9 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool
     let path = Path::new(drive);
     let (t_s, drive_v, dt_s) = if path.is_file() {
         let table = readers::read(drive, &desk.bytes(path, "a drive")?, Hints::default())?;
-        let (t_s, u_v) = time_and_drive(&table, &Wanted::default())?;
+        let (t_s, u_v) = time_and_drive(&table, &ColumnRules::default())?;
         // A drive is played as it is: uneven stamps are an error.
-        let known = Known { place: drive, line_of: &|row| table.line_of(row), sample_rate_hz: None, resample: Some(false) };
+        let known = StampContext { place: drive, line_of: &|row| table.line_of(row), sample_rate_hz: None, resample: Some(false) };
         let axis = TimeAxis::from_stamps(&t_s, &known)?;
         (t_s, u_v, 1.0 / axis.sample_rate_hz)
     } else {
@@ -28,14 +30,31 @@ pub fn simulate(model: &Path, drive: &str, out: &Path, rate_hz: f64, force: bool
         ((0..u_v.len()).map(|k| k as f64 / rate_hz).collect(), u_v, 1.0 / rate_hz)
     };
     desk.target(Some(out))?;
-    let driven = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+    let driven = Drive::held(&drive_v, dt_s, InitialState::Virgin);
     let y = hysteron::simulate::simulate(&model, &driven, &format!("--drive {drive}"))?;
-    let mut text = String::from("t_s,u_v,y_um\n");
-    for ((t, u), y) in t_s.iter().zip(&drive_v).zip(&y) {
-        text.push_str(&format!("{t:.9},{u:.6},{y:.6}\n"));
+    let std_um = prediction::std_um(&model, &driven);
+    let mut text = format!("t_s,u_v,y_um{}\n", if std_um.is_some() { ",low_um,high_um" } else { "" });
+    for (k, ((t, u), y)) in t_s.iter().zip(&drive_v).zip(&y).enumerate() {
+        text.push_str(&format!("{t:.9},{u:.6},{y:.6}"));
+        if let Some(std_um) = &std_um {
+            let half_um = prediction::BAND_95 * std_um[k];
+            text.push_str(&format!(",{:.6},{:.6}", y - half_um, y + half_um));
+        }
+        text.push('\n');
     }
     desk.write(out, text.as_bytes())?;
     println!("{} samples in {}", y.len(), out.display());
+    if let Some(std_um) = &std_um {
+        let widest = std_um.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        let last = std_um.last().copied().unwrap_or(0.0);
+        println!(
+            "95 % band: +-{} nm at the end, +-{} nm where it is widest ({:.3} s)",
+            nm(prediction::BAND_95 * last),
+            nm(prediction::BAND_95 * widest.1),
+            t_s[widest.0]
+        );
+    }
+    say_notes(&prediction::beyond(&model, &driven));
     Ok(true)
 }
 

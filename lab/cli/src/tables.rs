@@ -1,9 +1,10 @@
 //! Tables on the screen.
 
 use crate::command_line::Outputs;
-use hysteron::diagnosis::verdict::{Diagnosis, Verdict};
 use hysteron::diagnosis::words::{nm, why};
-use hysteron::explain::{FitFigures, StepFigures};
+use hysteron::figures::{FitFigures, StepFigures};
+use hysteron::outcome::{Diagnosis, Verdict};
+use hysteron::replay::lines;
 use hysteron_sim::chain::Model;
 use std::path::Path;
 
@@ -29,9 +30,27 @@ pub fn print_steps(steps: &[StepFigures], floor_um: Option<f64>) {
 /// Records with their errors.
 pub fn print_records(figures: &FitFigures) {
     let width = figures.records.iter().map(|r| r.file.len()).max().unwrap_or(6).max(6);
-    println!("  {:width$}  {:8}  RMS nm    max nm    % of range", "record", "role");
+    println!("  {:width$}  {:8}  RMS nm    max nm    % of range    replay nm", "record", "role");
     for r in figures.records.iter().filter(|r| r.role != "noise") {
-        println!("  {:width$}  {:8}  {:>6}    {:>6}    {:.3}", r.file, r.role, nm(r.rms_um), nm(r.max_um), r.rms_pct_range);
+        println!(
+            "  {:width$}  {:8}  {:>6}    {:>6}    {:<10.3}    {:>9}",
+            r.file,
+            r.role,
+            nm(r.rms_um),
+            nm(r.max_um),
+            r.rms_pct_range,
+            nm(r.replay_rms_um)
+        );
+    }
+    lines(&figures.replays).iter().for_each(|line| println!("  {line}"));
+}
+
+/// The values of a model as an engineer reads them, a line for each effect.
+pub fn print_values(figures: &FitFigures) {
+    let width = figures.values.iter().map(|v| v.effect.len()).max().unwrap_or(0);
+    for of_effect in figures.values.chunk_by(|a, b| a.effect == b.effect) {
+        let said: Vec<String> = of_effect.iter().map(|v| format!("{} {}", v.name, v.text())).collect();
+        println!("  {:width$}  {}", of_effect[0].effect, said.join(", "));
     }
 }
 
@@ -65,7 +84,7 @@ pub fn say_candidates(diagnosis: &Diagnosis, model: &Model) {
                     "  the nearest is {}: it would explain {:.0} % of what is left; not taken: {}",
                     c.effect,
                     100.0 * c.explained_share,
-                    why(&c.decision)
+                    why(&c.standing)
                 ),
                 None => {}
             }

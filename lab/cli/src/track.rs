@@ -17,7 +17,7 @@ fn nm(um: f64) -> String {
 }
 
 /// What is followed, and with what.
-pub struct Wanted<'a> {
+pub struct TrackRequest<'a> {
     /// The reference.
     pub reference: &'a str,
     /// Another scheme than that of the file.
@@ -50,8 +50,8 @@ fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
 }
 
 /// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D] [--added-mass RATIO]`.
-pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> Result<bool> {
-    let Wanted { reference, scheme, sensor_noise_um, disturbance, added_mass } = *wanted;
+pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Outputs) -> Result<bool> {
+    let TrackRequest { reference, scheme, sensor_noise_um, disturbance, added_mass } = *wanted;
     let desk = Desk::new(outputs.force);
     let design = read_design(&desk, servo)?;
     let chain = desk.model(model)?;
@@ -64,8 +64,12 @@ pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> 
     let loaded = if added_mass > 0.0 { format!(", {} times the moving mass", 1.0 + added_mass) } else { String::new() };
     let at_work = format!("{} on {reference}{pushed}{loaded}", result.scheme);
     println!("{at_work}");
+    println!("  plant: {}", result.plant);
     println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
     println!("  sensor  RMS {}, max {}", nm(result.sensor.rms_um), nm(result.sensor.max_um));
+    if let Some(beside) = &result.beside {
+        println!("  {} on the same run, true RMS {}, max {}", beside.scheme, nm(beside.truth.rms_um), nm(beside.truth.max_um));
+    }
     println!(
         "  mean error {}, {} saturated ticks, noise of the sensor {}",
         nm(result.steady_state_um),
@@ -90,7 +94,7 @@ pub fn track(model: &Path, servo: &Path, wanted: &Wanted, outputs: &Outputs) -> 
         ),
         sections: vec![Section {
             heading: "Tracking".into(),
-            text: format!("Integer servo on the identified model, {} of sensor noise.", nm(result.noise_um)),
+            text: format!("Integer servo, {} of sensor noise. Plant: {}.", nm(result.noise_um), result.plant),
             blocks: vec![
                 Block::Plot(
                     Plot::new("Displacement")

@@ -39,9 +39,10 @@ pub enum Error {
 }
 
 impl Error {
-    /// Wrong input at a place.
+    /// Wrong input at a place. What a library of a format says in several lines becomes one.
     pub fn new(place: impl fmt::Display, message: impl fmt::Display) -> Self {
-        Self::Input { place: place.to_string(), message: message.to_string() }
+        let message = message.to_string();
+        Self::Input { place: place.to_string(), message: message.split_whitespace().collect::<Vec<_>>().join(" ") }
     }
 }
 

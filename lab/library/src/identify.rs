@@ -6,7 +6,7 @@ use crate::diagnosis::path::{Change, Step};
 use crate::diagnosis::policy::Policy;
 use crate::diagnosis::study::Study;
 use crate::error::{Error, Result};
-use crate::explain::{FitFigures, fit_figures, step_figures};
+use crate::figures::{FitFigures, fit_figures, step_figures};
 use crate::identification::finer_hysteresis::main_effect;
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::identifiability::{CannotIdentify, identifiability};

@@ -2,15 +2,15 @@
 //!
 //! * [`dataset`]: records of drive and displacement; [`synthetic`]: simulated ones whose truth is known;
 //! * [`identification`]: least squares over the whole chain, the noise floor;
-//! * [`diagnosis`]: which physical effect is missing; [`explain`](mod@explain): the main job;
+//! * [`diagnosis`]: which physical effect is missing; [`analyse`](mod@analyse): the main job; [`outcome`]: what it comes to;
 //! * [`mod@simulate`]: a model under any drive; [`servo`]: design, check and track; [`model_file`]: models as text;
 //! * [`capture`]: the firmware's trace as a data set (feature `trace`).
 //!
 //! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed results.
 //!
 //! ```
-//! use hysteron::diagnosis::verdict::Verdict;
-//! use hysteron::explain::{Options, Start, explain};
+//! use hysteron::analyse::{Options, Start, analyse};
+//! use hysteron::outcome::Verdict;
 //! use hysteron::{Dataset, Record, Role, model_file::effects_named, watch::Unwatched};
 //!
 //! // Two recordings at 1 kHz of a stage that is linear but for a lag of its sensor; the second one only judges.
@@ -28,23 +28,32 @@
 //! let records = vec![record("fitted", 20.0), record("judging", 33.0).with_role(Role::Validate)];
 //! let dataset = Dataset::new("my stage", 0.0, 10.0, records)?;
 //!
-//! let found = explain(&dataset, Start::Effects(&effects_named("gain")?), &Options::default(), &Unwatched)?;
+//! let found = analyse(&dataset, Start::Effects(&effects_named("gain")?), &Options::default(), &Unwatched)?;
 //! // The equal periods of the drives show the noise, and the lag brings the error down to it.
 //! assert!(matches!(found.diagnosis.verdict, Verdict::Named | Verdict::Ambiguous), "{}", found.diagnosis.sentence);
 //! assert!(found.last().error_um() < 0.01 * found.steps[0].judged.error_um());
 //! # Ok::<(), hysteron::Error>(())
 //! ```
 
+pub mod analyse;
 #[cfg(feature = "trace")]
 pub mod capture;
 pub mod dataset;
 pub mod diagnosis;
+pub mod effect_reference;
+pub mod engineering;
 pub mod error;
-pub mod explain;
+pub mod export;
+pub mod figures;
 pub mod identification;
 pub mod identify;
 pub mod model_file;
+pub mod outcome;
 mod parallel;
+pub mod prediction;
+pub mod quality;
+pub mod replay;
+pub mod response;
 pub mod series;
 pub mod servo;
 pub mod simulate;

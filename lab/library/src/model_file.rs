@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result, nearest};
 use crate::toml_file::with_schema;
-use hysteron_sim::chain::{EffectInstance, Model, ParameterValue};
+use hysteron_sim::chain::{EffectInstance, Identified, Model, ParameterValue};
 use hysteron_sim::effect::expression::ExpressionEffect;
 use hysteron_sim::effect::{Effect, Overview, Parameter, Scale, by_id, registry};
 use serde::{Deserialize, Serialize};
@@ -20,8 +20,57 @@ struct ModelFile {
     data_set: String,
     drive_min_v: f64,
     drive_max_v: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    identified: Option<IdentifiedEntry>,
     #[serde(default)]
     effect: Vec<EffectEntry>,
+}
+
+/// What the model was identified from; a row of the factor is a text, so that the file stays short.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct IdentifiedEntry {
+    error_um: f64,
+    seconds: f64,
+    low_v: f64,
+    high_v: f64,
+    slope_max_v_s: f64,
+    /// Effect and parameter of each value, separated by a dot.
+    values: Vec<String>,
+    /// Lower triangular factor of the covariance of the values in units of their steps, of their logarithm where ratios matter.
+    covariance_factor: Vec<String>,
+}
+
+impl IdentifiedEntry {
+    fn of(known: &Identified) -> Self {
+        let row = |row: &Vec<f64>| row.iter().map(|v| format!("{v:.6e}")).collect::<Vec<_>>().join(" ");
+        Self {
+            error_um: known.error_um,
+            seconds: known.seconds,
+            low_v: known.low_v,
+            high_v: known.high_v,
+            slope_max_v_s: known.slope_max_v_s,
+            values: known.values.iter().map(|(effect, parameter)| format!("{effect}.{parameter}")).collect(),
+            covariance_factor: known.factor.iter().map(row).collect(),
+        }
+    }
+
+    fn read(self, file_name: &str) -> Result<Identified> {
+        let wrong = |what: &str| Error::new(file_name, format!("[identified] {what}"));
+        let split = |value: &String| value.split_once('.').map(|(effect, parameter)| (effect.to_owned(), parameter.to_owned()));
+        let values: Option<Vec<(String, String)>> = self.values.iter().map(split).collect();
+        let values = values.ok_or_else(|| wrong("values: expected effect.parameter each"))?;
+        let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
+        let rows: Option<Vec<Vec<f64>>> = self.covariance_factor.iter().map(|row| row.split_whitespace().map(number).collect()).collect();
+        let factor = rows.filter(|rows| rows.len() == values.len() && rows.iter().enumerate().all(|(i, row)| row.len() == i + 1));
+        let factor =
+            factor.ok_or_else(|| wrong("covariance_factor: expected as many rows as values, the first of one number, each of one more"))?;
+        let Self { error_um, seconds, low_v, high_v, slope_max_v_s, .. } = self;
+        if ![error_um, seconds, low_v, high_v, slope_max_v_s].into_iter().all(f64::is_finite) {
+            return Err(wrong("a figure is no number"));
+        }
+        Ok(Identified { values, factor, error_um, seconds, low_v, high_v, slope_max_v_s })
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -63,6 +112,7 @@ pub fn to_toml(model: &Model, data_set: &str) -> Result<String> {
         data_set: data_set.into(),
         drive_min_v: model.drive_min_v,
         drive_max_v: model.drive_max_v,
+        identified: model.identified.as_deref().map(IdentifiedEntry::of),
         effect: model
             .effects
             .iter()
@@ -105,6 +155,7 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
         return Err(Error::new(file_name, "has no [[effect]]; expected at least gain or a hysteresis"));
     }
     let mut model = Model::new(file.drive_min_v, file.drive_max_v);
+    let identified = file.identified.map(|entry| entry.read(file_name)).transpose()?;
     for entry in file.effect {
         let place = format!("{file_name}: effect {}", entry.id);
         if model.effect(&entry.id).is_some() {
@@ -131,6 +182,7 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
                     upper: p.upper,
                     scale,
                     fixed: p.fixed,
+                    expected: None,
                     of_a_grid: false,
                 },
                 value: p.value,
@@ -145,6 +197,7 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
         }
         for (found, declared) in parameters.iter_mut().zip(declared_parameters) {
             found.parameter.of_a_grid = declared.of_a_grid && found.parameter.fixed;
+            found.parameter.expected = declared.expected;
             if found.parameter.name != declared.name {
                 return Err(Error::new(&place, format!("parameter {}; expected {} there", found.parameter.name, declared.name)));
             }
@@ -165,6 +218,13 @@ pub fn from_toml(text: &str, file_name: &str) -> Result<Model> {
             return Err(Error::new(&place, format!("and {gone} both turn the drive into a displacement; expected one of them")));
         }
     }
+    let known = |(effect, parameter): &(String, String)| {
+        model.effect(effect).is_some_and(|e| e.parameters.iter().any(|p| p.parameter.name == *parameter))
+    };
+    if let Some(value) = identified.iter().flat_map(|i| &i.values).find(|value| !known(value)) {
+        return Err(Error::new(file_name, format!("[identified] values: the model has no {}.{}", value.0, value.1)));
+    }
+    model.identified = identified.map(Arc::new);
     Ok(model)
 }
 

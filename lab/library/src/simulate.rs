@@ -4,8 +4,9 @@ use crate::diagnosis::judgement::first_not_finite;
 use crate::error::{Error, Result};
 use hysteron_sim::chain::{Drive, Model};
 
-/// How far a drive may lie outside the limits of a model, V: the last digit of a file that wrote them.
-const TOLERANCE_V: f64 = 1e-9;
+/// How far a drive may lie outside the limits of a model, as a share of their range: limits are often what a converter of 12 bits read of the commanded ones,
+/// half a step too low.
+const TOLERANCE: f64 = 0.5 / 4096.0;
 
 /// What the sensor reads under a drive, um, sample by sample; `place` is what the drive is called in messages.
 ///
@@ -15,7 +16,8 @@ const TOLERANCE_V: f64 = 1e-9;
 pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
     let (low, high) = (model.drive_min_v, model.drive_max_v);
     let beyond_v = |u: f64| (low - u).max(u - high);
-    let outside = drive.drive_v.iter().copied().filter(|u| !(low - TOLERANCE_V..=high + TOLERANCE_V).contains(u));
+    let tolerance_v = TOLERANCE * (high - low);
+    let outside = drive.drive_v.iter().copied().filter(|u| !(low - tolerance_v..=high + tolerance_v).contains(u));
     if let Some(farthest) = outside.max_by(|a, b| beyond_v(*a).total_cmp(&beyond_v(*b))) {
         // Rounded away from the limit: it must not look as if it were inside.
         let reached = if farthest > high { (1e3 * farthest).ceil() } else { (1e3 * farthest).floor() } / 1e3;

@@ -20,7 +20,7 @@ pub trait Watch: Sync {
 }
 
 /// A watch for a caller who wants the answer within about so long.
-pub struct Within<'w> {
+pub struct Deadline<'w> {
     watch: &'w dyn Watch,
     search_until: Instant,
 }
@@ -28,7 +28,7 @@ pub struct Within<'w> {
 /// Share of the time that the search may take; the rest is for what weighs what it found.
 const SHARE_OF_SEARCH: f64 = 0.5;
 
-impl<'w> Within<'w> {
+impl<'w> Deadline<'w> {
     /// Time that runs from now, beside another watch.
     #[must_use]
     pub fn new(watch: &'w dyn Watch, within: Duration) -> Self {
@@ -36,7 +36,7 @@ impl<'w> Within<'w> {
     }
 }
 
-impl Watch for Within<'_> {
+impl Watch for Deadline<'_> {
     fn event(&self, event: &Event<'_>) {
         self.watch.event(event);
     }

@@ -1,6 +1,6 @@
 """Many actuators: a recording of each is explained on all cores, or on a cluster, and a page shows which differ from the rest.
 
-    pip install hysteron "dask[distributed]" pandas pyarrow
+    pip install hysteron-piezo "dask[distributed]" pandas pyarrow
     python fleet.py RECORDINGS OUT [--start gain,sensor_bandwidth] [--scheduler tcp://HOST:8786]
 
 RECORDINGS is a folder with a file, or a folder with ``dataset.toml``, for each actuator. OUT/fleet.parquet gets one row for each: verdict, effects,

@@ -51,6 +51,10 @@ class Model:
         """The text of its file."""
         return self._native.to_toml()
 
+    def export(self, path: PathLike, language: Literal["matlab", "python", "c", "state-space"], sample_rate_hz: float = 20000.0) -> None:
+        """Writes a function that simulates the model elsewhere; it is called as the file is. ``state-space`` is the linear part with uncertainty, as JSON."""
+        write_whole(path, self._native.export(language, float(sample_rate_hz), Path(path).stem))
+
     @property
     def effects(self) -> list[str]:
         """Effects in the order of the chain."""

@@ -37,6 +37,8 @@ class Record:
     initial_state: Literal["virgin", "settled", "unknown"] = "unknown"
     #: First sample that counts, and the one behind the last; all without it. What lies before still drives the model.
     window: tuple[int, int] | None = None
+    #: Samples inside the window that do not count, first and behind the last of each stretch: no reading of the displacement, or another part of a tape.
+    left_out: list[tuple[int, int]] = field(default_factory=list)
     #: Steady-state periods: first sample, samples of a period, whole periods.
     periods: tuple[int, int, int] | None = None
     #: Name of the record with the same drive.
@@ -82,17 +84,18 @@ class Dataset:
     def load(
         cls, path: PathLike, *, columns: Mapping[str, int | str] | None = None, units: Mapping[str, str] | None = None,
         auxiliary: Mapping[str, int | str] | None = None, sample_rate_hz: float | None = None, skip_rows: int | None = None,
-        timing: str | None = None,
+        timing: str | None = None, intersample: str | None = None,
     ) -> Dataset:
-        """Reads a folder with ``dataset.toml``, a manifest, or one file (CSV, MATLAB, HDF5, NPY, NPZ, TDMS, Parquet, XLSX, WAV).
+        """Reads a folder with ``dataset.toml``, a manifest, or one file (CSV, MATLAB, HDF5, NPY, NPZ, TDMS, Parquet, Feather, XLSX, WAV).
 
         ``columns`` says which column is what, by number from 1 or by name: ``{"t": 1, "u": "drive", "y": 2}``. ``units`` says in what they
         are, or how sensitive the sensor is: ``{"u": "mV", "y": "5um/V"}``. ``auxiliary`` names columns of further signals for own effects:
-        ``{"temperature_c": 4}``. What is not said is recognised, and ``notes`` says how.
+        ``{"temperature_c": 4}``. ``intersample`` says what the drive does between samples: ``hold``, ``linear`` or
+        ``band_limited``. What is not said is recognised, and ``notes`` says how.
         """
         dataset = cls.__new__(cls)
         said = (dict(columns or {}), dict(units or {}), dict(auxiliary or {}))
-        dataset._native = _native.Dataset.load(os.fspath(path), *said, sample_rate_hz, skip_rows, timing)
+        dataset._native = _native.Dataset.load(os.fspath(path), *said, sample_rate_hz, skip_rows, timing, intersample)
         return dataset
 
     @property

@@ -53,6 +53,12 @@ class Fit:
             'style="width: 100%; height: 48rem; border: 1px solid #8884; border-radius: 4px; background: #fff"></iframe>'
         )
 
+    @property
+    def replays(self) -> list[dict[str, Any]]:
+        """The model driven from the first sample of each file to its last: ``rms_um``, ``max_um``, ``judged_um`` and, where it is worse, ``drift`` with its cause."""
+        found: list[dict[str, Any]] = self.figures["replays"]
+        return found
+
     def __repr__(self) -> str:
         errors = ", ".join(f"{record['file']} {1e3 * record['rms_um']:.3g} nm" for record in self.figures["records"])
         return f"{self.model!r}: {errors}"

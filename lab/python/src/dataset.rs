@@ -3,8 +3,8 @@
 use crate::{bytes, numbers, raised, wrong};
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
-use hysteron::dataset::recognise::Wanted;
-use hysteron::dataset::timing::Timing;
+use hysteron::dataset::recognise::ColumnRules;
+use hysteron::dataset::timing::{Timing, intersample_named};
 use hysteron::dataset::{Periods, folder};
 use hysteron::{Record, Role};
 use hysteron_sim::chain::InitialState;
@@ -34,6 +34,8 @@ struct RecordParts<Signal> {
     initial_state: String,
     /// First sample that counts, and the one behind the last.
     window: Option<(usize, usize)>,
+    /// Stretches inside the window that do not count.
+    left_out: Vec<(usize, usize)>,
     /// First sample of the first steady-state period, samples of a period, whole periods.
     periods: Option<(usize, usize, usize)>,
     repeat_of: Option<String>,
@@ -61,7 +63,19 @@ pub fn auxiliary_signals(by_name: &BTreeMap<String, PyBackedBytes>) -> Vec<Auxil
 
 fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
     let RecordParts {
-        name, sample_rate_hz, drive_v, displacement_um, force_n, role, window, periods, repeat_of, offset, auxiliary, ..
+        name,
+        sample_rate_hz,
+        drive_v,
+        displacement_um,
+        force_n,
+        role,
+        window,
+        left_out,
+        periods,
+        repeat_of,
+        offset,
+        auxiliary,
+        ..
     } = parts;
     let roles = [Role::Identify, Role::Validate, Role::Noise, Role::Test];
     let Some(role) = roles.into_iter().find(|known| known.name() == role) else {
@@ -75,7 +89,10 @@ fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
         Some(other) => return Err(wrong(&name, format!("offset = \"{other}\"; expected fit or zero"))),
     };
     let drive_v = numbers(&drive_v);
-    Ok(Record {
+    if let Some((from, to)) = left_out.iter().find(|(from, to)| from >= to || *to > drive_v.len()) {
+        return Err(wrong(&name, format!("left_out = ({from}, {to}); expected a first sample, and one behind the last")));
+    }
+    let mut record = Record {
         role,
         initial_state,
         offset_is_fitted,
@@ -85,7 +102,9 @@ fn record_of(parts: RecordParts<PyBackedBytes>) -> PyResult<Record> {
         force_n: force_n.map(|force| numbers(&force)),
         auxiliary: auxiliary_signals(&auxiliary),
         ..Record::new(name, sample_rate_hz, drive_v, numbers(&displacement_um))
-    })
+    };
+    record.leave_out(left_out.into_iter().map(|(from, to)| from..to));
+    Ok(record)
 }
 
 fn parts_of<'py>(py: Python<'py>, record: &Record) -> RecordParts<Bound<'py, PyBytes>> {
@@ -100,6 +119,7 @@ fn parts_of<'py>(py: Python<'py>, record: &Record) -> RecordParts<Bound<'py, PyB
         role: record.role.name().into(),
         initial_state: state.into(),
         window: Some((record.window.start, record.window.end)),
+        left_out: record.left_out.iter().map(|range| (range.start, range.end)).collect(),
         periods: record.periods.map(|p| (p.from, p.length, p.count)),
         repeat_of: record.repeat_of.clone(),
         offset: Some(if record.offset_is_fitted { "fit" } else { "zero" }.into()),
@@ -150,6 +170,7 @@ impl Dataset {
         sample_rate_hz: Option<f64>,
         skip_rows: Option<usize>,
         timing: Option<String>,
+        intersample: Option<String>,
     ) -> PyResult<Self> {
         let column = |column| match column {
             Column::Number(number) => ColumnName::Number(number),
@@ -157,9 +178,10 @@ impl Dataset {
         };
         let (columns, unit) = (by_signal("columns", columns, column)?, by_signal("units", units, |unit| unit)?);
         let auxiliary = auxiliary.into_iter().map(|(name, said)| (name, column(said))).collect();
-        let wanted = Wanted { columns, unit, scale: PerColumn::default(), auxiliary };
+        let wanted = ColumnRules { columns, unit, scale: PerColumn::default(), auxiliary };
         let timing = timing.map(|name| Timing::named("timing", &name)).transpose().map_err(raised)?;
-        let instructions = Instructions { wanted, sample_rate_hz, skip_rows, timing };
+        let intersample = intersample.map(|name| intersample_named("intersample", &name)).transpose().map_err(raised)?;
+        let instructions = Instructions { wanted, sample_rate_hz, skip_rows, timing, intersample };
         Ok(Self(Arc::new(py.detach(|| folder::load_as(&path, &instructions)).map_err(raised)?)))
     }
 
@@ -180,7 +202,7 @@ impl Dataset {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.0.notes.clone()
+        self.0.remarks()
     }
 
     fn record_names(&self) -> Vec<String> {

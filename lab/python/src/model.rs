@@ -3,6 +3,7 @@
 use crate::at_work::at_work;
 use crate::dataset::{Dataset, auxiliary_signals, initial_state};
 use crate::{bytes, numbers, raised, wrong};
+use hysteron::export::{Language, export};
 use hysteron::identification::fit;
 use hysteron::model_file;
 use hysteron_sim::chain::{Drive, EffectInstance};
@@ -36,6 +37,11 @@ impl Model {
         model_file::to_toml(&self.model, &self.data_set).map_err(raised)
     }
 
+    fn export(&self, language: &str, sample_rate_hz: f64, name: &str) -> PyResult<String> {
+        let language = Language::named("language", language).map_err(raised)?;
+        export(&self.model, language, sample_rate_hz, name).map_err(raised)
+    }
+
     fn effects(&self) -> Vec<String> {
         self.model.effect_ids()
     }
@@ -66,13 +72,8 @@ impl Model {
         if let Some(force) = force_n.as_ref().filter(|force| force.len() != drive_v.len()) {
             return Err(wrong("simulate", format!("drive_v has {} samples, force_n {}; expected as many", drive_v.len(), force.len())));
         }
-        let drive = Drive {
-            drive_v: &drive_v,
-            force_n: force_n.as_deref(),
-            auxiliary: &auxiliary_signals(&auxiliary),
-            dt_s: 1.0 / sample_rate_hz,
-            initial_state,
-        };
+        let beside = auxiliary_signals(&auxiliary);
+        let drive = Drive { force_n: force_n.as_deref(), auxiliary: &beside, ..Drive::held(&drive_v, 1.0 / sample_rate_hz, initial_state) };
         let read = at_work(py, None, |_| hysteron::simulate::simulate(&self.model, &drive, "drive_v"))?;
         Ok(bytes(py, &read))
     }

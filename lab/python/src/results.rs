@@ -4,8 +4,9 @@ use crate::at_work::at_work;
 use crate::dataset::Dataset;
 use crate::model::Model;
 use crate::{raised, wrong};
+use hysteron::analyse::{Options, Outcome as Found, Start, analyse};
 use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
-use hysteron::explain::{Explanation, FitFigures, Options, Start, explain as explain_records, fit_figures};
+use hysteron::figures::{FitFigures, fit_figures};
 use hysteron::identify::{Identification, add as add_effect, identify as identify_effects};
 use hysteron::model_file;
 use hysteron::servo::order::{Order, design as design_servo};
@@ -27,7 +28,7 @@ pub struct Outcome {
     dataset: Arc<hysteron::Dataset>,
     figures: FitFigures,
     /// All that was found, where something was looked for.
-    found: Option<Box<Explanation>>,
+    found: Option<Box<Found>>,
 }
 
 /// The page's remark on what made it.
@@ -77,7 +78,7 @@ fn searched(py: Python<'_>, dataset: &Dataset, start: Start, own: Vec<EffectSaid
     let options = Options { own: effects_of(own)?, ..Options::default() };
     let (dataset, started) = (&dataset.0, Instant::now());
     at_work(py, progress, |told| {
-        let found = explain_records(dataset, start, &options, told)?;
+        let found = analyse(dataset, start, &options, told)?;
         let figures = found.figures(dataset, started.elapsed().as_secs_f64());
         Ok(Outcome { model: found.model.clone(), dataset: Arc::clone(dataset), figures, found: Some(Box::new(found)) })
     })

@@ -5,10 +5,10 @@
 
 use super::decimate::extreme_indices;
 use super::evidence::evidence_plots;
-use super::explain_report::{CandidateReport, ExplainReport, RecordReport, StepReport};
+use super::explain_report::{CandidateReport, ExplainReport, StepReport};
 use super::page::{
-    Band, Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall,
-    WaterfallStep, When, Width,
+    Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall, WaterfallStep,
+    When, Width,
 };
 use super::text::{Significant, effect_words, figure, nanometres, percent, role_words};
 use hysteron::diagnosis::residual_map::{Branch, DriveFeature, branches, drive_features, residual_by_feature};
@@ -31,6 +31,7 @@ pub fn explain_page(report: &ExplainReport) -> Page {
     sections.extend(evidence(report));
     sections.push(falling_error(report));
     sections.push(one_record(report, &kept));
+    sections.extend(crate::dynamics::dynamics(report));
     sections.extend(alternatives(report));
     sections.push(what_the_residual_follows(report, &kept));
     sections.extend(parameters(report));
@@ -82,16 +83,6 @@ impl KeptSamples {
     fn pick(&self, record: usize, values: &[f64], scale: f64) -> Vec<f64> {
         self.0[record].iter().map(|&i| values.get(i).map_or(f64::NAN, |v| v * scale)).collect()
     }
-}
-
-/// The samples that count.
-fn window(record: &RecordReport) -> std::ops::Range<usize> {
-    let length = record.t_s.len();
-    let to = match record.window_to {
-        0 => length,
-        to => to.min(length),
-    };
-    record.window_from.min(to)..to
 }
 
 fn step_names(report: &ExplainReport) -> Vec<String> {
@@ -187,7 +178,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
                 .records
                 .iter()
                 .map(|record| match record.residual_um.get(step) {
-                    Some(residual_um) => residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, window(record), range_v)
+                    Some(residual_um) => residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, 0..record.t_s.len(), range_v)
                         .into_iter()
                         .map(|cell| cell.filter(|c| c.samples >= CELL_SAMPLES_MIN).map(|c| c.rms * scale))
                         .collect(),
@@ -250,7 +241,7 @@ fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f6
     let mut cells: Vec<(f64, String)> = Vec::new();
     for record in &report.records {
         let Some(residual_um) = record.residual_um.last() else { continue };
-        let row = residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, window(record), range_v);
+        let row = residual_by_feature(&record.u_v, residual_um, record.sample_rate_hz, 0..record.t_s.len(), range_v);
         let largest = features
             .iter()
             .zip(row)
@@ -361,7 +352,10 @@ fn falling_error(report: &ExplainReport) -> Section {
     }));
     blocks.push(Block::Table(Table {
         title: "Last model, record by record".to_owned(),
-        columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, \u{b5}m"].map(str::to_owned).to_vec(),
+        caption: report.replays.iter().map(|line| capital(line)).collect::<Vec<_>>().join(" "),
+        columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, \u{b5}m", "Replay of the file, nm"]
+            .map(str::to_owned)
+            .to_vec(),
         rows: report
             .records
             .iter()
@@ -373,6 +367,7 @@ fn falling_error(report: &ExplainReport) -> Section {
                     figure(1e3 * r.max_um),
                     if r.role != "noise" && r.range_um > 0.0 { figure(100.0 * r.rms_um / r.range_um) } else { String::new() },
                     figure(r.range_um),
+                    if r.replay_rms_um > 0.0 { figure(1e3 * r.replay_rms_um) } else { String::new() },
                 ]
             })
             .collect(),
@@ -387,6 +382,13 @@ fn falling_error(report: &ExplainReport) -> Section {
         },
         blocks,
     }
+}
+
+/// A sentence that begins with a capital letter and ends with a full stop.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    let begun = letters.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + letters.as_str());
+    if begun.ends_with('.') { begun } else { begun + "." }
 }
 
 fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
@@ -424,7 +426,6 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         over_time.series.push(measured(&t_s));
         loops.series.push(measured(&u_v));
         drive.series.push(Series::line("drive", Role::Drive, t_s.clone(), u_v.clone()).style(Style::Steps).when(RECORD, r));
-        let counted = window(record);
         for (step, residual_um) in record.residual_um.iter().enumerate() {
             let chosen = |series: Series| series.when(RECORD, r).when(STEP, step);
             let modelled_um: Vec<f64> = record.y_um.iter().zip(residual_um).map(|(y, e)| y - e).collect();
@@ -436,8 +437,7 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
             let error = |x: &Vec<f64>| chosen(Series::line("residual", Role::Residual, x.clone(), residual_nm.clone()));
             residual.series.push(error(&t_s));
             residual_over_drive.series.push(error(&u_v));
-            let counted_um: Vec<f64> =
-                residual_um.get(counted.clone()).unwrap_or_default().iter().map(|e| if e.is_finite() { *e } else { 0.0 }).collect();
+            let counted_um: Vec<f64> = residual_um.iter().map(|e| if e.is_finite() { *e } else { 0.0 }).collect();
             let density = amplitude_density(&counted_um, record.sample_rate_hz);
             spectrum.series.push(chosen(Series::line(
                 "residual",
@@ -455,20 +455,6 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
                 value: 1e3 * floor.rms_um / (record.sample_rate_hz / 2.0).sqrt(),
                 when: vec![When(RECORD.to_owned(), r)],
             });
-        }
-        if counted.start > 0
-            && let (Some(first), Some(from)) = (record.t_s.first(), record.t_s.get(counted.start))
-        {
-            let band = Band {
-                label: "drives the model, not counted".to_owned(),
-                from: *first,
-                to: *from,
-                along_x: true,
-                when: vec![When(RECORD.to_owned(), r)],
-            };
-            for plot in [&mut over_time, &mut residual] {
-                plot.bands.push(band.clone());
-            }
         }
     }
     if let Some(floor) = &report.noise_floor {
@@ -505,8 +491,10 @@ fn alternatives(report: &ExplainReport) -> Option<Section> {
         (None, Some(after)) => format!("to {}", figure(1e3 * after)),
         _ => "not refitted".to_owned(),
     };
-    let p_value = |p: f64| {
-        if p < 1e-3 { "< 0.001".to_owned() } else { figure(p) }
+    let p_value = |p: Option<f64>| match p {
+        None => "-".to_owned(),
+        Some(p) if p < 1e-3 => "< 0.001".to_owned(),
+        Some(p) => figure(p),
     };
     Some(Section {
         heading: "The alternatives, and why not".to_owned(),
@@ -599,7 +587,6 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
     plots[5].x.log = true;
     let range_v = drive_range_v(report);
     for (r, record) in report.records.iter().enumerate() {
-        let counted = window(record);
         let rate_v_per_s: Vec<f64> =
             (0..record.u_v.len()).map(|k| (record.u_v[k] - record.u_v[k.saturating_sub(1)]) * record.sample_rate_hz).collect();
         let mut highest_v = f64::NEG_INFINITY;
@@ -625,8 +612,7 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
                 Some(step) => series.when(RECORD, r).when(STEP, step),
                 None => series.when(RECORD, r),
             };
-            let inside: Vec<f64> = (0..values.len()).map(|k| if counted.contains(&k) { values[k] } else { f64::NAN }).collect();
-            let drawn = kept.pick(r, &inside, scale);
+            let drawn = kept.pick(r, values, scale);
             for (plot, x) in plots.iter_mut().zip(abscissae) {
                 plot.series.push(chosen(Series::points(name, Role::Residual, kept.pick(r, x, 1.0), drawn.clone())));
             }
@@ -636,7 +622,7 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
                     ("mean, falling", Role::Other2, [Branch::Falling, Branch::Falling]),
                 ] {
                     let masked: Vec<f64> =
-                        inside.iter().zip(&branch).map(|(e, (b, _))| if wanted.contains(b) { e * scale } else { f64::NAN }).collect();
+                        values.iter().zip(&branch).map(|(e, (b, _))| if wanted.contains(b) { e * scale } else { f64::NAN }).collect();
                     let (x, mean) = mean_curve(x, &masked);
                     plot.series.push(chosen(Series::line(label, role, x, mean)));
                 }
@@ -666,6 +652,12 @@ fn parameters(report: &ExplainReport) -> Option<Section> {
         heading: "Parameters".to_owned(),
         text: String::new(),
         blocks: vec![Block::Table(Table {
+            title: "As an engineer reads them".to_owned(),
+            columns: ["Effect", "", "Value"].map(str::to_owned).to_vec(),
+            rows: report.values.iter().map(|value| value.to_vec()).collect(),
+            ..Table::default()
+        }), Block::Table(Table {
+            title: "As the model file has them".to_owned(),
             columns: ["Effect", "Parameter", "Value", "Standard deviation", "Unit", ""]
                 .map(str::to_owned)
                 .to_vec(),
@@ -691,10 +683,7 @@ fn parameters(report: &ExplainReport) -> Option<Section> {
 
 fn next_experiment(report: &ExplainReport) -> Option<Section> {
     let experiment = report.next_experiment.as_ref()?;
-    let mut text = experiment.why.clone();
-    if let Some(file) = &experiment.file {
-        text.push_str(&format!("\n\nThe drive is ready to run: {file}"));
-    }
+    let text = experiment.why.clone();
     let mut blocks = Vec::new();
     if !experiment.t_s.is_empty() {
         blocks.push(Block::Plot(

@@ -31,6 +31,10 @@ pub struct ExplainReport {
     pub parameters: Vec<ParameterReport>,
     /// The drive that would decide, if something is undecided.
     pub next_experiment: Option<ExperimentReport>,
+    /// What the model leaves of whole files, from their first sample to their last, a sentence each.
+    pub replays: Vec<String>,
+    /// The model as an engineer reads it: effect, what it is, and its value with deviation and unit.
+    pub values: Vec<[String; 3]>,
     /// Remarks on the data and on what it cannot identify.
     pub warnings: Vec<String>,
     /// Version of the program.
@@ -62,16 +66,15 @@ pub struct RecordReport {
     pub latent_force: Vec<f64>,
     /// Unit of `latent_force`.
     pub latent_unit: String,
-    /// Samples that count: from this index ...
-    pub window_from: usize,
-    /// ... up to, not including, this one (0: to the end).
-    pub window_to: usize,
-    /// Peak to peak of the measured displacement inside the window, um.
+    /// Peak to peak of the measured displacement, um.
     pub range_um: f64,
-    /// RMS of the last residual inside the window, um.
+    /// RMS of the last residual, um.
     pub rms_um: f64,
-    /// Largest magnitude of the last residual inside the window, um.
+    /// Largest magnitude of the last residual, um.
     pub max_um: f64,
+    /// RMS of the last model's replay over the whole file, um; zero where there is none.
+    #[serde(default)]
+    pub replay_rms_um: f64,
 }
 
 /// The noise floor and what it rests on.
@@ -109,8 +112,8 @@ pub struct CandidateReport {
     pub explained_share: f64,
     /// 90 % interval of that share, if it was resampled.
     pub explained_share_interval: Option<(f64, f64)>,
-    /// p-value after correction for all candidates tried.
-    pub p_value: f64,
+    /// p-value after correction for all candidates tried; none where it was not weighed.
+    pub p_value: Option<f64>,
     /// Validation RMS before adding it, um.
     pub validate_rms_before_um: Option<f64>,
     /// Validation RMS after adding it and refitting, um.
@@ -173,8 +176,6 @@ pub struct ParameterReport {
 pub struct ExperimentReport {
     /// What it decides, in a sentence.
     pub why: String,
-    /// File ready to run, if one was written.
-    pub file: Option<String>,
     /// Time, s.
     pub t_s: Vec<f64>,
     /// Drive, V.

@@ -18,6 +18,11 @@ const LONGEST_SERIES: usize = 12_000;
 impl Page {
     /// The page as one file that opens offline.
     pub fn to_html(&self) -> String {
+        self.to_html_in(&str::to_owned)
+    }
+
+    /// The same with every text that a person reads as `say` gives it: in other units than V and um.
+    pub fn to_html_in(&self, say: &dyn Fn(&str) -> String) -> String {
         let mut body = String::new();
         let mut contents = String::new();
         let mut figures = Vec::new();
@@ -29,7 +34,7 @@ impl Page {
         }
         let data = json!({
             "selectors": self.selectors,
-            "figures": figures,
+            "figures": figures.into_iter().map(|figure| texts_in(figure, say)).collect::<Vec<_>>(),
             "columns": columns.into_json(),
         });
         // Inside a script element only "</" and "<!--" could end or change it; as JSON escapes they cannot.
@@ -48,15 +53,25 @@ impl Page {
                 ("title", &escape(&self.title)),
                 ("style", STYLE),
                 ("tone", tone_class(self.tone)),
-                ("lead", &escape(&self.lead_sentence)),
-                ("facts", &facts),
+                ("lead", &say(&escape(&self.lead_sentence))),
+                ("facts", &say(&facts)),
                 ("contents", &contents),
-                ("body", &body),
-                ("footer", &footer),
+                ("body", &say(&body)),
+                ("footer", &say(&footer)),
                 ("data", &data),
                 ("script", SCRIPT),
             ],
         )
+    }
+}
+
+/// A figure with its texts as `say` gives them.
+fn texts_in(figure: Value, say: &dyn Fn(&str) -> String) -> Value {
+    match figure {
+        Value::String(text) => Value::String(say(&text)),
+        Value::Array(values) => Value::Array(values.into_iter().map(|value| texts_in(value, say)).collect()),
+        Value::Object(fields) => Value::Object(fields.into_iter().map(|(key, value)| (key, texts_in(value, say))).collect()),
+        other => other,
     }
 }
 

@@ -53,6 +53,7 @@
 //! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture that moves.
 
 mod decimate;
+mod dynamics;
 mod effects_page;
 mod encode;
 mod evidence;

@@ -4,19 +4,21 @@ use crate::explain_report::{
     CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
     StepReport,
 };
+use hysteron::analyse::Outcome;
 use hysteron::dataset::Dataset;
 use hysteron::dataset::reading_grid::{mean_rounding_um, rounding_noise};
-use hysteron::diagnosis::decision::Decision;
 use hysteron::diagnosis::judgement::{Split, judge, noise_floor_beside};
 use hysteron::diagnosis::latent_force::latent_force_nm;
 use hysteron::diagnosis::path::Step;
-use hysteron::diagnosis::verdict::{CandidateFigures, Verdict};
 use hysteron::diagnosis::words::{self, nm};
-use hysteron::explain::{Explanation, FitFigures, StepFigures, step_figures};
+use hysteron::engineering::{Figure, figures};
+use hysteron::figures::{FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::identification::own_part::Samples;
+use hysteron::outcome::{CandidateFigures, Standing, Verdict};
+use hysteron::replay::{lines, replays};
 use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::Effect;
@@ -24,9 +26,10 @@ use hysteron_sim::effect::quantisation::Quantisation;
 
 /// Everything that the page of an explanation shows.
 #[must_use]
-pub fn explain_report(found: &Explanation, dataset: &Dataset, command: String) -> ExplainReport {
+pub fn explain_report(found: &Outcome, dataset: &Dataset, command: String) -> ExplainReport {
+    let dataset = found.dataset(dataset);
     let models: Vec<&Model> = found.steps.iter().map(|s| &s.judged.model).collect();
-    let mut warnings: Vec<String> = dataset.notes.iter().chain(&found.floor.warnings).cloned().collect();
+    let mut warnings: Vec<String> = dataset.remarks().into_iter().chain(found.floor.warnings.iter().cloned()).collect();
     let open = found.cannot_identify.iter().map(words::cannot_identify);
     warnings.extend(open.map(|c| format!("cannot be identified from this data: {c}")));
     ExplainReport {
@@ -40,9 +43,10 @@ pub fn explain_report(found: &Explanation, dataset: &Dataset, command: String) -
         candidates: found.diagnosis.candidates.iter().map(candidate_report).collect(),
         evidence: evidence(found, dataset),
         parameters: parameter_reports(&found.model),
+        replays: lines(&replays(&found.model, dataset)),
+        values: value_reports(&figures(&found.model, &found.cannot_identify)),
         next_experiment: found.next_experiment.as_ref().map(|next| ExperimentReport {
             why: next.sentence.clone(),
-            file: None,
             t_s: (0..next.proposal.drive_v.len()).map(|k| k as f64 / next.proposal.sample_rate_hz).collect(),
             u_v: next.proposal.drive_v.clone(),
         }),
@@ -73,12 +77,12 @@ fn candidate_report(c: &CandidateFigures) -> CandidateReport {
         validate_rms_after_um: c.validate_rms_after_um,
         confusable_with: c.confusable_with.clone(),
         next_experiment: c.next_experiment.clone(),
-        why: words::why(&c.decision),
+        why: words::why(&c.standing).into(),
     }
 }
 
 /// Where something stays without a name, the pages draw the force that would explain it.
-fn with_latent_force(found: &Explanation, mut records: Vec<RecordReport>) -> Vec<RecordReport> {
+fn with_latent_force(found: &Outcome, mut records: Vec<RecordReport>) -> Vec<RecordReport> {
     if found.diagnosis.verdict == Verdict::Unexplained {
         for record in &mut records {
             let Some(last) = record.residual_um.last() else { continue };
@@ -91,7 +95,7 @@ fn with_latent_force(found: &Explanation, mut records: Vec<RecordReport>) -> Vec
 }
 
 /// What is left in the end, and what rounding the modelled reading would do.
-fn evidence_of_rounding(found: &Explanation, dataset: &Dataset) -> EvidenceReport {
+fn evidence_of_rounding(found: &Outcome, dataset: &Dataset) -> EvidenceReport {
     let (step_um, floor_um) = (found.floor.reading_step_um.unwrap_or(f64::MIN_POSITIVE), found.floor.rms_um.unwrap_or(0.0));
     let sigma_um = (floor_um.powi(2) - rounding_noise(step_um).powi(2)).max(0.0).sqrt();
     let driven = found.last().residuals.iter().enumerate().filter(|(_, residual)| !residual.is_empty());
@@ -115,13 +119,13 @@ fn evidence_of_rounding(found: &Explanation, dataset: &Dataset) -> EvidenceRepor
 }
 
 /// What each named effect predicts, against what the model without it leaves.
-fn evidence(found: &Explanation, dataset: &Dataset) -> Vec<EvidenceReport> {
+fn evidence(found: &Outcome, dataset: &Dataset) -> Vec<EvidenceReport> {
     let of = |id: &String| {
-        if found.diagnosis.candidates.iter().any(|c| c.effect == *id && c.decision == Decision::ReadingsShowIt) {
+        if found.diagnosis.candidates.iter().any(|c| c.effect == *id && c.standing == Standing::InTheReadings) {
             return Some(evidence_of_rounding(found, dataset));
         }
-        let supported = found.supported.iter().find(|s| s.names().contains(id))?;
-        let screening = &supported.screening;
+        let weighed = found.weighed.iter().find(|w| w.slot.effects().contains(id))?;
+        let screening = weighed.screening.as_ref()?;
         let score = screening.scores.iter().find(|score| score.id == *id)?;
         let (residual, signature) = (screening.residual(), screening.signature(score));
         let traces = screening.records.iter().zip(&screening.samples).zip(residual.into_iter().zip(signature));
@@ -148,10 +152,12 @@ fn evidence(found: &Explanation, dataset: &Dataset) -> Vec<EvidenceReport> {
 /// Records with measured and modelled displacement for a page.
 #[must_use]
 pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport> {
+    let replayed = models.last().map_or_else(Vec::new, |last| replays(last, dataset));
     dataset
         .records
         .iter()
-        .map(|record| {
+        .enumerate()
+        .map(|(i, record)| {
             let window = record.window.clone();
             let mut residuals: Vec<Vec<f64>> = models.iter().map(|m| residual(m, record)).collect();
             let last = residuals.last().map_or_else(Vec::new, |last| counted_of(record, last));
@@ -169,11 +175,10 @@ pub fn record_reports(models: &[&Model], dataset: &Dataset) -> Vec<RecordReport>
                 residual_um: residuals,
                 latent_force: Vec::new(),
                 latent_unit: String::new(),
-                window_from: 0,
-                window_to: 0,
                 range_um: record.range_um(),
                 rms_um: rms(&last),
                 max_um: largest(&last),
+                replay_rms_um: replayed.iter().find(|replay| replay.records.contains(&i)).map_or(0.0, |replay| replay.rms_um),
             }
         })
         .collect()
@@ -214,6 +219,10 @@ pub fn parameter_reports(model: &Model) -> Vec<ParameterReport> {
         .collect()
 }
 
+fn value_reports(values: &[Figure]) -> Vec<[String; 3]> {
+    values.iter().map(|value| [value.effect.clone(), value.name.clone(), value.text()]).collect()
+}
+
 /// A model as it is on a data set.
 #[must_use]
 pub fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures, command: String) -> ExplainReport {
@@ -240,6 +249,8 @@ pub fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures,
             validate_rms_um: judged.validate_rms_um,
         }],
         parameters: parameter_reports(model),
+        replays: lines(&figures.replays),
+        values: value_reports(&figures.values),
         warnings,
         program_version: env!("CARGO_PKG_VERSION").into(),
         command,

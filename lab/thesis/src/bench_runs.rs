@@ -1,14 +1,19 @@
 //! Servos on the reference bench: references of the thesis, one run, and what is said of it.
 //!
 //! Every run is a conditioning cycle, zeroing of the sensor, and the reference of the thesis with the bench's offset. Errors are of what the
-//! sensor reads, noise removed, after the first part of the run; the note gives the true ones.
+//! sensor reads, noise removed, after the first part of the run, with the true ones beside.
+//!
+//! Whatever is chosen by a run is chosen on [`CHOICE_HZ`] with [`CHOICE_SEED`], which no figure is judged on.
 
-use crate::chapter::{Progress, Row};
+use crate::chapter::{ErrorPair, Progress, Row, RunKey};
 use crate::commissioning::{Identified, on_bench};
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel};
+use hysteron::servo::order::scheme_without_recording;
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::quantise::QuantisationError;
+use hysteron::servo::schemes::Choice;
+use hysteron::servo::sensor_lag::lag_s;
 use hysteron::servo::thesis_schemes::{Estimator, ReachingGains};
 use hysteron::servo::track::{lead_s, period_ticks, told_when_grown};
 use hysteron_core::servo_tick::ServoTick;
@@ -24,9 +29,30 @@ pub fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Row 
 }
 
 /// The error of a run from a sample on, true and as the sensor reads it.
-fn row_of_run(id: impl Into<String>, trace: &Trace, from: usize, condition: &str) -> Row {
-    let truth = Some(trace.true_error(from).rms_um);
-    Row { truth, ..row_um(id, trace.sensor_error(from).rms_um, note_of(trace, from, condition)) }
+fn row_of_run(id: impl Into<String>, trace: &Trace, from: usize, condition: &str, drive: String) -> Row {
+    let (truth, sensor) = (trace.true_error(from), trace.sensor_error(from));
+    let max = Some(ErrorPair { truth: truth.max_um, sensor: sensor.max_um });
+    let row = row_um(id, sensor.rms_um, note_of(trace, from, condition));
+    Row { truth: Some(truth.rms_um), max, ..row }.on(drive, JUDGED_SEED)
+}
+
+/// Seed of the noise of every run that is judged.
+pub const JUDGED_SEED: u64 = 7;
+/// Seed of the noise of every run by which gains are chosen.
+pub const CHOICE_SEED: u64 = 107;
+/// Frequency of the sine by which gains are chosen, Hz: between those that are judged.
+pub const CHOICE_HZ: f64 = 7.0;
+
+/// A sine as a run is named by.
+#[must_use]
+pub fn sine_key(hz: f64, amplitude_um: f64) -> String {
+    format!("sine of {hz} Hz, {amplitude_um} um")
+}
+
+/// The run by which gains are chosen.
+#[must_use]
+pub fn choice() -> RunKey {
+    RunKey::new(sine_key(CHOICE_HZ, 5.0), CHOICE_SEED)
 }
 
 /// Steps of the plant in a period.
@@ -115,7 +141,7 @@ pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
 
 fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
     let c = &trace.counters;
-    let mut note = format!("{condition}; max {:.4} um", trace.sensor_error(from).max_um);
+    let mut note = condition.to_owned();
     let limited_ticks = trace.limited_after(from);
     if limited_ticks + c.saturated_values > 0 {
         note += &format!("; drive at a limit in {} ticks, {} saturated values", limited_ticks, c.saturated_values);
@@ -125,8 +151,8 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
 
 pub fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
     let (reference, from) = sine_that_counts_after_um(bench, hz, amplitude_um, lead_s(design, hz));
-    match run_repeating(bench, variant, design, &reference, period_ticks(hz), 7) {
-        Ok(trace) => row_of_run(id, &trace, from, condition),
+    match run_repeating(bench, variant, design, &reference, period_ticks(hz), JUDGED_SEED) {
+        Ok(trace) => row_of_run(id, &trace, from, condition, sine_key(hz, amplitude_um)),
         Err(e) => row_um(id, f64::NAN, e.to_string()),
     }
 }
@@ -173,7 +199,7 @@ fn estimator_in_words(estimator: &Estimator) -> String {
 pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, condition: &str) -> Vec<Row> {
     let fs = bench.converters.sample_rate_hz;
     let reference = quasi_step_um(fs, 8.0);
-    match run(bench, variant, design, &reference, 7) {
+    match run(bench, variant, design, &reference, JUDGED_SEED) {
         Ok(trace) => {
             let tail = trace.sensor_um.len().saturating_sub(10_000);
             // Chattering: what the drive jumps from tick to tick while nothing moves.
@@ -181,8 +207,9 @@ pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id
             let chatter_v = (jumps.iter().map(|j| j * j).sum::<f64>() / jumps.len().max(1) as f64).sqrt();
             let settle = settling_s(&trace, 0.01, fs);
             vec![
-                row_of_run(format!("{id}.step.rms"), &trace, 0, &format!("quasi-step, 8 s, {condition}")),
-                row_um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}")),
+                row_of_run(format!("{id}.step.rms"), &trace, 0, &format!("quasi-step, 8 s, {condition}"), "quasi-step".into()),
+                row_um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}"))
+                    .on("quasi-step", JUDGED_SEED),
                 Row::new(format!("{id}.step.chatter"), chatter_v, "V", "RMS change of the drive from tick to tick at rest"),
                 Row::new(format!("{id}.step.settling"), 1e3 * settle, "ms", "to 10 nm after the end of the step; 7850 if never"),
             ]
@@ -198,6 +225,15 @@ pub struct Commissioned {
     pub identified: Identified,
     /// The best design for it.
     pub design: ServoDesign,
+}
+
+/// A scheme designed for an identified model under the margins that `design` keeps where no recording stands behind it, with the period of delay.
+#[must_use]
+pub fn designed(c: &Commissioned, choice: Choice, inverse: bool) -> Option<ServoDesign> {
+    let scheme = scheme_without_recording(&c.design, choice, inverse).ok()?;
+    let mut design = ServoDesign { scheme, trade_off: Vec::new(), ..c.design.clone() };
+    design.sensor_lag_s = c.identified.model.linear.sensor_bandwidth_hz.map(lag_s);
+    Some(design)
 }
 
 /// Identifies a variant of the bench and designs the best predictor for it.

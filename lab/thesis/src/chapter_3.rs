@@ -224,7 +224,7 @@ const CYCLES: usize = 12;
 /// Displacement over time at 30, 50 and 60 V (Fig. 4), with the errors of the model.
 fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, Plot) {
     let mut figure_4 = Plot::new("Fig. 4: end-effector at 60 Hz").x_axis("time", "s").y_axis("displacement", "um").width(Width::Full);
-    let (mut rows, mut errors) = (Vec::new(), Vec::new());
+    let (mut rows, mut errors, mut noisy_errors) = (Vec::new(), Vec::new(), Vec::new());
     for (k, height) in [30.0, 50.0, 60.0].into_iter().enumerate() {
         let drive = saw_tooth(60.0, height, CYCLES);
         let truth = rig.simulate(&drive, SAMPLE_RATE_HZ).end_effector_um;
@@ -238,6 +238,7 @@ fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, P
             format!("end-effector at {height} V, 60 Hz, noise removed"),
         ));
         errors.extend(error);
+        noisy_errors.extend(difference(&reading, &ours));
         let t = times_s(truth.len());
         figure_4 = figure_4
             .with(Series::line("measured", Role::Measured, t.clone(), reading))
@@ -253,6 +254,8 @@ fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, P
         ),
     );
     rows.push(Row::new("ch3.emax", largest(&errors), "um", "largest error of the same"));
+    let note = format!("the same against the readings, {:.0} nm of noise", 1e3 * SENSOR_NOISE_UM);
+    rows.push(Row::new("ch3.erms.with_noise", rms(&noisy_errors), "um", note));
     (rows, figure_4)
 }
 
@@ -496,6 +499,7 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     rows.extend(more);
     let (more, table) = friction_table(&model, &friction);
     rows.extend(more);
+    rows.push(Row::new("ch3.beta", model.friction.coulomb_force_n / MASS_KG, "N/kg", "identified F_c over the mass of the end-effector"));
     rows.push(Row::new("ch3.natural_frequency", platform.values[0], "rad/s", "from steps to 50 and 100 V; printed 1526"));
     rows.push(Row::new("ch3.damping_ratio", platform.values[1], "1", "from steps to 50 and 100 V; printed 0.7696"));
     rows.push(Row::new(
@@ -521,5 +525,5 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
             .into(),
         blocks,
     }];
-    Ok(Chapter { number: 3, rows, sections })
+    Ok(Chapter { number: 3, rows, sections, choices: Vec::new() })
 }

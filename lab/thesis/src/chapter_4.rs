@@ -6,7 +6,7 @@
 
 use super::least_squares;
 use super::surface_fit::{self, LossPoint, SurfaceFit, add_loss_term, exponents};
-use crate::chapter::{Chapter, Progress, Row, errata};
+use crate::chapter::{Chapter, Progress, Row, RunKey, errata};
 use hysteron::statistics::{difference, largest, mean, rms};
 use hysteron_report::{Block, Plot, Role, Section, Series, Style, Table};
 use hysteron_sim::bench::{Bench, Sensor, Start, Variant};
@@ -145,7 +145,7 @@ fn play_rate_records(bench: &Bench, variant: Variant) -> Vec<RateRecord> {
         for (j, height) in HEIGHTS_V.into_iter().enumerate() {
             let mut drive = waveform::rounded_triangle(fs, rate, height, 0.5);
             drive.push(0.0);
-            let record = bench.record(variant, Start::Virgin, &drive, 4000 + (100 * i + j) as u64);
+            let record = bench.record(variant, Start::Virgin, &drive, 7000 + (100 * i + j) as u64);
             records.push(RateRecord {
                 nominal_rate_v_s: rate,
                 height_v: height,
@@ -287,26 +287,6 @@ fn one_step_estimation(records: &[&RateRecord], orders: RateOrders, range_v: f64
     Some(RateSurfaces { orders: out, reference_rate_v_s: REFERENCE_RATE_V_S })
 }
 
-/// Half periods of the drive of Fig. 10 in the verification, s.
-fn figure_10_half_periods_s() -> [f64; 6] {
-    FIGURE_10_HZ.map(|hz| 0.5 / hz)
-}
-
-/// The nominal rates next to the range of rates that the drives of Fig. 10 reach: known from the drives alone, before anything is measured.
-fn rates_of_figure_10_v_s(sample_rate_hz: f64) -> (f64, f64) {
-    let reached: Vec<f64> = figure_10_half_periods_s()
-        .iter()
-        .map(|half_period_s| {
-            let drive = waveform::half_cosines(sample_rate_hz, *half_period_s, &FIGURE_10_V);
-            largest(&drive.windows(2).map(|p| (p[1] - p[0]) * sample_rate_hz).collect::<Vec<_>>())
-        })
-        .collect();
-    let (slowest, fastest) = (least(&reached), largest(&reached));
-    let below = RATES_V_S.into_iter().filter(|r| *r <= slowest).fold(RATES_V_S[0], f64::max);
-    let above = RATES_V_S.into_iter().filter(|r| *r >= fastest).fold(f64::INFINITY, f64::min);
-    (below, above)
-}
-
 /// Orders by prediction of heights that were left out, for records of some nominal rates.
 fn rate_orders_by_evidence(
     records: &[RateRecord],
@@ -370,6 +350,57 @@ fn track_with_pi(surfaces: &Surfaces, bench: &Bench, variant: Variant, reference
         drive.push(applied_v);
     }
     (noise_free, drive)
+}
+
+/// Standard deviation of the sensor's noise that the thesis states, um (Ch. 4, 6.2).
+pub(super) const PRINTED_NOISE_UM: f64 = 0.027;
+
+/// A bench with the noise that the thesis states.
+pub(super) fn with_printed_noise(bench: &Bench) -> Bench {
+    let mut noisy = bench.clone();
+    noisy.converters.sensor_noise_um = PRINTED_NOISE_UM;
+    noisy
+}
+
+/// Mean RMS and largest errors of surfaces over the drives in the manner of Fig. 7: without noise, or of noisy readings.
+fn over_figure_7(bench: &Bench, variant: Variant, surfaces: &Surfaces, noise_counts: bool) -> [f64; 2] {
+    let mut errors = Errors::default();
+    for seed in 0..FIGURE_7_DRIVES {
+        let drive = waveform::triangles(bench.converters.sample_rate_hz, SLOPE_V_S, &figure_7_vertices_v(seed));
+        let played = bench.record(variant, Start::Virgin, &drive, 4200 + seed);
+        let seen = if noise_counts { &played.reading_um } else { &played.noise_free_um };
+        errors.push(&difference(seen, &predict(surfaces, bench, &played.drive_v)));
+    }
+    [mean(&errors.rms_um), mean(&errors.max_um)]
+}
+
+/// The rate-independent model by the printed points and by every reading, without noise and with the thesis' own.
+fn rows_by_way_of_estimating(bench: &Bench, variant: Variant, identified: &RateIndependent) -> Option<Vec<Row>> {
+    let noisy = with_printed_noise(bench);
+    let by_noisy_points = identify_rate_independent(&noisy, variant, 610)?.by_points.one_sided();
+    let cases = [
+        (
+            "printed",
+            over_figure_7(bench, variant, &identified.by_points.one_sided(), false),
+            "F and G from peaks and falls by 5 V, as printed",
+        ),
+        (
+            "samples",
+            over_figure_7(bench, variant, &identified.by_samples, false),
+            "F and G from every reading of two-period triangular waves",
+        ),
+        (
+            "noisy",
+            over_figure_7(&noisy, variant, &by_noisy_points, true),
+            "as printed, the thesis' noise in all records, error of the reading",
+        ),
+    ];
+    let rows = cases.into_iter().flat_map(|(by, [rms_um, max_um], note)| {
+        let note = format!("{note}; mean over {FIGURE_7_DRIVES} random drives in the manner of Fig. 7");
+        [("rms", rms_um), ("max", max_um)]
+            .map(|(what, value)| Row::new(format!("ch4.ri.{by}.{what}"), value, "um", &note).on("Fig. 7, random", 4200))
+    });
+    Some(rows.collect())
 }
 
 fn least(values: &[f64]) -> f64 {
@@ -644,6 +675,7 @@ fn rate_independent(bench: &Bench, variant: Variant) -> Result<RateIndependentRe
     let mut rows = rows_of_identification(&identified);
     let (verified, mut blocks) = verify_rate_independent(bench, variant, &chosen)?;
     rows.extend(verified);
+    rows.extend(rows_by_way_of_estimating(bench, variant, &identified).ok_or("the surfaces F and G could not be fitted")?);
     blocks.push(Block::Table(table_1(fit)));
     blocks.push(Block::Notes(errata(&[
                     "Table 1 prints F in descending order and its cubic and quartic coefficients rounded to 0.000, which loses F: identified from data here.",
@@ -687,14 +719,13 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
     let mut rows = Vec::new();
     let records = play_rate_records(bench, variant);
     let two_step = two_step_estimation(&records, range_v).ok_or("the rate-dependent model could not be fitted")?;
-    let estimate = |rates: (f64, f64)| {
-        let (orders, held_out) = rate_orders_by_evidence(&records, bench, rates)?;
-        Some((orders, held_out, one_step_estimation(&records.iter().collect::<Vec<_>>(), orders, range_v, fs)?))
-    };
-    let rates = rates_of_figure_10_v_s(fs);
-    let (orders, held_out, one_step) = estimate(rates).ok_or("the rate-dependent model could not be fitted")?;
-    let (_, _, all_rates) =
-        estimate((RATES_V_S[0], RATES_V_S[RATES_V_S.len() - 1])).ok_or("the rate-dependent model could not be fitted")?;
+    let noisy = with_printed_noise(bench);
+    let noisy_two_step =
+        two_step_estimation(&play_rate_records(&noisy, variant), range_v).ok_or("the rate-dependent model could not be fitted")?;
+    let rates = (RATES_V_S[0], RATES_V_S[RATES_V_S.len() - 1]);
+    let (orders, held_out) = rate_orders_by_evidence(&records, bench, rates).ok_or("the rate-dependent model could not be fitted")?;
+    let one_step = one_step_estimation(&records.iter().collect::<Vec<_>>(), orders, range_v, fs)
+        .ok_or("the rate-dependent model could not be fitted")?;
     rows.push(Row::new(
         "ch4.rd.rate_order",
         orders.rate as f64,
@@ -703,10 +734,7 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
     ));
     rows.push(Row::new("ch4.rd.surface_order", orders.surface as f64, "1", "order of G by prediction of left-out heights; thesis 6"));
     let mut rate_blocks = drives_of_the_rates(fs);
-    let rate_note = format!(
-        "drive in the manner of Fig. 10 from the virgin state; every sample with the rate it had; records of {:.0} to {:.0} V/s, the nominal rates next to those that the drives of Fig. 10 reach",
-        rates.0, rates.1
-    );
+    let rate_note = "one step: every sample of all nine rates with the rate that it had; one cubic in the rate for creep at the slow end and for the mode's lag at the fast one";
     for hz in FIGURE_10_HZ {
         let drive = waveform::half_cosines(fs, 0.5 / hz, &FIGURE_10_V);
         let verification = bench.record(variant, Start::Virgin, &drive, 43);
@@ -714,15 +742,16 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
         let printed = predict_rate_dependent(&two_step, bench, &verification.drive_v);
         let error = difference(&verification.noise_free_um, &ours);
         let printed_error = difference(&verification.noise_free_um, &printed);
-        let by_all = difference(&verification.noise_free_um, &predict_rate_dependent(&all_rates, bench, &verification.drive_v));
-        rows.push(Row::new(format!("ch4.rd.{hz:.0}hz.rms"), rms(&error), "um", &rate_note));
-        rows.push(Row::new(format!("ch4.rd.{hz:.0}hz.max"), largest(&error), "um", &rate_note));
-        let note = "the same estimation over all nine rates, 100 to 35000 V/s: one cubic in the rate for creep at the slow end and for the mode's lag at the fast one";
-        rows.push(Row::new(format!("ch4.rd.all_rates.{hz:.0}hz.rms"), rms(&by_all), "um", note));
-        rows.push(Row::new(format!("ch4.rd.all_rates.{hz:.0}hz.max"), largest(&by_all), "um", note));
-        let note = "two steps as printed: surfaces at nine nominal rates, then cubics in the nominal rate";
-        rows.push(Row::new(format!("ch4.rd.twostep.{hz:.0}hz.rms"), rms(&printed_error), "um", note));
-        rows.push(Row::new(format!("ch4.rd.twostep.{hz:.0}hz.max"), largest(&printed_error), "um", note));
+        let noisy_reading = noisy.record(variant, Start::Virgin, &drive, 43);
+        let noisy_error = difference(&noisy_reading.reading_um, &predict_rate_dependent(&noisy_two_step, bench, &noisy_reading.drive_v));
+        let mut add = |by: &str, error: &[f64], note: &str| {
+            let key = format!("Fig. 10 at {hz:.0} Hz");
+            rows.push(Row::new(format!("ch4.rd.{by}.{hz:.0}hz.rms"), rms(error), "um", note).on(&key, 43));
+            rows.push(Row::new(format!("ch4.rd.{by}.{hz:.0}hz.max"), largest(error), "um", note).on(&key, 43));
+        };
+        add("onestep", &error, rate_note);
+        add("twostep", &printed_error, "two steps as printed: surfaces at nine nominal rates, then cubics in the nominal rate");
+        add("noisy", &noisy_error, "two steps as printed, the thesis' noise in all records, error of the reading");
         if hz == 10.0 || hz == 40.0 {
             let t = times_s(drive.len(), fs);
             rate_blocks.push(Block::Plot(
@@ -743,8 +772,8 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
     }
     let text = "Rounded triangles of 100 to 35000 V/s, fourteen heights each. Estimated as printed in two steps the surfaces belong to nominal rates that the rounded \
              drive does not have at its peaks; estimated in one step every sample carries the rate that it had. At a reversal the rate is zero, so G need vanish on alpha = beta only there: \
-             at a rate it carries the lag of the actuator. The model is estimated from the records whose nominal rates lie next to those that the drives of Fig. 10 reach; over all nine rates \
-             (ch4.rd.all_rates) one cubic in the rate has to follow creep at 100 V/s and the mode's lag at 35000 V/s, which costs accuracy at both ends. The orders are those that predict left-out heights best.";
+             at a rate it carries the lag of the actuator. Either way one cubic in the rate has to follow creep at 100 V/s and the mode's lag at 35000 V/s, which costs accuracy at both ends. \
+             The orders of the estimation in one step are those that predict left-out heights best.";
     Ok((rows, section("Chapter 4: rate-dependent one-sided hysteresis", text, rate_blocks)))
 }
 
@@ -855,5 +884,10 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     let text = "The printed inversion searches the whole model and can loop for ever below the remnant; here the walk goes over the stored extrema, and what cannot be reached saturates.";
     let blocks = open_loop.into_iter().chain(feedback).map(Block::Plot).collect();
     let inverse = section("Chapter 4: inverse in open loop and with PI", text, blocks);
-    Ok(Chapter { number: 4, rows, sections: vec![rate_independent, rate_dependent, bipolar, inverse] })
+    // Orders and ways of estimating are chosen on waves that were left out of the identification.
+    let choices = HEIGHTS_V.iter().zip(410..).map(|(height, seed)| RunKey::new(format!("triangular wave of {height} V"), seed));
+    let rate_choices =
+        (0..RATES_V_S.len()).flat_map(|i| (0..HEIGHTS_V.len()).map(move |j| RunKey::new("rounded triangle", 7000 + (100 * i + j) as u64)));
+    let choices = choices.chain(rate_choices).collect();
+    Ok(Chapter { number: 4, rows, sections: vec![rate_independent, rate_dependent, bipolar, inverse], choices })
 }

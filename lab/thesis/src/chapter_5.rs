@@ -4,6 +4,7 @@
 //! model of a 30 s step. The joint fit estimates the whole chain at once, with the second mode and the bandwidths of amplifier and
 //! sensor that the nominal model leaves out; it sees the same kinds of records and a multisine.
 
+use super::chapter_4::with_printed_noise;
 use super::least_squares;
 use super::surface_fit::{self, LossPoint};
 use crate::chapter::{Chapter, Progress, Row, errata};
@@ -444,6 +445,17 @@ fn timed_identification(bench: &Bench) -> Result<(f64, f64), String> {
     Ok((from.elapsed().as_secs_f64(), fitted.rms_um))
 }
 
+/// The thesis' identifications one after another as printed: mode, surfaces by the filter's derivatives, creep.
+fn chain_as_printed(bench: &Bench) -> Option<ThesisChain> {
+    let (natural_frequency_rad_s, damping_ratio) = mode_by_phase(bench, &mut Vec::new()).ok()?.0;
+    let surfaces = surfaces_by_force(bench, natural_frequency_rad_s, damping_ratio, Derivatives::AlphaBetaGamma)?;
+    let chain = ThesisChain { surfaces, natural_frequency_rad_s, damping_ratio, creep: None };
+    let step = bench.record(Variant::FULL, Start::Virgin, &waveform::hold(bench.converters.sample_rate_hz, 30.0, 30.0), 551);
+    let creep = identify_creep(bench, &chain, &step.reading_um, &step.drive_v)?;
+    // An ARX model that is not stable has no continuous form: the chain then has no creep.
+    Some(ThesisChain { creep: creep.system, ..chain })
+}
+
 /// The mode from the phase response to small sines (4.B), with Fig. 6.
 fn mode_by_phase(bench: &Bench, rows: &mut Vec<Row>) -> Result<((f64, f64), Plot), String> {
     let response = phase_response(bench);
@@ -492,6 +504,11 @@ fn creep_after_a_step(creep: &Creep, rows: &mut Vec<Row>) -> Plot {
         "um",
         format!("ARX creep over 30 s (Fig. 7); G2 = {:.4?} / {:.4?}", creep.numerator, creep.denominator),
     ));
+    for (part, coefficients) in [("num", &creep.numerator), ("den", &creep.denominator)] {
+        for (power, value) in coefficients.iter().rev().enumerate() {
+            rows.push(Row::new(format!("ch5.creep.{part}.s{power}"), *value, "1", "coefficient of the ARX creep in continuous time"));
+        }
+    }
     Plot::new("Fig. 7: creep after a step to 30 V")
         .x_axis("time", "s")
         .y_axis("creep", "um")
@@ -522,6 +539,8 @@ fn rows_of_joint_fits(data: &Dataset, joint: &Model, positive: &Model, rows: &mu
 
 /// The identified models that are validated side by side.
 struct Identified<'a> {
+    /// As `filter_chain`, identified with the thesis' noise in all records.
+    noisy_chain: &'a ThesisChain,
     /// The thesis' identifications one after another, derivatives by local polynomials.
     chain: &'a ThesisChain,
     /// The same with the derivatives of the alpha-beta-gamma filter.
@@ -535,7 +554,8 @@ struct Identified<'a> {
 /// Table 2 and Fig. 9: every identified model against half-cosines of rising frequency.
 fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -> (Table, Vec<Block>) {
     let fs = bench.converters.sample_rate_hz;
-    let Identified { chain, filter_chain, joint, positive } = *identified;
+    let Identified { noisy_chain, chain, filter_chain, joint, positive } = *identified;
+    let noisy_bench = with_printed_noise(bench);
     let mut table = Table {
         title: "Validation on the full bench (Table 2), um".into(),
         columns: ["1/T_v", "thesis' chain RMS", "max", "joint fit RMS", "max"].map(String::from).to_vec(),
@@ -547,14 +567,25 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -
         let measured = bench.record(Variant::FULL, Start::Virgin, &drive, 570);
         let by_chain = difference(&measured.noise_free_um, &chain.simulate(bench, &measured.drive_v));
         let by_filter = difference(&measured.noise_free_um, &filter_chain.simulate(bench, &measured.drive_v));
-        let drive_of_joint =
-            Drive { drive_v: &measured.drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / fs, initial_state: InitialState::Virgin };
+        let drive_of_joint = Drive::held(&measured.drive_v, 1.0 / fs, InitialState::Virgin);
         let joint_um = joint.simulate(&drive_of_joint);
         let by_joint = difference(&measured.noise_free_um, &joint_um);
         let by_positive = difference(&measured.noise_free_um, &positive.simulate(&drive_of_joint));
-        let note = "two periods in the manner of Fig. 8 from the virgin state; joint fit of the whole chain to noisy records";
-        rows.push(Row::new(format!("ch5.model.{hz:.0}hz.rms"), rms(&by_joint), "um", note));
-        rows.push(Row::new(format!("ch5.model.{hz:.0}hz.max"), largest(&by_joint), "um", note));
+        let played = noisy_bench.record(Variant::FULL, Start::Virgin, &drive, 570);
+        let by_noisy = difference(&played.reading_um, &noisy_chain.simulate(bench, &played.drive_v));
+        let mut add = |by: &str, error: &[f64], note: &str| {
+            let key = format!("Fig. 8 at {hz:.0} Hz");
+            rows.push(Row::new(format!("ch5.{by}.{hz:.0}hz.rms"), rms(error), "um", note).on(&key, 570));
+            rows.push(Row::new(format!("ch5.{by}.{hz:.0}hz.max"), largest(error), "um", note).on(&key, 570));
+        };
+        add("joint", &by_joint, "joint fit of the whole chain to noisy records: the bench's own equations");
+        add("chain", &by_chain, "the thesis' identifications one after another, derivatives by local polynomials");
+        add(
+            "filter_chain",
+            &by_filter,
+            "the thesis' identifications, derivatives by the alpha-beta-gamma filter (printed alpha and beta, gamma by Kalata)",
+        );
+        add("noisy", &by_noisy, "as printed, the thesis' noise in all records, error of the reading");
         rows.push(Row::new(
             format!("ch5.joint.{hz:.0}hz.better"),
             rms(&by_chain) / rms(&by_joint).max(f64::MIN_POSITIVE),
@@ -567,11 +598,6 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -
             "um",
             "joint fit whose creep has positive shares only: it cannot follow the complex pole pair of Eq. (17)",
         ));
-        let note = "the thesis' identification, derivatives by local polynomials";
-        rows.push(Row::new(format!("ch5.chain.{hz:.0}hz.rms"), rms(&by_chain), "um", note));
-        rows.push(Row::new(format!("ch5.chain.{hz:.0}hz.max"), largest(&by_chain), "um", note));
-        let note = "the thesis' identification, derivatives by the alpha-beta-gamma filter (printed alpha and beta, gamma by Kalata), whose lag at 100 Hz goes into F and G";
-        rows.push(Row::new(format!("ch5.filter_chain.{hz:.0}hz.rms"), rms(&by_filter), "um", note));
         table.rows.push(vec![
             format!("{hz:.0} Hz"),
             format!("{:.4}", rms(&by_chain)),
@@ -674,13 +700,18 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     filter_chain.creep = creep.system.clone();
     let figure_7 = creep_after_a_step(&creep, &mut rows);
 
+    progress("chapter 5: the same with the thesis' noise");
+    let noisy_bench = with_printed_noise(&bench);
+    let noisy_chain = chain_as_printed(&noisy_bench).ok_or("the thesis' chain could not be identified with its noise")?;
+
     progress("chapter 5: joint fit of the whole chain");
     let data = dataset(&bench, joint_records(&bench, (&step.drive_v, &step.reading_um)))?;
     let sensor_bandwidth_hz = DATA_SHEET_ERROR * bench.data_sheet_sensor_bandwidth_hz();
     let joint = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Signed, progress)?;
     let positive = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Positive, progress)?;
     rows_of_joint_fits(&data, &joint, &positive, &mut rows);
-    let identified = Identified { chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
+    let identified =
+        Identified { noisy_chain: &noisy_chain, chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
     let (table, figures_9) = validation(&bench, &identified, &mut rows);
 
     progress("chapter 5: timing of a full identification of 100,000 samples");
@@ -695,7 +726,7 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
         text: "Full bench: a second mode and the bandwidths of amplifier and sensor are in the records. The thesis' chain of identifications stands beside the joint fit of all parameters at once.".into(),
         blocks: figures.into_iter().chain([Block::Table(table)]).chain(figures_9).chain([Block::Notes(notes())]).collect(),
     }];
-    Ok(Chapter { number: 5, rows, sections })
+    Ok(Chapter { number: 5, rows, sections, choices: Vec::new() })
 }
 
 #[cfg(test)]

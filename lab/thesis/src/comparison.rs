@@ -1,12 +1,13 @@
-//! Schemes beside the best design of Chapter 7: the thesis' two under one optimiser, and others that a reader will ask for, on the full bench
-//! with the target's period of delay and under the margins of the best design.
+//! Schemes beside the best design of Chapter 7: the thesis' two designed under one set of margins, and others that a reader will ask for, on the full
+//! bench with the target's period of delay.
 
-use crate::bench_runs::{Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, gains_of, row_um, tracking};
+use crate::bench_runs::{Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of, row_um, tracking};
 use crate::chapter::Row;
-use crate::fair_tuning::{Family, tune, worst_eigenvalue};
 use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
+use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::predictor::Demands;
+use hysteron::servo::schemes::Choice;
 use hysteron_sim::bench::{Bench, Variant};
 use rayon::prelude::*;
 
@@ -24,36 +25,51 @@ fn followed(jobs: &[Job<'_>]) -> Vec<Row> {
     jobs.par_iter().map(|j| tracking(j.bench, j.variant, &j.design, &j.id, j.hz, 5.0, &j.condition)).collect()
 }
 
-/// PIDSMOC and PIDSMC + alpha-beta, tuned alike, without delay as in the thesis and with the target's period.
+/// Schemes that are designed under one set of margins, with their names in the rows.
+const DESIGNED: [(Choice, &str); 4] =
+    [(Choice::Pidsmoc, "pidsmoc"), (Choice::PidsmcAlphaBeta, "pidsmc_ab"), (Choice::Smcbl, "smcbl"), (Choice::Predictor, "predictor")];
+
+/// PIDSMOC, PIDSMC + alpha-beta, a boundary layer and a predictor, each designed for the model that was identified of the bench and under the same margins,
+/// with the period of delay, with and without the hysteresis inverted.
 #[must_use]
-pub fn rows_of_fair_tuning(bench: &Bench) -> Vec<Row> {
-    let cases: Vec<(Family, &str, bool)> = [false, true]
-        .into_iter()
-        .flat_map(|delayed| [(Family::Pidsmoc, "pidsmoc", delayed), (Family::PidsmcAlphaBeta, "pidsmc_ab", delayed)])
-        .collect();
-    let tuned: Vec<_> =
-        cases.into_par_iter().filter_map(|(family, id, delayed)| Some((id, delayed, tune(bench, family, delayed)?))).collect();
-    let mut jobs = Vec::new();
-    for (id, delayed, design) in tuned {
-        let timing = if delayed { "one period of delay" } else { "no delay" };
-        let radius = worst_eigenvalue(&design.scheme, delayed).unwrap_or(f64::NAN);
-        for (variant, load) in [(Variant::PLAIN, "none"), (LOADED_PLAIN, "load")] {
-            for hz in FREQUENCIES_HZ {
-                jobs.push(Job {
-                    id: format!("ch7.fair.{id}.{}.{hz}hz.{load}.rms", if delayed { "delay" } else { "no_delay" }),
-                    bench,
-                    variant,
-                    design: design.clone(),
-                    hz,
-                    condition: format!(
-                        "{hz} Hz, {load}, plain bench, {timing}, tuned unloaded by the same optimiser under the same margins: {}; largest sampled eigenvalue over gain +-50 % and twice the mass {radius:.4}",
-                        gains_of(&design.scheme)
-                    ),
-                });
-            }
+pub fn rows_of_designed_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<Row> {
+    let mut cases = Vec::new();
+    for (index, variant, load) in [(1, Variant::FULL, "none"), (2, LOADED, "load")] {
+        let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
+        for (choice, id) in DESIGNED {
+            cases.extend([false, true].map(|inverse| (c, variant, load, choice, id, inverse)));
         }
     }
-    followed(&jobs)
+    let designs: Vec<_> = cases
+        .into_iter()
+        .map(|(c, variant, load, choice, id, inverse)| (variant, load, id, inverse, designed(c, choice, inverse)))
+        .collect();
+    let mut jobs = Vec::new();
+    let mut rows = Vec::new();
+    for (variant, load, id, inverse, design) in designs {
+        let group = if inverse { "designed_inverse" } else { "designed" };
+        let Some(design) = design else {
+            rows.push(row_um(format!("ch7.{group}.{id}.{load}.refused"), f64::NAN, "no gains keep the margins"));
+            continue;
+        };
+        let radius = design.law().map_or(f64::NAN, |law| law.spectral_radius(&design.model.linear.sampled(SAMPLING_PERIOD_S), 1.0, 0));
+        for hz in FREQUENCIES_HZ {
+            jobs.push(Job {
+                id: format!("ch7.{group}.{id}.{hz}hz.{load}.rms"),
+                bench,
+                variant,
+                design: design.clone(),
+                hz,
+                condition: format!(
+                    "{hz} Hz, {load}, full bench, designed for the identified model with one period of delay, hysteresis {}: {}; largest sampled eigenvalue {radius:.4}",
+                    if inverse { "inverted" } else { "left to the unknown input" },
+                    gains_of(&design.scheme)
+                ),
+            });
+        }
+    }
+    rows.extend(followed(&jobs));
+    rows
 }
 
 /// Names of the schemes of [`rows_of_other_schemes`], as `track --scheme` takes them.

@@ -26,7 +26,7 @@ pub struct Coverage {
 #[must_use]
 pub fn coverage(truth: &Model, template: &Dataset, noise_um: f64, seeds: u64) -> Coverage {
     let free = free_parameters(truth);
-    let clean: Vec<Vec<f64>> = template.records.iter().map(|r| truth.simulate(&r.drive())).collect();
+    let clean: Vec<Vec<f64>> = template.records.iter().map(|r| truth.simulate(&r.whole_drive())).collect();
     let hits: Vec<Vec<bool>> = (0..seeds)
         .into_par_iter()
         .map(|seed| {

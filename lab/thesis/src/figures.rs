@@ -6,7 +6,7 @@ use crate::chapter_6::NamedScheme;
 use crate::chapter_7::equation_35_v;
 use hysteron::identification::fit::rms;
 use hysteron::servo::check::sliding_surface_parameter;
-use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
+use hysteron::servo::design::{Form, Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw, estimator_rows,
@@ -86,6 +86,7 @@ fn portrait_on_the_bench(bench: &Bench) -> Option<Plot> {
         estimator: Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_6),
         controller: ControllerGains::THESIS_SLIDING,
         reaching: ReachingGains::Pid,
+        form: Form::Printed,
     };
     let trace = run(bench, Variant::PLAIN, &without_model(bench, scheme), &[5.0; 8000], 3).ok()?;
     let (e1, e2) = trace.sliding_um.iter().map(|s| (s[0], s[1] / SAMPLING_PERIOD_S)).unzip();
@@ -209,7 +210,7 @@ fn errors_at_100_hz(bench: &Bench, commissioned: &Commissioned, variant: Variant
 
 /// Ch. 7, Fig. 12: desired and reached with everything wrong by half.
 fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
-    let trace = crate::robustness::run(design, 1.5, true, 0.05)?;
+    let trace = crate::robustness::run(design, crate::robustness::PRINTED, 1.5, true, 0.05)?;
     let (reached, reference) = (trace.sensor_um, trace.reference_um);
     let shown = 4000..4800.min(reached.len());
     let time = shown.clone().map(|k| k as f64 * SAMPLING_PERIOD_S).collect::<Vec<_>>();
@@ -235,7 +236,7 @@ fn quasi_step_errors(bench: &Bench, schemes: &[NamedScheme]) -> Plot {
         ("PIDSM + alpha-beta", "pidsm_ab", Role::Measured),
     ] {
         let Some((_, scheme, _)) = schemes.iter().find(|s| s.0 == id) else { continue };
-        if let Ok(trace) = run(bench, Variant::PLAIN, &without_model(bench, scheme.clone()), &reference, 7) {
+        if let Ok(trace) = run(bench, Variant::PLAIN, scheme, &reference, 7) {
             let time = (0..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
             let error = trace.sensor_um.iter().zip(&trace.reference_um).map(|(y, r)| y - r).collect();
             plot = plot.with(Series::line(label, role, time, error));
@@ -290,7 +291,7 @@ pub fn chapter_6(bench: &Bench, rows: &[Row], schemes: &[NamedScheme]) -> Vec<Se
     vec![Section {
         heading: "Chapter 6: PID-based sliding mode control".into(),
         text: "Integer controllers on the plain bench, without computational delay as in the thesis. PIDSM has the thesis' gains; PID, the ideal \
-               sliding mode and the boundary layer are tuned on the bench for 10 Hz."
+               sliding mode and the boundary layer are tuned on the bench at 7 Hz."
             .into(),
         blocks,
     }]
@@ -333,19 +334,19 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
     let compared = Section {
         heading: "Chapter 7: other schemes under equal conditions".into(),
         text: "With the thesis' gains the order of PIDSMOC and PIDSMC + alpha-beta at low frequency is that of their integral gains, 1 and 2. \
-               Here both are tuned by one optimiser under one set of margins (gain +-50 %, twice the mass, decay in 5 ms), without delay and with one \
-               period of it. Below, on the full bench with one period of delay, each scheme from the same identified model and under the \
-               margins of the best design."
+               Here each scheme is designed for the same identified model, with one period of delay and under one set of margins, and runs on the full bench. \
+               Below, schemes that others compare with, under the margins of the best design."
             .into(),
         blocks: vec![
             Block::Plot(over_frequency(
-                "The thesis' two schemes under one optimiser, plain bench",
+                "Designed under one set of margins, full bench, one period of delay",
                 rows,
                 &[
-                    ("PIDSMOC, no delay", "ch7.fair.pidsmoc.no_delay.", "hz.none.rms", Role::Other1),
-                    ("PIDSMC + alpha-beta, no delay", "ch7.fair.pidsmc_ab.no_delay.", "hz.none.rms", Role::Other2),
-                    ("PIDSMOC, one period", "ch7.fair.pidsmoc.delay.", "hz.none.rms", Role::Measured),
-                    ("PIDSMC + alpha-beta, one period", "ch7.fair.pidsmc_ab.delay.", "hz.none.rms", Role::Other3),
+                    ("PIDSMOC", "ch7.designed.pidsmoc.", "hz.none.rms", Role::Other1),
+                    ("PIDSMC + alpha-beta", "ch7.designed.pidsmc_ab.", "hz.none.rms", Role::Other2),
+                    ("PIDSMOC, hysteresis inverted", "ch7.designed_inverse.pidsmoc.", "hz.none.rms", Role::Measured),
+                    ("PIDSMC + alpha-beta, hysteresis inverted", "ch7.designed_inverse.pidsmc_ab.", "hz.none.rms", Role::Other3),
+                    ("predictor, hysteresis inverted", "ch7.designed_inverse.predictor.", "hz.none.rms", Role::Model),
                 ],
             )),
             Block::Plot(over_frequency(

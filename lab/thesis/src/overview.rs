@@ -1,6 +1,7 @@
-//! The report of a reproduction: figures beside those of the thesis and the goals, then the figures of every chapter.
+//! The report of a reproduction: every printed result with ours beside it, then the figures of every chapter.
 
-use super::{Chapter, Goal, Row};
+use crate::chapter::Chapter;
+use crate::scoreboard::{Cell, ScoreRow, Value, counts, score, totals};
 use hysteron_report::{Block, Page, Section, Table, Tone};
 use serde::Serialize;
 
@@ -9,52 +10,16 @@ use serde::Serialize;
 pub struct ReproduceFile {
     /// `hysteron.reproduce/1`.
     pub schema: String,
-    /// All figures.
-    pub rows: Vec<Row>,
+    /// Every printed result that is computed, and all other figures.
+    pub rows: Vec<ScoreRow>,
 }
 
 impl ReproduceFile {
-    /// The figures of some chapters.
+    /// The rows of some chapters.
     #[must_use]
-    pub fn of(chapters: &[Chapter]) -> Self {
-        Self { schema: "hysteron.reproduce/1".into(), rows: chapters.iter().flat_map(|c| c.rows.clone()).collect() }
+    pub fn of(chapters: &[Chapter], cells: &[Cell]) -> Self {
+        Self { schema: "hysteron.reproduce/1".into(), rows: score(chapters, cells) }
     }
-}
-
-/// A goal with what was reached.
-#[derive(Clone, Debug)]
-pub struct Comparison<'a> {
-    /// The line of the goals' file.
-    pub goal: &'a Goal,
-    /// The error of the true displacement, where ours is an error that the sensor reads.
-    pub truth: Option<f64>,
-    /// What was measured here; nothing if the figure is missing.
-    pub ours: Option<f64>,
-}
-
-impl Comparison<'_> {
-    /// Reached, or there is nothing to reach.
-    #[must_use]
-    pub fn met(&self) -> bool {
-        match (self.ours, self.goal.goal) {
-            (Some(ours), Some(goal)) => ours <= goal,
-            (Some(_), None) => true,
-            (None, _) => false,
-        }
-    }
-}
-
-/// Every line of the goals' file for the given chapters.
-#[must_use]
-pub fn compare<'a>(chapters: &[Chapter], goals: &'a [Goal]) -> Vec<Comparison<'a>> {
-    goals
-        .iter()
-        .filter(|g| chapters.iter().any(|c| c.number == g.chapter))
-        .map(|goal| {
-            let row = chapters.iter().flat_map(|c| &c.rows).find(|r| r.id == goal.id);
-            Comparison { goal, truth: row.and_then(|r| r.truth), ours: row.map(|r| r.ours) }
-        })
-        .collect()
 }
 
 /// A figure with three significant digits, in the unit's own size.
@@ -73,50 +38,130 @@ pub fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "-".into(), figure)
 }
 
+/// The same of a number or a pole.
+#[must_use]
+pub fn value(value: Option<Value>) -> String {
+    match value {
+        None => "-".into(),
+        Some(Value::Number(value)) => figure(value),
+        Some(Value::Pair([re, im])) => format!("{re:.1}{im:+.1}i"),
+    }
+}
+
+/// A printed table with ours: of every result the printed value and ours by the algorithm as printed, by an improved procedure and by our own.
+#[derive(Clone, Debug)]
+pub struct PrintedTable {
+    /// Its name in the thesis.
+    pub title: String,
+    /// One line a printed result.
+    pub lines: Vec<TableLine>,
+}
+
+/// A line of a [`PrintedTable`].
+#[derive(Clone, Debug)]
+pub struct TableLine {
+    /// Algorithm, condition and quantity.
+    pub what: [String; 3],
+    /// Printed; as printed without and with the thesis' noise; as the sensor reads it; improved; our own.
+    pub numbers: [String; 6],
+    /// Unit.
+    pub unit: String,
+    /// Whether the algorithm as printed reaches the printed value.
+    pub met: bool,
+    /// Why not, or what has to be known.
+    pub reason: Option<String>,
+}
+
+/// Headings of the numbers of a line.
+pub const NUMBERS: [&str; 6] = ["thesis", "as printed", "with noise", "sensor", "improved", "ours"];
+
+/// The first words of a text, up to a comma or a bracket.
+fn short(text: &str) -> String {
+    text.split(['(', ',']).next().unwrap_or(text).trim().to_owned()
+}
+
+/// The tables of the thesis, in its order.
+#[must_use]
+pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
+    let mut out: Vec<PrintedTable> = Vec::new();
+    let other = |row: &ScoreRow, suffix: &str| {
+        let id = format!("{}{suffix}", row.id);
+        value(rows.iter().find(|r| r.id == id).and_then(|r| r.ours))
+    };
+    for row in rows.iter().filter(|row| counts(row)) {
+        let line = TableLine {
+            what: [short(&row.algorithm), row.condition.clone(), row.quantity.clone()],
+            numbers: [
+                value(row.thesis),
+                value(row.printed_algorithm),
+                number(row.with_noise),
+                number(row.sensor),
+                other(row, ".improved"),
+                other(row, ".ours"),
+            ],
+            unit: row.unit.clone(),
+            met: row.met == Some(true),
+            reason: row.reason.clone(),
+        };
+        match out.iter_mut().find(|table| table.title == row.table) {
+            Some(table) => table.lines.push(line),
+            None => out.push(PrintedTable { title: row.table.clone(), lines: vec![line] }),
+        }
+    }
+    out
+}
+
+/// What the counts say, in a sentence.
+#[must_use]
+pub fn totals_in_words(rows: &[ScoreRow]) -> String {
+    let (covered, met, missed) = totals(rows);
+    let improved = rows.iter().filter(|row| row.id.ends_with(".improved") && row.met == Some(true)).count();
+    let ours = rows.iter().filter(|row| row.id.ends_with(".ours") && row.met == Some(true)).count();
+    format!(
+        "Of {covered} printed results the algorithms as printed reach {met} and miss {missed}; improved procedures reach {improved}, our own {ours}."
+    )
+}
+
 /// The page with every figure of the chapters.
 #[must_use]
-pub fn page(chapters: Vec<Chapter>, goals: &[Goal]) -> Page {
-    let comparisons = compare(&chapters, goals);
-    let met = comparisons.iter().filter(|c| c.met()).count();
-    let table = Table {
-        title: "Ours beside the thesis".into(),
-        columns: ["figure", "condition", "thesis", "goal", "true", "ours", "unit"].map(String::from).to_vec(),
-        rows: comparisons
-            .iter()
-            .map(|c| {
-                vec![
-                    format!("Ch. {}: {}", c.goal.chapter, c.goal.item),
-                    c.goal.condition.clone(),
-                    number(c.goal.thesis),
-                    number(c.goal.goal),
-                    number(c.truth),
-                    number(c.ours),
-                    c.goal.unit.clone(),
-                ]
-            })
-            .collect(),
-        highlighted_rows: comparisons.iter().enumerate().filter(|(_, c)| !c.met()).map(|(k, _)| k).collect(),
-        caption: "Rows that miss their goal are set off. Errors of ours are of what the sensor reads, noise removed, as the thesis has them; true: of the displacement itself, which a late sensor does not show.".into(),
-    };
-    let all = met == comparisons.len();
+pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
+    let rows = score(&chapters, cells);
+    let (_, _, missed) = totals(&rows);
+    let of_thesis = tables(&rows).into_iter().map(|table| {
+        let columns: Vec<String> =
+            ["algorithm", "condition", "quantity"].iter().chain(&NUMBERS).chain(&["unit", "reason"]).map(|c| (*c).to_owned()).collect();
+        Block::Table(Table {
+            title: table.title,
+            columns,
+            highlighted_rows: table.lines.iter().enumerate().filter(|(_, line)| !line.met).map(|(k, _)| k).collect(),
+            rows: table
+                .lines
+                .into_iter()
+                .map(|line| {
+                    let mut cells = line.what.to_vec();
+                    cells.extend(line.numbers);
+                    cells.extend([line.unit, line.reason.unwrap_or_default()]);
+                    cells
+                })
+                .collect(),
+            caption: "Rows that miss the printed value are set off. As printed: the thesis' algorithm, errors of the true displacement; with noise: the same with the thesis' sensor noise in every record, which then decides.".into(),
+        })
+    });
     let mut others = Table {
         title: "All other figures".into(),
-        columns: ["figure", "true", "ours", "unit", "how"].map(String::from).to_vec(),
+        columns: ["figure", "true", "sensor", "unit", "how"].map(String::from).to_vec(),
         ..Table::default()
     };
-    for row in chapters.iter().flat_map(|c| &c.rows).filter(|r| !goals.iter().any(|g| g.id == r.id)) {
-        others.rows.push(vec![row.id.clone(), number(row.truth), figure(row.ours), row.unit.clone(), row.note.clone()]);
+    for row in rows.iter().filter(|row| row.thesis.is_none()) {
+        others.rows.push(vec![row.id.clone(), value(row.ours), number(row.sensor), row.unit.clone(), row.algorithm.clone()]);
     }
-    let mut sections: Vec<Section> = chapters.iter().flat_map(|c| c.sections.clone()).collect();
-    sections.push(Section {
-        heading: "Figures and goals".into(),
-        text: String::new(),
-        blocks: vec![Block::Table(table), Block::Table(others)],
-    });
+    let scoreboard =
+        Section { heading: "The printed results".into(), text: String::new(), blocks: of_thesis.chain([Block::Table(others)]).collect() };
+    let sections: Vec<Section> = std::iter::once(scoreboard).chain(chapters.iter().flat_map(|c| c.sections.clone())).collect();
     Page {
         title: "Hysteron: the thesis reproduced".into(),
-        lead_sentence: format!("{met} of {} figures are at or below their goal.", comparisons.len()),
-        tone: if all { Tone::Good } else { Tone::Attention },
+        lead_sentence: totals_in_words(&rows),
+        tone: if missed == 0 { Tone::Good } else { Tone::Attention },
         facts: vec![("Chapters".into(), chapters.iter().map(|c| c.number.to_string()).collect::<Vec<_>>().join(", "))],
         sections,
         footer: vec![format!("hysteron {}, hysteron reproduce", env!("CARGO_PKG_VERSION"))],
@@ -127,15 +172,20 @@ pub fn page(chapters: Vec<Chapter>, goals: &[Goal]) -> Page {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chapter::Row;
+    use crate::scoreboard::cells;
 
     #[test]
-    fn a_missing_or_missed_figure_is_not_met() {
-        let goals = crate::goals().unwrap();
-        let chapter = Chapter { number: 3, rows: vec![Row::new("ch3.erms", 0.5, "um", "")], sections: Vec::new() };
-        assert!(compare(std::slice::from_ref(&chapter), &goals).iter().all(Comparison::met));
-        let missed = Chapter { rows: vec![Row::new("ch3.erms", 0.7, "um", "")], ..chapter.clone() };
-        assert!(!compare(&[missed], &goals)[0].met());
-        assert!(!compare(&[Chapter { rows: Vec::new(), ..chapter }], &goals)[0].met());
+    fn a_missed_result_is_set_off_with_its_reason() {
+        let of = |ours: f64| {
+            let rows = vec![Row::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
+            let cells: Vec<_> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.pid.10hz.rms").collect();
+            tables(&score(&[Chapter { number: 6, rows, ..Chapter::default() }], &cells))
+        };
+        let missed = of(0.5);
+        assert_eq!((missed[0].title.as_str(), missed[0].lines[0].met), ("Ch. 6, Table I", false));
+        assert_eq!(missed[0].lines[0].numbers[..2], ["0.0230".to_owned(), "0.500".to_owned()]);
+        assert!(of(0.02)[0].lines[0].met);
     }
 
     #[test]
@@ -143,5 +193,6 @@ mod tests {
         assert_eq!(figure(0.0013354), "0.00134");
         assert_eq!(figure(482.3), "482");
         assert_eq!(figure(-0.25), "-0.250");
+        assert_eq!(value(Some(Value::Pair([-38.79, 5193.6]))), "-38.8+5193.6i");
     }
 }

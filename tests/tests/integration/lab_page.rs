@@ -5,8 +5,8 @@
 use crate::devtools;
 
 use devtools::{Page, browser};
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::folder;
-use hysteron::explain::{Options, Start, explain};
 use hysteron::servo::commands::{Work, follow};
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::reference::Reference;
@@ -106,7 +106,7 @@ fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line()
     let dataset = folder::load(&example).expect("the example is read");
     let effects = model_file::effects_named(BASE).expect("known effects");
     let began = std::time::Instant::now();
-    let found = explain(&dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("it is explained");
+    let found = analyse(&dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("it is explained");
     println!("explain on the host: {:.2} s", began.elapsed().as_secs_f64());
     let expected = model_file::to_toml(&found.model, &dataset.name).expect("a model");
     require_alike(&toml::from_str(&saved).expect("TOML"), &toml::from_str(&expected).expect("TOML"), "model");
@@ -246,7 +246,7 @@ fn the_served_page_has_the_native_engine_behind_it() {
     let saved = page.saved(&out.path().join("model.toml"));
     let dataset = folder::load(&example).expect("the example is read");
     let effects = model_file::effects_named(BASE).expect("known effects");
-    let found = explain(&dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("it is explained");
+    let found = analyse(&dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("it is explained");
     assert_eq!(saved, model_file::to_toml(&found.model, &dataset.name).expect("a model"), "byte for byte that of the command line");
 
     // What is dropped goes to the same engine, and so does the example.

@@ -3,13 +3,15 @@
 //! What is said of it must be what it has, however its drive came into the file: as it was commanded, or read back with noise or by a coarse converter,
 //! which a light mode amplifies and every model passes on; and wherever the time constant of its creep lies.
 
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::feedback;
 use hysteron::diagnosis::judgement::{Split, judge};
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain};
+use hysteron::diagnosis::policy::Policy;
+use hysteron::diagnosis::study::Study;
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
+use hysteron::outcome::Verdict;
+use hysteron::quality::{self, End, Kind, Moment, Severity};
 use hysteron::statistics::mean;
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
@@ -82,17 +84,17 @@ fn dataset(rate_hz: f64, records: [(Vec<f64>, Vec<f64>); 2]) -> Dataset {
     out
 }
 
-fn explained(dataset: &Dataset) -> Explanation {
-    explain(dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it is explained")
+fn explained(dataset: &Dataset) -> Outcome {
+    analyse(dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it is explained")
 }
 
-fn names_exactly(found: &Explanation, effects: &[&str], what: &str) {
+fn names_exactly(found: &Outcome, effects: &[&str], what: &str) {
     let (d, sentence) = (&found.diagnosis, &found.diagnosis.sentence);
     assert_eq!(d.verdict, Verdict::Named, "{what}: {sentence}");
     let mut named: Vec<&str> = d.named.iter().map(String::as_str).collect();
     named.sort_unstable();
     assert_eq!(named, effects, "{what}: {sentence}");
-    assert!(d.recording.is_empty(), "{what}: {:?}", d.recording);
+    assert!(d.issues.iter().all(|issue| issue.severity == Severity::Notes), "{what}: {:?}", d.issues);
 }
 
 /// The floor is what the exact model leaves when it follows the drive that was read: neither the static gain times its noise, nor the sensor's noise alone.
@@ -178,5 +180,9 @@ fn a_missing_mode_is_no_closed_loop() {
     let judged = judge(gain.model, &dataset, &Split::of(&dataset));
     assert!(judged.identify_rms_um > 0.05, "{}", judged.identify_rms_um);
     // Asked however far above the noise it is.
-    assert_eq!(feedback::followed(&dataset, &judged, &gain.floor, f64::INFINITY), []);
+    let policy = Policy { near_the_noise: f64::INFINITY, ..Policy::default() };
+    let study = Study::new(&dataset, Vec::new(), &gain.floor, policy, &Unwatched);
+    let end = End { study: &study, noise: &gain.floor, first: &judged, last: &judged, added: &[] };
+    let issues = quality::issues(&dataset, Moment::End(&end));
+    assert!(issues.iter().all(|issue| !matches!(issue.kind, Kind::ClosedLoop { .. })), "{issues:?}");
 }

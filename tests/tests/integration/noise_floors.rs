@@ -1,7 +1,7 @@
 //! The noise that is found without a key in the manifest beside the noise that the keys and the records at rest show.
 
 use hysteron::dataset::{Dataset, Role, folder};
-use hysteron::identification::noise_floor::{Evidence, noise_floor};
+use hysteron::identification::noise_floor::{FloorEvidence, noise_floor};
 use hysteron_tests::measured::{record, stage};
 use hysteron_tests::{beside, root};
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// The two may differ by this share.
 const AGREEMENT: f64 = 0.2;
 
-fn found_um(dataset: &Dataset, evidence: &[Evidence], what: &str) -> f64 {
+fn found_um(dataset: &Dataset, evidence: &[FloorEvidence], what: &str) -> f64 {
     let floor = noise_floor(dataset);
     assert!(floor.estimates.first().is_some_and(|e| evidence.contains(&e.evidence)), "{what}: {}", floor.basis);
     floor.rms_um.unwrap_or_else(|| panic!("{what}: {}", floor.basis))
@@ -42,8 +42,8 @@ fn driven_records_show_the_noise_of_the_record_at_rest() {
     for path in folders {
         let dataset = folder::load(&path).expect("the set can be read");
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        let with_um = found_um(&dataset, &[Evidence::RestRecord, Evidence::Periods], &name);
-        let without_um = found_um(&without_keys(&dataset), &[Evidence::Periods, Evidence::Hold], &name);
+        let with_um = found_um(&dataset, &[FloorEvidence::RestRecord, FloorEvidence::Periods], &name);
+        let without_um = found_um(&without_keys(&dataset), &[FloorEvidence::Periods, FloorEvidence::Hold], &name);
         agree(&name, without_um, with_um);
     }
 }
@@ -62,6 +62,6 @@ fn repeats_are_found_in_real_recordings() {
             other.repeat_of = Some(names[0].to_owned());
         }
         let what = names.join(", ");
-        agree(&what, found_um(&bare, &[Evidence::Repeats], &what), found_um(&told, &[Evidence::Repeats], &what));
+        agree(&what, found_um(&bare, &[FloorEvidence::Repeats], &what), found_um(&told, &[FloorEvidence::Repeats], &what));
     }
 }

@@ -1,11 +1,11 @@
 //! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/real_recordings.md.
 
-use hysteron::dataset::reading_limits::reading_limits;
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, Role};
-use hysteron::explain::{Options, Start, explain};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::{add, identify};
 use hysteron::model_file::effects_named;
+use hysteron::quality::{Kind, Severity};
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::delay;
@@ -44,7 +44,7 @@ fn a_delay_of_real_readings_is_named_and_added() {
     let late = late(&clean, LATE_SAMPLES);
     for ids in ["hysteresis,creep,vibration", "hysteresis,creep"] {
         let model = identify(&clean, &effects_named(ids).expect("known"), &Unwatched).expect("it can be fitted").model;
-        let found = explain(&late, Start::Model(model.clone()), &Options::default(), &Unwatched).expect("it can be explained");
+        let found = analyse(&late, Start::Model(model.clone()), &Options::default(), &Unwatched).expect("it can be explained");
         let named = found.diagnosis.findings.iter().any(|f| f.effects.first().is_some_and(|id| id == delay::ID));
         assert!(named, "{ids}: {}", found.diagnosis.sentence);
         let effect = effects_named(delay::ID).expect("known").remove(0);
@@ -65,7 +65,7 @@ fn a_delay_of_real_readings_takes_the_place_of_a_lag_that_was_added_first() {
     let Some(data) = beside("measured") else { return };
     let late = late(&at_two_speeds(&data), 10);
     let gain = effects_named("gain").expect("known");
-    let found = explain(&late, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+    let found = analyse(&late, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
     let value_s = found.model.values(delay::ID).unwrap_or_else(|| panic!("no delay in {:?}", found.model.effect_ids()))[0];
     println!("{:.3} ms, {:?} um: {:?}", 1e3 * value_s, errors_um(&found.model, &late), found.model.effect_ids());
     assert!((value_s / 1e-3 - 1.0).abs() < 0.25, "{value_s} s");
@@ -94,7 +94,7 @@ fn a_lag_that_a_model_has_taken_in_is_seen_in_held_out_records() {
     let Some(data) = beside("measured") else { return };
     let lagging = lagging(&at_two_speeds(&data), 1000.0);
     let gain = effects_named("gain").expect("known");
-    let found = explain(&lagging, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
+    let found = analyse(&lagging, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
     let (ids, errors_um) = (found.model.effect_ids(), errors_um(&found.model, &lagging));
     println!("{errors_um:?} um: {ids:?}");
     let lags = ["sensor_bandwidth", "amplifier_bandwidth", delay::ID];
@@ -111,7 +111,7 @@ fn the_order_of_real_records_does_not_matter() {
     let gain = effects_named("gain").expect("known");
     let end = |records: Vec<_>| {
         let dataset = stage(records);
-        explain(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained").model
+        analyse(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained").model
     };
     let (one, other) = (end(records.clone()), end(records.iter().rev().cloned().collect()));
     assert_eq!(one.effect_ids(), other.effect_ids());
@@ -129,7 +129,7 @@ fn loops_of_a_real_stage_stay_in_the_place_of_a_gain() {
     let gain = effects_named("gain").expect("known");
     for (fitted, held_out, most_nm) in [("tri50_1", "tri50_2", 15.0), ("bigsine_1", "bigsine_2", 90.0)] {
         let dataset = stage(vec![record(&data, fitted, 0.2, Role::Identify), record(&data, held_out, 0.2, Role::Validate)]);
-        let model = explain(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained").model;
+        let model = analyse(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained").model;
         let errors = errors_um(&model, &dataset);
         println!("{fitted}: {errors:?} um: {:?}", model.effect_ids());
         assert!(model.effect("gain").is_none(), "{fitted}: {:?}", model.effect_ids());
@@ -145,7 +145,7 @@ fn what_lowers_the_errors_of_a_real_stage_stays_without_a_name() {
     let roles = [("sine50_1", Role::Identify), ("tri50_1", Role::Identify), ("sine50_3", Role::Validate), ("tri50_2", Role::Validate)];
     let dataset = stage(roles.into_iter().map(|(name, role)| record(&data, name, 0.2, role)).collect());
     let found =
-        explain(&dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it ends");
+        analyse(&dataset, Start::Effects(&effects_named("gain").expect("known")), &Options::default(), &Unwatched).expect("it ends");
     let errors = errors_um(&found.model, &dataset);
     println!("{errors:?} um: {:?}", found.model.effect_ids());
     assert!(1e3 * errors[2].hypot(errors[3]) / 2f64.sqrt() < 14.0, "{errors:?}");
@@ -159,9 +159,8 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     let names = ["20_hz_no_lp", "40_hz_no_lp", "sine50_1", "bigsine_1", "tri50_1"];
     let clean: Vec<_> = names.iter().map(|name| record(&data, name, 0.2, Role::Identify)).collect();
     let as_it_is = stage(clean.clone());
-    assert!(!as_it_is.notes.iter().any(|note| note.contains("stand alone")), "{:?}", as_it_is.notes);
-    assert!(as_it_is.records.iter().all(|record| record.left_out.is_empty()), "{:?}", as_it_is.notes);
-    assert_eq!(reading_limits(&as_it_is), []);
+    assert!(as_it_is.issues.iter().all(|issue| issue.severity == Severity::Notes), "{:?}", as_it_is.issues);
+    assert!(as_it_is.records.iter().all(|record| record.left_out.is_empty()), "{:?}", as_it_is.issues);
     let places: Vec<usize> = (3000..18_000).step_by(1500).collect();
     let mut disturbed = clean;
     for record in &mut disturbed {
@@ -178,5 +177,6 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     });
     // The sums of large sines hide two: one follows a jump of the drive, beside the other the stage moves almost as sharply.
     assert_eq!(found.collect::<Vec<_>>(), [10, 10, 10, 8, 10]);
-    assert_eq!(mended.notes.iter().filter(|note| note.contains("readings stand alone")).count(), names.len(), "{:?}", mended.notes);
+    let replaced = mended.issues.iter().filter(|issue| matches!(issue.kind, Kind::OutliersReplaced { .. }));
+    assert_eq!(replaced.count(), names.len(), "{:?}", mended.issues);
 }

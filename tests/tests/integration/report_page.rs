@@ -53,7 +53,6 @@ fn record(name: &str, kind: &str, role: &str, samples: usize, rate_hz: f64) -> (
         role: role.into(),
         sample_rate_hz: rate_hz,
         residual_um: vec![Vec::new(); 3],
-        window_from: if kind == "sines" { 400 } else { 0 },
         ..RecordReport::default()
     };
     let mut creep_um = Vec::new();
@@ -85,7 +84,7 @@ fn candidate(effect: &str, share: f64, p: f64, after: Option<f64>, why: &str) ->
         effect: effect.into(),
         explained_share: share,
         explained_share_interval: Some(((share - 0.05).max(0.0), (share + 0.04).min(1.0))),
-        p_value: p,
+        p_value: Some(p),
         validate_rms_before_um: Some(0.021),
         validate_rms_after_um: after,
         confusable_with: Vec::new(),
@@ -173,6 +172,8 @@ fn demonstration() -> ExplainReport {
             reading_step_um: 0.0,
             traces: traces.to_vec(),
         }],
+        replays: vec!["replay of hold2.csv from its first sample to its last (from rest): 6.1 nm RMS, largest 22.0 nm at 1.250 s".into()],
+        values: vec![["gain".into(), "gain".into(), "0.1333 um/V".into()]],
         parameters: vec![
             ParameterReport {
                 effect: "gain".into(),
@@ -194,7 +195,6 @@ fn demonstration() -> ExplainReport {
         next_experiment: Some(ExperimentReport {
             why: "Hold two levels for 60 s each: it tells creep from drift with a power of 99 %."
                 .into(),
-            file: Some("next_drive.csv".into()),
             t_s: (0..1200).map(|k| f64::from(k) * 0.1).collect(),
             u_v: (0..1200).map(|k| if k < 600 { 60.0 } else { 20.0 }).collect(),
         }),

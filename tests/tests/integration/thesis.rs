@@ -1,26 +1,42 @@
-//! The thesis' chapters against the goals, and what else they found: shapes of curves, orders of schemes. Slow: run in release mode.
+//! The thesis' chapters beside its printed results, and what else they found: shapes of curves, orders of schemes. Slow: run in release mode.
 
-use hysteron_thesis::{Row, chapter, goals};
+use hysteron_thesis::scoreboard::{ScoreRow, Value, cells, counts, score, totals};
+use hysteron_thesis::{Chapter, Row, chapter};
+use std::collections::BTreeSet;
 
 fn figure(rows: &[Row], id: &str) -> f64 {
     rows.iter().find(|r| r.id == id).unwrap_or_else(|| panic!("{id} is missing")).ours
 }
 
-fn meets_goals(number: u32, rows: &[Row]) {
-    for goal in goals().unwrap().iter().filter(|g| g.chapter == number) {
-        let ours = figure(rows, &goal.id);
-        assert!(ours.is_finite(), "{}", goal.id);
-        if let Some(limit) = goal.goal {
-            assert!(ours <= limit, "{}: {ours} is above {limit}", goal.id);
+/// Every printed result of the chapter that is listed has a figure, every miss a reason, and nothing is judged on a run that chose anything.
+fn reproduced(number: u32) -> (Chapter, Vec<ScoreRow>) {
+    let chapter = chapter(number, &|_| ()).unwrap();
+    let rows = score(std::slice::from_ref(&chapter), &cells().unwrap());
+    for row in rows.iter().filter(|row| counts(row)) {
+        let found = row.printed_algorithm.unwrap_or_else(|| panic!("{} has no figure", row.id));
+        assert!(found.number().is_finite(), "{}: {found:?}", row.id);
+        if row.met == Some(false) {
+            let shown = row.with_noise.unwrap_or(found.number());
+            println!("missed: {} printed {:?}, ours {shown}, {}", row.id, row.thesis, row.reason.as_deref().unwrap_or("NO REASON"));
         }
+        assert!(row.met == Some(true) || row.reason.is_some(), "{} is missed without a reason", row.id);
     }
+    for row in rows.iter().filter(|row| row.thesis.is_some()) {
+        assert!(row.printed_algorithm.or(row.ours).is_some_and(|v: Value| v.number().is_finite()), "{}", row.id);
+    }
+    println!("chapter {number}: covered, met, missed {:?}", totals(&rows));
+    let chosen_on: BTreeSet<&str> = chapter.choices.iter().map(|run| run.drive.as_str()).collect();
+    let chosen_with: BTreeSet<u64> = chapter.choices.iter().map(|run| run.seed).collect();
+    for run in chapter.rows.iter().filter_map(|row| row.run.as_ref()) {
+        assert!(!chosen_on.contains(run.drive.as_str()) && !chosen_with.contains(&run.seed), "judged on a run that chose: {run:?}");
+    }
+    (chapter, rows)
 }
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn chapter_3() {
-    let rows = chapter(3, &|_| ()).unwrap().rows;
-    meets_goals(3, &rows);
+    let rows = reproduced(3).0.rows;
     assert_eq!(figure(&rows, "ch3.speed.monotone"), 1.0);
     // The masses are on a grid of 10 g.
     let (measured, ours) = (figure(&rows, "ch3.optimum_mass.measured"), figure(&rows, "ch3.optimum_mass.model"));
@@ -33,8 +49,7 @@ fn chapter_3() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn chapter_4() {
-    let rows = chapter(4, &|_| ()).unwrap().rows;
-    meets_goals(4, &rows);
+    let rows = reproduced(4).0.rows;
     // The classical model misses the first rise; the one-sided one is better on either way of estimating.
     assert!(figure(&rows, "ch4.cp.rms") > 10.0 * figure(&rows, "ch4.ri.rms"));
     assert!(figure(&rows, "ch4.cp.rms") > 10.0 * figure(&rows, "ch4.ri.other.rms"));
@@ -44,10 +59,9 @@ fn chapter_4() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn chapter_5() {
-    let rows = chapter(5, &|_| ()).unwrap().rows;
-    meets_goals(5, &rows);
+    let rows = reproduced(5).0.rows;
     for hz in [50, 100, 200, 300, 400, 500] {
-        let joint = figure(&rows, &format!("ch5.model.{hz}hz.rms"));
+        let joint = figure(&rows, &format!("ch5.joint.{hz}hz.rms"));
         // Twice the sensor's noise, and far below the chain of single identifications.
         assert!(joint < 0.002, "{hz} Hz: {joint}");
         assert!(figure(&rows, &format!("ch5.joint.{hz}hz.better")) > 5.0, "{hz} Hz");
@@ -58,8 +72,7 @@ fn chapter_5() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn chapter_6() {
-    let rows = chapter(6, &|_| ()).unwrap().rows;
-    meets_goals(6, &rows);
+    let rows = reproduced(6).0.rows;
     for hz in [100, 150] {
         assert!(figure(&rows, &format!("ch6.pidsm_ab.{hz}hz.rms")) < figure(&rows, &format!("ch6.pid.{hz}hz.rms")), "{hz} Hz");
     }
@@ -70,8 +83,7 @@ fn chapter_6() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn chapter_7() {
-    let rows = chapter(7, &|_| ()).unwrap().rows;
-    meets_goals(7, &rows);
+    let rows = reproduced(7).0.rows;
     for load in ["none", "load"] {
         for hz in [50, 100, 150] {
             let (ours, other) = (format!("ch7.pidsmoc.{hz}hz.{load}.rms"), format!("ch7.pidsmc_ab.{hz}hz.{load}.rms"));
@@ -81,27 +93,18 @@ fn chapter_7() {
         let (ours, other) = (format!("ch7.pidsmoc_equal_integral.10hz.{load}.rms"), format!("ch7.pidsmc_ab.10hz.{load}.rms"));
         assert!(figure(&rows, &ours) < figure(&rows, &other), "10 Hz {load}");
     }
-    // Tuned by one optimiser under one set of margins the order is that of the thesis at 10 Hz and above, whatever the timing.
-    for timing in ["no_delay", "delay"] {
-        for load in ["none", "load"] {
-            for hz in [10, 50, 100, 150] {
-                let of = |scheme: &str| figure(&rows, &format!("ch7.fair.{scheme}.{timing}.{hz}hz.{load}.rms"));
-                assert!(of("pidsmoc") < of("pidsmc_ab"), "{timing}, {hz} Hz, {load}");
-            }
+    let truth = |id: &str| rows.iter().find(|r| r.id == id).and_then(|r| r.truth).unwrap_or_else(|| panic!("{id} has no true error"));
+    // Designed under one set of margins for the target's timing the order is that of the thesis at 50 Hz and above.
+    for load in ["none", "load"] {
+        for hz in [50, 100, 150] {
+            let of = |scheme: &str| truth(&format!("ch7.designed.{scheme}.{hz}hz.{load}.rms"));
+            assert!(of("pidsmoc") < of("pidsmc_ab"), "{hz} Hz, {load}: {} {}", of("pidsmoc"), of("pidsmc_ab"));
         }
     }
     // A reading does not show how late it is: the true error stands beside it, and falls where the lag is undone.
-    let truth = |id: &str| rows.iter().find(|r| r.id == id).and_then(|r| r.truth).unwrap_or_else(|| panic!("{id} has no true error"));
     for load in ["none", "load"] {
         for hz in [150, 500] {
             let (usual, undone) = (format!("ch7.best.{hz}hz.{load}.full.rms"), format!("ch7.best_lag_undone.{hz}hz.{load}.full.rms"));
-            println!(
-                "{hz} Hz, {load}: {:.2} / {:.2} nm, lag undone {:.2} / {:.2} nm, true / read",
-                1e3 * truth(&usual),
-                1e3 * figure(&rows, &usual),
-                1e3 * truth(&undone),
-                1e3 * figure(&rows, &undone)
-            );
             assert!(truth(&usual) > 2.0 * figure(&rows, &usual) && truth(&undone) < 0.3 * truth(&usual), "{hz} Hz, {load}");
         }
     }
@@ -112,4 +115,8 @@ fn chapter_7() {
     for row in rows.iter().filter(|r| r.id.starts_with("ch7.integer.")) {
         assert!(row.ours <= 0.0005, "{}: {}", row.id, row.ours);
     }
+    // The thesis' argument: without a model of the actuator the velocity comes late, and a high gain is noisy.
+    let of = |estimator: &str, what: &str| figure(&rows, &format!("ch7.estimator.{estimator}.{what}"));
+    assert!(of("pidsmo", "velocity.rms") < of("alpha_beta", "velocity.rms") && of("pidsmo", "lag") < of("alpha_beta", "lag"));
+    assert_eq!(of("unknown_input_observer", "refused"), 1.0);
 }

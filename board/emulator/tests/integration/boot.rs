@@ -64,9 +64,9 @@ fn lines_of_the_converters(outcome: &Outcome) {
     // It runs, up, not divided, not one pulse only; its update is its trigger output, and no other timer is its master.
     assert_eq!(timer(tim2::Register::Cr1) & 0x7F, 1);
     assert_eq!((timer(tim2::Register::Psc), timer(tim2::Register::Cr2) >> 4 & 7, timer(tim2::Register::Smcr)), (0, 2, 0));
-    // 200 MHz: 50 us, CNV high for 500 ns, LDAC low for 200 ns, the interrupt after 1 us.
+    // 200 MHz: 50 us, CNV high for 500 ns, the interrupt after 1 us. LDAC stays low until the sensor's converter has converted: no edge disturbs it.
     assert_eq!(timer(tim2::Register::Arr), 9_999);
-    assert_eq!((timer(tim2::Register::Ccr1), timer(tim2::Register::Ccr3), timer(tim2::Register::Ccr4)), (100, 40, 200));
+    assert_eq!((timer(tim2::Register::Ccr1), timer(tim2::Register::Ccr3), timer(tim2::Register::Ccr4)), (100, 140, 200));
     // Output compare: channel 1 high below its count (PWM mode 1), channel 3 low (PWM mode 2); both on and not inverted.
     assert_eq!(timer(tim2::Register::Ccmr1Output) >> 4 & 7, 6);
     assert_eq!(timer(tim2::Register::Ccmr2Output) >> 4 & 7, 7);

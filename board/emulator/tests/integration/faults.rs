@@ -6,9 +6,12 @@ use common::{best_parameters, block, image, parameters, samples};
 use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::guard::Fault;
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_emulator::board::{NucleoBoard, SafetyLine};
 use hysteron_emulator::converters::{SensorTrouble, Trouble, World};
-use hysteron_emulator::run::{BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, halfword_at, run};
+use hysteron_emulator::run::{
+    BROWN_OUT_FLAG, Injection, MILLISECOND, Outcome, Script, WATCHDOG_FLAG, address_of, bench_envelope, envelope_bytes, halfword_at, run,
+};
 use hysteron_sim::bench::{Bench, Variant};
 
 const ENABLED_AT: u32 = 300;
@@ -26,9 +29,12 @@ fn with_trouble(kind: Trouble) -> (Outcome, DriveCode) {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, format!("trace 31 1\nconditioning waived\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes()),
+            (
+                4 * MILLISECOND,
+                format!("trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@{ENABLED_AT} enable\n").into_bytes(),
+            ),
             (205 * MILLISECOND, b"clear\nenable\n".to_vec()),
-            (300 * MILLISECOND, b"clear\nenable\n".to_vec()),
+            (300 * MILLISECOND, b"clear\narm untested\nreference constant 3000\nenable\n".to_vec()),
         ],
         ..Script::listening(400 * MILLISECOND)
     };
@@ -80,7 +86,7 @@ fn a_law_that_goes_on_wanting_more_than_the_slew_limit() {
     parameters.servo.converters.slew_codes = 47;
     parameters.guard.tracking_ticks = 200;
     parameters.guard.tracking_error = 100 << 24;
-    let text = "trace 31 1\nconditioning waived\nreference constant 1000\n@1000 enable\n@2500 reference constant 9000\n";
+    let text = "trace 31 1\narm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@2500 reference constant 9000\n";
     let script =
         Script { block: Some(block(&parameters)), commands: vec![(4 * MILLISECOND, text.into())], ..Script::listening(230 * MILLISECOND) };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
@@ -112,7 +118,7 @@ fn a_corrupt_block_is_refused_with_its_reason_and_the_drive_rests() {
     mismatched.physical.drive_max_mv = 120_000;
     for (bytes, reason) in [
         (damaged, "checksum does not match"),
-        (block(&unstable), "the design is not stable when sampled"),
+        (block(&unstable), "by its own figure the design is not stable when sampled"),
         (block(&mismatched), "integers contradict the physical limits"),
     ] {
         let world = World::new(&bench, Variant::PLAIN, 3).shared();
@@ -139,8 +145,8 @@ fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Codes) {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
-            (300 * MILLISECOND, b"clear\nconditioning waived\ntrace 31 1\nreference constant 3000\nenable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
+            (300 * MILLISECOND, b"clear\narm untested\nconditioning waived\ntrace 31 1\nreference constant 3000\nenable\n".to_vec()),
         ],
         injections,
         ..Script::listening(400 * MILLISECOND)
@@ -217,9 +223,12 @@ fn a_hard_fault_goes_to_the_rest_that_the_block_says() {
     // Not the 0 V that is rest without a block.
     parameters.guard.rest_code = parameters.servo.converters.dac_code_min + 3_000;
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
+    // 16 bits of a block in 20 of the converter.
+    let envelope = SafetyEnvelope { safe_code: DriveCode::new(parameters.guard.rest_code.steps() << 4), ..bench_envelope() };
     let script = Script {
         block: Some(block(&parameters)),
-        commands: vec![(4 * MILLISECOND, b"conditioning waived\nreference constant 5000\nenable\n".to_vec())],
+        envelope: Some(envelope_bytes(&envelope)),
+        commands: vec![(4 * MILLISECOND, b"arm untested\nconditioning waived\nreference constant 5000\nenable\n".to_vec())],
         injections: vec![(100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED })],
         ..Script::listening(110 * MILLISECOND)
     };
@@ -263,7 +272,7 @@ fn a_tick_that_takes_longer_than_a_period() {
     let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
     let script = Script {
         block: Some(block(&best_parameters())),
-        commands: vec![(200 * MILLISECOND, b"conditioning waived\nreference constant 3000\n@5000 enable\n".to_vec())],
+        commands: vec![(200 * MILLISECOND, b"arm untested\nconditioning waived\nreference constant 3000\n@5000 enable\n".to_vec())],
         ..Script::listening(400 * MILLISECOND)
     };
     let mut board = NucleoBoard::with_plant(&world).expect("a board");
@@ -358,7 +367,10 @@ fn without_a_reader_the_control_goes_on_and_losses_are_seen() {
         let script = Script {
             block: Some(block(&parameters())),
             read_every_ns,
-            commands: vec![(4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\n@500 enable\n".to_vec())],
+            commands: vec![(
+                4 * MILLISECOND,
+                b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\n@500 enable\n".to_vec(),
+            )],
             ..Script::listening(500 * MILLISECOND)
         };
         let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
@@ -385,7 +397,8 @@ fn what_is_not_a_command_is_refused() {
         block: Some(block(&parameters())),
         commands: vec![(
             5 * MILLISECOND,
-            [b"enabel\nreference sine\n\xff\xfe\n".to_vec(), vec![b'x'; 200], b"\nconditioning waived\nenable\n".to_vec()].concat(),
+            [b"enabel\nreference sine\n\xff\xfe\n".to_vec(), vec![b'x'; 200], b"\narm untested\nconditioning waived\nenable\n".to_vec()]
+                .concat(),
         )],
         ..Script::listening(60 * MILLISECOND)
     };
@@ -403,9 +416,9 @@ fn with_an_open_line(line: SafetyLine, fault: Fault) {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
             (150 * MILLISECOND, b"clear\nenable\n".to_vec()),
-            (170 * MILLISECOND, b"clear\nenable\n".to_vec()),
+            (170 * MILLISECOND, b"clear\narm untested\nreference constant 3000\nenable\n".to_vec()),
         ],
         injections: vec![
             (60 * MILLISECOND, Injection::Line { line, closed: false }),
@@ -446,7 +459,7 @@ fn what_was_planned_before_a_fault_does_not_act_after_it() {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n@3000 enable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\nenable\n@3000 enable\n".to_vec()),
             (100 * MILLISECOND, b"clear\n".to_vec()),
         ],
         injections: vec![
@@ -495,8 +508,8 @@ fn a_converter_that_lost_its_supply_is_set_up_again_at_rest_and_only_there() {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
-            (320 * MILLISECOND, b"clear\nenable\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\narm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
+            (320 * MILLISECOND, b"clear\narm untested\nreference constant 3000\nenable\n".to_vec()),
         ],
         ..Script::listening(400 * MILLISECOND)
     };

@@ -18,10 +18,11 @@ fn a_host_that_falls_silent_is_missed_while_the_drive_is_live() {
     let mut parameters = parameters();
     parameters.guard.healthy_ticks = 100;
     // Nobody is missed at rest: the timeout is there from 4 ms on, the next line comes at 90 ms.
-    let mut commands = vec![(4 * MILLISECOND, format!("trace 31 1\nconditioning waived\ntimeout {TIMEOUT_MS}\n").into_bytes())];
+    let mut commands =
+        vec![(4 * MILLISECOND, format!("trace 31 1\narm untested\nconditioning waived\ntimeout {TIMEOUT_MS}\n").into_bytes())];
     commands.push((90 * MILLISECOND, b"reference constant 3000\nenable\n".to_vec()));
     commands.extend((1..6).map(|nth| ((90 + 20 * nth) * MILLISECOND, b"status\n".to_vec())));
-    commands.push((400 * MILLISECOND, b"clear\nenable\n".to_vec()));
+    commands.push((400 * MILLISECOND, b"clear\narm untested\nenable\n".to_vec()));
     // From the probe's last line, at 190 ms, the serial port is the host; it is heard last at 270 ms.
     let serial = (0..5).map(|nth| ((190 + 20 * nth) * MILLISECOND, b"ERR?\n".to_vec())).collect();
     let script = Script { block: Some(block(&parameters)), commands, serial, ..Script::listening(480 * MILLISECOND) };

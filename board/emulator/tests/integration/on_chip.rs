@@ -8,9 +8,10 @@ use crate::common;
 
 use common::{block, image_named, parameters};
 use hysteron_core::guard::Fault;
+use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_emulator::board::NucleoBoard;
-use hysteron_emulator::run::{MILLISECOND, Outcome, Script, run};
+use hysteron_emulator::run::{MILLISECOND, Outcome, Script, bench_envelope, envelope_bytes, run};
 use hysteron_sim::bench::Bench;
 use rigless::mcu::Mcu;
 use rigless::soc::Layout;
@@ -20,6 +21,13 @@ fn register<L: Layout>(outcome: &Outcome, instance: &str, register: L) -> u64 {
     outcome.board.mcu.bus().registers(instance).expect("an instance").get(register)
 }
 
+/// 12 bits of the same drives.
+fn on_chip_envelope(bench: &Bench) -> Vec<u8> {
+    let scale = bench.converter_scale();
+    let (lowest, highest) = (scale.dac_code(scale.drive_min_v), scale.dac_code(scale.drive_max_v));
+    envelope_bytes(&SafetyEnvelope { dac_bits: 12, drive_min: lowest, drive_max: highest, safe_code: lowest, ..bench_envelope() })
+}
+
 #[test]
 fn its_registers_are_set_up_and_a_silent_converter_rests() {
     let mut bench = Bench::reference().expect("the bench");
@@ -27,8 +35,11 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
     let mut parameters = parameters();
     parameters.servo.converters = ConverterParameters { slew_codes: 146, ..bench.converter_scale().parameters() };
     parameters.guard.rest_code = parameters.servo.converters.dac_code_min;
+    let mut parameters = parameters;
+    parameters.physical.slew_limit_v_s = 100_000;
     let script = Script {
         block: Some(block(&parameters)),
+        envelope: Some(on_chip_envelope(&bench)),
         commands: vec![(180 * MILLISECOND, b"enable\nclear\n".to_vec())],
         ..Script::listening(220 * MILLISECOND)
     };
@@ -58,8 +69,11 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
 
 #[test]
 fn a_block_for_other_converters_is_refused() {
-    let script = Script { block: Some(block(&parameters())), ..Script::listening(220 * MILLISECOND) };
+    let mut bench = Bench::reference().expect("the bench");
+    bench.converters.dac_bits = 12;
+    let envelope = Some(on_chip_envelope(&bench));
+    let script = Script { block: Some(block(&parameters())), envelope, ..Script::listening(220 * MILLISECOND) };
     let outcome = run(&image_named("hysteron-firmware-on-chip"), NucleoBoard::new().expect("a board"), script).expect("a run");
     assert_eq!(outcome.texts_with("block A refused: integers contradict the physical limits").count(), 1, "{:?}", outcome.messages);
-    assert_eq!(register(&outcome, "DAC", dac::Register::Dhr12r1), 0, "0 V");
+    assert_eq!(register(&outcome, "DAC", dac::Register::Cr) & 1, 0, "the output is not enabled");
 }

@@ -18,7 +18,7 @@ fn they_are_looked_at_said_and_written_at_rest() {
     let script = Script {
         block: Some(block(&parameters())),
         commands: vec![
-            (4 * MILLISECOND, b"conditioning waived\nreference constant 3000\nenable\n".to_vec()),
+            (4 * MILLISECOND, b"arm untested\nconditioning waived\nreference constant 3000\nenable\n".to_vec()),
             (20 * MILLISECOND, b"protect\n".to_vec()),
             (30 * MILLISECOND, b"status\ndisable\n".to_vec()),
             (100 * MILLISECOND, b"protect\n".to_vec()),

@@ -17,7 +17,7 @@ fn a_drive_is_played_and_its_log_kept() {
     let bench = Bench::reference().expect("the bench");
     let world = World::new(&bench, Variant::PLAIN, 11).shared();
     let parameters = parameters();
-    let commands = "identify 44000\n";
+    let commands = "arm untested\nidentify 44000\n";
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![(3 * MILLISECOND, commands.as_bytes().to_vec())],
@@ -48,7 +48,7 @@ fn a_log_that_holds_the_conditioning_too_becomes_a_data_set() {
         // 0.1 s of cycle, the ramp, 1 s of rest.
         commands: vec![
             (10 * MILLISECOND, b"trace 31 1\n".to_vec()),
-            (20 * MILLISECOND, b"condition\n".to_vec()),
+            (20 * MILLISECOND, b"arm untested\ncondition\n".to_vec()),
             (1_300 * MILLISECOND, b"identify 12000\n".to_vec()),
         ],
         ..Script::listening(2_200 * MILLISECOND)

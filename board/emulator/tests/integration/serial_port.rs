@@ -21,7 +21,7 @@ fn text(outcome: &Outcome) -> String {
 
 #[test]
 fn a_conversation_moves_the_axis_and_reads_it_back() {
-    let lines = "*IDN?\nRON 1 0\nSVO 1 1\nERR?\nVEL 1 500\nMOV 1 3\nERR?\nMOV 1 99\nERR?\nXYZ\nERR?\n";
+    let lines = "*IDN?\nARM 1 2\nRON 1 0\nSVO 1 1\nERR?\nVEL 1 500\nMOV 1 3\nERR?\nMOV 1 99\nERR?\nXYZ\nERR?\n";
     let (outcome, world) =
         run_with(vec![(10 * MILLISECOND, lines.into()), (120 * MILLISECOND, b"POS?\nONT? 1\nSVO?\nVOL?\n\x07".to_vec())], 150);
     let answers = text(&outcome);
@@ -46,7 +46,7 @@ fn a_conversation_moves_the_axis_and_reads_it_back() {
 
 #[test]
 fn a_stop_is_not_held_up_by_an_answer_that_is_being_sent() {
-    let begin = "RON 1 0\nSVO 1 1\nMOV 1 5\nHLP?\nHLP?\n";
+    let begin = "ARM 1 2\nRON 1 0\nSVO 1 1\nMOV 1 5\nHLP?\nHLP?\n";
     // The two lists take half a second at this baud rate.
     let (outcome, world) = run_with(vec![(10 * MILLISECOND, begin.into()), (100 * MILLISECOND, b"\x18".to_vec())], 200);
     let rest = best_parameters().guard.rest_code;
@@ -93,7 +93,7 @@ fn from_an_empty_flash_a_block_is_brought_kept_and_taken() {
     serial.extend(upload(&good, 30));
     serial.push((130 * MILLISECOND, b"ERR?\nBLK COMMIT\nBLK?\nRBT\nERR?\n".to_vec()));
     serial.push((1_300 * MILLISECOND, b"BLK?\nRBT\n".to_vec()));
-    serial.push((1_350 * MILLISECOND, b"*IDN?\nDIA? 1 2 8 9\nIFC?\nATZ 1\nERR?\n".to_vec()));
+    serial.push((1_350 * MILLISECOND, b"*IDN?\nDIA? 1 2 8 9\nIFC?\nARM 1 2\nATZ 1\nERR?\n".to_vec()));
     let world = World::new(&Bench::reference().expect("the bench"), Variant::FULL, 3).shared();
     let script = Script { serial, ..Script::listening(1_400 * MILLISECOND) };
     let outcome = run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
@@ -116,7 +116,7 @@ fn from_an_empty_flash_a_block_is_brought_kept_and_taken() {
 
 #[test]
 fn a_wave_with_the_servo_off_is_a_drive_and_its_record_begins_with_it() {
-    let stairs = "WAV 1 X LIN 40 60 0 40 0 0\nWAV 1 & LIN 40 -60 60 40 0 0\nWSL 1 1\nWGC 1 1\nWTR 1 10 0\nRTR 10\nWGO 1 1\nERR?\n";
+    let stairs = "ARM 1 2\nWAV 1 X LIN 40 60 0 40 0 0\nWAV 1 & LIN 40 -60 60 40 0 0\nWSL 1 1\nWGC 1 1\nWTR 1 10 0\nRTR 10\nWGO 1 1\nERR?\n";
     let (outcome, world) = run_with(vec![(10 * MILLISECOND, stairs.into()), (70 * MILLISECOND, b"WGO?\nDRR? 1 80 2 4\n".to_vec())], 320);
     let answers = text(&outcome);
     let (head, rows) = answers.split_once("# END_HEADER \n").expect("a header");

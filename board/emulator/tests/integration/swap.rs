@@ -20,8 +20,8 @@ const BROUGHT_MS: u64 = 250;
 /// What the interrupt may take in which the blocks change, in instructions with the converters: half of a period at one a cycle.
 const MOST_INSTRUCTIONS: u64 = 10_000;
 
-fn commands(reference: &str) -> [(u32, &str); 3] {
-    [(100, "conditioning waived"), (300, reference), (301, "enable")]
+fn commands(reference: &str) -> [(u32, &str); 4] {
+    [(99, "arm untested"), (100, "conditioning waived"), (300, reference), (301, "enable")]
 }
 
 fn new_world() -> World {

@@ -109,7 +109,7 @@ struct Followed {
 
 /// Follows a sine of 10 Hz and 1 um for a second, on the target and on the host.
 fn follow(parameters: &AmplifierParameters, new_world: impl Fn() -> World) -> Followed {
-    let commands = [(100, "conditioning waived"), (300, "reference sine 10000 1000 5600"), (ENABLE_TICK, "enable")];
+    let commands = [(99, "arm untested"), (100, "conditioning waived"), (300, "reference sine 10000 1000 5600"), (ENABLE_TICK, "enable")];
     let world = new_world().shared();
     let first = format!("trace 31 1\nresonance {} {ALARM_NM}\n", (RESONANCE_HZ * 1000.0) as u32);
     // A second of the loop, and what the tasks are behind.

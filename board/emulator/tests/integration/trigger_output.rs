@@ -17,7 +17,7 @@ const TICKS: u64 = 6;
 fn the_output_is_high_while_the_chosen_point_acts_in_every_cycle() {
     // Points 1 to 4 at 10 V but the third, at 11 V; three cycles from rest with the servo off.
     let lines = format!(
-        "WAV 1 X PNT 1 4 10 10 11 10\nWSL 1 1\nWGC 1 3\nWTR 1 {TICKS} 0\nTWS 1 5000 1\nERR?\nTWS 2 3 1\nERR?\nTWS 1 3 1\nERR?\nTWS?\nWGO 1 1\n"
+        "ARM 1 2\nWAV 1 X PNT 1 4 10 10 11 10\nWSL 1 1\nWGC 1 3\nWTR 1 {TICKS} 0\nTWS 1 5000 1\nERR?\nTWS 2 3 1\nERR?\nTWS 1 3 1\nERR?\nTWS?\nWGO 1 1\n"
     );
     let serial = vec![
         (10 * MILLISECOND, lines.into_bytes()),

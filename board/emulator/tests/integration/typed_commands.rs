@@ -21,12 +21,12 @@ fn the_loop_closes_only_around_a_conditioned_actuator() {
     let script = Script {
         block: Some(block(&parameters)),
         commands: vec![
-            (4 * MILLISECOND, b"trace 31 1\nreference constant 3000\nenable\n".to_vec()),
-            (20 * MILLISECOND, b"condition\n".to_vec()),
+            (4 * MILLISECOND, b"trace 31 1\narm untested\nreference constant 3000\nenable\n".to_vec()),
+            (20 * MILLISECOND, b"arm untested\ncondition\n".to_vec()),
             // 0.1 s of cycle, the ramp, 1 s of rest.
             (1_300 * MILLISECOND, b"status\nenable\n".to_vec()),
-            (1_450 * MILLISECOND, b"clear\nstatus\nenable\n".to_vec()),
-            (1_460 * MILLISECOND, b"conditioning waived\nenable\n".to_vec()),
+            (1_450 * MILLISECOND, b"clear\narm untested\nstatus\nenable\n".to_vec()),
+            (1_460 * MILLISECOND, b"arm untested\nconditioning waived\nenable\n".to_vec()),
         ],
         injections: vec![
             (1_350 * MILLISECOND, Injection::Line { line: SafetyLine::Interlock, closed: false }),

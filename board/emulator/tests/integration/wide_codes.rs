@@ -43,7 +43,7 @@ fn parameters(bench: &Bench) -> AmplifierParameters {
 fn agrees_with_the_host(adc_bits: u8, dac_bits: u8) {
     let bench = bench(adc_bits, dac_bits);
     let parameters = parameters(&bench);
-    let commands = [(100, "condition"), (ENABLE_TICK, "reference sine 10000 5000 5600"), (ENABLE_TICK + 1, "enable")];
+    let commands = [(99, "arm untested"), (100, "condition"), (ENABLE_TICK, "reference sine 10000 5000 5600"), (ENABLE_TICK + 1, "enable")];
     let world = World::new(&bench, Variant::FULL, 7).shared();
     let script = Script {
         block: Some(block(&parameters)),

@@ -55,13 +55,13 @@ impl<D: Device + 'static> Session<D> {
             && match self.generator {
                 Generator::Off => false,
                 Generator::Endless => true,
-                Generator::Until(tick) => is_before(view.tick, tick),
+                Generator::Until(tick) => view.tick < tick,
             }
     }
 
     pub(super) fn moves(&self) -> bool {
         let view = self.device.view();
-        let under_way = self.moving_until.is_some_and(|until| is_before(view.tick, until));
+        let under_way = self.moving_until.is_some_and(|until| view.tick < until);
         self.runs() || !self.is_ready() || (under_way && matches!(view.mode, Mode::Closed | Mode::Playing))
     }
 
@@ -69,10 +69,4 @@ impl<D: Device + 'static> Session<D> {
     pub(super) fn is_ready(&self) -> bool {
         self.device.view().mode != Mode::Playing || self.moving_until.is_some() || self.runs()
     }
-}
-
-/// Whether a tick comes before another, for a counter that begins again.
-fn is_before(tick: u32, other: u32) -> bool {
-    let ahead = other.wrapping_sub(tick);
-    ahead != 0 && ahead < 1 << 31
 }

@@ -7,9 +7,15 @@ impl<D: Device + 'static> Session<D> {
     /// Every command with its help; a query ends in a question mark.
     pub(super) const COMMANDS: &'static [(&'static str, &'static str, Handler<D>)] = &[
         ("*IDN?", "get device identification", Self::identification),
+        ("ARM", "<axis> <0|1|2> switch the amplifier off, on behind a self-test, or on without it", Self::arm),
+        ("ARM?", "[<axis>] get whether the amplifier is off (0), armed (1), or on and not armed (2)", Self::armed),
         ("ATZ", "[<axis> [<low voltage>]] condition the actuator and zero the sensor", Self::auto_zero),
         ("ATZ?", "[<axis>] get whether the sensor has been zeroed", Self::auto_zeroed),
-        ("BLK", "<BEGIN <bytes>|DATA <offset> <hexadecimal>|COMMIT|SWAP> bring a parameter block", Self::bring_block),
+        (
+            "BLK",
+            "<BEGIN <bytes>|DATA <offset> <hexadecimal>|COMMIT|SWAP|ENVELOPE <checksum>> bring a parameter block or a safety envelope",
+            Self::bring_block,
+        ),
         ("BLK?", "get what became of the parameter block that was brought", Self::brought_block),
         ("CST?", "[<axis>] get the name of the stage", Self::stage),
         ("CSV?", "get the version of the syntax", Self::syntax_version),
@@ -21,6 +27,7 @@ impl<D: Device + 'static> Session<D> {
         ("DRR?", "[<start> <number> [{<table>}]] get recorded data", Self::recorded_data),
         ("DRT", "{<table> <trigger source> <value>} set what starts the data recorder", Self::set_trigger),
         ("DRT?", "[{<table>}] get what starts the data recorder", Self::trigger),
+        ("ENV?", "get the safety envelope of the board", Self::envelope),
         ("ERR?", "get and clear the last error", Self::last_error),
         ("FRF?", "[<axis>] get whether the actuator is conditioned since the start and the last fault", Self::conditioned),
         ("GWD?", "[<start> <number> [{<table>}]] get the points of wave tables", Self::wave_data),
@@ -32,6 +39,7 @@ impl<D: Device + 'static> Session<D> {
         ("IFC", "RSBAUD <bit/s> set the speed of the line until the restart", Self::set_interface),
         ("IFC?", "[RSBAUD] get the speed of the line", Self::interface),
         ("INI", "[<axis>] clear the fault", Self::clear_fault),
+        ("LOG?", "get the last faults, kept over restarts, the newest first", Self::events),
         ("MOV", "<axis> <position> set the target, um", Self::move_to),
         ("MOV?", "[<axis>] get the target, um", Self::target),
         ("MVR", "<axis> <distance> move relative to the target, um", Self::move_by),

@@ -11,25 +11,26 @@ const BAUD: core::ops::RangeInclusive<u32> = 9_600..=2_000_000;
 
 impl<D: Device + 'static> Session<D> {
     /// The values in the order of [`help::DIAGNOSIS`].
-    fn diagnosis_values(&self) -> [u32; help::DIAGNOSIS.len()] {
+    fn diagnosis_values(&self) -> [u64; help::DIAGNOSIS.len()] {
         let (view, counts, figures) = (self.device.view(), self.device.diagnosis(), self.device.loop_figures());
         [
-            view.mode as u32,
-            view.fault.map_or(0, |fault| fault as u32),
-            counts.railed_ticks,
-            counts.limited_ticks,
-            counts.saturated_values,
-            counts.overruns,
-            counts.lost_samples,
-            counts.block_generation,
-            counts.block_checksum,
+            view.mode as u64,
+            view.fault.map_or(0, |fault| fault as u64),
+            counts.railed_ticks.into(),
+            counts.limited_ticks.into(),
+            counts.saturated_values.into(),
+            counts.overruns.into(),
+            counts.lost_samples.into(),
+            counts.block_generation.into(),
+            counts.block_checksum.into(),
             view.tick,
-            u32::from(view.conditioned),
-            counts.protection,
-            figures.windows,
-            figures.torn_windows,
-            u32::from(figures.alarm),
-            counts.adapted_gain_millionths,
+            view.conditioned.into(),
+            counts.protection.into(),
+            figures.windows.into(),
+            figures.torn_windows.into(),
+            figures.alarm.into(),
+            counts.adapted_gain_millionths.into(),
+            u64::from(view.powered) | u64::from(view.armed) << 1,
         ]
     }
 

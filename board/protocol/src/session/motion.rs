@@ -2,7 +2,7 @@
 
 use hysteron_core::amplifier::{Command, Mode};
 use hysteron_core::reference_generator::Waveform;
-use hysteron_core::signal::MICROMETRE_FRACTION_BITS;
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Volts};
 
 use super::{Generator, Meaning, Pending, Session, Trigger};
 use crate::decimal::ONE;
@@ -49,7 +49,7 @@ impl<D: Device + 'static> Session<D> {
         match view.mode {
             Mode::Closed => {
                 let here = self.reference_now(&view);
-                let stay = Command::Reference { waveform: Waveform::Constant, offset: here };
+                let stay = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_bits(here) };
                 self.command(stay, None, Meaning::Move { from: here, target: here, ticks: 0 });
             }
             Mode::Playing => self.command(Command::Hold { drive: None }, None, Meaning::Drive { drive: None, ticks: 0 }),
@@ -64,7 +64,7 @@ impl<D: Device + 'static> Session<D> {
             (true, false) => {
                 let (lowest, highest) = self.range(&view);
                 let here = self.position_now(&view).max(lowest).min(highest);
-                let stay = Command::Reference { waveform: Waveform::Constant, offset: here };
+                let stay = Command::Reference { waveform: Waveform::Constant, offset: Micrometres::from_bits(here) };
                 self.command(stay, Some(Command::Enable), Meaning::Move { from: here, target: here, ticks: 0 });
             }
             (false, true) => {
@@ -102,9 +102,9 @@ impl<D: Device + 'static> Session<D> {
         let rate = i64::from(self.parameters.physical.sample_rate_hz);
         let ticks = (i64::from(height).abs() * 15 * rate / 8).checked_div(self.velocity).unwrap_or(LONGEST_MOVE_TICKS);
         let ticks = ticks.clamp(1, LONGEST_MOVE_TICKS) as u32;
-        let waveform = Waveform::QuasiStep { height, delay_ticks: 0, duration_ticks: ticks };
+        let waveform = Waveform::QuasiStep { height: Micrometres::from_bits(height), delay_ticks: 0, duration_ticks: ticks };
         self.begin_motion();
-        self.command(Command::Reference { waveform, offset: from }, None, Meaning::Move { from, target, ticks });
+        self.command(Command::Reference { waveform, offset: Micrometres::from_bits(from) }, None, Meaning::Move { from, target, ticks });
         Ok(())
     }
 
@@ -123,7 +123,7 @@ impl<D: Device + 'static> Session<D> {
         let ticks = codes / i64::from(self.parameters.guard.ramp_codes.max(1)) + 1;
         self.begin_motion();
         let meaning = Meaning::Drive { drive: Some(drive), ticks: ticks.min(LONGEST_MOVE_TICKS) as u32 };
-        self.command(Command::Hold { drive: Some(drive) }, None, meaning);
+        self.command(Command::Hold { drive: Some(Volts::from_bits(drive)) }, None, meaning);
         Ok(())
     }
 
@@ -143,6 +143,27 @@ impl<D: Device + 'static> Session<D> {
         let (whole, part) = (billionths / ONE, billionths % ONE);
         self.velocity = (whole << MICROMETRE_FRACTION_BITS) + (part << MICROMETRE_FRACTION_BITS) / ONE;
         Ok(())
+    }
+
+    pub(super) fn arm(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let (command, meaning) = match words.of_axis(Words::whole)? {
+            0 => (Command::Disarm, Meaning::Conditioning),
+            1 => (Command::Arm { tested: true }, Meaning::Conditioning),
+            2 => (Command::Arm { tested: false }, Meaning::Nothing),
+            _ => return Err(ErrorCode::Range),
+        };
+        self.command(command, None, meaning);
+        Ok(())
+    }
+
+    pub(super) fn armed(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let view = self.device.view();
+        let state = match (view.powered, view.armed) {
+            (_, true) => 1,
+            (true, false) => 2,
+            (false, false) => 0,
+        };
+        self.say_axis(words, state)
     }
 
     pub(super) fn require_conditioning(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

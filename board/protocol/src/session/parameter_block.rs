@@ -2,14 +2,18 @@
 
 use hysteron_core::amplifier::Command;
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::safety_envelope::fingerprint;
 
-use super::{Meaning, Session};
-use crate::device::{Brought, Device, Moving};
+use core::fmt::Write;
+
+use super::{Meaning, Pending, Piece, Session, Step};
+use crate::decimal::Decimal;
+use crate::device::{Brought, Device, Event, Moving};
 use crate::error_code::ErrorCode;
 use crate::words::Words;
 
 impl<D: Device + 'static> Session<D> {
-    /// `BEGIN <bytes>`, `DATA <offset> <hexadecimal>` in order, `COMMIT` or `SWAP`.
+    /// `BEGIN <bytes>`, `DATA <offset> <hexadecimal>` in order, `COMMIT`, `SWAP` or `ENVELOPE <checksum>`.
     pub(super) fn bring_block(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
         match words.word()? {
             "BEGIN" | "begin" => {
@@ -32,8 +36,44 @@ impl<D: Device + 'static> Session<D> {
                 self.device.swap_block();
                 Ok(())
             }
+            "ENVELOPE" | "envelope" => {
+                let fingerprint = words.whole()?;
+                words.end()?;
+                self.device.keep_envelope(fingerprint).map_err(|Moving| ErrorCode::InMotion)
+            }
             _ => Err(ErrorCode::Syntax),
         }
+    }
+
+    /// Checksum, least and most drive, rest, slew and current of the envelope in force.
+    pub(super) fn envelope(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        words.end()?;
+        let Some(envelope) = self.device.envelope() else { return self.say(format_args!("NONE")) };
+        let volts = |code| Decimal { billionths: envelope.drive_uv(code) * 1_000, digits: 3 };
+        let (lowest, highest, rest) = (volts(envelope.drive_min), volts(envelope.drive_max), volts(envelope.safe_code));
+        self.say(format_args!("CHECKSUM={:#010x}", fingerprint(&envelope)))?;
+        self.say(format_args!("DRIVE={lowest} {highest} V"))?;
+        self.say(format_args!("REST={rest} V"))?;
+        self.say(format_args!("SLEW={} V/s", envelope.slew_limit_v_s))?;
+        self.say(format_args!("CURRENT={} uA {} nF", envelope.current_ua, envelope.capacitance_nf))
+    }
+
+    /// A line of the log of faults, the last one first.
+    pub(super) fn next_event(&mut self, nth: u32, piece: &mut Piece) -> Step {
+        let written = match self.device.event(nth) {
+            Some(Event { start, tick, fault }) => {
+                let end = if self.device.event(nth + 1).is_some() { " " } else { "" };
+                writeln!(piece, "START={start} TICK={tick} FAULT={} {}{end}", fault as u8, fault.name())
+            }
+            None if nth == 0 => writeln!(piece, "NONE"),
+            None => return Step::Done,
+        };
+        self.sent(written, Pending::Events(nth + 1))
+    }
+
+    pub(super) fn events(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        self.pending = Pending::Events(0);
+        words.end()
     }
 
     pub(super) fn brought_block(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {

@@ -4,10 +4,10 @@ use core::sync::atomic::{AtomicI32, Ordering};
 
 use hysteron_core::amplifier::Command;
 use hysteron_core::reference_generator::Waveform;
-use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
+use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, Micrometres, Quantity, Volts};
 use hysteron_core::wave_table::{POINT_FRACTION_BITS, WaveTable};
 
-use super::{Meaning, Pending, Session, Step, Trigger, WAVE_TABLES};
+use super::{Meaning, Pending, Session, Step, Trigger, WAVE_TABLES, WaveQuantity};
 use crate::decimal::{Decimal, from_fixed};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
@@ -72,9 +72,11 @@ impl<D: Device + 'static> Session<D> {
             return Err(ErrorCode::WaveTooLong);
         }
         let end = segment.offset.checked_add(segment.amplitude).ok_or(ErrorCode::WaveLimit)?;
-        if !self.can_be_played(segment.offset) || !self.can_be_played(end) {
+        let quantity = self.quantity_for(table, at);
+        if !self.can_be_played(quantity, segment.offset) || !self.can_be_played(quantity, end) {
             return Err(ErrorCode::WaveLimit);
         }
+        self.set_quantity(table, quantity);
         self.pending = Pending::Build { table, at, segment, done: 0 };
         Ok(())
     }
@@ -87,10 +89,10 @@ impl<D: Device + 'static> Session<D> {
         // The start point counts in the segment; behind `&` others count in the table, which is the same place.
         let begin = if at == 0 { first.checked_sub(1).ok_or(ErrorCode::WaveIndex)? } else { at };
         let end = begin.checked_add(count).filter(|end| *end <= self.wave_points()).ok_or(ErrorCode::WaveTooLong)?;
-        let mut given = words.clone();
+        let (mut given, quantity) = (words.clone(), self.quantity_for(table, begin));
         for _ in 0..count {
             let point = given.wave_point().map_err(missing)?;
-            if !self.can_be_played(point) {
+            if !self.can_be_played(quantity, point) {
                 return Err(ErrorCode::WaveLimit);
             }
         }
@@ -98,6 +100,7 @@ impl<D: Device + 'static> Session<D> {
         for place in self.points_of(table).get(begin..end).unwrap_or(&[]) {
             place.store(words.wave_point()?, Ordering::Relaxed);
         }
+        self.set_quantity(table, quantity);
         self.set_length(table, end);
         Ok(())
     }
@@ -212,9 +215,24 @@ impl<D: Device + 'static> Session<D> {
         point.checked_mul(1 << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS)).is_some_and(|position| self.is_within_range(position))
     }
 
-    /// Whether a point can be a position or a drive; which of them it is, the generator's start says.
-    fn can_be_played(&self, point: i32) -> bool {
-        self.is_position(point) || self.is_drive(point)
+    /// What a table holds once points are written to it from `at` on: what it has already, or from its beginning on what the servo plays now.
+    fn quantity_for(&self, table: usize, at: usize) -> WaveQuantity {
+        let has = self.wave_quantities.get(table).copied().filter(|_| at > 0 && self.length_of(table) > 0);
+        has.unwrap_or(if self.closed() { WaveQuantity::Position } else { WaveQuantity::Drive })
+    }
+
+    fn set_quantity(&mut self, table: usize, quantity: WaveQuantity) {
+        if let Some(place) = self.wave_quantities.get_mut(table) {
+            *place = quantity;
+        }
+    }
+
+    /// Whether a point lies within the limits of its quantity.
+    fn can_be_played(&self, quantity: WaveQuantity, point: i32) -> bool {
+        match quantity {
+            WaveQuantity::Position => self.is_position(point),
+            WaveQuantity::Drive => self.is_drive(point),
+        }
     }
 
     /// Plays positions with the servo on, and drives from rest with the servo off.
@@ -224,10 +242,11 @@ impl<D: Device + 'static> Session<D> {
         let points = self.points_of(table).get(..length as usize).unwrap_or(&[]);
         let last = points.last().ok_or(ErrorCode::WaveNotDefined)?.load(Ordering::Relaxed);
         let closed = self.closed();
-        let within = |point: &AtomicI32| {
-            let point = point.load(Ordering::Relaxed);
-            if closed { self.is_position(point) } else { self.is_drive(point) }
-        };
+        let quantity = self.quantity_for(table, 1);
+        if (quantity == WaveQuantity::Position) != closed {
+            return Err(ErrorCode::WaveLimit);
+        }
+        let within = |point: &AtomicI32| self.can_be_played(quantity, point.load(Ordering::Relaxed));
         if !points.iter().all(within) {
             return Err(ErrorCode::WaveLimit);
         }
@@ -236,21 +255,24 @@ impl<D: Device + 'static> Session<D> {
         if matches!(self.trigger, Trigger::Generator | Trigger::Target) {
             self.device.record_from_command(self.record_every);
         }
-        let play = |fraction_bits| {
-            Waveform::Table(
-                WaveTable::new(points, fraction_bits, self.wave_rate, self.wave_joined, self.wave_cycles).marking(self.trigger_point),
-            )
-        };
         let ends_after = (self.wave_cycles > 0).then_some(ticks);
         if closed {
             let last = last << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS);
-            let waveform = play(MICROMETRE_FRACTION_BITS);
-            self.command(Command::Reference { waveform, offset: 0 }, None, Meaning::Wave { last, ticks: ends_after });
+            let waveform = Waveform::Table(self.as_played(points));
+            self.command(
+                Command::Reference { waveform, offset: Micrometres::from_bits(0) },
+                None,
+                Meaning::Wave { last, ticks: ends_after },
+            );
         } else {
-            let (waveform, ticks) = (play(VOLT_FRACTION_BITS), ends_after.unwrap_or(u32::MAX));
-            self.command(Command::Play { waveform, offset: 0, ticks }, None, Meaning::DriveWave { ticks: ends_after });
+            let (waveform, ticks) = (Waveform::Table(self.as_played(points)), ends_after.unwrap_or(u32::MAX));
+            self.command(Command::Play { waveform, offset: Volts::from_bits(0), ticks }, None, Meaning::DriveWave { ticks: ends_after });
         }
         Ok(())
+    }
+
+    fn as_played<Q: Quantity>(&self, points: &'static [AtomicI32]) -> WaveTable<Q> {
+        WaveTable::new(points, self.wave_rate, self.wave_joined, self.wave_cycles).marking(self.trigger_point)
     }
 
     /// One line and one point of it, which counts from the next start of the generator on.

@@ -62,16 +62,38 @@ pub async fn write_page(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
     if !FLASH.optr().read().dbank() {
         return Err("the option byte DBANK makes one bank of the flash: an erase would hold up the control interrupt");
     }
+    begin();
+    let result = match erase(address).await {
+        Ok(()) => program(address, bytes).await,
+        failed => failed,
+    };
+    end();
+    result
+}
+
+/// Programs 32 bytes of zeros at an address that is erased.
+pub async fn write_mark(address: u32) -> Result<(), FlashError> {
+    begin();
+    let result = match finished().await {
+        Ok(()) => program(address, &[0; 32]).await,
+        failed => failed,
+    };
+    end();
+    result
+}
+
+fn begin() {
     unlock();
     forget_errors();
-    let result = erase_and_program(address, bytes).await;
+}
+
+fn end() {
     FLASH.cr().modify(|w| {
         w.set_pg(false);
         w.set_per(false);
         w.set_lock(true);
     });
     forget_cached_data();
-    result
 }
 
 /// The data cache keeps what was read before (RM0440, adaptive real-time memory accelerator: it is reset while it is off).
@@ -82,7 +104,7 @@ fn forget_cached_data() {
     FLASH.acr().modify(|w| w.set_dcen(true));
 }
 
-async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+async fn erase(address: u32) -> Result<(), FlashError> {
     finished().await?;
     let page = ((address - BANK_2) / PAGE_BYTES) as u8;
     FLASH.cr().modify(|w| {
@@ -92,10 +114,12 @@ async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError>
     });
     FLASH.cr().modify(|w| w.set_strt(true));
     finished().await?;
-    FLASH.cr().modify(|w| {
-        w.set_per(false);
-        w.set_pg(true);
-    });
+    FLASH.cr().modify(|w| w.set_per(false));
+    Ok(())
+}
+
+async fn program(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+    FLASH.cr().modify(|w| w.set_pg(true));
     let _ = FLASH.cr().read();
     flash_words::program::<WORD_BYTES>(address, bytes, finished).await?;
     FLASH.cr().modify(|w| w.set_pg(false));

@@ -9,6 +9,7 @@ mod option_bytes;
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
+use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOC, IWDG, LPUART1 as LPUART1_REGISTERS, PWR, RCC};
@@ -52,9 +53,19 @@ impl Platform for NucleoG474re {
     const SERIAL_INTERRUPT: Interrupt = Interrupt::LPUART1;
     /// SETTINGS of `memory.x`.
     const BLOCKS: [(&'static str, u32); 2] = [("A", 0x0807_F000), ("B", 0x0807_F800)];
+    const ENVELOPE: u32 = 0x0807_E000;
+    const SECTOR_BYTES: u32 = 2 * 1024;
     const SPARE_SECTOR: u32 = 0x0807_E800;
     const BEYOND_FLASH: u32 = 0x0808_0000;
     const BROWN_OUT_LEVEL: &'static str = "2.5 V";
+
+    fn crystal_runs() -> bool {
+        RCC.cr().modify(|w| w.set_hseon(true));
+        RCC.cr().read().hserdy()
+    }
+
+    /// The flash has its own, which are on after a reset.
+    fn use_caches(_: &mut SCB) {}
 
     fn clock_tree() -> Config {
         let mut config = Config::default();
@@ -111,6 +122,10 @@ impl Platform for NucleoG474re {
 
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str> {
         flash::write_page(address, bytes).await
+    }
+
+    async fn write_mark(address: u32) -> Result<(), &'static str> {
+        flash::write_mark(address).await
     }
 
     fn begin_reading() {

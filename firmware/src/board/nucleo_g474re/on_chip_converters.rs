@@ -20,7 +20,7 @@ use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 use hysteron_core::codes::{DriveCode, SensorCode};
 
 use crate::board::triggered_converters;
-use crate::front_end::{CodeBits, FrontEnd};
+use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 const SENSOR_CHANNEL: u8 = 1;
 /// TIM2_TRGO among the regular triggers of ADC1 (RM0440, external triggers for regular channels of ADC1 and ADC2).
@@ -79,28 +79,29 @@ fn begin_drive() {
 impl FrontEnd for OnChipConverters {
     const NAME: &'static str = "on-chip ADC1 and DAC1, 12 bits";
     const BITS: CodeBits = CodeBits { adc: 16, dac: 12 };
-    const SAFE_CODE: DriveCode = DriveCode::new(0);
     const INTERRUPT_AFTER_NS: u32 = 1_000;
 
     fn has(bits: CodeBits) -> bool {
         bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac
     }
 
-    fn new(bits: CodeBits) -> Self {
+    fn new(bits: CodeBits, _: Wiring) -> Self {
         Self { shift: Self::BITS.dac.saturating_sub(bits.dac) }
     }
 
-    fn start(&mut self, rest_code: DriveCode) {
+    fn start(&mut self, rest_code: Option<DriveCode>) {
         enable_clocks();
         set_analog_pins();
         begin_drive();
-        // Without a trigger yet, so that the output is at rest from its first moment on.
-        self.write(rest_code);
-        DAC1.cr().modify(|w| w.set_en(0, true));
-        DAC1.cr().modify(|w| {
-            w.set_tsel(0, DAC_TRIGGER_TIM2);
-            w.set_ten(0, true);
-        });
+        if let Some(rest_code) = rest_code {
+            // Without a trigger yet, so that the output is at rest from its first moment on.
+            self.write(rest_code);
+            DAC1.cr().modify(|w| w.set_en(0, true));
+            DAC1.cr().modify(|w| {
+                w.set_tsel(0, DAC_TRIGGER_TIM2);
+                w.set_ten(0, true);
+            });
+        }
 
         ADC12_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
         ADC1.cr().modify(|w| w.set_deeppwd(false));
@@ -140,7 +141,9 @@ impl FrontEnd for OnChipConverters {
     }
 
     /// It has the part's own supply.
-    fn renew(&mut self) {}
+    fn renew(&mut self) -> bool {
+        true
+    }
 
     fn force(&mut self, code: DriveCode) {
         enable_clocks();

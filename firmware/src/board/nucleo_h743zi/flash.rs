@@ -43,22 +43,44 @@ async fn finished() -> Result<(), FlashError> {
 
 /// Erases the sector at `address` and writes `bytes` to its beginning.
 pub async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+    unlock();
+    let result = match erase(address).await {
+        Ok(()) => program(address, bytes).await,
+        failed => failed,
+    };
+    lock();
+    result
+}
+
+/// Programs 32 bytes of zeros at an address that is erased.
+pub async fn write_mark(address: u32) -> Result<(), FlashError> {
+    unlock();
+    let result = match finished().await {
+        Ok(()) => program(address, &[0; WORD_BYTES]).await,
+        failed => failed,
+    };
+    lock();
+    result
+}
+
+fn lock() {
+    FLASH.bank(1).cr().modify(|w| {
+        w.set_pg(false);
+        w.set_ser(false);
+        w.set_lock(true);
+    });
+}
+
+fn unlock() {
     let bank = FLASH.bank(1);
     if bank.cr().read().lock() {
         for key in KEYS {
             bank.keyr().write_value(key);
         }
     }
-    let result = erase_and_program(address, bytes).await;
-    bank.cr().modify(|w| {
-        w.set_pg(false);
-        w.set_ser(false);
-        w.set_lock(true);
-    });
-    result
 }
 
-async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+async fn erase(address: u32) -> Result<(), FlashError> {
     let bank = FLASH.bank(1);
     finished().await?;
     let sector = ((address - BANK_2) / SECTOR_BYTES) as u8;
@@ -69,8 +91,14 @@ async fn erase_and_program(address: u32, bytes: &[u8]) -> Result<(), FlashError>
     });
     bank.cr().modify(|w| w.set_start(true));
     finished().await?;
+    bank.cr().modify(|w| w.set_ser(false));
+    Ok(())
+}
+
+async fn program(address: u32, bytes: &[u8]) -> Result<(), FlashError> {
+    let bank = FLASH.bank(1);
     bank.cr().modify(|w| {
-        w.set_ser(false);
+        w.set_psize(PARALLELISM);
         w.set_pg(true);
     });
     let _ = bank.cr().read();

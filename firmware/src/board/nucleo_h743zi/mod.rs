@@ -1,7 +1,7 @@
 //! NUCLEO-H743ZI2: STM32H743ZI at 400 MHz, precision converters on SPI or the part's own.
 //!
 //! Crystal: the 8 MHz that the NUCLEO's debugger feeds to OSC_IN. PLL1 makes 400 MHz for the core (voltage scale 1), 200 MHz
-//! for the buses' timers, and 100 MHz for SPI1 to SPI3. Memory: `memory.x` of the repository's root.
+//! for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 have the internal 64 MHz. Memory: `memory.x` of the repository's root.
 
 mod flash;
 #[cfg(feature = "on-chip-converters")]
@@ -10,10 +10,12 @@ mod option_bytes;
 #[cfg(not(feature = "on-chip-converters"))]
 mod spi_converters;
 
+use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
 use embassy_stm32::peripherals::USART3;
+use embassy_stm32::rcc::mux::Saisel;
 use embassy_stm32::rcc::{AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError};
@@ -51,9 +53,24 @@ impl Platform for NucleoH743zi {
     const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
     /// SETTINGS of `memory.x`.
     const BLOCKS: [(&'static str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
+    const ENVELOPE: u32 = 0x0818_0000;
+    const SECTOR_BYTES: u32 = 128 * 1024;
     const SPARE_SECTOR: u32 = 0x081A_0000;
     const BEYOND_FLASH: u32 = 0x0820_0000;
     const BROWN_OUT_LEVEL: &'static str = "2.4 V";
+
+    fn crystal_runs() -> bool {
+        RCC.cr().modify(|w| {
+            w.set_hsebyp(true);
+            w.set_hseon(true);
+        });
+        RCC.cr().read().hserdy()
+    }
+
+    /// Of instructions: tasks run from flash. What the control interrupt runs and reads is in memories that no cache serves.
+    fn use_caches(control: &mut SCB) {
+        control.enable_icache();
+    }
 
     fn clock_tree() -> Config {
         let mut config = Config::default();
@@ -76,6 +93,11 @@ impl Platform for NucleoH743zi {
         c.apb3_pre = APBPrescaler::DIV2;
         c.apb4_pre = APBPrescaler::DIV2;
         c.voltage_scale = VoltageScale::Scale1;
+        // The converters' clock is the internal oscillator, 64 MHz, from here on: a mux does not leave a clock that has died (RM0433, 8.5.8), and a lost crystal
+        // takes the PLL with it. When a sample is taken and a code acts is the timer's business.
+        c.mux.spi123sel = Saisel::PER;
+        // The cycle counter counts while the core sleeps only with this bit (RM0433, 60.5.8).
+        config.enable_debug_during_sleep = true;
         config
     }
 
@@ -115,6 +137,10 @@ impl Platform for NucleoH743zi {
 
     async fn write_sector(address: u32, bytes: &[u8]) -> Result<(), &'static str> {
         flash::write_sector(address, bytes).await
+    }
+
+    async fn write_mark(address: u32) -> Result<(), &'static str> {
+        flash::write_mark(address).await
     }
 
     fn begin_reading() {

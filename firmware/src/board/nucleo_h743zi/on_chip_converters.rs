@@ -5,7 +5,8 @@
 //! | sensor | PA3 (ADC1_INP15), 0..3.3 V | sampled at the edge: TIM2's update is the regular conversion's trigger; ready 1 us later |
 //! | drive | PA4 (DAC1_OUT1), 0..3.3 V | the code written before is latched at the edge by the same trigger |
 //!
-//! The drive's codes are 12 bits wide: the block's front end says `drive_bits = 12`. Until the first edge the output is at code 0.
+//! The drive's codes are 12 bits wide: the block's front end says `drive_bits = 12`. Without a rest code the output is not
+//! enabled, and floats.
 //!
 //! The ADC runs at the AHB clock of 200 MHz divided by 4, which revision V of the part halves again: 25 MHz, 25 cycles for sampling and
 //! conversion (RM0433, 25.4.3 and 25.4.17). Its linearity and offset are calibrated at start.
@@ -18,7 +19,7 @@ use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 use hysteron_core::codes::{DriveCode, SensorCode};
 
 use crate::board::triggered_converters;
-use crate::front_end::{CodeBits, FrontEnd};
+use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 const SENSOR_CHANNEL: u8 = 15;
 /// TIM2_TRGO among the regular triggers of ADC1 (RM0433, Table 206).
@@ -57,28 +58,30 @@ fn wait_for(mut condition: impl FnMut() -> bool) {
 impl FrontEnd for OnChipConverters {
     const NAME: &'static str = "on-chip ADC1 and DAC1";
     const BITS: CodeBits = CodeBits { adc: 16, dac: 12 };
-    const SAFE_CODE: DriveCode = DriveCode::new(0);
     const INTERRUPT_AFTER_NS: u32 = 1_500;
 
     fn has(bits: CodeBits) -> bool {
         bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac
     }
 
-    fn new(bits: CodeBits) -> Self {
+    fn new(bits: CodeBits, _: Wiring) -> Self {
         Self { shift: Self::BITS.dac.saturating_sub(bits.dac) }
     }
 
-    fn start(&mut self, rest_code: DriveCode) {
+    fn start(&mut self, rest_code: Option<DriveCode>) {
         enable_clocks();
         for pin in [3, 4] {
             GPIOA.moder().modify(|w| w.set_moder(pin, Moder::ANALOG));
         }
-        self.write(rest_code);
-        DAC1.cr().modify(|w| {
-            w.set_tsel(0, DAC_TRIGGER_TIM2);
-            w.set_ten(0, true);
-        });
-        DAC1.cr().modify(|w| w.set_en(0, true));
+        if let Some(rest_code) = rest_code {
+            // Without a trigger yet, so that the output is at rest from its first moment on.
+            self.write(rest_code);
+            DAC1.cr().modify(|w| w.set_en(0, true));
+            DAC1.cr().modify(|w| {
+                w.set_tsel(0, DAC_TRIGGER_TIM2);
+                w.set_ten(0, true);
+            });
+        }
 
         ADC12_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
         ADC1.cr().modify(|w| w.set_deeppwd(false));
@@ -120,7 +123,9 @@ impl FrontEnd for OnChipConverters {
     }
 
     /// It has the part's own supply.
-    fn renew(&mut self) {}
+    fn renew(&mut self) -> bool {
+        true
+    }
 
     fn force(&mut self, code: DriveCode) {
         enable_clocks();

@@ -2,25 +2,24 @@
 //!
 //! | signal | pin | timing |
 //! |---|---|---|
-//! | sensor SCK, SDO | PA5, PA6 (SPI1, frames of the block's bits, 25 MHz) | read by the control interrupt |
+//! | sensor SCK, SDO | PA5, PA6 (SPI1, frames of the block's bits, 32 MHz) | read by the control interrupt |
 //! | sensor CNV | PA0 (TIM2_CH1) | rises at the edge: the sample is taken there; low before the read |
-//! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 25 MHz) | written by the control interrupt |
+//! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 32 MHz) | written by the control interrupt |
 //! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
 //!
 //! The DAC leaves power-up, and its RESET pin (wired to NRST), with its output clamped to ground and an empty register, which is the negative
 //! reference. [`FrontEnd::start`] therefore holds LDAC low by hand, so that the rest code reaches the register when its frame ends, and
-//! removes the clamp only then; the sample clock gets LDAC afterwards. SYNC stays high for [`SYNC_HIGH_CYCLES`] between frames.
+//! removes the clamp only then; without a rest code the clamp stays. The sample clock gets LDAC afterwards. SYNC stays high for [`SYNC_HIGH_CYCLES`] between frames.
 
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
-use embassy_stm32::pac::rcc::vals::Saisel;
 use embassy_stm32::pac::spi::Spi;
 use embassy_stm32::pac::spi::vals::{Comm, Cpha, Cpol, Fthlv, Master, Mbr};
 use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
-use crate::front_end::{CodeBits, FrontEnd};
+use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 /// Polls of a flag before a converter counts as silent: about ten frames.
 const MOST_POLLS: u32 = 400;
@@ -28,6 +27,9 @@ const MOST_POLLS: u32 = 400;
 const WRITE_DAC: u32 = 0x1 << 20;
 /// AD5791: write to the control register, offset binary, output on, clamp off, amplifier of the reference off.
 const WRITE_CONTROL: u32 = (0x2 << 20) | (1 << 4) | (1 << 1);
+/// LINCOMP in that register: the linearity is trimmed for the span of the references, up to each of these, mV (AD5791, table 13).
+const LINEARITY: [(u32, u32); 5] = [(10_000, 0b0000), (12_000, 0b1001), (16_000, 0b1010), (19_000, 0b1011), (20_000, 0b1100)];
+const LINEARITY_SHIFT: u32 = 6;
 /// Core cycles between frames, at least 100 ns: the DAC asks for 48 ns of SYNC high, and for 65 ns to LDAC.
 const SYNC_HIGH_CYCLES: u32 = 40;
 /// Late words of the sensor that are dropped before it is asked again: as many as its FIFO holds.
@@ -44,6 +46,16 @@ pub struct SpiConverters {
     adc_bits: u8,
     /// From a drive's code to the register of the AD5791, which has 20 bits.
     shift: u8,
+    /// What the sign of two's complement is turned with; 0 for straight binary.
+    sign: u32,
+    /// What the control register is set to.
+    control: u32,
+}
+
+/// The control register for references that are so far apart.
+fn control_word(reference_span_mv: u32) -> u32 {
+    let trimmed = LINEARITY.iter().find(|(most, _)| reference_span_mv <= *most).map_or(0, |(_, bits)| *bits);
+    WRITE_CONTROL | trimmed << LINEARITY_SHIFT
 }
 
 fn alternate(port: Gpio, pin: usize, function: u8) {
@@ -57,7 +69,7 @@ fn start_interface(spi: Spi, frame_bits: u8, duplex: Comm, phase: Cpha) {
     spi.cfg1().write(|w| {
         w.set_dsize(frame_bits - 1);
         w.set_fthlv(Fthlv::ONE_FRAME);
-        w.set_mbr(Mbr::DIV4);
+        w.set_mbr(Mbr::DIV2);
         w.set_crcsize(7);
     });
     spi.cfg2().write(|w| {
@@ -106,7 +118,7 @@ fn begin_drive_interface() {
     start_interface(SPI3, 24, Comm::TRANSMITTER, Cpha::SECOND_EDGE);
 }
 
-/// One frame to the DAC, framed by SYNC.
+/// One frame to the DAC, framed by SYNC; whether it has gone.
 #[inline(always)]
 fn send_to_dac(word: u32) -> bool {
     GPIOC.bsrr().write(|w| w.0 = SYNC_LOW);
@@ -119,7 +131,8 @@ fn send_to_dac(word: u32) -> bool {
         }
     }
     GPIOC.bsrr().write(|w| w.0 = SYNC_HIGH);
-    polls < MOST_POLLS
+    // An interface that is off says at once that all is sent (RM0433, 50.11.6).
+    polls < MOST_POLLS && SPI3.cr1().read().spe()
 }
 
 impl SpiConverters {
@@ -133,26 +146,31 @@ impl SpiConverters {
 impl FrontEnd for SpiConverters {
     const NAME: &'static str = "SPI, AD4000 and AD5791 families";
     const BITS: CodeBits = CodeBits { adc: 16, dac: 20 };
-    /// 0 V of -20..120 V.
-    const SAFE_CODE: DriveCode = DriveCode::new(149_797);
     const INTERRUPT_AFTER_NS: u32 = 1_000;
 
     fn has(bits: CodeBits) -> bool {
         matches!(bits.adc, 16 | 18 | 20) && bits.dac <= Self::BITS.dac
     }
 
-    fn new(bits: CodeBits) -> Self {
-        Self { adc_bits: bits.adc, shift: Self::BITS.dac.saturating_sub(bits.dac) }
+    fn new(bits: CodeBits, wiring: Wiring) -> Self {
+        Self {
+            adc_bits: bits.adc,
+            shift: Self::BITS.dac.saturating_sub(bits.dac),
+            sign: if wiring.sensor_is_signed { 1 << (bits.adc - 1) } else { 0 },
+            control: control_word(wiring.reference_span_mv),
+        }
     }
 
-    fn start(&mut self, rest_code: DriveCode) {
+    fn start(&mut self, rest_code: Option<DriveCode>) {
         enable_clocks();
         hold_lines();
         begin_drive_interface();
-        self.write(rest_code);
-        cortex_m::asm::delay(SYNC_HIGH_CYCLES);
-        send_to_dac(WRITE_CONTROL);
-        cortex_m::asm::delay(SYNC_HIGH_CYCLES);
+        if let Some(rest_code) = rest_code {
+            self.write(rest_code);
+            cortex_m::asm::delay(SYNC_HIGH_CYCLES);
+            send_to_dac(self.control);
+            cortex_m::asm::delay(SYNC_HIGH_CYCLES);
+        }
         alternate(GPIOB, 10, 1);
         alternate(GPIOA, 0, 1);
         for pin in [5, 6] {
@@ -182,7 +200,7 @@ impl FrontEnd for SpiConverters {
             }
         }
         // A line that floats or is shorted reads all ones or zeros; the guard's limits name that.
-        Some(SensorCode::new(self.take_word()))
+        Some(SensorCode::new(self.take_word() ^ self.sign))
     }
 
     #[inline(always)]
@@ -191,14 +209,11 @@ impl FrontEnd for SpiConverters {
     }
 
     #[inline(always)]
-    fn renew(&mut self) {
-        send_to_dac(WRITE_CONTROL);
+    fn renew(&mut self) -> bool {
+        send_to_dac(self.control)
     }
 
     fn force(&mut self, code: DriveCode) {
-        // The internal oscillator: the crystal and the PLL behind it may be what has failed.
-        RCC.cr().modify(|w| w.set_hsion(true));
-        RCC.d2ccip1r().modify(|w| w.set_spi123sel(Saisel::PER));
         enable_clocks();
         hold_lines();
         begin_drive_interface();

@@ -6,7 +6,7 @@ use crate::command_line::as_typed;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
-use hysteron::explain::{self, Explanation, Options, Start};
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, wiring_parameters};
 use hysteron::servo::commands::{self, CheckResult};
@@ -113,7 +113,7 @@ struct ScaleFigures {
 
 /// What is known once the servo has been designed.
 struct Designed {
-    found: Explanation,
+    found: Outcome,
     dataset: Dataset,
     noise_um: f64,
     travel_um: f64,
@@ -123,7 +123,7 @@ struct Designed {
 }
 
 /// What is asked of the servo.
-pub struct Wanted {
+pub struct TuneRequest {
     /// Highest frequency of references, Hz.
     pub reference_hz: f64,
     /// Bandwidth of the sensor, Hz.
@@ -131,7 +131,7 @@ pub struct Wanted {
 }
 
 /// The whole way.
-pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &Wanted, line: &LineArguments, force: bool) -> Result<bool> {
+pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &TuneRequest, line: &LineArguments, force: bool) -> Result<bool> {
     let desk = Desk::new(force);
     let front_end = wiring.front_end(&desk)?;
     let (low_v, high_v) = wiring.limits_v()?;
@@ -200,14 +200,15 @@ pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &Wanted, line: &LineAr
 }
 
 /// From the recording to the block.
-fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &Wanted) -> Result<Designed> {
+fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequest) -> Result<Designed> {
     let dataset = desk.dataset(recording, &ReadArguments::default())?;
     let progress = Progress::of_search(false);
-    let found = explain::explain(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
+    let found = analyse(&dataset, Start::Effects(&effects_named(BEGIN_WITH)?), &Options::default(), &progress)?;
     drop(progress);
+    let dataset = found.dataset(&dataset).clone();
     println!("{}", found.diagnosis.sentence);
     let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
-    let Wanted { reference_hz, sensor_bandwidth_hz } = *wanted;
+    let TuneRequest { reference_hz, sensor_bandwidth_hz } = *wanted;
     let order = Order { reference_hz, sensor_bandwidth_hz, recording: Some(&dataset), front_end: Some(front_end), ..Order::default() };
     let design = order::design(&found.model, &order).map_err(|problem| Error::new("design", problem))?;
     for line in &design.explanation {

@@ -3,6 +3,7 @@
 mod bad_input;
 mod common;
 mod formats;
+mod front_ends;
 mod guide;
 mod lab;
 mod outputs;

@@ -67,7 +67,7 @@ pub fn load_as(path: &Path, instructions: &Instructions) -> Result<Dataset> {
         if !manifest.is_file() {
             return Err(Error::new(
                 path.display(),
-                "is a folder without `dataset.toml`; expected a manifest there (README.md, \"Your own data\") or one file of numbers (docs/formats.md)",
+                "is a folder without `dataset.toml`; expected a manifest there (docs/dataset.md) or one file of numbers (docs/formats.md)",
             ));
         }
         return load_as(&manifest, instructions);

@@ -1,11 +1,12 @@
 //! `dataset.toml`: what a folder of records says about itself. Unknown keys are errors, with the nearest known one named.
 
 use super::Role;
-use super::recognise::Wanted;
+use super::recognise::ColumnRules;
 use super::timing::Timing;
 use super::units::Quantity;
 use crate::error::{Error, Result, line_of, nearest};
 use hysteron_sim::chain::InitialState;
+use hysteron_sim::intersample::Intersample;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -21,6 +22,8 @@ pub struct Manifest {
     pub drive_max_v: f64,
     /// When the drive of a row acts; from the records where it is not said.
     pub timing: Option<Timing>,
+    /// What the drive does between samples; from the records where it is not specified.
+    pub intersample: Option<IntersampleEntry>,
     /// From a data sheet.
     pub sensor_bandwidth_hz: Option<f64>,
     /// From a data sheet.
@@ -48,6 +51,28 @@ impl From<InitialStateEntry> for InitialState {
             InitialStateEntry::Virgin => InitialState::Virgin,
             InitialStateEntry::Settled => InitialState::Settled,
             InitialStateEntry::Unknown => InitialState::Unknown,
+        }
+    }
+}
+
+/// What the drive does between samples.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum IntersampleEntry {
+    /// A converter holds it.
+    Hold,
+    /// It runs straight.
+    Linear,
+    /// It has no power above half the sampling rate.
+    BandLimited,
+}
+
+impl From<IntersampleEntry> for Intersample {
+    fn from(entry: IntersampleEntry) -> Self {
+        match entry {
+            IntersampleEntry::Hold => Self::Hold,
+            IntersampleEntry::Linear => Self::Linear,
+            IntersampleEntry::BandLimited => Self::BandLimited,
         }
     }
 }
@@ -173,13 +198,14 @@ pub struct RecordEntry {
 impl RecordEntry {
     /// What is said about the columns of the file.
     #[must_use]
-    pub fn wanted(&self) -> Wanted {
-        Wanted { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
+    pub fn wanted(&self) -> ColumnRules {
+        ColumnRules { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }
     }
 }
 
 /// Every key that a manifest may have.
-const KEYS: [&str; 27] = [
+const KEYS: [&str; 28] = [
+    "intersample",
     "name",
     "drive_min_v",
     "drive_max_v",
@@ -209,12 +235,42 @@ const KEYS: [&str; 27] = [
     "force",
 ];
 
+/// Keys that a data set needs, and each of its records.
+const NEEDED: [&str; 3] = ["name", "drive_min_v", "drive_max_v"];
+const NEEDED_OF_A_RECORD: [&str; 3] = ["file", "role", "initial_state"];
+
+/// Every key that is needed and missing, so that one run tells all of them.
+fn missing_keys(table: &toml::Table) -> Vec<String> {
+    let of = |table: &toml::Table, needed: &[&str]| {
+        needed.iter().filter(|key| !table.contains_key(**key)).map(|key| format!("`{key}`")).collect::<Vec<_>>()
+    };
+    let mut out = Vec::new();
+    let own = of(table, &NEEDED);
+    if !own.is_empty() {
+        out.push(format!("{} (limits in V, beside [[record]])", own.join(", ")));
+    }
+    let records = table.get("record").and_then(toml::Value::as_array).cloned().unwrap_or_default();
+    for (i, record) in records.iter().enumerate().filter_map(|(i, record)| Some((i, record.as_table()?))) {
+        let keys = of(record, &NEEDED_OF_A_RECORD);
+        if !keys.is_empty() {
+            out.push(format!("{} of record {}", keys.join(", "), i + 1));
+        }
+    }
+    out
+}
+
 impl Manifest {
     /// Reads and checks the text; `place` is what the file is called in messages.
     ///
     /// # Errors
     /// Names line, key and the nearest known key.
     pub fn parse(text: &str, place: &str) -> Result<Self> {
+        if let Ok(table) = toml::from_str::<toml::Table>(text) {
+            let missing = missing_keys(&table);
+            if !missing.is_empty() {
+                return Err(Error::new(place, format!("misses {}", missing.join("; "))));
+            }
+        }
         let manifest: Self = toml::from_str(text).map_err(|e| {
             let line = line_of(text, e.span());
             let message = e.message().to_string();

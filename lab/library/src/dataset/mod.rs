@@ -6,13 +6,12 @@
 //!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
 //!   [`one_recording`]: which part of a single file is fitted and which judges, by `motion_sections`; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
 //!   (feature `files`).
-//! * `as_said`: what is said of a drive, held against it; [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings;
-//!   [`reading_limits`]: where its range ends, and readings say nothing; `single_outliers`: readings that a disturbance made.
+//! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings. What is wrong with records:
+//!   [`quality`].
 //!
 //! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
 //! `t[k+1]`.
 
-mod as_said;
 #[cfg(feature = "readers")]
 pub mod behaviour;
 pub mod drive_variety;
@@ -30,24 +29,23 @@ pub mod readers;
 #[cfg(feature = "readers")]
 pub mod reading;
 pub mod reading_grid;
-pub mod reading_limits;
 #[cfg(feature = "readers")]
 pub mod recognise;
 mod record;
-mod single_outliers;
 #[cfg(feature = "readers")]
 pub mod table;
 #[cfg(feature = "readers")]
 pub mod time_axis;
 pub mod timing;
-#[cfg(feature = "readers")]
 pub mod units;
 
 pub use record::{Periods, Record, Role};
 
 use crate::error::{Error, Result, nearest};
+use crate::quality::{self, Issue};
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::Overview;
+use units::SignalUnits;
 
 /// Records with the limits of the actuator they were taken on.
 #[derive(Clone, Debug)]
@@ -66,17 +64,21 @@ pub struct Dataset {
     pub sensor_lsb_um: Option<f64>,
     /// The records.
     pub records: Vec<Record>,
+    /// Units of drive and reading, where they are not V and um.
+    pub units: SignalUnits,
     /// Neither anybody nor the records themselves say whether the drive of a row acts before its reading or after it: the latter is assumed, and a
     /// delay counts from there.
     pub timing_is_assumed: bool,
     /// What a reader should know about how the data were read.
     pub notes: Vec<String>,
+    /// What is wrong with the records; what could be corrected is.
+    pub issues: Vec<Issue>,
 }
 
 /// Lowest sampling rate of a record of something that moves: below, the unit of its time was another.
 const RATE_MIN_HZ: f64 = 1.0;
 /// Fewest samples of a record that say anything.
-const SAMPLES_MIN: usize = 32;
+pub(crate) const SAMPLES_MIN: usize = 32;
 
 impl Dataset {
     /// Records of one actuator that may be driven from `drive_min_v` to `drive_max_v`.
@@ -85,6 +87,11 @@ impl Dataset {
     /// One message with record and sample, and what was expected: signals of different lengths, numbers that are not finite, windows outside
     /// the record, drives beyond the limits, names given twice, nothing that moves.
     pub fn new(name: impl Into<String>, drive_min_v: f64, drive_max_v: f64, records: Vec<Record>) -> Result<Self> {
+        Self::unchecked(name, drive_min_v, drive_max_v, records).checked()
+    }
+
+    /// The same before anything is checked.
+    pub(crate) fn unchecked(name: impl Into<String>, drive_min_v: f64, drive_max_v: f64, records: Vec<Record>) -> Self {
         let name = name.into();
         Self {
             source: name.clone(),
@@ -95,9 +102,16 @@ impl Dataset {
             sensor_lsb_um: None,
             records,
             timing_is_assumed: false,
+            units: SignalUnits::default(),
             notes: Vec::new(),
+            issues: Vec::new(),
         }
-        .checked()
+    }
+
+    /// Notes and issues, in sentences.
+    #[must_use]
+    pub fn remarks(&self) -> Vec<String> {
+        self.notes.iter().cloned().chain(self.issues.iter().map(quality::words::sentence)).collect()
     }
 
     fn check_names(&self) -> Result<()> {
@@ -123,25 +137,6 @@ impl Dataset {
         Ok(())
     }
 
-    /// Rests in which all readings are one: of a converter with steps they show that the noise is below a step, otherwise nothing.
-    fn note_rests_without_noise(&mut self) {
-        let moves = |r: &Record| r.displacement_um[r.window.clone()].windows(2).any(|y| y[0] != y[1]);
-        // What is too short for a record is refused, and shows nothing.
-        let silent = |r: &Record| r.role == Role::Noise && r.window.len() >= SAMPLES_MIN && !moves(r);
-        if !self.records.iter().any(silent) {
-            return;
-        }
-        let in_steps = reading_grid::reading_step_um(self).is_some();
-        let what =
-            if in_steps { "one code of the converter: the noise is below its step" } else { "the same and show no noise: it is left out" };
-        let notes: Vec<String> =
-            self.records.iter().filter(|r| silent(r)).map(|r| format!("{}: all readings of this rest are {what}", r.name)).collect();
-        self.notes.extend(notes);
-        if !in_steps {
-            self.records.retain(|r| !silent(r));
-        }
-    }
-
     /// Checks what only the whole can show, and notes what is doubtful.
     fn checked(mut self) -> Result<Self> {
         // Zero has no sign: a limit of -0.0 would be told as "-0 V".
@@ -151,23 +146,6 @@ impl Dataset {
             check_signals(record)?;
         }
         self.check_repeats()?;
-        self.note_rests_without_noise();
-        let ends_um = reading_limits::ends_um(&self.records);
-        let replaced: Vec<_> = self.records.iter_mut().map(|record| single_outliers::replaced(record, &ends_um)).collect();
-        reading_limits::leave_out(&mut self.records);
-        for (record, (note, samples)) in self.records.iter_mut().zip(replaced).filter_map(|(record, one)| Some((record, one?))) {
-            single_outliers::leave_out(record, samples);
-            self.notes.push(note);
-        }
-        let together: Vec<String> =
-            self.records.iter_mut().filter_map(|record| single_outliers::several_left_out(record, &ends_um)).collect();
-        self.notes.extend(together);
-        let doubts: Vec<String> = self.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).collect();
-        self.notes.extend(doubts);
-        self.notes.extend(as_said::given_twice(&self.records));
-        if !self.records.iter().any(|r| r.role == Role::Identify) {
-            self.notes.push("no record has role = \"identify\": those to validate are fitted, and nothing judges".into());
-        }
         let place = &self.source;
         let sheet = [("sensor_bandwidth_hz", self.sensor_bandwidth_hz), ("sensor_lsb_um", self.sensor_lsb_um)];
         if let Some((key, value)) = sheet.iter().find_map(|(key, v)| v.filter(|v| !(v.is_finite() && *v > 0.0)).map(|v| (key, v))) {
@@ -185,7 +163,8 @@ impl Dataset {
                 ),
             ));
         }
-        as_said::check(&self)?;
+        self = quality::check_made(self)?;
+        let place = &self.source;
         if !self.records.iter().any(|r| r.role != Role::Noise) {
             return Err(Error::new(place, "no record has role = \"identify\" or \"validate\"; expected at least one"));
         }
@@ -269,7 +248,7 @@ impl Dataset {
     }
 
     /// The same to the last digit whatever the order of the records: a search takes another way where a single one differs.
-    fn straight_line_gain(&self) -> f64 {
+    pub(crate) fn straight_line_gain(&self) -> f64 {
         let to_fit = if self.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
         let mut fitted: Vec<&Record> = self.records.iter().filter(|r| r.role == to_fit).collect();
         fitted.sort_by(|a, b| a.name.cmp(&b.name));
@@ -325,30 +304,4 @@ fn check_signals(record: &Record) -> Result<()> {
         return wrong(format!("{} periods of {} samples from sample {} do not fit into {samples}", p.count, p.length, p.from + 1));
     }
     Ok(())
-}
-
-/// Span of a displacement in um beyond which a unit is likely to be missing.
-const LIKELY_SPAN_MAX_UM: f64 = 2000.0;
-/// The same of one that is too small.
-const LIKELY_SPAN_MIN_UM: f64 = 1e-3;
-/// Sampling rate below which the unit of time is likely to be missing.
-const LIKELY_RATE_MIN_HZ: f64 = 50.0;
-/// What looks as if a record were not what its file says.
-fn doubt(record: &Record) -> Option<String> {
-    if record.range_um() > LIKELY_SPAN_MAX_UM {
-        return Some(format!("{}: the displacement spans {:.0} um; is its column in another unit?", record.name, record.range_um()));
-    }
-    if record.range_um() < LIKELY_SPAN_MIN_UM {
-        return Some(format!("{}: the displacement spans {:.2e} um; is its column in another unit?", record.name, record.range_um()));
-    }
-    if record.sample_rate_hz < LIKELY_RATE_MIN_HZ {
-        return Some(format!("{}: samples come {} s apart; is the column of time in another unit?", record.name, record.dt_s()));
-    }
-    timing::leads(record).then(|| {
-        format!(
-            "{}: y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant; was y read after u was \
-             written? Then the drive belongs one row earlier (timing = \"hold_before_sample\")",
-            record.name
-        )
-    })
 }

@@ -9,7 +9,8 @@ use super::holds::holds;
 use super::motion_sections::{Section, moves, runs_of_steps, sections};
 use super::reading::Even;
 use super::{Record, Role, SAMPLES_MIN};
-use crate::statistics::peak_to_peak;
+use crate::statistics::{extremes, peak_to_peak};
+use hysteron_sim::chain::InitialState;
 use std::ops::Range;
 
 /// Shortest rest that shows noise, in samples and s.
@@ -172,41 +173,60 @@ fn switched_on(drive_v: &[f64]) -> Option<usize> {
     (jumps.len() <= JUMPS_MAX && last < drive_v.len() / 3).then_some(last + 1 + drive_v.len() / 20)
 }
 
-/// The records of the parts; each begins where the recording begins, so that all of the drive before it acts on the model.
+/// The records of the parts: what is fitted, what is held out, and rests. Fitted and held-out parts each make one record of the whole tape, in which the
+/// other parts do not count: one initial state and one constant then hold from its first sample to its last, and slow motion has to be in the model.
 pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Vec<Record> {
-    let mut counts = [0_usize; 3];
-    let several = |role: Role| parts.windows.iter().filter(|(other, _)| *other == role).count() > 1;
-    parts
-        .windows
-        .iter()
-        // A rest in which the reading does not move shows no noise.
-        .filter(|(role, window)| *role != Role::Noise || even.y_um[window.clone()].iter().any(|y| *y != even.y_um[window.start]))
-        .map(|(role, window)| {
-            let (word, count) = match role {
-                Role::Identify => ("fitted", &mut counts[0]),
-                Role::Noise => ("rest", &mut counts[2]),
-                _ => ("held_out", &mut counts[1]),
-            };
-            *count += 1;
-            let number = if several(*role) { format!("_{count}") } else { String::new() };
-            // Rest needs no history: what is before it does not show in the noise.
-            let from = if *role == Role::Noise { window.start } else { 0 };
-            let to = window.end;
-            Record {
-                source: place.to_owned(),
-                role: *role,
-                window: window.start - from..to - from,
-                force_n: even.force_n.as_ref().map(|f| f[from..to].to_vec()),
-                auxiliary: even.auxiliary.iter().map(|signal| signal.with(|values| values[from..to].to_vec())).collect(),
-                ..Record::new(
-                    format!("{name}_{word}{number}"),
-                    even.sample_rate_hz,
-                    even.u_v[from..to].to_vec(),
-                    even.y_um[from..to].to_vec(),
-                )
-            }
-        })
-        .collect()
+    let whole = |word: &str, role: Role| Record {
+        source: place.to_owned(),
+        role,
+        force_n: even.force_n.clone(),
+        auxiliary: even.auxiliary.clone(),
+        ..Record::new(format!("{name}_{word}"), even.sample_rate_hz, even.u_v.clone(), even.y_um.clone())
+    };
+    let windows = |role: Role| parts.windows.iter().filter(move |(other, _)| *other == role).map(|(_, window)| window.clone());
+    // A rest in which the reading does not move shows no noise.
+    let shows_noise = |window: &Range<usize>| even.y_um[window.clone()].iter().any(|y| *y != even.y_um[window.start]);
+    let rests = windows(Role::Noise).filter(shows_noise).map(|window| {
+        // Rest needs no history: what is before it does not show in the noise.
+        Record { window: 0..window.len(), ..cut(whole("rest", Role::Noise), window) }
+    });
+    let of_role = |(word, role): (&str, Role)| {
+        let (first, last) = (windows(role).next()?, windows(role).last()?);
+        let mut record = Record {
+            window: first.start..last.end,
+            initial_state: if begins_standing_still(&even.u_v) { InitialState::Settled } else { InitialState::Unknown },
+            state_is_assumed: true,
+            ..whole(word, role)
+        };
+        let gaps: Vec<Range<usize>> = windows(role).zip(windows(role).skip(1)).map(|(before, after)| before.end..after.start).collect();
+        record.leave_out(gaps);
+        Some(record)
+    };
+    rests.chain([("fitted", Role::Identify), ("held_out", Role::Validate)].into_iter().filter_map(of_role)).collect()
+}
+
+/// A record without what is outside a range.
+fn cut(mut record: Record, range: Range<usize>) -> Record {
+    record.drive_v = record.drive_v[range.clone()].to_vec();
+    record.displacement_um = record.displacement_um[range.clone()].to_vec();
+    record.force_n = record.force_n.map(|force_n| force_n[range.clone()].to_vec());
+    record.auxiliary = record.auxiliary.iter().map(|signal| signal.with(|values| values[range.clone()].to_vec())).collect();
+    record
+}
+
+/// Samples over which a drive that begins at rest hardly moves.
+const STANDS_STILL: usize = 16;
+/// By less than this share of its range.
+const HARDLY: f64 = 2e-3;
+/// A drive is at zero, or at an end of its range, where it is nearer than this share of it.
+const AT_ITS_END: f64 = 1e-3;
+
+/// Whether a drive begins standing still at zero or at the lower end of its range, as somebody begins who has just switched on.
+fn begins_standing_still(drive_v: &[f64]) -> bool {
+    let (low, high) = extremes(drive_v);
+    let first = drive_v[0];
+    let at_an_end = [0.0, low].into_iter().any(|end| (first - end).abs() <= AT_ITS_END * (high - low));
+    at_an_end && drive_v.iter().take(STANDS_STILL).all(|u| (u - first).abs() <= HARDLY * (high - low))
 }
 
 #[cfg(test)]

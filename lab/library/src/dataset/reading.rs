@@ -4,15 +4,18 @@ use super::behaviour::rows_between_news;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
 use super::readers::{self, Hints};
-use super::recognise::{self, Wanted};
+use super::recognise::{self, ColumnRules};
 use super::table::Table;
-use super::time_axis::{Known, TimeAxis};
+use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};
-use super::{Dataset, Periods, Record, SAMPLES_MIN};
+use super::units::SignalUnits;
+use super::{Dataset, Periods, Record, Role, SAMPLES_MIN};
 use crate::error::{Error, Result};
+use crate::quality::Issue;
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
 use hysteron_sim::effect::AuxiliarySignal;
+use hysteron_sim::intersample::Intersample;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -41,21 +44,23 @@ impl Files for BTreeMap<String, Vec<u8>> {
 #[derive(Clone, Debug, Default)]
 pub struct Instructions {
     /// Columns, units and factors.
-    pub wanted: Wanted,
+    pub wanted: ColumnRules,
     /// Sampling rate.
     pub sample_rate_hz: Option<f64>,
     /// Rows of text to leave out at the top.
     pub skip_rows: Option<usize>,
     /// When the drive of a row acts.
     pub timing: Option<Timing>,
+    /// What the drive does between samples.
+    pub intersample: Option<Intersample>,
 }
 
 impl Instructions {
     /// What is said here, and where nothing is what is said there.
     #[must_use]
-    pub fn before(&self, wanted: Wanted) -> Wanted {
+    pub fn before(&self, wanted: ColumnRules) -> ColumnRules {
         let own = self.wanted.clone();
-        Wanted {
+        ColumnRules {
             columns: own.columns.or(wanted.columns),
             unit: own.unit.or(wanted.unit),
             scale: own.scale.or(wanted.scale),
@@ -80,6 +85,7 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
     let manifest = Manifest::parse(text, place)?;
     let mut records: Vec<Record> = Vec::new();
     let mut notes: Vec<String> = Vec::new();
+    let mut units: Option<(String, SignalUnits)> = None;
     // One file may serve as several records: what it says is then said once.
     let mut tables: BTreeMap<(&str, usize), Table> = BTreeMap::new();
     for (index, entry) in manifest.record.iter().enumerate() {
@@ -91,7 +97,8 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
                 place.insert(readers::read(&source, &files.read(&entry.file)?, Hints { skip_rows })?)
             }
         };
-        let (mut record, said) = record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
+        let (mut record, said, of_record) =
+            record_of(table, entry, instructions, &format!("{place}: record {} ({})", index + 1, entry.file))?;
         record.name = match &entry.name {
             Some(name) => name.clone(),
             None => name_beside(&stem(&entry.file), &records),
@@ -101,14 +108,27 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
                 notes.push(note);
             }
         }
+        if let Some((first, units)) = &units
+            && *units != of_record
+        {
+            return Err(Error::new(
+                place,
+                format!(
+                    "{first} is in {} and {}, {} in {} and {}; expected records of one kind",
+                    units.drive, units.reading, record.name, of_record.drive, of_record.reading
+                ),
+            ));
+        }
+        units.get_or_insert((record.name.clone(), of_record));
         records.push(record);
     }
+    let units = units.map(|(_, units)| units).unwrap_or_default();
     let timing = instructions.timing.or(manifest.timing);
-    let shown = bring_to_one_timing(&mut records, timing);
-    let timing_is_assumed = timing.is_none() && shown.is_none();
-    notes.extend(shown);
+    let intersample = instructions.intersample.or(manifest.intersample.map(Into::into));
+    let (shown, timing_is_assumed) = timed(&mut records, timing, intersample);
     Dataset {
         timing_is_assumed,
+        units,
         name: manifest.name.clone(),
         source: place.to_owned(),
         drive_min_v: manifest.drive_min_v,
@@ -117,8 +137,21 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
         sensor_lsb_um: manifest.sensor_lsb_um,
         records,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
+}
+
+/// Gives the records the timing and the way between samples that were specified; the issue where they show a timing themselves, and whether one is assumed. A drive that
+/// runs on acts from no row to another.
+fn timed(records: &mut [Record], timing: Option<Timing>, intersample: Option<Intersample>) -> (Option<Issue>, bool) {
+    records.iter_mut().for_each(|record| record.intersample = intersample.unwrap_or_default());
+    if intersample.is_some_and(|one| one != Intersample::Hold) {
+        return (None, false);
+    }
+    let shown = bring_to_one_timing(records, timing);
+    let assumed = timing.is_none() && shown.is_none();
+    (shown, assumed)
 }
 
 /// A name that no earlier record has: one file may serve as several records.
@@ -138,14 +171,15 @@ pub(super) struct Even {
     pub y_um: Vec<f64>,
     pub force_n: Option<Vec<f64>>,
     pub auxiliary: Vec<AuxiliarySignal>,
+    pub units: SignalUnits,
     /// What was assumed and mended.
     pub notes: Vec<String>,
 }
 
 /// The signals of a table at even times.
-fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
+fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<Even> {
     let mut signals = recognise::signals(table, wanted)?;
-    let known = Known { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
+    let known = StampContext { place: &table.place, line_of: &|row| table.line_of(row), sample_rate_hz, resample };
     let mut notes = std::mem::take(&mut signals.notes);
     if let (Some(t_s), Some(t_of_y_s)) = (&mut signals.t_s, &signals.t_of_y_s) {
         let common = interpolate_to(t_s, t_of_y_s, &mut signals.y_um, table)?;
@@ -177,6 +211,7 @@ fn even_signals(table: &Table, wanted: &Wanted, sample_rate_hz: Option<f64>, res
         u_v: axis.apply(signals.u_v),
         y_um: axis.apply(signals.y_um),
         force_n: signals.force_n.map(|force_n| axis.apply(force_n)),
+        units: signals.units,
         auxiliary: signals.auxiliary.iter().map(|signal| signal.with(|values| axis.apply(values.to_vec()))).collect(),
         notes,
     })
@@ -239,16 +274,18 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
     let parts = one_recording::parts(&even.u_v, &even.y_um, even.sample_rate_hz);
     let mut notes = even.notes.clone();
     notes.extend(parts.notes.iter().cloned());
-    notes.push(format!("limits of the drive taken from the file: {low} to {high} V; the state at its beginning is estimated"));
     let mut records = one_recording::records(&name, place, &even, &parts);
-    if records.len() < parts.windows.len() {
+    let at_rest = records.iter().any(|record| record.initial_state == InitialState::Settled);
+    let state = if at_rest { "it begins at rest, which is assumed" } else { "the state at its beginning is estimated" };
+    notes.push(format!("limits of the drive taken from the file: {low} to {high} V; {state}"));
+    let rests = |of: &mut dyn Iterator<Item = Role>| of.filter(|role| *role == Role::Noise).count();
+    if rests(&mut records.iter().map(|r| r.role)) < rests(&mut parts.windows.iter().map(|(role, _)| *role)) {
         notes.push("a rest in which the reading does not move shows no noise, and is left out".into());
     }
-    let shown = bring_to_one_timing(&mut records, instructions.timing);
-    let timing_is_assumed = instructions.timing.is_none() && shown.is_none();
-    notes.extend(shown);
+    let (shown, timing_is_assumed) = timed(&mut records, instructions.timing, instructions.intersample);
     Dataset {
         timing_is_assumed,
+        units: even.units,
         source: place.to_owned(),
         drive_min_v: low,
         drive_max_v: high,
@@ -257,6 +294,7 @@ pub fn from_file_as(place: &str, bytes: &[u8], instructions: &Instructions) -> R
         records,
         name,
         notes,
+        issues: shown.into_iter().collect(),
     }
     .checked()
 }
@@ -266,7 +304,7 @@ fn stem(file: &str) -> String {
     std::path::Path::new(file).file_stem().map_or_else(|| "record".into(), |s| s.to_string_lossy().into_owned())
 }
 
-fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, place: &str) -> Result<(Record, Vec<String>)> {
+fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, place: &str) -> Result<(Record, Vec<String>, SignalUnits)> {
     let rate = instructions.sample_rate_hz.or(entry.sample_rate_hz);
     if let Some(rate) = rate.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
         return Err(Error::new(place, format!("sample_rate_hz = {rate}; expected a positive number")));
@@ -314,7 +352,7 @@ fn record_of(table: &Table, entry: &RecordEntry, instructions: &Instructions, pl
         auxiliary: even.auxiliary,
         ..Record::new(stem(&entry.file), fs, even.u_v, even.y_um)
     };
-    Ok((record, even.notes))
+    Ok((record, even.notes, even.units))
 }
 
 /// The steady-state periods that an entry declares.

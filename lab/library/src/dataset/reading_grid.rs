@@ -101,7 +101,7 @@ pub fn step_of(values: &[f64]) -> Option<f64> {
 }
 
 /// The distinct values, ascending; those that differ by 1/10^9 of their range are the same.
-pub(super) fn levels(values: &[f64]) -> Vec<f64> {
+pub(crate) fn levels(values: &[f64]) -> Vec<f64> {
     let mut levels = values.to_vec();
     levels.sort_by(f64::total_cmp);
     let equal = 1e-9 * (levels.last().copied().unwrap_or(0.0) - levels.first().copied().unwrap_or(0.0));

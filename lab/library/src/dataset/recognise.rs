@@ -3,14 +3,14 @@
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
 use super::manifest::{ColumnName, Columns, PerColumn};
 use super::table::{Column, Table};
-use super::units::{Quantity, factor, is_of_counts, is_of_something_else};
+use super::units::{Quantity, SignalUnits, factor, has_own_unit, is_of_counts, is_of_something_else, is_voltage, own_unit};
 use crate::error::{Error, Result, nearest};
 use hysteron_sim::effect::AuxiliarySignal;
 use std::collections::BTreeMap;
 
 /// What is known about the columns of a file beside what it says itself.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Wanted {
+pub struct ColumnRules {
     /// Which column is what.
     pub columns: Columns,
     /// Units by signal: `mV`, or a sensitivity `5 um/V`.
@@ -36,6 +36,8 @@ pub struct Signals {
     pub force_n: Option<Vec<f64>>,
     /// Further signals, as the file has them.
     pub auxiliary: Vec<AuxiliarySignal>,
+    /// The units of drive and displacement.
+    pub units: SignalUnits,
     /// What was assumed.
     pub notes: Vec<String>,
 }
@@ -63,7 +65,7 @@ const CHANNELS_IN_TURN: f64 = 2.0;
 ///
 /// # Errors
 /// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be told apart.
-pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
+pub fn signals(table: &Table, wanted: &ColumnRules) -> Result<Signals> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
     for (name, column) in &wanted.auxiliary {
         let at = choice.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
@@ -95,7 +97,7 @@ pub fn signals(table: &Table, wanted: &Wanted) -> Result<Signals> {
 ///
 /// # Errors
 /// When either column is missing.
-pub fn time_and_drive(table: &Table, wanted: &Wanted) -> Result<(Vec<f64>, Vec<f64>)> {
+pub fn time_and_drive(table: &Table, wanted: &ColumnRules) -> Result<(Vec<f64>, Vec<f64>)> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: Vec::new() };
     for quantity in Quantity::ALL {
         choice.found[quantity as usize] = choice.said(quantity, wanted.columns.get(quantity))?;
@@ -232,7 +234,12 @@ impl Choice<'_> {
 
     fn force_by_name(&mut self) {
         if self.of(Quantity::Force).is_none() {
-            let best = self.by_name(Quantity::Force).first().copied();
+            // What is called a drive or a displacement and is a force drives the stage, or is read of it.
+            let called_otherwise = |at: &usize| {
+                let likeness = |quantity: Quantity| quantity.likeness(&self.column(*at).name, None);
+                likeness(Quantity::Drive).max(likeness(Quantity::Displacement)) > likeness(Quantity::Force)
+            };
+            let best = self.by_name(Quantity::Force).into_iter().find(|at| !called_otherwise(at));
             // Something else by its name: `load` may also be the load of a processor.
             self.found[Quantity::Force as usize] = best.map(|at| Found { at, how: How::Name });
         }
@@ -249,6 +256,7 @@ impl Choice<'_> {
                 [best, next, ..] => (likeness(best) > likeness(next)).then_some(best),
             }
         };
+        self.force_as_response();
         // What is sure by its name goes first; a sensor in volts is no second drive.
         for quantity in [Quantity::Displacement, Quantity::Drive, Quantity::Displacement] {
             if self.of(quantity).is_none()
@@ -265,6 +273,26 @@ impl Choice<'_> {
         }
         self.say_contradiction();
         Ok(())
+    }
+
+    /// Of a displacement and a force alone, as of a damper on a testing machine, one drives and the other is read.
+    fn force_as_response(&mut self) {
+        let (Some(force), None, None) = (self.of(Quantity::Force), self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
+            return;
+        };
+        let [other] = self.unused()[..] else { return };
+        let judged = drive_among(&self.column(other).values, &self.column(force.at).values);
+        let (drive, response) = if judged.first_is_drive { (other, force.at) } else { (force.at, other) };
+        self.found[Quantity::Force as usize] = None;
+        self.found[Quantity::Drive as usize] = Some(Found { at: drive, how: How::Behaviour });
+        self.found[Quantity::Displacement as usize] = Some(Found { at: response, how: How::Behaviour });
+        self.notes.push(format!(
+            "{}{} drives, because {}; {} is read",
+            if judged.is_sure { "" } else { "doubtful: " },
+            self.column(drive).called(),
+            judged.why,
+            self.column(response).called()
+        ));
     }
 
     /// What could be a quantity: by name if any, else whatever is left that moves and is no time.
@@ -368,7 +396,7 @@ impl Choice<'_> {
     }
 
     /// A column in the program's unit.
-    fn scaled(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<Vec<f64>> {
+    fn scaled(&self, quantity: Quantity, at: usize, wanted: &ColumnRules) -> Result<Vec<f64>> {
         let factor = self.factor(quantity, at, wanted)?;
         let column = self.column(at);
         let values: Vec<f64> = column.values.iter().map(|v| v * factor).collect();
@@ -386,7 +414,7 @@ impl Choice<'_> {
         }
     }
 
-    fn factor(&self, quantity: Quantity, at: usize, wanted: &Wanted) -> Result<f64> {
+    fn factor(&self, quantity: Quantity, at: usize, wanted: &ColumnRules) -> Result<f64> {
         let column = self.column(at);
         let scale = wanted.scale.get(quantity).copied();
         let unit = wanted.unit.get(quantity);
@@ -397,6 +425,18 @@ impl Choice<'_> {
                     column.called()
                 )));
             }
+            (Some(unit), ..) if has_own_unit(quantity, unit) => self.own_unit(at, unit).1,
+            (None, Some(unit), None) if has_own_unit(quantity, unit) => {
+                // The channel of an oscilloscope reads a sensor; what is called an output is one.
+                if quantity == Quantity::Displacement && is_voltage(unit) && quantity.likeness(&column.name, None) == 0 {
+                    return Err(self.wrong(format!(
+                        "{} is the displacement in volts; what a volt means is needed: --units y=5um/V for 5 um per volt, or unit = {{ y = \"5 \
+                         um/V\" }} in dataset.toml; --units y=V to keep volts",
+                        column.called()
+                    )));
+                }
+                self.own_unit(at, unit).1
+            }
             (Some(unit), ..) => factor(quantity, unit, &self.table.place, &column.called())?,
             // A factor alone brings any unit to the program's.
             (None, Some(unit), Some(_)) => factor(quantity, unit, &self.table.place, &column.called()).unwrap_or(1.0),
@@ -406,8 +446,22 @@ impl Choice<'_> {
         Ok(of_unit * scale.unwrap_or(1.0))
     }
 
+    /// The unit that a column which is no voltage, or no length, keeps, and the factor to it.
+    fn own_unit(&self, at: usize, unit: &str) -> (String, f64) {
+        own_unit(unit, crate::statistics::peak_to_peak(&self.column(at).values))
+    }
+
+    /// The unit in which a signal is kept.
+    fn unit_of(&self, quantity: Quantity, at: usize, wanted: &ColumnRules) -> String {
+        let said = wanted.unit.get(quantity).or(self.column(at).unit.as_ref().filter(|_| wanted.scale.get(quantity).is_none()));
+        match said {
+            Some(unit) if has_own_unit(quantity, unit) => self.own_unit(at, unit).0,
+            _ => quantity.unit().to_owned(),
+        }
+    }
+
     /// Says what was assumed, and hands the signals over.
-    fn finish(mut self, wanted: &Wanted) -> Result<Signals> {
+    fn finish(mut self, wanted: &ColumnRules) -> Result<Signals> {
         let taken: Vec<(Quantity, Found)> = Quantity::ALL.into_iter().filter_map(|q| Some((q, self.of(q)?))).collect();
         let unit_is_open = |(quantity, found): &(Quantity, Found)| {
             let column = self.column(found.at);
@@ -449,8 +503,18 @@ impl Choice<'_> {
         let force_n = self.of(Quantity::Force).map(|f| self.scaled(Quantity::Force, f.at, wanted)).transpose()?;
         let named = wanted.auxiliary.keys().zip(&self.auxiliary);
         let auxiliary = named.map(|(name, at)| AuxiliarySignal { name: name.clone(), values: self.column(*at).values.clone() }).collect();
+        let units =
+            SignalUnits { drive: self.unit_of(Quantity::Drive, u.at, wanted), reading: self.unit_of(Quantity::Displacement, y.at, wanted) };
+        if units.reading != Quantity::Displacement.unit() {
+            self.notes.push(format!(
+                "{} is no displacement: it is kept in {}; for a sensor whose volts mean micrometres: --units y=5um/V",
+                self.column(y.at).called(),
+                units.reading
+            ));
+        }
         let signals = Signals {
             auxiliary,
+            units,
             u_v: self.scaled(Quantity::Drive, u.at, wanted)?,
             y_um: self.scaled(Quantity::Displacement, y.at, wanted)?,
             t_s,
@@ -463,7 +527,7 @@ impl Choice<'_> {
     }
 
     /// The time column that stands before the displacement, where it is another than that of the drive (oscilloscopes with two channels).
-    fn second_time(&mut self, y: usize, wanted: &Wanted) -> Result<Option<Vec<f64>>> {
+    fn second_time(&mut self, y: usize, wanted: &ColumnRules) -> Result<Option<Vec<f64>>> {
         let (Some(t), Some(u)) = (self.of(Quantity::Time), self.of(Quantity::Drive)) else { return Ok(None) };
         let others: Vec<usize> = (0..self.table.columns.len())
             .filter(|at| !self.is_used(*at) && rises_evenly(&self.column(*at).values))

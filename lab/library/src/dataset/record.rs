@@ -3,6 +3,7 @@
 use crate::statistics::peak_to_peak;
 use hysteron_sim::chain::{Drive, InitialState};
 use hysteron_sim::effect::AuxiliarySignal;
+use hysteron_sim::intersample::Intersample;
 use std::ops::Range;
 
 /// What a record is for.
@@ -58,8 +59,8 @@ pub struct Record {
     pub initial_state: InitialState,
     /// Samples that count.
     pub window: Range<usize>,
-    /// Samples among them that do not, because their readings say nothing of the displacement: the sensor's range ends there. Ascending;
-    /// a data set finds them ([`super::reading_limits`]).
+    /// Samples among them that do not: their readings say nothing of the displacement, because the sensor's range ends there
+    /// ([`crate::quality`] finds them), or they belong to another record of the same tape. Ascending.
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,
@@ -67,7 +68,11 @@ pub struct Record {
     pub repeat_of: Option<String>,
     /// A constant is estimated for this record.
     pub offset_is_fitted: bool,
-    /// Drive, V, held from each sample to the next.
+    /// Nobody specified the state at the first sample: the drive stands still there, so rest is assumed, and a fit with an unknown state checks it.
+    pub state_is_assumed: bool,
+    /// What the drive does between samples.
+    pub intersample: Intersample,
+    /// Drive at every sample.
     pub drive_v: Vec<f64>,
     /// Measured displacement, um.
     pub displacement_um: Vec<f64>,
@@ -93,6 +98,8 @@ impl Record {
             periods: None,
             repeat_of: None,
             offset_is_fitted: true,
+            state_is_assumed: false,
+            intersample: Intersample::Hold,
             drive_v,
             displacement_um,
             force_n: None,
@@ -118,16 +125,38 @@ impl Record {
         1.0 / self.sample_rate_hz
     }
 
-    /// Drive as the chain takes it.
+    /// Drive up to the end of the window, as the chain takes it: what comes later acts on no sample that counts.
     #[must_use]
     pub fn drive(&self) -> Drive<'_> {
+        let end = self.window.end;
+        Drive { drive_v: &self.drive_v[..end], force_n: self.force_n.as_ref().map(|force_n| &force_n[..end]), ..self.whole_drive() }
+    }
+
+    /// Drive from the first sample of the file to its last.
+    #[must_use]
+    pub fn whole_drive(&self) -> Drive<'_> {
         Drive {
             drive_v: &self.drive_v,
             force_n: self.force_n.as_deref(),
             auxiliary: &self.auxiliary,
             dt_s: self.dt_s(),
             initial_state: self.initial_state,
+            intersample: self.intersample,
         }
+    }
+
+    /// Leaves samples out of what counts, beside those that are left out already.
+    pub fn leave_out(&mut self, ranges: impl IntoIterator<Item = Range<usize>>) {
+        self.left_out.extend(ranges);
+        self.left_out.sort_by_key(|range| range.start);
+        self.left_out =
+            std::mem::take(&mut self.left_out).into_iter().filter(|range| !range.is_empty()).fold(Vec::new(), |mut out, range| {
+                match out.last_mut().filter(|last: &&mut Range<usize>| range.start <= last.end) {
+                    Some(last) => last.end = last.end.max(range.end),
+                    None => out.push(range),
+                }
+                out
+            });
     }
 
     /// Whether the reading of a sample inside the window says something of the displacement.

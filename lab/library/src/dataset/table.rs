@@ -56,6 +56,8 @@ const SIGNAL_MIN: usize = 8;
 /// Names of a number alone that is the sampling rate, Hz, or the sampling period, s.
 const RATES: [&str; 7] = ["fs", "samplerate", "rate", "samplingrate", "samplingfrequency", "fsamp", "sampleratehz"];
 const PERIODS: [&str; 6] = ["ts", "dt", "samplingtime", "sampletime", "samplingperiod", "deltat"];
+/// A rate and a period of few digits that mean the same differ by less, relatively.
+const RATES_DIFFER: f64 = 1e-3;
 
 impl Table {
     /// A table from named arrays: those that are as long as most of them are the columns, what else there is is left aside and said.
@@ -77,16 +79,17 @@ impl Table {
             ));
         };
         let mut table = Self { place: place.to_owned(), ..Self::default() };
-        let mut aside = Vec::new();
+        let (mut aside, mut rates_hz) = (Vec::new(), Vec::new());
         for (name, values) in arrays {
             if values.len() == length {
                 table.columns.push(Column::new(table.columns.len() + 1, &name, values));
             } else if let [value] = values[..] {
-                table.take_rate(&name, value);
+                Self::take_rate(&mut rates_hz, &name, value);
             } else {
                 aside.push(format!("`{name}` ({})", values.len()));
             }
         }
+        table.take_rates(&rates_hz);
         if !aside.is_empty() {
             let more = aside.len().saturating_sub(6);
             aside.truncate(6);
@@ -96,16 +99,30 @@ impl Table {
         table.finite()
     }
 
-    fn take_rate(&mut self, name: &str, value: f64) {
+    fn take_rate(rates_hz: &mut Vec<(String, f64)>, name: &str, value: f64) {
         let last = name.rsplit('.').next().unwrap_or_default();
         let plain: String = last.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect();
         if !(value.is_finite() && value > 0.0) {
             return;
         }
-        if RATES.contains(&plain.as_str()) {
-            self.sample_rate_hz = Some(value);
+        let rate_hz = if RATES.contains(&plain.as_str()) {
+            value
         } else if PERIODS.contains(&plain.as_str()) {
-            self.sample_rate_hz = Some(1.0 / value);
+            1.0 / value
+        } else {
+            return;
+        };
+        rates_hz.push((name.to_owned(), rate_hz));
+    }
+
+    /// The sampling rate on which all that name one agree.
+    fn take_rates(&mut self, rates_hz: &[(String, f64)]) {
+        let Some((first, rate_hz)) = rates_hz.first() else { return };
+        match rates_hz.iter().find(|(_, other)| (other / rate_hz - 1.0).abs() > RATES_DIFFER) {
+            None => self.sample_rate_hz = Some(*rate_hz),
+            Some((second, other)) => self.notes.push(format!(
+                "no sampling rate is taken from the file: `{first}` is {rate_hz} Hz and `{second}` is {other} Hz; --sample-rate-hz specifies one"
+            )),
         }
     }
 

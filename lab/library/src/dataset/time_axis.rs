@@ -46,7 +46,7 @@ pub struct TimeAxis {
 }
 
 /// What is known beside the stamps.
-pub struct Known<'a> {
+pub struct StampContext<'a> {
     /// The file, for messages.
     pub place: &'a str,
     /// Line of a row.
@@ -68,7 +68,7 @@ impl TimeAxis {
     ///
     /// # Errors
     /// The row in which time runs backwards, stands still or jumps too far; a sampling rate that is not that of the stamps.
-    pub fn from_stamps(t_s: &[f64], known: &Known) -> Result<Self> {
+    pub fn from_stamps(t_s: &[f64], known: &StampContext) -> Result<Self> {
         let [start_s, .., end_s] = *t_s else { return Err(Error::new(known.place, "has one row; expected more")) };
         for (k, pair) in t_s.windows(2).enumerate() {
             if pair[1] < pair[0] {
@@ -103,7 +103,7 @@ impl TimeAxis {
         let said = |notes: Vec<String>| Some(notes.join("; ")).filter(|text| !text.is_empty());
         let mut notes: Vec<String> = twice.into_iter().collect();
         let by_kept = |row: usize| (known.line_of)(kept[row]);
-        let known = Known { line_of: &by_kept, ..*known };
+        let known = StampContext { line_of: &by_kept, ..*known };
         if let Some(period_s) = even_period(&kept_s, &known)? {
             return Ok(even(period_s, said(notes), Plan::Kept(kept)));
         }
@@ -136,7 +136,7 @@ impl TimeAxis {
     }
 }
 
-impl Known<'_> {
+impl StampContext<'_> {
     fn wrong<T>(&self, row: usize, what: String) -> Result<T> {
         Err(Error::new(self.place, format!("row {}: {what}", (self.line_of)(row))))
     }
@@ -146,7 +146,7 @@ impl Known<'_> {
 ///
 /// # Errors
 /// Where they are even at another rate than was said.
-fn even_period(t_s: &[f64], known: &Known) -> Result<Option<f64>> {
+fn even_period(t_s: &[f64], known: &StampContext) -> Result<Option<f64>> {
     let mean_s = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1).max(1) as f64;
     let is_even = |period_s: f64| t_s.windows(2).all(|w| (w[1] - w[0] - period_s).abs() <= UNEVEN * period_s + 1e-9);
     let said_s = known.sample_rate_hz.map(f64::recip);
@@ -179,7 +179,7 @@ fn written_with_few_digits(t_s: &[f64], period_s: f64) -> Option<f64> {
 }
 
 /// The error for uneven stamps that are not to be mended.
-fn first_uneven(t_s: &[f64], known: &Known) -> Error {
+fn first_uneven(t_s: &[f64], known: &StampContext) -> Error {
     let period_s = known.sample_rate_hz.map_or_else(|| median_step(t_s), f64::recip);
     let uneven = |w: &[f64]| (w[1] - w[0] - period_s).abs() > UNEVEN * period_s + 1e-9;
     let row = t_s.windows(2).position(uneven).unwrap_or(0);
@@ -198,7 +198,7 @@ fn median_step(t_s: &[f64]) -> f64 {
 }
 
 /// Rows without those whose stamp stands in the row before.
-fn once(t_s: &[f64], known: &Known) -> Result<(Vec<usize>, Option<String>)> {
+fn once(t_s: &[f64], known: &StampContext) -> Result<(Vec<usize>, Option<String>)> {
     let kept: Vec<usize> = (0..t_s.len()).filter(|&k| k == 0 || t_s[k] > t_s[k - 1]).collect();
     let twice = t_s.len() - kept.len();
     if twice == 0 {
@@ -222,7 +222,7 @@ fn once(t_s: &[f64], known: &Known) -> Result<(Vec<usize>, Option<String>)> {
 }
 
 /// The period of stamps that jitter or miss samples, and what is said of it.
-fn irregularities(t_s: &[f64], known: &Known) -> Result<(f64, String)> {
+fn irregularities(t_s: &[f64], known: &StampContext) -> Result<(f64, String)> {
     let force = known.resample == Some(true);
     let usual_s = known.sample_rate_hz.map_or_else(|| median_step(t_s), f64::recip);
     let elapsed = |w: &[f64]| ((w[1] - w[0]) / usual_s).round().max(1.0);
@@ -268,7 +268,7 @@ mod tests {
     use super::*;
 
     fn axis(t_s: &[f64], sample_rate_hz: Option<f64>, resample: Option<bool>) -> Result<TimeAxis> {
-        TimeAxis::from_stamps(t_s, &Known { place: "a.csv", line_of: &|row| row + 1, sample_rate_hz, resample })
+        TimeAxis::from_stamps(t_s, &StampContext { place: "a.csv", line_of: &|row| row + 1, sample_rate_hz, resample })
     }
 
     fn even(n: usize) -> Vec<f64> {

@@ -128,6 +128,9 @@ impl Quantity {
         match unit.and_then(dimension_of) {
             Some(dimension) if dimension == self.dimension() => by_name + 2,
             Some(Dimension::Voltage) if self == Self::Displacement => by_name,
+            // Stages are driven by forces too, and read in angles and accelerations.
+            Some(Dimension::Force | Dimension::Current) if self == Self::Drive => by_name,
+            Some(Dimension::Force | Dimension::Angle | Dimension::Acceleration) if self == Self::Displacement => by_name,
             Some(_) => 0,
             None => by_name,
         }
@@ -140,7 +143,117 @@ enum Dimension {
     Voltage,
     Length,
     Force,
+    Angle,
+    Acceleration,
+    Current,
     Other,
+}
+
+impl Dimension {
+    /// The unit of the factors of [`UNITS`].
+    fn unit(self) -> &'static str {
+        match self {
+            Self::Time => "s",
+            Self::Voltage => "V",
+            Self::Length => "um",
+            Self::Force => "N",
+            Self::Angle => "rad",
+            Self::Acceleration => "m/s2",
+            Self::Current => "A",
+            Self::Other => "",
+        }
+    }
+}
+
+/// The unit of a drive or a reading, in which the program keeps and prints it.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct SignalUnits {
+    /// Of the drive: V of a piezo.
+    pub drive: String,
+    /// Of the reading: um of a displacement.
+    pub reading: String,
+}
+
+impl Default for SignalUnits {
+    fn default() -> Self {
+        Self { drive: "V".into(), reading: "um".into() }
+    }
+}
+
+/// Prefixes a thousand apart.
+const PREFIXES: [&str; 7] = ["p", "n", "u", "m", "", "k", "M"];
+
+/// A unit with the prefix that is so many steps of a thousand away from its own; the unit itself with a power of ten where there is no such prefix.
+fn prefixed(unit: &str, steps: i32) -> String {
+    let own = PREFIXES
+        .iter()
+        .position(|p| !p.is_empty() && unit.strip_prefix(p).is_some_and(|base| is_unit(base) && is_unit(unit) && base != "in"));
+    let at = own.unwrap_or(4) as i32 + steps;
+    let base = own.map_or(unit, |own| &unit[PREFIXES[own].len()..]);
+    match usize::try_from(at).ok().and_then(|at| PREFIXES.get(at)) {
+        Some(prefix) if entry(base).is_some() => format!("{prefix}{base}"),
+        _ if steps == 0 => unit.to_owned(),
+        _ => format!("1e{} {unit}", 3 * steps),
+    }
+}
+
+impl SignalUnits {
+    /// The same text in these units: sentences of the library are about a drive in V and a reading in um and nm.
+    #[must_use]
+    pub fn in_words(&self, text: &str) -> String {
+        if *self == Self::default() {
+            return text.to_owned();
+        }
+        let thousandth = prefixed(&self.reading, -1);
+        let mut out = String::with_capacity(text.len());
+        let mut word = String::new();
+        let flush = |word: &mut String, out: &mut String| {
+            out.push_str(match word.as_str() {
+                "um" | "\u{b5}m" => &self.reading,
+                "nm" => &thousandth,
+                "V" => &self.drive,
+                other => other,
+            });
+            word.clear();
+        };
+        for c in text.chars() {
+            if c.is_alphanumeric() || c == '_' {
+                word.push(c);
+            } else {
+                flush(&mut word, &mut out);
+                out.push(c);
+            }
+        }
+        flush(&mut word, &mut out);
+        out
+    }
+}
+
+/// A signal in a unit of its own, with the factor that brings it there from its column: a metric prefix in which its span is between one and a thousand.
+#[must_use]
+pub fn own_unit(unit: &str, span: f64) -> (String, f64) {
+    let Some((_, dimension, factor)) = entry(unit) else { return (unit.trim().to_owned(), 1.0) };
+    let base = if *dimension == Dimension::Other { unit.trim() } else { dimension.unit() };
+    let factor = if *dimension == Dimension::Other { 1.0 } else { *factor };
+    let span = span * factor;
+    // Compound units take no prefix, and lengths have theirs.
+    let takes_prefix = matches!(dimension, Dimension::Voltage | Dimension::Force | Dimension::Angle | Dimension::Current);
+    let steps = if takes_prefix && span > 0.0 { ((span.log10() / 3.0).floor() as i32).clamp(-4, 2) } else { 0 };
+    (prefixed(base, steps), factor * 1000.0_f64.powi(-steps))
+}
+
+/// Whether a unit is one of voltage.
+#[must_use]
+pub fn is_voltage(unit: &str) -> bool {
+    dimension_of(unit) == Some(Dimension::Voltage)
+}
+
+/// Whether a signal has a unit of its own: a drive that is no voltage, a reading that is no length.
+#[must_use]
+pub fn has_own_unit(quantity: Quantity, unit: &str) -> bool {
+    let plain = !is_of_counts(unit) && !unit.contains("/V") && !unit.contains("/count");
+    let other = dimension_of(unit).is_some_and(|dimension| dimension != quantity.dimension() && dimension != Dimension::Time);
+    matches!(quantity, Quantity::Drive | Quantity::Displacement) && plain && other
 }
 
 /// Units in lower case with `u` for micro, their dimension, and the factor to the program's unit.
@@ -167,12 +280,23 @@ const UNITS: &[(&str, Dimension, f64)] = &[
     ("pm", Dimension::Length, 1e-6),
     ("mm", Dimension::Length, 1e3),
     ("m", Dimension::Length, 1e6),
+    ("in", Dimension::Length, 25_400.0),
+    ("inch", Dimension::Length, 25_400.0),
     ("n", Dimension::Force, 1.0),
     ("mn", Dimension::Force, 1e-3),
     ("un", Dimension::Force, 1e-6),
     ("kn", Dimension::Force, 1e3),
-    ("a", Dimension::Other, 1.0),
-    ("ma", Dimension::Other, 1.0),
+    ("lbf", Dimension::Force, 4.448_221_615_260_5),
+    ("kip", Dimension::Force, 4_448.221_615_260_5),
+    ("rad", Dimension::Angle, 1.0),
+    ("mrad", Dimension::Angle, 1e-3),
+    ("urad", Dimension::Angle, 1e-6),
+    ("nrad", Dimension::Angle, 1e-9),
+    ("deg", Dimension::Angle, std::f64::consts::PI / 180.0),
+    ("m/s2", Dimension::Acceleration, 1.0),
+    ("m/s^2", Dimension::Acceleration, 1.0),
+    ("a", Dimension::Current, 1.0),
+    ("ma", Dimension::Current, 1e-3),
     ("c", Dimension::Other, 1.0),
     ("°c", Dimension::Other, 1.0),
     ("degc", Dimension::Other, 1.0),
@@ -180,8 +304,6 @@ const UNITS: &[(&str, Dimension, f64)] = &[
     ("hz", Dimension::Other, 1.0),
     ("%", Dimension::Other, 1.0),
     ("w", Dimension::Other, 1.0),
-    ("rad", Dimension::Other, 1.0),
-    ("deg", Dimension::Other, 1.0),
     ("bar", Dimension::Other, 1.0),
     ("sequence", Dimension::Other, 1.0),
 ];
@@ -212,7 +334,7 @@ pub fn is_unit(text: &str) -> bool {
 /// Whether a unit says that a column is none of the signals of a record: a temperature, a current.
 #[must_use]
 pub fn is_of_something_else(unit: Option<&str>) -> bool {
-    unit.and_then(dimension_of) == Some(Dimension::Other)
+    matches!(unit.and_then(dimension_of), Some(Dimension::Other | Dimension::Current))
 }
 
 /// A column's name without its unit, and the unit: `t (ms)`, `u [mV]`, `pos_nm`, `y/um`, `C1 in V`, `Drive V`.
@@ -235,7 +357,8 @@ pub fn split_name(name: &str) -> (String, Option<String>) {
     for separator in ['/', '_', ' ', ','] {
         if let Some((bare, unit)) = name.rsplit_once(separator)
             && is_unit(unit)
-            && dimension_of(unit).is_some_and(|dimension| dimension != Dimension::Other || separator != ' ')
+            // `Channel A` is an input of an oscilloscope.
+            && (separator != ' ' || dimension_of(unit) != Some(Dimension::Other) && normal(unit) != "a")
             && !bare.trim().is_empty()
         {
             return parts(bare, unit);
@@ -271,7 +394,6 @@ pub fn factor(quantity: Quantity, unit: &str, place: &str, column: &str) -> Resu
         number => number.parse::<f64>().ok().filter(|v| v.is_finite() && *v != 0.0),
     };
     let (numerator, denominator) = rest.split_once('/').map_or((rest, None), |(above, below)| (above, Some(below.trim())));
-    let is_sensitivity = denominator.is_some();
     if let Some(below) =
         denominator.filter(|below| dimension_of(below) != Some(Dimension::Voltage) && !COUNTS.contains(&normal(below).as_str()))
     {
@@ -284,13 +406,6 @@ pub fn factor(quantity: Quantity, unit: &str, place: &str, column: &str) -> Resu
     }
     match (scale, entry(numerator)) {
         (Some(scale), Some((_, dimension, factor))) if *dimension == quantity.dimension() => Ok(scale * factor),
-        (Some(_), Some((_, Dimension::Voltage, _))) if quantity == Quantity::Displacement && !is_sensitivity => Err(Error::new(
-            place,
-            format!(
-                "{column} is the displacement in volts; what a volt means is needed: --units y=5um/V for 5 um per volt, or unit = {{ y = \"5 \
-                 um/V\" }} in dataset.toml"
-            ),
-        )),
         _ => {
             let known: Vec<&str> = UNITS.iter().filter(|(_, d, _)| *d == quantity.dimension()).map(|(name, ..)| *name).collect();
             Err(Error::new(
@@ -316,6 +431,7 @@ mod tests {
             ("in s", "", Some("s")),
             ("Drive V", "Drive", Some("V")),
             ("Channel A", "Channel A", None),
+            ("Coil mA", "Coil", Some("mA")),
             ("x_value", "x_value", None),
             ("data(2)", "data(2)", None),
         ] {
@@ -339,11 +455,29 @@ mod tests {
         ] {
             assert!((of(quantity, unit).unwrap() / expected - 1.0).abs() < 1e-12, "{unit}");
         }
-        assert!(of(Quantity::Displacement, "V").unwrap_err().to_string().contains("um/V"));
+        assert!(has_own_unit(Quantity::Displacement, "V") && !has_own_unit(Quantity::Displacement, "5 um/V"));
         assert!(of(Quantity::Drive, "nm").unwrap_err().to_string().contains("mv"));
         assert!(of(Quantity::Time, "0ms").is_err());
         assert!(of(Quantity::Displacement, "0.3 nm/count").is_ok());
         assert!(of(Quantity::Displacement, "5um/parsec").unwrap_err().to_string().contains("per \"parsec\""));
+    }
+
+    #[test]
+    fn a_signal_keeps_its_own_unit_with_a_prefix_for_its_span() {
+        for (unit, span, expected, factor) in [
+            ("V", 0.43, "mV", 1e3),
+            ("N", 380.0, "N", 1.0),
+            ("kip", 0.1, "N", 4448.22),
+            ("rad", 2e-5, "urad", 1e6),
+            ("m/s2", 3.0, "m/s2", 1.0),
+        ] {
+            let (found, of) = own_unit(unit, span);
+            assert_eq!(found, expected, "{unit}");
+            assert!((of / factor - 1.0).abs() < 1e-5, "{unit}: {of}");
+        }
+        let units = SignalUnits { drive: "N".into(), reading: "mV".into() };
+        assert_eq!(units.in_words("13.2 nm of 430 um at 3 V (um/V), Vibration"), "13.2 uV of 430 mV at 3 N (mV/N), Vibration");
+        assert_eq!(SignalUnits::default().in_words("13.2 nm"), "13.2 nm");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::policy::Policy;
 use crate::dataset::{Dataset, Record, Role};
 use crate::error::{Error, Result};
-use crate::identification::fit::{Fit, blocks, dot, rms};
+use crate::identification::fit::{Fit, dot, rms};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron_sim::chain::{Drive, Model};
@@ -182,56 +182,6 @@ pub fn require_finite(model: &Model, dataset: &Dataset, records: &[usize]) -> Re
         }
     }
     Ok(())
-}
-
-/// Improvement of one judged model over another.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Improvement {
-    /// Drop of the mean square on held-out records in standard errors of it, by blocks; all records together.
-    pub validate_z: f64,
-    /// The same over all records.
-    pub total_z: f64,
-    /// Relative drop of the RMS, mean of the held-out records.
-    pub validate_relative: f64,
-    /// Relative drop of the RMS, mean of the fitted records.
-    pub identify_relative: f64,
-    /// Largest relative drop of the RMS in any record.
-    pub record_relative: f64,
-}
-
-/// How much better `after` is than `before`.
-#[must_use]
-pub fn improvement(before: &Judged, after: &Judged, split: &Split) -> Improvement {
-    // Of each record the fall of the mean square in standard errors, by blocks: one that no model meets does not hide the others.
-    let of_record = |i: usize| -> f64 {
-        let (a, b) = (&before.residuals[i], &after.residuals[i]);
-        let drops: Vec<f64> =
-            blocks(a.len().min(b.len())).into_iter().map(|r| dot(&a[r.clone()], &a[r.clone()]) - dot(&b[r.clone()], &b[r])).collect();
-        let n = drops.len().max(1) as f64;
-        let mean = drops.iter().sum::<f64>() / n;
-        let variance = drops.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() * n / (n - 1.0).max(1.0);
-        if variance > 0.0 { mean * n / variance.sqrt() } else { 0.0 }
-    };
-    let z = |records: &[usize]| -> f64 {
-        let mut each: Vec<f64> = records.iter().map(|i| of_record(*i)).collect();
-        each.sort_by(f64::total_cmp);
-        each.iter().sum::<f64>() / (each.len().max(1) as f64).sqrt()
-    };
-    let relative = |a: f64, b: f64| if a > 0.0 { 1.0 - b / a } else { 0.0 };
-    let fall = |i: &usize| relative(rms(&before.residuals[*i]), rms(&after.residuals[*i]));
-    let mean_fall = |records: &[usize]| {
-        let mut each: Vec<f64> = records.iter().map(fall).collect();
-        each.sort_by(f64::total_cmp);
-        each.iter().sum::<f64>() / each.len().max(1) as f64
-    };
-    let both = split.both();
-    Improvement {
-        validate_z: z(&split.validate),
-        total_z: z(&both),
-        validate_relative: mean_fall(&split.validate),
-        identify_relative: mean_fall(&split.identify),
-        record_relative: both.iter().map(fall).fold(0.0, f64::max),
-    }
 }
 
 #[cfg(test)]

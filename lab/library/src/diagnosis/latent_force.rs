@@ -93,7 +93,7 @@ mod tests {
         let mut model = Model::new(0.0, 80.0);
         model.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[4000.0, 0.1]));
         let force: Vec<f64> = (0..8000).map(|k| 0.05 * (std::f64::consts::TAU * 300.0 * f64::from(k) / 20_000.0).sin()).collect();
-        let drive = Drive { drive_v: &force, force_n: None, auxiliary: &[], dt_s: 5e-5, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&force, 5e-5, InitialState::Virgin);
         let left: Vec<f64> = model.simulate(&drive);
         let found = latent_force_nm(&model, &left, 20_000.0, Some(1e-4));
         // The mode is two fifths of the way to its resonance: the residual alone is a fifth too large. A sample is held half a period late.

@@ -110,7 +110,7 @@ pub fn propose(a: &Model, b: &Model, limits: &Limits) -> Option<Proposal> {
 /// RMS difference of two models on a drive from the virgin state, gain and offset taken out.
 #[must_use]
 pub fn separation(a: &Model, b: &Model, drive_v: &[f64], sample_rate_hz: f64) -> f64 {
-    let drive = Drive { drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / sample_rate_hz, initial_state: InitialState::Virgin };
+    let drive = Drive::held(drive_v, 1.0 / sample_rate_hz, InitialState::Virgin);
     let (a, b) = (a.simulate(&drive), b.simulate(&drive));
     let count = a.len().max(1) as f64;
     let mean_a = a.iter().sum::<f64>() / count;

@@ -31,8 +31,6 @@ pub struct Policy {
     /// two sets of eight came further in a fourth such round than in a third when that was chosen (one from 18.4 / 34.0 to 14.7 / 22.6 nm); near the noise a second one made
     /// surfaces of degree 8 of a contact.
     pub rounds_without_gain_far_above: usize,
-    /// How often effects of the best model are exchanged for others where additions bring nothing more.
-    pub exchanges_max: usize,
     /// Weight of the held-out error beside the fitted one where models are ranked: what is only met where it was fitted is worth half.
     pub held_out_weight: f64,
     /// Least fall of the rank (a mean of the logarithms of fitted and held-out error) in a round after which the search goes on: what brings
@@ -45,30 +43,49 @@ pub struct Policy {
     pub seen_in_the_noise: f64,
     /// The same for each effect more: of two models that differ by less, the simpler one is taken.
     pub gain_per_effect: f64,
-    /// False discovery rate over all candidates that are looked at beside one model.
-    pub false_discovery_rate: f64,
-    /// Least relative improvement of some record for an effect to matter, where the noise is known: the error of a record is known to
-    /// about one part in a hundred.
-    pub matters: f64,
-    /// Least relative improvement of some record for an effect of the model to be a finding far above the noise, where what is left has a structure of
-    /// which anything takes some per cent: on a real stage met to 27 times its noise, nothing altered, a charge leakage took 4 % of the held-out error.
-    pub finding_far_above: f64,
-    /// Least relative improvement of the held-out error where the noise is not known.
-    pub matters_without_floor: f64,
-    /// Standard errors, by blocks, by which a held-out error must fall.
-    pub held_out_z: f64,
-    /// Standard errors by which the error of all records must fall where the held-out ones do not show the effect.
-    pub beyond_doubt_z: f64,
+    /// Probability that anything is rejected or named where nothing differs, over all models and candidates together.
+    pub family_wise: f64,
+    /// Two models whose mean squares differ by less than this share of the noise are equivalent: 2 % of the error.
+    pub matters_at_noise: f64,
+    /// The same as a share of what remains above the noise: what the library lacks is larger than any difference below.
+    pub matters_of_remainder: f64,
+    /// Models whose merit is worse by more than this and the margin are not compared by test: a fit that went as far as these does not come to it.
+    pub in_contention: f64,
+    /// Models with the same number of moves that are compared by test, at most.
+    pub compared_of_a_level: usize,
+    /// Simplest models around which moves are tried.
+    pub closed_around: usize,
+    /// The same over a whole run, at most.
+    pub closures_max: usize,
+    /// Others that are fitted in the place of an effect, at most.
+    pub rivals: usize,
+    /// A rival's signature is at least so much like that of the effect: what acts in quite another way is found by the search itself.
+    pub rival_similarity: f64,
+    /// Initial guesses from which the most promising effects are begun.
+    pub guesses: usize,
+    /// The same beside a prior model, where a fit has a few values only.
+    pub prior_guesses: usize,
+    /// Moves of a simple explanation beside a prior model, at most.
+    pub story_max: usize,
+    /// A value that moves by less than this share has not changed.
+    pub same_value: f64,
+    /// An extension whose merit is worse by this much than that of what it extends is not tried again beside other loops.
+    pub hopeless: f64,
+    /// Effects that are proposed alone beside a model, at most.
+    pub singles: usize,
+    /// Candidates of which pairs are formed.
+    pub paired: usize,
+    /// Pairs that are proposed beside a model, at most.
+    pub pairs: usize,
+    /// A pair is worth a trial where it leaves less than this share of what the better of the two leaves alone.
+    pub better_together: f64,
+    /// A model with loops of another kind than the best has comes near it where its merit is worse by less than this.
+    pub loops_come_near: f64,
+    /// Seed of all resampling.
+    pub seed: u64,
     /// Share by which fitted and held-out error fall where no chance brings that, whatever the signature: of a few events, as of a ring behind each of some
     /// steps, random signs say nothing.
     pub beyond_chance: f64,
-    /// Share of the squared error above the floor that an effect takes when it explains most of it.
-    pub takes_most: f64,
-    /// Standard errors by which two models must differ to be told apart.
-    pub tie_z: f64,
-    /// Two models whose errors differ by less than this share, in every part, are not told apart however small the standard error is: what
-    /// the library leaves out is larger.
-    pub tie_relative: f64,
     /// A model leaves nothing where its error is below this times the floor in every record.
     pub nothing_left: f64,
     /// A quickly fitted model will leave nothing where its error is below this times the floor.
@@ -90,8 +107,6 @@ pub struct Policy {
     pub alike: f64,
     /// A rival is looked at where it explains this share of what the effect in its place does.
     pub rival: f64,
-    /// A new fit that lowers the error of a model from elsewhere by less than this share finds it at home.
-    pub at_home: f64,
 }
 
 impl Default for Policy {
@@ -108,22 +123,32 @@ impl Default for Policy {
             effects_max: 7,
             rounds_without_gain: 1,
             rounds_without_gain_far_above: 4,
-            exchanges_max: 3,
             held_out_weight: 2.0 / 3.0,
             least_gain: 0.04,
             promises_nothing: 0.99,
             seen_in_the_noise: 30.0,
             gain_per_effect: 0.005,
-            false_discovery_rate: 0.05,
-            matters: 0.025,
-            finding_far_above: 0.05,
-            matters_without_floor: 0.02,
-            held_out_z: 2.0,
-            beyond_doubt_z: 5.0,
+            family_wise: 0.05,
+            matters_at_noise: 0.04,
+            matters_of_remainder: 1.0,
+            in_contention: 0.25,
+            compared_of_a_level: 4,
+            closed_around: 1,
+            closures_max: 4,
+            rivals: 3,
+            rival_similarity: 0.6,
+            guesses: 2,
+            prior_guesses: 3,
+            story_max: 3,
+            same_value: 0.01,
+            hopeless: 0.2,
+            singles: 6,
+            paired: 9,
+            pairs: 3,
+            better_together: 0.8,
+            loops_come_near: 0.5,
+            seed: 1000,
             beyond_chance: 0.5,
-            takes_most: 0.5,
-            tie_z: 3.0,
-            tie_relative: 0.005,
             nothing_left: 1.03,
             met: 1.05,
             explained: 1.15,
@@ -133,8 +158,7 @@ impl Default for Policy {
             mostly_rounding: 1.4,
             contradiction: 0.8,
             alike: 0.9,
-            rival: 0.3,
-            at_home: 0.05,
+            rival: 0.5,
         }
     }
 }

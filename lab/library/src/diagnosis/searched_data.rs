@@ -53,8 +53,14 @@ fn without_rest_before(record: &mut Record) {
 }
 
 fn shorten(record: &mut Record, share: f64) {
-    let length = ((record.window.len() as f64 * share) as usize).max(1000).min(record.window.len());
-    let end = record.window.start + length;
+    let beginning =
+        |part: &std::ops::Range<usize>| part.start..part.start + ((part.len() as f64 * share) as usize).max(1000).min(part.len());
+    let parts = parts_of(record);
+    let kept: Vec<_> = parts.iter().map(beginning).collect();
+    let end = kept.last().map_or(record.window.end, |last| last.end);
+    // Of each part the beginning, so that every kind of motion stays.
+    let not_kept: Vec<_> = kept.iter().zip(kept.iter().skip(1)).map(|(before, after)| before.end..after.start).collect();
+    record.leave_out(not_kept);
     record.drive_v.truncate(end);
     record.displacement_um.truncate(end);
     if let Some(force) = &mut record.force_n {
@@ -65,6 +71,18 @@ fn shorten(record: &mut Record, share: f64) {
     record.left_out.retain(|range| range.start < end);
     record.left_out.iter_mut().for_each(|range| range.end = range.end.min(end));
     record.periods = None;
+}
+
+/// Samples that are left out together between two parts of a tape, at least; fewer are a sensor's limit or a disturbance.
+const BETWEEN_PARTS: f64 = 0.02;
+
+/// The parts of a tape that count: what is between long stretches that do not.
+fn parts_of(record: &Record) -> Vec<std::ops::Range<usize>> {
+    let long = |range: &&std::ops::Range<usize>| range.len() as f64 > BETWEEN_PARTS * record.window.len() as f64;
+    let gaps: Vec<_> = record.left_out.iter().filter(long).collect();
+    let starts = std::iter::once(record.window.start).chain(gaps.iter().map(|gap| gap.end));
+    let ends = gaps.iter().map(|gap| gap.start).chain([record.window.end]);
+    starts.zip(ends).map(|(start, end)| start..end).filter(|part| !part.is_empty()).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What a diagnosis works on, and the moves by which models are made of it: effects added, taken away, begun again, fitted.
 
-use super::judgement::{Judged, Split, improvement, judge_fit, judge_rows};
+use super::judgement::{Judged, Split, judge_fit, judge_rows};
 use super::policy::Policy;
 use super::screening::{Score, Screening, Weighing, screen, screen_some_and_all};
 use super::searched_data::for_search;
@@ -34,6 +34,12 @@ pub struct Study<'a> {
     pub floors_um: Vec<Option<f64>>,
     /// Lines that the readings show while the drive stands still.
     pub lines_at_rest: LinesAtRest,
+    /// Standard deviation of the noise floor itself, relative.
+    pub floor_relative_std: f64,
+    /// The readings are whole steps of this, um.
+    pub reading_step_um: Option<f64>,
+    /// The noise is at least this, um, where no more is known of it.
+    pub at_least_um: Option<f64>,
     /// Thresholds.
     pub policy: Policy,
     /// Told what is being done.
@@ -92,7 +98,8 @@ impl<'a> Study<'a> {
     #[must_use]
     pub fn new(dataset: &'a Dataset, candidates: Vec<Arc<dyn Effect>>, floor: &NoiseFloor, policy: Policy, watch: &'a dyn Watch) -> Self {
         let at_rest = (floor.rms_um, floor.of_records_um.as_slice(), &floor.lines_at_rest);
-        Self::with_floors(dataset, candidates, at_rest, policy, watch)
+        let study = Self::with_floors(dataset, candidates, at_rest, policy, watch);
+        Self { floor_relative_std: floor.relative_std(), reading_step_um: floor.reading_step_um, at_least_um: floor.at_least_um, ..study }
     }
 
     /// The same study of the same readings with something else known of them.
@@ -130,6 +137,9 @@ impl<'a> Study<'a> {
             floor_um,
             floors_um: floors_um.to_vec(),
             lines_at_rest: lines_at_rest.clone(),
+            floor_relative_std: 0.0,
+            reading_step_um: None,
+            at_least_um: None,
             policy,
             watch,
         }
@@ -145,26 +155,13 @@ impl<'a> Study<'a> {
     /// Candidates that make sense beside a model.
     #[must_use]
     pub fn candidates_for(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
-        self.joining(model, |effect| effect.declaration().candidate)
+        self.joining(model)
     }
 
-    /// The same and this one, which may be no candidate.
-    #[must_use]
-    pub fn candidates_and(&self, id: &str, model: &Model) -> Vec<Arc<dyn Effect>> {
-        self.joining(model, |effect| effect.declaration().candidate || effect.declaration().id == id)
-    }
-
-    /// The same and those that are looked for in the place of another.
-    #[must_use]
-    pub fn candidates_in_exchange(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
-        self.joining(model, |effect| effect.declaration().candidate || effect.in_exchange())
-    }
-
-    fn joining(&self, model: &Model, asked: impl Fn(&Arc<dyn Effect>) -> bool) -> Vec<Arc<dyn Effect>> {
+    fn joining(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
         let joins = |effect: &&Arc<dyn Effect>| {
             let declaration = effect.declaration();
-            asked(effect)
-                && model.effect(&declaration.id).is_none()
+            model.effect(&declaration.id).is_none()
                 && effect.may_join(model, &self.overview)
                 && effect.speaks_for_it(model, &self.lines_at_rest)
                 && !effect.starts(&self.overview).is_empty()
@@ -342,6 +339,12 @@ impl<'a> Study<'a> {
         weight * mean(&self.split.validate) + (1.0 - weight) * fitted
     }
 
+    /// Times the noise within which an error counts as the noise: the floor is known to some per cent only.
+    #[must_use]
+    pub fn as_the_noise(&self) -> f64 {
+        self.policy.at_floor + self.policy.floor_z * self.floor_relative_std
+    }
+
     /// Fitted and held-out records together are about at the floor, as far as a quick fit gets.
     #[must_use]
     pub fn met(&self, judged: &Judged) -> bool {
@@ -387,16 +390,6 @@ impl<'a> Study<'a> {
     #[must_use]
     pub fn far_above_the_noise(&self, judged: &Judged) -> bool {
         self.floor_um.is_some() && !self.near_the_noise(judged)
-    }
-
-    /// The data prefer one model to its rival: beyond chance and by more than the library leaves out, or because it leaves nothing in
-    /// records where the rival leaves something.
-    #[must_use]
-    pub fn told_apart(&self, rival: &Judged, best: &Judged) -> bool {
-        let by = improvement(rival, best, &self.split);
-        let leaves_nothing = |rms_um: f64, floor_um: f64| rms_um <= self.policy.explained * floor_um;
-        let larger = by.identify_relative.max(by.validate_relative).max(by.record_relative) > self.policy.tie_relative;
-        (by.total_z >= self.policy.tie_z && larger) || (self.nothing_left(best) && !self.in_all_records(rival, leaves_nothing))
     }
 
     /// A model without an effect and without what builds on it, other values as they are; a gain takes the place of the hysteresis.
@@ -460,30 +453,6 @@ impl<'a> Study<'a> {
             }
             let seated = self.for_comparison(&seated.model);
             if self.merit(&seated) < self.merit(&best) - 1e-6 {
-                best = seated;
-            }
-        }
-        Ok(best)
-    }
-
-    /// The model with an effect and what it acts in begun again together, one after the other: a bristle's stiffness and the natural frequency of the mode
-    /// that it holds make up for each other, and neither comes back from there alone.
-    ///
-    /// # Errors
-    /// As [`screen`].
-    pub fn begun_together(&self, judged: &Judged) -> Result<Judged> {
-        let mut best = judged.clone();
-        let coupled = |e: &EffectInstance| {
-            let d = e.effect.declaration();
-            let of = judged.model.effect(d.modifies?)?;
-            (of.effect.declaration().place != d.place && of.effect.starts(&self.overview).len() > 1)
-                .then(|| [of.effect.clone(), e.effect.clone()])
-        };
-        for [of, by] in judged.model.effects.iter().filter_map(coupled) {
-            let without = self.without(&self.without(&best.model, &by.declaration().id), &of.declaration().id);
-            let with_of = self.seated(&without, &of, 2, f64::INFINITY)?;
-            let seated = self.for_comparison(&self.seated(&with_of.model, &by, 2, f64::INFINITY)?.model);
-            if self.merit(&seated) < self.merit(&best) {
                 best = seated;
             }
         }

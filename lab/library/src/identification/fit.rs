@@ -17,7 +17,7 @@ use super::own_part::Samples;
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::Scale;
+use hysteron_sim::effect::{Parameter, Scale};
 use nalgebra::{DMatrix, DVector};
 
 /// Inner product, in four lanes so that the compiler can keep them busy.
@@ -85,7 +85,7 @@ fn shape_change(a: &Model, b: &Model, free: &[ParameterIndex]) -> f64 {
 }
 
 /// Prior standard deviation of a coefficient, in coordinates (a coordinate of one is a hundredth of the range).
-pub(super) const PRIOR_COORDINATES: f64 = 100.0;
+const PRIOR_COORDINATES: f64 = 100.0;
 
 /// How hard a fit tries.
 #[derive(Clone, Copy, Debug)]
@@ -342,10 +342,19 @@ fn residuals_of(model: &Model, dataset: &Dataset, rows: &Rows, near: &[Linearise
     (if sum.is_finite() { sum } else { f64::INFINITY }, residuals)
 }
 
+/// Prior standard deviation of a parameter in coordinates.
+pub(super) fn prior_coordinates(parameter: &Parameter) -> f64 {
+    match (parameter.expected, parameter.scale) {
+        (Some(std), Scale::Linear(step)) => std / step,
+        _ => PRIOR_COORDINATES,
+    }
+}
+
 /// Weight of the prior on a coordinate, in the units of the normal equations.
 pub(super) fn prior_weight(model: &Model, index: ParameterIndex, variance: f64) -> f64 {
-    match model.effects[index.effect].parameters[index.parameter].parameter.scale {
-        Scale::Linear(_) => variance / (PRIOR_COORDINATES * PRIOR_COORDINATES),
+    let parameter = &model.effects[index.effect].parameters[index.parameter].parameter;
+    match parameter.scale {
+        Scale::Linear(_) => variance / prior_coordinates(parameter).powi(2),
         Scale::Logarithmic => 0.0,
     }
 }

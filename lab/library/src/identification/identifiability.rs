@@ -1,10 +1,12 @@
 //! What the data cannot tell about a model, whatever the fit says.
 
+use super::fit::rms_over;
 use super::uncertainty::estimate_uncertainty;
-use crate::dataset::Dataset;
 use crate::dataset::drive_variety::DriveVariety;
+use crate::dataset::{Dataset, Role};
 use hysteron_sim::chain::Model;
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Something that the data leave open.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -34,6 +36,7 @@ pub enum CannotIdentify {
 /// Fills in the standard deviations of a fitted model and says what the data leave open.
 #[must_use]
 pub fn identifiability(model: &mut Model, dataset: &Dataset, records: &[usize]) -> Vec<CannotIdentify> {
+    let fitted = model.clone();
     let mut by_effect: Vec<(String, Vec<String>)> = Vec::new();
     for u in estimate_uncertainty(model, dataset, records) {
         match by_effect.iter_mut().find(|(effect, _)| *effect == u.effect) {
@@ -48,6 +51,12 @@ pub fn identifiability(model: &mut Model, dataset: &Dataset, records: &[usize]) 
             if parameters.len() == free { CannotIdentify::AnyOf { effect } } else { CannotIdentify::SomeOf { effect, parameters } }
         })
         .collect();
+    if let Some(identified) = &mut model.identified {
+        let held_out = dataset.with_role(Role::Validate);
+        let judges = if held_out.is_empty() { records } else { &held_out };
+        let error_um = rms_over(&fitted, dataset, judges);
+        Arc::make_mut(identified).error_um = error_um;
+    }
     let seen = DriveVariety::of(dataset, records);
     if seen.one_loop() {
         out.push(CannotIdentify::MinorLoops);

@@ -4,7 +4,7 @@
 //! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
 //! most of the parameters, enter linearly: one walk gives what all of them add.
 
-use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Samples, Within, amounts, project_out, project_out_by_rows, project_out_of};
+use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Places, Samples, amounts, project_out, project_out_by_rows, project_out_of};
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -367,7 +367,7 @@ fn walk_part(
 }
 
 /// Takes what each variation reads in a chunk at the samples that count: so many stand before them.
-fn take_each(out: &mut [DVector<f64>], before: usize, within: &Within, chunk: &Chunk) {
+fn take_each(out: &mut [DVector<f64>], before: usize, within: &Places, chunk: &Chunk) {
     out.iter_mut().zip(chunk.variations_um).for_each(|(reading, values)| within.take(values, &mut reading.as_mut_slice()[before..]));
 }
 

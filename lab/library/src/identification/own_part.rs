@@ -55,16 +55,16 @@ impl Samples {
 
     /// The places, counted from `from`, of those among the samples `from..to`, and how many stand before them.
     #[must_use]
-    pub fn within(&self, from: usize, to: usize) -> (usize, Within<'_>) {
+    pub fn within(&self, from: usize, to: usize) -> (usize, Places<'_>) {
         match self {
             Self::Every(range) => {
                 let (start, end) = (from.clamp(range.start, range.end), to.clamp(range.start, range.end));
                 let places = if start < end { start - from..end - from } else { 0..0 };
-                (start - range.start, Within::Every(places))
+                (start - range.start, Places::Every(places))
             }
             Self::Some(list) => {
                 let (start, end) = (list.partition_point(|k| *k < from), list.partition_point(|k| *k < to));
-                (start, Within::Some { list: &list[start..end], from })
+                (start, Places::Some { list: &list[start..end], from })
             }
         }
     }
@@ -72,7 +72,7 @@ impl Samples {
 
 /// Places of samples in a stretch of a record.
 #[derive(Clone, Debug)]
-pub enum Within<'s> {
+pub enum Places<'s> {
     /// All between two.
     Every(std::ops::Range<usize>),
     /// Those of these samples of the record, where the stretch begins at `from`.
@@ -84,7 +84,7 @@ pub enum Within<'s> {
     },
 }
 
-impl Within<'_> {
+impl Places<'_> {
     /// Puts the values at these places side by side.
     pub fn take(&self, values: &[f64], out: &mut [f64]) {
         match self {

@@ -3,12 +3,15 @@
 //! Standard deviations come from the gradients of blocks of samples (sandwich estimator), so that a coloured residual does not make them too
 //! small.
 
-use super::fit::{PRIOR_COORDINATES, blocks, prior_weight};
+use super::fit::{blocks, prior_coordinates, prior_weight};
 use super::linearisation::{Rows, free_parameters, linearise, normal_equations};
 use crate::dataset::Dataset;
-use hysteron_sim::chain::Model;
+use crate::dataset::Role;
+use crate::statistics::extremes;
+use hysteron_sim::chain::{Identified, Model};
 use hysteron_sim::effect::Scale;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
+use std::sync::Arc;
 
 /// A direction of the parameters that the data do not show.
 #[derive(Clone, Debug)]
@@ -45,9 +48,19 @@ pub fn estimate_uncertainty(model: &mut Model, dataset: &Dataset, records: &[usi
         }
     }
     let sandwich = &inverse * middle * &inverse;
+    let values = free.iter().map(|index| {
+        let instance = &model.effects[index.effect];
+        (instance.id.clone(), instance.parameters[index.parameter].parameter.name.clone())
+    });
+    // Whichever is larger in each value: white noise, or what the blocks show.
+    let white = &inverse * variance;
+    let larger = DVector::from_fn(p, |i, _| (sandwich[(i, i)].max(0.0) / white[(i, i)].max(f64::MIN_POSITIVE)).sqrt().max(1.0));
+    let covariance = DMatrix::from_fn(p, p, |i, j| larger[i] * white[(i, j)] * larger[j]);
+    model.identified =
+        Some(Arc::new(Identified { values: values.collect(), factor: factor_of(&covariance), ..known_of(dataset, records) }));
     let mut unidentified = Vec::new();
     for (i, index) in free.iter().enumerate() {
-        let white = (variance * inverse[(i, i)]).max(0.0).sqrt();
+        let white = white[(i, i)].max(0.0).sqrt();
         let coloured = sandwich[(i, i)].max(0.0).sqrt();
         let std_coordinate = white.max(coloured);
         let effect = &mut model.effects[index.effect];
@@ -55,7 +68,7 @@ pub fn estimate_uncertainty(model: &mut Model, dataset: &Dataset, records: &[usi
         let value = &mut effect.parameters[index.parameter];
         value.std = Some(std_coordinate * value.value_per_coordinate().abs());
         let limit = match value.parameter.scale {
-            Scale::Linear(_) => 0.5 * PRIOR_COORDINATES,
+            Scale::Linear(_) => 0.5 * prior_coordinates(&value.parameter),
             Scale::Logarithmic => 1.5,
         };
         if std_coordinate > limit {
@@ -63,4 +76,35 @@ pub fn estimate_uncertainty(model: &mut Model, dataset: &Dataset, records: &[usi
         }
     }
     unidentified
+}
+
+/// Lower triangular factor of a covariance, by rows; what is not positive is left out.
+fn factor_of(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    let p = covariance.nrows();
+    let scale: Vec<f64> = (0..p).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
+    let correlation = DMatrix::from_fn(p, p, |i, j| {
+        let both = scale[i] * scale[j];
+        if both > 0.0 { covariance[(i, j)] / both } else { 0.0 }
+    });
+    // Of values that depend on one another exactly rounding leaves a matrix that is none of a covariance: a little on the diagonal mends it.
+    let factor = (0..8).find_map(|k| {
+        let jitter = if k == 0 { 0.0 } else { 1e-14 * 100f64.powi(k) };
+        (correlation.clone() + DMatrix::identity(p, p) * jitter).cholesky().map(|c| c.l())
+    });
+    let factor = factor.unwrap_or_else(|| DMatrix::identity(p, p));
+    (0..p).map(|i| (0..=i).map(|j| scale[i] * factor[(i, j)]).collect()).collect()
+}
+
+/// What the records that were fitted or judge show of the drive.
+fn known_of(dataset: &Dataset, records: &[usize]) -> Identified {
+    let seen = || dataset.records.iter().enumerate().filter(|(i, r)| records.contains(i) || r.role == Role::Validate).map(|(_, r)| r);
+    let over = |of: &dyn Fn(&crate::dataset::Record) -> f64| seen().map(of).fold(f64::NEG_INFINITY, f64::max);
+    let slope = |r: &crate::dataset::Record| r.drive_v.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) * r.sample_rate_hz;
+    Identified {
+        seconds: over(&|r| r.window.end as f64 * r.dt_s()),
+        low_v: -over(&|r| -extremes(&r.drive_v[..r.window.end]).0),
+        high_v: over(&|r| extremes(&r.drive_v[..r.window.end]).1),
+        slope_max_v_s: over(&slope),
+        ..Identified::default()
+    }
 }

@@ -16,9 +16,8 @@ use hysteron_sim::converter_scale::ConverterScale;
 use serde::Deserialize;
 
 use crate::error::{Error, Result};
-use crate::servo::design::{Scheme, ServoDesign};
+use crate::servo::design::ServoDesign;
 use crate::servo::model::{ModeModel, SAMPLING_PERIOD_S};
-use crate::servo::predictor::PredictorDesign;
 
 /// Sampling rate of the target, Hz.
 pub const SAMPLE_RATE_HZ: u32 = 20_000;
@@ -194,11 +193,11 @@ fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32
 /// When the design is none whose eigenvalues are known, does not fit its formats, or the target would refuse the block: the drive's limits
 /// beyond the converter, or a loop that is not stable when sampled.
 pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Result<AmplifierParameters> {
-    let Scheme::Predictor { tuning, .. } = &design.scheme else {
-        return Err(Error::new("parameter block", "is made for the predictor scheme, whose sampled eigenvalues are known"));
+    let Some(law) = design.law() else {
+        return Err(Error::new("parameter block", "is made for a law that acts one period after its reading and has sampled eigenvalues"));
     };
     let model = &design.model;
-    let radius = PredictorDesign::new(&model.linear, tuning).spectral_radius(&model.linear.sampled(SAMPLING_PERIOD_S), 1.0, 0);
+    let radius = law.spectral_radius(&model.linear.sampled(SAMPLING_PERIOD_S), 1.0, 0);
     let converters = converters(front_end, model.drive_min_v, model.drive_max_v)?;
     let servo = design.parameters(converters).map_err(|error| Error::new("design", error.to_string()))?;
     let step_um = converters.adc_step as f64 / 2f64.powi(40);

@@ -28,6 +28,7 @@ impl<'a> ChainPlant<'a> {
             signals: Signals::default(),
             drive_min_v: chain.drive_min_v,
             drive_max_v: chain.drive_max_v,
+            runs_straight: false,
         };
         let stages = position_and_reading_apart(chain, &setting).into_iter().map(|(place, mut stage)| {
             stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });

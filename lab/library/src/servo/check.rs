@@ -4,6 +4,7 @@ use super::model::NominalModel;
 use super::thesis_schemes::{AlphaBeta, ControllerGains, Estimator, ObserverGains, ReachingGains, SlidingModeLaw};
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// Roots of a polynomial, coefficients in descending powers, by the eigenvalues of its companion matrix, sorted by real part.
 #[must_use]
@@ -123,6 +124,38 @@ pub fn unknown_input_response(model: &NominalModel, o: &ObserverGains, c: &Contr
     s * b2 * numerator / (controller * observer)
 }
 
+/// Gains in the thesis' units, and what its rules say of them: the cut-off of `G_3` and the attenuation of the unknown input, `G_6`.
+#[must_use]
+pub fn gains_in_words(
+    nominal: &NominalModel,
+    estimator: &Estimator,
+    controller: &ControllerGains,
+    reaching: &ReachingGains,
+    reference_hz: f64,
+) -> Vec<String> {
+    let ControllerGains { m, p, i, d } = *controller;
+    let reached = match reaching {
+        ReachingGains::Pid => format!("P_c = {p:.3e} V s/um, I_c = {i:.3} V/um, D_c = {d:.1e} V s^2/um"),
+        ReachingGains::Switching { eta_v } => format!("eta = {eta_v:.2} V"),
+        ReachingGains::BoundaryLayer { eta_v, delta_um_s } => format!("eta = {eta_v:.2} V, delta = {delta_um_s:.0} um/s"),
+    };
+    let estimated = match estimator {
+        Estimator::Pidsmo(o) => format!("P_o = {:.2} V/um, I_o = {:.0} V/(um s), D_o = {:.2e} V s/um", o.p, o.i, o.d),
+        Estimator::AlphaBeta(f) => {
+            format!("alpha-beta filter of {:.0} Hz, damping ratio {:.2}", f.natural_frequency_rad_s / TAU, f.damping_ratio)
+        }
+    };
+    let mut out = vec![format!("m_c = {m:.0} 1/s, {reached}; {estimated}.")];
+    if let (Estimator::Pidsmo(o), ReachingGains::Pid) = (estimator, reaching) {
+        out.push(format!(
+            "The observer's G_3 is cut off at {:.0} Hz (Ch. 7, Eq. 26). Of the unknown input {:.2} nm/V get through at {reference_hz:.0} Hz in continuous time (G_6, Ch. 7, Eq. 34).",
+            super::schemes::observer_cutoff_hz(nominal, o),
+            1e3 * unknown_input_response(nominal, o, controller, TAU * reference_hz).norm()
+        ));
+    }
+    out
+}
+
 /// Sampled eigenvalues and the thesis' conditions for a sliding-mode scheme.
 #[derive(Clone, Debug, Serialize)]
 pub struct SlidingModeCheck {
@@ -223,7 +256,7 @@ mod tests {
 
     #[test]
     fn responses_of_chapter_7() {
-        let response = |g: &ObserverGains, hz: f64| observer_response(&MODEL, g, std::f64::consts::TAU * hz).norm();
+        let response = |g: &ObserverGains, hz: f64| observer_response(&MODEL, g, TAU * hz).norm();
         let estimation = ObserverGains::THESIS_ESTIMATION;
         assert!((response(&estimation, 718.0) - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-3);
         assert!((1..700).all(|hz| response(&estimation, f64::from(hz)) < 1.01));
@@ -232,8 +265,7 @@ mod tests {
         assert!((peak - 1.86).abs() < 0.006, "{peak}");
         assert!((response(&loop_gains, 1187.0) - std::f64::consts::FRAC_1_SQRT_2).abs() < 2e-3);
         for (hz, nm) in [(1.0, 0.41), (10.0, 3.95), (50.0, 12.3), (100.0, 17.5), (150.0, 22.8), (300.0, 42.3)] {
-            let found =
-                1e3 * unknown_input_response(&MODEL, &loop_gains, &ControllerGains::THESIS_PIDSMOC, std::f64::consts::TAU * hz).norm();
+            let found = 1e3 * unknown_input_response(&MODEL, &loop_gains, &ControllerGains::THESIS_PIDSMOC, TAU * hz).norm();
             assert!((found - nm).abs() < 0.006 * nm.max(1.0), "{hz} Hz: {found} {nm}");
         }
     }

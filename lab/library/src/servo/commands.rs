@@ -1,7 +1,7 @@
 //! What `hysteron check` and `track` do (`design` is in [`super::order`]), without the command line: a chain of effects in, structs that serialise out.
 
 use super::check::{self, ContinuousConditions};
-use super::design::{SCHEMA, Scheme, ServoDesign, thesis_scheme};
+use super::design::{Form, SCHEMA, Scheme, ServoDesign};
 use super::disturbance::Disturbance;
 use super::disturbance_observer;
 use super::from_rest::{Beginning, varied};
@@ -13,15 +13,16 @@ use super::plant_set::Variation;
 use super::predictor::{Demands, PredictorDesign};
 use super::reference::Reference;
 use super::regulator_loop;
+use super::schemes::{self, AtWork, Choice};
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
-use super::track::{Circumstances, TrackResult, track};
+use super::track::{Beside, Circumstances, TrackResult, track};
 use crate::statistics::extremes;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::vibration;
 use nalgebra::Complex;
 use serde::Serialize;
 
-/// Names of the schemes that `track --scheme` takes besides the one of the design.
+/// Names of the schemes that `check --scheme` and `track --scheme` take besides the one of the design.
 pub const SCHEMES: [&str; 18] = [
     "predictor",
     "predictor-learning",
@@ -31,11 +32,11 @@ pub const SCHEMES: [&str; 18] = [
     "disturbance-observer",
     "disturbance-observer-inverse",
     "pidsmoc",
+    "pidsmoc-linear",
     "pidsmc-alpha-beta",
-    "pidsmc-alpha-beta-discrete",
-    "pidsm-chapter-6",
-    "sliding-mode",
-    "boundary-layer",
+    "pidsmc-alpha-beta-linear",
+    "smcbl",
+    "smcbl-linear",
     "pid",
     "feedforward",
     "feedforward-without-creep",
@@ -51,6 +52,33 @@ pub const SCHEMES: [&str; 18] = [
 pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
     let Demands { reference_hz, sensor_noise_um, sensitivity_peak, .. } = *demands;
     order::design(chain, &Order { reference_hz, sensor_noise_um: Some(sensor_noise_um), sensitivity_peak, ..Order::default() })
+}
+
+/// Designs what was ordered and, where that is another scheme, a predictor for the same order; both follow the same sines on the model.
+///
+/// # Errors
+/// As [`order::design`]; a predictor that is refused is told in the explanation.
+pub fn design_beside_predictor(chain: &Model, order: &Order<'_>) -> Result<(ServoDesign, Vec<AtWork>), String> {
+    let mut design = order::design(chain, order)?;
+    if order.scheme == Choice::Predictor {
+        return Ok((design, Vec::new()));
+    }
+    let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
+    let frequencies_hz: Vec<f64> = [1.0 / 15.0, 1.0 / 3.0, 1.0].iter().map(|share| share * order.reference_hz).collect();
+    let rows = match order::design(chain, &Order { scheme: Choice::Predictor, ..*order }) {
+        Ok(predictor) => {
+            if let Scheme::Predictor { tuning, .. } = &predictor.scheme {
+                design.beside = Some(*tuning);
+            }
+            schemes::at_work(chain, &[&design, &predictor], &frequencies_hz, noise_um)
+        }
+        Err(refusal) => {
+            design.explanation.push(format!("A predictor for the same order is refused: {refusal}."));
+            schemes::at_work(chain, &[&design], &frequencies_hz, noise_um)
+        }
+    };
+    design.explanation.insert(0, schemes::at_work_in_words(&rows));
+    Ok((design, rows))
 }
 
 /// What `hysteron check` found.
@@ -180,7 +208,25 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
                 out.remarks.push(learning.in_words());
             }
         }
-        Scheme::SlidingMode { nominal, estimator, controller, reaching: ReachingGains::Pid } => {
+        Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Predictor { hysteresis_inverse } } => {
+            let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
+            if let Some(law) = design.law() {
+                judge_law(&law, &model, judged_with, ratio, &mut out);
+                out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
+            } else {
+                out.remarks.push("A law that switches has no eigenvalues, and nothing is claimed: follow a reference to judge it.".into());
+            }
+            if matches!(reaching, ReachingGains::BoundaryLayer { .. }) {
+                out.remarks.push(
+                    "Judged with the slope at the middle of the boundary layer, its largest; it has no integral, so a steady error stays."
+                        .into(),
+                );
+            }
+            if *reaching == ReachingGains::Pid {
+                out.continuous = check::sliding_mode(nominal, estimator, controller, design.delayed).continuous;
+            }
+        }
+        Scheme::SlidingMode { nominal, estimator, controller, reaching: ReachingGains::Pid, form: Form::Printed } => {
             let found = check::sliding_mode(nominal, estimator, controller, design.delayed);
             let plant = NominalModel {
                 natural_frequency_rad_s: model.linear.first_mode.natural_frequency_rad_s,
@@ -218,11 +264,11 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
             judge_law(&regulator_loop::law(gains, notch.as_ref()), &model, judged_with, gain_ratio(&design.model, &model, true), &mut out);
             out.remarks.push("What is fed forward does not touch stability.".into());
         }
-        Scheme::Pid { gains, notch } if design.delayed => {
-            let gain = model.mean_gain_um_v();
-            let gains = PidGains { p: gain * gains.p, i: gain * gains.i, d: gain * gains.d };
-            let (least, most) = model.slope_range();
-            judge_law(&regulator_loop::law(&gains, notch.as_ref()), &model, judged_with, [least, 1.0, most], &mut out);
+        Scheme::Pid { .. } if design.delayed => {
+            let gain = design.model.mean_gain_um_v();
+            if let Some(law) = design.law() {
+                judge_law(&law, &model, judged_with, gain_ratio(&design.model, &model, false), &mut out);
+            }
             out.remarks.push(format!("The drive counts with the mean gain of the largest loop, {gain:.4} um/V."));
         }
         _ => {
@@ -347,7 +393,14 @@ pub fn follow(
             0.05 * reach_um
         ));
     }
-    track(chain, &chosen, reference, reference_name, Circumstances { noise_um, seed: 1, disturbance }).map_err(|e| e.to_string())
+    let circumstances = Circumstances { noise_um, seed: 1, disturbance };
+    let mut found = track(chain, &chosen, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
+    if chosen.beside.is_some() {
+        let predictor = with_scheme(&chosen, if chosen.inverts_hysteresis() { "predictor" } else { "predictor-linear" })?;
+        let run = track(chain, &predictor, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
+        found.beside = Some(Beside { scheme: run.scheme, truth: run.truth });
+    }
+    Ok(found)
 }
 
 /// The same model under another scheme.
@@ -356,12 +409,14 @@ pub fn follow(
 /// If the name is not known.
 pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, String> {
     let gains = PidGains { p: 0.0, i: 0.0, d: 0.0 };
-    let tuning = match &design.scheme {
-        Scheme::Predictor { tuning, .. } => *tuning,
-        _ => super::predictor::PredictorTuning::START,
+    let own = match &design.scheme {
+        Scheme::Predictor { tuning, .. } => Some(*tuning),
+        _ => design.beside,
     };
+    let tuning = own.unwrap_or(super::predictor::PredictorTuning::START);
     let mut out = design.clone();
     out.schema = SCHEMA.into();
+    out.beside = None;
     let learning = matches!(name, "predictor-learning" | "predictor-learning-adaptive");
     if !learning {
         out.learning = None;
@@ -386,10 +441,12 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
                 .ok_or("no disturbance observer keeps the margins with this model")?;
             (Scheme::DisturbanceObserver { gains, hysteresis_inverse: name == "disturbance-observer-inverse" }, true)
         }
-        _ => match thesis_scheme(name) {
-            Some(scheme) => (scheme, false),
-            None => return Err(format!("scheme `{name}` is not known: choose from {}", SCHEMES.join(", "))),
-        },
+        _ => {
+            // PID by itself: with the hysteresis inverted it is `feedforward-pi`.
+            let (family, inverse) = name.strip_suffix("-linear").map_or((name, name != Choice::Pid.name()), |family| (family, false));
+            let choice = Choice::named(family).map_err(|_| format!("scheme `{name}` is not known: choose from {}", SCHEMES.join(", ")))?;
+            (order::scheme_without_recording(design, choice, inverse)?, true)
+        }
     };
     if learning && out.learning.is_none() {
         out.learning = Some(order::learning_without_recording(&out)?);

@@ -6,6 +6,7 @@ use super::learned_feedforward::LearningDesign;
 use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
 use super::quantise::{self, QuantisationError, Unit};
+use super::regulator_loop;
 use super::sensor_lag;
 use super::thesis_schemes::{
     AlphaBeta, ControllerGains, Estimator, Feedforward, Notch, ObserverGains, PidGains, ReachingGains, SlidingModeLaw, regulator,
@@ -28,7 +29,7 @@ pub enum Scheme {
         #[serde(default = "yes")]
         hysteresis_inverse: bool,
     },
-    /// A sliding-mode scheme as the thesis has it.
+    /// A sliding-mode scheme.
     SlidingMode {
         /// Nominal model.
         nominal: NominalModel,
@@ -38,6 +39,9 @@ pub enum Scheme {
         controller: ControllerGains,
         /// How the surface is reached.
         reaching: ReachingGains,
+        /// As printed, or designed for the period of delay.
+        #[serde(default)]
+        form: Form,
     },
     /// PID on the drive, V.
     Pid {
@@ -71,6 +75,20 @@ fn yes() -> bool {
     true
 }
 
+/// In which form a sliding-mode scheme runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Form {
+    /// As the thesis prints it: the controller of continuous time, on the drive in V.
+    #[default]
+    Printed,
+    /// For the period of delay ([`super::sliding_mode`]), in um of force-equivalent displacement.
+    Predictor {
+        /// False: the actuator is taken to be linear, and all its hysteresis is left to the unknown input.
+        hysteresis_inverse: bool,
+    },
+}
+
 /// A design: everything that is needed to make the integers of the tick.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ServoDesign {
@@ -102,6 +120,9 @@ pub struct ServoDesign {
     /// Bounds within which the gain of the model is corrected; none: it is not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adaptation: Option<AdaptationDesign>,
+    /// The predictor that was designed for the same order, to stand beside another scheme; none: the scheme is a predictor, or none holds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beside: Option<PredictorTuning>,
 }
 
 /// Name of the file format.
@@ -123,6 +144,7 @@ impl ServoDesign {
             trade_off: Vec::new(),
             learning: None,
             adaptation: None,
+            beside: None,
         }
     }
 
@@ -177,6 +199,17 @@ impl ServoDesign {
             Scheme::Predictor { .. } if self.adaptation.is_some() => "predictor-adaptive",
             Scheme::Predictor { hysteresis_inverse: true, .. } => "predictor",
             Scheme::Predictor { .. } => "predictor-linear",
+            Scheme::SlidingMode { estimator, reaching, form: Form::Predictor { hysteresis_inverse }, .. } => {
+                match (estimator, reaching, hysteresis_inverse) {
+                    (Estimator::Pidsmo(_), ReachingGains::Pid, true) => "pidsmoc",
+                    (Estimator::Pidsmo(_), ReachingGains::Pid, false) => "pidsmoc-linear",
+                    (Estimator::AlphaBeta(_), ReachingGains::Pid, true) => "pidsmc-alpha-beta",
+                    (Estimator::AlphaBeta(_), ReachingGains::Pid, false) => "pidsmc-alpha-beta-linear",
+                    (_, ReachingGains::BoundaryLayer { .. }, true) => "smcbl",
+                    (_, ReachingGains::BoundaryLayer { .. }, false) => "smcbl-linear",
+                    (_, ReachingGains::Switching { .. }, _) => "sliding-mode",
+                }
+            }
             Scheme::SlidingMode { estimator, reaching, .. } => match (estimator, reaching) {
                 (Estimator::Pidsmo(_), ReachingGains::Pid) => "pidsmoc",
                 (Estimator::AlphaBeta(f), ReachingGains::Pid) if f.discrete => "pidsmc-alpha-beta-discrete",
@@ -199,6 +232,40 @@ impl ServoDesign {
         }
     }
 
+    /// The law as it closes the loop one period after a reading, for eigenvalues and margins; none where it acts at once, or switches.
+    #[must_use]
+    pub fn law(&self) -> Option<PredictorDesign> {
+        if !self.delayed {
+            return None;
+        }
+        match &self.scheme {
+            Scheme::Predictor { tuning, .. } => Some(PredictorDesign::new(&self.model.linear, tuning)),
+            Scheme::SlidingMode { form: Form::Printed, .. } => None,
+            Scheme::SlidingMode { nominal, estimator, controller, reaching, .. } => {
+                SlidingModeLaw::predicted(nominal, estimator, controller, reaching).as_predictor()
+            }
+            Scheme::Pid { gains, notch } => {
+                let gain = self.model.mean_gain_um_v();
+                let in_um = PidGains { p: gain * gains.p, i: gain * gains.i, d: gain * gains.d };
+                Some(regulator_loop::law(&in_um, notch.as_ref()))
+            }
+            Scheme::Feedforward { gains, notch, .. } => Some(regulator_loop::law(gains, notch.as_ref())),
+            Scheme::DisturbanceObserver { gains, .. } => Some(disturbance_observer::law(&self.model.linear, gains)),
+        }
+    }
+
+    /// Whether the hysteresis is inverted behind the law.
+    #[must_use]
+    pub fn inverts_hysteresis(&self) -> bool {
+        match &self.scheme {
+            Scheme::Predictor { hysteresis_inverse, .. }
+            | Scheme::DisturbanceObserver { hysteresis_inverse, .. }
+            | Scheme::SlidingMode { form: Form::Predictor { hysteresis_inverse }, .. } => *hysteresis_inverse,
+            Scheme::Feedforward { .. } => true,
+            Scheme::SlidingMode { form: Form::Printed, .. } | Scheme::Pid { .. } => false,
+        }
+    }
+
     /// The integers of the tick.
     ///
     /// # Errors
@@ -218,8 +285,12 @@ impl ServoDesign {
                 let law = LawParameters::Predictor(disturbance_observer::law(&self.model.linear, gains).quantised()?);
                 (inverse_or_gain(*hysteresis_inverse)?, law)
             }
-            Scheme::SlidingMode { nominal, estimator, controller, reaching } => {
+            Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Printed } => {
                 (ActuatorParameters::Direct, SlidingModeLaw::new(nominal, estimator, controller, reaching).quantised()?)
+            }
+            Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Predictor { hysteresis_inverse } } => {
+                let law = SlidingModeLaw::predicted(nominal, estimator, controller, reaching).following(&self.model.linear);
+                (inverse_or_gain(*hysteresis_inverse)?, law.quantised()?)
             }
             Scheme::Pid { gains, notch } => {
                 (ActuatorParameters::Direct, regulator(gains, &Feedforward::default(), notch.as_ref(), Unit::Volt)?)
@@ -260,7 +331,7 @@ pub(super) fn undominated<T>(mut all: Vec<T>, noise_um: impl Fn(&T) -> f64, dist
 pub fn thesis_scheme(name: &str) -> Option<Scheme> {
     let nominal = NominalModel::THESIS;
     let filter_6 = Estimator::AlphaBeta(AlphaBeta::THESIS_CHAPTER_6);
-    let sliding = |estimator, controller, reaching| Scheme::SlidingMode { nominal, estimator, controller, reaching };
+    let sliding = |estimator, controller, reaching| Scheme::SlidingMode { nominal, estimator, controller, reaching, form: Form::Printed };
     Some(match name {
         "pidsmoc" => sliding(Estimator::Pidsmo(ObserverGains::THESIS_PIDSMOC), ControllerGains::THESIS_PIDSMOC, ReachingGains::Pid),
         "pidsmc-alpha-beta" => {

@@ -3,7 +3,8 @@
 //! * [`model`]: what a design knows of the actuator, and its linear part in continuous and sampled time;
 //! * [`quantise`]: from f64 to the rows of the tick, once, with its error;
 //! * [`window_fit`]: coefficients over the reference window by least squares in the frequency domain;
-//! * [`thesis_schemes`]: the controllers of the thesis, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
+//! * [`thesis_schemes`]: the controllers of the thesis as printed, discretised exactly (Ch. 6 and 7), and the schemes they are compared with;
+//! * [`sliding_mode`]: the sliding-mode family in predictor form, for any model and the period of delay; [`schemes`]: the schemes that a design chooses among;
 //! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
 //! * [`order`]: a servo for an identified chain, or the refusal; [`recording`]: what the data exclude; [`data_of_stage`]: whether they are of the model's stage; [`robust`]: the design for all that is
 //!   left possible; [`plant_set`]: plants that are not the model;
@@ -41,7 +42,9 @@ pub mod recording;
 pub mod reference;
 pub mod regulator_loop;
 pub mod robust;
+pub mod schemes;
 pub mod sensor_lag;
+pub mod sliding_mode;
 pub mod thesis_schemes;
 pub mod track;
 mod value_ranges;

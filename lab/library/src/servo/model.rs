@@ -189,7 +189,7 @@ pub struct ActuatorModel {
     pub creep: Vec<CreepTerm>,
 }
 
-/// A first-order term of creep (thesis Ch. 5, Eqs. 9-17).
+/// A first-order term of creep (thesis Ch. 5, Eqs. 13 and 17).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CreepTerm {

@@ -12,6 +12,7 @@ use super::predictor::{Demands, PredictorDesign, feedforward, missed_of_referenc
 use super::quantise::QuantisationError;
 use super::recording::Recording;
 use super::robust::{Broken, Candidate, ModeSpread, Scan, Task, within_nyquist};
+use super::schemes::{self, Choice, InWords, left_without_inverse_um};
 use super::sensor_lag;
 use crate::dataset::Dataset;
 use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
@@ -43,6 +44,10 @@ pub struct Order<'a> {
     pub adaptation: bool,
     /// Share of its frequency by which the first mode moves to either side after it was recorded; zero where it stays.
     pub mode_moves: f64,
+    /// The scheme.
+    pub scheme: Choice,
+    /// True: the hysteresis is inverted behind the law; false: it is left to the unknown input.
+    pub inverse: bool,
 }
 
 /// Noise of a sensor of which nothing is known, um RMS.
@@ -61,6 +66,8 @@ impl Default for Order<'_> {
             learning: false,
             adaptation: false,
             mode_moves: 0.0,
+            scheme: Choice::Predictor,
+            inverse: true,
         }
     }
 }
@@ -197,6 +204,13 @@ fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
     }
     if !(0.0..=FARTHEST).contains(&order.mode_moves) {
         return Err(format!("--mode-moves {}; expected a share of the first mode's frequency from 0 to {FARTHEST}", order.mode_moves));
+    }
+    if order.scheme != Choice::Predictor
+        && let Some(option) = [(order.learning, "--learning"), (order.adaptation, "--adaptation"), (order.mode_moves > 0.0, "--mode-moves")]
+            .into_iter()
+            .find_map(|(asked, option)| asked.then_some(option))
+    {
+        return Err(format!("{option} is for the predictor; leave it out, or choose --scheme predictor"));
     }
     let mode = &model.linear.first_mode;
     if !within_nyquist(mode) {
@@ -336,7 +350,7 @@ fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<Str
 }
 
 /// Why no candidate is left.
-fn refusal(scan: &Scan, recording: Option<&Recording>) -> String {
+fn refusal<T>(scan: &Scan<T>, recording: Option<&Recording>) -> String {
     let in_words = |broken: &Broken| {
         match broken {
         Broken::Member(name) => format!("with {name} none of the tunings is stable"),
@@ -435,57 +449,33 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let sensor_noise_um = told_noise_um.unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
     let largest = if order.learning { learned_feedforward::SENSITIVITY_PEAK } else { f64::INFINITY };
     let sensitivity_peak = order.sensitivity_peak.min(largest);
-    let demands = Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
+    let mut demands = Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
+    if !order.inverse {
+        demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(&model).0);
+    }
     let delay_s = known_delay_s(chain);
     let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), mode_moves: order.mode_moves, demands, delay_s };
-    let missed = missed_by_feedforward(&task)?;
-    let scan = task.scan();
-    let chosen = scan.best().ok_or_else(|| refusal(&scan, recording.as_ref()))?;
-    let mut design = ServoDesign::new(Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: true }, &model, true);
+    // A PID alone feeds nothing forward.
+    let feeds_forward = order.scheme != Choice::Pid || order.inverse;
+    let missed = if feeds_forward { missed_by_feedforward(&task)? } else { None };
+    let words = Words { task: &task, recording: recording.as_ref(), inverse: order.inverse };
+    let (scheme, explanation, scan) = if order.scheme == Choice::Predictor {
+        let scan = task.scan();
+        let (chosen, explanation) = words.of(&scan)?;
+        (Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: order.inverse }, explanation, Some(scan))
+    } else {
+        let chosen = schemes::choose(order.scheme, order.inverse, &model, &task, &words)?;
+        (chosen.scheme, chosen.said, None)
+    };
+    let best = scan.as_ref().and_then(Scan::best);
+    let mut design = ServoDesign::new(scheme, &model, true);
+    design.explanation = explanation;
     design.noise_shaping = true;
     design.sensor_noise_um = told_noise_um;
     design.sensor_lag_s = lag_to_undo(chain, order, &mut said);
     design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
-    let good = scan.candidates.iter().filter(|c| c.broken.is_none()).count();
-    design.explanation = vec![
-        format!(
-            "Of {} tunings {good} hold for every plant that is left possible; this one has the smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of a {:.0} nm hysteresis model error.",
-            scan.candidates.len(),
-            1e3 * chosen.expected_um(),
-            1e3 * chosen.noise_um,
-            1e3 * sensor_noise_um,
-            1e3 * chosen.disturbance_um,
-            demands.reference_hz,
-            1e3 * chosen.slow_um,
-            0.1 * demands.reference_hz,
-            1e3 * demands.model_error_um
-        ),
-        format!(
-            "It holds with the gain from half to one and a half, a period more of delay, twice the mass, the first mode {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). Peak sensitivity {:.2}.",
-            100.0 * first.frequency,
-            100.0 * first.damping,
-            chosen.unknown.1,
-            100.0 * chosen.unknown.0,
-            chosen.sensitivity_peak
-        ),
-    ];
-    if order.mode_moves > 0.0 {
+    if let Some(chosen) = best.filter(|_| order.mode_moves > 0.0) {
         design.explanation.push(where_the_mode_moves(&task, chosen));
-    }
-    if let Some(better) = scan.best_if_recorded().filter(|b| b.expected_um() < WORTH_RECORDING * chosen.expected_um()) {
-        design.explanation.push(format!(
-            "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
-            better.unknown.1,
-            how_to_exclude(recording.as_ref(), better.unknown.1),
-            1e3 * better.expected_um()
-        ));
-    }
-    if let Some(better) = scan.best_in_other_integers().filter(|b| b.expected_um() < WORTH_RECORDING * chosen.expected_um()) {
-        design.explanation.push(format!(
-            "A faster observer would come to {:.2} nm, but its gains have no place in the servo's integers: the first mode at {:.0} Hz is slow beside the 20 kHz of the loop.",
-            1e3 * better.expected_um(),
-            hertz(&model.linear.first_mode)
-        ));
     }
     design.explanation.extend(missed);
     design.explanation.extend(said);
@@ -509,7 +499,7 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     if !left.is_empty() {
         design.explanation.push(format!("Left to the unknown input: {}.", left.join(", ")));
     }
-    if order.learning {
+    if let Some(chosen) = best.filter(|_| order.learning) {
         let learning = LearningDesign::new(&PredictorDesign::new(&model.linear, &chosen.tuning), &task, model.reach_um())?;
         if learning.learns_to_hz() < order.reference_hz {
             return Err(format!(
@@ -527,8 +517,82 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         design.adaptation = Some(adaptation);
     }
     design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
-    design.trade_off = trade_off(&task, &scan);
+    design.trade_off = scan.map_or_else(Vec::new, |scan| trade_off(&task, &scan));
     Ok(design)
+}
+
+/// A scan in words.
+struct Words<'a> {
+    task: &'a Task<'a>,
+    recording: Option<&'a Recording>,
+    inverse: bool,
+}
+
+impl InWords for Words<'_> {
+    fn of<'a, T: Clone>(&self, scan: &'a Scan<T>) -> Result<(&'a Candidate<T>, Vec<String>), String> {
+        let chosen = scan.best().ok_or_else(|| refusal(scan, self.recording))?;
+        let (Task { first, demands, .. }, good) = (self.task, scan.candidates.iter().filter(|c| c.broken.is_none()).count());
+        let mut out = vec![
+            format!(
+                "Of {} tunings {good} hold for every plant that is left possible; this one has the smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of {} of {:.0} nm.",
+                scan.candidates.len(),
+                1e3 * chosen.expected_um(),
+                1e3 * chosen.noise_um,
+                1e3 * demands.sensor_noise_um,
+                1e3 * chosen.disturbance_um,
+                demands.reference_hz,
+                1e3 * chosen.slow_um,
+                0.1 * demands.reference_hz,
+                if self.inverse { "a hysteresis model error" } else { "a hysteresis that is not inverted" },
+                1e3 * demands.model_error_um
+            ),
+            format!(
+                "It holds with the gain from half to one and a half, a period more of delay, twice the mass, the first mode {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). Peak sensitivity {:.2}.",
+                100.0 * first.frequency,
+                100.0 * first.damping,
+                chosen.unknown.1,
+                100.0 * chosen.unknown.0,
+                chosen.sensitivity_peak
+            ),
+        ];
+        let worth = |better: &&Candidate<T>| better.expected_um() < WORTH_RECORDING * chosen.expected_um();
+        if let Some(better) = scan.best_if_recorded().filter(worth) {
+            out.push(format!(
+                "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
+                better.unknown.1,
+                how_to_exclude(self.recording, better.unknown.1),
+                1e3 * better.expected_um()
+            ));
+        }
+        if let Some(better) = scan.best_in_other_integers().filter(worth) {
+            out.push(format!(
+                "A faster observer would come to {:.2} nm, but its gains have no place in the servo's integers: the first mode at {:.0} Hz is slow beside the 20 kHz of the loop.",
+                1e3 * better.expected_um(),
+                hertz(&self.task.linear.first_mode)
+            ));
+        }
+        Ok((chosen, out))
+    }
+}
+
+/// Another scheme for the model of a design, with nothing known but the model: no recording stands behind it.
+///
+/// # Errors
+/// The refusal.
+pub fn scheme_without_recording(design: &ServoDesign, choice: Choice, inverse: bool) -> Result<Scheme, String> {
+    let (model, linear) = (&design.model, design.model.linear);
+    let mut demands = Demands { sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM), ..Demands::default() };
+    if !inverse {
+        demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(model).0);
+    }
+    let second = linear.second_mode.map(|_| UNCONFIRMED);
+    let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, mode_moves: 0.0, demands };
+    let words = Words { task: &task, recording: None, inverse };
+    if choice == Choice::Predictor {
+        let scan = task.scan();
+        return Ok(Scheme::Predictor { tuning: words.of(&scan)?.0.tuning, hysteresis_inverse: inverse });
+    }
+    Ok(schemes::choose(choice, inverse, model, &task, &words)?.scheme)
 }
 
 /// Why there is no servo although a tuning holds.

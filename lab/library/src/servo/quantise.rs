@@ -43,7 +43,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    fn fraction_bits(self) -> i32 {
+    pub(super) fn fraction_bits(self) -> i32 {
         (match self {
             Self::Micrometre => MICROMETRE_FRACTION_BITS,
             Self::Volt => VOLT_FRACTION_BITS,

@@ -153,12 +153,14 @@ impl Recording {
                 squares.extend(counted_of(record, &missed));
             }
             fill_left_out(record, &mut missed, 0.0);
-            let force = force_chain.simulate(&record.drive());
+            let mut force = force_chain.simulate(&record.drive())[record.window.clone()].to_vec();
+            // What counts of the residual and what made it are gated alike.
+            fill_left_out(record, &mut force, 0.0);
             let rate_hz = record.sample_rate_hz;
             if rate_hz >= LEAST_RATE_HZ && !rates_hz.contains(&rate_hz) {
                 rates_hz.push(rate_hz);
             }
-            seen.push((rate_hz, force[record.window.clone()].to_vec(), missed));
+            seen.push((rate_hz, force, missed));
         }
         out.residual_um = rms(&squares);
         for rate_hz in rates_hz {

@@ -3,7 +3,9 @@
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
 use super::predictor::{Demands, Judgement, PredictorDesign, STATES, best_of};
-use super::thesis_schemes::{Notch, PidGains};
+use super::quantise::Unit;
+use super::robust::Family;
+use super::thesis_schemes::{Feedforward, Notch, PidGains, regulator};
 use nalgebra::{DMatrix, DVector};
 
 /// The regulator in f64. States: output, last error, two of the notch, integral.
@@ -54,6 +56,47 @@ pub fn tune(linear: &LinearModel, demands: &Demands, notch: Option<&Notch>) -> O
         }
     }
     best_of(candidates, |gains| law(gains, notch), linear, demands)
+}
+
+/// PID on the tracking error, in um of force-equivalent displacement.
+pub struct Regulators;
+
+impl Family for Regulators {
+    type Tuning = PidGains;
+
+    fn law(&self, gains: &PidGains) -> Option<PredictorDesign> {
+        Some(law(gains, None))
+    }
+
+    fn fits(&self, gains: &PidGains, _law: &PredictorDesign) -> bool {
+        regulator(gains, &Feedforward::default(), None, Unit::Micrometre).is_ok()
+    }
+
+    fn grid(&self, _demands: &Demands) -> Vec<PidGains> {
+        let mut out = Vec::new();
+        for step in 0..32 {
+            for p in [0.01, 0.1, 0.3, 0.6, 1.0] {
+                for d in [0.0, 1e-5, 1e-4] {
+                    out.push(PidGains { p, i: 1.5 * 1.3_f64.powi(step), d });
+                }
+            }
+        }
+        out
+    }
+
+    fn numbers(&self) -> usize {
+        3
+    }
+
+    fn stepped(&self, gains: &PidGains, number: usize, by: f64) -> PidGains {
+        let mut out = *gains;
+        match number {
+            0 => out.p *= by,
+            1 => out.i *= by,
+            _ => out.d *= by,
+        }
+        out
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The design that holds for all plants that the recording leaves possible.
 //!
 //! # How it works
-//! Each candidate (the tunings of [`super::predictor`], from a few rad/s of bandwidth to beyond the first mode) must
+//! Each candidate of a family of laws ([`Family`]; the tunings of [`super::predictor`] go from a few rad/s of bandwidth to beyond the first mode) must
 //!
 //! 1. be stable by the eigenvalues of the sampled loop on every member of a set: gain -50 % to +50 %, a period more of delay, more mass, and
 //!    modes moved by three standard deviations (never less than [`LEAST_FREQUENCY_SPREAD`] and [`LEAST_DAMPING_SPREAD`], since a stated
@@ -48,24 +48,88 @@ const LEAST_GAIN: f64 = 0.995;
 /// Shares of what is commanded that act where the drive stands at a limit for part of a cycle.
 const LIMIT_SHARES: [f64; 5] = [0.6, 0.35, 0.2, 0.1, 0.05];
 
-/// Numbers of a tuning that are moved.
-const TUNED: usize = 5;
+/// Laws among which a scan chooses: each by its tuning, a few numbers.
+pub trait Family: Sync {
+    /// What one of them is tuned by.
+    type Tuning: Clone + Send + Sync;
 
-/// A tuning with one of its numbers multiplied; a noise about half the sampling rate that is not there yet begins at the sensor's.
-fn stepped(tuning: &PredictorTuning, number: usize, by: f64) -> PredictorTuning {
-    let mut out = *tuning;
-    match number {
-        0 => out.effort_weight *= by,
-        1 => {
-            out.unknown_change_um *= by;
-            out.unknown_slope_change_um *= by;
-        }
-        2 => out.unknown_slope_change_um *= by,
-        3 => out.force_noise_um *= by,
-        _ if out.fast_noise_um > 0.0 => out.fast_noise_um *= by,
-        _ => out.fast_noise_um = by * out.sensor_noise_um,
+    /// What closes the loop; none where the tuning gives no linear law.
+    fn law(&self, tuning: &Self::Tuning) -> Option<PredictorDesign>;
+
+    /// Laws that have to be stable beside it, where it is one end of what a nonlinearity makes of it.
+    fn beside(&self, _tuning: &Self::Tuning) -> Vec<PredictorDesign> {
+        Vec::new()
     }
-    out
+
+    /// Whether its gains have a place in the tick's integers.
+    fn fits(&self, tuning: &Self::Tuning, law: &PredictorDesign) -> bool;
+
+    /// The tunings of the grid.
+    fn grid(&self, demands: &Demands) -> Vec<Self::Tuning>;
+
+    /// Numbers of a tuning that are moved between the points of the grid.
+    fn numbers(&self) -> usize;
+
+    /// A tuning with one of its numbers multiplied.
+    fn stepped(&self, tuning: &Self::Tuning, number: usize, by: f64) -> Self::Tuning;
+}
+
+/// The predictors of a model.
+struct Predictors<'a>(&'a LinearModel);
+
+impl Family for Predictors<'_> {
+    type Tuning = PredictorTuning;
+
+    fn law(&self, tuning: &PredictorTuning) -> Option<PredictorDesign> {
+        Some(PredictorDesign::of_loop(self.0, tuning))
+    }
+
+    fn fits(&self, _tuning: &PredictorTuning, law: &PredictorDesign) -> bool {
+        law.quantised().is_ok()
+    }
+
+    fn grid(&self, demands: &Demands) -> Vec<PredictorTuning> {
+        let noise_um = demands.sensor_noise_um;
+        let mut tunings = Vec::new();
+        for effort_weight in [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4] {
+            for change in [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0, 8.0] {
+                for force in [0.1, 1.0, 10.0] {
+                    for slope in [0.0, 0.05, 0.2] {
+                        tunings.push(PredictorTuning {
+                            effort_weight,
+                            unknown_change_um: change * noise_um,
+                            unknown_slope_change_um: slope * change * noise_um,
+                            force_noise_um: force * noise_um,
+                            sensor_noise_um: noise_um,
+                            fast_noise_um: 0.0,
+                        });
+                    }
+                }
+            }
+        }
+        tunings
+    }
+
+    fn numbers(&self) -> usize {
+        5
+    }
+
+    fn stepped(&self, tuning: &PredictorTuning, number: usize, by: f64) -> PredictorTuning {
+        let mut out = *tuning;
+        match number {
+            0 => out.effort_weight *= by,
+            1 => {
+                out.unknown_change_um *= by;
+                out.unknown_slope_change_um *= by;
+            }
+            2 => out.unknown_slope_change_um *= by,
+            3 => out.force_noise_um *= by,
+            _ if out.fast_noise_um > 0.0 => out.fast_noise_um *= by,
+            // A noise about half the sampling rate that is not there yet begins at the sensor's.
+            _ => out.fast_noise_um = by * out.sensor_noise_um,
+        }
+        out
+    }
 }
 
 /// How well the values of a mode are known: relative spreads that are reckoned with.
@@ -127,9 +191,9 @@ pub enum Broken {
 
 /// A candidate with what it is worth.
 #[derive(Clone, Debug)]
-pub struct Candidate {
+pub struct Candidate<T = PredictorTuning> {
     /// Its tuning.
-    pub tuning: PredictorTuning,
+    pub tuning: T,
     /// Noise passed on, um RMS.
     pub noise_um: f64,
     /// Model error let through at the highest frequency, um RMS.
@@ -148,7 +212,7 @@ pub struct Candidate {
     pub fits: bool,
 }
 
-impl Candidate {
+impl<T> Candidate<T> {
     /// Expected error, um RMS.
     #[must_use]
     pub fn expected_um(&self) -> f64 {
@@ -163,38 +227,38 @@ impl Candidate {
 }
 
 /// Whether a candidate breaks nothing.
-fn holds(candidate: &Candidate) -> bool {
+fn holds<T>(candidate: &Candidate<T>) -> bool {
     candidate.broken.is_none()
 }
 
 /// Whether it breaks at most the condition on what the recording does not exclude.
-fn holds_if_recorded(candidate: &Candidate) -> bool {
+fn holds_if_recorded<T>(candidate: &Candidate<T>) -> bool {
     candidate.fits && matches!(candidate.broken, None | Some(Broken::Unknown { .. }))
 }
 
 /// Outcome of a scan.
 #[derive(Clone, Debug)]
-pub struct Scan {
+pub struct Scan<T = PredictorTuning> {
     /// All candidates, by [`Candidate::cost_um`].
-    pub candidates: Vec<Candidate>,
+    pub candidates: Vec<Candidate<T>>,
 }
 
-impl Scan {
+impl<T> Scan<T> {
     /// The best of those that break nothing.
     #[must_use]
-    pub fn best(&self) -> Option<&Candidate> {
+    pub fn best(&self) -> Option<&Candidate<T>> {
         self.candidates.iter().find(|c| holds(c))
     }
 
     /// The best of those that only the tick's integers keep from being taken.
     #[must_use]
-    pub fn best_in_other_integers(&self) -> Option<&Candidate> {
+    pub fn best_in_other_integers(&self) -> Option<&Candidate<T>> {
         self.candidates.iter().find(|c| c.broken == Some(Broken::Integers))
     }
 
     /// The best of those that break at most the condition on what the recording does not exclude.
     #[must_use]
-    pub fn best_if_recorded(&self) -> Option<&Candidate> {
+    pub fn best_if_recorded(&self) -> Option<&Candidate<T>> {
         self.candidates.iter().find(|c| holds_if_recorded(c))
     }
 }
@@ -324,80 +388,34 @@ impl Task<'_> {
     /// Judges one tuning.
     #[must_use]
     pub fn judge(&self, tuning: &PredictorTuning) -> Candidate {
-        judge(&self.linear, tuning, &self.conditions())
+        judge(&Predictors(&self.linear), tuning, &self.conditions())
     }
 
-    /// Judges the tunings of a grid, and those between its points that are better than the best of them.
+    /// Judges the predictors of a grid, and those between its points that are better than the best of them.
     #[must_use]
     pub fn scan(&self) -> Scan {
+        self.scan_of(&Predictors(&self.linear))
+    }
+
+    /// The same for the laws of a family.
+    #[must_use]
+    pub fn scan_of<F: Family>(&self, family: &F) -> Scan<F::Tuning> {
         let conditions = self.conditions();
-        let mut candidates = self.grid(&conditions);
+        let mut candidates = grid(family, &conditions);
         // The one that is taken, and the one that a better recording would allow.
-        for good in [holds, holds_if_recorded] {
+        for good in [holds as fn(&Candidate<F::Tuning>) -> bool, holds_if_recorded] {
             if let Some(best) = candidates.iter().find(|c| good(c)).cloned() {
-                candidates.extend(self.refined(best, good, &conditions));
+                candidates.extend(refined(family, best, good, &conditions));
                 candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
             }
         }
         Scan { candidates }
     }
 
-    /// The grid alone.
+    /// The grid of the predictors alone.
     #[must_use]
     pub fn coarse_scan(&self) -> Scan {
-        Scan { candidates: self.grid(&self.conditions()) }
-    }
-
-    fn grid(&self, conditions: &Conditions) -> Vec<Candidate> {
-        let noise_um = self.demands.sensor_noise_um;
-        let mut tunings = Vec::new();
-        for effort_weight in [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4] {
-            for change in [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 2.0, 4.0, 8.0] {
-                for force in [0.1, 1.0, 10.0] {
-                    for slope in [0.0, 0.05, 0.2] {
-                        tunings.push(PredictorTuning {
-                            effort_weight,
-                            unknown_change_um: change * noise_um,
-                            unknown_slope_change_um: slope * change * noise_um,
-                            force_noise_um: force * noise_um,
-                            sensor_noise_um: noise_um,
-                            fast_noise_um: 0.0,
-                        });
-                    }
-                }
-            }
-        }
-        let mut candidates = parallel::map(&tunings, |tuning| judge(&self.linear, tuning, conditions));
-        candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
-        candidates
-    }
-
-    /// Goes from a good candidate to better ones, one or two numbers of the tuning at a time (along an edge of what is allowed two have to move
-    /// together) and in ever smaller steps; all good ones on the way.
-    fn refined(&self, start: Candidate, good: fn(&Candidate) -> bool, conditions: &Conditions) -> Vec<Candidate> {
-        let (mut here, mut factor) = (start, FIRST_STEP);
-        let mut found = Vec::new();
-        for _ in 0..MOST_STEPS {
-            let mut near = Vec::new();
-            for first in 0..TUNED {
-                for by in [factor, 1.0 / factor] {
-                    let one = stepped(&here.tuning, first, by);
-                    near.push(one);
-                    for second in 0..first {
-                        near.extend([factor, 1.0 / factor].map(|by| stepped(&one, second, by)));
-                    }
-                }
-            }
-            let judged = parallel::map(&near, |tuning| judge(&self.linear, tuning, conditions));
-            let better: Vec<Candidate> = judged.into_iter().filter(|c| good(c) && c.cost_um() < LEAST_GAIN * here.cost_um()).collect();
-            match better.iter().min_by(|x, y| x.cost_um().total_cmp(&y.cost_um())) {
-                Some(best) => here = best.clone(),
-                None if factor < LAST_STEP => break,
-                None => factor = factor.sqrt(),
-            }
-            found.extend(better);
-        }
-        found
+        Scan { candidates: grid(&Predictors(&self.linear), &self.conditions()) }
     }
 
     /// A candidate as the file of a design keeps it.
@@ -414,10 +432,50 @@ impl Task<'_> {
     }
 }
 
-fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions) -> Candidate {
-    let design = PredictorDesign::of_loop(linear, tuning);
+fn grid<F: Family>(family: &F, conditions: &Conditions) -> Vec<Candidate<F::Tuning>> {
+    let tunings = family.grid(&conditions.demands);
+    let mut candidates = parallel::map(&tunings, |tuning| judge(family, tuning, conditions));
+    candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
+    candidates
+}
+
+/// Goes from a good candidate to better ones, one or two numbers of the tuning at a time (along an edge of what is allowed two have to move
+/// together) and in ever smaller steps; all good ones on the way.
+fn refined<F: Family>(
+    family: &F,
+    start: Candidate<F::Tuning>,
+    good: fn(&Candidate<F::Tuning>) -> bool,
+    conditions: &Conditions,
+) -> Vec<Candidate<F::Tuning>> {
+    let (mut here, mut factor) = (start, FIRST_STEP);
+    let mut found = Vec::new();
+    for _ in 0..MOST_STEPS {
+        let mut near = Vec::new();
+        for first in 0..family.numbers() {
+            for by in [factor, 1.0 / factor] {
+                let one = family.stepped(&here.tuning, first, by);
+                near.push(one.clone());
+                for second in 0..first {
+                    near.extend([factor, 1.0 / factor].map(|by| family.stepped(&one, second, by)));
+                }
+            }
+        }
+        let judged = parallel::map(&near, |tuning| judge(family, tuning, conditions));
+        let better: Vec<Candidate<F::Tuning>> =
+            judged.into_iter().filter(|c| good(c) && c.cost_um() < LEAST_GAIN * here.cost_um()).collect();
+        match better.iter().min_by(|x, y| x.cost_um().total_cmp(&y.cost_um())) {
+            Some(best) => here = best.clone(),
+            None if factor < LAST_STEP => break,
+            None => factor = factor.sqrt(),
+        }
+        found.extend(better);
+    }
+    found
+}
+
+fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> Candidate<F::Tuning> {
     let mut out = Candidate {
-        tuning: *tuning,
+        tuning: tuning.clone(),
         noise_um: f64::INFINITY,
         disturbance_um: f64::INFINITY,
         slow_um: f64::INFINITY,
@@ -427,9 +485,16 @@ fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions
         unknown: (0.0, 0.0),
         fits: false,
     };
+    let Some(design) = family.law(tuning) else {
+        out.broken = Some(Broken::Member("nominal"));
+        return out;
+    };
+    let beside = family.beside(tuning);
     let unstable = conditions.members.iter().find(|(_, plant)| {
-        let radius = design.spectral_radius(plant, 1.0, 0);
-        radius.is_nan() || radius >= 1.0
+        std::iter::once(&design).chain(&beside).any(|law| {
+            let radius = law.spectral_radius(plant, 1.0, 0);
+            radius.is_nan() || radius >= 1.0
+        })
     });
     if let Some((name, _)) = unstable {
         out.broken = Some(Broken::Member(name));
@@ -476,7 +541,7 @@ fn judge(linear: &LinearModel, tuning: &PredictorTuning, conditions: &Conditions
             |plant: &SampledModel| LIMIT_SHARES.iter().any(|share| design.at_a_limit(*share).spectral_radius(plant, 1.0, 0) >= 1.0);
         conditions.members.iter().find(|(_, plant)| swings_on(plant)).map(|(name, _)| *name)
     };
-    out.fits = design.quantised().is_ok();
+    out.fits = family.fits(tuning, &design);
     out.broken = if peak.is_nan() || peak > conditions.demands.sensitivity_peak {
         Some(Broken::Sensitivity)
     } else if let Some(name) = swings() {

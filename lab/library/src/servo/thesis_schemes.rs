@@ -2,7 +2,8 @@
 //!
 //! Estimators are discretised exactly, with the drive held and the reading running straight between samples. The controllers are algebra in
 //! the estimates; their integral is a sum and their derivative a difference, as in the tick. [`SlidingModeLaw`] is the law in f64: what is
-//! quantised and what the sampled eigenvalues are taken of.
+//! quantised and what the sampled eigenvalues are taken of. [`SlidingModeLaw::new`] gives the printed form, which acts at once;
+//! [`super::sliding_mode`] the one that is designed for the period of delay.
 
 use super::model::{CreepTerm, NominalModel, SAMPLING_PERIOD_S};
 use super::quantise::{QuantisationError, Unit, creep_inverse, number, row, row_um};
@@ -10,7 +11,7 @@ use super::window_fit;
 use hysteron_core::integer_row::Row;
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::servo_parameters::LawParameters;
-use hysteron_core::sliding_mode_controller::{Reaching, SlidingModeParameters};
+use hysteron_core::sliding_mode_controller::{Prediction, Reaching, SlidingModeParameters};
 use hysteron_core::state_estimator::EstimatorParameters;
 use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
@@ -113,11 +114,18 @@ pub enum ReachingGains {
     },
 }
 
-/// A sliding-mode law of the thesis in f64, over `[x1, x2 T, integral, y[k-1], y[k], u]`.
+/// A sliding-mode law in f64, over `[x1, x2 T, integral, y[k-1], y[k], u]`. What it calls a drive is V in the printed form and um of force-equivalent
+/// displacement in the other one.
 #[derive(Clone, Debug)]
 pub struct SlidingModeLaw {
-    /// Nominal model.
-    pub nominal: NominalModel,
+    /// Unit of its output.
+    pub output: Unit,
+    /// What the reference needs, over the reference window.
+    pub reference_drive: Vec<f64>,
+    /// Velocity of the reference times the period over the reference window.
+    pub reference_velocity: Vec<f64>,
+    /// Carries `[x1, x2 T]` over the period of delay, over `[x1, x2 T, integral, what acts in it]`; none in the printed form.
+    pub prediction: Option<[[f64; 4]; 2]>,
     /// New states of the estimator.
     pub estimator: [[f64; 6]; 3],
     /// Unknown input, V.
@@ -182,10 +190,11 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
         Estimator::AlphaBeta(f) => {
             let (xi, w) = (f.damping_ratio, f.natural_frequency_rad_s);
             if f.discrete {
-                // Eqs. (33)-(34), with the residual of the predicted position as is usual (the thesis prints the updated one).
+                // Eqs. (33)-(34) with (37)-(38) as printed: the residual is that of the updated position, so both equations are solved for it.
                 let (alpha, beta) = (w * t * (2.0 * xi - w * t / 2.0), (w * t).powi(2));
-                let position = [1.0 - alpha, 1.0 - alpha, 0.0, 0.0, alpha, 0.0];
-                let velocity = [-beta, 1.0 - beta, 0.0, 0.0, beta, 0.0];
+                let (kept, of_residual) = (1.0 / (1.0 + alpha), beta / (1.0 + alpha));
+                let position = [kept, kept, 0.0, 0.0, alpha * kept, 0.0];
+                let velocity = [-of_residual, 1.0 - of_residual, 0.0, 0.0, of_residual, 0.0];
                 let rows = [position, velocity, [0.0; 6]];
                 return (rows, [0.0; 6]);
             }
@@ -214,8 +223,13 @@ impl SlidingModeLaw {
             ReachingGains::Pid => [gains.p / t, gains.d / (t * t), gains.i],
             _ => [0.0; 3],
         };
+        let n = nominal;
         Self {
-            nominal: *nominal,
+            output: Unit::Volt,
+            // Ch. 6, Eq. 6.
+            reference_drive: window_fit::fit(t, |w| Complex::new(-w * w - n.a21(), -n.a22() * w) / n.b2()),
+            reference_velocity: window_fit::fit(t, |w| Complex::new(0.0, w * t)),
+            prediction: None,
             estimator: rows,
             unknown_input,
             switching_function: [gains.m * t, 1.0],
@@ -231,33 +245,43 @@ impl SlidingModeLaw {
     /// If a coefficient does not fit.
     pub fn quantised(&self) -> Result<LawParameters, QuantisationError> {
         let t = SAMPLING_PERIOD_S;
-        let inputs = |i: usize| if i == 2 || i == 5 { Unit::Volt } else { Unit::Micrometre };
-        let n = &self.nominal;
-        let drive = window_fit::fit(t, |w| Complex::new(-w * w - n.a21(), -n.a22() * w) / n.b2());
-        let velocity = window_fit::fit(t, |w| Complex::new(0.0, w * t));
+        let output = self.output;
+        let bits = output.fraction_bits();
+        let inputs = |i: usize| if i == 2 || i == 5 { output } else { Unit::Micrometre };
         let reaching = match self.reaching {
             ReachingGains::Pid => Reaching::Pid {
-                proportional_derivative: row("P_c, D_c", &self.pid[..2], |_| Unit::Micrometre, Unit::Volt)?,
-                integral: number("I_c", self.pid[2], 26 - 2)?,
+                proportional_derivative: row("P_c, D_c", &self.pid[..2], |_| Unit::Micrometre, output)?,
+                integral: number("I_c", self.pid[2], 26 + bits - Unit::Micrometre.fraction_bits())?,
             },
-            ReachingGains::Switching { eta_v } => Reaching::Switching { magnitude: number("eta", eta_v, 22)? },
+            ReachingGains::Switching { eta_v } => Reaching::Switching { magnitude: number("eta", eta_v, bits)? },
             ReachingGains::BoundaryLayer { eta_v, delta_um_s } => {
-                Reaching::BoundaryLayer { magnitude: number("eta", eta_v, 22)?, thickness: number("delta", delta_um_s * t, 24)? }
+                Reaching::BoundaryLayer { magnitude: number("eta", eta_v, bits)?, thickness: number("delta", delta_um_s * t, 24)? }
             }
+        };
+        let carried = |i: usize| if i >= 2 { output } else { Unit::Micrometre };
+        let prediction = match &self.prediction {
+            None => None,
+            Some([position, velocity]) => Some(Prediction {
+                rows: [
+                    row("predicted x1", position, carried, Unit::Micrometre)?,
+                    row("predicted x2", velocity, carried, Unit::Micrometre)?,
+                ],
+            }),
         };
         let rows = [
             row("estimator x1", &self.estimator[0], inputs, Unit::Micrometre)?,
             row("estimator x2", &self.estimator[1], inputs, Unit::Micrometre)?,
-            row("estimator integral", &self.estimator[2], inputs, Unit::Volt)?,
+            row("estimator integral", &self.estimator[2], inputs, output)?,
         ];
         Ok(LawParameters::SlidingMode {
-            estimator: EstimatorParameters { rows, unknown_input: row("unknown input", &self.unknown_input, inputs, Unit::Volt)? },
+            estimator: EstimatorParameters { rows, unknown_input: row("unknown input", &self.unknown_input, inputs, output)? },
             controller: SlidingModeParameters {
-                reference_velocity: row_um("reference velocity", &velocity)?,
-                reference_drive: row("reference drive", &drive, |_| Unit::Micrometre, Unit::Volt)?,
+                reference_velocity: row_um("reference velocity", &self.reference_velocity)?,
+                reference_drive: row("reference drive", &self.reference_drive, |_| Unit::Micrometre, output)?,
                 switching_function: row_um("switching function", &self.switching_function)?,
-                equivalent_control: row("equivalent control", &self.equivalent, |_| Unit::Micrometre, Unit::Volt)?,
+                equivalent_control: row("equivalent control", &self.equivalent, |_| Unit::Micrometre, output)?,
                 reaching,
+                prediction,
             },
         })
     }

@@ -7,7 +7,7 @@
 use super::chain_plant::ChainPlant;
 use super::design::ServoDesign;
 use super::disturbance::Disturbance;
-use super::model::SAMPLING_PERIOD_S;
+use super::model::{SAMPLING_PERIOD_S, actuator_model};
 use super::quantise::QuantisationError;
 use super::reference::Reference;
 use super::sensor_lag;
@@ -164,6 +164,16 @@ impl From<ErrorFigures> for Figures {
     }
 }
 
+/// Another scheme on the same run.
+#[derive(Clone, Debug, Serialize)]
+pub struct Beside {
+    /// Its name.
+    pub scheme: String,
+    /// Error of the true displacement.
+    #[serde(rename = "true")]
+    pub truth: Figures,
+}
+
 /// What `hysteron track` found.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrackResult {
@@ -173,6 +183,11 @@ pub struct TrackResult {
     pub scheme: String,
     /// Reference as given.
     pub reference: String,
+    /// What the servo was put to work on, and when its codes act.
+    pub plant: String,
+    /// The predictor that was designed for the same order, on the same run; none where the scheme is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub beside: Option<Beside>,
     /// Error of what the sensor reads, noise removed.
     pub sensor: Figures,
     /// Error of the true displacement.
@@ -249,6 +264,19 @@ pub struct Circumstances {
     pub disturbance: Option<Disturbance>,
 }
 
+/// The plant and the timing of a run.
+fn plant_in_words(chain: &Model, design: &ServoDesign, scale: &ConverterScale) -> String {
+    let servo_knows = actuator_model(chain).map(|model| model.for_the_tick().0.linear.first_mode) == Some(design.model.linear.first_mode);
+    format!(
+        "simulated from the model's effects {}{}; codes of {} and {} bits; a code acts {}",
+        chain.effect_ids().join(", "),
+        if servo_knows { ", of which the servo was designed" } else { ", which is not the model that the servo was designed for" },
+        scale.adc_bits,
+        scale.dac_bits,
+        if design.delayed { "one period of 50 us after its reading, as on the target" } else { "at once, which no target does" }
+    )
+}
+
 /// Follows a reference on a model; a correction is learned from the tick on at which the reference has its full amplitude.
 ///
 /// # Errors
@@ -287,6 +315,8 @@ pub fn track(
         schema: "hysteron.track/1".into(),
         scheme: design.scheme_name().into(),
         reference: reference_name.into(),
+        plant: plant_in_words(chain, design, &scale),
+        beside: None,
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
         sensor_lag_s: design.sensor_lag_s,

@@ -252,7 +252,7 @@ pub(super) fn square_force(samples: usize, rate_hz: f64) -> Vec<f64> {
 
 fn finely(model: &Model, planned: &DriveOfRecord, force_n: Option<&[f64]>) -> Vec<f64> {
     let dt_s = 1.0 / planned.rate_hz;
-    let drive = Drive { drive_v: &planned.drive_v, force_n, auxiliary: &[], dt_s, initial_state: InitialState::Virgin };
+    let drive = Drive { force_n, ..Drive::held(&planned.drive_v, dt_s, InitialState::Virgin) };
     model.simulate_finely(&drive, (dt_s / PLANT_STEP_S).round() as usize)
 }
 

@@ -1,11 +1,11 @@
 //! Diagnoses planted cases and compares with their truth (`hysteron.score/1`).
 
+use crate::analyse::{Options, Start, analyse};
 use crate::dataset::Dataset;
 use crate::diagnosis::judgement::Judged;
-use crate::diagnosis::verdict::Verdict;
 use crate::error::Result;
-use crate::explain::{Options, Start, explain};
 use crate::model_file::effects_named;
+use crate::outcome::Verdict;
 use crate::synthetic::case::Truth;
 use crate::watch::Unwatched;
 use hysteron_sim::effect::{by_id, hysteresis};
@@ -75,10 +75,10 @@ pub struct Score {
 /// Diagnoses one case and compares with its truth; `seconds` is left to the caller's clock.
 ///
 /// # Errors
-/// As [`explain`], and a base effect that is not known.
+/// As [`analyse`], and a base effect that is not known.
 pub fn score_case(dataset: &Dataset, truth: &Truth) -> Result<CaseScore> {
     let base = effects_named(&truth.base.join(","))?;
-    let found = explain(dataset, Start::Effects(&base), &Options::default(), &Unwatched)?;
+    let found = analyse(dataset, Start::Effects(&base), &Options::default(), &Unwatched)?;
     let named = found.diagnosis.named.clone();
     let mut missing: Vec<String> = truth.hidden.iter().chain(&truth.second).chain(&truth.third).cloned().collect();
     let verdict = found.diagnosis.verdict;
@@ -101,7 +101,7 @@ pub fn score_case(dataset: &Dataset, truth: &Truth) -> Result<CaseScore> {
         left_by_refit_um,
         effect_um: truth.effect_rms_um.iter().map(|(_, um)| *um).fold(0.0, f64::max),
         validate_over_noise: after.error_um() / truth.noise_um,
-        least_p_value: found.diagnosis.candidates.iter().map(|c| c.p_value).fold(1.0, f64::min),
+        least_p_value: found.diagnosis.candidates.iter().filter_map(|c| c.p_value).fold(1.0, f64::min),
         strongest_share: found.diagnosis.candidates.first().map_or(0.0, |c| c.explained_share),
         seconds: 0.0,
     })

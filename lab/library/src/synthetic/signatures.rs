@@ -133,13 +133,7 @@ fn example_values(effect: &dyn Effect, stage: &SimulatedStage) -> Vec<f64> {
 
 fn on_record(with: &Model, without: &Model, drive: &DriveOfRecord) -> SignatureOnRecord {
     let force_n = square_force(drive.drive_v.len(), drive.rate_hz);
-    let record = Drive {
-        drive_v: &drive.drive_v,
-        force_n: Some(&force_n),
-        auxiliary: &[],
-        dt_s: 1.0 / drive.rate_hz,
-        initial_state: InitialState::Virgin,
-    };
+    let record = Drive { force_n: Some(&force_n), ..Drive::held(&drive.drive_v, 1.0 / drive.rate_hz, InitialState::Virgin) };
     let (read, bare) = (with.simulate(&record), without.simulate(&record));
     let difference: Vec<f64> = read.iter().zip(&bare).map(|(a, b)| a - b).collect();
     SignatureOnRecord {

@@ -13,6 +13,7 @@ import nptdms
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.feather
 import pyarrow.parquet as pq
 import scipy.io
 import scipy.io.wavfile
@@ -53,6 +54,16 @@ with h5py.File(here / "groups.h5", "w") as f:
     f.attrs["comment"] = "simulated"
 with h5py.File(here / "table.h5", "w") as f:
     f.create_dataset("data", data=np.column_stack([t, u, y]), chunks=(50, 3), compression="gzip", fletcher32=True)
+with h5py.File(here / "rate_of_file.h5", "w") as f:
+    f.attrs["sample_rate_hz"] = rate_hz
+    f["drive"], f["position"] = u, y
+with h5py.File(here / "rate_of_group.h5", "w") as f:
+    run = f.create_group("run 1")
+    run.attrs["fs"] = int(rate_hz)
+    run["drive"], run["position"] = u, y
+with h5py.File(here / "period_of_dataset.h5", "w") as f:
+    for name, values in (("drive", u), ("position", y)):
+        f.create_dataset(name, data=values).attrs["dt"] = 1 / rate_hz
 with h5py.File(here / "matlab73.mat", "w", userblock_size=512) as f:
     refs = f.create_group("#refs#")
     def text(group, name, value):
@@ -96,6 +107,12 @@ decimals = pa.table({"t_s": t, "u_v": pa.array([decimal.Decimal(f"{v:.6f}") for 
 pq.write_table(decimals, here / "decimals.parquet", store_decimal_as_integer=True)
 pq.write_table(stamped, here / "lz4.parquet", compression="lz4")
 pq.write_table(stamped, here / "brotli.parquet", compression="brotli")
+
+# Feather, Arrow
+frame.to_feather(here / "frame.feather", compression="lz4")
+with pa.ipc.new_file(here / "batches.arrow", stamped.schema) as file:
+    file.write_table(stamped, max_chunksize=100)
+pyarrow.feather.write_feather(stamped, here / "zstd.feather", compression="zstd")
 
 # Spreadsheet
 with pd.ExcelWriter(here / "book.xlsx") as book:

@@ -25,7 +25,7 @@ const fn written(file: &'static str, by: &'static str, holds: &'static str, tole
 }
 
 /// Every file.
-pub const FILES: [Written; 36] = [
+pub const FILES: [Written; 42] = [
     written("columns.npy", "NumPy", "a matrix, a column for each signal", 1e-9, &["column 2 is taken for the drive"]),
     written("single_rows.npy", "NumPy", "32-bit floats, a row for each signal, in Fortran's order", 1e-5, &["rows are the columns"]),
     written("arrays.npz", "NumPy", "arrays by name", 1e-9, &[]),
@@ -38,6 +38,15 @@ pub const FILES: [Written; 36] = [
     written("matlab73.mat", "h5py", "laid out as MATLAB 7.3 does, structs by reference", 1e-9, &[]),
     written("groups.h5", "h5py", "groups, gzip and shuffle, big-endian floats, units as attributes", 1e-3, &["y = column `position [nm]`"]),
     written("table.h5", "h5py", "a table in chunks, gzip and Fletcher-32", 1e-9, &["column `data(2)` is taken for the drive"]),
+    written("rate_of_file.h5", "h5py", "no time; the file has an attribute `sample_rate_hz`", 1e-9, &["2000.000000 samples per second"]),
+    written(
+        "rate_of_group.h5",
+        "h5py",
+        "no time; the group has an attribute `fs`, a whole number",
+        1e-9,
+        &["2000.000000 samples per second"],
+    ),
+    written("period_of_dataset.h5", "h5py", "no time; each data set has an attribute `dt`", 1e-9, &["2000.000000 samples per second"]),
     written("waveforms.tdms", "npTDMS", "waveforms in two segments", 1e-9, &["2000.000000 samples per second"]),
     written("with_time.tdms", "npTDMS", "a channel of time, floats and whole numbers", 1e-5, &["y = column `AI0 [pm]`"]),
     written("frame.parquet", "pandas", "Snappy, a column of text", 1e-5, &["columns that hold no numbers are left aside: `comment`"]),
@@ -47,6 +56,9 @@ pub const FILES: [Written; 36] = [
     written("decimals.parquet", "PyArrow", "decimals as whole numbers", 1e-5, &[]),
     written("lz4.parquet", "PyArrow", "LZ4", 1e-3, &["u = column `u [mv]`"]),
     Written { refused: true, ..written("brotli.parquet", "PyArrow", "Brotli", 0.0, &["compressed by BROTLI", "expected Snappy"]) },
+    written("frame.feather", "pandas", "LZ4, a column of text", 1e-5, &["columns that hold no numbers are left aside: `comment`"]),
+    written("batches.arrow", "PyArrow", "not compressed, time stamps, two batches", 1e-3, &["u = column `u [mv]`"]),
+    Written { refused: true, ..written("zstd.feather", "PyArrow", "Zstandard", 0.0, &["compressed by Zstandard", "expected LZ4"]) },
     written("book.xlsx", "openpyxl", "two sheets", 1e-9, &["sheet `record` is read, of 2", "t = column `t [ms]`"]),
     written("floats.wav", "SciPy", "two channels of floats", 1e-5, &["column 1 is taken for the drive"]),
     Written {

@@ -1,6 +1,6 @@
 //! Files that the libraries of their formats wrote (`formats/make.py`): read whole, and refused in words when damaged.
 
-#![cfg(all(feature = "readers", feature = "hdf5", feature = "parquet", feature = "spreadsheet"))]
+#![cfg(all(feature = "readers", feature = "hdf5", feature = "parquet", feature = "arrow", feature = "spreadsheet"))]
 
 #[path = "../../../../host-sim/tests/integration/between_marks/mod.rs"]
 #[allow(dead_code)]
@@ -11,7 +11,7 @@ mod written;
 use between_marks::is_current;
 use hysteron::dataset::manifest::PerColumn;
 use hysteron::dataset::reading::{Instructions, from_file, from_file_as};
-use hysteron::dataset::recognise::Wanted;
+use hysteron::dataset::recognise::ColumnRules;
 use hysteron::{Dataset, Record};
 use proptest::prelude::*;
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ fn all() -> Vec<(&'static Written, Vec<u8>)> {
 fn read(file: &Written, content: &[u8]) -> hysteron::Result<Dataset> {
     let [u, y] = file.units.map_or([None, None], |units| units.map(|unit| Some(unit.to_owned())));
     let unit = PerColumn { u, y, ..PerColumn::default() };
-    from_file_as(file.file, content, &Instructions { wanted: Wanted { unit, ..Wanted::default() }, ..Instructions::default() })
+    from_file_as(file.file, content, &Instructions { wanted: ColumnRules { unit, ..ColumnRules::default() }, ..Instructions::default() })
 }
 
 /// Drive and displacement as `make.py` computes them.
@@ -195,7 +195,7 @@ fn what_other_files_are_is_said() {
     refused("a.npy", b"t,u,y\n0,1,2\n", &["NPY"]);
 }
 
-const EXTENSIONS: [&str; 10] = ["csv", "npy", "npz", "mat", "h5", "tdms", "parquet", "xlsx", "wav", "lvm"];
+const EXTENSIONS: [&str; 11] = ["csv", "feather", "npy", "npz", "mat", "h5", "tdms", "parquet", "xlsx", "wav", "lvm"];
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]

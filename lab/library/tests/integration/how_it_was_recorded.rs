@@ -1,10 +1,11 @@
 //! What is wrong with how a record was taken, and no missing effect: it begins in another state than was said, or a loop was closed.
 
+use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Explanation, Options, Start, explain, explain_as_timed};
 use hysteron::model_file::effects_named;
-use hysteron::watch::Unwatched;
+use hysteron::outcome::{Diagnosis, Verdict};
+use hysteron::quality::{Kind, Reason, Severity};
+use hysteron::watch::{Event, Unwatched, Watch};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
 use hysteron_sim::noise::WhiteNoise;
@@ -32,7 +33,7 @@ fn recorded(model: &Model, cut_samples: usize) -> Dataset {
         ("rest", Role::Noise, vec![0.0; 4000]),
     ];
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Virgin };
+        let drive = Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
         let mut noise = WhiteNoise::new(NOISE_UM, 100 + i as u64);
         let readings: Vec<f64> = model.simulate(&drive).into_iter().map(|y| y + noise.next_um()).collect();
         let from = if name == "steps" { cut_samples } else { 0 };
@@ -42,35 +43,62 @@ fn recorded(model: &Model, cut_samples: usize) -> Dataset {
     Dataset::new("recorded", 0.0, 10.0, records).unwrap()
 }
 
-fn explained(dataset: &Dataset, from: &str) -> Explanation {
-    explain(dataset, Start::Effects(&effects_named(from).unwrap()), &Options::default(), &Unwatched).unwrap()
+fn explained(dataset: &Dataset, from: &str) -> Outcome {
+    analyse(dataset, Start::Effects(&effects_named(from).unwrap()), &Options::default(), &Unwatched).unwrap()
 }
 
-/// The sensor of one of four records was not connected: noise alone stands in its column.
-#[test]
-fn a_record_whose_readings_do_not_answer_the_drive_is_said_and_nothing_is_named() {
-    let mut dataset = recorded(&stage(false), 0);
-    let mut noise = WhiteNoise::new(0.2, 31);
-    dataset.records[0].displacement_um.iter_mut().for_each(|y| *y = noise.next_um());
-    let d = explained(&dataset, "gain").diagnosis;
-    assert_eq!(d.verdict, Verdict::Undecidable, "{}", d.sentence);
-    assert!(d.named.is_empty(), "{}", d.sentence);
-    assert!(d.sentence.contains("multisine: the readings do not answer the drive"), "{}", d.sentence);
-    assert_eq!(d.recording.len(), 1, "{:?}", d.recording);
+/// Keeps what a run says that it does.
+#[derive(Default)]
+struct Told(std::sync::Mutex<Vec<String>>);
+
+impl Watch for Told {
+    fn event(&self, event: &Event<'_>) {
+        self.0.lock().unwrap().push(event.to_string());
+    }
 }
 
-/// A sensor's zero is off by 20 nm in records that are said to begin virgin: that is no drift.
+/// Kinds of issues that a model shows, and in which records.
+fn issues(d: &Diagnosis) -> Vec<(&str, Severity)> {
+    d.issues.iter().map(|issue| (issue.record.as_deref().unwrap_or_default(), issue.severity)).collect()
+}
+
+/// The sensor of one of four records was not connected: noise alone stands in its column, or a random walk. Nothing is fitted.
 #[test]
-fn a_sensor_whose_zero_is_off_is_said_and_no_drift_is_named() {
+fn a_disconnected_sensor_blocks_without_a_single_fit() {
+    for walks in [false, true] {
+        let mut dataset = recorded(&stage(false), 0);
+        let (mut noise, mut walk_um) = (WhiteNoise::new(0.2, 31), 0.0);
+        dataset.records[0].displacement_um.iter_mut().for_each(|y| {
+            walk_um = if walks { walk_um } else { 0.0 } + noise.next_um();
+            *y = walk_um;
+        });
+        let told = Told::default();
+        let gain = effects_named("gain").unwrap();
+        let found = analyse(&dataset, Start::Effects(&gain), &Options::default(), &told).unwrap();
+        let d = &found.diagnosis;
+        assert_eq!((d.verdict, d.reason), (Verdict::Undecidable, Some(Reason::NotAnswered)), "{}", d.sentence);
+        assert!(d.named.is_empty() && found.steps.len() == 1, "{}", d.sentence);
+        assert_eq!(issues(d), [("multisine", Severity::Blocks)], "{:?}", d.issues);
+        assert!(d.sentence.contains("multisine: the readings do not answer the drive"), "{}", d.sentence);
+        // The values are those that a gain begins with, and no work was announced.
+        let unfitted = EffectInstance::new(by_id("gain").unwrap(), &dataset.overview(), &[]);
+        assert_eq!(found.model.effects[0].values(), unfitted.values());
+        assert!(told.0.lock().unwrap().is_empty(), "{:?}", told.0.lock().unwrap());
+    }
+}
+
+/// A sensor's zero is off by 20 nm in records that are specified to begin virgin: that is no drift, and what is missing beside it is named all the same.
+#[test]
+fn a_sensor_whose_zero_is_off_is_corrected_and_no_drift() {
     let mut dataset = recorded(&stage(false), 0);
     dataset.records.iter_mut().flat_map(|record| &mut record.displacement_um).for_each(|y| *y += 0.02);
-    let d = explained(&dataset, "gain").diagnosis;
-    assert_eq!(d.verdict, Verdict::Undecidable, "{}", d.sentence);
-    assert!(d.named.is_empty() && d.sentence.contains("stand off by a constant"), "{}", d.sentence);
-    // Said as it is, the mode is what is missing.
-    dataset.records.iter_mut().for_each(|record| record.offset_is_fitted = true);
-    let d = explained(&dataset, "gain").diagnosis;
+    let found = explained(&dataset, "gain");
+    let d = &found.diagnosis;
     assert!(d.verdict == Verdict::Named && d.named == ["vibration"], "{}", d.sentence);
+    let corrected = found.corrected.as_ref().unwrap();
+    let offsets = d.issues.iter().filter(|i| matches!(i.kind, Kind::SensorOffset { .. }) && i.severity == Severity::Corrects);
+    assert_eq!(offsets.count(), 3, "{:?}", d.issues);
+    assert!(corrected.records[..3].iter().all(|r| r.offset_is_fitted));
 }
 
 /// A record that was cut in the middle of its motion begins with what creep and the mode were doing there.
@@ -80,8 +108,8 @@ fn a_record_that_begins_otherwise_is_said_and_nothing_is_named() {
     let d = explained(&dataset, "gain,vibration,creep").diagnosis;
     assert_eq!(d.verdict, Verdict::Undecidable, "{}", d.sentence);
     assert!(d.named.is_empty() && d.findings.is_empty(), "{}", d.sentence);
-    assert!(d.sentence.contains("steps does not begin in the state that was said"), "{}", d.sentence);
-    assert_eq!(d.recording.len(), 1, "{:?}", d.recording);
+    assert_eq!(d.reason, Some(Reason::InitialState), "{}", d.sentence);
+    assert_eq!(issues(&d), [("steps", Severity::Blocks)], "{:?}", d.issues);
     // Said as it is, nothing is missing.
     let mut unsaid = dataset;
     for record in unsaid.records.iter_mut().filter(|r| r.name == "steps") {
@@ -96,16 +124,16 @@ fn a_record_that_begins_otherwise_is_said_and_nothing_is_named() {
 fn a_missing_effect_is_no_other_state() {
     let d = explained(&recorded(&stage(true), 0), "gain,vibration").diagnosis;
     assert_eq!(d.named, ["creep"], "{}", d.sentence);
-    assert!(d.recording.is_empty(), "{:?}", d.recording);
+    assert_eq!(issues(&d), [], "{:?}", d.issues);
     let d = explained(&recorded(&stage(false), 0), "gain").diagnosis;
     assert_eq!(d.named, ["vibration"], "{}", d.sentence);
-    assert!(d.recording.is_empty(), "{:?}", d.recording);
+    assert_eq!(issues(&d), [], "{:?}", d.issues);
     // A drift from each record's first sample on is met by unknown states of creep too, which are many more values.
     let mut drifting = stage(true);
     drifting.add(EffectInstance::new(by_id("thermal_drift").unwrap(), &Overview::without_data(0.0, 10.0), &[0.05, 0.5]));
     let d = explained(&recorded(&drifting, 0), "gain,vibration,creep").diagnosis;
     assert_eq!(d.named, ["thermal_drift"], "{}", d.sentence);
-    assert!(d.recording.is_empty(), "{:?}", d.recording);
+    assert_eq!(issues(&d), [], "{:?}", d.issues);
 }
 
 /// The same stage in a loop with an integrating controller, whose drive was recorded: what was found stands, and the loop is said.
@@ -130,7 +158,7 @@ fn a_loop_that_was_closed_while_recording_is_said() {
     let dataset = Dataset::new("recorded", 0.0, 10.0, dataset.records).unwrap();
     let d = explained(&dataset, "gain").diagnosis;
     assert!(d.named.contains(&"vibration".to_owned()), "{}", d.sentence);
-    assert_eq!(d.recording.len(), 1, "{:?}", d.recording);
+    assert_eq!(issues(&d), [("in_a_loop", Severity::Notes)], "{:?}", d.issues);
     assert!(d.sentence.contains("in_a_loop: the drive answers the noise of the readings"), "{}", d.sentence);
 }
 
@@ -171,15 +199,12 @@ fn readings_of_their_own_row_are_no_mode() {
     // As of a file that does not say when a drive acts; where it does, nobody is contradicted.
     dataset.timing_is_assumed = true;
     let gain = effects_named("gain").unwrap();
-    let run = |dataset: &Dataset| explain(dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
+    let run = |dataset: &Dataset| analyse(dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
+    // The answer is of the recording as it was timed, and says so.
     let found = run(&dataset);
-    let d = &found.diagnosis;
-    assert_eq!(d.verdict, Verdict::Undecidable, "{} {:?}", d.sentence, found.model.effect_ids());
-    assert!(d.named.is_empty() && d.sentence.contains("the drive of their own row"), "{}", d.sentence);
-    // Asked so it answers of the recording as it was timed, and says that it does.
-    let (found, timed) = explain_as_timed(&dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
-    let timed = timed.expect("the timing that the readings show");
-    assert!(!timed.timing_is_assumed && timed.notes.iter().any(|note| note.contains("are taken so")), "{:?}", timed.notes);
+    let timed = found.corrected.as_ref().expect("the timing that the readings show");
+    let is_timing = |i: &hysteron::quality::Issue| matches!(i.kind, Kind::SameSampleTiming { .. }) && i.severity == Severity::Corrects;
+    assert!(!timed.timing_is_assumed && found.diagnosis.issues.iter().any(is_timing), "{:?}", found.diagnosis.issues);
     assert_eq!(
         (found.diagnosis.verdict, found.model.effect_ids()),
         (Verdict::AtFloor, vec!["gain".to_owned()]),
@@ -187,8 +212,8 @@ fn readings_of_their_own_row_are_no_mode() {
         found.diagnosis.sentence
     );
     dataset.timing_is_assumed = false;
-    let said = run(&dataset).diagnosis.sentence;
-    assert!(!said.contains("the drive of their own row"), "{said}");
+    let issues = run(&dataset).diagnosis.issues;
+    assert!(issues.iter().all(|i| !matches!(i.kind, Kind::SameSampleTiming { .. })), "{issues:?}");
 }
 
 /// A rest of which next to nothing counts is refused for that, whatever its readings.
@@ -211,7 +236,7 @@ fn a_rest_without_noise_is_noted() {
         let rest = Record::new("rest", 1000.0, vec![0.0; 2000], vec![0.0; 2000]).with_role(Role::Noise);
         let dataset = Dataset::new("quiet", 0.0, 80.0, vec![moves, rest]).unwrap();
         assert_eq!(dataset.with_role(Role::Noise).is_empty(), is_left_out);
-        let said = if is_left_out { "show no noise: it is left out" } else { "one code of the converter" };
-        assert!(dataset.notes.iter().any(|note| note.starts_with("rest: ") && note.contains(said)), "{:?}", dataset.notes);
+        let noted = dataset.issues.iter().find(|i| i.record.as_deref() == Some("rest")).map(|i| &i.kind);
+        assert_eq!(noted, Some(&Kind::RestWithoutNoise { in_steps: step_um.is_some() }));
     }
 }

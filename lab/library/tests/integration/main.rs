@@ -1,9 +1,13 @@
 //! Tests of the library through its public items: one program, so that dependencies are linked once.
 
-mod decision;
 mod example;
+mod exports;
+mod faults;
 mod formats;
 mod how_it_was_recorded;
+mod prediction;
+mod replay;
 mod slow_noise;
 mod stages_written_by_hand;
 mod text_files;
+mod verdicts;

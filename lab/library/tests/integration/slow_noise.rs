@@ -1,9 +1,9 @@
 //! A sensor whose noise is the stronger the slower it is (1/f): nothing is missing where nothing is, and what is missing is found.
 
+use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::diagnosis::verdict::Verdict;
-use hysteron::explain::{Options, Start, explain};
 use hysteron::model_file::effects_named;
+use hysteron::outcome::Verdict;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
@@ -29,7 +29,7 @@ fn recorded(seed: u64) -> Dataset {
         ("rest", Role::Noise, vec![0.0; 2000]),
     ];
     let record = |(i, (name, role, drive_v)): (usize, (&str, Role, Vec<f64>))| {
-        let drive = Drive { drive_v: &drive_v, force_n: None, auxiliary: &[], dt_s: 1.0 / RATE_HZ, initial_state: InitialState::Settled };
+        let drive = Drive::held(&drive_v, 1.0 / RATE_HZ, InitialState::Settled);
         let of_record = 10 * seed + i as u64;
         let (mut white, mut slow) = (WhiteNoise::new(WHITE_UM, of_record), FlickerNoise::new(AT_1_HZ_UM, RATE_HZ, 5000 + of_record));
         let readings = model.simulate(&drive).into_iter().map(|y| y + white.next_um() + slow.next_um()).collect();
@@ -45,7 +45,7 @@ fn slow_noise_is_no_missing_effect() {
     let verdicts: Vec<(Verdict, String)> = (0..20)
         .map(|seed| {
             let effects = effects_named("gain,vibration").unwrap();
-            let d = explain(&recorded(seed), Start::Effects(&effects), &Options::default(), &Unwatched).unwrap().diagnosis;
+            let d = analyse(&recorded(seed), Start::Effects(&effects), &Options::default(), &Unwatched).unwrap().diagnosis;
             (d.verdict, d.sentence)
         })
         .collect();
@@ -60,7 +60,7 @@ fn slow_noise_is_no_missing_effect() {
 fn what_is_missing_is_found_beside_it() {
     for seed in 0..5 {
         let d =
-            explain(&recorded(seed), Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap().diagnosis;
+            analyse(&recorded(seed), Start::Effects(&effects_named("gain").unwrap()), &Options::default(), &Unwatched).unwrap().diagnosis;
         assert_eq!(d.named, ["vibration"], "{seed}: {}", d.sentence);
     }
 }

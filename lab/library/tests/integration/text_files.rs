@@ -5,7 +5,7 @@
 use hysteron::Dataset;
 use hysteron::dataset::manifest::{ColumnName, PerColumn};
 use hysteron::dataset::reading::{Instructions, from_file, from_file_as, from_manifest};
-use hysteron::dataset::recognise::Wanted;
+use hysteron::dataset::recognise::ColumnRules;
 use hysteron::dataset::timing::Timing;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -100,10 +100,10 @@ fn units_in_names_and_in_a_second_line() {
 fn what_a_person_says_goes_first() {
     let text = format!("a,b,c\n{}", rows(|[t, u, y]| format!("{:.6},{:.2},{:.5}", y / 5.0, 1e3 * t, 1e3 * u)));
     let number = |n| Some(ColumnName::Number(n));
-    let wanted = Wanted {
+    let wanted = ColumnRules {
         columns: PerColumn { t: number(2), u: Some(ColumnName::Name("c".into())), y: number(1), force: None },
         unit: PerColumn { t: Some("ms".into()), u: Some("mV".into()), y: Some("5um/V".into()), force: None },
-        ..Wanted::default()
+        ..ColumnRules::default()
     };
     gives_as("a.csv", text.as_bytes(), &Instructions { wanted, ..Instructions::default() }, &["in 5um/V"]);
     let no_time = rows(|[_, u, y]| format!("{u:.6};{y:.6}"));
@@ -160,7 +160,7 @@ fn loggers_and_oscilloscopes() {
     gives("a.lvm", without.as_bytes(), &["2000.000000 samples per second, as the file says"]);
 
     let sensor = Instructions {
-        wanted: Wanted { unit: PerColumn { y: Some("5 um/V".into()), ..PerColumn::default() }, ..Wanted::default() },
+        wanted: ColumnRules { unit: PerColumn { y: Some("5 um/V".into()), ..PerColumn::default() }, ..ColumnRules::default() },
         ..Instructions::default()
     };
     let volts = || rows(|[t, u, y]| format!("{t:.6e},{u:.6},{:.7}", y / 5.0));
@@ -331,7 +331,7 @@ fn signals_that_no_actuator_has_are_refused() {
     let huge = rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.6e}", y * 1e300));
     refused("huge.csv", format!("t,u,y\n{huge}").as_bytes(), &["row", "at most 1e7 um", "unit"]);
     let unit = PerColumn { y: Some("5um".to_owned()), ..PerColumn::default() };
-    let said = Instructions { wanted: Wanted { unit, ..Wanted::default() }, ..Instructions::default() };
+    let said = Instructions { wanted: ColumnRules { unit, ..ColumnRules::default() }, ..Instructions::default() };
     let message = from_file_as("um.csv", format!("t [s],u [V],y [um]\n{}", plain(",")).as_bytes(), &said).unwrap_err().to_string();
     assert!(message.contains("5um/V"), "{message}");
 }
@@ -340,7 +340,7 @@ fn signals_that_no_actuator_has_are_refused() {
 fn a_signal_that_rises_like_time_is_what_it_is_said_to_be() {
     let text = rows(|[t, u, y]| format!("{t:.4},{u:.6},{y:.6},{:.5}", 22.0 + 3.0 * t));
     let auxiliary = BTreeMap::from([("temperature_c".to_owned(), ColumnName::Name("chamber".into()))]);
-    let said = Instructions { wanted: Wanted { auxiliary, ..Wanted::default() }, ..Instructions::default() };
+    let said = Instructions { wanted: ColumnRules { auxiliary, ..ColumnRules::default() }, ..Instructions::default() };
     let dataset = gives_as("warm.csv", format!("t,u,y,chamber\n{text}").as_bytes(), &said, &[]);
     let signal = &dataset.records.last().unwrap().auxiliary[0];
     assert!(signal.name == "temperature_c" && (signal.values[SAMPLES - 1] - 22.0 - 3.0 * (SAMPLES - 1) as f64 / RATE_HZ).abs() < 1e-4);
@@ -352,7 +352,7 @@ fn what_was_recorded_beside_the_drive_is_cut_with_it_where_the_displacement_begi
     let later = 10.0 / RATE_HZ;
     let text = rows(|[t, u, y]| format!("{t:.4},{u:.6},{:.4},{y:.6},{:.4},{:.4}", t + later, 100.0 * t, 22.0 + 10.0 * t));
     let auxiliary = BTreeMap::from([("temperature_c".to_owned(), ColumnName::Name("chamber".into()))]);
-    let said = Instructions { wanted: Wanted { auxiliary, ..Wanted::default() }, ..Instructions::default() };
+    let said = Instructions { wanted: ColumnRules { auxiliary, ..ColumnRules::default() }, ..Instructions::default() };
     let dataset = from_file_as("two_clocks.csv", format!("t,u,t2,y,force [N],chamber\n{text}").as_bytes(), &said).unwrap();
     let record = dataset.records.last().unwrap();
     assert!(dataset.notes.iter().any(|note| note.contains("two columns of time")), "{:?}", dataset.notes);

@@ -168,7 +168,7 @@ pub fn host_run(parameters: &AmplifierParameters, world: &mut World, commands: &
 pub struct SineRun<'a> {
     bench: &'a Bench,
     parameters: &'a AmplifierParameters,
-    commands: [(u32, &'a str); 3],
+    commands: [(u32, &'a str); 4],
     ticks: u32,
 }
 
@@ -178,7 +178,7 @@ impl<'a> SineRun<'a> {
 
     /// `reference` is the command for the sine.
     pub fn new(bench: &'a Bench, parameters: &'a AmplifierParameters, reference: &'a str, ticks: u32) -> Self {
-        let commands = [(100, "condition"), (Self::ENABLE_TICK, reference), (Self::ENABLE_TICK + 1, "enable")];
+        let commands = [(99, "arm untested"), (100, "condition"), (Self::ENABLE_TICK, reference), (Self::ENABLE_TICK + 1, "enable")];
         Self { bench, parameters, commands, ticks }
     }
 

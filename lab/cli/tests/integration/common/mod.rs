@@ -1,6 +1,7 @@
 //! What the tests of the program share. Each of them uses a part of it.
 #![allow(dead_code)]
 
+pub mod gone_wrong;
 #[cfg(unix)]
 pub mod page;
 

@@ -5,7 +5,7 @@ use super::named_arrays::{Tree, table};
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};
 use hdf5_reader::group::Group;
-use hdf5_reader::{Dataset, Datatype, Hdf5File, OpenOptions};
+use hdf5_reader::{Attribute, Dataset, Datatype, Hdf5File, OpenOptions};
 use std::collections::BTreeMap;
 
 /// Deepest nesting of groups and references.
@@ -14,6 +14,8 @@ const DEPTH_MAX: usize = 24;
 const OBJECTS_MAX: usize = 20_000;
 /// Most bytes that one array may have.
 const ARRAY_MAX: usize = 1 << 31;
+/// Attributes of the file, of a group or of a data set that hold its sampling rate in Hz or its period in s.
+const SAMPLING: [&str; 3] = ["sample_rate_hz", "fs", "dt"];
 /// Where MATLAB keeps what cells and arrays of structs refer to.
 const REFERENCES: &str = "#refs#";
 
@@ -33,7 +35,7 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         reader.referred.extend(groups.into_iter().map(|g| (g.address(), Object::Group(g))));
         reader.referred.extend(datasets.into_iter().map(|d| (d.address(), Object::Dataset(Box::new(d)))));
     }
-    let mut variables = Vec::new();
+    let mut variables = sampling(|key| root.attribute(key).ok());
     for dataset in &datasets {
         variables.push((dataset.name().to_owned(), reader.dataset(dataset, 0)?));
     }
@@ -41,6 +43,15 @@ pub fn read(place: &str, bytes: &[u8]) -> Result<Table> {
         variables.push((group.name().to_owned(), reader.group(group, 0)?));
     }
     table(place, variables)
+}
+
+/// What attributes say of the sampling, as numbers alone.
+fn sampling(attribute: impl Fn(&str) -> Option<Attribute>) -> Vec<(String, Tree)> {
+    let number = |key: &&str| {
+        let value = attribute(key)?.read_as_f64().ok()?;
+        Some(((*key).to_owned(), Tree::Numbers { shape: Vec::new(), values: vec![value] }))
+    };
+    SAMPLING.iter().filter_map(number).collect()
 }
 
 enum Object {
@@ -71,6 +82,7 @@ impl Reader<'_> {
     fn group(&mut self, group: &Group, depth: usize) -> Result<Tree> {
         self.visit(group.name(), depth)?;
         let (groups, datasets) = group.members().map_err(|e| self.fail(group.name(), e))?;
+        let rates = sampling(|key| group.attribute(key).ok());
         let mut fields = Vec::new();
         for dataset in &datasets {
             fields.push((dataset.name().to_owned(), self.dataset(dataset, depth + 1)?));
@@ -86,7 +98,10 @@ impl Reader<'_> {
             })
             .collect();
         let count = lengths.first().copied().flatten().filter(|n| *n > 0 && lengths.iter().all(|length| *length == Some(*n)));
-        let Some(count) = count else { return Ok(Tree::Structs(vec![fields])) };
+        let Some(count) = count else {
+            fields.extend(rates);
+            return Ok(Tree::Structs(vec![fields]));
+        };
         let mut elements: Vec<Vec<(String, Tree)>> = (0..count).map(|_| Vec::new()).collect();
         for (field, tree) in fields {
             if let Tree::Cells(cells) = tree {
@@ -136,10 +151,13 @@ impl Reader<'_> {
         let shape = dataset.shape().iter().rev().map(|side| *side as usize).collect();
         let numbers = Tree::Numbers { shape, values };
         let unit = ["units", "unit", "Unit"].iter().find_map(|key| attribute(key)).filter(|unit| !unit.is_empty());
-        Ok(match unit {
-            Some(unit) => Tree::Structs(vec![vec![("data".into(), numbers), ("unit".into(), Tree::Text(unit))]]),
-            None => numbers,
-        })
+        let mut fields = sampling(|key| dataset.attribute(key).ok());
+        fields.extend(unit.map(|unit| ("unit".to_owned(), Tree::Text(unit))));
+        if fields.is_empty() {
+            return Ok(numbers);
+        }
+        fields.push(("data".into(), numbers));
+        Ok(Tree::Structs(vec![fields]))
     }
 
     /// What the references of a cell array, or of one field of an array of structs, refer to.

@@ -1,5 +1,7 @@
 //! Readers: the bytes of a file in, a [`Table`] of columns out. Which format it is follows from its first bytes, then from its name.
 
+#[cfg(feature = "arrow")]
+mod arrow;
 mod bytes;
 pub mod delimited;
 mod dialect;
@@ -24,7 +26,7 @@ use super::table::Table;
 use crate::error::{Error, Result};
 
 /// Formats that are read, for messages.
-pub const FORMATS: &str = "CSV or other text in columns, NPY, NPZ, MATLAB (MAT), HDF5, TDMS, Parquet, XLSX or WAV";
+pub const FORMATS: &str = "CSV or other text in columns, NPY, NPZ, MATLAB (MAT), HDF5, TDMS, Parquet, Feather, XLSX or WAV";
 
 /// What a file may say about itself that its name and bytes do not.
 #[derive(Clone, Copy, Debug, Default)]
@@ -46,6 +48,7 @@ enum Format {
     Hdf5,
     Tdms,
     Parquet,
+    Arrow,
     Wav,
     Text,
     /// Known, and not read.
@@ -57,6 +60,7 @@ impl Format {
     fn needs_full_build(self) -> String {
         let name = match self {
             Self::Hdf5 => "HDF5 or MATLAB 7.3 (`save -v7` in MATLAB writes a format that it reads)".to_owned(),
+            Self::Arrow => "Feather".to_owned(),
             other => format!("{other:?}"),
         };
         format!(
@@ -74,6 +78,9 @@ fn format_of(place: &str, bytes: &[u8]) -> Format {
         [b'P', b'K', 3 | 5, ..] => Format::Npz,
         [b'T', b'D', b'S', b'm', ..] => Format::Tdms,
         [b'P', b'A', b'R', b'1', ..] => Format::Parquet,
+        [b'A', b'R', b'R', b'O', b'W', b'1', ..] => Format::Arrow,
+        [b'F', b'E', b'A', b'1', ..] => Format::Refused("the first version of Feather; write it with a newer pandas or PyArrow"),
+        [0xff, 0xff, 0xff, 0xff, ..] if extension.starts_with("arrow") => Format::Refused("an Arrow stream; write an Arrow file (Feather)"),
         [b'R', b'I', b'F', b'F', ..] => Format::Wav,
         [0xd0, 0xcf, 0x11, 0xe0, ..] => Format::Refused("an old Office file (XLS); save it as XLSX or CSV"),
         [0x1f, 0x8b, ..] => Format::Refused("compressed by gzip; unpack it first"),
@@ -87,6 +94,7 @@ fn format_of(place: &str, bytes: &[u8]) -> Format {
             "h5" | "hdf5" | "hdf" => Format::Hdf5,
             "tdms" => Format::Tdms,
             "parquet" => Format::Parquet,
+            "feather" | "arrow" => Format::Arrow,
             "wav" => Format::Wav,
             "xlsx" => Format::Spreadsheet,
             _ => Format::Text,
@@ -112,6 +120,8 @@ pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
         Format::Hdf5 => foreign::guarded(place, "HDF5", || hdf5::read(place, bytes)),
         #[cfg(feature = "parquet")]
         Format::Parquet => foreign::guarded(place, "Parquet", || parquet::read(place, bytes)),
+        #[cfg(feature = "arrow")]
+        Format::Arrow => foreign::guarded(place, "Arrow", || arrow::read(place, bytes)),
         #[cfg(feature = "spreadsheet")]
         Format::Spreadsheet => foreign::guarded(place, "XLSX", || spreadsheet::read(place, bytes)),
         Format::Text => delimited::read(place, bytes, hints),

@@ -3,7 +3,7 @@
 //! White noise has the same density everywhere. Where the drive has none, what a reading has is noise; noise that is not white has more at
 //! low frequencies, so that this is a lower bound.
 
-use super::{Evidence, FloorEstimate};
+use super::{FloorEstimate, FloorEvidence};
 use crate::dataset::Record;
 use realfft::RealFftPlanner;
 
@@ -24,7 +24,7 @@ pub(super) fn of_record(record: &Record, gain_um_v: f64) -> Option<FloorEstimate
     let reading = density_in_band(&record.displacement_um[record.window.clone()])?;
     let drive = density_in_band(&record.drive_v[record.window.clone()])? * gain_um_v * gain_um_v;
     let free_of_drive = drive < DRIVE_MAX * reading;
-    free_of_drive.then(|| FloorEstimate::new(Evidence::HighBand, vec![record.name.clone()], reading.sqrt(), record.window.len()))
+    free_of_drive.then(|| FloorEstimate::new(FloorEvidence::HighBand, vec![record.name.clone()], reading.sqrt(), record.window.len()))
 }
 
 /// RMS of white noise in the column of a drive that has nothing else there, V; `None` where the band is not flat.

@@ -20,7 +20,7 @@ mod rest;
 mod wander;
 
 pub use random_part::periodogram;
-pub use read_back::{Known, ReadBack};
+pub use read_back::{DriveNoiseEvidence, ReadBack};
 pub use wander::Wander;
 
 use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, rounding_noise};
@@ -35,7 +35,7 @@ use serde::Serialize;
 /// What an estimate of the noise rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Evidence {
+pub enum FloorEvidence {
     /// A record at rest.
     RestRecord,
     /// Equal periods inside a record.
@@ -48,7 +48,7 @@ pub enum Evidence {
     HighBand,
 }
 
-impl Evidence {
+impl FloorEvidence {
     /// It was taken while the actuator moved.
     fn under_drive(self) -> bool {
         matches!(self, Self::Periods | Self::Repeats)
@@ -72,7 +72,7 @@ pub struct FloorEstimate {
     /// What it rests on, in words.
     pub basis: String,
     /// The same as a kind.
-    pub evidence: Evidence,
+    pub evidence: FloorEvidence,
     /// The records that it comes from.
     pub records: Vec<String>,
     /// RMS, um.
@@ -82,7 +82,7 @@ pub struct FloorEstimate {
 }
 
 impl FloorEstimate {
-    fn new(evidence: Evidence, records: Vec<String>, rms_um: f64, samples: usize) -> Self {
+    fn new(evidence: FloorEvidence, records: Vec<String>, rms_um: f64, samples: usize) -> Self {
         Self { basis: evidence.words(&records), evidence, records, rms_um, std_um: rms_um / (2.0 * samples.max(1) as f64).sqrt() }
     }
 }
@@ -152,13 +152,13 @@ impl NoiseFloor {
         let speaks_for_it = || readings.is_some_and(|readings| made > readings && left < explained * made.hypot(readings));
         let counts = match read_back.known {
             // What the stage followed as well is no noise of the column.
-            Known::Seen => more_than_made,
-            Known::InItsBand | Known::Steps { .. } if more_than_made && speaks_for_it() => true,
+            DriveNoiseEvidence::Seen => more_than_made,
+            DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. } if more_than_made && speaks_for_it() => true,
             // Of a drive that was commanded in these steps, all of it would be an effect: it is said, and the floor stays.
-            Known::Steps { step_v } if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made => {
+            DriveNoiseEvidence::Steps { step_v } if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made => {
                 return Some(Self { warnings: self.warnings_and(Some(read_back::words_of_steps(step_v, made))), ..self.clone() });
             }
-            Known::InItsBand | Known::Steps { .. } => return None,
+            DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. } => return None,
         };
         Some(self.with_drive_noise(dataset, read_back, |i| if counts { made_um[i] } else { 0.0 }))
     }
@@ -236,6 +236,9 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
             1e3 * w.at_1_hz_um
         )
     }));
+    warnings.extend(rms_um.filter(|rms_um| *rms_um < LEAST_NOISE_UM).map(|rms_um| {
+        format!("the noise is {:.2e} nm, less than any sensor has: are the readings simulated, filtered, or in another unit?", 1e3 * rms_um)
+    }));
     let matters = |step: &f64| rms_um.is_some_and(|rms_um| rounding_noise(*step).powi(2) > ROUNDING_MATTERS * rms_um * rms_um);
     let basis = estimates.first().map_or_else(|| "undecidable".to_owned(), |e| e.basis.clone());
     let reading_step_um = step_um.filter(matters);
@@ -257,7 +260,7 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         of_readings_um,
     };
     // A model follows what was read of the drive; the stage followed the drive. Before there is a model, by the gain.
-    match read_back.filter(|r| r.known == Known::Seen) {
+    match read_back.filter(|r| r.known == DriveNoiseEvidence::Seen) {
         Some(read_back) => floor.with_drive_noise(dataset, read_back, |_| read_back.noise_v * gain_um_v.abs()),
         None => floor,
     }
@@ -265,7 +268,7 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
 
 /// The floor of one record: a rest record's, what its own repetitions show, its own hold's, or the least that any record shows.
 fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
-    let rest = estimates.iter().find(|e| e.evidence == Evidence::RestRecord);
+    let rest = estimates.iter().find(|e| e.evidence == FloorEvidence::RestRecord);
     let own = || estimates.iter().filter(|e| e.records.contains(&record.name));
     let least = |all: &mut dyn Iterator<Item = &FloorEstimate>| all.map(|e| e.rms_um).reduce(f64::min);
     rest.map(|e| e.rms_um)
@@ -278,11 +281,14 @@ fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
 fn over_judging(dataset: &Dataset, of_records_um: &[Option<f64>]) -> Option<f64> {
     let judging = dataset.records.iter().zip(of_records_um).filter(|(r, _)| matches!(r.role, Role::Identify | Role::Validate));
     let (sum, count) = judging.fold((Some(0.0), 0.0), |(sum, count), (record, floor)| {
-        let samples = record.window.len() as f64;
+        let samples = record.counted().count() as f64;
         (sum.zip(*floor).map(|(sum, floor)| sum + samples * floor * floor), count + samples)
     });
     sum.filter(|_| count > 0.0).map(|sum| (sum / count).sqrt())
 }
+
+/// Noise of a capacitive sensor of a hertz of bandwidth, um: nothing that records motion reads with less.
+const LEAST_NOISE_UM: f64 = 1e-6;
 
 fn disagreements(estimates: &[FloorEstimate]) -> Vec<String> {
     let Some((first, others)) = estimates.split_first() else { return Vec::new() };

@@ -18,7 +18,7 @@ use hysteron_sim::noise::WhiteNoise;
 
 /// How the noise of a drive's column is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Known {
+pub enum DriveNoiseEvidence {
     /// Rest, holds or repeats of the drive show it.
     Seen,
     /// The drive has it above everything smooth: it may have been commanded.
@@ -36,7 +36,7 @@ pub struct ReadBack {
     /// RMS, V.
     pub noise_v: f64,
     /// How it is known.
-    pub known: Known,
+    pub known: DriveNoiseEvidence,
 }
 
 /// Samples of a record that are walked to see what the noise makes: light modes forget within a fraction of them.
@@ -56,34 +56,35 @@ impl ReadBack {
         let at_rest_v = taking_part().map(rest::drive_noise_v).fold(0.0, f64::max);
         let seen_v = if at_rest_v > 0.0 { at_rest_v } else { between_repeats_v };
         if seen_v > 0.0 {
-            return Some(Self { noise_v: seen_v, known: Known::Seen });
+            return Some(Self { noise_v: seen_v, known: DriveNoiseEvidence::Seen });
         }
         let driven: Vec<&Record> = taking_part().filter(|r| r.role != Role::Noise).collect();
         // One that only stands at a few levels says nothing of its steps.
         let moving = driven.iter().filter(|r| has_levels(&r.drive_v, LEVELS_MIN));
         let steps_v: Option<Vec<f64>> = moving.map(|r| step_v(&r.drive_v)).collect();
         if let Some(step_v) = steps_v.and_then(|steps| steps.into_iter().reduce(f64::max)) {
-            return Some(Self { noise_v: rounding_noise(step_v), known: Known::Steps { step_v } });
+            return Some(Self { noise_v: rounding_noise(step_v), known: DriveNoiseEvidence::Steps { step_v } });
         }
         // A converter that reads one record with noise reads all of them so.
         let in_band_v = driven.iter().map(|r| high_band::drive_noise_v(r).unwrap_or(0.0)).fold(f64::INFINITY, f64::min);
-        (in_band_v > 0.0 && in_band_v < NOISE_SHARE_MAX * span_v).then_some(Self { noise_v: in_band_v, known: Known::InItsBand })
+        (in_band_v > 0.0 && in_band_v < NOISE_SHARE_MAX * span_v)
+            .then_some(Self { noise_v: in_band_v, known: DriveNoiseEvidence::InItsBand })
     }
 
     /// What to say of it where it makes so much of the readings, um.
     pub(super) fn words(&self, made_um: f64) -> String {
         let made_nm = 1e3 * made_um;
         match self.known {
-            Known::Seen => format!(
+            DriveNoiseEvidence::Seen => format!(
                 "the drive was read back with {:.2} mV of noise, which is {made_nm:.2} nm that no model can meet: record what was commanded where you can",
                 1e3 * self.noise_v
             ),
-            Known::InItsBand => format!(
+            DriveNoiseEvidence::InItsBand => format!(
                 "the drive was read back, it seems, with {:.2} mV of noise: that makes {made_nm:.2} nm, which is what is left, and no model can meet it; record what was \
                  commanded where you can",
                 1e3 * self.noise_v
             ),
-            Known::Steps { step_v } => format!(
+            DriveNoiseEvidence::Steps { step_v } => format!(
                 "the drive was read back, it seems, in steps of {:.2} mV: rounding makes {made_nm:.2} nm, which is what is left, and no model can meet it; if the drive was \
                  commanded in these steps, something of that size is missing",
                 1e3 * step_v

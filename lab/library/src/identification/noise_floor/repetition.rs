@@ -5,7 +5,7 @@
 //! difference as they are of a record at rest.
 
 use super::random_part::random_part;
-use super::{Evidence, FloorEstimate};
+use super::{FloorEstimate, FloorEvidence};
 use crate::dataset::{Dataset, Periods, Record, Role};
 use crate::identification::fit::{dot, rms};
 use crate::spectrum::autocorrelation;
@@ -70,7 +70,7 @@ pub(super) fn of_periods(record: &Record, span_v: f64) -> Option<Repeated> {
     let drive_noise_v = drive.noise(settled.clone(), SAME_DRIVE * span_v);
     let random = reading.but_for_another_size(&drive, drive_noise_v, settled.clone());
     let rms_um = random_part(&random, record.sample_rate_hz, force) / std::f64::consts::SQRT_2;
-    let estimate = FloorEstimate::new(Evidence::Periods, vec![record.name.clone()], rms_um, settled.len());
+    let estimate = FloorEstimate::new(FloorEvidence::Periods, vec![record.name.clone()], rms_um, settled.len());
     Some(Repeated { estimate, drive_noise_v })
 }
 
@@ -109,7 +109,7 @@ fn of_pair(first: &Record, second: &Record, span_v: f64) -> Option<Repeated> {
     let rms_um = random_part(&random, first.sample_rate_hz, None) / std::f64::consts::SQRT_2;
     // The same samples under two names are no repetition.
     (rms_um > 0.0).then(|| Repeated {
-        estimate: FloorEstimate::new(Evidence::Repeats, vec![first.name.clone(), second.name.clone()], rms_um, settled.len()),
+        estimate: FloorEstimate::new(FloorEvidence::Repeats, vec![first.name.clone(), second.name.clone()], rms_um, settled.len()),
         drive_noise_v,
     })
 }

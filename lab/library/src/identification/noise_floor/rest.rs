@@ -2,7 +2,7 @@
 
 use super::random_part::{Beside, lines_hz, random, random_part_beside_lines};
 use super::wander::Wander;
-use super::{Evidence, FloorEstimate};
+use super::{FloorEstimate, FloorEvidence};
 use crate::dataset::holds::{holds, read_noise_v};
 use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise};
 use crate::dataset::{Record, Role};
@@ -36,7 +36,7 @@ pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> AtRest {
     let Beside { residual: residual_um, rms: random_um, lines_hz } =
         random(&readings_um, record.sample_rate_hz, force_n.as_deref().map(|f| (f, 0)));
     let rms_um = with_hidden_steps(random_um, &readings_um, step_um);
-    let estimate = FloorEstimate::new(Evidence::RestRecord, vec![record.name.clone()], rms_um, readings_um.len());
+    let estimate = FloorEstimate::new(FloorEvidence::RestRecord, vec![record.name.clone()], rms_um, readings_um.len());
     // Rounding hides what a spectrum would show of noise below it.
     let shown = step_um.is_none_or(|step_um| random_um >= HIDDEN_BY_STEP * step_um);
     AtRest {
@@ -66,10 +66,9 @@ fn with_hidden_steps(random_um: f64, readings_um: &[f64], step_um: Option<f64>) 
 
 /// What the longest hold inside a driven record shows, in front of its window or behind its end too.
 pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<AtRest> {
-    let hold = holds(&record.drive_v, &record.displacement_um, HOLD_SAMPLES_MIN).into_iter().max_by_key(Range::len)?;
-    if record.left_out.iter().any(|range| range.start < hold.end && hold.start < range.end) {
-        return None;
-    }
+    let says_something = |hold: &Range<usize>| record.left_out.iter().all(|range| range.start >= hold.end || hold.start >= range.end);
+    let holds = holds(&record.drive_v, &record.displacement_um, HOLD_SAMPLES_MIN);
+    let hold = holds.into_iter().filter(says_something).max_by_key(Range::len)?;
     if record.force_n.as_ref().is_some_and(|f| f[hold.clone()].iter().any(|v| *v != f[hold.start])) {
         return None;
     }
@@ -88,7 +87,7 @@ pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<AtRest> {
     of_parts.sort_by(f64::total_cmp);
     let rms_um = *of_parts.get(of_parts.len() / 2)?;
     (rms_um > 0.0).then(|| AtRest {
-        estimate: FloorEstimate::new(Evidence::Hold, vec![record.name.clone()], rms_um, readings_um.len()),
+        estimate: FloorEstimate::new(FloorEvidence::Hold, vec![record.name.clone()], rms_um, readings_um.len()),
         wander: None,
         lines_hz,
         samples: readings_um.len(),

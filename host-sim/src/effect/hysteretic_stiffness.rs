@@ -1,0 +1,176 @@
+//! A spring part of which slips inside: the restoring force of Bouc and Wen.
+//!
+//! Of the stiffness a share `s` is hysteretic: `x` from where the stage stands without voltage, the force is `(1 - s) x + s h`, with `h' = x' - beta |x'| |h|^(n-1) h - gamma x' |h|^n`. While the mass moves one way, `h`
+//! depends on the way alone; with `n = 1`, where it stands unless a model file says otherwise, it is an exponential of it.
+
+use super::force_balance::{RestingPlace, RestoringForce, Travel};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
+use crate::chain::Model;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "hysteretic_stiffness";
+
+/// Share of the spring with a memory.
+pub struct HystereticStiffness;
+
+/// The force beside that of the straight spring; its memory is `h`.
+#[derive(Clone, Copy, Debug)]
+struct BoucWenSpring {
+    share: f64,
+    beta: f64,
+    gamma: f64,
+    exponent: f64,
+    neutral_um: f64,
+}
+
+/// A hardening element is followed up to this power of e over one way: no recording has a loop that grows so.
+const GROWS_MOST: f64 = 50.0;
+/// Ways are followed in parts over which the element changes by no more than this share of where it tends, where it is no exponential.
+const PART: f64 = 0.05;
+const PARTS_MAX: f64 = 400.0;
+
+impl BoucWenSpring {
+    /// The element after a way.
+    fn after(&self, h: f64, way_um: f64) -> f64 {
+        if way_um == 0.0 {
+            return h;
+        }
+        let side = 1.0_f64.copysign(way_um);
+        let (mut h, mut left_um) = (h * side, way_um.abs());
+        if self.exponent == 1.0 {
+            if h < 0.0 {
+                // Unloading, up to where nothing is held; an element that recovers nothing on the way stays below.
+                let rate = self.beta - self.gamma;
+                let to_zero_um = if rate.abs() * -h < 1e-9 { -h } else { (-rate * h).ln_1p() / rate };
+                // Where the rate is so far below zero that it never comes there the logarithm is no number.
+                if to_zero_um.is_nan() || to_zero_um > left_um {
+                    return side * tends(h, rate, left_um).min(0.0);
+                }
+                (h, left_um) = (0.0, left_um - to_zero_um);
+            }
+            return side * tends(h, self.beta + self.gamma, left_um);
+        }
+        let rate = |h: f64| 1.0 - (self.beta * h.signum() + self.gamma) * h.abs().powf(self.exponent);
+        let steepness = (self.beta.abs() + self.gamma.abs()).powf(1.0 / self.exponent);
+        let parts = (left_um * steepness / PART).ceil().clamp(1.0, PARTS_MAX);
+        let part_um = left_um / parts;
+        for _ in 0..parts as usize {
+            let middle = h + 0.5 * part_um * rate(h);
+            h += part_um * rate(middle);
+        }
+        side * h
+    }
+}
+
+/// Where `dh = (1 - rate h) dx` comes from `h` over a way.
+fn tends(h: f64, rate: f64, way_um: f64) -> f64 {
+    let angle = (rate * way_um).max(-GROWS_MOST);
+    if angle.abs() < 1e-9 { h + way_um * (1.0 - rate * h) } else { h - (-angle).exp_m1() * (1.0 / rate - h) }
+}
+
+impl RestoringForce for BoucWenSpring {
+    fn held(&self, memory: f64, way: Travel) -> (f64, f64) {
+        let h = self.after(memory, way.to_um - way.from_um);
+        (self.share * (h - (way.to_um - self.neutral_um)), h)
+    }
+    fn at_rest(&self, at_um: f64) -> (f64, f64) {
+        self.held(0.0, Travel { from_um: self.neutral_um, to_um: at_um, speed_um: 0.0 })
+    }
+    fn stiffening(&self, memory: f64, _swing_um: f64) -> f64 {
+        // It gets stiffer than it is at the beginning only where it unloads, or hardens.
+        let steep = (self.gamma - self.beta).abs().max(-(self.beta + self.gamma));
+        self.share * (steep * memory.abs().powf(self.exponent)).max(0.0)
+    }
+}
+
+impl HystereticStiffness {
+    fn spring(model: &Model, values: &[f64], setting: &Setting) -> Box<dyn RestoringForce> {
+        let neutral_um = model.neutral_um(setting);
+        Box::new(BoucWenSpring { share: values[0], beta: values[1], gamma: values[2], exponent: values[3], neutral_um })
+    }
+}
+
+impl Effect for HystereticStiffness {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: ID.into(),
+            physics: "Part of the spring slips inside: the force on the moving mass depends on where it turned last.".into(),
+            reference: "Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249-263; Noel and Schoukens, hysteretic benchmark (2016)".into(),
+            place: Place::Friction,
+            modifies: Some(vibration::ID),
+            experiment: "the same multisine or sweep around the resonance at several amplitudes, and slow sines".into(),
+            candidate: true,
+            one_sided: false,
+        }
+    }
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this."
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let per_um = 1.0 / overview.range_um.max(1e-6);
+        vec![
+            Parameter::linear("share", "1", 0.0, 0.98, 0.01),
+            Parameter::linear("beta_per_um", "1/um", 0.0, 500.0 * per_um, 0.1 * per_um),
+            Parameter::linear("gamma_per_um", "1/um", -500.0 * per_um, 500.0 * per_um, 0.1 * per_um),
+            Parameter::linear("exponent", "1", 0.5, 10.0, 0.05).fixed(),
+        ]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let per_um = 1.0 / overview.range_um.max(1e-6);
+        // Loops alone, loops that soften or harden, and loops that are closed early.
+        let shapes = [(2.0, 0.0), (5.0, 5.0), (5.0, -5.0), (10.0, 0.0)];
+        shapes.iter().map(|(beta, gamma)| vec![0.1, beta * per_um, gamma * per_um, 1.0]).collect()
+    }
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect(vibration::ID).is_some()
+    }
+    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        Some(Self::spring(model, values, setting))
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        // With inertia in the model the spring holds the moving mass.
+        model.effect(vibration::ID).is_none().then(|| Box::new(RestingPlace::of(Self::spring(model, values, setting))) as Box<dyn Stage>)
+    }
+    fn planted(&self) -> Planted {
+        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+        Planted::Never
+    }
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[vibration::ID]
+    }
+    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        let per_um = 1.0 / stage.overview.range_um;
+        Some(vec![0.1 * strength * (0.8 + 0.4 * random()), 4.0 * per_um, 0.0, 1.0])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Displacement, caption: "A force that depends on where the motion turned last." }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The same equation by small steps of the way.
+    fn by_euler(spring: &BoucWenSpring, mut h: f64, way_um: f64) -> f64 {
+        let steps = 200_000;
+        let step = way_um / f64::from(steps);
+        for _ in 0..steps {
+            h += step - (spring.beta * step.abs() * h.signum() + spring.gamma * step) * h.abs().powf(spring.exponent);
+        }
+        h
+    }
+
+    #[test]
+    fn a_way_is_the_sum_of_its_steps() {
+        for (beta, gamma, exponent) in [(0.8, -1.1, 1.0), (2.0, 0.0, 1.0), (0.5, 0.5, 1.0), (0.6, 0.2, 2.0), (0.4, -0.1, 1.5)] {
+            let spring = BoucWenSpring { share: 0.5, beta, gamma, exponent, neutral_um: 0.0 };
+            for h in [-0.7, -0.01, 0.0, 0.3] {
+                for way_um in [0.05, 1.3, -2.0] {
+                    let (found, expected) = (spring.after(h, way_um), by_euler(&spring, h, way_um));
+                    assert!((found - expected).abs() < 1e-3 * expected.abs().max(0.1), "{spring:?} {h} {way_um}: {found} {expected}");
+                }
+            }
+        }
+    }
+}

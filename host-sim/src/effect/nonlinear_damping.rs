@@ -1,0 +1,92 @@
+//! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow, with none of it as in dry friction.
+
+use super::force_balance::{RestoringForce, Travel};
+use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
+use crate::chain::Model;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "nonlinear_damping";
+
+/// A power of the velocity in the force of the damper.
+pub struct NonlinearDamping;
+
+/// A force of `force_um` where the velocity over the natural frequency is `at_um`, with this power of it between.
+#[derive(Clone, Copy, Debug)]
+struct Damper {
+    force_um: f64,
+    exponent: f64,
+    at_um: f64,
+}
+
+/// Share of the reference velocity below which a power less than one is smoothed: what turns at once at zero velocity is no function there.
+const SMOOTHED: f64 = 1e-3;
+
+impl RestoringForce for Damper {
+    fn held(&self, memory: f64, way: Travel) -> (f64, f64) {
+        let speed = way.speed_um / self.at_um;
+        (self.force_um * speed * (speed * speed + SMOOTHED * SMOOTHED).powf(0.5 * (self.exponent - 1.0)), memory)
+    }
+    fn at_rest(&self, _at_um: f64) -> (f64, f64) {
+        (0.0, 0.0)
+    }
+    fn stiffening(&self, _memory: f64, swing_um: f64) -> f64 {
+        // A damper turns a state over no faster than by its slope.
+        let speed = swing_um / self.at_um;
+        let slope = self.force_um.abs() / self.at_um * (speed * speed + SMOOTHED * SMOOTHED).powf(0.5 * (self.exponent - 1.0));
+        slope * slope
+    }
+}
+
+impl Effect for NonlinearDamping {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: ID.into(),
+            physics: "The damper holds the moving mass with a power of its velocity: the square in a flow, none of it in dry friction."
+                .into(),
+            reference: "Elliott, Ghandchi Tehrani and Langley, Phil. Trans. R. Soc. A 373 (2015) 20140402".into(),
+            place: Place::Friction,
+            modifies: Some(vibration::ID),
+            experiment: "the same multisine or sweep around the resonance at several amplitudes".into(),
+            candidate: true,
+            one_sided: true,
+        }
+    }
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this."
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let half_um = 0.5 * overview.range_um.max(1e-6);
+        vec![
+            Parameter::linear("force_um", "um", 0.0, 5.0 * half_um, 1e-3 * half_um),
+            Parameter::linear("exponent", "1", 0.0, 3.0, 0.05),
+            Parameter::linear("at_um", "um", 1e-9, 1e9, 0.01 * half_um).fixed(),
+        ]
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let half_um = 0.5 * overview.range_um.max(1e-6);
+        [2.0, 0.2].iter().map(|exponent| vec![0.005 * half_um, *exponent, half_um]).collect()
+    }
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect(vibration::ID).is_some()
+    }
+    fn restoring_force(&self, _model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        Some(Box::new(Damper { force_um: values[0], exponent: values[1], at_um: values[2] }))
+    }
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None // without a mass nothing moves against it
+    }
+    fn planted(&self) -> Planted {
+        // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
+        Planted::Never
+    }
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[vibration::ID]
+    }
+    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        let half_um = 0.5 * stage.overview.range_um;
+        Some(vec![0.05 * strength * (0.8 + 0.4 * random()) * half_um, 2.0, half_um])
+    }
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Rate, caption: "A force that does not grow in proportion to the velocity." }
+    }
+}

@@ -1,0 +1,153 @@
+//! `board envelope`: what the board may do to the actuator, from a file to the board's flash, by a command that names its checksum.
+
+use super::{LineArguments, of_board};
+use crate::desk::{Desk, wrong};
+use hysteron::Result;
+use hysteron_core::codes::DriveCode;
+use hysteron_core::safety_envelope::{ENVELOPE_BYTES, SafetyEnvelope, fingerprint, read, write};
+use serde::Deserialize;
+use std::path::Path;
+
+/// An envelope as a person writes it.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EnvelopeFile {
+    name: String,
+    /// Bits of the drive's converter: 20 on SPI, 12 for the part's own.
+    drive_bits: u8,
+    /// From the lower reference of the drive's converter to its upper one, V.
+    reference_span_v: f64,
+    #[serde(default)]
+    sensor_twos_complement: bool,
+    drive_at_lowest_code_v: f64,
+    drive_beyond_highest_code_v: f64,
+    drive_min_v: f64,
+    drive_max_v: f64,
+    rest_v: f64,
+    slew_v_s: f64,
+    rest_within_s: f64,
+    stuck_within_s: f64,
+    tracking_within_s: f64,
+    tracking_error_um: f64,
+    /// Codes at either end of the sensor, of 65,536, that no block calls honest.
+    sensor_margin_codes: u16,
+    healthy_s: f64,
+    capacitance_uf: f64,
+    current_ma: f64,
+}
+
+impl EnvelopeFile {
+    fn envelope(&self) -> SafetyEnvelope {
+        let span_v = self.drive_beyond_highest_code_v - self.drive_at_lowest_code_v;
+        let codes = 2f64.powi(i32::from(self.drive_bits));
+        // Limits round inwards, rest to the nearest.
+        let share = |drive_v: f64| (drive_v - self.drive_at_lowest_code_v) / span_v * codes;
+        let code = |steps: f64| DriveCode::new(steps.clamp(0.0, codes - 1.0) as u32);
+        let lowest = code((share(self.drive_min_v) - 1e-6).ceil());
+        let mut name = [0u8; 16];
+        name.iter_mut().zip(self.name.bytes()).for_each(|(to, from)| *to = from);
+        let milliseconds = |seconds: f64| (seconds * 1e3).round() as u16;
+        SafetyEnvelope {
+            name,
+            dac_bits: self.drive_bits,
+            sensor_is_signed: self.sensor_twos_complement,
+            reference_span_mv: (self.reference_span_v * 1e3).round() as u32,
+            drive_at_code_0_uv: (self.drive_at_lowest_code_v * 1e6).round() as i32,
+            drive_span_uv: (span_v * 1e6).round() as u32,
+            drive_min: lowest,
+            drive_max: code((share(self.drive_max_v) + 1e-6).floor()),
+            safe_code: code(share(self.rest_v).round()).max(lowest),
+            slew_limit_v_s: self.slew_v_s.floor() as u32,
+            rest_within_ms: milliseconds(self.rest_within_s),
+            stuck_within_ms: milliseconds(self.stuck_within_s),
+            tracking_within_ms: milliseconds(self.tracking_within_s),
+            tracking_error_nm: (self.tracking_error_um * 1e3).round() as u32,
+            sensor_margin: self.sensor_margin_codes,
+            healthy_ms: milliseconds(self.healthy_s),
+            capacitance_nf: (self.capacitance_uf * 1e3).round() as u32,
+            current_ua: (self.current_ma * 1e3).round() as u32,
+        }
+    }
+}
+
+/// The envelope of a file as bytes, which the board would take.
+fn bytes_of(text: &str, path: &Path) -> Result<(SafetyEnvelope, Vec<u8>)> {
+    let file: EnvelopeFile = toml::from_str(text).map_err(|problem| wrong(path, problem.message()))?;
+    let envelope = file.envelope();
+    let mut bytes = [0; ENVELOPE_BYTES];
+    let length = write(&envelope, &mut bytes).map_err(|problem| wrong(path, problem.reason()))?;
+    let bytes = bytes.get(..length).unwrap_or_default().to_vec();
+    read(&bytes).map_err(|problem| wrong(path, problem.reason()))?;
+    Ok((envelope, bytes))
+}
+
+/// Says what the file allows and its checksum; brings it to the board only where that checksum is named.
+pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Result<bool> {
+    let bytes = Desk::new(false).bytes(file, "a safety envelope (firmware/README.md, *Safety envelope*)")?;
+    let text = String::from_utf8(bytes).map_err(|_| wrong(file, "is not text"))?;
+    let (envelope, bytes) = bytes_of(&text, file)?;
+    let volts = |code| envelope.drive_uv(code) as f64 * 1e-6;
+    let name = format!("{:08x}", fingerprint(&envelope));
+    println!(
+        "{}: {:.3} to {:.3} V, rest {:.3} V",
+        file.display(),
+        volts(envelope.drive_min),
+        volts(envelope.drive_max),
+        volts(envelope.safe_code)
+    );
+    println!(
+        "  at most {} V/s, {:.3} mA RMS into {:.3} uF",
+        envelope.slew_limit_v_s,
+        1e-3 * f64::from(envelope.current_ua),
+        1e-3 * f64::from(envelope.capacitance_nf)
+    );
+    println!("  checksum {name}");
+    match checksum {
+        None => {
+            println!("nothing was sent; to let the board have it: --checksum {name}");
+            Ok(true)
+        }
+        Some(named) if named.trim_start_matches("0x") == name => {
+            let mut board = line.connect()?;
+            hysteron_client::upload::keep_envelope(&mut board, &bytes, fingerprint(&envelope), line.baud()).map_err(of_board)?;
+            println!("the board has it, and has restarted with it");
+            Ok(true)
+        }
+        Some(named) => Err(wrong(file, format!("its checksum is {name}, not {named}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = r#"
+        name = "first power-up"
+        drive_bits = 20
+        reference_span_v = 14.0
+        drive_at_lowest_code_v = -20.0
+        drive_beyond_highest_code_v = 120.0
+        drive_min_v = 0.0
+        drive_max_v = 20.0
+        rest_v = 0.0
+        slew_v_s = 1000.0
+        rest_within_s = 0.1
+        stuck_within_s = 0.01
+        tracking_within_s = 0.005
+        tracking_error_um = 1.0
+        sensor_margin_codes = 16
+        healthy_s = 0.1
+        capacitance_uf = 1.5
+        current_ma = 20.0
+    "#;
+
+    #[test]
+    fn a_file_becomes_an_envelope_within_its_limits() {
+        let (envelope, bytes) = bytes_of(FILE, Path::new("bench.toml")).expect("an envelope");
+        assert_eq!(read(&bytes), Ok(envelope));
+        assert!(envelope.drive_uv(envelope.drive_min) >= -140 && envelope.drive_uv(envelope.drive_max) <= 20_000_000);
+        let wrong = |from: &str, to: &str| bytes_of(&FILE.replace(from, to), Path::new("bench.toml")).is_err();
+        assert!(wrong("drive_bits = 20", "drive_bits = 30") && wrong("drive_max_v = 20.0", "drive_max_v = -5.0"));
+        assert!(wrong("current_ma = 20.0", "current_ma = 0.0") && wrong("rest_v", "rset_v"));
+    }
+}

@@ -1,0 +1,191 @@
+//! The pool: every model that was fitted, by the moves that lead to it from the start.
+
+use super::judgement::Judged;
+use super::selection::Losses;
+use super::study::Study;
+use crate::identification::{finer_creep, finer_hysteresis};
+use crate::parallel;
+use crate::watch::Event;
+use hysteron_sim::chain::Model;
+use std::collections::BTreeMap;
+
+/// What distinguishes a model from the start.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Move {
+    /// An effect was added.
+    Added(String),
+    /// An effect of the prior model took other values.
+    Freed(String),
+}
+
+impl Move {
+    /// The effect that it is about.
+    #[must_use]
+    pub fn effect(&self) -> &str {
+        match self {
+            Self::Added(id) | Self::Freed(id) => id,
+        }
+    }
+}
+
+/// A model that was fitted.
+#[derive(Clone)]
+pub struct Entry {
+    /// How it differs from the start, in order. A finer description of loops or creep is no move of its own.
+    pub moves: Vec<Move>,
+    /// The model and its errors on the samples of the search.
+    pub judged: Judged,
+    /// What entries are ranked by ([`Study::merit`]), which is asked for often.
+    pub merit: f64,
+    /// Its extensions were proposed.
+    pub(crate) extended: bool,
+    /// It was fitted far enough to be compared with others.
+    pub(crate) compared: bool,
+    /// All values are held but those of its moves, as beside a prior model.
+    pub(crate) held: bool,
+    /// Its losses on all judged samples, once it was compared with others.
+    pub(crate) losses: Option<Losses>,
+}
+
+impl Entry {
+    /// A fitted model; `compared` where its fit went far enough.
+    #[must_use]
+    pub fn new(study: &Study, mut moves: Vec<Move>, judged: Judged, compared: bool) -> Self {
+        moves.sort();
+        moves.dedup();
+        Self { moves, merit: study.merit(&judged), judged, extended: false, compared, held: false, losses: None }
+    }
+
+    /// Effects that were added.
+    #[must_use]
+    pub fn added(&self) -> Vec<String> {
+        let added = |m: &Move| if let Move::Added(id) = m { Some(id.clone()) } else { None };
+        self.moves.iter().filter_map(added).collect()
+    }
+
+    /// An effect that was added is not what its values say: its own physics excludes them.
+    #[must_use]
+    pub fn is_excluded(&self) -> bool {
+        self.moves.iter().any(|m| matches!(m, Move::Added(id) if self.judged.model.ruled_out_because(id).is_some()))
+    }
+}
+
+/// The moves by which effects are added.
+#[must_use]
+pub fn added(ids: &[String]) -> Vec<Move> {
+    ids.iter().cloned().map(Move::Added).collect()
+}
+
+/// Every model that was fitted.
+pub struct Pool<'s, 'a> {
+    /// Data, candidates and thresholds.
+    pub study: &'s Study<'a>,
+    pub(crate) entries: BTreeMap<String, Entry>,
+    /// Moves that lead to where the search begins: none, but behind a prior model.
+    pub(crate) origin: Vec<Move>,
+}
+
+/// Moves and descriptions of loops and creep: what an entry is known by.
+#[must_use]
+pub fn key(moves: &[Move], model: &Model) -> String {
+    let creep = finer_creep::description(model).unwrap_or_default();
+    let mut names: Vec<String> = moves
+        .iter()
+        .map(|m| match m {
+            Move::Added(id) => id.clone(),
+            Move::Freed(id) => format!("~{id}"),
+        })
+        .collect();
+    names.sort();
+    format!("{}|{}|{creep}", names.join("+"), finer_hysteresis::description(model))
+}
+
+impl<'s, 'a> Pool<'s, 'a> {
+    /// A pool with its start.
+    #[must_use]
+    pub fn of(study: &'s Study<'a>, start: &Model) -> Self {
+        let entry = Entry::new(study, Vec::new(), study.judged_quickly(start.clone()), true);
+        Self { study, entries: BTreeMap::from([(key(&[], start), entry)]), origin: Vec::new() }
+    }
+
+    /// Where the search begins.
+    #[must_use]
+    pub fn start(&self) -> Option<&Entry> {
+        self.entries.values().find(|e| e.moves == self.origin)
+    }
+
+    /// Merit of an entry, and a little for each move and each step of a finer description.
+    #[must_use]
+    pub fn rank(&self, entry: &Entry) -> f64 {
+        let more = entry.moves.len() + Study::steps_finer(&entry.judged.model);
+        entry.merit + self.study.policy.gain_per_effect * more as f64
+    }
+
+    /// All entries with their keys, best first.
+    #[must_use]
+    pub fn ranked(&self) -> Vec<(&String, &Entry)> {
+        let mut out: Vec<(&String, &Entry)> = self.entries.iter().collect();
+        out.sort_by(|a, b| self.rank(a.1).total_cmp(&self.rank(b.1)).then_with(|| a.0.cmp(b.0)));
+        out
+    }
+
+    /// The best entry.
+    #[must_use]
+    pub fn best(&self) -> &Entry {
+        self.ranked()[0].1
+    }
+
+    /// Takes an entry in, unless the same was fitted better.
+    pub fn keep(&mut self, entry: Entry) {
+        if !entry.judged.identify_rms_um.is_finite() {
+            return;
+        }
+        let best = self.rank(&entry) < self.rank(self.best());
+        self.study.watch.event(&Event::Tried {
+            added: &entry.added(),
+            identify_rms_um: entry.judged.identify_rms_um,
+            validate_rms_um: entry.judged.validate_rms_um,
+            best,
+        });
+        let key = key(&entry.moves, &entry.judged.model);
+        match self.entries.get(&key) {
+            Some(known) if known.merit <= entry.merit => {}
+            _ => {
+                self.entries.insert(key, entry);
+            }
+        }
+    }
+
+    /// Fits entries as far as they can be compared. What a fit comes to is what counts, on held-out records too: a good error half way is chance.
+    pub(crate) fn compare(&mut self, keys: &[String]) {
+        let pending: Vec<&String> = keys.iter().filter(|k| self.entries.get(*k).is_some_and(|e| !e.compared)).collect();
+        let fitted = parallel::map(&pending, |k| self.study.for_comparison(&self.entries[*k].judged.model));
+        for (key, judged) in pending.into_iter().zip(fitted) {
+            let Some(entry) = self.entries.get_mut(key) else { continue };
+            (entry.compared, entry.merit, entry.judged) = (true, self.study.merit(&judged), judged);
+        }
+    }
+
+    /// Brings the best few as far as they can be compared, until those that are best have been.
+    pub(crate) fn compare_best(&mut self) {
+        loop {
+            let best = self.ranked().into_iter().take(self.study.policy.width);
+            let pending: Vec<String> = best.filter(|(_, e)| !e.compared).map(|(k, _)| k.clone()).collect();
+            if pending.is_empty() {
+                return;
+            }
+            self.compare(&pending);
+        }
+    }
+
+    /// Makes the losses of entries on all judged samples known.
+    pub(crate) fn weigh(&mut self, keys: &[String]) {
+        let pending: Vec<&String> = keys.iter().filter(|k| self.entries.get(*k).is_some_and(|e| e.losses.is_none())).collect();
+        let losses = parallel::map(&pending, |k| Losses::of(self.study, self.entries[*k].judged.model.clone()));
+        for (key, losses) in pending.into_iter().zip(losses) {
+            if let Some(entry) = self.entries.get_mut(key) {
+                entry.losses = Some(losses);
+            }
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! The values of a model as an engineer reads them: hertz, damping, micrometres per volt, the width of loops, creep by the decade.
+
+use crate::identification::identifiability::CannotIdentify;
+use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
+use hysteron_sim::effect::{Place, creep, gain, sensor_filter};
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// Gain and width of the loop over the whole range of the drive.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct LoopFigures {
+    /// Height over range, um/V.
+    pub gain_um_v: f64,
+    /// Least slope on either branch, um/V.
+    pub least_slope_um_v: f64,
+    /// Largest slope, um/V.
+    pub largest_slope_um_v: f64,
+    /// Distance of the branches where they are farthest, in % of the height.
+    pub width_pct: f64,
+}
+
+/// Samples on each branch.
+const BRANCH: usize = 200;
+/// So slow that nothing depends on the rate.
+const DT_S: f64 = 1.0;
+
+/// The loop of a model over the range of its drive; none without a gain or a hysteresis.
+#[must_use]
+pub fn loop_figures(model: &Model) -> Option<LoopFigures> {
+    let mut loops = model.clone();
+    loops.effects.retain(|e| e.effect.declaration().place == Place::Hysteresis && e.effect.definition().is_none());
+    loops.effects.iter().find(|e| e.effect.declaration().is_main())?;
+    let (from, to) = (model.drive_min_v, model.drive_max_v);
+    let at = |k: usize| from + (to - from) * k as f64 / BRANCH as f64;
+    let rise = (0..=BRANCH).map(at);
+    let fall = (0..BRANCH).rev().map(at);
+    let drive_v: Vec<f64> = rise.clone().chain(fall).chain(rise.skip(1)).chain([to]).collect();
+    let drive = Drive::held(&drive_v, DT_S, InitialState::Virgin);
+    // A reading answers to the drive of the sample before.
+    let read = loops.simulate(&drive).split_off(1);
+    let falling: Vec<f64> = read[BRANCH..=2 * BRANCH].iter().rev().copied().collect();
+    let rising = &read[2 * BRANCH..=3 * BRANCH];
+    let height = rising[BRANCH] - rising[0];
+    let slopes =
+        [&falling[..], rising].into_iter().flat_map(|branch| branch.windows(2)).map(|w| (w[1] - w[0]) * BRANCH as f64 / (to - from));
+    let (least, largest) = slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), slope| (a.min(slope), b.max(slope)));
+    let width = falling.iter().zip(rising).map(|(down, up)| (down - up).abs()).fold(0.0, f64::max);
+    Some(LoopFigures {
+        gain_um_v: height / (to - from),
+        least_slope_um_v: least,
+        largest_slope_um_v: largest,
+        width_pct: if height == 0.0 { 0.0 } else { 100.0 * width / height.abs() },
+    })
+}
+
+/// One figure with its name.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figure {
+    /// The effect.
+    pub effect: String,
+    /// What it is.
+    pub name: String,
+    /// Its value in the unit; none where the data do not determine it.
+    pub value: Option<f64>,
+    /// Its standard deviation, where it is known.
+    pub std: Option<f64>,
+    /// The unit.
+    pub unit: String,
+}
+
+impl Figure {
+    /// As it is printed: `620.0 +- 0.2 Hz`.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let unit = if self.unit == "1" { String::new() } else { format!(" {}", self.unit) };
+        match (self.value, self.std.filter(|std| *std > 0.0)) {
+            (None, _) => "not determined by this data".into(),
+            (Some(value), None) => format!("{}{unit}", four(value)),
+            (Some(value), Some(std)) => {
+                // Two figures of the deviation, and the value to the same place.
+                let place = std.abs().log10().floor() as i32 - 1;
+                if (-9..0).contains(&place) {
+                    let decimals = place.unsigned_abs() as usize;
+                    format!("{value:.decimals$} +- {std:.decimals$}{unit}")
+                } else {
+                    format!("{} +- {}{unit}", four(value), four(std))
+                }
+            }
+        }
+    }
+}
+
+/// A value with four figures.
+fn four(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let before = value.abs().log10().floor() as i32;
+    match before {
+        -4..=5 => format!("{value:.*}", (3 - before).max(0) as usize),
+        _ => format!("{value:.3e}"),
+    }
+}
+
+/// The figures of a model, effect by effect in the order of the chain. `undetermined` are the values that the data leave open.
+#[must_use]
+pub fn figures(model: &Model, undetermined: &[CannotIdentify]) -> Vec<Figure> {
+    let open = |effect: &str, parameter: Option<&str>| {
+        undetermined.iter().any(|one| match one {
+            CannotIdentify::AnyOf { effect: other } => other == effect,
+            CannotIdentify::SomeOf { effect: other, parameters } => {
+                other == effect && parameter.is_some_and(|parameter| parameters.iter().any(|p| p == parameter))
+            }
+            CannotIdentify::MinorLoops | CannotIdentify::RateDependence { .. } => false,
+        })
+    };
+    let mut out = Vec::new();
+    for instance in &model.effects {
+        let declaration = instance.effect.declaration();
+        let id = instance.id.as_str();
+        if declaration.place == Place::Hysteresis && id != gain::ID {
+            if declaration.is_main()
+                && let Some(loops) = loop_figures(model)
+            {
+                let figure = |name: &str, value: f64, unit: &str| Figure {
+                    effect: id.into(),
+                    name: name.into(),
+                    value: (!open(id, None)).then_some(value),
+                    std: None,
+                    unit: unit.into(),
+                };
+                out.push(figure("gain over the range", loops.gain_um_v, "um/V"));
+                out.push(figure("loop width", loops.width_pct, "%"));
+            }
+            continue;
+        }
+        if id == creep::ID {
+            out.extend(creep_figures(instance, open(id, None)));
+            continue;
+        }
+        for p in instance.parameters.iter().filter(|p| !p.parameter.fixed) {
+            let name = p.parameter.name.as_str();
+            let (name, unit, factor) = readable(id, name, &p.parameter.unit);
+            out.push(Figure {
+                effect: id.into(),
+                name,
+                value: (!open(id, Some(&p.parameter.name))).then_some(factor * p.value),
+                std: p.std.map(|std| factor * std),
+                unit,
+            });
+        }
+    }
+    out
+}
+
+/// A parameter's name without its unit, the unit that an engineer expects, and the factor to it.
+fn readable(effect: &str, name: &str, unit: &str) -> (String, String, f64) {
+    let suffixes = ["_rad_s", "_um_v", "_um_s", "_um_n", "_per_s", "_per_um2", "_per_um", "_v_s", "_hz", "_um", "_s", "_v"];
+    let plain = suffixes.iter().find_map(|suffix| name.strip_suffix(suffix)).unwrap_or(name).replace('_', " ");
+    let cut_off = effect != sensor_filter::ID && plain == "bandwidth";
+    let plain = if cut_off { "cut-off (-3 dB)".to_owned() } else { plain };
+    match unit {
+        "rad/s" => (plain, "Hz".into(), 1.0 / TAU),
+        "s" if name == "delay_s" => (plain, "ms".into(), 1e3),
+        _ => (plain, unit.into(), 1.0),
+    }
+}
+
+/// Creep by the decade of time, from the shortest to the longest of its time constants.
+fn creep_figures(instance: &EffectInstance, open: bool) -> Vec<Figure> {
+    let terms: Vec<(f64, f64, Option<f64>)> = instance
+        .parameters
+        .chunks_exact(2)
+        .filter(|pair| pair[0].value != 0.0)
+        .map(|pair| (pair[0].value, pair[1].value, pair[0].std))
+        .collect();
+    let (shortest, longest) = terms.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), (_, tau, _)| (a.min(*tau), b.max(*tau)));
+    if terms.is_empty() {
+        return Vec::new();
+    }
+    let all: f64 = terms.iter().map(|(share, ..)| share).sum();
+    let decades = (longest / shortest).log10() + 1.0;
+    // A term that is known worse than its own size says nothing of the time from there on.
+    let unknown = |(share, _, std): &&(f64, f64, Option<f64>)| std.is_some_and(|std| std > share.abs());
+    let until = terms.iter().find(unknown).map(|(_, tau, _)| *tau);
+    let std = terms.iter().map(|(.., std)| std.map(|std| std * std)).sum::<Option<f64>>().map(|sum: f64| 100.0 * sum.sqrt() / decades);
+    let figure = |name: String, value: f64, std: Option<f64>, unit: &str, known: bool| Figure {
+        effect: instance.id.clone(),
+        name,
+        value: (known && !open).then_some(value),
+        std,
+        unit: unit.into(),
+    };
+    let mut out = vec![figure(
+        format!("creep from {} to {} s", four(shortest), four(longest)),
+        100.0 * all / decades,
+        std,
+        "%/decade",
+        until.is_none_or(|tau| tau > shortest),
+    )];
+    if let Some(tau) = until {
+        out.push(figure(format!("creep from {} s on", four(tau)), 0.0, None, "%/decade", false));
+    }
+    out
+}

@@ -1,0 +1,237 @@
+//! Do the readings respond to the drive of the same row (`hold_before_sample`)?
+//!
+//! A logger that writes, waits and reads records each displacement one sample early. A straight stage shows that by itself when a recording is read; loops hide it. A
+//! fit may then hide the offset in a spurious mode. At the end of a search the model is refitted with the timing of the same row and without each mode that was added; where nothing reached the
+//! noise, also as it is. A prior model is tried before anything of it is fitted: a fit to another logger's rows would find other values of a mode.
+
+use super::{Issue, Kind, Moment, Severity, Subject};
+use crate::dataset::{Record, Role};
+use crate::diagnosis::judgement::Judged;
+use crate::diagnosis::study::{FAR_BEHIND, Study};
+use crate::error::Result;
+use crate::parallel;
+use crate::watch::Event;
+use hysteron_sim::intersample::Intersample;
+
+/// A mode above this share of half the sampling rate is as fast as the recording can show.
+const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
+/// The model without it does as well where its rank is worse by no more than this: some per cent of the error.
+const AS_WELL: f64 = 0.03;
+/// Where no model reached the noise, the other timing is taken where its cost is lower by so much.
+const MUCH_BETTER: f64 = 0.2;
+/// The same of a model from elsewhere as it is: half of the error, as a logarithm.
+const LEAVES_HALF: f64 = std::f64::consts::LN_2;
+/// What is worse by more than this than what was found does not come to it, however long it is fitted.
+const MAY_COME_TO_IT: f64 = 0.5;
+/// What is behind by more than this where it went as far as it goes does not come to it either, if its effects begin again.
+const MAY_COME_TO_IT_BEGUN_AGAIN: f64 = 0.1;
+
+/// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
+const LEADING_SHARE: f64 = 0.3;
+
+/// The displacement responds to the drive of the same row much better than that of the row before.
+fn leads(record: &Record) -> bool {
+    let from = record.window.start.max(1);
+    let left_by =
+        |delay: usize| left_by_straight_line((from..record.window.end).map(|k| (record.drive_v[k - delay], record.displacement_um[k])));
+    left_by(0) < LEADING_SHARE * left_by(1)
+}
+
+/// Rows in front of a jump of the drive that show where the reading was going, and behind it that show how far it goes.
+const ROWS_BEFORE: usize = 8;
+const ROWS_BEHIND: usize = 40;
+/// Share of the drive's range in the record from which on it jumps, and of the jump that the rows in front of it may move by.
+const LEAST_JUMP: f64 = 0.03;
+const QUIET_BEFORE: f64 = 0.03;
+/// A reading has answered where it is off its way by so many of its own standard deviations there, and by this share of where it goes.
+const ANSWERED_Z: f64 = 8.0;
+const ANSWERED_SHARE: f64 = 0.01;
+/// A mode goes a quarter as far in one row as in two. Of rows that were put on even times a reading holds a tenth or so of the next one, which knows of the jump.
+const ANSWERED_OF_NEXT: f64 = 0.2;
+/// Share of all jumps that are answered in their row.
+const MOST_JUMPS: f64 = 0.8;
+
+/// How many jumps of the drive the displacement answers in their own row, where it does so with nearly all: a reading that was taken before the drive acts knows
+/// nothing of it, however fast the stage is. Loops, which hide the timing of a drive that moves smoothly, hide none of that.
+#[cfg(feature = "readers")]
+fn answered_in_their_row(record: &Record) -> Option<usize> {
+    let (u, y) = (&record.drive_v, &record.displacement_um);
+    let range_v = crate::statistics::peak_to_peak(u);
+    let jumps_at = |k: &usize| {
+        let jump_v = (u[*k] - u[*k - 1]).abs();
+        let steps_v = u[*k - ROWS_BEFORE..*k].windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        jump_v > LEAST_JUMP * range_v && steps_v.fold(0.0, f64::max) < QUIET_BEFORE * jump_v
+    };
+    let jumps: Vec<usize> = (ROWS_BEFORE..u.len().saturating_sub(ROWS_BEHIND)).filter(jumps_at).collect();
+    let answers = |k: &&usize| {
+        let before = &y[**k - ROWS_BEFORE..**k];
+        let (expected_um, std_um) = continued(before);
+        let goes_um =
+            y[**k..**k + ROWS_BEHIND].iter().map(|y| y - expected_um).fold(0.0, |far: f64, um| if um.abs() > far.abs() { um } else { far });
+        let off_um = [y[**k], y[**k + 1]].map(|y| (y - expected_um) * goes_um.signum());
+        off_um[0] > ANSWERED_Z * std_um && off_um[0] > ANSWERED_SHARE * goes_um.abs() && off_um[0] > ANSWERED_OF_NEXT * off_um[1]
+    };
+    let answered = jumps.iter().filter(answers).count();
+    (answered > 0 && answered as f64 >= MOST_JUMPS * jumps.len() as f64).then_some(answered)
+}
+
+/// Where readings that went straight would stand one row later, and how well they tell that.
+#[cfg(feature = "readers")]
+fn continued(readings_um: &[f64]) -> (f64, f64) {
+    let n = readings_um.len() as f64;
+    let (middle, mean_um) = ((n - 1.0) / 2.0, readings_um.iter().sum::<f64>() / n);
+    let along = |of: &dyn Fn(f64, f64) -> f64| readings_um.iter().enumerate().map(|(i, y)| of(i as f64 - middle, *y)).sum::<f64>();
+    let squares = along(&|x, _| x * x);
+    let slope_um = along(&|x, y| x * y) / squares;
+    let left = along(&|x, y| (y - mean_um - slope_um * x).powi(2));
+    let ahead = n - middle;
+    (mean_um + slope_um * ahead, (left / (n - 2.0) * (1.0 + 1.0 / n + ahead * ahead / squares)).sqrt())
+}
+
+/// A record that shows by itself that its readings respond to the drive of their row.
+#[cfg(feature = "readers")]
+pub(crate) fn shown_by_readings(record: &Record) -> Option<Issue> {
+    let jumps = if leads(record) { None } else { Some(answered_in_their_row(record)?) };
+    Some(Issue::of(&record.name, Severity::Corrects, Kind::TimingInReadings { jumps }))
+}
+
+/// A straight line shows the timing of the same row, and another one was specified.
+pub(super) fn leads_the_drive(subject: &Subject) -> Vec<Issue> {
+    if !matches!(subject.moment, Moment::Made) {
+        return Vec::new();
+    }
+    let driven = subject.dataset.records.iter().filter(|r| r.role != Role::Noise && r.intersample == Intersample::Hold && leads(r));
+    driven.map(|r| Issue::of(&r.name, Severity::Notes, Kind::LeadsTheDrive {})).collect()
+}
+
+/// Tries the other timing beside a model, where nobody specified one.
+pub(super) fn check(subject: &Subject) -> Vec<Issue> {
+    if !subject.dataset.timing_is_assumed {
+        return Vec::new();
+    }
+    match subject.moment {
+        Moment::PriorModel(study, model) => of_a_prior_model(study, model).into_iter().collect(),
+        // An effect of the user's that gives no number with the other timing shows nothing about it.
+        Moment::End(end) => compare(end.study, end.last, end.added).ok().flatten().into_iter().collect(),
+        _ => Vec::new(),
+    }
+}
+
+fn issue(not_needed: Vec<String>, assumed_um: f64, same_sample_um: f64) -> Issue {
+    Issue::of_all(Severity::Blocks, Kind::SameSampleTiming { not_needed, assumed_um, same_sample_um })
+}
+
+/// Tries a model without the modes among the effects that were added to it, and a model that explains too little as it is; nothing where the drive of the row
+/// before does better.
+///
+/// # Errors
+/// As [`Study::begun_again`].
+fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Issue>> {
+    let unexplained = study.floor_um.is_some() && !found.within(study.policy.explained, &study.floors_um, &study.split);
+    let as_it_is = (unexplained && !added.is_empty()).then(Vec::new);
+    let asked: Vec<Vec<&String>> = modes_to_do_without(study, found, added).into_iter().chain(as_it_is).collect();
+    if asked.is_empty() || study.watch.stopped() {
+        return Ok(None);
+    }
+    study.watch.event(&Event::Doing("trying the timing of the same row"));
+    let shifted = study.dataset.in_own_rows();
+    let other = study.of(&shifted);
+    let fitted = parallel::map(&asked, |modes| {
+        let begin = modes.iter().fold(found.model.clone(), |model, id| study.without(&model, id));
+        other.quickly_within(&begin, study.merit(found), FAR_BEHIND)
+    });
+    let best = fitted.into_iter().zip(&asked).min_by(|a, b| other.merit(&a.0).total_cmp(&other.merit(&b.0)));
+    let Some((without, modes)) = best.filter(|(one, _)| other.merit(one) < study.merit(found) + MAY_COME_TO_IT) else { return Ok(None) };
+    let most = study.merit(found) + if modes.is_empty() { -MUCH_BETTER } else { AS_WELL };
+    let fitted = other.for_comparison(&without.model);
+    if other.merit(&fitted) > most + MAY_COME_TO_IT_BEGUN_AGAIN {
+        return Ok(None);
+    }
+    let without = other.judged(other.begun_again(&fitted)?.model);
+    let gone = |id: &&String| found.model.effect(id).is_some() && without.model.effect(id).is_none();
+    Ok((other.merit(&without) <= most).then(|| issue(added.iter().filter(gone).cloned().collect(), found.error_um(), without.error_um())))
+}
+
+/// A prior model as it is, before anything of it is fitted: with the drive of the same row it leaves less than half.
+fn of_a_prior_model(study: &Study, assumed: &Judged) -> Option<Issue> {
+    if study.watch.stopped() {
+        return None;
+    }
+    let timed = study.dataset.in_own_rows();
+    let other = study.of(&timed);
+    let same_row = other.judged(assumed.model.clone());
+    let less = study.merit(assumed) - other.merit(&same_row);
+    (less > LEAVES_HALF).then(|| issue(Vec::new(), assumed.error_um(), same_row.error_um()))
+}
+
+/// Which of the added modes may stand for a period: all that are as fast as can be shown together, and each alone.
+fn modes_to_do_without<'a>(study: &Study, found: &Judged, added: &'a [String]) -> Vec<Vec<&'a String>> {
+    let fastest_hz = study.dataset.records.iter().map(|r| r.sample_rate_hz).fold(0.0, f64::max);
+    let limit_rad_s = AS_FAST_AS_CAN_BE_SHOWN * std::f64::consts::PI * fastest_hz;
+    let swings_above = |id: &str, limit_rad_s: f64| {
+        let motions = found.model.effect(id).map_or_else(Vec::new, |e| e.effect.free_motions(&found.model, &e.values()));
+        motions.iter().any(|motion| motion.frequency_rad_s > limit_rad_s)
+    };
+    let too_fast: Vec<&String> = added.iter().filter(|id| swings_above(id, limit_rad_s)).collect();
+    let mut out: Vec<Vec<&String>> = added.iter().filter(|id| swings_above(id, 0.0)).map(|id| vec![id]).collect();
+    if too_fast.len() > 1 {
+        out.push(too_fast);
+    }
+    out
+}
+
+/// Sum of squares about the regression line.
+fn left_by_straight_line(pairs: impl ExactSizeIterator<Item = (f64, f64)> + Clone) -> f64 {
+    let n = pairs.len().max(1) as f64;
+    let (mean_x, mean_y) = pairs.clone().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for (x, y) in pairs.map(|p| (p.0 - mean_x, p.1 - mean_y)) {
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
+    }
+    if xx > 0.0 { yy - xy * xy / xx } else { yy }
+}
+
+#[cfg(all(test, feature = "readers"))]
+mod tests {
+    use super::*;
+
+    /// A staircase on a mode with loops, read before (0) or after (1) the drive of its row acts; and noise alone.
+    #[test]
+    fn a_reading_that_moves_in_the_row_of_a_jump_was_taken_behind_it() {
+        let noise = |k: usize| 0.002 * (k as f64 * 78.233).sin() + 0.002 * (k as f64 * 12.9898).cos();
+        let drive = |k: usize| 10.0 * ((k / 200) * 7 % 10) as f64;
+        let read = |after: usize| {
+            let (mut um, mut velocity, mut play, w) = (0.0, 0.0, 0.0_f64, std::f64::consts::TAU * 300.0);
+            let mut readings = Vec::new();
+            for k in 0..4000 {
+                if after == 0 {
+                    readings.push(um + noise(k));
+                }
+                play = play.clamp(drive(k) - 10.0, drive(k) + 10.0);
+                for _ in 0..50 {
+                    velocity += 4e-6 * (w * w * (0.07 * drive(k) + 0.03 * play - um) - 0.3 * w * velocity);
+                    um += 4e-6 * velocity;
+                }
+                if after == 1 {
+                    readings.push(um + noise(k));
+                }
+            }
+            Record::new("steps", 5000.0, (0..4000).map(drive).collect(), readings)
+        };
+        assert!(!leads(&read(1)), "the loops hide it from a straight line");
+        assert_eq!(answered_in_their_row(&read(1)), Some(19));
+        assert_eq!(answered_in_their_row(&read(0)), None);
+        // Rows on even times that hold some of the next one.
+        let smeared = |share: f64| {
+            let y = read(0).displacement_um;
+            let of_next = (0..y.len()).map(|k| y[k] + share * (y[(k + 1).min(y.len() - 1)] - y[k])).collect();
+            answered_in_their_row(&Record::new("even", 5000.0, (0..4000).map(drive).collect(), of_next))
+        };
+        assert_eq!([0.05, 0.2, 0.4].map(smeared), [None; 3]);
+        let unanswered = Record::new("noise", 5000.0, (0..4000).map(drive).collect(), (0..4000).map(noise).collect());
+        assert_eq!(answered_in_their_row(&unanswered), None);
+        assert_eq!(shown_by_readings(&read(1)).unwrap().kind, Kind::TimingInReadings { jumps: Some(19) });
+    }
+}

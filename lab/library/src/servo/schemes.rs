@@ -1,0 +1,235 @@
+//! The schemes that a design chooses among, under one set of margins, and what each does beside the predictor on the same runs.
+
+use super::design::{Form, Scheme, ServoDesign};
+use super::model::{ActuatorModel, NominalModel};
+use super::predictor::Demands;
+use super::regulator_loop::Regulators;
+use super::robust::{Candidate, Family, Scan, Task};
+use super::sliding_mode::{SlidingFamily, SlidingKind};
+use super::thesis_schemes::PidGains;
+use super::track::{Circumstances, PeriodicReference, Shape, track};
+use super::{check, reference::Reference};
+use hysteron_sim::chain::Model;
+use serde::Serialize;
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+
+/// A scheme by its name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Choice {
+    /// Kalman observer and linear-quadratic surface for the sampled model.
+    #[default]
+    Predictor,
+    /// PIDSMC on the PIDSMO (thesis Ch. 7).
+    Pidsmoc,
+    /// PIDSMC on the continuous alpha-beta filter (thesis Ch. 6).
+    PidsmcAlphaBeta,
+    /// Sliding mode with a boundary layer on the alpha-beta filter (thesis Ch. 6, Eq. 45).
+    Smcbl,
+    /// PID on the tracking error; with the hysteresis inverted, beside a feedforward.
+    Pid,
+}
+
+impl Choice {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Predictor, Self::Pidsmoc, Self::PidsmcAlphaBeta, Self::Smcbl, Self::Pid];
+
+    /// Its name on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Predictor => "predictor",
+            Self::Pidsmoc => "pidsmoc",
+            Self::PidsmcAlphaBeta => "pidsmc-alpha-beta",
+            Self::Smcbl => "smcbl",
+            Self::Pid => "pid",
+        }
+    }
+
+    /// The scheme of a name.
+    ///
+    /// # Errors
+    /// The names that there are.
+    pub fn named(name: &str) -> Result<Self, String> {
+        let known = Self::ALL.into_iter().find(|choice| choice.name() == name);
+        known.ok_or_else(|| format!("scheme `{name}` is not known; expected one of {}", Self::ALL.map(Self::name).join(", ")))
+    }
+}
+
+/// RMS and largest deviation of the largest loop from a straight line, um: what is left to the unknown input where the hysteresis is not inverted.
+#[must_use]
+pub fn left_without_inverse_um(model: &ActuatorModel) -> (f64, f64) {
+    const GRID: usize = 40;
+    let (surfaces, travel_um) = (model.surfaces(), model.reach_um());
+    let shares = || (0..=GRID).map(|k| k as f64 / GRID as f64);
+    let rising = shares().map(|x| surfaces.loop_loss(x, 0.0) - travel_um * x);
+    let falling = shares().map(|x| travel_um * (1.0 - x) - surfaces.loop_loss(1.0, x));
+    let deviations: Vec<f64> = rising.chain(falling).collect();
+    let mean = deviations.iter().sum::<f64>() / deviations.len() as f64;
+    let rms = (deviations.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / deviations.len() as f64).sqrt();
+    (rms, deviations.iter().map(|d| d.abs()).fold(0.0, f64::max))
+}
+
+/// What an inverted hysteresis leaves of itself at most, over its RMS error: three standard deviations.
+const LARGEST_OVER_RMS: f64 = 3.0;
+
+/// Bound of the unknown input, V (Ch. 6, Eq. 13): the hysteresis that is not inverted, or the error of its model, and the creep.
+fn unknown_bound_v(model: &ActuatorModel, inverse: bool, demands: &Demands) -> f64 {
+    let of_hysteresis_um = if inverse { LARGEST_OVER_RMS * demands.model_error_um } else { left_without_inverse_um(model).1 };
+    let creep: f64 = model.creep.iter().map(|term| term.share.abs()).sum();
+    (of_hysteresis_um + creep * model.reach_um()) / model.mean_gain_um_v()
+}
+
+/// The mode and the mean gain of a model: what a sliding-mode law knows of it (Ch. 6, Eq. 3).
+#[must_use]
+pub fn nominal(model: &ActuatorModel) -> NominalModel {
+    let mode = model.linear.first_mode;
+    NominalModel {
+        natural_frequency_rad_s: mode.natural_frequency_rad_s,
+        damping_ratio: mode.damping_ratio,
+        gain_um_v: model.mean_gain_um_v(),
+    }
+}
+
+/// What a scan of one scheme chose; a trait object hides what it was tuned by.
+pub(super) struct Chosen {
+    /// The scheme with its gains.
+    pub scheme: Scheme,
+    /// Why, and what limits it.
+    pub said: Vec<String>,
+}
+
+/// Scans a scheme other than the predictor; `explain` puts a scan's choice into words, or a refusal.
+pub(super) fn choose(
+    choice: Choice,
+    inverse: bool,
+    model: &ActuatorModel,
+    task: &Task<'_>,
+    words: &impl InWords,
+) -> Result<Chosen, String> {
+    let kind = match choice {
+        Choice::Predictor => return Err("the predictor is designed by itself".into()),
+        Choice::Pid => {
+            let (chosen, mut said) = scanned(&Regulators, task, words)?;
+            let gains = chosen.tuning;
+            said.push(format!("P = {:.3}, I = {:.1} 1/s, D = {:.2e} s, in um of displacement per um of error.", gains.p, gains.i, gains.d));
+            let scheme = if inverse {
+                Scheme::Feedforward { gains, notch: None, creep_inverse: true }
+            } else {
+                let per_um = 1.0 / model.mean_gain_um_v();
+                Scheme::Pid { gains: PidGains { p: per_um * gains.p, i: per_um * gains.i, d: per_um * gains.d }, notch: None }
+            };
+            return Ok(Chosen { scheme, said });
+        }
+        Choice::Pidsmoc => SlidingKind::Pidsmoc,
+        Choice::PidsmcAlphaBeta => SlidingKind::PidsmcAlphaBeta,
+        Choice::Smcbl => SlidingKind::BoundaryLayer,
+    };
+    let nominal = nominal(model);
+    let family = SlidingFamily { kind, nominal, unknown_bound_v: unknown_bound_v(model, inverse, &task.demands) };
+    let (chosen, mut said) = scanned(&family, task, words)?;
+    let (estimator, controller, reaching) = family.gains(&chosen.tuning);
+    said.extend(check::gains_in_words(&nominal, &estimator, &controller, &reaching, task.demands.reference_hz));
+    let form = Form::Predictor { hysteresis_inverse: inverse };
+    Ok(Chosen { scheme: Scheme::SlidingMode { nominal, estimator, controller, reaching, form }, said })
+}
+
+/// Puts the outcome of a scan into words.
+pub(super) trait InWords {
+    /// The best candidate with why it is, or the refusal.
+    fn of<'a, T: Clone>(&self, scan: &'a Scan<T>) -> Result<(&'a Candidate<T>, Vec<String>), String>;
+}
+
+fn scanned<F: Family>(family: &F, task: &Task<'_>, words: &impl InWords) -> Result<(Candidate<F::Tuning>, Vec<String>), String> {
+    let scan = task.scan_of(family);
+    let (best, said) = words.of(&scan)?;
+    Ok((best.clone(), said))
+}
+
+/// What one scheme does on one reference.
+#[derive(Clone, Debug, Serialize)]
+pub struct AtWork {
+    /// Name of the scheme.
+    pub scheme: String,
+    /// Frequency of the sine, Hz.
+    pub frequency_hz: f64,
+    /// RMS error of the true displacement, um.
+    pub true_rms_um: f64,
+    /// Largest error of the true displacement, um.
+    pub true_max_um: f64,
+}
+
+/// Designs on the model that they were made for, on the same sines with the same noise.
+#[must_use]
+pub fn at_work(chain: &Model, designs: &[&ServoDesign], frequencies_hz: &[f64], noise_um: f64) -> Vec<AtWork> {
+    let jobs: Vec<(&ServoDesign, f64)> = designs.iter().flat_map(|design| frequencies_hz.iter().map(move |hz| (*design, *hz))).collect();
+    let run = |(design, hz): &(&ServoDesign, f64)| {
+        let amplitude_um = 0.3 * design.model.reach_um();
+        let reference =
+            PeriodicReference { shape: Shape::Sine, frequency_hz: *hz, amplitude_um, offset_um: 1.12 * amplitude_um, phase_deg: -90.0 };
+        let circumstances = Circumstances { noise_um, seed: 1, disturbance: None };
+        let found = track(chain, design, &Reference::Periodic(reference), "", circumstances);
+        let (true_rms_um, true_max_um) = found.map_or((f64::NAN, f64::NAN), |found| (found.truth.rms_um, found.truth.max_um));
+        AtWork { scheme: design.scheme_name().into(), frequency_hz: *hz, true_rms_um, true_max_um }
+    };
+    crate::parallel::map(&jobs, run)
+}
+
+/// The same in a sentence: each scheme with its errors in the order of the frequencies.
+#[must_use]
+pub fn at_work_in_words(rows: &[AtWork]) -> String {
+    let mut schemes: Vec<&str> = rows.iter().map(|row| row.scheme.as_str()).collect();
+    schemes.dedup();
+    let of = |scheme: &str| {
+        let errors: Vec<String> =
+            rows.iter().filter(|row| row.scheme == scheme).map(|row| format!("{:.1}", 1e3 * row.true_rms_um)).collect();
+        format!("{scheme} {} nm", errors.join(" / "))
+    };
+    let first = schemes.first().copied().unwrap_or_default();
+    let hz: Vec<String> = rows.iter().filter(|row| row.scheme == first).map(|row| format!("{:.0}", row.frequency_hz)).collect();
+    format!(
+        "On this model, same runs, RMS error of the true position at {} Hz: {}.",
+        hz.join(" / "),
+        schemes.iter().map(|s| of(s)).collect::<Vec<_>>().join("; ")
+    )
+}
+
+/// Cut-off of the observer's `G_3` (Ch. 7, Eq. 26): from where it falls below 3 dB for good, Hz.
+#[must_use]
+pub fn observer_cutoff_hz(nominal: &NominalModel, gains: &super::thesis_schemes::ObserverGains) -> f64 {
+    let magnitude = |hz: f64| check::observer_response(nominal, gains, TAU * hz).norm();
+    let highest = 10_000.0;
+    let steps = (0..400).map(|i| highest * 0.98_f64.powi(i));
+    let mut beyond = highest;
+    for hz in steps {
+        if magnitude(hz) >= FRAC_1_SQRT_2 {
+            // Between here and the step above.
+            let (mut low, mut high) = (hz, beyond);
+            for _ in 0..40 {
+                let middle = 0.5 * (low + high);
+                if magnitude(middle) >= FRAC_1_SQRT_2 { low = middle } else { high = middle }
+            }
+            return low;
+        }
+        beyond = hz;
+    }
+    0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::thesis_schemes::ObserverGains;
+    use super::*;
+
+    #[test]
+    fn the_cut_off_is_the_one_of_the_thesis_gains() {
+        let cutoff = |gains| observer_cutoff_hz(&NominalModel::THESIS, &gains);
+        assert!((cutoff(ObserverGains::THESIS_ESTIMATION) - 718.0).abs() < 1.0, "{}", cutoff(ObserverGains::THESIS_ESTIMATION));
+        assert!((cutoff(ObserverGains::THESIS_PIDSMOC) - 1187.0).abs() < 2.0);
+    }
+
+    #[test]
+    fn every_name_is_its_scheme() {
+        assert!(Choice::ALL.into_iter().all(|choice| Choice::named(choice.name()) == Ok(choice)));
+        assert!(Choice::named("lqg").unwrap_err().contains("pidsmc-alpha-beta"));
+    }
+}

@@ -1,0 +1,83 @@
+//! What one run of the program answered, read from its JSON.
+
+use serde_json::Value;
+
+/// An answer, whichever finder gave it.
+#[derive(Clone, Debug, Default)]
+pub struct Answer {
+    /// The verdict's word.
+    pub verdict: String,
+    /// Why it is undecidable, where the program says.
+    pub reason: String,
+    /// What is named, one group for each finding; several effects are an "or".
+    pub groups: Vec<Vec<String>>,
+    /// Effects with other values than in the model that was handed in.
+    pub changed: Vec<String>,
+    /// Kinds of issues with the recording.
+    pub issues: Vec<String>,
+    /// Error of the first and of the last model, um: held out where there is one.
+    pub before_um: Option<f64>,
+    /// As `before_um`.
+    pub after_um: Option<f64>,
+    /// Noise, um.
+    pub noise_um: Option<f64>,
+    /// Errors by record with role, um; only `explain` writes them.
+    pub records: Vec<(String, String, f64)>,
+}
+
+fn texts(value: &Value) -> Vec<String> {
+    value.as_array().map_or_else(Vec::new, |all| all.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
+}
+
+impl Answer {
+    /// From `hysteron.fit/1` with a diagnosis, or from `hysteron.diagnosis/1`.
+    pub fn of(json: &Value) -> Result<Self, String> {
+        let d = json.get("diagnosis").unwrap_or(json);
+        let verdict = d["verdict"].as_str().ok_or("the answer holds no verdict")?.to_owned();
+        let named = texts(&d["named"]);
+        // Only what these two words claim is a name.
+        let claims = verdict == "named" || verdict == "ambiguous";
+        let findings = d["findings"].as_array().cloned().unwrap_or_default();
+        let groups = findings.iter().map(|f| texts(&f["effects"])).filter(|g| claims && g.iter().any(|id| named.contains(id)));
+        let each = |key: &str, of: &str| -> Vec<String> {
+            let all = d[key].as_array().cloned().unwrap_or_default();
+            let mut out: Vec<String> = all.iter().filter_map(|v| v[of].as_str().map(str::to_owned)).collect();
+            out.dedup();
+            out
+        };
+        let error = |key: &str| {
+            let errors = &d[key];
+            errors["validate"].as_f64().or_else(|| errors["identify"].as_f64())
+        };
+        let record = |r: &Value| Some((r["file"].as_str()?.to_owned(), r["role"].as_str()?.to_owned(), r["rms_um"].as_f64()?));
+        Ok(Self {
+            reason: d["reason"].as_str().unwrap_or_default().to_owned(),
+            groups: groups.collect(),
+            changed: each("changed", "effect"),
+            issues: each("issues", "kind"),
+            before_um: error("residual_rms_um"),
+            after_um: error("residual_rms_after_um"),
+            noise_um: d["noise_floor_um"].as_f64(),
+            records: json["records"].as_array().map_or_else(Vec::new, |all| all.iter().filter_map(record).collect()),
+            verdict,
+        })
+    }
+
+    /// The groups in one word: `creep+delay|vibration` is creep, and delay or vibration. The order says nothing.
+    pub fn said(&self) -> String {
+        let changed = self.changed.iter().map(|id| format!("{id}*"));
+        let mut groups: Vec<String> = self.groups.iter().map(|g| g.join("|")).chain(changed).collect();
+        groups.sort();
+        groups.join("+")
+    }
+
+    /// The same, whatever the order within an "or".
+    pub fn names(&self) -> String {
+        let sorted = self.groups.iter().map(|group| {
+            let mut group = group.clone();
+            group.sort();
+            group
+        });
+        Self { groups: sorted.collect(), ..self.clone() }.said()
+    }
+}

@@ -1,0 +1,209 @@
+//! One case: a data set, where the search starts, what is true; and one run of the program on it.
+
+use super::Context;
+use super::answer::Answer;
+use super::mark::{Mark, Truth, mark};
+use super::results::{Results, Row};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// Where a search starts.
+#[derive(Clone, Debug)]
+pub enum Start {
+    /// From these effects.
+    Effects(String),
+    /// From the model that the program itself found on another data set.
+    ModelOf(PathBuf),
+}
+
+/// What is compared with what.
+#[derive(Clone, Debug)]
+pub enum Check {
+    /// The names with the truth.
+    Names(Truth),
+    /// Errors and seconds stand for themselves; samples by record weigh the errors.
+    Errors(Vec<(String, f64)>),
+    /// The names with those of another case of the same set, which stands before it.
+    SameAs(String),
+    /// The answers of all front ends with one another.
+    FrontEnds,
+}
+
+/// One case of a set.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// Its name within the set.
+    pub name: String,
+    /// The data set.
+    pub data: PathBuf,
+    /// Where the search starts.
+    pub start: Start,
+    /// What is compared.
+    pub check: Check,
+    /// Noise of a simulated case, um.
+    pub noise_um: Option<f64>,
+}
+
+/// Runs the program; its JSON, seconds, and seconds of all processors.
+pub fn answered(program: &Path, arguments: &[&str], json: &Path) -> Result<(Value, f64, f64), String> {
+    let (begin, before_s) = (Instant::now(), of_children_s());
+    let path = json.to_string_lossy();
+    let run = Command::new(program)
+        .args(arguments)
+        .args(["--json", &path, "--force"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .output()
+        .map_err(|e| format!("{}: {e}", program.display()))?;
+    let (seconds, processor_s) = (begin.elapsed().as_secs_f64(), of_children_s() - before_s);
+    // `score` ends with 1 where a case is wrong, and has answered.
+    if !matches!(run.status.code(), Some(0 | 1)) {
+        let said = String::from_utf8_lossy(&run.stderr).trim().to_owned();
+        return Err(format!("hysteron {}: {}: {said}", arguments.join(" "), run.status));
+    }
+    let text = std::fs::read_to_string(json).map_err(|e| format!("{path}: {e}"))?;
+    Ok((serde_json::from_str(&text).map_err(|e| format!("{path}: {e}"))?, seconds, processor_s))
+}
+
+/// Seconds of processor of all children so far, from `/proc`; 0 where there is none, and the results say so.
+fn of_children_s() -> f64 {
+    const TICKS_PER_S: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The fields behind the name, which ends with the last bracket.
+    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    let ticks = |at: usize| fields.get(at).and_then(|t| t.parse::<f64>().ok()).unwrap_or(0.0);
+    (ticks(13) + ticks(14)) / TICKS_PER_S
+}
+
+impl Case {
+    /// A case whose names are compared with the truth.
+    pub fn named(name: String, data: PathBuf, from: &str, truth: Truth, noise_um: Option<f64>) -> Self {
+        Self { name, data, start: Start::Effects(from.to_owned()), check: Check::Names(truth), noise_um }
+    }
+
+    /// Runs it once.
+    pub fn run(&self, context: &Context, set: &'static str, results: &Results) -> Result<Row, String> {
+        if let Check::FrontEnds = self.check {
+            return super::front_ends::compared(self, context, set);
+        }
+        let answers = context.folder_of("answers")?.join(&context.label);
+        std::fs::create_dir_all(&answers).map_err(|e| format!("{}: {e}", answers.display()))?;
+        let json = answers.join(format!("{set}_{}.json", self.name.replace(['/', ' '], "_")));
+        let data = self.data.to_string_lossy();
+        let asked = match &self.start {
+            Start::Effects(from) => answered(&context.program, &["explain", &data, "--from", from], &json),
+            Start::ModelOf(clean) => {
+                let model = model_of(context, clean)?;
+                answered(&context.program, &["diagnose", &model.to_string_lossy(), &data], &json)
+            }
+        };
+        let mut row = Row { set: set.into(), case: self.name.clone(), truth: self.truth(), ..Row::default() };
+        // A data set that the program refuses is an answer too, and no name.
+        let (answer, seconds, processor_s) = match asked {
+            Ok((value, seconds, processor_s)) => (Answer::of(&value)?, seconds, processor_s),
+            Err(problem) => {
+                row.verdict = "refused".into();
+                row.mark = Mark::Missed.word().into();
+                eprintln!("{set} {}: {problem}", self.name);
+                return Ok(row);
+            }
+        };
+        row.fill(&answer, seconds, processor_s);
+        row.mark = match &self.check {
+            Check::Names(truth) => mark(&answer, truth, || self.is_at_the_noise(context, &json))?.word().into(),
+            Check::SameAs(reference) => {
+                let names = results.names_of(set, reference).ok_or_else(|| format!("{reference} stands before {}", self.name))?;
+                if names == answer.names() { "same".into() } else { format!("other than {names}") }
+            }
+            Check::Errors(weights) => {
+                row.ends_um = ends_um(&answer, weights);
+                "-".into()
+            }
+            Check::FrontEnds => unreachable!("compared above"),
+        };
+        if let Check::SameAs(_) = self.check {
+        } else {
+            row.names = answer.names();
+        }
+        Ok(row)
+    }
+
+    /// What is true, as the results hold it.
+    fn truth(&self) -> String {
+        match &self.check {
+            Check::Names(Truth::Missing(missing, _)) => missing.join("+"),
+            Check::Names(Truth::Altered(right, _)) => right.join("|"),
+            Check::Names(Truth::Outside) => "outside".into(),
+            Check::Names(Truth::Nothing) => "nothing".into(),
+            Check::SameAs(reference) => format!("as {reference}"),
+            _ => String::new(),
+        }
+    }
+
+    /// Whether the effects that were started from, fitted, leave no more than the noise in any record: five standard deviations of the mean square of as
+    /// many samples of noise.
+    fn is_at_the_noise(&self, context: &Context, beside: &Path) -> Result<bool, String> {
+        let (Start::Effects(from), Some(noise_um)) = (&self.start, self.noise_um) else { return Ok(true) };
+        let json = beside.with_extension("base.json");
+        let (value, ..) = answered(&context.program, &["identify", &self.data.to_string_lossy(), "--effects", from], &json)?;
+        let records = value["records"].as_array().cloned().unwrap_or_default();
+        for record in records.iter().filter(|r| r["role"] == "identify" || r["role"] == "validate") {
+            let (Some(file), Some(rms_um)) = (record["file"].as_str(), record["rms_um"].as_f64()) else { continue };
+            let samples = samples_of(&self.data.join(format!("{file}.csv")))?;
+            let excess_um2 = rms_um * rms_um - noise_um * noise_um;
+            if excess_um2 > 5.0 * noise_um * noise_um * (2.0 / samples).sqrt() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Rows of a table below its header.
+fn samples_of(path: &Path) -> Result<f64, String> {
+    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    Ok(text.lines().count().saturating_sub(1) as f64)
+}
+
+/// The model that the program finds on a data set from a gain; found once for each label.
+pub fn model_of(context: &Context, data: &Path) -> Result<PathBuf, String> {
+    let folder = context.folder_of("models")?.join(&context.label);
+    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let name = data.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let model = folder.join(format!("{name}.toml"));
+    if !model.exists() {
+        let out = model.to_string_lossy();
+        answered(
+            &context.program,
+            &["explain", &data.to_string_lossy(), "--from", "gain", "--out", &out],
+            &folder.join(format!("{name}.json")),
+        )?;
+    }
+    Ok(model)
+}
+
+/// The names that the program finds on a data set from a gain.
+pub fn own_effects(context: &Context, data: &Path) -> Result<Vec<String>, String> {
+    let json = model_of(context, data)?.with_extension("json");
+    let text = std::fs::read_to_string(&json).map_err(|e| format!("{}: {e}", json.display()))?;
+    let value: Value = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", json.display()))?;
+    let effects = value["effects"].as_array().cloned().unwrap_or_default();
+    Ok(effects.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
+}
+
+/// Geometric mean of the errors on fitted and held-out records, um, each the root of the mean square over the samples.
+fn ends_um(answer: &Answer, samples: &[(String, f64)]) -> Option<f64> {
+    let of = |role: &str| {
+        let each = answer.records.iter().filter(|(_, r, _)| r == role);
+        let (sum, count) = each.fold((0.0, 0.0), |(sum, count), (file, _, rms_um)| {
+            let weight = samples.iter().find(|(name, _)| name == file).map_or(1.0, |(_, n)| *n);
+            (sum + weight * rms_um * rms_um, count + weight)
+        });
+        (count > 0.0).then(|| (sum / count).sqrt())
+    };
+    let fitted_um = of("identify")?;
+    Some(of("validate").map_or(fitted_um, |held_out_um| (fitted_um * held_out_um).sqrt()))
+}
