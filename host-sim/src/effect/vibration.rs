@@ -701,6 +701,10 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
         resonances.iter().map(|r| vec![r.natural_frequency_rad_s, r.damping_ratio]).collect()
     }
+    fn ruled_out_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
+        // Beyond the critical damping nothing rings: the equation is then that of two lags, which have names of their own.
+        (values[1] > 1.0).then(|| format!("with a damping ratio of {:.2} it does not ring: it is two lags", values[1]))
+    }
     fn unlikely_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
         (values[1] > 0.5).then(|| {
             let hz = values[0] / std::f64::consts::TAU;

@@ -280,6 +280,10 @@ impl Choice<'_> {
         let (Some(force), None, None) = (self.of(Quantity::Force), self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
             return;
         };
+        // A drive that stands still is one all the same.
+        if !self.by_name(Quantity::Drive).is_empty() {
+            return;
+        }
         let [other] = self.unused()[..] else { return };
         let judged = drive_among(&self.column(other).values, &self.column(force.at).values);
         let (drive, response) = if judged.first_is_drive { (other, force.at) } else { (force.at, other) };

@@ -93,7 +93,8 @@ fn units_in_names_and_in_a_second_line() {
     gives("a.csv", format!("time,drive,position\nms,mV,nm\n{}", scaled(",")).as_bytes(), &["[ms]"]);
     gives("a.csv", format!("Time,Channel A,Channel B\n(ms),(mV),(nm)\n\n{}", scaled(",")).as_bytes(), &["column `Channel B [nm]`"]);
     refused("a.csv", format!("t [h],u [V],y [um]\n{}", plain(",")).as_bytes(), &["t [h]", "ms"]);
-    refused("a.csv", format!("t [s],u [V],y [V]\n{}", plain(",")).as_bytes(), &["--units y=5um/V"]);
+    let in_volts = gives("a.csv", format!("t [s],u [V],y [V]\n{}", plain(",")).as_bytes(), &["kept in V", "--units y=5um/V"]);
+    assert_eq!(in_volts.units.reading, "V");
 }
 
 #[test]
