@@ -48,7 +48,7 @@ cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long li
 cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
 cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
 cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET..] how well a program finds what is missing, set by set; results in benchmarks/results
-cargo xtask readme     writes the table of effects in docs/list_of_effects.md, and that of formats in docs/formats.md";
+cargo xtask readme     writes the table of effects in docs/reference/list_of_effects.md, and that of formats in docs/reference/formats.md";
 
 fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
