@@ -102,16 +102,20 @@ fn banned(text: &str) -> Vec<(&'static str, &'static str)> {
     BANNED.lines().filter_map(|line| line.split_once(" = ")).filter(|(sequence, _)| stands(sequence)).collect()
 }
 
-/// Paragraphs of a page without code, tables and headings: lines with their numbers.
+/// Paragraphs of a page without code, tables, headings and what a program writes between marks: lines with their numbers.
 fn paragraphs(page: &str) -> Vec<Vec<(usize, &str)>> {
     let (mut all, mut current, mut in_code, mut in_list) = (Vec::new(), Vec::new(), false, false);
+    let mut is_generated = false;
     for (number, line) in page.lines().enumerate() {
         let text = line.trim_start();
+        if text.starts_with("<!--") {
+            is_generated = text.contains(": written ");
+        }
         let is_item = ["- ", "* "].iter().any(|mark| text.starts_with(mark))
             || text.split_once(". ").is_some_and(|(number, _)| !number.is_empty() && number.chars().all(|c| c.is_ascii_digit()));
         in_code ^= text.starts_with("```");
         let is_indented = line.starts_with("    ") && !in_list && current.is_empty();
-        let is_other = in_code || is_indented || text.starts_with(['|', '#', '<']) || text.starts_with("```") || text.starts_with("![");
+        let is_other = in_code || is_generated || is_indented || text.starts_with(['|', '#', '<']) || text.starts_with("```") || text.starts_with("![");
         if text.is_empty() || is_other || is_item {
             if !current.is_empty() {
                 all.push(std::mem::take(&mut current));
@@ -288,7 +292,11 @@ pub fn report(arguments: &[String]) -> Result<(), String> {
     if mean > MOST_MEAN_WORDS {
         passed.push(format!("all pages: {mean:.1} words a sentence, at most {MOST_MEAN_WORDS}"));
     }
-    if passed.is_empty() { Ok(()) } else { Err(passed.join("\n")) }
+    match (passed.len(), named.is_empty()) {
+        (0, _) => Ok(()),
+        (_, true) => Err(passed.join("\n")),
+        (count, false) => Err(format!("{count} faults")),
+    }
 }
 
 #[cfg(test)]
@@ -305,7 +313,7 @@ mod tests {
     #[test]
     fn code_tables_and_headings_of_a_page_are_left_out() {
         let figures = page(
-            "# A title of words\n\nOne two\nthree.\n\n    code of words\n\n| a | table |\n\n- [an item](far/away.md)\n  goes on\n\n```\nmore\n```\n",
+            "# A title of words\n\nOne two\nthree.\n\n    code of words\n\n| a | table |\n\n- [an item](far/away.md)\n  goes on\n\n```\nmore\n```\n\n<!-- a: written by b -->\nwords\n<!-- end of a -->\n",
         );
         assert_eq!((figures.sentences, figures.words, figures.longest), (2, 7, 4));
     }
