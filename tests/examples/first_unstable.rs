@@ -1,4 +1,4 @@
-//! Where a loop becomes unstable on stages that the simulation does not share, over where `check` predicts it: prints the table of
+//! Where a loop becomes unstable on stages that the simulation does not share, over where `check` predicts it: prints the table that belongs to
 //! `docs/results/servo_from_data.md`.
 //!
 //!     cargo run --release --workspace --example first_unstable [STAGES [FIRST_SEED]]

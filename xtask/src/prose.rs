@@ -115,7 +115,12 @@ fn paragraphs(page: &str) -> Vec<Vec<(usize, &str)>> {
             || text.split_once(". ").is_some_and(|(number, _)| !number.is_empty() && number.chars().all(|c| c.is_ascii_digit()));
         in_code ^= text.starts_with("```");
         let is_indented = line.starts_with("    ") && !in_list && current.is_empty();
-        let is_other = in_code || is_generated || is_indented || text.starts_with(['|', '#', '<']) || text.starts_with("```") || text.starts_with("![");
+        let is_other = in_code
+            || is_generated
+            || is_indented
+            || text.starts_with(['|', '#', '<'])
+            || text.starts_with("```")
+            || text.starts_with("![");
         if text.is_empty() || is_other || is_item {
             if !current.is_empty() {
                 all.push(std::mem::take(&mut current));
@@ -329,7 +334,10 @@ mod tests {
     fn a_long_sentence_and_a_long_line_are_faults_and_a_generated_page_keeps_its_lines() {
         let figures = page(&format!("{}end.\n", "word ".repeat(45)));
         let found = faults("README.md", &figures);
-        assert_eq!(found, ["README.md: 46.0 words a sentence, at most 20", "README.md:1: 46 words, at most 45", "README.md:1: 229 columns, at most 110"]);
+        assert_eq!(
+            found,
+            ["README.md: 46.0 words a sentence, at most 20", "README.md:1: 46 words, at most 45", "README.md:1: 229 columns, at most 110"]
+        );
         assert_eq!(faults("docs/reference/effects.md", &figures).len(), 2);
         assert!(faults("README.md", &page("It ends.\n")).is_empty());
     }

@@ -93,6 +93,7 @@ pub fn host() -> Vec<Step> {
         Step { name: "format", action: format },
         Step { name: "lints", action: lints },
         Step { name: "documentation", action: documentation },
+        Step { name: "prose", action: || prose::report(&[]) },
         Step { name: "host tests (release)", action: host_tests },
         Step { name: "examples in the documentation", action: documentation_tests },
     ]
