@@ -1,5 +1,5 @@
-//! Where a loop becomes unstable on stages that the simulation does not share, over where `check` predicts it: prints the table of
-//! `docs/servo_from_data.md`.
+//! Where a loop becomes unstable on stages that the simulation does not share, over where `check` predicts it: prints the table that belongs to
+//! `docs/results/servo_from_data.md`.
 //!
 //!     cargo run --release --workspace --example first_unstable [STAGES [FIRST_SEED]]
 //!

@@ -1,5 +1,5 @@
 //! Learned feedforward on a sharp triangle of 100 Hz over six tenths of the travel, on stages that the simulation does not share, 5 % off the model
-//! in gain and in the frequency of every mode: prints the tables of `docs/learned_feedforward.md`.
+//! in gain and in the frequency of every mode: prints the tables that belong to `docs/results/learned_feedforward.md`.
 //!
 //!     cargo run --release --example learned_feedforward [STAGES [FIRST_SEED]]
 //!     cargo run --release --example learned_feedforward bench

@@ -1,5 +1,5 @@
-//! From three kinds of recording to a servo at work on stages that the simulation does not share: prints the table of
-//! `docs/servo_from_data.md`.
+//! From three kinds of recording to a servo at work on stages that the simulation does not share: prints the table that belongs to
+//! `docs/results/servo_from_data.md`.
 //!
 //!     cargo run --release --workspace --example servo_from_data [STAGES [FIRST_SEED]]
 //!

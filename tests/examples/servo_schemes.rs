@@ -1,4 +1,4 @@
-//! Every scheme that a design chooses among, on stages that the simulation does not share: prints the tables of `docs/servo_schemes.md`.
+//! Every scheme that a design chooses among, on stages that the simulation does not share: prints the tables that belong to `docs/reference/servo_schemes.md`.
 //!
 //!     cargo run --release -p hysteron-tests --example servo_schemes [STAGES [FIRST_SEED]]
 //!

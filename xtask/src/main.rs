@@ -44,11 +44,11 @@ cargo xtask tune SEED.. `hysteron board tune` in front of these independent stag
 cargo xtask board      builds the operator's program `hysteron-board` and puts it with the image beside `hysteron` (after `firmware`)
 cargo xtask mutate [NAME..] takes lines of safety out of the firmware, each once, and expects an emulated test to fail (firmware/mutations.toml)
 cargo xtask notebook   stores what the notebook of examples/ prints (after `python`)
-cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long lines by file; of named files, each place
+cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long lines by file; a page that passes a limit fails, with --strict a source too; of named files, each place
 cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
 cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
 cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET..] how well a program finds what is missing, set by set; results in benchmarks/results
-cargo xtask readme     writes the table of effects in docs/list_of_effects.md, and that of formats in docs/formats.md";
+cargo xtask readme     writes the table of effects in docs/reference/list_of_effects.md, and that of formats in docs/reference/formats.md";
 
 fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();

@@ -93,6 +93,7 @@ pub fn host() -> Vec<Step> {
         Step { name: "format", action: format },
         Step { name: "lints", action: lints },
         Step { name: "documentation", action: documentation },
+        Step { name: "prose", action: || prose::report(&[]) },
         Step { name: "host tests (release)", action: host_tests },
         Step { name: "examples in the documentation", action: documentation_tests },
     ]
@@ -315,7 +316,7 @@ const EMULATOR: &str = "board/emulator";
 /// Of the property tests: a check says the same of the same sources every time. `cargo test` alone draws other cases each time, and finds more.
 const SAME_RANDOM_CASES: (&str, &str) = ("PROPTEST_RNG_SEED", "20260101");
 
-/// Writes the tables that documentation has from the code: effects in docs/list_of_effects.md, formats in docs/formats.md. The same tests fail in `host_tests`
+/// Writes the tables that documentation has from the code: effects in docs/reference/list_of_effects.md, formats in docs/reference/formats.md. The same tests fail in `host_tests`
 /// where one is stale.
 pub fn write_tables() -> Result<(), String> {
     for [test, name] in [["readme", "the_table_in_the_readme"], ["formats", "the_table_of_formats"]] {

@@ -71,7 +71,7 @@ impl Effect for AmplifierBandwidth {
     fn equations(&self) -> &'static str {
         r"`tau y' + y = x`, `tau = 1 / (2 pi bandwidth_hz)`.
 
-With `a = exp(-T / tau)` and the voltage `v`: `v[k] = x[k] + (v[k-1] - x[k]) a`, and `y[k] = v[k]`. What stands behind is told that its input glides with `tau` (*Arrival*). In front of
+With `a = exp(-T / tau)` and the voltage `v`: `v[k] = x[k] + (v[k-1] - x[k]) a`, and `y[k] = v[k]`. The next stage takes its input as gliding with `tau` (*Arrival*). In front of
 `slew_limit`, and with a mode or a sensor's lag in the model, it gives means: `y[k] = x[k] + (v[k-1] - x[k]) (1 - a) tau / T`. With a mode or a sensor's lag and `T` above 25 us the
 period is divided into 2. At rest `v = y = x`."
     }

@@ -504,7 +504,7 @@ pub trait Effect: Send + Sync {
     /// What the effect says about itself.
     fn declaration(&self) -> Declaration;
 
-    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and how it is discretised, in Markdown. `docs/effects.md`
+    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and how it is discretised, in Markdown. `docs/reference/effects.md`
     /// explains the notation.
     fn equations(&self) -> &'static str {
         ""

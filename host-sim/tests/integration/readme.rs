@@ -1,4 +1,4 @@
-//! The table of effects in docs/list_of_effects.md is that of the registry. `cargo xtask readme` writes it: this test with `HYSTERON_WRITE_README=1`.
+//! The table of effects in docs/reference/list_of_effects.md is that of the registry. `cargo xtask readme` writes it: this test with `HYSTERON_WRITE_README=1`.
 
 use crate::between_marks;
 
@@ -18,7 +18,7 @@ fn table() -> String {
 
 #[test]
 fn the_table_in_the_readme_is_that_of_the_registry() {
-    is_current(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/list_of_effects.md"), BEGIN, END, &table());
+    is_current(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/reference/list_of_effects.md"), BEGIN, END, &table());
 }
 
 #[test]

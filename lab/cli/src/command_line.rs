@@ -180,7 +180,7 @@ enum Command {
         after_help = "Examples:\n  hysteron explain recording.mat\n  hysteron explain my_stage --from hysteresis,initial_curve,vibration --out model.toml --report explain.html"
     )]
     Explain {
-        /// Folder with dataset.toml, a manifest, or one file of numbers (docs/formats.md)
+        /// Folder with dataset.toml, a manifest, or one file of numbers (docs/reference/formats.md)
         dataset: PathBuf,
         /// Effects to start from, comma-separated (default: gain), or a file that lists them
         #[arg(long, default_value = "gain")]
@@ -283,7 +283,7 @@ enum Command {
     },
     /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99), or its linear part as a state space
     #[command(
-        after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\nEquations: docs/effects.md"
+        after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\nEquations: docs/reference/effects.md"
     )]
     Export {
         /// Model file
@@ -346,7 +346,7 @@ enum Command {
         /// Servo file to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
-        /// `predictor`, `pidsmoc`, `pidsmc-alpha-beta`, `smcbl` or `pid` (docs/servo_schemes.md says which to take)
+        /// `predictor`, `pidsmoc`, `pidsmc-alpha-beta`, `smcbl` or `pid` (docs/reference/servo_schemes.md says which to take)
         #[arg(long, value_name = "NAME", default_value = "predictor")]
         scheme: String,
         /// Leave the hysteresis to the unknown input instead of inverting it

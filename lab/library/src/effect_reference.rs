@@ -1,4 +1,4 @@
-//! The reference page of the effects, from what they declare: `docs/effects.md`.
+//! The reference page of the effects, from what they declare: `docs/reference/effects.md`.
 
 use hysteron_sim::effect::{Overview, Parameter, Place, Scale, registry};
 use std::fmt::Write;

@@ -1,4 +1,4 @@
-"""Computes a model file from docs/effects.md alone, with the standard library: python3 from_the_equations.py model.toml drive.txt RATE_HZ"""
+"""Computes a model file from docs/reference/effects.md alone, with the standard library: python3 from_the_equations.py model.toml drive.txt RATE_HZ"""
 
 import math
 import sys

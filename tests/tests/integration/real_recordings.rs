@@ -1,4 +1,4 @@
-//! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/real_recordings.md.
+//! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/results/real_recordings.md.
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, Role};

@@ -34,7 +34,7 @@ fn require_files(folder: &Path, names: &[&str]) {
 fn the_five_minutes_are_as_they_are_told() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::copy(Path::new(EXAMPLE).join("validation.csv"), folder.path().join("recording.csv")).unwrap();
-    let guide = include_str!("../../../../docs/five_minutes.md").split("## From MATLAB").next().unwrap();
+    let guide = include_str!("../../../../docs/guides/five_minutes.md").split("## From MATLAB").next().unwrap();
     let (commands, compared) = followed(guide, folder.path());
     assert!(commands >= 4 && compared >= 9, "{commands} commands, {compared} lines compared");
     require_files(folder.path(), &["model.toml", "report.html", "explain.json", "simulated.csv", "better.toml"]);
@@ -49,7 +49,7 @@ fn the_thirty_minutes_to_a_servo_are_as_they_are_told() {
         let path = entry.unwrap().path();
         std::fs::copy(&path, stage.join(path.file_name().unwrap())).unwrap();
     }
-    let (commands, compared) = followed(include_str!("../../../../docs/servo_in_thirty_minutes.md"), folder.path());
+    let (commands, compared) = followed(include_str!("../../../../docs/guides/servo_in_thirty_minutes.md"), folder.path());
     assert!(commands >= 6 && compared >= 4, "{commands} commands, {compared} lines compared");
     require_files(
         folder.path(),
@@ -57,7 +57,7 @@ fn the_thirty_minutes_to_a_servo_are_as_they_are_told() {
     );
 }
 
-/// A session as docs/recording.md asks for it: the drives one after another on one simulated actuator, whose history goes on.
+/// A session as docs/guides/recording.md asks for it: the drives one after another on one simulated actuator, whose history goes on.
 #[test]
 fn a_session_with_the_recommended_drives_is_read_by_their_manifest_and_explained() {
     let folder = tempfile::tempdir().unwrap();
@@ -69,7 +69,7 @@ fn a_session_with_the_recommended_drives_is_read_by_their_manifest_and_explained
     let start = "hysteresis,initial_curve,vibration";
     run(&["explain", EXAMPLE, "--from", start, "--out", "actuator.toml"]);
     run(&["drives", "--drive-max-v", "70", "--out", "drives"]);
-    let recording = include_str!("../../../../docs/recording.md");
+    let recording = include_str!("../../../../docs/guides/recording.md");
     let drives = folder.path().join("drives");
     for entry in std::fs::read_dir(&drives).unwrap() {
         let path = entry.unwrap().path();

@@ -1,4 +1,4 @@
-//! The examples of docs/own_effects.md, taken from the page and fitted to simulations that know nothing of them: the values come back.
+//! The examples of docs/reference/own_effects.md, taken from the page and fitted to simulations that know nothing of them: the values come back.
 
 use crate::common;
 
@@ -11,7 +11,7 @@ const NOISE_UM: f64 = 1e-3;
 
 /// The definition on the page with this name.
 fn definition(id: &str) -> String {
-    let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/own_effects.md")).unwrap();
+    let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/own_effects.md")).unwrap();
     let blocks: Vec<&str> = page.split("```toml\n").skip(1).filter_map(|block| block.split("```").next()).collect();
     blocks
         .into_iter()

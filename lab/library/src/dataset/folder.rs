@@ -9,7 +9,7 @@ use std::path::Path;
 /// Most that is read of one file: a device gives bytes without end.
 const BYTES_MAX: u64 = 2 << 30;
 
-const EXPECTED: &str = "a folder with `dataset.toml`, or one file of numbers (docs/formats.md)";
+const EXPECTED: &str = "a folder with `dataset.toml`, or one file of numbers (docs/reference/formats.md)";
 
 /// The files beside a manifest.
 struct Folder<'a>(&'a Path);
@@ -67,7 +67,7 @@ pub fn load_as(path: &Path, instructions: &Instructions) -> Result<Dataset> {
         if !manifest.is_file() {
             return Err(Error::new(
                 path.display(),
-                "is a folder without `dataset.toml`; expected a manifest there (docs/dataset.md) or one file of numbers (docs/formats.md)",
+                "is a folder without `dataset.toml`; expected a manifest there (docs/reference/dataset.md) or one file of numbers (docs/reference/formats.md)",
             ));
         }
         return load_as(&manifest, instructions);

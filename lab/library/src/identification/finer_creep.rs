@@ -2,7 +2,7 @@
 //!
 //! Creep is a sum of first-order terms on a grid of time constants, one for each decade. An actuator that creeps with the logarithm of time is met by that to
 //! some per cent of its creep; one with a single time constant between two of the grid leaves a twentieth of it, which looks like drift, leakage or loops of
-//! another kind. On the recorded stage twice and four times as many terms bring the error down by a third (`docs/real_recordings.md`).
+//! another kind.
 //!
 //! Both ways are tried because neither is the better one everywhere: free time constants meet few terms exactly, and on long creep they follow what the fitted
 //! records happen to show; a dense grid with shares that are not negative is smooth. Held-out records decide.

@@ -4,7 +4,7 @@
 //! Eigenvalues tell of a free drive, and the first harmonic of a limit ([`PredictorDesign::at_a_limit`](super::predictor::PredictorDesign::at_a_limit)) of a swinging
 //! that is there already. Whether a servo gets from its beginning to rest or into that swinging depends on how hard its own noise and the way up push it beyond the limit, and on the
 //! hysteresis that it turns back in; neither knows of these, so it is run. With the linear part of the model alone, in f64, gains came out as well, but masses up to 18 % too
-//! early (docs/servo_from_data.md).
+//! early (`cargo run --release -p hysteron-tests --example first_unstable`).
 
 use super::design::ServoDesign;
 use super::plant_set::Variation;

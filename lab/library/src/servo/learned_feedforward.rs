@@ -53,7 +53,7 @@ const PERIODS_PER_HALVING: u8 = 2;
 /// ... and then by an eighth: noise is averaged over some fifteen periods.
 const MOST_HALVINGS: u8 = 3;
 /// Weight on the taps of `L`, over the mean power of what they filter: without it they grow where the loop hardly answers, and with a third of it
-/// an error was seen to grow slowly (docs/learned_feedforward.md). Three times as much, and again, where the taps are too large.
+/// an error can grow slowly. Three times as much, and again, where the taps are too large.
 const TAP_WEIGHT: f64 = 3e-3;
 /// Largest sum of the magnitudes of `L`'s taps: the tick's format ends at 128.
 const LARGEST_SUM: f64 = 100.0;

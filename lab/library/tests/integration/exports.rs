@@ -1,4 +1,4 @@
-//! Exports read what the program reads, to 1e-9 um: NumPy, Octave and C on the same drives; and a reader computes two models from docs/effects.md alone.
+//! Exports read what the program reads, to 1e-9 um: NumPy, Octave and C on the same drives; and a reader computes two models from docs/reference/effects.md alone.
 //!
 //! Needs python3 with NumPy, octave-cli and cc: `apt-get install python3-numpy octave gcc`.
 
@@ -302,7 +302,7 @@ fn what_cannot_be_exported_is_refused_by_name() {
     assert!(message.contains(&id) && message.contains("your own"), "{message}");
 }
 
-/// A program that was written from docs/effects.md, without a look at the code.
+/// A program that was written from docs/reference/effects.md, without a look at the code.
 #[test]
 fn a_reader_computes_two_models_from_the_equations() {
     let folder = tempfile::tempdir().unwrap();
@@ -328,8 +328,8 @@ fn a_reader_computes_two_models_from_the_equations() {
 #[test]
 fn the_page_of_equations_is_the_one_in_docs() {
     let page = hysteron::effect_reference::page();
-    let kept = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/effects.md")).unwrap();
-    assert!(page == kept, "write it again: hysteron effects --equations docs/effects.md --force");
+    let kept = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/effects.md")).unwrap();
+    assert!(page == kept, "write it again: hysteron effects --equations docs/reference/effects.md --force");
     for effect in hysteron_sim::effect::registry() {
         assert!(!effect.equations().is_empty(), "{} has no equations", effect.declaration().id);
     }

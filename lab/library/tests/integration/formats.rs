@@ -91,7 +91,7 @@ fn every_file_that_the_script_writes_is_listed() {
     assert_eq!(there, listed);
 }
 
-/// What comes of a damaged file, as the table in docs/formats.md writes it; fails where a message is none.
+/// What comes of a damaged file, as the table in docs/reference/formats.md writes it; fails where a message is none.
 fn outcome(file: &Written, whole: Option<&Record>, kind: &str, content: &[u8]) -> &'static str {
     let name = file.file;
     let dataset = match read(file, content) {
@@ -160,7 +160,7 @@ fn the_table_of_formats_is_current() {
         let found = outcomes(file, &content).join(" | ");
         table += &format!("| `{}` | {} | {} | {read} | {found} |\n", file.file, file.by, file.holds);
     }
-    is_current(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs/formats.md"), BEGIN, END, &table);
+    is_current(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/formats.md"), BEGIN, END, &table);
 }
 
 #[test]
