@@ -97,7 +97,7 @@ fn a_lag_that_a_model_has_taken_in_is_seen_in_held_out_records() {
     let found = analyse(&lagging, Start::Effects(&gain), &Options::default(), &Unwatched).expect("it can be explained");
     let (ids, errors_um) = (found.model.effect_ids(), errors_um(&found.model, &lagging));
     println!("{errors_um:?} um: {ids:?}");
-    let lags = ["sensor_bandwidth", "amplifier_bandwidth", delay::ID];
+    let lags = ["sensor_bandwidth", "amplifier_bandwidth", "sensor_filter", delay::ID];
     assert!(lags.iter().any(|lag| ids.iter().any(|id| id == lag)), "no lag in {ids:?}");
     assert!(errors_um.iter().all(|um| *um < 0.06), "{errors_um:?} um");
 }
@@ -137,10 +137,10 @@ fn loops_of_a_real_stage_stay_in_the_place_of_a_gain() {
     }
 }
 
-/// Far above the noise what lowers every error stays, named or not. All that vibration explains here is one ring, which by blocks of the record is
-/// no evidence; asked for it, the search ended at 17 nm.
+/// Far above the noise what lowers every error stays in the model, and how much stays unexplained is told beside the names. All that vibration explains here is
+/// one ring, which by blocks of the record is no evidence; asked for it, the search ended at 17 nm.
 #[test]
-fn what_lowers_the_errors_of_a_real_stage_stays_without_a_name() {
+fn what_lowers_the_errors_of_a_real_stage_stays_with_a_remainder() {
     let Some(data) = beside("measured") else { return };
     let roles = [("sine50_1", Role::Identify), ("tri50_1", Role::Identify), ("sine50_3", Role::Validate), ("tri50_2", Role::Validate)];
     let dataset = stage(roles.into_iter().map(|(name, role)| record(&data, name, 0.2, role)).collect());
@@ -149,7 +149,7 @@ fn what_lowers_the_errors_of_a_real_stage_stays_without_a_name() {
     let errors = errors_um(&found.model, &dataset);
     println!("{errors:?} um: {:?}", found.model.effect_ids());
     assert!(1e3 * errors[2].hypot(errors[3]) / 2f64.sqrt() < 14.0, "{errors:?}");
-    assert!(found.diagnosis.named.is_empty(), "{}", found.diagnosis.sentence);
+    assert!(found.diagnosis.remainder.times_noise.is_some_and(|times| times > 3.0), "{}", found.diagnosis.sentence);
 }
 
 /// The readings of a real stage have no outliers and end nowhere; those that were put in are found where the motion is not as sharp, and no others.

@@ -28,7 +28,7 @@ fn planted_effects_are_named_and_nothing_is_named_where_nothing_is_missing() {
     let score = planted(&hidden, 2.0, "hysteresis", 41);
     assert_eq!(score.cases.len(), 6);
     for case in &score.cases {
-        assert!(case.right_first && !case.false_discovery, "{case:?}");
+        assert!(case.right_in_set && !case.false_discovery, "{case:?}");
         assert!(case.hidden.starts_with("outside") || case.validate_over_noise <= 1.15, "{case:?}");
     }
 }

@@ -6,6 +6,7 @@ use super::{Dataset, Record};
 use crate::error::{Error, Result};
 #[cfg(feature = "readers")]
 use crate::quality::{self, Issue};
+use hysteron_sim::chain::InitialState;
 use hysteron_sim::intersample::Intersample;
 use serde::Deserialize;
 
@@ -79,6 +80,10 @@ impl Dataset {
 fn moved_up(record: &mut Record) {
     let samples = record.drive_v.len() - 1;
     record.drive_v.remove(0);
+    // The first reading answers a drive that is gone with its row, unless the stage has never been driven.
+    if record.initial_state != InitialState::Virgin {
+        record.window.start = record.window.start.max(1);
+    }
     record.displacement_um.truncate(samples);
     record.force_n.iter_mut().for_each(|force_n| force_n.truncate(samples));
     record.auxiliary = record.auxiliary.iter().map(|signal| signal.with(|values| values[..samples].to_vec())).collect();
