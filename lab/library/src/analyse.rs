@@ -177,7 +177,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         let Some(beside) = floor_of(&grown, &floor, &study).filter(|_| !blocked && !grown.stopped && !grown.out_of_time) else {
             break;
         };
-        let another = differ(floor.rms_um, beside.rms_um);
+        let another = differ(floor.rms_um, beside.rms_um) && is_near(&grown, &study, &beside);
         floor = beside;
         study = study_of(dataset, options, &floor, watch);
         if !another {
@@ -238,6 +238,13 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
 const FLOORS_MAX: usize = 3;
 /// Floors that differ by more than this share let a search end elsewhere.
 const ANOTHER_FLOOR: f64 = 0.1;
+
+/// A model of the search comes near one of two floors: far above both they are the same to it.
+fn is_near(grown: &Grown, study: &Study, beside: &NoiseFloor) -> bool {
+    let last = &grown.steps[grown.steps.len() - 1].judged;
+    let near = |floors_um: &[Option<f64>]| last.within(study.policy.near_the_noise, floors_um, &study.split);
+    near(&study.floors_um) || near(&beside.of_records_um)
+}
 
 fn differ(one_um: Option<f64>, other_um: Option<f64>) -> bool {
     one_um.zip(other_um).is_none_or(|(one_um, other_um)| (one_um - other_um).abs() > ANOTHER_FLOOR * one_um.min(other_um))

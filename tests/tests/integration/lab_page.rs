@@ -276,9 +276,9 @@ fn what_a_first_file_does_not_say_can_be_said_in_the_page() {
     let drive_v = |k: f64| 30.0 - 30.0 * (0.03 * k).cos() * (0.5 + 0.5 * (0.0013 * k).cos());
     let rows = (0..4000).map(f64::from).map(|k| format!("{:.4},{:.5},{:.5}\n", 1e-3 * k, drive_v(k), 0.02 * drive_v(k - 2.0)));
     let file = out.path().join("volts.csv");
-    std::fs::write(&file, format!("t [s],u [V],y [turns]\n{}", rows.collect::<String>())).expect("the folder can be written");
+    std::fs::write(&file, format!("t [s],u [V],Channel B [V]\n{}", rows.collect::<String>())).expect("the folder can be written");
     page.drop_files(&[file]);
-    page.wait_for(&format!("document.documentElement.dataset.error.includes('turns') && {LEFT_ALONE}"));
+    page.wait_for(&format!("document.documentElement.dataset.error.includes('--units y=5um/V') && {LEFT_ALONE}"));
     assert_eq!(page.value("document.querySelector('#otherwise').hidden"), false);
     // A unit that is none: refused again, with what was said still there.
     page.type_into("#otherwise [name=unit-y]", "5furlong/V");

@@ -220,7 +220,14 @@ fn every_scheme_can_be_checked_and_run() {
     let bench = Bench::reference().unwrap();
     let (reference, _) = sine_reference_um(&bench, 10.0, 3.0);
     for name in SCHEMES {
-        let design = with_scheme(&predictor(), name).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let design = match with_scheme(&predictor(), name) {
+            Ok(design) => design,
+            // Without an estimate of the disturbance none of its tunings holds the bench under the order's margins.
+            Err(why) => {
+                assert!(name.starts_with("smcbl") && why.contains("none of the tunings is stable"), "{name}: {why}");
+                continue;
+            }
+        };
         let trace = run(&bench, Variant::PLAIN, &design, &reference[..4000], 3).unwrap();
         assert!(trace.sensor_um.iter().all(|y| y.is_finite()), "{name}");
     }

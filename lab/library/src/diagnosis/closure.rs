@@ -130,7 +130,7 @@ fn same_law(study: &Study, entry: &Entry, id: &str, score: &Score) -> Option<Mod
 /// One effect in the place of every two, where the noise is near enough to show it: two lags that were added one after the other may stand in for a delay.
 fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
     let leaving: Vec<String> = entry.added().into_iter().filter(|id| may_go(entry, id)).collect();
-    if leaving.len() < 2 || study.far_above_the_noise(&entry.judged) {
+    if leaving.len() < 2 || !study.near_the_noise(&entry.judged) {
         return Ok(Vec::new());
     }
     let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [a, b])).collect();

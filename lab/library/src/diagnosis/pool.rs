@@ -37,6 +37,8 @@ pub struct Entry {
     pub judged: Judged,
     /// What entries are ranked by ([`Study::merit`]), which is asked for often.
     pub merit: f64,
+    /// An added effect is excluded by its own physics.
+    pub(crate) excluded: bool,
     /// Its extensions were proposed.
     pub(crate) extended: bool,
     /// It was fitted far enough to be compared with others.
@@ -53,7 +55,8 @@ impl Entry {
     pub fn new(study: &Study, mut moves: Vec<Move>, judged: Judged, compared: bool) -> Self {
         moves.sort();
         moves.dedup();
-        Self { moves, merit: study.merit(&judged), judged, extended: false, compared, held: false, losses: None }
+        let (merit, excluded) = (study.merit(&judged), excludes_one(&moves, &judged.model));
+        Self { moves, merit, judged, excluded, extended: false, compared, held: false, losses: None }
     }
 
     /// Effects that were added.
@@ -66,8 +69,18 @@ impl Entry {
     /// An effect that was added is not what its values say: its own physics excludes them.
     #[must_use]
     pub fn is_excluded(&self) -> bool {
-        self.moves.iter().any(|m| matches!(m, Move::Added(id) if self.judged.model.ruled_out_because(id).is_some()))
+        self.excluded
     }
+
+    /// The same model fitted further.
+    fn fitted_further(&mut self, study: &Study, judged: Judged) {
+        (self.compared, self.merit, self.excluded) = (true, study.merit(&judged), excludes_one(&self.moves, &judged.model));
+        self.judged = judged;
+    }
+}
+
+fn excludes_one(moves: &[Move], model: &Model) -> bool {
+    moves.iter().any(|m| matches!(m, Move::Added(id) if model.ruled_out_because(id).is_some()))
 }
 
 /// The moves by which effects are added.
@@ -129,10 +142,11 @@ impl<'s, 'a> Pool<'s, 'a> {
         out
     }
 
-    /// The best entry.
+    /// The best entry of which no effect is excluded by its own physics; where there is none, the best.
     #[must_use]
     pub fn best(&self) -> &Entry {
-        self.ranked()[0].1
+        let ranked = self.ranked();
+        ranked.iter().find(|(_, e)| !e.is_excluded()).unwrap_or(&ranked[0]).1
     }
 
     /// Takes an entry in, unless the same was fitted better.
@@ -162,7 +176,7 @@ impl<'s, 'a> Pool<'s, 'a> {
         let fitted = parallel::map(&pending, |k| self.study.for_comparison(&self.entries[*k].judged.model));
         for (key, judged) in pending.into_iter().zip(fitted) {
             let Some(entry) = self.entries.get_mut(key) else { continue };
-            (entry.compared, entry.merit, entry.judged) = (true, self.study.merit(&judged), judged);
+            entry.fitted_further(self.study, judged);
         }
     }
 
