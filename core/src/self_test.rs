@@ -206,7 +206,7 @@ mod tests {
             assert!(tick < 20_000, "it ends");
             let aim = test.aim();
             code = if code < aim { (code + 40).min(aim) } else { (code - 40).max(aim) };
-            let applied = (i64::from(c.drive(code)) * i64::from((1 << 28) / 7) >> 26) as i32;
+            let applied = ((i64::from(c.drive(code)) * i64::from((1 << 28) / 7)) >> 26) as i32;
             let reading = sensor(i64::from(code) - i64::from(parameters.guard.rest_code), tick).clamp(0, 65_535);
             if let Some(verdict) = test.take(SensorCode::new(reading as u32), code == aim, applied) {
                 return (verdict, test.motion());
@@ -221,7 +221,7 @@ mod tests {
     }
 
     fn noise(tick: u32, codes: u32) -> i64 {
-        i64::from(tick.wrapping_mul(2_654_435_761) >> 16) * i64::from(codes) >> 16
+        (i64::from(tick.wrapping_mul(2_654_435_761) >> 16) * i64::from(codes)) >> 16
     }
 
     #[test]
@@ -235,7 +235,8 @@ mod tests {
 
     #[test]
     fn what_is_wrong_is_named() {
-        let cases: [(&dyn Fn(i64, u32) -> i64, Fault); 6] = [
+        type Reads<'a> = &'a dyn Fn(i64, u32) -> i64;
+        let cases: [(Reads, Fault); 6] = [
             (&|_, tick| 5000 + noise(tick, 40), Fault::SensorDoesNotMove),
             (&|code, tick| honest(-code) + noise(tick, 40), Fault::SensorReversed),
             (&|code, tick| honest(code / 2) + noise(tick, 40), Fault::GainDiffers),

@@ -512,7 +512,7 @@ impl Stage for VibrationStage {
         let mut parts: Vec<(f64, &Linear)> = first.iter().map(|first| (1.0 - share, first)).collect();
         parts.extend(second.iter().map(|(share, second)| (*share, second)));
         let modes = Linear::side_by_side(&parts, if first.is_none() { 1.0 - share } else { 0.0 });
-        let late = (!self.late.is_empty()).then(|| Block::Delay { whole: self.late.len(), late_share: 0.0 });
+        let late = (!self.late.is_empty()).then_some(Block::Delay { whole: self.late.len(), late_share: 0.0 });
         Some(late.into_iter().chain([Block::Linear(modes)]).collect())
     }
     fn settle(&mut self, input: f64) -> f64 {

@@ -306,7 +306,7 @@ mod tests {
         ids.dedup();
         assert_eq!(ids.len(), cells.len());
         for cell in &cells {
-            assert!(cell.printed.is_some() != !cell.worst_of.is_empty(), "{}", cell.id);
+            assert!(cell.printed.is_some() == cell.worst_of.is_empty(), "{}", cell.id);
             assert!(cell.value.is_finite() && !cell.algorithm.is_empty(), "{}", cell.id);
         }
     }

@@ -35,7 +35,6 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
     let mut parameters = parameters();
     parameters.servo.converters = ConverterParameters { slew_codes: 146, ..bench.converter_scale().parameters() };
     parameters.guard.rest_code = parameters.servo.converters.dac_code_min;
-    let mut parameters = parameters;
     parameters.physical.slew_limit_v_s = 100_000;
     let script = Script {
         block: Some(block(&parameters)),

@@ -11,7 +11,7 @@ const RESET_CLOCK_HZ: u64 = 64_000_000;
 /// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick from the ADC's code to the DAC's, with
 /// 16 pairs of extrema stored, and the same while the correction of a triangle is learned, or the gain adapted; `amplifier` is all that the interrupt does between its
 /// converters. `exchange` is what the servo does, once, when a block with another hysteresis takes over, `swap` all that the interrupt does when the same block does; both stand before
-/// the tick of that period. A change that needs more says so here.
+/// the tick of that period. How much of `exchange` the compiler lays in line changes it by a tenth; a period has 20,000. A change that needs more says so here.
 const LIMITS: [(&str, u32, u32); 10] = [
     ("follow", 1_000, 800),
     ("learn", 1_500, 1_400),
@@ -21,7 +21,7 @@ const LIMITS: [(&str, u32, u32); 10] = [
     ("chatter", 1_050, 950),
     ("amplifier begins", 1_250, 1_050),
     ("amplifier follows", 1_300, 1_050),
-    ("exchange", 8_900, 8_800),
+    ("exchange", 9_800, 9_700),
     ("swap", 3_750, 3_750),
 ];
 

@@ -191,7 +191,7 @@ pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Ve
         Record { window: 0..window.len(), ..cut(whole("rest", Role::Noise), window) }
     });
     let of_role = |(word, role): (&str, Role)| {
-        let (first, last) = (windows(role).next()?, windows(role).last()?);
+        let (first, last) = (windows(role).next()?, windows(role).next_back()?);
         let mut record = Record {
             window: first.start..last.end,
             initial_state: if begins_standing_still(&even.u_v) { InitialState::Settled } else { InitialState::Unknown },

@@ -32,6 +32,6 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         Some(Issue::of(&record.name, Severity::Notes, kind))
     };
     let gain_um_v = subject.dataset.straight_line_gain();
-    let of_all = (gain_um_v < 0.0 || gain_um_v > LIKELY_GAIN_MAX_UM_V).then(|| Issue::of_all(Severity::Notes, Kind::Gain { gain_um_v }));
+    let of_all = (!(0.0..=LIKELY_GAIN_MAX_UM_V).contains(&gain_um_v)).then(|| Issue::of_all(Severity::Notes, Kind::Gain { gain_um_v }));
     subject.dataset.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).chain(of_all).collect()
 }

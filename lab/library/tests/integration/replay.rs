@@ -35,10 +35,10 @@ impl Stage {
                 .map(|k| (1.0 + 28.0 * f64::from(k) / f64::from(count) + 2.0 * share(k), 0.02 * (0.5 + share(k + 9)) / f64::from(count)))
                 .collect(),
             gain_um_v: 0.10 + 0.08 * share(1),
-            bend_per_v: if i % 3 == 0 { 6e-4 * (share(2) - 0.5) } else { 0.0 },
+            bend_per_v: if i.is_multiple_of(3) { 6e-4 * (share(2) - 0.5) } else { 0.0 },
             mode_hz: 250.0 + 500.0 * share(3),
             damping: 0.02 + 0.08 * share(4),
-            creep_per_decade: if i % 2 == 0 { 0.006 + 0.008 * share(5) } else { 0.0 },
+            creep_per_decade: if i.is_multiple_of(2) { 0.006 + 0.008 * share(5) } else { 0.0 },
             drift_um: 0.0,
             drift_s: 25.0,
             noise_um: 0.002 + 0.002 * share(6),
@@ -169,7 +169,7 @@ fn a_replay_that_drifts_names_its_cause() {
     let dataset = Dataset::new("cut", whole.drive_min_v, whole.drive_max_v, parts.collect()).unwrap();
     let found = hysteron::identify::identify(&dataset, &effects_named("gain,vibration").unwrap(), &Unwatched).unwrap();
     let replay = &replays(&found.model, &dataset)[0];
-    let drift = replay.drift.as_ref().expect(&replay.sentence());
+    let drift = replay.drift.as_ref().unwrap_or_else(|| panic!("{}", replay.sentence()));
     assert_eq!(drift.cause, "trend", "{}", replay.sentence());
     assert!(drift.sentence.contains("rest"), "{}", drift.sentence);
 }

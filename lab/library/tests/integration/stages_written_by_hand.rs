@@ -362,7 +362,11 @@ fn a_slow_lag_beside_a_mode_is_the_amplifiers_or_the_sensors() {
     for lag_hz in [60.0, 100.0, 150.0, 250.0] {
         let mut stage = |drive_v: &[f64]| mode_read_by(&drive_v.iter().map(|v| 0.08 * v).collect::<Vec<_>>(), Behind::Lag(lag_hz));
         let d = explained_with(1e-3, &mut stage, [tones(0.3), tones(0.7)]).diagnosis;
-        let lag = d.findings.iter().find(|f| f.effects.iter().any(|id| id == "sensor_bandwidth")).unwrap_or_else(|| panic!("{lag_hz}: {}", d.sentence));
+        let lag = d
+            .findings
+            .iter()
+            .find(|f| f.effects.iter().any(|id| id == "sensor_bandwidth"))
+            .unwrap_or_else(|| panic!("{lag_hz}: {}", d.sentence));
         assert!(lag.effects.iter().any(|id| id == "amplifier_bandwidth"), "{lag_hz}: {}", d.sentence);
         assert_eq!(d.findings.len(), 2, "{lag_hz}: {}", d.sentence);
     }
@@ -408,7 +412,11 @@ fn a_curve_without_loops_is_no_hysteresis() {
         let mut stage =
             |drive_v: &[f64]| mode_read_by(&drive_v.iter().map(|v| 0.08 * (v - 6e-4 * v * v)).collect::<Vec<_>>(), Behind::Nothing);
         let d = explained_with(2e-4, &mut stage, drives).diagnosis;
-        let loops = d.candidates.iter().find(|c| c.effect == "hysteresis").unwrap_or_else(|| panic!("surfaces: {} {:?}", d.sentence, d.candidates.iter().map(|c| &c.effect).collect::<Vec<_>>()));
+        let loops = d
+            .candidates
+            .iter()
+            .find(|c| c.effect == "hysteresis")
+            .unwrap_or_else(|| panic!("surfaces: {} {:?}", d.sentence, d.candidates.iter().map(|c| &c.effect).collect::<Vec<_>>()));
         assert!(loops.unlikely_because.as_ref().is_some_and(|why| why.contains("its loops open by 0.0")), "{}", d.sentence);
         assert!(d.sentence.contains("a curve without memory"), "{}", d.sentence);
         let beside: Vec<&Finding> = d.findings.iter().filter(|f| f.effects.iter().any(|id| id == "hysteresis")).collect();
