@@ -1,4 +1,5 @@
-//! `cargo run --release -p hysteron --example arrays_to_servo`: from arrays to the verdict, a better model and a servo. The recordings are simulated here; yours come from wherever you keep them.
+//! `cargo run --release -p hysteron --example arrays_to_servo`: from arrays to the verdict, a better model
+//! and a servo. The recordings are simulated here; yours come from wherever you keep them.
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::servo::{commands::design, predictor::Demands};

@@ -1,9 +1,11 @@
-//! Hands the linker the board's memory map and the section that is copied to the memory of the control interrupt's code.
+//! Hands the linker the board's memory map and the section that is copied to the memory of the control
+//! interrupt's code.
 //!
-//! The functions of `hysteron_core` and of the compiler's integer helpers are named in the section, because the control
-//! interrupt calls them; what it does not reach is dropped by the linker's garbage collection. What reads and verifies parameter blocks, the safety
-//! envelope and command lines only runs in tasks, and stays in flash: that memory is short on some boards. `cargo xtask firmware` finds a function
-//! that the control interrupt calls there.
+//! The functions of `hysteron_core` and of the compiler's integer helpers are named in the section, because
+//! the control interrupt calls them; what it does not reach is dropped by the linker's garbage collection.
+//! What reads and verifies parameter blocks, the safety envelope and command lines only runs in tasks, and
+//! stays in flash: that memory is short on some boards. `cargo xtask firmware` finds a function that the
+//! control interrupt calls there.
 
 use std::{env, fs, path::Path};
 

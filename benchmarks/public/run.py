@@ -13,7 +13,8 @@ import subprocess
 import sys
 import time
 
-# Of each set: files to fit, files to judge once at the end, what to say of reading them, the benchmark's unit with its size in the program's, and published errors.
+# Of each set: files to fit, files to judge once at the end, what to say of reading them, the benchmark's unit
+# with its size in the program's, and published errors.
 SETS = {
     "bouc_wen": {
         "train": ["train_multisine.npz"],

@@ -1,5 +1,6 @@
-//! The proof that no signal wraps: the amplifier is run over blocks of every kind that [`verify`] accepts, at the ends of what they allow,
-//! by code that fails where a value has no room in 32 bits or a sum leaves 64 ([`crate::signal::narrow`], [`crate::signal::sum`]).
+//! The proof that no signal wraps: the amplifier is run over blocks of every kind that [`verify`] accepts, at
+//! the ends of what they allow, by code that fails where a value has no room in 32 bits or a sum leaves 64
+//! ([`crate::signal::narrow`], [`crate::signal::sum`]).
 
 extern crate std;
 

@@ -1,8 +1,9 @@
-//! What the control interrupt runs: servo, guard and modes. The host simulation and the emulator run the same, bit for bit.
+//! What the control interrupt runs: servo, guard and modes. The host simulation and the emulator run the
+//! same, bit for bit.
 //!
 //! # How it works
-//! [`Amplifier::tick`] is called once a period with the reading and returns what leaves in that period. Commands are given between
-//! ticks with [`Amplifier::command`].
+//! [`Amplifier::tick`] is called once a period with the reading and returns what leaves in that period.
+//! Commands are given between ticks with [`Amplifier::command`].
 //!
 //! | mode | drive |
 //! |---|---|
@@ -14,26 +15,30 @@
 //! In every mode the drive changes by no more than the slew limit of the block in one tick.
 //!
 //! # Arming
-//! Behind a start and behind every fault the amplifier's power stage is off ([`Amplifier::powered`]), and nothing plays or closes until somebody arms it
-//! ([`Command::Arm`]): the power stage is switched on at rest, and a small step shows that the drive moves the sensor as the model says
-//! ([`crate::self_test`]). [`Command::Disarm`] goes to rest and switches it off there.
+//! Behind a start and behind every fault the amplifier's power stage is off ([`Amplifier::powered`]), and
+//! nothing plays or closes until somebody arms it ([`Command::Arm`]): the power stage is switched on at rest,
+//! and a small step shows that the drive moves the sensor as the model says ([`crate::self_test`]).
+//! [`Command::Disarm`] goes to rest and switches it off there.
 //!
 //! # Conditioning
-//! A played raised cosine over the whole range, as long as it is asked for or as long as the slew limit needs, a rest, and then the sensor is zeroed
-//! at the mean of the last [`ZERO_TICKS`] readings. It counts only if the drive was at both its limits and the sensor moved with it, as far as
-//! the model says; otherwise it ends in a fault that says which.
+//! A played raised cosine over the whole range, as long as it is asked for or as long as the slew limit
+//! needs, a rest, and then the sensor is zeroed at the mean of the last [`ZERO_TICKS`] readings. It counts
+//! only if the drive was at both its limits and the sensor moved with it, as far as the model says; otherwise
+//! it ends in a fault that says which.
 //!
 //! # What is followed
-//! A reference that was given with the loop open is followed once it is closed, if it lies within the limits then. A stop, a fault and a conditioning forget it:
-//! a loop that is closed behind them stays where the stage stands.
+//! A reference that was given with the loop open is followed once it is closed, if it lies within the limits
+//! then. A stop, a fault and a conditioning forget it: a loop that is closed behind them stays where the
+//! stage stands.
 //!
 //! # What conditioned means
-//! The servo inverts the hysteresis from a memory of its own, the drives of the past as it knows them, and that must be the stage's. A cycle over the
-//! whole range wipes out every loop in both, so behind it they agree, and the sensor's zero is that of this memory. They go on agreeing for as
-//! long as every drive is one that was written here: through rest, open-loop drives and closed loops, however long, because the memory of a
-//! hysteresis does not fade. They no longer do once the amplifier's power stage was off, as behind a start and every fault: the
-//! stage went its own way. The loop closes only while they agree ([`Amplifier::conditioned`]), unless that is waived
-//! ([`Command::RequireConditioning`]).
+//! The servo inverts the hysteresis from a memory of its own, the drives of the past as it knows them, and
+//! that must be the stage's. A cycle over the whole range wipes out every loop in both, so behind it they
+//! agree, and the sensor's zero is that of this memory. They go on agreeing for as long as every drive is one
+//! that was written here: through rest, open-loop drives and closed loops, however long, because the memory
+//! of a hysteresis does not fade. They no longer do once the amplifier's power stage was off, as behind a
+//! start and every fault: the stage went its own way. The loop closes only while they agree
+//! ([`Amplifier::conditioned`]), unless that is waived ([`Command::RequireConditioning`]).
 
 use crate::block_swap;
 use crate::codes::{DriveCode, SensorCode};
@@ -53,7 +58,8 @@ pub const ZERO_TICKS: u32 = 1024;
 /// Rest that an identification begins with, ticks.
 pub const REST_BEFORE_TICKS: u32 = 4096;
 
-/// Tones of an identification: phase increment and share of the range in 1024ths. 2, 17.3 and 131 Hz at 20 kHz, with 63, 25 and 10 % of the range.
+/// Tones of an identification: phase increment and share of the range in 1024ths. 2, 17.3 and 131 Hz at 20
+/// kHz, with 63, 25 and 10 % of the range.
 pub const IDENTIFICATION_TONES: [(u32, i32); 4] = [(429_497, 646), (3_715_146, 256), (28_132_034, 102), (0, 0)];
 /// The sweep's share of the range beside them, in 1024ths.
 pub const IDENTIFICATION_SWEEP: i32 = 20;
@@ -102,9 +108,10 @@ pub enum Command {
         /// Length of the rest, ticks; at least [`ZERO_TICKS`].
         rest_ticks: u32,
     },
-    /// Rests for [`REST_BEFORE_TICKS`], which shows the noise and that the record begins settled, plays tones that together go over the
-    /// whole range, from its lower end, with a small sweep to nearly half the sampling rate on top, then goes to rest: what an identification needs of
-    /// slow loops, nested loops and dynamics up to the highest frequency at which a servo acts.
+    /// Rests for [`REST_BEFORE_TICKS`], which shows the noise and that the record begins settled, plays tones
+    /// that together go over the whole range, from its lower end, with a small sweep to nearly half the
+    /// sampling rate on top, then goes to rest: what an identification needs of slow loops, nested loops and
+    /// dynamics up to the highest frequency at which a servo acts.
     Identify {
         /// How long the tones last, ticks.
         ticks: u32,
@@ -116,14 +123,16 @@ pub enum Command {
     },
     /// At rest: switches the power stage on. Nothing plays or closes before it.
     Arm {
-        /// Behind a step that shows sign, gain, noise and drift of the sensor ([`crate::self_test`]); without it whoever arms knows them.
+        /// Behind a step that shows sign, gain, noise and drift of the sensor ([`crate::self_test`]); without
+        /// it whoever arms knows them.
         tested: bool,
     },
     /// Goes to rest, and switches the power stage off there.
     Disarm,
     /// Clears the fault, if the sensor has been healthy long enough.
     Clear,
-    /// Whether the loop closes only behind a conditioning, as after every start, or whatever the stage's memory is.
+    /// Whether the loop closes only behind a conditioning, as after every start, or whatever the stage's
+    /// memory is.
     RequireConditioning(bool),
 }
 
@@ -149,7 +158,8 @@ pub enum Refusal {
 }
 
 /// The amplifier with all its state.
-// In this order: the servo holds what it has learned, and what stands behind that is beyond the reach of an instruction.
+// In this order: the servo holds what it has learned, and what stands behind that is beyond the reach of an
+// instruction.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Amplifier {
@@ -205,11 +215,13 @@ impl Cycle {
         Self { lowest: DriveCode::MOST, highest: DriveCode::new(0), reading: SensorCode::new(0), applied: 0, noise: Extremes::NONE };
 }
 
-/// Ticks over which the mean square of the drive's change is taken, 0.8 s at 20 kHz: what warms an amplifier takes longer.
+/// Ticks over which the mean square of the drive's change is taken, 0.8 s at 20 kHz: what warms an amplifier
+/// takes longer.
 pub const CURRENT_TICKS: u32 = 1 << CURRENT_SHIFT;
 const CURRENT_SHIFT: u32 = 14;
 
-/// A conditioning has been at a limit of the drive if it came as near as this share of the range, 2^-10: amplitudes of tones have 1024ths.
+/// A conditioning has been at a limit of the drive if it came as near as this share of the range, 2^-10:
+/// amplitudes of tones have 1024ths.
 const RANGE_SHIFT: u32 = 10;
 
 impl Amplifier {
@@ -258,15 +270,16 @@ impl Amplifier {
         self.forget_plans();
     }
 
-    /// Stops for want of a parameter block or a safety envelope. A fault that was found before stays in front; when it has been cleared this one is named, and
-    /// nothing clears it.
+    /// Stops for want of a parameter block or a safety envelope. A fault that was found before stays in
+    /// front; when it has been cleared this one is named, and nothing clears it.
     pub fn refuse_for_good(&mut self, fault: Fault) {
         self.for_good = Some(fault);
         self.refuse(fault);
     }
 
-    /// From now on a drive that changes by more than this from tick to tick is a fault, mean square over [`CURRENT_TICKS`] ticks, square codes: the current into the
-    /// actuator ([`crate::safety_envelope::SafetyEnvelope::mean_square_codes`]).
+    /// From now on a drive that changes by more than this from tick to tick is a fault, mean square over
+    /// [`CURRENT_TICKS`] ticks, square codes: the current into the actuator
+    /// ([`crate::safety_envelope::SafetyEnvelope::mean_square_codes`]).
     pub fn limit_current(&mut self, mean_square_codes: u64) {
         self.most_change = mean_square_codes << CURRENT_SHIFT;
     }
@@ -380,8 +393,8 @@ impl Amplifier {
         Ok(())
     }
 
-    /// Goes on with another block, at rest or with the loop closed, without a step of the drive: the sensor's zero, the memory of the hysteresis and the
-    /// reference stay. Call it between ticks.
+    /// Goes on with another block, at rest or with the loop closed, without a step of the drive: the sensor's
+    /// zero, the memory of the hysteresis and the reference stay. Call it between ticks.
     ///
     /// # Errors
     /// Why not ([`block_swap::may_follow`]); nothing has changed then.
@@ -409,8 +422,8 @@ impl Amplifier {
         self.servo.hold_adaptation(held);
     }
 
-    /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest point, so that it begins at the lower
-    /// limit.
+    /// A drive of tones (phase increment, share of the range in 1024ths) that all begin at their lowest
+    /// point, so that it begins at the lower limit.
     fn over_the_range(&self, tones: [(u32, i32); 4]) -> ReferenceGenerator<Volts> {
         let tones = tones.map(|(increment, share)| (increment, Volts::from_bits(self.of_half_the_range(share)), LOWEST_POINT));
         ReferenceGenerator::new(Waveform::Multisine { tones }, Volts::from_bits(self.middle()))
@@ -432,7 +445,8 @@ impl Amplifier {
         if self.mode == Mode::Rest && self.drive_rests() { Ok(()) } else { Err(Refusal::NotAtRest) }
     }
 
-    /// Ticks that a cycle over the whole range takes at least, so that its steepest part is within the slew limit: pi times the range.
+    /// Ticks that a cycle over the whole range takes at least, so that its steepest part is within the slew
+    /// limit: pi times the range.
     fn shortest_cycle(&self) -> u32 {
         let c = &self.parameters.servo.converters;
         let range = u64::from(c.dac_code_max.abs_diff(c.dac_code_min));
@@ -465,8 +479,8 @@ impl Amplifier {
         self.mode = Mode::Playing;
     }
 
-    /// One period: the reading (`None`: the converter did not answer) in, everything about the period out; `dac_code` is to act at
-    /// the next edge.
+    /// One period: the reading (`None`: the converter did not answer) in, everything about the period out;
+    /// `dac_code` is to act at the next edge.
     #[inline]
     pub fn tick(&mut self, reading: Option<SensorCode>, overrun: bool) -> TraceSample {
         let tick = self.tick;
@@ -681,8 +695,8 @@ impl Amplifier {
         self.conditioning_required
     }
 
-    /// Whether the marked point of a table begins to act, or acts, with the next edge of the sample clock: the drive that was computed last, or the
-    /// reference that the next reading is compared with.
+    /// Whether the marked point of a table begins to act, or acts, with the next edge of the sample clock:
+    /// the drive that was computed last, or the reference that the next reading is compared with.
     #[inline]
     #[must_use]
     pub fn marks(&self) -> bool {
@@ -870,7 +884,8 @@ mod tests {
         run(&mut amplifier, 10);
         assert_eq!(amplifier.command(Command::Play { waveform: table(), offset: Volts::from_bits(0), ticks: 60 }), Ok(()));
         let open = run(&mut amplifier, 70);
-        // 23 V above the converter's -20 V, 24 V at the marked point: the code of a tick acts at the edge before the next one.
+        // 23 V above the converter's -20 V, 24 V at the marked point: the code of a tick acts at the edge
+        // before the next one.
         let high = DriveCode::new(24 * 65_536 / 140);
         let acts: Vec<bool> = open.windows(2).map(|pair| pair[0].1.dac_code.abs_diff(high) < 200).collect();
         let told: Vec<bool> = open.iter().skip(1).map(|(told, _)| *told).collect();
@@ -883,7 +898,8 @@ mod tests {
         assert_eq!((amplifier.command(Command::Enable), amplifier.command(wave)), (Ok(()), Ok(())));
         let closed = run(&mut amplifier, 80);
         assert_eq!(closed.iter().filter(|(told, _)| *told).count(), 15);
-        // The reference rises with the marked point, whatever offset it still has from the beginning of the loop.
+        // The reference rises with the marked point, whatever offset it still has from the beginning of the
+        // loop.
         for pair in closed.windows(2).filter(|pair| pair[0].0 != pair[1].0) {
             let step = pair[1].1.reference - pair[0].1.reference;
             assert!((if pair[1].0 { step } else { -step }) > 1 << 23, "{pair:?}");

@@ -1,9 +1,11 @@
 //! Which of two kept blocks is in force.
 //!
 //! # How it works
-//! A block that the board keeps goes where the one in force is not, and once it reads back the other one is marked as replaced. A block that a probe flashes
-//! is not marked, whatever stands beside it, because flashing erases the mark with the sector. So two blocks of which just one is marked say which counts; two
-//! that differ without that say nothing, and a guess could be 100 V away from what somebody has in mind: then none is in force.
+//! A block that the board keeps goes where the one in force is not, and once it reads back the other one is
+//! marked as replaced. A block that a probe flashes is not marked, whatever stands beside it, because
+//! flashing erases the mark with the sector. So two blocks of which just one is marked say which counts; two
+//! that differ without that say nothing, and a guess could be 100 V away from what somebody has in mind: then
+//! none is in force.
 
 /// A valid block in its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

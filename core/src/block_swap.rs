@@ -1,7 +1,8 @@
 //! Which parameter block may take the place of another one while the amplifier runs, and which may not.
 //!
-//! A swap changes the law, the model of the actuator and the limits of what is watched. It does not change what the past was measured with: converters,
-//! their range, the drive's limits, the memory of the hysteresis. What differs there needs rest and a restart, and is refused with the reason.
+//! A swap changes the law, the model of the actuator and the limits of what is watched. It does not change
+//! what the past was measured with: converters, their range, the drive's limits, the memory of the
+//! hysteresis. What differs there needs rest and a restart, and is refused with the reason.
 
 use crate::parameter_block::AmplifierParameters;
 use crate::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters};
@@ -32,7 +33,8 @@ pub fn may_follow(running: &AmplifierParameters, new: &AmplifierParameters) -> R
     }
     match (&running.servo.law, &new.servo.law) {
         (LawParameters::Regulator(_), LawParameters::Regulator(_)) | (LawParameters::Predictor(_), LawParameters::Predictor(_)) => Ok(()),
-        // What one of them has learned in motion is no state of the other; a sliding mode's estimate of the velocity would begin at rest.
+        // What one of them has learned in motion is no state of the other; a sliding mode's estimate of the
+        // velocity would begin at rest.
         _ => Err("only from a regulator to another, or from a predictor to another"),
     }
 }
@@ -78,14 +80,16 @@ mod tests {
 
     const CODES_PER_VOLT: f64 = 65_536.0 / 140.0;
 
-    /// A massless linear actuator with a gain of 1/7 um/V, read by the ADC of the example with so many codes of noise.
+    /// A massless linear actuator with a gain of 1/7 um/V, read by the ADC of the example with so many codes
+    /// of noise.
     fn reading(code: DriveCode, tick: u32, noise_codes: u32) -> SensorCode {
         let volts = f64::from(code) * 140.0 / 65_536.0 - 20.0;
         let noise = (tick.wrapping_mul(2_654_435_761) >> 16) % (noise_codes + 1);
         SensorCode::new(((volts / 7.0 + 1.0) / 15.0 * 65_536.0) as u32 + noise)
     }
 
-    /// Gains of a regulator that is stable around that actuator, a feedforward of nearly one, and an actuator's gain that is believed, V/um.
+    /// Gains of a regulator that is stable around that actuator, a feedforward of nearly one, and an
+    /// actuator's gain that is believed, V/um.
     #[derive(Clone, Copy, Debug)]
     struct Family {
         proportional: f64,
@@ -135,7 +139,8 @@ mod tests {
         parameters
     }
 
-    /// An amplifier in front of the actuator, and what its law had to do in the last tick, um: error, its change, feedforward.
+    /// An amplifier in front of the actuator, and what its law had to do in the last tick, um: error, its
+    /// change, feedforward.
     struct Running {
         amplifier: Amplifier,
         code: DriveCode,
@@ -179,10 +184,13 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(1000))]
 
-        /// At the first tick of the new block the drives of both differ by what their gains make of one tick, and by nothing else: no
-        /// state is lost. With the increment `inc = P (e - e1) + D (c - c1) + I e + (f - f1)` of either law (error, its change, feedforward; 1: a tick ago), through the
-        /// notch's first coefficient and the actuator's gain in V/um, that is `|g' inc' - g inc|` in codes. Beside it stand two codes: both drives are rounded to codes,
-        /// half a code each, and what the last code rounded away is carried on with the other gain.
+        /// At the first tick of the new block the drives of both differ by what their gains
+        /// make of one tick, and by nothing else: no state is lost. With the increment `inc =
+        /// P (e - e1) + D (c - c1) + I e + (f - f1)` of either law (error, its change,
+        /// feedforward; 1: a tick ago), through the notch's first coefficient and the
+        /// actuator's gain in V/um, that is `|g' inc' - g inc|` in codes. Beside it stand two
+        /// codes: both drives are rounded to codes, half a code each, and what the last code
+        /// rounded away is carried on with the other gain.
         #[test]
         fn the_first_drive_of_the_new_block_is_the_old_ones_but_for_one_tick_of_its_gains(
             [old, new] in prop::array::uniform2(family()),

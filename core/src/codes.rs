@@ -1,9 +1,10 @@
-//! Codes of the two converters, as types that the compiler keeps apart: what the sensor's converter gave is no drive.
+//! Codes of the two converters, as types that the compiler keeps apart: what the sensor's converter gave is
+//! no drive.
 //!
 //! # How it works
-//! A code counts steps of its converter from 0 and has up to [`MOST_BITS`] bits; how many it really has, the parameter block says
-//! ([`crate::servo_parameters::ConverterParameters`]). Differences of codes, slew limits and ramps are plain numbers of steps. What would leave the
-//! widest code is held at its end: no code wraps.
+//! A code counts steps of its converter from 0 and has up to [`MOST_BITS`] bits; how many it really has, the
+//! parameter block says ([`crate::servo_parameters::ConverterParameters`]). Differences of codes, slew limits
+//! and ramps are plain numbers of steps. What would leave the widest code is held at its end: no code wraps.
 
 use core::ops::{Add, Sub};
 
@@ -30,7 +31,8 @@ macro_rules! code {
                 Self(if steps > MOST { MOST } else { steps })
             }
 
-            /// So many steps, which are known to be no more than [`Self::MOST`]: the checks of the parameter block keep them there.
+            /// So many steps, which are known to be no more than [`Self::MOST`]: the checks of the parameter
+            /// block keep them there.
             #[inline(always)]
             #[allow(dead_code)] // the tick makes codes of drives only
             pub(crate) fn known(steps: i32) -> Self {

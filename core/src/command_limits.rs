@@ -1,8 +1,9 @@
-//! What a reference or a drive may ask for, when somebody types it: more than the sensor can show or the actuator may have is refused and not
-//! cut silently.
+//! What a reference or a drive may ask for, when somebody types it: more than the sensor can show or the
+//! actuator may have is refused and not cut silently.
 //!
-//! The limits are those that the serial port's commands have: of a position what the sensor can honestly give, counted from the zero that is in force
-//! when the command acts; of a drive those of the parameter block. The points of a wave table are looked at by whoever writes them.
+//! The limits are those that the serial port's commands have: of a position what the sensor can honestly
+//! give, counted from the zero that is in force when the command acts; of a drive those of the parameter
+//! block. The points of a wave table are looked at by whoever writes them.
 
 use crate::amplifier::{Command, Refusal};
 use crate::guard::GuardParameters;
@@ -41,7 +42,8 @@ fn reach<Q: Quantity>(waveform: &Waveform<Q>) -> Option<(i64, i64)> {
     }
 }
 
-/// Whether all of a waveform lies within limits of the same quantity. The points of a table are looked at by whoever writes them.
+/// Whether all of a waveform lies within limits of the same quantity. The points of a table are looked at by
+/// whoever writes them.
 #[must_use]
 pub fn is_within<Q: Quantity>(waveform: &Waveform<Q>, offset: Q, (lowest, highest): (Q, Q)) -> bool {
     let Some((below, above)) = reach(waveform) else { return true };
@@ -69,7 +71,8 @@ mod tests {
     use crate::command_text::{Line, parse};
     use crate::parameter_block::tests::example;
 
-    /// Whether a typed command is within the limits of the example: 15 um of sensor from -1 um on, a drive of 0 to 80 V.
+    /// Whether a typed command is within the limits of the example: 15 um of sensor from -1 um on, a drive of
+    /// 0 to 80 V.
     fn fits(text: &str) -> bool {
         let mut parameters = example();
         parameters.servo.converters.adc_zero = -(1 << 24);

@@ -1,9 +1,10 @@
 //! Commands that wait for their tick, so that none of them holds up another.
 //!
 //! # How it works
-//! A command that names no tick never comes here: it acts at once. One that names a tick waits in a place of its own until that tick
-//! ([`CommandSchedule::due`]), the earliest first, those of the same tick in the order in which they came. Whoever stops the amplifier
-//! forgets all of them ([`CommandSchedule::forget_all`]): what was planned before a stop must not act after it.
+//! A command that names no tick never comes here: it acts at once. One that names a tick waits in a place of
+//! its own until that tick ([`CommandSchedule::due`]), the earliest first, those of the same tick in the
+//! order in which they came. Whoever stops the amplifier forgets all of them
+//! ([`CommandSchedule::forget_all`]): what was planned before a stop must not act after it.
 //!
 //! At a tick at which nothing is due, asking costs one comparison.
 

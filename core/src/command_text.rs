@@ -28,8 +28,8 @@
 //! restart                                      with the newest valid block
 //! ```
 //!
-//! `@TICK` in front of a command lets it act at that tick exactly; a tick that has passed means now. A command that waits holds up no
-//! other one ([`crate::command_schedule`]); a stop or a fault forgets it.
+//! `@TICK` in front of a command lets it act at that tick exactly; a tick that has passed means now. A
+//! command that waits holds up no other one ([`crate::command_schedule`]); a stop or a fault forgets it.
 
 use core::fmt::{self, Write};
 

@@ -1,10 +1,12 @@
-//! Inverse of creep, for a feedforward: what must be asked of the actuator so that, with its creep, it comes to where it should be.
+//! Inverse of creep, for a feedforward: what must be asked of the actuator so that, with its creep, it comes
+//! to where it should be.
 //!
 //! # How it works
-//! Creep adds slow answers to what the actuator did: `y = x + sum share_i z_i`, where `z_i` follows `x` with the time constant `tau_i`
-//! (thesis Ch. 5, Eqs. 13 and 17, as a sum of first-order terms). Solved for `x` that is `x = y - sum share_i z_i`, with the same states: no
-//! search, and no inverse of a transfer function. The states keep the fraction of their increments, so a time constant of minutes loses
-//! nothing at 20 kHz. The host proves that the recursion is stable.
+//! Creep adds slow answers to what the actuator did: `y = x + sum share_i z_i`, where `z_i` follows `x` with
+//! the time constant `tau_i` (thesis Ch. 5, Eqs. 13 and 17, as a sum of first-order terms). Solved for `x`
+//! that is `x = y - sum share_i z_i`, with the same states: no search, and no inverse of a transfer function.
+//! The states keep the fraction of their increments, so a time constant of minutes loses nothing at 20 kHz.
+//! The host proves that the recursion is stable.
 
 use crate::integer_row::{Integrating, Row};
 

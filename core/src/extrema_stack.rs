@@ -1,21 +1,24 @@
 //! The memory of a Preisach-type hysteresis: the alternating extrema of the input that still matter.
 //!
 //! # How it works
-//! The stack holds the dominant maxima `M_1 > M_2 > ..` and the dominant minima `m_1 < m_2 < ..` of the input, newest last.
-//! While the input rises both lists are equally long; while it falls there is one maximum more. A new input
+//! The stack holds the dominant maxima `M_1 > M_2 > ..` and the dominant minima `m_1 < m_2 < ..` of the
+//! input, newest last. While the input rises both lists are equally long; while it falls there is one maximum
+//! more. A new input
 //!
-//! 1. closes the running monotone section when the direction changes (the last value becomes an extremum), then
+//! 1. closes the running monotone section when the direction changes (the last value becomes an extremum),
+//!    then
 //! 2. wipes out every inner loop that the new value passes.
 //!
-//! The wiping-out follows the one-sided rule of the thesis (Ch. 4, 3.1): `m_0`, the lower limit of the input, and the global
-//! maximum `M_1` are never wiped out. Passing `M_1` only moves it: the input is then on the initial ascending curve, and no
-//! minimum remembers anything any more.
+//! The wiping-out follows the one-sided rule of the thesis (Ch. 4, 3.1): `m_0`, the lower limit of the input,
+//! and the global maximum `M_1` are never wiped out. Passing `M_1` only moves it: the input is then on the
+//! initial ascending curve, and no minimum remembers anything any more.
 //!
-//! The capacity is fixed. When it is full the smallest loop, the innermost one, is dropped, which is counted and whose height is kept, so
-//! that a model can bound the error that this made ([`ExtremaStack::dropped_loops`], [`ExtremaStack::largest_dropped_loop`]).
+//! The capacity is fixed. When it is full the smallest loop, the innermost one, is dropped, which is counted
+//! and whose height is kept, so that a model can bound the error that this made
+//! ([`ExtremaStack::dropped_loops`], [`ExtremaStack::largest_dropped_loop`]).
 //!
-//! A model that caches one partial sum per stored pair learns from [`ExtremaStack::update`] how many leading pairs are
-//! untouched and recomputes only the rest.
+//! A model that caches one partial sum per stored pair learns from [`ExtremaStack::update`] how many leading
+//! pairs are untouched and recomputes only the rest.
 
 use heapless::Vec;
 
@@ -30,12 +33,13 @@ pub struct Pair<T> {
 
 /// Extrema memory of a one-sided hysteresis for inputs of type `T`, with room for `N` pairs.
 ///
-/// `T` is an `f64` voltage in the plant models and an integer voltage code in the controller; the rule exists only here.
-/// Values must be comparable (no NaN): callers check their input once, at the boundary.
+/// `T` is an `f64` voltage in the plant models and an integer voltage code in the controller; the rule exists
+/// only here. Values must be comparable (no NaN): callers check their input once, at the boundary.
 #[derive(Clone, Debug)]
 pub struct ExtremaStack<T, const N: usize> {
     pairs: Vec<Pair<T>, N>,
-    /// `M_{n+1}`, present while the input falls; while it rises and no pair is closed, the moving `M_1` is `input`.
+    /// `M_{n+1}`, present while the input falls; while it rises and no pair is closed, the moving `M_1` is
+    /// `input`.
     open_maximum: Option<T>,
     lower_limit: T,
     input: T,
@@ -62,8 +66,8 @@ where
 
     /// Takes the next input, in at most `N` steps, and returns how many leading pairs are the same as before.
     ///
-    /// An input below the lower limit is an extremum like any other: the surfaces are continued there. Whoever must not leave the
-    /// limits (an amplifier) clamps before.
+    /// An input below the lower limit is an extremum like any other: the surfaces are continued there.
+    /// Whoever must not leave the limits (an amplifier) clamps before.
     pub fn update(&mut self, input: T) -> usize {
         let mut unchanged = self.pairs.len();
         if input > self.input {
@@ -92,7 +96,8 @@ where
         unchanged.min(self.pairs.len())
     }
 
-    /// Replaces the present input by one that is equal to it, for a `T` that carries more than what it is compared by.
+    /// Replaces the present input by one that is equal to it, for a `T` that carries more than what it is
+    /// compared by.
     #[inline]
     pub fn replace_input(&mut self, equal: T) {
         self.input = equal;
@@ -100,7 +105,8 @@ where
 
     /// Stores a closed pair. Returns the pairs left untouched: all of them.
     ///
-    /// Loops are nested, so the smallest one is always that which would be stored; without room it is the one to forget.
+    /// Loops are nested, so the smallest one is always that which would be stored; without room it is the one
+    /// to forget.
     fn close(&mut self, pair: Pair<T>) -> usize {
         let unchanged = self.pairs.len();
         if self.pairs.push(pair).is_err() {
@@ -173,7 +179,8 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec as StdVec;
 
-    /// The rule of Ch. 4, 3.1 by definition: from the whole history, the alternating dominant extrema after the global maximum.
+    /// The rule of Ch. 4, 3.1 by definition: from the whole history, the alternating dominant extrema after
+    /// the global maximum.
     fn dominant_extrema(history: &[i32]) -> StdVec<i32> {
         let mut extrema = StdVec::new();
         let mut from = 0;

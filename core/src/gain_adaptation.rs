@@ -1,24 +1,30 @@
-//! A slow correction of the actuator model's gain, learned from what the unknown input carries of the reference's own motion.
+//! A slow correction of the actuator model's gain, learned from what the unknown input carries of the
+//! reference's own motion.
 //!
 //! # How it works
-//! An actuator whose gain is `g` times the model's moves by `g v` where `v` was meant. The observer of the predictor law takes the difference for an
-//! unknown input, `d = (g - 1) v`, and undoes it, but as late as it is: at rest nothing is left of it, at 150 Hz much. A part of `d` that moves as
-//! the feedforward `v_ff` does is therefore a wrong gain, and nothing else that is slow is (creep, drift and noise do not move with `v_ff`, which
-//! holds nothing that was measured). With `c` the gain that is believed, over windows of [`WINDOW_BLOCKS`] means of [`BLOCK_TICKS`] ticks,
+//! An actuator whose gain is `g` times the model's moves by `g v` where `v` was meant. The observer of the
+//! predictor law takes the difference for an unknown input, `d = (g - 1) v`, and undoes it, but as late as it
+//! is: at rest nothing is left of it, at 150 Hz much. A part of `d` that moves as the feedforward `v_ff` does
+//! is therefore a wrong gain, and nothing else that is slow is (creep, drift and noise do not move with
+//! `v_ff`, which holds nothing that was measured). With `c` the gain that is believed, over windows of
+//! [`WINDOW_BLOCKS`] means of [`BLOCK_TICKS`] ticks,
 //!
 //! `c := c (1 + m q)`, `q = sum(D d D v_ff) / sum(D v_ff^2)`,
 //!
-//! `D` the difference from one mean to the next, which holds no constant and little of what is slow. For `q` stands the power of two that the places
-//! of its two sums give, half of it, so there is no division: `m` is between a quarter and one. A step is at most
-//! [`AdaptationParameters::most_step`], `c` within one plus or minus [`AdaptationParameters::most`].
+//! `D` the difference from one mean to the next, which holds no constant and little of what is slow. For `q`
+//! stands the power of two that the places of its two sums give, half of it, so there is no division: `m` is
+//! between a quarter and one. A step is at most [`AdaptationParameters::most_step`], `c` within one plus or
+//! minus [`AdaptationParameters::most`].
 //!
-//! The gain is not a factor in the tick but in the law's coefficients: with the law's output in the model's um, the feedforward, the control gain and the
-//! observer's gains of the unknown input are divided by `c`, the column of the drive in the observer is multiplied by it. At each tick
-//! behind a window a few of these are computed from those of the block, and then all are taken at once, with the unknown
-//! input taking the difference, so that the drive makes no step ([`crate::predictor_law::PredictorLaw::rescale`]).
+//! The gain is not a factor in the tick but in the law's coefficients: with the law's output in the model's
+//! um, the feedforward, the control gain and the observer's gains of the unknown input are divided by `c`,
+//! the column of the drive in the observer is multiplied by it. At each tick behind a window a few of these
+//! are computed from those of the block, and then all are taken at once, with the unknown input taking the
+//! difference, so that the drive makes no step ([`crate::predictor_law::PredictorLaw::rescale`]).
 //!
-//! Nothing is learned while the drive is at a limit, while the error is beyond [`AdaptationParameters::error_limit`], while an alarm holds it
-//! ([`GainAdaptation::hold`]), and for [`SETTLING_TICKS`] behind each of these; a window whose reference moved by less than
+//! Nothing is learned while the drive is at a limit, while the error is beyond
+//! [`AdaptationParameters::error_limit`], while an alarm holds it ([`GainAdaptation::hold`]), and for
+//! [`SETTLING_TICKS`] behind each of these; a window whose reference moved by less than
 //! [`AdaptationParameters::least_motion`] is let by.
 
 use crate::predictor_law::{GainCoefficients, PredictorParameters};
@@ -34,7 +40,8 @@ pub const SETTLING_TICKS: u32 = 512;
 pub const GAIN_FRACTION_BITS: u32 = 24;
 /// A gain of one.
 pub const ONE: i32 = 1 << GAIN_FRACTION_BITS;
-/// A gain farther from one than this is not accepted: the law is proved for it on actuators that are as far from the model to the other side.
+/// A gain farther from one than this is not accepted: the law is proved for it on actuators that are as far
+/// from the model to the other side.
 pub const MOST: i32 = ONE / 5;
 /// Largest step that is accepted.
 pub const LARGEST_STEP: i32 = ONE / 32;
@@ -54,7 +61,8 @@ pub struct AdaptationParameters {
     pub most_step: i32,
     /// Nothing is learned from errors beyond this, um with 24 fraction bits.
     pub error_limit: i32,
-    /// RMS change of the feedforward from mean to mean below which a window says nothing, um with 24 fraction bits.
+    /// RMS change of the feedforward from mean to mean below which a window says nothing, um with 24 fraction
+    /// bits.
     pub least_motion: i32,
 }
 
@@ -173,8 +181,9 @@ impl GainAdaptation {
         (self.sums, self.ticks, self.blocks, self.product, self.square) = ([0; 2], 0, 0, 0, 0);
     }
 
-    /// Behind each tick of the law: its unknown input and its feedforward for the next period, um with 24 fraction bits. `trusted`: the drive was not at
-    /// a limit and the error within its own. Gives coefficients that the law is to take.
+    /// Behind each tick of the law: its unknown input and its feedforward for the next period, um with 24
+    /// fraction bits. `trusted`: the drive was not at a limit and the error within its own. Gives
+    /// coefficients that the law is to take.
     #[inline]
     pub fn observe(
         &mut self,
@@ -225,7 +234,8 @@ impl GainAdaptation {
 
     /// Moves the gain by what a window says of it.
     fn step(&mut self, parameters: &AdaptationParameters) {
-        // Places that the quotient is below one; an unknown input larger than the motion counts as large as it.
+        // Places that the quotient is below one; an unknown input larger than the motion counts as large as
+        // it.
         let places = self.product.unsigned_abs().leading_zeros().saturating_sub(self.square.leading_zeros());
         let relative = ONE.checked_shr(places + STEP_SHIFT).unwrap_or(0).min(parameters.most_step);
         let step = if self.product < 0 { -relative } else { relative };
@@ -294,8 +304,8 @@ mod tests {
     const BOUNDS: AdaptationParameters =
         AdaptationParameters { most: MOST, most_step: ONE / 200, error_limit: 1 << 23, least_motion: ONE / 100 };
 
-    /// A law for an actuator without dynamics: its state is the reading that is predicted, and what is fed forward the reference at the end of the period in
-    /// which it acts, two samples after now.
+    /// A law for an actuator without dynamics: its state is the reading that is predicted, and what is fed
+    /// forward the reference at the end of the period in which it acts, two samples after now.
     fn law() -> PredictorParameters {
         let mut p = PredictorParameters {
             state_rows: Default::default(),
@@ -319,7 +329,8 @@ mod tests {
         servo
     }
 
-    /// An actuator without dynamics whose gain is so many hundredths of the model's, following a triangle; the codes and errors of all ticks.
+    /// An actuator without dynamics whose gain is so many hundredths of the model's, following a triangle;
+    /// the codes and errors of all ticks.
     fn run(servo: &mut ServoTick, hundredths: i64, ticks: usize, amplitude: i32) -> (Vec<DriveCode>, Vec<i32>) {
         let c = servo.parameters().converters;
         let code_of = |um: i64| SensorCode::new((((um - i64::from(c.adc_zero)) << 16) / c.adc_step).clamp(0, 65_535) as u32);
@@ -402,7 +413,8 @@ mod tests {
 
     #[test]
     fn another_gain_makes_no_step_of_the_drive() {
-        // At the tick behind which the coefficients change both give what they would have given but for the change of one tick.
+        // At the tick behind which the coefficients change both give what they would have given but for the
+        // change of one tick.
         let mut servo = ServoTick::new(parameters(Some(AdaptationParameters { most_step: LARGEST_STEP, ..BOUNDS })));
         let (codes, _) = run(&mut servo, 85, 60_000, 1 << 23);
         assert!(gain(&servo) < 0.9);
@@ -444,7 +456,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is observed: the gain stays within its bounds, its reciprocal is one, and every coefficient is the block's times one of them.
+        /// Whatever is observed: the gain stays within its bounds, its reciprocal is one, and every
+        /// coefficient is the block's times one of them.
         #[test]
         fn the_gain_stays_within_its_bounds(
             (most, most_step) in (1..=MOST, 1..=LARGEST_STEP),

@@ -1,8 +1,10 @@
-//! The guard: decides at every tick whether the sensor and the loop can be trusted, and names the fault when they cannot.
+//! The guard: decides at every tick whether the sensor and the loop can be trusted, and names the fault when
+//! they cannot.
 //!
 //! # How it works
-//! [`Guard::inspect`] sees every reading. A fault latches: the amplifier ramps the drive to its rest value and stays there until the
-//! fault is cleared, which is allowed only after the sensor was healthy for [`GuardParameters::healthy_ticks`].
+//! [`Guard::inspect`] sees every reading. A fault latches: the amplifier ramps the drive to its rest value
+//! and stays there until the fault is cleared, which is allowed only after the sensor was healthy for
+//! [`GuardParameters::healthy_ticks`].
 //!
 //! | fault | when | safe output |
 //! |---|---|---|
@@ -210,7 +212,8 @@ impl Guard {
         self.last_code
     }
 
-    /// Looks at the loop: error (um with 24 fraction bits), and whether the law wanted more than the slew limit.
+    /// Looks at the loop: error (um with 24 fraction bits), and whether the law wanted more than the slew
+    /// limit.
     #[inline]
     pub fn inspect_loop(&mut self, error: i32, slewing: bool) -> Option<Fault> {
         let p = &self.parameters;

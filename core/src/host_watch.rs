@@ -1,10 +1,11 @@
 //! Whether the host that drives the amplifier is still there.
 //!
 //! # How it works
-//! The tasks that take lines from a host note the tick of the last one ([`HostWatch::hear`]), whatever the line was and on whatever channel; the
-//! control interrupt asks at every tick whether that was too long ago ([`HostWatch::is_lost`]). It counts only while the drive is live: nobody is
-//! missed at rest. No time is too long until somebody chooses one ([`HostWatch::set_timeout`]), because a program that closes a loop
-//! and leaves is a usual thing too.
+//! The tasks that take lines from a host note the tick of the last one ([`HostWatch::hear`]), whatever the
+//! line was and on whatever channel; the control interrupt asks at every tick whether that was too long ago
+//! ([`HostWatch::is_lost`]). It counts only while the drive is live: nobody is missed at rest. No time is too
+//! long until somebody chooses one ([`HostWatch::set_timeout`]), because a program that closes a loop and
+//! leaves is a usual thing too.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -15,7 +16,8 @@ pub const SHORTEST_TIMEOUT_MS: u32 = 10;
 /// The longest, ms: an hour.
 pub const LONGEST_TIMEOUT_MS: u32 = 3_600_000;
 
-/// So many milliseconds in ticks, 0 for none; `None` where they are less than [`SHORTEST_TIMEOUT_MS`] or more than [`LONGEST_TIMEOUT_MS`].
+/// So many milliseconds in ticks, 0 for none; `None` where they are less than [`SHORTEST_TIMEOUT_MS`] or more
+/// than [`LONGEST_TIMEOUT_MS`].
 #[must_use]
 pub fn timeout_ticks(milliseconds: u32, sample_rate_hz: u32) -> Option<u32> {
     let chosen = milliseconds == 0 || (SHORTEST_TIMEOUT_MS..=LONGEST_TIMEOUT_MS).contains(&milliseconds);

@@ -1,8 +1,10 @@
-//! Sums of products of integer coefficients and 32-bit signals: the one arithmetic of every linear part of the tick.
+//! Sums of products of integer coefficients and 32-bit signals: the one arithmetic of every linear part of
+//! the tick.
 //!
-//! A [`Row`] is `sum c_i x_i / 2^Q`. The host quantises so that `sum |c_i| < 2^31`; with 32-bit signals the sum then stays within
-//! 2^62 and cannot wrap. An [`Integrating`] row keeps the fraction that the shift would throw away and adds it the next time: a state
-//! with a pole near one loses nothing, however small its increments are.
+//! A [`Row`] is `sum c_i x_i / 2^Q`. The host quantises so that `sum |c_i| < 2^31`; with 32-bit signals the
+//! sum then stays within 2^62 and cannot wrap. An [`Integrating`] row keeps the fraction that the shift would
+//! throw away and adds it the next time: a state with a pole near one loses nothing, however small its
+//! increments are.
 
 use crate::signal::{saturate, saturate_shifted, sum as sum_of};
 

@@ -1,26 +1,31 @@
 //! A correction of a periodic reference that is learned from the errors of its periods.
 //!
 //! # How it works
-//! The reference repeats after `N` samples. What the loop missed at a sample of one period it will miss again, so the reference is given
-//! with a correction `f` that is kept for each sample of the period (repetitive control, Hara et al. 1988, with the learning filter in
-//! the manner of iterative learning, Bristow et al. 2006). With `e` the error of the reading from the reference that was asked for,
+//! The reference repeats after `N` samples. What the loop missed at a sample of one period it will miss
+//! again, so the reference is given with a correction `f` that is kept for each sample of the period
+//! (repetitive control, Hara et al. 1988, with the learning filter in the manner of iterative learning,
+//! Bristow et al. 2006). With `e` the error of the reading from the reference that was asked for,
 //!
 //! `f[k + N] = (1 - g) f[k] + g Q (f[k] + L e[k])`
 //!
-//! where `L` is the *learning filter*, an approximate inverse of the loop from a correction to the motion, `Q` the *robustness filter*, and `g` a
-//! share that falls with the number of learned periods, so that noise is averaged (and what is learned in the end does not depend on it). A period is room enough for both filters to look ahead:
-//! `Q` is symmetric, so it has no phase, and `L` undoes the loop's. The filters are designed on the host from the sampled frequency response of
-//! every plant that is left possible, such that `|Q (1 - L T)| < 1`; then all periods of at least [`LEAST_PERIOD_TICKS`] converge.
+//! where `L` is the *learning filter*, an approximate inverse of the loop from a correction to the motion,
+//! `Q` the *robustness filter*, and `g` a share that falls with the number of learned periods, so that noise
+//! is averaged (and what is learned in the end does not depend on it). A period is room enough for both
+//! filters to look ahead: `Q` is symmetric, so it has no phase, and `L` undoes the loop's. The filters are
+//! designed on the host from the sampled frequency response of every plant that is left possible, such that
+//! `|Q (1 - L T)| < 1`; then all periods of at least [`LEAST_PERIOD_TICKS`] converge.
 //!
-//! Each tick works on one point: the newest error enters a row; `L` over that row gives the step of the point 32 samples ago; `Q` over the row of
-//! stepped points gives the new value of the point 63 samples ago. Nothing is shifted and nothing is done at the end of a period.
+//! Each tick works on one point: the newest error enters a row; `L` over that row gives the step of the point
+//! 32 samples ago; `Q` over the row of stepped points gives the new value of the point 63 samples ago.
+//! Nothing is shifted and nothing is done at the end of a period.
 //!
 //! | what | format |
 //! |---|---|
 //! | points | 16 bits, um with [`POINT_FRACTION_BITS`] fraction bits: +-1 um in steps of 0.03 nm; [`MOST_POINTS`] of them, 8 KiB |
 //! | errors, stepped points | um with 24 fraction bits |
 //!
-//! Points stay as they are for [`SETTLING_TICKS`] after a tick at which the drive was at a limit or the error beyond
+//! Points stay as they are for [`SETTLING_TICKS`] after a tick at which the drive was at a limit or the error
+//! beyond
 //! [`LearningParameters::error_limit`]: until nothing of that tick is left in a row. A new reference begins with no correction.
 
 use crate::integer_row::{Row, four};
@@ -33,7 +38,8 @@ pub const MOST_POINTS: usize = 4096;
 pub const LEARNING_TAPS: usize = 64;
 /// Fraction bits of the learning filter.
 pub const LEARNING_FRACTION_BITS: u32 = 24;
-/// Taps of the robustness filter, the first of which is zero so that the others are symmetric about the point.
+/// Taps of the robustness filter, the first of which is zero so that the others are symmetric about the
+/// point.
 pub const ROBUSTNESS_TAPS: usize = 64;
 /// Fraction bits of the robustness filter.
 pub const ROBUSTNESS_FRACTION_BITS: u32 = 29;
@@ -155,7 +161,8 @@ impl LearnedFeedforward {
         }
     }
 
-    /// Learns a reference of this period from its first sample on; `None`, or a period that is too short or too long: learns nothing.
+    /// Learns a reference of this period from its first sample on; `None`, or a period that is too short or
+    /// too long: learns nothing.
     pub fn begin(&mut self, period_ticks: Option<u32>) {
         let fits = |period: &u32| (LEAST_PERIOD_TICKS..=MOST_POINTS as u32).contains(period);
         self.period_ticks = period_ticks.filter(fits).unwrap_or(0);
@@ -190,7 +197,8 @@ impl LearnedFeedforward {
         if index >= samples { index - samples } else { (index + self.period_ticks).saturating_sub(samples) }
     }
 
-    /// The correction of the sample that enters, um with 24 fraction bits; [`Self::present`] is that of the one that counts now.
+    /// The correction of the sample that enters, um with 24 fraction bits; [`Self::present`] is that of the
+    /// one that counts now.
     #[inline]
     pub fn enter(&mut self) -> i32 {
         if self.period_ticks == 0 {
@@ -216,8 +224,8 @@ impl LearnedFeedforward {
         self.present
     }
 
-    /// Takes the error (asked minus read, um with 24 fraction bits) of the sample that counts now, after [`Self::enter`] in every tick.
-    /// `trusted`: the drive was not at a limit.
+    /// Takes the error (asked minus read, um with 24 fraction bits) of the sample that counts now, after
+    /// [`Self::enter`] in every tick. `trusted`: the drive was not at a limit.
     #[inline]
     pub fn learn(&mut self, parameters: &LearningParameters, error: i32, trusted: bool, saturated: &mut u32) {
         if self.period_ticks == 0 {
@@ -301,7 +309,8 @@ mod tests {
         LearningParameters { learning, robustness, error_limit: 1 << 24, point_limit: i16::MAX, periods_per_halving: 100, most_halvings: 0 }
     }
 
-    /// A loop that follows at once but for an error that repeats: `error[k]` at sample `k` of the period. Returns the errors of all ticks.
+    /// A loop that follows at once but for an error that repeats: `error[k]` at sample `k` of the period.
+    /// Returns the errors of all ticks.
     fn run(
         learner: &mut LearnedFeedforward,
         p: &LearningParameters,
@@ -417,8 +426,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is learned from whatever errors: nothing wraps (the sums fail here where they would), corrections stay within their limit,
-        /// and every index is one of the memory.
+        /// Whatever is learned from whatever errors: nothing wraps (the sums fail here where they would),
+        /// corrections stay within their limit, and every index is one of the memory.
         #[test]
         fn corrections_stay_within_their_limit(
             learning in taps(),

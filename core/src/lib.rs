@@ -2,9 +2,10 @@
 //!
 //! [`loop_telemetry`] stands below the tick and is the one module with floats.
 //!
-//! Everything here is also what the host simulation runs, bit for bit. The map of the crate is the list of its modules:
-//! [`servo_tick`] is the entry (ADC code in, DAC code out), [`servo_parameters`] is everything that the host computes for it; the
-//! other modules are its parts. Signals and their formats are in [`signal`].
+//! Everything here is also what the host simulation runs, bit for bit. The map of the crate is the list of
+//! its modules: [`servo_tick`] is the entry (ADC code in, DAC code out), [`servo_parameters`] is everything
+//! that the host computes for it; the other modules are its parts. Signals and their formats are in
+//! [`signal`].
 #![no_std]
 
 #[cfg(test)]

@@ -1,21 +1,26 @@
-//! How well the closed loop follows, a figure a second: computed below the tick from the samples that it gives away, never inside it.
+//! How well the closed loop follows, a figure a second: computed below the tick from the samples that it
+//! gives away, never inside it.
 //!
 //! # How it works
-//! [`LoopTelemetry::take`] is given every sample of the closed loop, one after the other. A window is [`SEGMENTS`] segments of a twentieth of a
-//! second each. The squares of the tracking error and of the drive are summed in integers, so that nothing depends on the order of size. The amplitude at
-//! the resonance is Goertzel's: one recursion in single precision over a segment, whose samples are weighted with Hann's `sin^2(pi n / N)`, and of
-//! the window the root mean square of its segments' amplitudes. So it has a band of some +-20 Hz, in which a resonance may drift and still be seen
-//! (15 % less at 10 Hz beside it, half at 20 Hz), and a slow error of micrometres does not leak into it; errors are taken relative to the
-//! segment's first. What rings for one segment only counts with `1 / sqrt(20)`.
+//! [`LoopTelemetry::take`] is given every sample of the closed loop, one after the other. A window is
+//! [`SEGMENTS`] segments of a twentieth of a second each. The squares of the tracking error and of the drive
+//! are summed in integers, so that nothing depends on the order of size. The amplitude at the resonance is
+//! Goertzel's: one recursion in single precision over a segment, whose samples are weighted with Hann's
+//! `sin^2(pi n / N)`, and of the window the root mean square of its segments' amplitudes. So it has a band of
+//! some +-20 Hz, in which a resonance may drift and still be seen (15 % less at 10 Hz beside it, half at 20
+//! Hz), and a slow error of micrometres does not leak into it; errors are taken relative to the segment's
+//! first. What rings for one segment only counts with `1 / sqrt(20)`.
 //!
-//! The error is reference minus sensor's reading, noise included: a loop that only hands on noise of `s` nm RMS shows `s sqrt(6 / N)` at
-//! every frequency, 0.08 s at 1000 samples a segment.
+//! The error is reference minus sensor's reading, noise included: a loop that only hands on noise of `s` nm
+//! RMS shows `s sqrt(6 / N)` at every frequency, 0.08 s at 1000 samples a segment.
 //!
 //! # Precision
-//! The square root is micromath's, a few per cent wrong, and two steps of Heron's that make it exact to single precision. The recursion's
-//! coefficient is *not* micromath's cosine: that is wrong by up to 0.001, which near 735 Hz of 20 kHz would listen 14 Hz beside the
-//! resonance. [`sine`] is there already, and wrong by 2e-8. What the recursion's rounding leaves of other errors, `A` um RMS, is below
-//! `1e-8 A / sin^3(2 pi f / f_s)`: 1e-6 of them at 735 Hz and a thousandth at 80 Hz, the lowest frequency that is taken.
+//! The square root is micromath's, a few per cent wrong, and two steps of Heron's that make it exact to
+//! single precision. The recursion's coefficient is *not* micromath's cosine: that is wrong by up to
+//! 0.001, which near 735 Hz of 20 kHz would listen 14 Hz beside the resonance. [`sine`] is there
+//! already, and wrong by 2e-8. What the recursion's rounding leaves of other errors, `A` um RMS, is
+//! below `1e-8 A / sin^3(2 pi f / f_s)`: 1e-6 of them at 735 Hz and a thousandth at 80 Hz, the lowest
+//! frequency that is taken.
 
 use micromath::F32Ext;
 
@@ -25,9 +30,11 @@ use crate::reference_generator::sine;
 pub const SEGMENTS: u32 = 20;
 /// Segments in a second: a window lasts one.
 const SEGMENTS_PER_SECOND: u32 = 20;
-/// A resonance is so many lines of a segment away from zero and from half the sampling rate, so that neither's mirror image is seen.
+/// A resonance is so many lines of a segment away from zero and from half the sampling rate, so that
+/// neither's mirror image is seen.
 const LEAST_LINES: u32 = 4;
-/// um with 24 fraction bits to 16, V with 22 to 12: their squares' sums over a window fit in 64 bits up to 100 kHz.
+/// um with 24 fraction bits to 16, V with 22 to 12: their squares' sums over a window fit in 64 bits up to
+/// 100 kHz.
 const ERROR_SHIFT: u32 = 8;
 const DRIVE_SHIFT: u32 = 10;
 /// A largest amplitude that can be an alarm, pm: the whole range of positions.
@@ -46,7 +53,8 @@ pub struct ResonanceWatch {
 }
 
 impl ResonanceWatch {
-    /// Whether a target of this sampling rate can listen to that: 80 Hz to 80 Hz below half the sampling rate, or nothing.
+    /// Whether a target of this sampling rate can listen to that: 80 Hz to 80 Hz below half the sampling
+    /// rate, or nothing.
     #[must_use]
     pub fn accepted(&self, sample_rate_hz: u32) -> bool {
         let edge_hz = u64::from(SEGMENTS_PER_SECOND * LEAST_LINES);
@@ -199,8 +207,8 @@ impl LoopTelemetry {
         self.line.last = [0.0; 2];
     }
 
-    /// Takes the tracking error (um with 24 fraction bits) and the drive (V with 22) of a tick of the closed loop; `Some` when it ends a window:
-    /// whether an alarm begins with it.
+    /// Takes the tracking error (um with 24 fraction bits) and the drive (V with 22) of a tick of the closed
+    /// loop; `Some` when it ends a window: whether an alarm begins with it.
     pub fn take(&mut self, tick: u32, error: i32, drive: i32) -> Option<bool> {
         if (self.in_segment, self.segments) != (0, 0) && tick != self.next_tick {
             self.figures.torn_windows = self.figures.torn_windows.saturating_add(1);
@@ -239,7 +247,8 @@ impl LoopTelemetry {
         let ticks = self.window_ticks() as f32;
         let error = square_root(self.error_squares as f32 / ticks) / (1u32 << (24 - ERROR_SHIFT)) as f32;
         let drive = square_root(self.drive_squares as f32 / ticks) / (1u32 << (22 - DRIVE_SHIFT)) as f32;
-        // Hann's weights have the mean of a half, and half of a sine turns with the phases: a quarter of the amplitude from every sample.
+        // Hann's weights have the mean of a half, and half of a sine turns with the phases: a quarter of the
+        // amplitude from every sample.
         let resonance = square_root(self.powers / SEGMENTS as f32) * 4.0 / self.segment_ticks as f32 / (1u32 << 24) as f32;
         let resonance_pm = whole(resonance * PM_PER_UM);
         let before = self.figures.alarm;
@@ -264,7 +273,8 @@ fn whole(value: f32) -> u32 {
     (value + 0.5) as u32
 }
 
-/// Square root of what is not negative: micromath's estimate, and Heron's steps from a few per cent to the last place but one.
+/// Square root of what is not negative: micromath's estimate, and Heron's steps from a few per cent to the
+/// last place but one.
 fn square_root(square: f32) -> f32 {
     if square <= 0.0 {
         return 0.0;
@@ -284,8 +294,8 @@ mod tests {
     const RATE: u32 = 20_000;
     const SEGMENT: usize = 1000;
 
-    /// What a window must come to, in f64 from the definitions: RMS and peak of the error, nm, RMS of the drive, mV, and the root mean
-    /// square of the segments' amplitudes, nm, by sums over sines and cosines.
+    /// What a window must come to, in f64 from the definitions: RMS and peak of the error, nm, RMS of the
+    /// drive, mV, and the root mean square of the segments' amplitudes, nm, by sums over sines and cosines.
     fn oracle(samples: &[(i32, i32)], frequency_hz: f64) -> [f64; 4] {
         let error_nm = |sample: &(i32, i32)| f64::from(sample.0) / f64::from(1 << 24) * 1000.0;
         let drive_mv = |sample: &(i32, i32)| f64::from(sample.1) / f64::from(1 << 22) * 1000.0;
@@ -346,8 +356,9 @@ mod tests {
             .collect()
     }
 
-    /// Ours beside the oracle's: RMS to 0.01 % and 0.01 nm (the error is summed in steps of 0.015 nm), peak to 1 pm, drive to 0.01 % and
-    /// 0.25 mV, amplitude to 0.01 % and what the recursion's rounding leaves of the whole error.
+    /// Ours beside the oracle's: RMS to 0.01 % and 0.01 nm (the error is summed in steps of 0.015 nm), peak
+    /// to 1 pm, drive to 0.01 % and 0.25 mV, amplitude to 0.01 % and what the recursion's rounding leaves of
+    /// the whole error.
     fn agree(figures: LoopFigures, expected: [f64; 4], frequency_hz: f64) {
         let [rms_nm, peak_nm, drive_mv, resonance_nm] = expected;
         let near = |ours: u32, expected: f64, share: f64, beside: f64| {
@@ -378,7 +389,8 @@ mod tests {
 
     #[test]
     fn what_lies_elsewhere_is_not_taken_for_the_resonance() {
-        // A slow error of 2 um, a line 100 Hz away and a constant of 1 um: below 0.2 nm of 3 um, and no alarm.
+        // A slow error of 2 um, a line 100 Hz away and a constant of 1 um: below 0.2 nm of 3 um, and no
+        // alarm.
         let samples = window(&[(10.0, 2.0, 0.0), (835.0, 0.5, 1.0)], 1.0, 0.0, 1);
         let mut telemetry = listening(735.0, 20);
         assert_eq!(run(&mut telemetry, 0, &samples), Some(false));

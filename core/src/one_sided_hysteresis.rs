@@ -1,22 +1,26 @@
-//! The one-sided hysteresis (thesis Ch. 4, Eqs. 10-15) and its inverse, in integers and in a fixed number of steps.
+//! The one-sided hysteresis (thesis Ch. 4, Eqs. 10-15) and its inverse, in integers and in a fixed number of
+//! steps.
 //!
 //! # How it works
-//! Between two reversals the output is a polynomial of the drive alone: `v_m + G(x, m)` on the way up from a minimum `(m, v_m)`,
-//! `v_M - G(M, x)` on the way down from a maximum `(M, v_M)`, `F(x)` on the initial ascending curve. The [`ExtremaStack`] remembers
-//! every extremum *with its output*, so a new section needs only the coefficients of `G` collapsed at one extremum, no sum over
-//! the stack.
+//! Between two reversals the output is a polynomial of the drive alone: `v_m + G(x, m)` on the way up from a
+//! minimum `(m, v_m)`, `v_M - G(M, x)` on the way down from a maximum `(M, v_M)`, `F(x)` on the initial
+//! ascending curve. The [`ExtremaStack`] remembers every extremum *with its output*, so a new section needs
+//! only the coefficients of `G` collapsed at one extremum, no sum over the stack.
 //!
-//! Polynomials are evaluated by Horner's rule in the variable's upper half: the high word of the product of a coefficient and a share with
-//! 31 fraction bits is half their product, so a coefficient of degree `d` carries `d` fraction bits more than the constant, and each
-//! step of the rule is one multiply-accumulate instruction (SMMLAR) of the target.
+//! Polynomials are evaluated by Horner's rule in the variable's upper half: the high word of the product of a
+//! coefficient and a share with 31 fraction bits is half their product, so a coefficient of degree `d`
+//! carries `d` fraction bits more than the constant, and each step of the rule is one multiply-accumulate
+//! instruction (SMMLAR) of the target.
 //!
-//! The inverse walks outward over the stored extrema until it finds the section that contains the wanted output (at most one
-//! comparison for each stored pair), then takes at most [`NEWTON_STEPS`] Newton steps in the bracket of that section. All sections are monotone,
-//! so the bracket always contains the solution. Outputs below what zero drive gives (the remnant) and above the range saturate
-//! and say so (erratum of the thesis' pseudo-code, which loops for ever there).
+//! The inverse walks outward over the stored extrema until it finds the section that contains the wanted
+//! output (at most one comparison for each stored pair), then takes at most [`NEWTON_STEPS`] Newton steps in
+//! the bracket of that section. All sections are monotone, so the bracket always contains the solution.
+//! Outputs below what zero drive gives (the remnant) and above the range saturate and say so (erratum of the
+//! thesis' pseudo-code, which loops for ever there).
 //!
-//! When the stack is full the smallest loop is forgotten. The output then differs from the full model's by at most the width of that
-//! loop, which is bounded by `max |d2 G/dx dz| * height^2`; [`OneSidedHysteresis::largest_dropped_loop`] is the height.
+//! When the stack is full the smallest loop is forgotten. The output then differs from the full model's by at
+//! most the width of that loop, which is bounded by `max |d2 G/dx dz| * height^2`;
+//! [`OneSidedHysteresis::largest_dropped_loop`] is the height.
 
 use crate::extrema_stack::ExtremaStack;
 use crate::signal::{MICROMETRE_FRACTION_BITS, SHARE_FRACTION_BITS, narrow, sum};
@@ -27,12 +31,13 @@ pub const STACK_CAPACITY: usize = 16;
 pub const SURFACE_SIZE: usize = 5;
 /// Most Newton steps of the inverse; from one tick to the next one or two are enough, and then it stops.
 pub const NEWTON_STEPS: usize = 5;
-/// A Newton step that needs no other one, as a share of the range (1.2e-4): the next would be about its square, or its product with the
-/// reciprocal's error, less than a hundredth of a DAC code.
+/// A Newton step that needs no other one, as a share of the range (1.2e-4): the next would be about its
+/// square, or its product with the reciprocal's error, less than a hundredth of a DAC code.
 const SMALL_STEP: i32 = 1 << 17;
 /// Fraction bits of the surface coefficients of degree 0, um; a coefficient of degree `d` has `d` more.
 pub const SURFACE_FRACTION_BITS: u32 = 20;
-/// Largest sum of the magnitudes of all coefficients of degree `d` and more, um: below it no intermediate value of the evaluation wraps.
+/// Largest sum of the magnitudes of all coefficients of degree `d` and more, um: below it no intermediate
+/// value of the evaluation wraps.
 pub const SURFACE_LIMITS_UM: [i32; SURFACE_SIZE] = [300, 300, 256, 256, 128];
 
 const ONE: i32 = 1 << SHARE_FRACTION_BITS;
@@ -47,7 +52,8 @@ pub const fn surface_fraction_bits(i: usize, j: usize) -> u32 {
     SURFACE_FRACTION_BITS + (i + j) as u32
 }
 
-/// Surfaces of the hysteresis in powers of the drive share, um with [`surface_fraction_bits`]; sums within [`SURFACE_LIMITS_UM`].
+/// Surfaces of the hysteresis in powers of the drive share, um with [`surface_fraction_bits`]; sums within
+/// [`SURFACE_LIMITS_UM`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceCoefficients {
     /// `g[i][j]` multiplies `x^i z^j` in `G(x, z)`; zero where `i + j` exceeds the degree.
@@ -289,7 +295,8 @@ impl OneSidedHysteresis {
         Section { polynomial: self.surfaces.falling_from(maximum.share), base: maximum.output }
     }
 
-    /// The same memory of the drive under other surfaces. Not for the tick: the whole memory is evaluated again.
+    /// The same memory of the drive under other surfaces. Not for the tick: the whole memory is evaluated
+    /// again.
     #[must_use]
     pub fn with_surfaces(&self, surfaces: SurfaceCoefficients) -> Self {
         let mut out = Self::virgin(surfaces);

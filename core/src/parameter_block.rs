@@ -1,11 +1,15 @@
-//! The parameter block: everything that the amplifier needs to know, as bytes that can be kept in flash and trusted.
+//! The parameter block: everything that the amplifier needs to know, as bytes that can be kept in flash and
+//! trusted.
 //!
 //! # How it works
-//! Little-endian: `HYST`, version (2), generation (2, counted up by the target with each block it keeps), length of the content (4), content, CRC-32 of all before it (4). The content is
-//! the physical description ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
-//! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both; last, and only where a periodic reference is learned, the filters for it, and behind them, only where
-//! the gain is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another
-//! sampling rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or whose design is not stable, and says which.
+//! Little-endian: `HYST`, version (2), generation (2, counted up by the target with each block it keeps),
+//! length of the content (4), content, CRC-32 of all before it (4). The content is the physical description
+//! ([`PhysicalDescription`], whole numbers of small units), then the integers of the servo and of the guard,
+//! field by field in the order of [`Wire`]'s implementations, with the lag of the sensor between both; last,
+//! and only where a periodic reference is learned, the filters for it, and behind them, only where the gain
+//! is adapted, its bounds. [`read`] refuses what is damaged, of another version, made for another sampling
+//! rate, whose integers contradict its physical description, with which a signal could wrap ([`verify`]), or
+//! whose design is not stable, and says which.
 
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
@@ -49,8 +53,9 @@ pub struct PhysicalDescription {
     pub slew_limit_v_s: u32,
     /// Position from the sensor's lowest to its highest code, nm.
     pub sensor_span_nm: i32,
-    /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths, as the host found it; at 1 000 000 the loop is not stable. The target
-    /// does not compute it again: what it sees of a loop that is not stable is its tracking error.
+    /// Largest magnitude of the eigenvalues of the sampled closed loop, millionths, as the host found it; at
+    /// 1 000 000 the loop is not stable. The target does not compute it again: what it sees of a loop that is
+    /// not stable is its tracking error.
     pub spectral_radius_millionths: u32,
 }
 
@@ -469,7 +474,8 @@ pub fn write(parameters: &AmplifierParameters, bytes: &mut [u8]) -> Result<usize
     Ok(writer.at)
 }
 
-/// Reads a block from the beginning of `bytes` (what follows it does not matter) for a target with this sampling rate.
+/// Reads a block from the beginning of `bytes` (what follows it does not matter) for a target with this
+/// sampling rate.
 ///
 /// # Errors
 /// [`BlockError`].
@@ -510,7 +516,8 @@ pub fn generation(bytes: &[u8]) -> u16 {
     }
 }
 
-/// What tells one block from another whatever its generation: the CRC-32 of its content; `None` if that is not all there.
+/// What tells one block from another whatever its generation: the CRC-32 of its content; `None` if that is
+/// not all there.
 #[must_use]
 pub fn fingerprint(bytes: &[u8]) -> Option<u32> {
     let content = bytes.get(8..HEADER_BYTES)?.first_chunk().map(|length| u32::from_le_bytes(*length))?;
@@ -561,8 +568,8 @@ fn has_room(row: &[i32]) -> bool {
     row.iter().map(|c| 5 * i64::from(c.unsigned_abs()) + 8).sum::<i64>() < 4 << 31
 }
 
-/// Whether every intermediate value of a polynomial of the drive share stays within 32 bits ([`SURFACE_LIMITS_UM`]), for coefficients
-/// with the degree that each has.
+/// Whether every intermediate value of a polynomial of the drive share stays within 32 bits
+/// ([`SURFACE_LIMITS_UM`]), for coefficients with the degree that each has.
 fn bounded_surface(coefficients: impl Iterator<Item = (usize, i32)> + Clone) -> bool {
     SURFACE_LIMITS_UM.iter().enumerate().all(|(degree, limit)| {
         // Rounded up, um with the fraction bits of the constant.
@@ -604,10 +611,11 @@ impl LawParameters {
     }
 }
 
-/// Whether the integers of the sensor and of the drive keep every position and drive within its format, with feedback of the right sign.
+/// Whether the integers of the sensor and of the drive keep every position and drive within its format, with
+/// feedback of the right sign.
 ///
-/// Position is within +-128 um and drive within +-512 V ([`crate::signal`]). The sensor is zeroed wherever it stands, so its whole span must
-/// fit on one side of zero: 127 um.
+/// Position is within +-128 um and drive within +-512 V ([`crate::signal`]). The sensor is zeroed wherever it
+/// stands, so its whole span must fit on one side of zero: 127 um.
 fn converters_fit(c: &ConverterParameters) -> Result<(), BlockError> {
     let has_bits = |bits: u8| (LEAST_BITS..=MOST_BITS).contains(&bits);
     if !has_bits(c.adc_bits) || !has_bits(c.dac_bits) || c.dac_code_max > DriveCode::highest(c.dac_bits) {
@@ -660,8 +668,8 @@ fn actuator_fits(actuator: &ActuatorParameters, physical: &PhysicalDescription, 
     }
 }
 
-/// Whether parameters are fit to run: made for this sampling rate, stable, with integers that agree with the physical description, with
-/// which no signal of the tick can wrap.
+/// Whether parameters are fit to run: made for this sampling rate, stable, with integers that agree with the
+/// physical description, with which no signal of the tick can wrap.
 ///
 /// # Errors
 /// [`BlockError::SampleRate`], [`BlockError::Unstable`], [`BlockError::Range`], [`BlockError::Mismatch`].

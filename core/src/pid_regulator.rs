@@ -1,7 +1,9 @@
-//! PID on the tracking error, with feedforward from the reference window, through the inverse of creep, and a notch behind it.
+//! PID on the tracking error, with feedforward from the reference window, through the inverse of creep, and a
+//! notch behind it.
 //!
-//! One form serves PID, PI, feedforward alone and feedforward + PI (thesis Ch. 4, 4.3): what a scheme leaves out has zero coefficients.
-//! The notch is a biquad in direct form I whose coefficients the host designs; without it the numerator is `[1, 0, 0]`.
+//! One form serves PID, PI, feedforward alone and feedforward + PI (thesis Ch. 4, 4.3): what a scheme leaves
+//! out has zero coefficients. The notch is a biquad in direct form I whose coefficients the host designs;
+//! without it the numerator is `[1, 0, 0]`.
 
 use crate::creep_inverse::{CreepInverse, CreepInverseParameters};
 use crate::integer_row::{Integrating, Row};
@@ -10,8 +12,9 @@ use crate::reference_window::{ReferenceWindow, WindowRow};
 /// Fraction bits of the gains.
 pub const PID_FRACTION_BITS: u32 = 20;
 
-/// Parameters of the regulator. Its output is in the unit of the actuator's input: V, or um of force-equivalent displacement when the
-/// hysteresis is inverted behind it; the host scales the coefficients accordingly.
+/// Parameters of the regulator. Its output is in the unit of the actuator's input: V, or um of
+/// force-equivalent displacement when the hysteresis is inverted behind it; the host scales the coefficients
+/// accordingly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PidParameters {
     /// `P` and `D / T` over `[e, change of e]`.
@@ -37,7 +40,8 @@ pub struct PidRegulator {
 }
 
 impl PidRegulator {
-    /// Takes over from `output`: the integral is what is missing in front of the notch, which has come to rest there, as creep has.
+    /// Takes over from `output`: the integral is what is missing in front of the notch, which has come to
+    /// rest there, as creep has.
     #[must_use]
     pub fn take_over(parameters: &PidParameters, reading: i32, reference: &ReferenceWindow, output: i32, saturated: &mut u32) -> Self {
         let last_error = reference.now().saturating_sub(reading);
@@ -56,8 +60,9 @@ impl PidRegulator {
         self.notch
     }
 
-    /// Goes on with other parameters as if they had given the last output, moved by `shift` (what the actuator's new model makes of the same drive).
-    /// The integral takes what the other terms would have had otherwise; the notch keeps its past. `reference` is that of the last reading.
+    /// Goes on with other parameters as if they had given the last output, moved by `shift` (what the
+    /// actuator's new model makes of the same drive). The integral takes what the other terms would have had
+    /// otherwise; the notch keeps its past. `reference` is that of the last reading.
     pub fn go_on(&mut self, before: &PidParameters, after: &PidParameters, reference: &ReferenceWindow, shift: i32, saturated: &mut u32) {
         let moved = |value: i32| value.saturating_add(shift);
         let errors = [self.last_error, self.last_change];
@@ -76,7 +81,8 @@ impl PidRegulator {
         self.integral.state = moved(regulated).saturating_sub(others);
     }
 
-    /// The output for a reading. `hold` stops the integral while the drive saturates in the direction of its sign.
+    /// The output for a reading. `hold` stops the integral while the drive saturates in the direction of its
+    /// sign.
     #[inline]
     pub fn output(&mut self, parameters: &PidParameters, reading: i32, reference: &ReferenceWindow, hold: i32, saturated: &mut u32) -> i32 {
         let error = reference.now().saturating_sub(reading);

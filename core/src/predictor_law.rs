@@ -1,21 +1,24 @@
 //! The observer-controller for a loop with one period of delay: PIDSMOC in its predictor form.
 //!
 //! # How it works
-//! The law works on the error between the actuator and a model that follows the reference exactly. Its states are those of the
-//! identified linear dynamics (lags, first and second mode), `z`, and the unknown input `d` with its slope `s`, which the thesis estimates
-//! as `epsilon` (Ch. 7, Eq. 15). With the error `i = (y - r) - c z` of the predicted reading,
+//! The law works on the error between the actuator and a model that follows the reference exactly. Its
+//! states are those of the identified linear dynamics (lags, first and second mode), `z`, and the unknown
+//! input `d` with its slope `s`, which the thesis estimates as `epsilon` (Ch. 7, Eq. 15). With the error
+//! `i = (y - r) - c z` of the predicted reading,
 //!
-//! * the states one period ahead are `z+ = A z + L i + B (v - v_ff + d)`, `d+ = d + s + l_d i`, `s+ = s + l_s i`, where `v` is what acts
-//!   during that period: it was sent at the last tick, so the prediction ends at the very instant at which the drive now computed begins
-//!   to act;
-//! * that drive is `v+ = v_ff+ - K z+ - d+`, the row `K` holding the discrete sliding surface's equivalent and reaching control;
-//! * `v_ff` is the force-equivalent displacement that makes the model follow the reference: a sum over the reference window.
+//! * the states one period ahead are `z+ = A z + L i + B (v - v_ff + d)`, `d+ = d + s + l_d i`,
+//!   `s+ = s + l_s i`, where `v` is what acts during that period: it was sent at the last tick, so
+//!   the prediction ends at the very instant at which the drive now computed begins to act;
+//! * that drive is `v+ = v_ff+ - K z+ - d+`, the row `K` holding the discrete sliding surface's equivalent
+//!   and reaching control;
+//! * `v_ff` is the force-equivalent displacement that makes the model follow the reference: a sum over the
+//!   reference window.
 //!
-//! `v` is the *force-equivalent displacement that was really applied*, after limits, converter and hysteresis, so neither saturation
-//! nor the converter's steps mislead the observer, and nothing winds up.
+//! `v` is the *force-equivalent displacement that was really applied*, after limits, converter and
+//! hysteresis, so neither saturation nor the converter's steps mislead the observer, and nothing winds up.
 //!
-//! With another gain of the actuator only the coefficients change ([`GainCoefficients`], [`PredictorLaw::rescale`]): the law's output stays in
-//! the um of the actuator's model.
+//! With another gain of the actuator only the coefficients change ([`GainCoefficients`],
+//! [`PredictorLaw::rescale`]): the law's output stays in the um of the actuator's model.
 
 use crate::integer_row::{Integrating, Row, four};
 use crate::reference_window::{ReferenceWindow, WINDOW, WindowRow};
@@ -115,7 +118,8 @@ fn replace_two(
 ) {
     const FRACTION: u32 = (1 << STATE_ROW_FRACTION_BITS) - 1;
     let (mut sum_a, mut sum_b) = (i64::from(*rest_a), i64::from(*rest_b));
-    // Four terms at a time, written out: the compiler leaves a loop where the tick is inlined into the interrupt.
+    // Four terms at a time, written out: the compiler leaves a loop where the tick is inlined into the
+    // interrupt.
     let mut add = |signals: [i32; 4], a: [i32; 4], b: [i32; 4]| {
         sum_a = four(sum_a, a, signals);
         sum_b = four(sum_b, b, signals);
@@ -131,7 +135,8 @@ fn replace_two(
     *state_b = saturate_shifted::<STATE_ROW_FRACTION_BITS>(sum_b, saturated);
 }
 
-/// Whether the states of both mean the same: all but the gains of the observer, which stand behind the states.
+/// Whether the states of both mean the same: all but the gains of the observer, which stand behind the
+/// states.
 fn same_dynamics(a: &PredictorParameters, b: &PredictorParameters) -> bool {
     let same = |(a, b): (&Row<INPUTS, STATE_ROW_FRACTION_BITS>, &Row<INPUTS, STATE_ROW_FRACTION_BITS>)| {
         a.coefficients.iter().zip(&b.coefficients).enumerate().all(|(nth, (a, b))| nth == STATES || a == b)
@@ -140,7 +145,8 @@ fn same_dynamics(a: &PredictorParameters, b: &PredictorParameters) -> bool {
 }
 
 impl PredictorLaw {
-    /// At rest, with the unknown input such that the output is `applied` when the feedforward is `feedforward`.
+    /// At rest, with the unknown input such that the output is `applied` when the feedforward is
+    /// `feedforward`.
     #[must_use]
     pub fn take_over(applied: i32, feedforward: i32) -> Self {
         Self {
@@ -153,9 +159,10 @@ impl PredictorLaw {
         }
     }
 
-    /// Goes on with other parameters as if they had given the last output, moved by `shift` (what the actuator's new model makes of the same drive).
-    /// The unknown input takes the difference, and keeps its slope; the states go on where both blocks have the same model of the dynamics, and
-    /// begin at no error where they have not. `reference` is that of the last reading.
+    /// Goes on with other parameters as if they had given the last output, moved by `shift` (what the
+    /// actuator's new model makes of the same drive). The unknown input takes the difference, and keeps its
+    /// slope; the states go on where both blocks have the same model of the dynamics, and begin at no error
+    /// where they have not. `reference` is that of the last reading.
     pub fn go_on(
         &mut self,
         before: &PredictorParameters,
@@ -171,8 +178,8 @@ impl PredictorLaw {
         self.begin_from(output, after, reference, saturated);
     }
 
-    /// Goes on with the coefficients of another gain as if they had given the last output: the unknown input takes the difference. `reference` is
-    /// that of the last reading.
+    /// Goes on with the coefficients of another gain as if they had given the last output: the unknown input
+    /// takes the difference. `reference` is that of the last reading.
     #[inline(never)]
     pub fn rescale(
         &mut self,
@@ -199,7 +206,8 @@ impl PredictorLaw {
         self.unknown.state = without.saturating_sub(output);
     }
 
-    /// The force-equivalent displacement to command for the next period, from the reading now and what acts now.
+    /// The force-equivalent displacement to command for the next period, from the reading now and what acts
+    /// now.
     #[inline]
     pub fn output(
         &mut self,

@@ -1,8 +1,9 @@
 //! References made on the target, sample by sample, in integers: the same samples on every machine.
 //!
-//! A phase of 32 bits per turn drives a polynomial sine (error below 2e-8 of the amplitude: far below the sensor, and far
-//! better than a fast single-precision sine). Rounded triangles are the sine's own series to its third term, the
-//! quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from elsewhere are a waveform of their own ([`crate::wave_table`]).
+//! A phase of 32 bits per turn drives a polynomial sine (error below 2e-8 of the amplitude: far below the
+//! sensor, and far better than a fast single-precision sine). Rounded triangles are the sine's own series to
+//! its third term, the quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from elsewhere are a
+//! waveform of their own ([`crate::wave_table`]).
 
 use crate::signal::{Quantity, narrow};
 use crate::wave_table::{TablePlayer, WaveTable};
@@ -36,7 +37,8 @@ const SWEEP_GAIN: u32 = SWEEP_HIGHEST_SHARE * (u32::MAX / 1024 / SWEEP_TICKS);
 /// Phase of a sine at its lowest point.
 pub const LOWEST_POINT: u32 = 0xc000_0000;
 
-/// A sample of a sweep over nearly all frequencies, which begins at its lowest point and anew every [`SWEEP_TICKS`].
+/// A sample of a sweep over nearly all frequencies, which begins at its lowest point and anew every
+/// [`SWEEP_TICKS`].
 #[must_use]
 pub fn sweep(amplitude: i32, tick: u32) -> i32 {
     // The phase is the sum of the increments: 0, 1, 2 .. times the gain.
@@ -45,7 +47,8 @@ pub fn sweep(amplitude: i32, tick: u32) -> i32 {
     scaled(amplitude, sine(phase.wrapping_add(LOWEST_POINT)))
 }
 
-/// What is followed or played, in the unit of `Q`: [`crate::signal::Micrometres`] or [`crate::signal::Volts`].
+/// What is followed or played, in the unit of `Q`: [`crate::signal::Micrometres`] or
+/// [`crate::signal::Volts`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Waveform<Q> {
     /// Stays at the offset.
@@ -87,7 +90,8 @@ pub enum Waveform<Q> {
 }
 
 impl<Q: Quantity> Waveform<Q> {
-    /// Samples after which it repeats, but for what a phase increment loses to rounding or cutting off; `None` where it does not.
+    /// Samples after which it repeats, but for what a phase increment loses to rounding or cutting off;
+    /// `None` where it does not.
     #[must_use]
     pub fn period_ticks(&self) -> Option<u32> {
         match self {

@@ -1,16 +1,19 @@
 //! The reference around the present sample, and what the laws need of it.
 //!
-//! References reach the tick [`PREVIEW_TICKS`] samples before they count, which every generator and every stream from the host can do.
-//! The window then holds the past and the future of the instant that is being computed, so that velocity, acceleration and the
-//! feedforward through the inverse of the linear dynamics are symmetric sums over the window: without phase lag, and without any
-//! derivative having to be sent. Their coefficients are designed on the host by least squares over the band of the reference.
+//! References reach the tick [`PREVIEW_TICKS`] samples before they count, which every generator and every
+//! stream from the host can do. The window then holds the past and the future of the instant that is being
+//! computed, so that velocity, acceleration and the feedforward through the inverse of the linear dynamics
+//! are symmetric sums over the window: without phase lag, and without any derivative having to be sent. Their
+//! coefficients are designed on the host by least squares over the band of the reference.
 //!
-//! Every sample is stored twice, [`WINDOW`] places apart: then the window is always one piece of the memory, and nothing is shifted.
+//! Every sample is stored twice, [`WINDOW`] places apart: then the window is always one piece of the memory,
+//! and nothing is shifted.
 //!
-//! A jump between the reference and the position at which the servo is enabled is kept as an offset that decays over about
-//! 2^[`OFFSET_DECAY_SHIFT`] samples.
+//! A jump between the reference and the position at which the servo is enabled is kept as an offset that
+//! decays over about 2^[`OFFSET_DECAY_SHIFT`] samples.
 //!
-//! What stands in the window is the reference as the sensor will read it ([`crate::sensor_lag`]): readings are compared with it.
+//! What stands in the window is the reference as the sensor will read it ([`crate::sensor_lag`]): readings
+//! are compared with it.
 
 use crate::integer_row::Row;
 use crate::sensor_lag::SensorLag;
@@ -22,7 +25,8 @@ pub const PREVIEW_TICKS: usize = 8;
 /// The offset loses this binary fraction of itself at every sample.
 pub const OFFSET_DECAY_SHIFT: u32 = 8;
 
-/// Coefficients over the window, oldest first: element `i` is the reference `i + 1 - (WINDOW - PREVIEW_TICKS)` samples after now.
+/// Coefficients over the window, oldest first: element `i` is the reference `i + 1 - (WINDOW -
+/// PREVIEW_TICKS)` samples after now.
 pub type WindowRow<const Q: u32> = Row<WINDOW, Q>;
 
 /// The reference from 7 samples ago to 8 samples ahead, as the sensor will read it, um.
@@ -43,14 +47,16 @@ impl ReferenceWindow {
         Self { positions: [position; 2 * WINDOW], oldest: 0, newest: [position; 2], offset: 0 }
     }
 
-    /// Begins again at rest at `position`, from where it goes to what is asked for as if that had been there for ever.
+    /// Begins again at rest at `position`, from where it goes to what is asked for as if that had been there
+    /// for ever.
     #[cold]
     #[inline(never)]
     pub fn restart(&mut self, position: i32, asked: i32) {
         *self = Self { newest: [asked; 2], offset: position.saturating_sub(asked), ..Self::at_rest(position) };
     }
 
-    /// Takes the reference that is asked for [`PREVIEW_TICKS`] samples from now, through the sensor's lag, and what it is corrected by.
+    /// Takes the reference that is asked for [`PREVIEW_TICKS`] samples from now, through the sensor's lag,
+    /// and what it is corrected by.
     #[inline]
     pub fn push(&mut self, lag: &SensorLag, asked: i32, correction: i32) {
         let lagged = lag.apply(asked, self.newest);
@@ -64,8 +70,8 @@ impl ReferenceWindow {
         self.offset -= (self.offset >> OFFSET_DECAY_SHIFT) + i32::from(self.offset > 0);
     }
 
-    /// Goes on with another lag of the sensor: what that would have made of a reference as fast as the last two samples, and what this differs by as an
-    /// offset that decays, so that the reference does not jump.
+    /// Goes on with another lag of the sensor: what that would have made of a reference as fast as the last
+    /// two samples, and what this differs by as an offset that decays, so that the reference does not jump.
     #[cold]
     #[inline(never)]
     pub fn change_lag(&mut self, lag: &SensorLag) {
@@ -136,7 +142,8 @@ mod tests {
         }
     }
 
-    /// Asked for something else than where it stands, with a lag: it begins where it stands, and ends where a window that has always been asked for it is.
+    /// Asked for something else than where it stands, with a lag: it begins where it stands, and ends where a
+    /// window that has always been asked for it is.
     #[test]
     fn a_jump_decays_and_no_lag_is_seen_of_it() {
         let lag = SensorLag { carried: -(1 << 29), before: 5 << 28 };

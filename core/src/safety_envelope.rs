@@ -1,13 +1,16 @@
 //! The safety envelope: what the board may do to the actuator, whatever the servo's block says.
 //!
 //! # How it works
-//! A block is a design, and changes often. The envelope belongs to the wiring: the scale of the drive's converter, the drives and the slew that amplifier and
-//! actuator bear, how long a fault may take to be seen and to come to rest. It is kept apart from the blocks, and a command of its own changes it.
-//! [`SafetyEnvelope::admits`] looks at a block before it is taken; the control interrupt holds every code within [`SafetyEnvelope::drive_min`] and
-//! [`SafetyEnvelope::drive_max`] once more. A board without an envelope drives nothing.
+//! A block is a design, and changes often. The envelope belongs to the wiring: the scale of the drive's
+//! converter, the drives and the slew that amplifier and actuator bear, how long a fault may take to be seen
+//! and to come to rest. It is kept apart from the blocks, and a command of its own changes it.
+//! [`SafetyEnvelope::admits`] looks at a block before it is taken; the control interrupt holds every code
+//! within [`SafetyEnvelope::drive_min`] and [`SafetyEnvelope::drive_max`] once more. A board without an
+//! envelope drives nothing.
 //!
-//! Codes here are those of the drive's converter itself, so that they mean the same whatever bits a block has. As bytes it looks as a block
-//! does ([`crate::parameter_block`]) with another magic: a header, the fields in their order, a checksum.
+//! Codes here are those of the drive's converter itself, so that they mean the same whatever bits a block
+//! has. As bytes it looks as a block does ([`crate::parameter_block`]) with another magic: a header, the
+//! fields in their order, a checksum.
 
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
@@ -47,7 +50,8 @@ pub struct SafetyEnvelope {
     pub slew_limit_v_s: u32,
     /// Longest way from the furthest drive to rest, ms.
     pub rest_within_ms: u16,
-    /// Longest time for which a reading may stay the same before it is a fault, ms; a block must have the guard on.
+    /// Longest time for which a reading may stay the same before it is a fault, ms; a block must have the
+    /// guard on.
     pub stuck_within_ms: u16,
     /// Longest time for which the tracking error may be too large, ms.
     pub tracking_within_ms: u16,
@@ -177,7 +181,8 @@ impl SafetyEnvelope {
         (DriveCode::new(self.drive_min.steps().div_ceil(1 << shift)), DriveCode::new(self.drive_max.steps() >> shift))
     }
 
-    /// Mean square of the drive's change from tick to tick at which the current is at its limit, square codes of a block.
+    /// Mean square of the drive's change from tick to tick at which the current is at its limit, square codes
+    /// of a block.
     #[must_use]
     pub fn mean_square_codes(&self, parameters: &AmplifierParameters) -> u64 {
         // i = C dV/dt: uA over nF is V/ms, here uV a tick.

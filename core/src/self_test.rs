@@ -1,9 +1,11 @@
-//! The self-test of arming: does the drive move the sensor, in the right direction, as far as the model says, and back again?
+//! The self-test of arming: does the drive move the sensor, in the right direction, as far as the model says,
+//! and back again?
 //!
 //! # How it works
-//! The drive goes from rest to a step of [`STEP_MILLIVOLTS`] and back, no faster than the ramp to rest. At each of the three places it waits for a tenth of a
-//! second, for relays, creep and ringing, and then takes the mean of [`MEAN_TICKS`] readings. What the model of the actuator makes of the same codes is
-//! the motion that is expected; a law that works in volts has no such model, and its gain is not looked at.
+//! The drive goes from rest to a step of [`STEP_MILLIVOLTS`] and back, no faster than the ramp to rest. At
+//! each of the three places it waits for a tenth of a second, for relays, creep and ringing, and then takes
+//! the mean of [`MEAN_TICKS`] readings. What the model of the actuator makes of the same codes is the motion
+//! that is expected; a law that works in volts has no such model, and its gain is not looked at.
 //!
 //! | fault | when |
 //! |---|---|
@@ -23,8 +25,9 @@ pub const STEP_MILLIVOLTS: i64 = 1_500;
 /// Readings of a mean.
 pub const MEAN_TICKS: u32 = 1 << MEAN_SHIFT;
 const MEAN_SHIFT: u32 = 10;
-/// The least and the most that the motion may be of what the model expects, sixteenths: just more than half of it and just less than twice it, because a range
-/// switch of sensor or amplifier that stands wrong changes it by a factor of two or more.
+/// The least and the most that the motion may be of what the model expects, sixteenths: just more than half
+/// of it and just less than twice it, because a range switch of sensor or amplifier that stands wrong changes
+/// it by a factor of two or more.
 pub const GAIN_BAND: (i64, i64) = (9, 29);
 
 /// What the sensor and the model said at two drives.
@@ -145,7 +148,8 @@ impl SelfTest {
         self.places[self.place & 1]
     }
 
-    /// Takes a reading; `arrived`: the drive is where it was sent, which the model takes for the displacement `applied`. What comes out of it, at the end.
+    /// Takes a reading; `arrived`: the drive is where it was sent, which the model takes for the displacement
+    /// `applied`. What comes out of it, at the end.
     #[inline]
     pub fn take(&mut self, reading: SensorCode, arrived: bool, applied: i32) -> Option<Result<(), Fault>> {
         if !arrived {

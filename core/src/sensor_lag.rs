@@ -1,18 +1,21 @@
 //! The known lag of the sensor, undone in the reference.
 //!
 //! # How it works
-//! A sensor of limited bandwidth reads where the stage was. A law that brings the reading to the reference then brings the stage to where the reference
-//! will be: at a constant speed it is early by the sensor's lag, and no reading shows that. So the law compares the reading with the reference as the sensor
-//! would read it, and what it feeds forward for is that reference as well; then the stage itself follows what was asked for. With `r` what is asked,
+//! A sensor of limited bandwidth reads where the stage was. A law that brings the reading to the reference
+//! then brings the stage to where the reference will be: at a constant speed it is early by the sensor's lag,
+//! and no reading shows that. So the law compares the reading with the reference as the sensor would read it,
+//! and what it feeds forward for is that reference as well; then the stage itself follows what was asked for.
+//! With `r` what is asked,
 //!
 //! `r'[k] = r[k] + a (r'[k-1] - r[k]) + b (r[k-1] - r[k])`
 //!
-//! with `a` and `b` such that it is as late as the sensor at rest, and as much smaller as the square of the frequency says (a first-order lag through
-//! Tustin's rule; Astrom and Wittenmark, Computer-Controlled Systems 1997, 8.3). What has always stood still passes to the last bit. Only the upper
-//! halves of products count, so what came to rest may stay a few units of 0.06 pm away: 2 pm for a lag of 20 periods.
+//! with `a` and `b` such that it is as late as the sensor at rest, and as much smaller as the square of the
+//! frequency says (a first-order lag through Tustin's rule; Astrom and Wittenmark, Computer-Controlled
+//! Systems 1997, 8.3). What has always stood still passes to the last bit. Only the upper halves of products
+//! count, so what came to rest may stay a few units of 0.06 pm away: 2 pm for a lag of 20 periods.
 //!
-//! `a` and `b` are fractions without a unit, with [`LAG_FRACTION_BITS`], whose magnitudes together are at most one; both are zero for a sensor without a lag, or with one
-//! that nobody knows.
+//! `a` and `b` are fractions without a unit, with [`LAG_FRACTION_BITS`], whose magnitudes together are at
+//! most one; both are zero for a sensor without a lag, or with one that nobody knows.
 
 /// Fraction bits of the coefficients.
 pub const LAG_FRACTION_BITS: u32 = 31;
@@ -45,7 +48,8 @@ impl SensorLag {
         carried < one && carried + before <= one
     }
 
-    /// By how much a reference of constant speed, in um a tick with 24 fraction bits, is read lower than asked.
+    /// By how much a reference of constant speed, in um a tick with 24 fraction bits, is read lower than
+    /// asked.
     #[must_use]
     pub fn late_by(&self, speed: i32) -> i32 {
         // (a + b) / (1 - a) ticks: below 2^62, and the divisor is not zero for what is accepted.
@@ -54,8 +58,8 @@ impl SensorLag {
         late.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
     }
 
-    /// The sample that was asked for (um with 24 fraction bits, as all here) as the sensor will read it, from the last one as the sensor reads it and as it was
-    /// asked for.
+    /// The sample that was asked for (um with 24 fraction bits, as all here) as the sensor will read it, from
+    /// the last one as the sensor reads it and as it was asked for.
     #[inline(always)]
     #[must_use]
     pub fn apply(&self, asked: i32, [lagged, before]: [i32; 2]) -> i32 {
@@ -99,7 +103,8 @@ mod tests {
             let out = run(&lag, (0..2000).map(|k| (k * slope).min(1000 * slope)));
             let late_by = f64::from(700 * slope - out[700]) / f64::from(slope);
             assert!((f64::from(lag.late_by(slope)) / f64::from(slope) - ticks).abs() < 1e-4, "{ticks}: {}", lag.late_by(slope));
-            // Each of two products loses up to two units of 0.06 pm, and the lag remembers them for some of its length.
+            // Each of two products loses up to two units of 0.06 pm, and the lag remembers them for some of
+            // its length.
             let rounding = 4.0 * (1.0 + ticks) / f64::from(slope);
             assert!((late_by - ticks).abs() < rounding, "{ticks}: {late_by}");
             let rest = 2 + 2 * ticks as i32;
@@ -122,7 +127,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is asked through whatever lag that is accepted: no sum wraps (it fails here where it would).
+        /// Whatever is asked through whatever lag that is accepted: no sum wraps (it fails here where it
+        /// would).
         #[test]
         fn no_sum_wraps(
             (carried, share) in (-i32::MAX..=i32::MAX, -1.0f64..=1.0),

@@ -29,13 +29,15 @@ pub struct ConverterParameters {
     pub dac_zero: i32,
     /// Drive per DAC code, V with 38 fraction bits.
     pub dac_step: i64,
-    /// DAC codes per volt, with [`CODES_PER_VOLT_FRACTION_BITS`]: below 32 768 codes per volt, 20 bits over 32 V.
+    /// DAC codes per volt, with [`CODES_PER_VOLT_FRACTION_BITS`]: below 32 768 codes per volt, 20 bits over
+    /// 32 V.
     pub dac_codes_per_volt: i32,
     /// Lowest DAC code within the limits of the actuator.
     pub dac_code_min: DriveCode,
     /// Highest DAC code within the limits of the actuator.
     pub dac_code_max: DriveCode,
-    /// Largest change of the drive in one tick, codes: the slew limit of the amplifier; [`NO_SLEW_LIMIT`] is none.
+    /// Largest change of the drive in one tick, codes: the slew limit of the amplifier; [`NO_SLEW_LIMIT`] is
+    /// none.
     pub slew_codes: u32,
     /// Bits of the ADC's codes, 8 to 20.
     pub adc_bits: u8,
@@ -53,7 +55,8 @@ impl ConverterParameters {
         self.adc_zero.saturating_add(narrow((i64::from(adc_code) * self.adc_step) >> 16))
     }
 
-    /// The nearest DAC code to a drive (V with 22 fraction bits), in steps; below 0 and beyond the last one it is no code.
+    /// The nearest DAC code to a drive (V with 22 fraction bits), in steps; below 0 and beyond the last one
+    /// it is no code.
     #[inline]
     #[must_use]
     pub fn steps(&self, drive: i32) -> i32 {
@@ -102,8 +105,8 @@ pub enum LawParameters {
     Hold,
     /// PID, PI, feedforward and their union (with a notch).
     Regulator(PidParameters),
-    /// PIDSMC, ideal sliding mode or boundary layer on an estimate of the states: with the PIDSMO the thesis' PIDSMOC, with an alpha-beta
-    /// filter its PIDSMC + alpha-beta.
+    /// PIDSMC, ideal sliding mode or boundary layer on an estimate of the states: with the PIDSMO the thesis'
+    /// PIDSMOC, with an alpha-beta filter its PIDSMC + alpha-beta.
     SlidingMode {
         /// Estimator of position and velocity.
         estimator: EstimatorParameters,
@@ -118,7 +121,8 @@ pub enum LawParameters {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct ServoParameters {
-    /// How late the sensor is known to be: the reference is made as late before a reading is compared with it.
+    /// How late the sensor is known to be: the reference is made as late before a reading is compared with
+    /// it.
     pub sensor_lag: SensorLag,
     /// Converters and limits.
     pub converters: ConverterParameters,
@@ -126,7 +130,8 @@ pub struct ServoParameters {
     pub actuator: ActuatorParameters,
     /// The law.
     pub law: LawParameters,
-    /// True if a code acts one period after the reading that it was computed from, as on the target; false if at once.
+    /// True if a code acts one period after the reading that it was computed from, as on the target; false if
+    /// at once.
     pub delayed: bool,
     /// How the correction of a periodic reference is learned; `None`: it is not.
     pub learning: Option<LearningParameters>,

@@ -1,27 +1,30 @@
 //! The control tick: ADC code in, DAC code out, once every sampling period.
 //!
 //! # How it works
-//! [`ServoTick::tick`] reads the position, advances the reference window, runs the law, inverts the hysteresis, limits, rounds to a DAC
-//! code, and then takes note of what this code really does to the actuator: the drive after limits and rounding and, through the
-//! hysteresis model, the force-equivalent displacement. The laws see these, never what they wished for.
+//! [`ServoTick::tick`] reads the position, advances the reference window, runs the law, inverts the
+//! hysteresis, limits, rounds to a DAC code, and then takes note of what this code really does to the
+//! actuator: the drive after limits and rounding and, through the hysteresis model, the force-equivalent
+//! displacement. The laws see these, never what they wished for.
 //!
 //! # Taking over
-//! [`ServoTick::enable`] and [`ServoTick::swap`] let the next tick begin from the drive that is there: the law's integrating state is set
-//! so that its first output is that drive, and a difference between reference and position becomes a decaying offset.
-//! [`ServoTick::exchange`] lets another law of a running loop go on from where the last one was, in motion too.
-//! Every drive that is applied while the servo is off must pass [`ServoTick::open_loop`], so that the memory of the hysteresis is kept.
+//! [`ServoTick::enable`] and [`ServoTick::swap`] let the next tick begin from the drive that is there: the
+//! law's integrating state is set so that its first output is that drive, and a difference between reference
+//! and position becomes a decaying offset. [`ServoTick::exchange`] lets another law of a running loop go on
+//! from where the last one was, in motion too. Every drive that is applied while the servo is off must pass
+//! [`ServoTick::open_loop`], so that the memory of the hysteresis is kept.
 //!
 //! # Periodic references
-//! With [`ServoParameters::learning`] a reference whose period was told ([`ServoTick::repeat`]) gets a learned correction
-//! ([`crate::learned_feedforward`]). What the tick reports as the reference is without it.
+//! With [`ServoParameters::learning`] a reference whose period was told ([`ServoTick::repeat`]) gets a
+//! learned correction ([`crate::learned_feedforward`]). What the tick reports as the reference is without it.
 //!
 //! # A sensor that is late
-//! The reference passes through the known lag of the sensor first ([`crate::sensor_lag`]), and everything that a reading is compared with is that reference: what
-//! the law and the learning bring to zero, and what the guard and the trace see, is then the error of the stage and not that of its picture.
+//! The reference passes through the known lag of the sensor first ([`crate::sensor_lag`]), and everything
+//! that a reading is compared with is that reference: what the law and the learning bring to zero, and what
+//! the guard and the trace see, is then the error of the stage and not that of its picture.
 //!
 //! # A gain that is not the model's
-//! With [`ServoParameters::adaptation`] the predictor law corrects the gain of its model slowly, within bounds ([`crate::gain_adaptation`]). The gain that was
-//! learned stays until the parameters change.
+//! With [`ServoParameters::adaptation`] the predictor law corrects the gain of its model slowly, within
+//! bounds ([`crate::gain_adaptation`]). The gain that was learned stays until the parameters change.
 //!
 //! # What is counted
 //! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left their format.
@@ -41,7 +44,8 @@ use crate::state_estimator::StateEstimator;
 /// What the tick counts. Counters stop at their largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Ticks at which the drive was held at a limit of the actuator or at the slew limit, unreachable ones included.
+    /// Ticks at which the drive was held at a limit of the actuator or at the slew limit, unreachable ones
+    /// included.
     pub limited_ticks: u32,
     /// Ticks at which the wanted displacement was outside what the hysteresis can give.
     pub unreachable_ticks: u32,
@@ -59,14 +63,16 @@ enum LawState {
 }
 
 /// The servo with all its state.
-// In this order: what every tick reads is near the beginning, where an instruction reaches it; what is learned takes kilobytes and stands last.
+// In this order: what every tick reads is near the beginning, where an instruction reaches it; what is
+// learned takes kilobytes and stands last.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct ServoTick {
     /// The newest code and its drive, V.
     code: DriveCode,
     drive: i32,
-    /// Force-equivalent displacement of the newest drive, um (V for a direct actuator), and of the one before.
+    /// Force-equivalent displacement of the newest drive, um (V for a direct actuator), and of the one
+    /// before.
     applied: i32,
     applied_before: i32,
     rounding_error: i32,
@@ -117,7 +123,8 @@ impl ServoTick {
         this
     }
 
-    /// Switches the servo off and applies a code: conditioning, identification. Returns the code within the limits.
+    /// Switches the servo off and applies a code: conditioning, identification. Returns the code within the
+    /// limits.
     pub fn open_loop(&mut self, code: DriveCode) -> DriveCode {
         self.law = LawState::Off;
         self.note(code.max(self.parameters.converters.dac_code_min).min(self.parameters.converters.dac_code_max));
@@ -131,8 +138,8 @@ impl ServoTick {
         self.adaptation.wait();
     }
 
-    /// Tells the period of the references from the next [`Self::enable`] on, ticks; `None`: they do not repeat. Without parameters for it nothing
-    /// is learned.
+    /// Tells the period of the references from the next [`Self::enable`] on, ticks; `None`: they do not
+    /// repeat. Without parameters for it nothing is learned.
     pub fn repeat(&mut self, period_ticks: Option<u32>) {
         self.learner.begin(period_ticks.filter(|_| self.parameters.learning.is_some()));
         self.note_learning();
@@ -158,8 +165,8 @@ impl ServoTick {
         self.adaptation.hold(held);
     }
 
-    /// Changes all parameters; a running law takes over at the next tick. Evaluates the memory of the hysteresis again if its surfaces
-    /// change: call it between ticks.
+    /// Changes all parameters; a running law takes over at the next tick. Evaluates the memory of the
+    /// hysteresis again if its surfaces change: call it between ticks.
     pub fn swap(&mut self, parameters: ServoParameters) {
         if parameters.actuator != self.parameters.actuator {
             self.hysteresis = match (&parameters.actuator, &self.hysteresis) {
@@ -177,8 +184,9 @@ impl ServoTick {
         }
     }
 
-    /// Changes all parameters of a running loop without a step of the drive or of the reference: the new law goes on as if it had given the last output
-    /// itself, the reference and what was learned of it stay. Only between parameters that [`crate::block_swap`] allows; call it between ticks.
+    /// Changes all parameters of a running loop without a step of the drive or of the reference: the new law
+    /// goes on as if it had given the last output itself, the reference and what was learned of it stay. Only
+    /// between parameters that [`crate::block_swap`] allows; call it between ticks.
     // In place: the interrupt's stack has no room for a second set of parameters.
     pub fn exchange(&mut self, parameters: &ServoParameters) {
         if parameters.actuator != self.parameters.actuator {
@@ -219,15 +227,16 @@ impl ServoTick {
         self.begin_adaptation();
     }
 
-    /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead (um with 24 fraction bits).
-    /// Returns the code to apply.
+    /// One period: the reading now and the reference [`crate::reference_window::PREVIEW_TICKS`] samples ahead
+    /// (um with 24 fraction bits). Returns the code to apply.
     #[inline]
     pub fn tick(&mut self, adc_code: SensorCode, reference_ahead: Micrometres) -> DriveCode {
         let ahead = reference_ahead.to_bits();
         if self.learns { self.tick_and_learn(adc_code, ahead) } else { self.follow(adc_code, ahead, 0) }
     }
 
-    /// [`Self::follow`] with what is learned: apart, so that a tick that learns nothing pays for the question only.
+    /// [`Self::follow`] with what is learned: apart, so that a tick that learns nothing pays for the question
+    /// only.
     #[inline(never)]
     fn tick_and_learn(&mut self, adc_code: SensorCode, ahead: i32) -> DriveCode {
         let entering = self.learner.enter();
@@ -258,7 +267,8 @@ impl ServoTick {
     }
 
     /// One period towards a reference and its correction.
-    // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it widens them and reloads every address.
+    // By itself the compiler keeps products of 32 bits; inlined into an interrupt with a static state it
+    // widens them and reloads every address.
     #[inline(never)]
     fn follow(&mut self, adc_code: SensorCode, ahead: i32, correction: i32) -> DriveCode {
         let reading = self.parameters.converters.position(adc_code);
@@ -375,7 +385,8 @@ impl ServoTick {
         Micrometres::from_bits(self.reading)
     }
 
-    /// Reference at the last tick, without what was learned: what the reading is to be, so as late as the sensor is known to be.
+    /// Reference at the last tick, without what was learned: what the reading is to be, so as late as the
+    /// sensor is known to be.
     #[must_use]
     pub fn reference(&self) -> Micrometres {
         Micrometres::from_bits(self.window.now().saturating_sub(self.learner.present()))
@@ -428,7 +439,8 @@ impl ServoTick {
         }
     }
 
-    /// Estimate of the unknown input, in um of force-equivalent displacement for the predictor (V for the PIDSMO).
+    /// Estimate of the unknown input, in um of force-equivalent displacement for the predictor (V for the
+    /// PIDSMO).
     #[must_use]
     pub fn unknown_input(&self) -> i32 {
         match &self.law {
@@ -488,7 +500,8 @@ fn begin(parameters: &LawParameters, reading: i32, applied: i32, window: &Refere
             LawState::Regulator(PidRegulator::take_over(parameters, reading, window, applied, saturated))
         }
         LawParameters::SlidingMode { controller, .. } => {
-            // At rest the equivalent control of a position is minus the drive that holds it, and what is applied beyond that is held by the unknown input.
+            // At rest the equivalent control of a position is minus the drive that holds it, and what is
+            // applied beyond that is held by the unknown input.
             let integral = applied.saturating_add(controller.equivalent_control.apply(&[reading, 0], saturated));
             let estimator = StateEstimator::at_rest(reading, integral);
             let mut law = SlidingModeController::default();

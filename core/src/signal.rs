@@ -1,5 +1,5 @@
-//! The fixed-point formats of every signal in the tick. Each format is a type of the crate `fixed`, whose raw integer is what the tick
-//! computes with; converting costs nothing.
+//! The fixed-point formats of every signal in the tick. Each format is a type of the crate `fixed`, whose raw
+//! integer is what the tick computes with; converting costs nothing.
 //!
 //! | signal | type | unit | range | resolution |
 //! |---|---|---|---|---|
@@ -8,10 +8,11 @@
 //! | drive | [`Volts`] | V | +-512 | 2.4e-7 |
 //! | drive above its lower limit, as a share of its range | [`DriveShare`] | 1 | +-2 | 9e-10 |
 //!
-//! Velocities are carried times the sampling period so that they have the size of positions and need no format of their own.
-//! Nothing wraps: a conversion to 32 bits saturates, and counts that it did, or is [`narrow`], where the checks of the parameter block
-//! ([`crate::parameter_block::verify`]) make every value fit. The tests of this crate are built so that a value that does not fit, or a sum
-//! that wraps, fails them; one of them runs the amplifier over blocks of every kind that is accepted.
+//! Velocities are carried times the sampling period so that they have the size of positions and need no
+//! format of their own. Nothing wraps: a conversion to 32 bits saturates, and counts that it did, or is
+//! [`narrow`], where the checks of the parameter block ([`crate::parameter_block::verify`]) make every value
+//! fit. The tests of this crate are built so that a value that does not fit, or a sum that wraps, fails them;
+//! one of them runs the amplifier over blocks of every kind that is accepted.
 
 /// Position, force-equivalent displacement, or velocity times the sampling period, um.
 pub type Micrometres = fixed::types::I8F24;
@@ -63,7 +64,8 @@ pub fn saturate(value: i64, saturated: &mut u32) -> i32 {
     if i64::from(low) == value { low } else { end_of_format(value, saturated) }
 }
 
-/// A sum with `Q` fraction bits more than it is to have, which are cut off; counts when what is left is not in 32 bits. `Q` is from 1 to 31.
+/// A sum with `Q` fraction bits more than it is to have, which are cut off; counts when what is left is not
+/// in 32 bits. `Q` is from 1 to 31.
 #[inline(always)]
 #[must_use]
 pub fn saturate_shifted<const Q: u32>(sum: i64, saturated: &mut u32) -> i32 {

@@ -1,16 +1,19 @@
-//! The sliding-mode controllers of the thesis: equivalent control, and what drives the state to the sliding surface.
+//! The sliding-mode controllers of the thesis: equivalent control, and what drives the state to the sliding
+//! surface.
 //!
-//! With the errors `e1`, `e2` of position and velocity the switching function is `q = m e1 + e2` (Ch. 6, Eq. 8), carried times the
-//! period. The drive is the one that the nominal model needs for the reference (Eq. 6), minus the equivalent control (Eq. 12), and
+//! With the errors `e1`, `e2` of position and velocity the switching function is `q = m e1 + e2` (Ch. 6, Eq.
+//! 8), carried times the period. The drive is the one that the nominal model needs for the reference (Eq. 6),
+//! minus the equivalent control (Eq. 12), and
 //!
 //! * [`Reaching::Pid`]: minus `P_c q + I_c` integral of `q` `+ D_c dq/dt` (Eq. 14): PIDSMC;
 //! * [`Reaching::Switching`]: minus `eta sign(q)` (Eq. 13): the ideal sliding mode, which chatters;
 //! * [`Reaching::BoundaryLayer`]: minus `eta q / (|q| + delta)` (Eq. 45), which leaves a steady error.
 //!
 //! # The instant of the drive
-//! A code acts one period after its reading. With a [`Prediction`] the estimate is carried over that period by the nominal model, with the drive that
-//! acts in it and the estimated unknown input, and is compared with the reference of the instant at which the new drive begins to act: the predictor
-//! form. Without one the law is the thesis' own, which acts at once.
+//! A code acts one period after its reading. With a [`Prediction`] the estimate is carried over that period
+//! by the nominal model, with the drive that acts in it and the estimated unknown input, and is compared with
+//! the reference of the instant at which the new drive begins to act: the predictor form. Without one the law
+//! is the thesis' own, which acts at once.
 
 use crate::integer_row::{Integrating, Row};
 use crate::reference_window::{ReferenceWindow, WindowRow};
@@ -49,11 +52,13 @@ pub enum Reaching {
 /// Carries an estimate to the instant at which the drive that is computed begins to act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Prediction {
-    /// Position and velocity times the period then, um, over `[x1, x2 T, integral of the estimator, what acts until then]`.
+    /// Position and velocity times the period then, um, over `[x1, x2 T, integral of the
+    /// estimator, what acts until then]`.
     pub rows: [Row<4, ERROR_ROW_FRACTION_BITS>; 2],
 }
 
-/// Parameters of a sliding-mode controller. What it calls a drive is um of force-equivalent displacement where the actuator's model stands behind it.
+/// Parameters of a sliding-mode controller. What it calls a drive is um of force-equivalent displacement
+/// where the actuator's model stands behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlidingModeParameters {
     /// Reference velocity times the period over the reference window, um.
@@ -66,8 +71,8 @@ pub struct SlidingModeParameters {
     pub equivalent_control: Row<2, DRIVE_ROW_FRACTION_BITS>,
     /// How the surface is reached.
     pub reaching: Reaching,
-    /// How the estimate is carried over the period of delay; none where the drive acts at once. The rows over the reference are then for the instant to
-    /// which it is carried.
+    /// How the estimate is carried over the period of delay; none where the drive acts at once. The rows over
+    /// the reference are then for the instant to which it is carried.
     pub prediction: Option<Prediction>,
 }
 
@@ -80,13 +85,14 @@ pub struct SlidingModeController {
 }
 
 impl SlidingModeController {
-    /// Begins with the integral that makes the first output `drive` when `without` is what comes out without it.
+    /// Begins with the integral that makes the first output `drive` when `without` is what comes out without
+    /// it.
     pub fn take_over(&mut self, drive: i32, without: i32) {
         self.integral = Integrating::at(without.saturating_sub(drive));
     }
 
-    /// The drive for an estimate; `acting` is what acts until it does. `hold` stops the integral while the drive saturates in the direction of
-    /// its sign.
+    /// The drive for an estimate; `acting` is what acts until it does. `hold` stops the integral while the
+    /// drive saturates in the direction of its sign.
     #[inline]
     pub fn drive(
         &mut self,

@@ -1,6 +1,8 @@
-//! Estimators of position and velocity from the sensor: the PID-based sliding-mode observer and the alpha-beta filters it is compared with.
+//! Estimators of position and velocity from the sensor: the PID-based sliding-mode observer and the
+//! alpha-beta filters it is compared with.
 //!
-//! All three are linear in the present and the last reading and in the drive that acted between them, so they share one integer form:
+//! All three are linear in the present and the last reading and in the drive that acted between them, so they
+//! share one integer form:
 //!
 //! | estimator | states | source |
 //! |---|---|---|
@@ -8,8 +10,8 @@
 //! | alpha-beta, continuous form | `x1`, `x2 T` | thesis Ch. 6, Eqs. (35)-(36); Ch. 7, Eqs. (38)-(39) |
 //! | alpha-beta, discrete | `x1`, `x2 T` | thesis Ch. 6, Eqs. (33)-(34); Ch. 7, Eqs. (36)-(37) |
 //!
-//! The continuous forms are discretised exactly on the host, with the drive held and the reading running straight between samples; what
-//! stands here are the rows of that discretisation.
+//! The continuous forms are discretised exactly on the host, with the drive held and the reading running
+//! straight between samples; what stands here are the rows of that discretisation.
 
 use crate::integer_row::{Integrating, Row};
 
@@ -21,7 +23,8 @@ pub const ESTIMATOR_FRACTION_BITS: u32 = 26;
 pub struct EstimatorParameters {
     /// New `x1` (um), new `x2 T` (um per sample), new integral (V).
     pub rows: [Row<6, ESTIMATOR_FRACTION_BITS>; 3],
-    /// Estimate of the unknown input `epsilon` (V, Ch. 7, Eq. 15) over `[x1, x2 T, integral, y[k-1], y[k], u]`, from the new states.
+    /// Estimate of the unknown input `epsilon` (V, Ch. 7, Eq. 15) over `[x1, x2 T, integral,
+    /// y[k-1], y[k], u]`, from the new states.
     pub unknown_input: Row<6, 20>,
 }
 
@@ -71,7 +74,8 @@ impl StateEstimator {
         self.states[1].state
     }
 
-    /// The integral: the estimated unknown input with its sign turned, without what the last readings add to it.
+    /// The integral: the estimated unknown input with its sign turned, without what the last readings add to
+    /// it.
     #[inline]
     #[must_use]
     pub fn integral(&self) -> i32 {

@@ -1,8 +1,8 @@
 //! What leaves the control interrupt at every tick, and how blocks of it look on the wire.
 //!
 //! # How it works
-//! The interrupt puts one [`TraceSample`] a tick into a queue. A task packs every n-th of them into blocks ([`TraceBlock`]), chosen
-//! channels only, and hands each block to the log. On the wire (little-endian):
+//! The interrupt puts one [`TraceSample`] a tick into a queue. A task packs every n-th of them into blocks
+//! ([`TraceBlock`]), chosen channels only, and hands each block to the log. On the wire (little-endian):
 //!
 //! | bytes | what |
 //! |---|---|
@@ -172,7 +172,8 @@ impl TraceBlock {
         }
     }
 
-    /// Takes a sample. A block ends when it is full or when ticks are missing before this sample; it is then handed to `send`.
+    /// Takes a sample. A block ends when it is full or when ticks are missing before this sample; it is then
+    /// handed to `send`.
     pub fn push(&mut self, sample: &TraceSample, lost_ticks: u32, mut send: impl FnMut(&[u8])) {
         if !sample.tick.is_multiple_of(u32::from(self.decimation)) {
             return;

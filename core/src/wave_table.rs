@@ -1,18 +1,21 @@
 //! Points of a reference or of a drive that somebody wrote into memory, played tick by tick.
 //!
 //! # How it works
-//! The memory is a row of atomics that outlives everything ([`WaveTable`]), so that a task may write the points and the control interrupt
-//! read them without a lock: a point is whole at any time, and whoever writes points while they are played sees them played. Each point
-//! lasts a number of ticks; between two of them the reference goes in a straight line or stays. What comes after the last point is the
-//! first one, as often as the table is cycled. Then the last value stays, whatever is written into the memory: a table that has ended is not read
-//! again. A table is one of positions or one of drives ([`Quantity`]), and the compiler keeps them apart.
+//! The memory is a row of atomics that outlives everything ([`WaveTable`]), so that a task may write the
+//! points and the control interrupt read them without a lock: a point is whole at any time, and whoever
+//! writes points while they are played sees them played. Each point lasts a number of ticks; between two of
+//! them the reference goes in a straight line or stays. What comes after the last point is the first one, as
+//! often as the table is cycled. Then the last value stays, whatever is written into the memory: a table that
+//! has ended is not read again. A table is one of positions or one of drives ([`Quantity`]), and the compiler
+//! keeps them apart.
 
 use core::marker::PhantomData;
 use core::sync::atomic::{AtomicI32, Ordering};
 
 use crate::signal::Quantity;
 
-/// Fraction bits of a point, um in a table of positions and V in one of drives: as many as a drive has, which reaches further.
+/// Fraction bits of a point, um in a table of positions and V in one of drives: as many as a drive has, which
+/// reaches further.
 pub const POINT_FRACTION_BITS: u32 = 22;
 
 /// A table of `Q` as it is played.
@@ -32,8 +35,8 @@ impl<Q: Quantity> WaveTable<Q> {
     /// From the bits of a point to those of the quantity.
     const SHIFT: u32 = Q::FRACTION_BITS - POINT_FRACTION_BITS;
 
-    /// These points, each with [`POINT_FRACTION_BITS`], for so many ticks (at least 1), joined by lines or not, so many times (0: for ever). Every
-    /// point must lie within the format of `Q`, or it is cut to it.
+    /// These points, each with [`POINT_FRACTION_BITS`], for so many ticks (at least 1), joined by lines or
+    /// not, so many times (0: for ever). Every point must lie within the format of `Q`, or it is cut to it.
     #[must_use]
     pub fn new(points: &'static [AtomicI32], ticks_per_point: u32, joined: bool, cycles: u32) -> Self {
         let ticks_per_point = ticks_per_point.max(1);
@@ -79,7 +82,8 @@ pub struct TablePlayer {
     ended: bool,
     /// What was played last: once the table has ended, what stays.
     last: i32,
-    /// Whether what was played belonged to the marked point: the last tick in the lowest bit, the tick before it in the next.
+    /// Whether what was played belonged to the marked point: the last tick in the lowest bit, the tick before
+    /// it in the next.
     marks: u32,
 }
 
@@ -98,7 +102,8 @@ impl TablePlayer {
             let last_of_all = last && table.cycles != 0 && self.cycles + 1 >= table.cycles;
             let next = if last_of_all { here } else { table.point(if last { 0 } else { self.point + 1 }) };
             let change = i64::from(next) - i64::from(here);
-            // A difference of 33 bits times less than 2^30; the sum lies between the two points, whatever the part does.
+            // A difference of 33 bits times less than 2^30; the sum lies between the two points, whatever the
+            // part does.
             value = here.wrapping_add(((change * i64::from(self.ticks * table.slope)) >> 30) as i32);
         }
         self.ticks += 1;

@@ -1,7 +1,7 @@
 //! The tasks' way to the amplifier: every task that takes commands from somebody gives them here.
 //!
-//! Commands are queued and act in their order, at most one in a tick. [`stop`] is not queued: it acts at the next tick, past everything
-//! that waits, and forgets it.
+//! Commands are queued and act in their order, at most one in a tick. [`stop`] is not queued: it acts at the
+//! next tick, past everything that waits, and forgets it.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -29,7 +29,8 @@ pub fn open(queue: Producer<Scheduled, COMMAND_QUEUE>) {
     QUEUE.lock(|place| *place.borrow_mut() = Some(queue));
 }
 
-/// Gives a command to the amplifier; `false` if too many wait. What becomes of it comes as a [`control::Reply`] to `from`.
+/// Gives a command to the amplifier; `false` if too many wait. What becomes of it comes as a
+/// [`control::Reply`] to `from`.
 pub fn submit(from: Source, at: Option<u32>, command: Command) -> bool {
     with_queue(false, |queue| queue.enqueue(Scheduled { from, at, command }))
 }
@@ -45,7 +46,8 @@ pub fn stop() {
     control::stop(with_queue(0, |queue| queue.position()));
 }
 
-/// Stops so far, wrapping: who gives several commands one after the other gives no more of them when this has changed.
+/// Stops so far, wrapping: who gives several commands one after the other gives no more of them when this has
+/// changed.
 pub fn stops() -> u32 {
     STOPS.load(Ordering::Relaxed)
 }

@@ -1,9 +1,10 @@
 //! The control interrupt: one tick of the amplifier, between two edges of the sample clock.
 //!
 //! # How it works
-//! The interrupt owns [`Control`]: the front end, the amplifier and its ends of the queues. It was handed over in [`hand_over`] before the
-//! interrupt was enabled, and nothing else ever touches it. What the tasks may know comes through lock-free queues of one
-//! producer and one consumer, and through atomics. Code and data are in memories that no cache and no flash slows down.
+//! The interrupt owns [`Control`]: the front end, the amplifier and its ends of the queues. It was handed
+//! over in [`hand_over`] before the interrupt was enabled, and nothing else ever touches it. What the tasks
+//! may know comes through lock-free queues of one producer and one consumer, and through atomics. Code and
+//! data are in memories that no cache and no flash slows down.
 
 use core::cell::UnsafeCell;
 use core::hint::black_box; // so that fields are reached from one address, not each from its own
@@ -140,7 +141,8 @@ impl Control {
         };
     }
 
-    /// Gives the drive's converter its code, or sets it up anew. A code that it does not take is a fault: what acts is not what the servo remembers.
+    /// Gives the drive's converter its code, or sets it up anew. A code that it does not take is a fault:
+    /// what acts is not what the servo remembers.
     #[inline(always)]
     fn drive(&mut self, code: DriveCode, renews: bool) {
         if !self.drives {
@@ -208,7 +210,8 @@ struct Exchange {
 }
 
 struct Exchanged(UnsafeCell<Exchange>);
-// SAFETY: the interrupt's while `SWAP` is set, which the next tick ends, and otherwise that of the one task that calls `offer`.
+// SAFETY: the interrupt's while `SWAP` is set, which the next tick ends, and otherwise that of the one task
+// that calls `offer`.
 unsafe impl Sync for Exchanged {}
 static EXCHANGE: Exchanged = Exchanged(UnsafeCell::new(Exchange { block: MaybeUninit::uninit(), outcome: Ok(()) }));
 /// A swap is wanted at the next tick.
@@ -277,7 +280,8 @@ impl State {
 
 /// Two places: the interrupt writes the one that nobody reads, and then says that it is the newest.
 struct Published([UnsafeCell<State>; 2]);
-// SAFETY: a reader runs below the interrupt, and reads again where two ticks have gone by meanwhile: only then its place has been written.
+// SAFETY: a reader runs below the interrupt, and reads again where two ticks have gone by meanwhile: only
+// then its place has been written.
 unsafe impl Sync for Published {}
 static PUBLISHED: Published = Published([const { UnsafeCell::new(State::BEFORE_THE_START) }; 2]);
 /// How often was published; its lowest bit says which place is the newest.
@@ -289,7 +293,8 @@ pub fn state() -> State {
         let before = PUBLICATION.load(Ordering::Acquire);
         let [even, odd] = &PUBLISHED.0;
         let place = if before & 1 == 0 { even } else { odd };
-        // SAFETY: the interrupt writes this place at the second tick from now at the earliest, and then it is read again.
+        // SAFETY: the interrupt writes this place at the second tick from now at the earliest, and then it is
+        // read again.
         let state = unsafe { place.get().read_volatile() };
         if PUBLICATION.load(Ordering::Acquire).wrapping_sub(before) < 2 {
             return state;
@@ -418,14 +423,15 @@ pub fn lost_samples() -> u32 {
     LOST_SAMPLES.load(Ordering::Relaxed)
 }
 
-/// Stops the amplifier at the next tick, whatever waits; commands that stand in the queue before `position` are forgotten.
+/// Stops the amplifier at the next tick, whatever waits; commands that stand in the queue before `position`
+/// are forgotten.
 pub fn stop(position: usize) {
     STOP_UP_TO.store(position, Ordering::Relaxed);
     STOP.store(true, Ordering::Release);
 }
 
-/// Offers a block that is to take the place of the running one at the next tick; [`swapped`] says what became of it. For one task only, which does not
-/// hold a block of its own meanwhile: what a task holds is static.
+/// Offers a block that is to take the place of the running one at the next tick; [`swapped`] says what became
+/// of it. For one task only, which does not hold a block of its own meanwhile: what a task holds is static.
 pub fn offer(block: &AmplifierParameters) {
     // SAFETY: the place is this task's while `SWAP` is not set.
     unsafe { (*EXCHANGE.0.get()).block.write(*block) };
@@ -459,7 +465,8 @@ fn keep_largest(largest: &AtomicU32, value: u32) {
     }
 }
 
-/// At rest the drive's converter is set up anew every 2048 ticks, 0.1 s: its own supply may have failed without anybody seeing it.
+/// At rest the drive's converter is set up anew every 2048 ticks, 0.1 s: its own supply may have failed
+/// without anybody seeing it.
 const RENEW_MASK: u32 = 2047;
 const COMPARE_4: u32 = 1 << 4;
 /// The mean of the tick's cycles forgets a 2^-n part at every tick.
@@ -486,7 +493,8 @@ extern "C" fn TIM2() {
     let overrun = control.overrun || skipped;
 
     let reading = control.front_end.read();
-    // A stop has a path of its own, past everything that waits. The tasks that ask for it cannot interrupt this.
+    // A stop has a path of its own, past everything that waits. The tasks that ask for it cannot interrupt
+    // this.
     if STOP.load(Ordering::Acquire) {
         STOP.store(false, Ordering::Relaxed);
         control.stop();

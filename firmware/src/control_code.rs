@@ -1,5 +1,6 @@
-//! Copies the control interrupt's code to its own memory, before anything else runs: the compiler's helpers (`memcpy` and the like) live
-//! there too, and even the runtime's own start may call them. cortex-m-rt calls `__pre_init` before it sets up memory.
+//! Copies the control interrupt's code to its own memory, before anything else runs: the compiler's helpers
+//! (`memcpy` and the like) live there too, and even the runtime's own start may call them. cortex-m-rt calls
+//! `__pre_init` before it sets up memory.
 
 core::arch::global_asm!(
     ".section .text.copy_control_code, \"ax\", %progbits",

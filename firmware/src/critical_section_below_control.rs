@@ -1,8 +1,9 @@
 //! Critical sections that mask every interrupt but the control interrupt.
 //!
-//! The usual implementation disables all interrupts, and a log message would then delay the control tick. Here BASEPRI masks
-//! priorities 1 and below; the control interrupt has priority 0 and shares nothing with the rest but atomics and
-//! single-producer single-consumer queues, so it needs no critical section and must never take one.
+//! The usual implementation disables all interrupts, and a log message would then delay the control tick.
+//! Here BASEPRI masks priorities 1 and below; the control interrupt has priority 0 and shares nothing with
+//! the rest but atomics and single-producer single-consumer queues, so it needs no critical section and must
+//! never take one.
 
 use critical_section::RawRestoreState;
 

@@ -1,7 +1,8 @@
 //! The last faults, kept over resets: a ring in memory that nothing initialises.
 //!
-//! The control interrupt writes a fault when it is latched; what restarted the program is latched at the next start. The memory keeps it as long as the part has
-//! its supply; a checksum tells what is left of a ring from what a supply that was switched on has made of it.
+//! The control interrupt writes a fault when it is latched; what restarted the program is latched at the next
+//! start. The memory keeps it as long as the part has its supply; a checksum tells what is left of a ring
+//! from what a supply that was switched on has made of it.
 
 use core::mem::MaybeUninit;
 
@@ -44,7 +45,8 @@ fn check(log: &Log) -> u32 {
 
 /// Counts a start; begins anew where the memory holds no log.
 pub fn begin() {
-    // SAFETY: any value may be there, and all of them are numbers; only thread code before the control interrupt's start touches it.
+    // SAFETY: any value may be there, and all of them are numbers; only thread code before the control
+    // interrupt's start touches it.
     unsafe {
         let log = (&raw mut LOG).cast::<Log>();
         let mut kept = log.read_volatile();
@@ -61,7 +63,8 @@ pub fn begin() {
 #[inline(never)]
 #[unsafe(link_section = ".control_code")]
 pub fn write(tick: u32, fault: u8) {
-    // SAFETY: `begin` ran first; the interrupt and who writes before its start do not write at the same time, and readers look for the check.
+    // SAFETY: `begin` ran first; the interrupt and who writes before its start do not write at the same time,
+    // and readers look for the check.
     unsafe {
         let log = &mut *(&raw mut LOG).cast::<Log>();
         let at = log.written as usize % ROOM;

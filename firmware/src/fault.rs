@@ -1,9 +1,11 @@
 //! What ends or restarts the program, and that the drive is at rest whenever it does.
 //!
-//! A panic, a hard fault (an overflow of the stack is one, [`crate::stack`]), a lost crystal (the clock security system's NMI, which the board
-//! takes) or a supply that falls ([`crate::supply`]) first sets the drive's converter up anew and puts the rest code on it, at once and from any state ([`FrontEnd::force`]). It then leaves a mark in memory
-//! that survives a reset, and restarts. The watchdog restarts a program whose ticks or tasks have stopped. At start [`cause_of_last_restart`]
-//! names what happened, and the amplifier stays at rest until that fault is cleared.
+//! A panic, a hard fault (an overflow of the stack is one, [`crate::stack`]), a lost crystal (the clock
+//! security system's NMI, which the board takes) or a supply that falls ([`crate::supply`]) first sets the
+//! drive's converter up anew and puts the rest code on it, at once and from any state ([`FrontEnd::force`]).
+//! It then leaves a mark in memory that survives a reset, and restarts. The watchdog restarts a program whose
+//! ticks or tasks have stopped. At start [`cause_of_last_restart`] names what happened, and the amplifier
+//! stays at rest until that fault is cleared.
 
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
@@ -24,7 +26,8 @@ use crate::task_clock;
 const MARK: u32 = 0x4859_5300;
 #[unsafe(link_section = ".uninit.restart_mark")]
 static mut RESTART_MARK: MaybeUninit<u32> = MaybeUninit::uninit();
-/// In the converter's own bits. Until a block says what rest is, none: the converter is then as it left its reset.
+/// In the converter's own bits. Until a block says what rest is, none: the converter is then as it left its
+/// reset.
 static REST_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
 const NO_CODE: u32 = u32::MAX;
 
@@ -40,7 +43,8 @@ pub fn remember_rest(code: DriveCode, bits: CodeBits) {
 
 /// Why the part restarted, if that was a fault; clears the flags.
 pub fn cause_of_last_restart() -> Option<Fault> {
-    // SAFETY: memory that nothing initialises; any value may be there. Only thread code before the start touches it.
+    // SAFETY: memory that nothing initialises; any value may be there. Only thread code before the start
+    // touches it.
     let marked = unsafe {
         let mark = &raw mut RESTART_MARK;
         let marked = mark.cast::<u32>().read_volatile();

@@ -1,11 +1,13 @@
 //! Reads flash that may be damaged, without ending the program.
 //!
 //! # How it works
-//! A word of flash whose writing was cut off by the supply holds a double ECC error: every read of it is answered with a bus error, which is a hard
-//! fault, or raises the NMI, as the part has it, at every start. Here 32 bytes, a word or some of them, are read with FAULTMASK set and
-//! CCR.BFHFNMIGN with it, so that the processor ignores a bus error (Armv7-M, B3.2.8) and notes it in CFSR; what the flash interface notes,
-//! and what becomes of an NMI, the board knows ([`Platform::end_reading`]). Both are looked at after each piece. FAULTMASK holds the control interrupt off too, for eight loads: far less than the microsecond by which its entry
-//! may vary, and sampling and latching are hardware's.
+//! A word of flash whose writing was cut off by the supply holds a double ECC error: every read of it is
+//! answered with a bus error, which is a hard fault, or raises the NMI, as the part has it, at every start.
+//! Here 32 bytes, a word or some of them, are read with FAULTMASK set and CCR.BFHFNMIGN with it, so that the
+//! processor ignores a bus error (Armv7-M, B3.2.8) and notes it in CFSR; what the flash interface notes, and
+//! what becomes of an NMI, the board knows ([`Platform::end_reading`]). Both are looked at after each piece.
+//! FAULTMASK holds the control interrupt off too, for eight loads: far less than the microsecond by which its
+//! entry may vary, and sampling and latching are hardware's.
 
 use core::arch::asm;
 

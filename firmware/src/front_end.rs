@@ -1,8 +1,8 @@
 //! The analogue front end: what the control interrupt needs of converters, whichever they are.
 //!
-//! A front end gives the sensor's code of the latest edge of the sample clock, and takes a drive code that acts at the next edge.
-//! Codes have the bits that the parameter block says ([`CodeBits`]), or those of the converters themselves. A drive's converter with more is given the rest as
-//! zeros.
+//! A front end gives the sensor's code of the latest edge of the sample clock, and takes a drive code that
+//! acts at the next edge. Codes have the bits that the parameter block says ([`CodeBits`]), or those of the
+//! converters themselves. A drive's converter with more is given the rest as zeros.
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::safety_envelope::SafetyEnvelope;
@@ -44,7 +44,8 @@ impl Wiring {
     }
 }
 
-/// Converters as the control interrupt sees them. Both calls end after a bounded time, whatever the converters do.
+/// Converters as the control interrupt sees them. Both calls end after a bounded time, whatever the
+/// converters do.
 pub trait FrontEnd {
     /// Name, as reported at start.
     const NAME: &'static str;
@@ -57,17 +58,18 @@ pub trait FrontEnd {
     fn has(bits: CodeBits) -> bool;
     /// Not started yet; codes have so many bits, which it has.
     fn new(bits: CodeBits, wiring: Wiring) -> Self;
-    /// Sets pins and converters up, with the drive at `rest_code`; called before the beat starts. Without a code the drive's output stays off: clamped to ground,
-    /// or floating.
+    /// Sets pins and converters up, with the drive at `rest_code`; called before the beat starts. Without a
+    /// code the drive's output stays off: clamped to ground, or floating.
     fn start(&mut self, rest_code: Option<DriveCode>);
     /// The sensor's code sampled at the latest edge; `None` if the converter did not answer.
     fn read(&mut self) -> Option<SensorCode>;
     /// The drive's code for the next edge; `false` if the converter did not take it.
     fn write(&mut self, code: DriveCode) -> bool;
-    /// Instead of a code, at rest: sets the drive's converter up as after its power-up; `false` if it did not take that. The code that it was given last is in its
-    /// register.
+    /// Instead of a code, at rest: sets the drive's converter up as after its power-up; `false` if it did not
+    /// take that. The code that it was given last is in its register.
     #[allow(dead_code)] // not every image that has a front end keeps it so long
     fn renew(&mut self) -> bool;
-    /// The drive at a code at once, without the sample clock, from any state: clocks off, pins not set up, a frame half sent.
+    /// The drive at a code at once, without the sample clock, from any state: clocks off, pins not set up, a
+    /// frame half sent.
     fn force(&mut self, code: DriveCode);
 }

@@ -2,8 +2,8 @@
 
 use core::ptr::addr_of;
 
-/// The head of RTT's control block and its first up channel (SEGGER's layout, in words): identifier, counts, then name, buffer, size, write
-/// and read offsets, flags.
+/// The head of RTT's control block and its first up channel (SEGGER's layout, in words): identifier, counts,
+/// then name, buffer, size, write and read offsets, flags.
 #[repr(C)]
 struct Head {
     identifier: [u32; 4],
@@ -22,7 +22,8 @@ unsafe extern "C" {
 
 /// Bytes that can be logged now without losing any.
 pub fn free_bytes() -> u32 {
-    // SAFETY: rtt-target defines the control block with this layout; the probe changes `read` at any time, hence volatile.
+    // SAFETY: rtt-target defines the control block with this layout; the probe changes `read` at any time,
+    // hence volatile.
     let (size, write, read) = unsafe {
         let head = addr_of!(CONTROL_BLOCK);
         (addr_of!((*head).size).read_volatile(), addr_of!((*head).write).read_volatile(), addr_of!((*head).read).read_volatile())

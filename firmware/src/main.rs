@@ -1,8 +1,9 @@
 //! Hysteron's firmware for the boards of [`board`].
 //!
-//! A hardware timer beats at the sample rate ([`sample_clock`]); its compare interrupt, the only one at the highest priority, runs the
-//! control tick ([`control`]). Everything else runs in Embassy tasks below it and can never delay it: the critical sections of
-//! this image mask every priority but that one ([`critical_section_below_control`]).
+//! A hardware timer beats at the sample rate ([`sample_clock`]); its compare interrupt, the only one at the
+//! highest priority, runs the control tick ([`control`]). Everything else runs in Embassy tasks below it and
+//! can never delay it: the critical sections of this image mask every priority but that one
+//! ([`critical_section_below_control`]).
 #![no_std]
 #![no_main]
 
@@ -135,7 +136,8 @@ struct Ends {
     replies: Producer<Reply, COMMAND_QUEUE>,
 }
 
-/// Makes the amplifier and hands it to the interrupt. Not a part of the task above: an amplifier takes 13 KiB, and what a task holds is static.
+/// Makes the amplifier and hands it to the interrupt. Not a part of the task above: an amplifier takes 13
+/// KiB, and what a task holds is static.
 #[inline(never)]
 fn hand_over(parameters: AmplifierParameters, refused: Option<Fault>, ends: Ends, envelope: (DriveCode, DriveCode), late_cycles: u32) {
     let mut amplifier = Amplifier::new(parameters);

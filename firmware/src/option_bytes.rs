@@ -1,7 +1,8 @@
-//! The option bytes that protect the drive when no program can: the brown-out level, and the watchdog that starts with the supply.
+//! The option bytes that protect the drive when no program can: the brown-out level, and the watchdog that
+//! starts with the supply.
 //!
-//! They are looked at at every start and in every status, and written only when somebody asks for it ([`protect`], at rest): they outlive the program.
-//! A part out of its box has neither.
+//! They are looked at at every start and in every status, and written only when somebody asks for it
+//! ([`protect`], at rest): they outlive the program. A part out of its box has neither.
 
 use crate::board::{Board, Platform};
 

@@ -1,9 +1,9 @@
 //! Triggered captures: every tick around an event, in a memory of its own that nothing can make it lose.
 //!
 //! # How it works
-//! The control interrupt owns the memory while a capture is armed: it writes each sample into a ring, and after the event as many
-//! more as were asked for. Then it hands the memory over ([`State::Full`]) and never touches it again until the task that reads it out says
-//! so. [`STATE`] says whose the memory is.
+//! The control interrupt owns the memory while a capture is armed: it writes each sample into a ring, and
+//! after the event as many more as were asked for. Then it hands the memory over ([`State::Full`]) and never
+//! touches it again until the task that reads it out says so. [`STATE`] says whose the memory is.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -78,7 +78,8 @@ pub fn begin(every_ticks: u32) {
     arm_every(every_ticks, Trigger::Now, 0, ROOM - 1);
 }
 
-/// Begins to record every so many ticks at the tick behind the one at which the next command acts; forgets what was there.
+/// Begins to record every so many ticks at the tick behind the one at which the next command acts; forgets
+/// what was there.
 pub fn begin_from_command(every_ticks: u32) {
     disarm();
     arm_every_on(every_ticks, ON_COMMAND, 0, ROOM - 1);

@@ -1,7 +1,8 @@
 //! A lock-free queue of one producer and one consumer with a length that the compiler knows.
 //!
-//! heapless' queue hides its length behind a pointer, and a remainder by a length that might be zero brings a panic into the control
-//! interrupt; the check of the binary found it. Here the length is a power of two and the remainder a mask.
+//! heapless' queue hides its length behind a pointer, and a remainder by a length that might be zero brings a
+//! panic into the control interrupt; the check of the binary found it. Here the length is a power of two and
+//! the remainder a mask.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -15,7 +16,8 @@ pub struct Ring<T, const N: usize> {
     read: AtomicUsize,
 }
 
-// SAFETY: a slot belongs to the producer until `written` passes it and to the consumer until `read` does; there is one of each.
+// SAFETY: a slot belongs to the producer until `written` passes it and to the consumer until `read` does;
+// there is one of each.
 unsafe impl<T: Copy + Send, const N: usize> Sync for Ring<T, N> {}
 
 impl<T: Copy, const N: usize> Ring<T, N> {
@@ -75,13 +77,15 @@ impl<T: Copy, const N: usize> Consumer<T, N> {
             return None;
         }
         let slot = self.0.slots.get(read & (N - 1))?;
-        // SAFETY: the producer wrote this slot before `written` passed it, and does not touch it before `read` does.
+        // SAFETY: the producer wrote this slot before `written` passed it, and does not touch it before
+        // `read` does.
         let element = unsafe { (*slot.get()).assume_init() };
         self.0.read.store(read.wrapping_add(1), Ordering::Release);
         Some(element)
     }
 
-    /// Forgets the elements that were put in before the producer stood at `position`, and says how many they were.
+    /// Forgets the elements that were put in before the producer stood at `position`, and says how many they
+    /// were.
     #[inline(always)]
     pub fn skip_to(&mut self, position: usize) -> usize {
         let skipped = position.wrapping_sub(self.0.read.load(Ordering::Relaxed));

@@ -1,5 +1,5 @@
-//! The lines between the board and what makes a bench safe: three inputs that stop the amplifier, one output that lets its power stage work.
-//! The trigger output is on the same port.
+//! The lines between the board and what makes a bench safe: three inputs that stop the amplifier, one output
+//! that lets its power stage work. The trigger output is on the same port.
 //!
 //! | signal | level |
 //! |---|---|
@@ -10,8 +10,9 @@
 //!
 //! Their pins are the board's ([`Platform::LINES`]).
 //!
-//! The inputs are looked at in every tick. A stop is the ramp to rest, as at every fault; the enable output falls at its end. An emergency stop that must not
-//! depend on a program has a second contact in the enable line itself (firmware/README.md, *Wiring*).
+//! The inputs are looked at in every tick. A stop is the ramp to rest, as at every fault; the enable output
+//! falls at its end. An emergency stop that must not depend on a program has a second contact in the enable
+//! line itself (firmware/README.md, *Wiring*).
 
 use embassy_stm32::pac::gpio::vals::{Moder, Pupdr};
 use hysteron_core::guard::Fault;
@@ -55,7 +56,8 @@ pub fn set_enable(enable: bool) {
     LINES.port.bsrr().write(|w| w.0 = if enable { 1 << LINES.enable } else { 1 << (LINES.enable + 16) });
 }
 
-/// The trigger output. No line of safety: it shares their port, and tells other instruments when the marked point of a wave begins to act.
+/// The trigger output. No line of safety: it shares their port, and tells other instruments when the marked
+/// point of a wave begins to act.
 #[inline(always)]
 pub fn set_trigger(high: bool) {
     LINES.port.bsrr().write(|w| w.0 = if high { 1 << LINES.trigger } else { 1 << (LINES.trigger + 16) });

@@ -19,7 +19,8 @@ use crate::board::{Board, Platform};
 /// Control ticks per second.
 pub const SAMPLE_RATE_HZ: u32 = Board::SAMPLE_RATE_HZ;
 const CONVERSION_PULSE_NS: u32 = 500;
-/// Longer than the sensor's converter converts (AD4000 family: 320 ns), so that LDAC does not rise meanwhile, and shorter than the way to the first frame.
+/// Longer than the sensor's converter converts (AD4000 family: 320 ns), so that LDAC does not rise meanwhile,
+/// and shorter than the way to the first frame.
 const LATCH_PULSE_NS: u32 = 700;
 /// OCxM: the output is high, or low, from the edge to the compare. Parts name them differently.
 const PWM_MODE_1: u8 = 6;

@@ -15,7 +15,8 @@ use crate::board::{Board, Platform};
 use crate::{control, event_log, option_bytes, recorder, serial_port, settings, telemetry};
 
 const WAVE_MEMORY: usize = WAVE_TABLES * Board::WAVE_POINTS;
-/// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much of it counts.
+/// The wave tables, um with 24 fraction bits. Nothing initialises this memory; a table's length says how much
+/// of it counts.
 #[unsafe(link_section = ".bulk.waves")]
 pub static WAVES: [AtomicI32; WAVE_MEMORY] = [const { AtomicI32::new(0) }; WAVE_MEMORY];
 

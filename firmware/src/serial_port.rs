@@ -1,9 +1,11 @@
-//! The serial port (the virtual COM port of the NUCLEO's debugger): the General Command Set over 115200 baud, 8N1.
+//! The serial port (the virtual COM port of the NUCLEO's debugger): the General Command Set over 115200 baud,
+//! 8N1.
 //!
 //! # How it works
-//! One task takes bytes as they come and tells a stop at once, whatever the other is doing; the lines wait in [`LINES`]. The other task
-//! obeys them one after the other and sends the answers. Its work comes in pieces ([`Session::next`]), between which the first has
-//! its turn. The port's interrupt is far below the control interrupt.
+//! One task takes bytes as they come and tells a stop at once, whatever the other is doing; the lines wait in
+//! [`LINES`]. The other task obeys them one after the other and sends the answers. Its work comes in pieces
+//! ([`Session::next`]), between which the first has its turn. The port's interrupt is far below the control
+//! interrupt.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -32,7 +34,8 @@ use crate::{command_port, spawn, task_clock};
 const BAUD: u32 = 115_200;
 /// Bytes on their way out of and into the port.
 const BUFFER_BYTES: usize = 256;
-/// Periods of the tasks' clock that an answer of the amplifier takes at most: far more than the ticks of a full queue.
+/// Periods of the tasks' clock that an answer of the amplifier takes at most: far more than the ticks of a
+/// full queue.
 const MOST_PERIODS: u32 = 100;
 
 static LINES: ThreadModeMutex<RefCell<Lines>> = ThreadModeMutex::new(RefCell::new(Lines::of(DIALECT)));
@@ -152,8 +155,9 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
     }
 }
 
-/// Sends a piece of an answer. The driver of embassy-stm32 0.6 refuses what is longer than its buffer, and is never woken again where the buffer
-/// has too little room: both are avoided by parts that begin with an empty one.
+/// Sends a piece of an answer. The driver of embassy-stm32 0.6 refuses what is longer than its buffer, and is
+/// never woken again where the buffer has too little room: both are avoided by parts that begin with an empty
+/// one.
 async fn send(transmitter: &mut BufferedUartTx<'static>, piece: &[u8]) {
     for part in piece.chunks(BUFFER_BYTES) {
         // Nobody could be told of an error of the line itself.

@@ -1,12 +1,15 @@
-//! The parameter blocks in flash, two sectors for the one in force and the last good one beside it, and the safety envelope in a third.
+//! The parameter blocks in flash, two sectors for the one in force and the last good one beside it, and the
+//! safety envelope in a third.
 //!
-//! A block is written by the probe to either address, or brought line by line as a command: then it is verified before anything is
-//! touched, gets a generation that counts up, goes where the block in use is not, is read back, and the other one is marked as replaced. Which of two
-//! valid blocks is in force says [`block_choice`]; where neither is marked nothing is driven. The reason why a block was refused is said; a block that the
-//! supply cut off while it was written is only unreadable ([`crate::flash_read`]). So a block that was damaged on its way or in
-//! flash leaves the last good one in force.
+//! A block is written by the probe to either address, or brought line by line as a command: then it is
+//! verified before anything is touched, gets a generation that counts up, goes where the block in use is not,
+//! is read back, and the other one is marked as replaced. Which of two valid blocks is in force says
+//! [`block_choice`]; where neither is marked nothing is driven. The reason why a block was refused is said; a
+//! block that the supply cut off while it was written is only unreadable ([`crate::flash_read`]). So a block
+//! that was damaged on its way or in flash leaves the last good one in force.
 //!
-//! The envelope comes by the same lines, and is kept by a command that names its checksum. No block that exceeds it is taken, and without one nothing is.
+//! The envelope comes by the same lines, and is kept by a command that names its checksum. No block that
+//! exceeds it is taken, and without one nothing is.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, Ordering};
@@ -29,7 +32,8 @@ use crate::{control, flash_read};
 /// Names and addresses of the blocks A and B.
 const BLOCKS: [(&str, u32); 2] = Board::BLOCKS;
 
-/// Bytes of a block with its header and checksum, at most: what a sector has before the mark of a replaced one.
+/// Bytes of a block with its header and checksum, at most: what a sector has before the mark of a replaced
+/// one.
 const KEPT_BYTES: usize = {
     let (block, sector) = (BLOCK_BYTES + 64, (Board::SECTOR_BYTES - MARK_BYTES) as usize);
     if block < sector { block } else { sector }
@@ -51,7 +55,8 @@ static ENVELOPE: ThreadModeMutex<Cell<Option<SafetyEnvelope>>> = ThreadModeMutex
 /// What has become of the block that was brought last.
 static BROUGHT: ThreadModeMutex<Cell<Brought>> = ThreadModeMutex::new(Cell::new(Brought::Nothing));
 
-/// Generation of the block in use (0: it was swapped in, and is not kept), and what tells it from others; zeros without one.
+/// Generation of the block in use (0: it was swapped in, and is not kept), and what tells it from others;
+/// zeros without one.
 pub fn in_use() -> (u32, u32) {
     let swapped = SWAPPED.load(Ordering::Relaxed);
     if swapped != 0 {
@@ -75,7 +80,8 @@ fn kept(address: u32) -> Result<[u8; KEPT_BYTES], BlockError> {
     Ok(bytes)
 }
 
-/// Reads a block and asks whether this image's converters have its codes, and whether it stays within the safety envelope.
+/// Reads a block and asks whether this image's converters have its codes, and whether it stays within the
+/// safety envelope.
 fn fitting(bytes: &[u8], sample_rate_hz: u32) -> Result<AmplifierParameters, BlockError> {
     let parameters = read(bytes, sample_rate_hz)?;
     if !Converters::has(CodeBits::of(&parameters.servo.converters)) {

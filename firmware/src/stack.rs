@@ -1,8 +1,8 @@
 //! How much of the stack was ever used, and that it never grows into static data.
 //!
-//! The stack is painted at start and looked at on request. At its end stands a guard, a piece of memory that the memory protection unit
-//! lets nobody write: an overflow is a hard fault before it has changed anything. The hard fault's handler runs without the unit (HFNMIENA
-//! is clear) and has the guard itself for its frame.
+//! The stack is painted at start and looked at on request. At its end stands a guard, a piece of memory that
+//! the memory protection unit lets nobody write: an overflow is a hard fault before it has changed anything.
+//! The hard fault's handler runs without the unit (HFNMIENA is clear) and has the guard itself for its frame.
 
 use cortex_m::peripheral::MPU;
 

@@ -1,8 +1,9 @@
 //! The instants at which tasks wake: every 1.024 ms, 512 us away from the wraps of the time driver's counter.
 //!
-//! The driver counts 2^15 us at a time. An alarm that falls into the microseconds in which its interrupt notes a wrap is lost on the emulated
-//! part (the match between the handler's read and its write of the status is forgotten there), all tasks then sleep for 65 ms, and the
-//! watchdog bites. With these instants no alarm ever does.
+//! The driver counts 2^15 us at a time. An alarm that falls into the microseconds in which its interrupt
+//! notes a wrap is lost on the emulated part (the match between the handler's read and its write of the
+//! status is forgotten there), all tasks then sleep for 65 ms, and the watchdog bites. With these instants no
+//! alarm ever does.
 
 use embassy_time::{Instant, Timer};
 

@@ -1,8 +1,9 @@
-//! What the tasks know of the samples that pass by: for how long the tracking error has been small, and how well the closed loop
-//! followed over the last second.
+//! What the tasks know of the samples that pass by: for how long the tracking error has been small, and how
+//! well the closed loop followed over the last second.
 //!
-//! All of it is made in the trace task, from the samples that the control interrupt gives away: the task runs below every interrupt, and its floats are
-//! not the tick's. Where it comes so late that the queue overflows, a second has a gap and is given up, and counted.
+//! All of it is made in the trace task, from the samples that the control interrupt gives away: the task runs
+//! below every interrupt, and its floats are not the tick's. Where it comes so late that the queue overflows,
+//! a second has a gap and is given up, and counted.
 
 use core::cell::{Cell, RefCell};
 
@@ -77,7 +78,8 @@ fn thousandths<Q: Quantity>((lowest, highest): (Q, Q)) -> (i32, i32) {
     (nearest(lowest), nearest(highest))
 }
 
-/// Ticks since the start at which the sensor's code was at or beyond its limits, and ticks of the closed loop at which the drive was at a limit.
+/// Ticks since the start at which the sensor's code was at or beyond its limits, and ticks of the closed loop
+/// at which the drive was at a limit.
 pub fn railed_and_limited_ticks() -> (u32, u32) {
     let telemetry = TELEMETRY.lock(Cell::get);
     (telemetry.railed_ticks, telemetry.limited_ticks)

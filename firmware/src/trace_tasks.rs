@@ -67,7 +67,8 @@ const BLOCK_ROOM_BYTES: u32 = 2048;
 /// Whether the log's channel belongs to the capture.
 static READING_OUT: AtomicBool = AtomicBool::new(false);
 
-/// Reads a capture out, block by block, as fast as the reader makes room and no faster: nothing of it is ever lost.
+/// Reads a capture out, block by block, as fast as the reader makes room and no faster: nothing of it is ever
+/// lost.
 #[embassy_executor::task]
 pub async fn read_out() {
     let mut send = |bytes: &[u8]| defmt::info!("trace {=[u8]}", bytes);

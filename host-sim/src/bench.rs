@@ -1,14 +1,17 @@
-//! The reference bench: a simulated P-753 with its amplifier, sensor and converters, on which every experiment of Hysteron is played.
+//! The reference bench: a simulated P-753 with its amplifier, sensor and converters, on which every
+//! experiment of Hysteron is played.
 //!
 //! # How it works
-//! [`Bench::reference`] reads `bench.toml`, the one place of its constants. [`Bench::plant`] builds the actuator, virgin: amplifier lag,
-//! one-sided hysteresis, one or two modes, creep, sensor lag. [`Plant::tick`] carries it over one sampling period with the drive held,
-//! in [`SUBSTEPS`] steps; the linear stages are exact in each step and the hysteresis sees the voltage on the piezo at the end of each.
-//! [`Bench::record`] plays a whole drive through the converters, noise added, and hands out what an experimenter would see beside
-//! the truth.
+//! [`Bench::reference`] reads `bench.toml`, the one place of its constants. [`Bench::plant`] builds the
+//! actuator, virgin: amplifier lag, one-sided hysteresis, one or two modes, creep, sensor lag.
+//! [`Plant::tick`] carries it over one sampling period with the drive held, in [`SUBSTEPS`] steps; the linear
+//! stages are exact in each step and the hysteresis sees the voltage on the piezo at the end of each.
+//! [`Bench::record`] plays a whole drive through the converters, noise added, and hands out what an
+//! experimenter would see beside the truth.
 //!
-//! A *plain* bench has only what the thesis' nominal model has; the *full* one also the second mode and the bandwidths that the
-//! nominal model leaves out. A *loaded* bench carries the additional mass, which lowers both modes.
+//! A *plain* bench has only what the thesis' nominal model has; the *full* one also the second mode and the
+//! bandwidths that the nominal model leaves out. A *loaded* bench carries the additional mass, which lowers
+//! both modes.
 //!
 //! Identification and design work from records. They never read the constants of the bench.
 
@@ -28,7 +31,8 @@ pub const SUBSTEPS: usize = 20;
 /// Poles of the bench's creep.
 const CREEP_POLES: usize = 4;
 
-/// What the sensor's converter can read below the mechanical zero, um: the sensor is mounted so that noise at rest does not clip.
+/// What the sensor's converter can read below the mechanical zero, um: the sensor is mounted so that noise at
+/// rest does not clip.
 pub const ADC_MARGIN_UM: f64 = 1.0;
 
 /// Mass of the bare end-effector that moves, kg (thesis Ch. 7, 5.1).
@@ -163,8 +167,8 @@ pub enum Start {
     Conditioned,
 }
 
-/// A played experiment: what was commanded and read, and the truth beside it. Element `k` belongs to the instant `t[k]`; `drive_v[k]`
-/// acts from `t[k]` to `t[k+1]`.
+/// A played experiment: what was commanded and read, and the truth beside it. Element `k` belongs to the
+/// instant `t[k]`; `drive_v[k]` acts from `t[k]` to `t[k+1]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BenchRecord {
     /// Sampling rate, Hz.
@@ -206,7 +210,8 @@ impl Bench {
         1.0 / self.converters.sample_rate_hz
     }
 
-    /// Bandwidth of the sensor as its data sheet gives it, Hz: the one constant that a design may be told (within 5 %).
+    /// Bandwidth of the sensor as its data sheet gives it, Hz: the one constant that a design may be told
+    /// (within 5 %).
     #[must_use]
     pub fn data_sheet_sensor_bandwidth_hz(&self) -> f64 {
         self.full.sensor_bandwidth_hz
@@ -253,7 +258,8 @@ impl Bench {
         let substeps = substeps.max(1);
         let dt_s = self.sampling_period_s() / substeps as f64;
         let full = variant.completeness == Completeness::Full;
-        // More mass on the same spring: frequency and damping ratio fall with the square root of the mass (thesis Ch. 5, Eq. 12).
+        // More mass on the same spring: frequency and damping ratio fall with the square root of the mass
+        // (thesis Ch. 5, Eq. 12).
         let mass_factor =
             if variant.loaded { (END_EFFECTOR_MASS_KG / (END_EFFECTOR_MASS_KG + self.full.load_mass_kg)).sqrt() } else { 1.0 };
         let range_v = self.drive_max_v - self.drive_min_v;
@@ -285,7 +291,8 @@ impl Bench {
         }
     }
 
-    /// The drive of the conditioning cycle: one raised cosine over the whole range at 10 Hz, then a second at rest.
+    /// The drive of the conditioning cycle: one raised cosine over the whole range at 10 Hz, then a second at
+    /// rest.
     #[must_use]
     pub fn conditioning_drive_v(&self) -> Vec<f64> {
         let fs = self.converters.sample_rate_hz;
@@ -382,8 +389,8 @@ impl Plant {
         self.tick_with_force(drive_v, 0.0);
     }
 
-    /// One sampling period with the drive and an external force held; the force is given as the displacement that it makes at rest, um.
-    /// It acts where the piezo's own force acts, in front of the modes.
+    /// One sampling period with the drive and an external force held; the force is given as the displacement
+    /// that it makes at rest, um. It acts where the piezo's own force acts, in front of the modes.
     pub fn tick_with_force(&mut self, drive_v: f64, external_um: f64) {
         if self.amplifier.is_none() {
             // The piezo has the drive's voltage at once and for the whole period.

@@ -1,13 +1,15 @@
 //! What the stages of a chain compute, as numbers: enough to write a model in another language.
 //!
-//! A stage says by [`Stage::blocks`](crate::effect::Stage::blocks) which blocks it is made of, at the step for which it was built. [`BlockChain::of`] lines them
-//! up, and refuses an effect that has no blocks. [`BlockChain::simulate`] is the reference for every export: the same readings as
+//! A stage says by [`Stage::blocks`](crate::effect::Stage::blocks) which blocks it is made of, at the step
+//! for which it was built. [`BlockChain::of`] lines them up, and refuses an effect that has no blocks.
+//! [`BlockChain::simulate`] is the reference for every export: the same readings as
 //! [`Model::simulate`](crate::chain::Model::simulate).
 
 use crate::chain::{Drive, InitialState, Model};
 use crate::hysteresis_surface::{OneSidedHysteresis, STACK_CAPACITY, Surfaces};
 
-/// A linear block: `y = out s + before x[k-1] + through x[k]`, then `s = phi s + start x[k-1] + end x[k]`; `x` counts from `offset`, and so does `y`.
+/// A linear block: `y = out s + before x[k-1] + through x[k]`, then `s = phi s + start x[k-1] + end x[k]`;
+/// `x` counts from `offset`, and so does `y`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {
     /// Transition of the states, by rows.
@@ -29,7 +31,8 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// A block that reads `reading` of its states at the end of each interval, and `through` of its input beside.
+    /// A block that reads `reading` of its states at the end of each interval, and `through` of its input
+    /// beside.
     #[must_use]
     pub fn reading_states(phi: Vec<Vec<f64>>, start: Vec<f64>, end: Vec<f64>, reading: &[f64], through: f64, rest: Vec<f64>) -> Self {
         let along = |values: &[f64]| -> f64 { reading.iter().zip(values).map(|(c, v)| c * v).sum() };
@@ -37,7 +40,8 @@ impl Linear {
         Self { out, before: along(&start), through: through + along(&end), phi, start, end, rest, offset: 0.0 }
     }
 
-    /// Two blocks with the same input, whose outputs add with these weights, and `through` of the input beside.
+    /// Two blocks with the same input, whose outputs add with these weights, and `through` of the input
+    /// beside.
     #[must_use]
     pub fn side_by_side(parts: &[(f64, &Self)], through: f64) -> Self {
         let sizes: Vec<usize> = parts.iter().map(|(_, p)| p.rest.len()).collect();
@@ -136,7 +140,8 @@ pub enum Block {
         /// Range of the drive, V.
         span: f64,
     },
-    /// A sum of play operators of `(x - lower) / span`, then `y = s + sum zone.weight max(s - zone.threshold, 0)`.
+    /// A sum of play operators of `(x - lower) / span`, then `y = s + sum zone.weight max(s -
+    /// zone.threshold, 0)`.
     Plays {
         /// The operators.
         plays: Vec<Play>,
@@ -147,7 +152,8 @@ pub enum Block {
         /// Range of the drive, V.
         span: f64,
     },
-    /// Maxwell slip of `(x - lower) / span`: `y = gain x - sum weight stretch`, each stretch within its threshold.
+    /// Maxwell slip of `(x - lower) / span`: `y = gain x - sum weight stretch`, each stretch within its
+    /// threshold.
     Slip {
         /// Gain, um.
         gain: f64,
@@ -198,7 +204,8 @@ pub enum Block {
         /// In an interval.
         slowing: f64,
     },
-    /// `y = x + sum cosine cos(angle n) + sine sin(angle n)` behind `n` intervals; at the first sample `x + sum cosine`.
+    /// `y = x + sum cosine cos(angle n) + sine sin(angle n)` behind `n` intervals; at the first sample
+    /// `x + sum cosine`.
     Lines(
         /// Angle in an interval, sine and cosine, um.
         Vec<[f64; 3]>,

@@ -1,10 +1,12 @@
 //! A model: a list of effects with values. It builds the chain of stages for one record and runs it.
 //!
-//! The order of the list does not matter; effects stand in the chain where they declare ([`crate::effect::Place`]). A model without any
-//! effect at the place of the hysteresis follows its drive one to one, which no real model does: `gain` is the least.
+//! The order of the list does not matter; effects stand in the chain where they declare
+//! ([`crate::effect::Place`]). A model without any effect at the place of the hysteresis follows its drive
+//! one to one, which no real model does: `gain` is the least.
 //!
-//! Effects that follow the drive inside a sampling period (amplifier bandwidth, slew limit) make the chain run on sub-intervals; a held
-//! drive keeps its value over all the sub-intervals of a sample, another one runs on ([`crate::intersample`]).
+//! Effects that follow the drive inside a sampling period (amplifier bandwidth, slew limit) make the chain
+//! run on sub-intervals; a held drive keeps its value over all the sub-intervals of a sample, another one
+//! runs on ([`crate::intersample`]).
 
 use crate::effect::{AuxiliarySignal, Effect, Overview, Parameter, Place, Scale, Setting, Signals, Stage};
 use crate::intersample::Intersample;
@@ -169,8 +171,8 @@ impl<'a> Drive<'a> {
         Signals { drive_v: self.drive_v, force_n: self.force_n, auxiliary: self.auxiliary }
     }
 
-    /// What the chain takes in over each interval where a period has so many, and whether that is in sub-intervals: a drive that is held goes in whole periods
-    /// as far as the stages do.
+    /// What the chain takes in over each interval where a period has so many, and whether that is in
+    /// sub-intervals: a drive that is held goes in whole periods as far as the stages do.
     pub(crate) fn over_intervals(&self, substeps: usize) -> (Cow<'a, [f64]>, bool) {
         match self.intersample {
             Intersample::Hold => (Cow::Borrowed(self.drive_v), false),
@@ -206,7 +208,8 @@ impl Model {
         self.effect(id).map(EffectInstance::values)
     }
 
-    /// The chain in front of the converter's rounding: what can be compared with readings, of which rounding is part of the noise.
+    /// The chain in front of the converter's rounding: what can be compared with readings, of which rounding
+    /// is part of the noise.
     #[must_use]
     pub fn before_rounding(&self) -> Cow<'_, Self> {
         let rounds = |e: &EffectInstance| e.effect.declaration().place == Place::Quantisation;
@@ -217,7 +220,8 @@ impl Model {
         Cow::Owned(Self { effects, identified: None, ..*self })
     }
 
-    /// Adds an effect, in place of one with the same identifier; a hysteresis replaces the gain or the hysteresis that was there.
+    /// Adds an effect, in place of one with the same identifier; a hysteresis replaces the gain or the
+    /// hysteresis that was there.
     pub fn add(&mut self, instance: EffectInstance) {
         let declaration = instance.effect.declaration();
         let takes_over = declaration.place == Place::Hysteresis && declaration.modifies.is_none();
@@ -247,7 +251,8 @@ impl Model {
         self.substeps(drive.dt_s).max(drive.intersample.substeps())
     }
 
-    /// Where the force-equivalent displacement stands without drive, um, on the first way there: what a spring is deflected from.
+    /// Where the force-equivalent displacement stands without drive, um, on the first way there: what a
+    /// spring is deflected from.
     pub(crate) fn neutral_um(&self, setting: &Setting) -> f64 {
         let undriven_v = 0.0_f64.clamp(self.drive_min_v, self.drive_max_v);
         let in_front = |i: &usize| self.effects[*i].effect.declaration().place <= Place::Hysteresis;
@@ -269,9 +274,9 @@ impl Model {
         order
     }
 
-    /// The effects in the order of the chain, each with whether it goes in sub-intervals of a period. What holds its value over a period is carried once a
-    /// period, as far as the first stage that moves inside it; from there on all go in sub-intervals, but for the last ones where ends of periods tell
-    /// them all.
+    /// The effects in the order of the chain, each with whether it goes in sub-intervals of a period. What
+    /// holds its value over a period is carried once a period, as far as the first stage that moves inside
+    /// it; from there on all go in sub-intervals, but for the last ones where ends of periods tell them all.
     pub(crate) fn order_with_fineness(&self, drive: &Drive) -> Vec<(usize, bool)> {
         let (order, dt_s) = (self.order(), drive.dt_s);
         // A drive that is not held moves inside a period from the first stage on.
@@ -294,8 +299,9 @@ impl Model {
         out
     }
 
-    /// Whether an effect, by position in the list, has to go in sub-intervals: it moves inside a period, or it is a mode whose motion inside a
-    /// period is followed by what stands behind it, or an amplifier whose voltage is taken in them.
+    /// Whether an effect, by position in the list, has to go in sub-intervals: it moves inside a period, or
+    /// it is a mode whose motion inside a period is followed by what stands behind it, or an amplifier whose
+    /// voltage is taken in them.
     pub(crate) fn goes_in_sub_intervals(&self, effect: usize, dt_s: f64) -> bool {
         let instance = &self.effects[effect];
         let follows = |e: &EffectInstance| e.effect.follows_motion() && e.effect.declaration().place > Place::Vibration;
@@ -322,7 +328,8 @@ impl Model {
         self.simulate_in(drive, Resolution { substeps: self.substeps_for(drive), all_fine: false })
     }
 
-    /// The same with every stage stepped in so many intervals per period: a plant that does not share the discretisation of a model.
+    /// The same with every stage stepped in so many intervals per period: a plant that does not share the
+    /// discretisation of a model.
     #[must_use]
     pub fn simulate_finely(&self, drive: &Drive, substeps: usize) -> Vec<f64> {
         self.simulate_in(drive, Resolution { substeps: substeps.max(1), all_fine: true })
@@ -432,8 +439,9 @@ mod tests {
     use super::*;
     use crate::effect::{Overview, by_id};
 
-    /// Behind what moves inside a period creep and a sensor's curve go by the ends of periods; a sensor's lag without a mode does not, and neither does
-    /// what stands in front of it. Against every stage in steps of a fortieth of a period.
+    /// Behind what moves inside a period creep and a sensor's curve go by the ends of periods; a sensor's lag
+    /// without a mode does not, and neither does what stands in front of it. Against every stage in steps of
+    /// a fortieth of a period.
     #[test]
     fn last_stages_go_by_the_ends_of_periods() {
         let overview = Overview::without_data(0.0, 70.0);
@@ -461,7 +469,8 @@ mod tests {
             let finely = model.simulate_finely(&drive, 40);
             let rms_um =
                 |reading: &[f64]| (reading.iter().zip(&finely).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / finely.len() as f64).sqrt();
-            // What four steps of every stage leave of this fast drive is the slew limit's; without one, loops are straight over halves of a period.
+            // What four steps of every stage leave of this fast drive is the slew limit's; without one, loops
+            // are straight over halves of a period.
             let (plain_um, all_in_four_um) = (rms_um(&model.simulate(&drive)), rms_um(&model.simulate_finely(&drive, 4)));
             assert!(plain_um < all_in_four_um + more_um, "{ids:?}: {plain_um} {all_in_four_um}");
         }

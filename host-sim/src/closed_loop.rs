@@ -1,10 +1,11 @@
 //! A plant and a controller, closed through the converters: one loop for every plant and every law.
 //!
 //! # How it works
-//! Each experiment begins as on a real bench: the conditioning cycle is played through [`Controller::open_loop`], so that the servo's
-//! memory of the hysteresis sees it, the sensor is zeroed, then the servo is enabled. At every tick the ADC samples the plant, the
-//! servo computes a code, and the plant goes on for one period under the code of the *last* tick; without computational delay under
-//! the new one. The same seed gives the same noise, and with it the same codes.
+//! Each experiment begins as on a real bench: the conditioning cycle is played through
+//! [`Controller::open_loop`], so that the servo's memory of the hysteresis sees it, the sensor is zeroed,
+//! then the servo is enabled. At every tick the ADC samples the plant, the servo computes a code, and the
+//! plant goes on for one period under the code of the *last* tick; without computational delay under the new
+//! one. The same seed gives the same noise, and with it the same codes.
 
 use crate::bench::{self, Bench, Variant};
 use crate::converter_scale::ConverterScale;
@@ -17,7 +18,8 @@ use hysteron_core::signal::Micrometres;
 
 /// A controlled system: drive in, displacement out.
 pub trait Plant {
-    /// One sampling period with the drive held, V, and an external force, given as the displacement that it makes at rest, um.
+    /// One sampling period with the drive held, V, and an external force, given as the displacement that it
+    /// makes at rest, um.
     fn advance(&mut self, drive_v: f64, external_um: f64);
 
     /// True displacement now, um.
@@ -106,7 +108,8 @@ impl Controller for ServoTick {
     }
 }
 
-/// A servo that is told only after some ticks that its reference repeats: what grows does not repeat yet, and nothing is learned from it.
+/// A servo that is told only after some ticks that its reference repeats: what grows does not repeat yet, and
+/// nothing is learned from it.
 pub struct RepeatsLater {
     /// The servo.
     pub servo: ServoTick,
@@ -253,7 +256,8 @@ pub fn condition(plant: &mut impl Plant, controller: &mut impl Controller, scale
     }
 }
 
-/// Closes the loop and follows a reference, um. The trace ends where the reference can no longer be looked ahead at.
+/// Closes the loop and follows a reference, um. The trace ends where the reference can no longer be looked
+/// ahead at.
 pub fn follow(plant: &mut impl Plant, controller: &mut impl Controller, around: &Surroundings<'_>, reference_um: &[f64]) -> Trace {
     // The last samples of the reference are only looked ahead at.
     let n = reference_um.len().saturating_sub(PREVIEW_TICKS);
@@ -307,8 +311,8 @@ impl<'a> Experiment<'a> {
         Self { bench, variant, seed, substeps: bench::SUBSTEPS, external_um: &[] }
     }
 
-    /// Conditions the actuator and follows a reference. Of `parameters` the ADC's zero is replaced: the sensor is zeroed after
-    /// conditioning.
+    /// Conditions the actuator and follows a reference. Of `parameters` the ADC's zero is replaced: the
+    /// sensor is zeroed after conditioning.
     #[must_use]
     pub fn follow(&self, parameters: &ServoParameters, reference_um: &[f64]) -> Trace {
         self.follow_with(ServoTick::new(*parameters), reference_um)
@@ -321,7 +325,8 @@ impl<'a> Experiment<'a> {
         self.follow_from(plant, controller, zero_um, reference_um)
     }
 
-    /// The actuator after conditioning, the law that watched it, and the position at which the sensor was zeroed, um.
+    /// The actuator after conditioning, the law that watched it, and the position at which the sensor was
+    /// zeroed, um.
     #[must_use]
     pub fn conditioned<C: Controller>(&self, mut controller: C) -> (bench::Plant, C, f64) {
         let mut plant = self.bench.plant_with_substeps(self.variant, self.substeps);
@@ -332,7 +337,8 @@ impl<'a> Experiment<'a> {
         (plant, controller, zero_um)
     }
 
-    /// Goes on from a given state with the loop closed. The trace ends where the reference can no longer be looked ahead at.
+    /// Goes on from a given state with the loop closed. The trace ends where the reference can no longer be
+    /// looked ahead at.
     #[must_use]
     pub fn follow_from(&self, mut plant: bench::Plant, mut controller: impl Controller, zero_um: f64, reference_um: &[f64]) -> Trace {
         let around = Surroundings {

@@ -1,4 +1,5 @@
-//! How the codes of the two converters are related to the physical world, in f64 and in the integers of the tick.
+//! How the codes of the two converters are related to the physical world, in f64 and in the integers of the
+//! tick.
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::servo_parameters::{CODES_PER_VOLT_FRACTION_BITS, ConverterParameters, NO_SLEW_LIMIT};
@@ -25,8 +26,9 @@ pub struct ConverterScale {
 }
 
 impl ConverterScale {
-    /// Converters of 16 bits for an actuator whose drive and travel are known: the drive's spans its range with a quarter below and half
-    /// above, the sensor's spans the travel with a tenth below and a quarter above.
+    /// Converters of 16 bits for an actuator whose drive and travel are known: the drive's spans its range
+    /// with a quarter below and half above, the sensor's spans the travel with a tenth below and a quarter
+    /// above.
     #[must_use]
     pub fn around(drive_min_v: f64, drive_max_v: f64, travel_um: f64) -> Self {
         let range_v = drive_max_v - drive_min_v;

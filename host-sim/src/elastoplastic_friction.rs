@@ -1,12 +1,13 @@
-//! Elastoplastic friction of two surfaces in presliding (thesis Ch. 3, Eqs. 1-6; Dupont, Hayward, Armstrong and Altpeter, IEEE Trans.
-//! Autom. Control 47 (2002) 787-792).
+//! Elastoplastic friction of two surfaces in presliding (thesis Ch. 3, Eqs. 1-6; Dupont, Hayward, Armstrong
+//! and Altpeter, IEEE Trans. Autom. Control 47 (2002) 787-792).
 //!
-//! The relative motion is split into an elastic part `z`, the bend of a bristle, and a plastic part. Up to the break-away displacement
-//! `z_b` all motion is elastic, so that a load that vibrates does not creep away; at `z_s` all of it is plastic and the force is the
-//! Coulomb friction. Without an elastic range, with `alpha = 1` throughout, the law is Dahl's: plastic from the first motion on.
+//! The relative motion is split into an elastic part `z`, the bend of a bristle, and a plastic part. Up to
+//! the break-away displacement `z_b` all motion is elastic, so that a load that vibrates does not creep
+//! away; at `z_s` all of it is plastic and the force is the Coulomb friction. Without an elastic range, with
+//! `alpha = 1` throughout, the law is Dahl's: plastic from the first motion on.
 //! [`ElastoplasticFriction::bend_rate`] is the law in time, for the contact of the stick-slip actuator;
-//! [`ElastoplasticFriction::bend_after`] is the same law over a given motion without time, for the friction of a guide in the chain of
-//! effects ([`crate::effect::friction`]).
+//! [`ElastoplasticFriction::bend_after`] is the same law over a given motion without time, for the friction
+//! of a guide in the chain of effects ([`crate::effect::friction`]).
 
 use std::f64::consts::PI;
 
@@ -19,12 +20,13 @@ pub struct ElastoplasticFriction {
     pub damping_n_s_um: f64,
     /// Coulomb friction `F_c`, N.
     pub coulomb_force_n: f64,
-    /// Break-away displacement over the bend in steady sliding, `z_b / z_s`, from zero to below one; none is Dahl's law.
+    /// Break-away displacement over the bend in steady sliding, `z_b / z_s`, from zero to below one; none is
+    /// Dahl's law.
     pub breakaway_ratio: Option<f64>,
 }
 
-/// `exp(-x)` for `x` from zero on: a series where it is as good as the function itself, nothing where nothing is left. The terms of the series are
-/// taken in pairs, which do not wait for one another.
+/// `exp(-x)` for `x` from zero on: a series where it is as good as the function itself, nothing where nothing
+/// is left. The terms of the series are taken in pairs, which do not wait for one another.
 #[inline]
 fn dying(x: f64) -> f64 {
     if x < 0.125 {
@@ -47,11 +49,13 @@ pub struct Dahl {
     per_sliding_bend: f64,
 }
 
-/// Share of its bend in steady sliding within which a bristle slides: what it still bends is a hundredth of what any sensor sees.
+/// Share of its bend in steady sliding within which a bristle slides: what it still bends is a hundredth of
+/// what any sensor sees.
 pub const SLIDES_WITHIN: f64 = 1e-5;
 /// Steps towards a balance, at most: three reach it from anywhere.
 const BALANCING_STEPS_MAX: usize = 6;
-/// A step that is so short a part of the bend in steady sliding is the last: what a step of third order leaves is the cube of it.
+/// A step that is so short a part of the bend in steady sliding is the last: what a step of third order
+/// leaves is the cube of it.
 const LAST_STEP_OF_SLIDING_BEND: f64 = 1e-3;
 
 impl Dahl {
@@ -72,11 +76,12 @@ impl Dahl {
         towards_um + (bend_um - towards_um) * dying(travel_um.abs() * self.per_sliding_bend)
     }
 
-    /// Motion by which a spring of unit stiffness and the bristle beside it take up an imbalance, and the bend after it, all in um; `stiffness` is
-    /// that of the bristle.
+    /// Motion by which a spring of unit stiffness and the bristle beside it take up an imbalance, and the
+    /// bend after it, all in um; `stiffness` is that of the bristle.
     ///
-    /// Towards the imbalance `m + S (1 - exp(-m / z_s)) = c`, with `S` what the bristle can still take on. Both a bristle that goes on bending as it
-    /// does now and one that slides give too short a motion; from the longer one, the first with its curvature, steps of third order.
+    /// Towards the imbalance `m + S (1 - exp(-m / z_s)) = c`, with `S` what the bristle can still take on.
+    /// Both a bristle that goes on bending as it does now and one that slides give too short a motion; from
+    /// the longer one, the first with its curvature, steps of third order.
     #[inline]
     #[must_use]
     pub fn balanced(&self, stiffness: f64, bend_um: f64, unbalanced_um: f64) -> (f64, f64) {
@@ -123,7 +128,8 @@ impl ElastoplasticFriction {
         self.coulomb_force_n / self.stiffness_n_um
     }
 
-    /// Share of the motion that is plastic, `alpha(z)` (Ch. 3, Eq. 4), for motion in the direction of `velocity`.
+    /// Share of the motion that is plastic, `alpha(z)` (Ch. 3, Eq. 4), for motion in the direction of
+    /// `velocity`.
     ///
     /// The printed equation holds for positive `z`; by symmetry it is used with `|z|`.
     #[must_use]
@@ -143,7 +149,8 @@ impl ElastoplasticFriction {
         }
     }
 
-    /// Elastic share of the motion, `dz/dx = 1 - alpha z / z_s`, and its derivative with respect to `z` in 1/um.
+    /// Elastic share of the motion, `dz/dx = 1 - alpha z / z_s`, and its derivative with respect to `z` in
+    /// 1/um.
     #[must_use]
     pub fn elastic_share(&self, bend_um: f64, velocity_um_s: f64) -> (f64, f64) {
         let sliding_um = self.sliding_bend_um();
@@ -165,7 +172,8 @@ impl ElastoplasticFriction {
         (1.0 - plastic * size_um / sliding_um, -bend_um.signum() * (slope * size_um + plastic) / sliding_um)
     }
 
-    /// Rate of the bend, um/s (Ch. 3, Eq. 3): `velocity` is that of the driving surface relative to the driven one.
+    /// Rate of the bend, um/s (Ch. 3, Eq. 3): `velocity` is that of the driving surface relative to the
+    /// driven one.
     #[must_use]
     pub fn bend_rate(&self, bend_um: f64, velocity_um_s: f64) -> f64 {
         velocity_um_s * self.elastic_share(bend_um, velocity_um_s).0
@@ -180,7 +188,8 @@ impl ElastoplasticFriction {
 
     /// Bend after a motion of `travel_um` that is fast or slow: the law without time, `dz = (1 - alpha z / z_s) dx`.
     ///
-    /// Dahl's law and elastic travel are taken in closed form; the transition in steps that begin at a twentieth of its width.
+    /// Dahl's law and elastic travel are taken in closed form; the transition in steps that begin at a
+    /// twentieth of its width.
     #[must_use]
     pub fn bend_after(&self, bend_um: f64, travel_um: f64) -> f64 {
         let sliding_um = self.sliding_bend_um();
@@ -201,7 +210,8 @@ impl ElastoplasticFriction {
         if width_um <= 1e-9 * sliding_um {
             return direction * bend.min(sliding_um);
         }
-        // Steps that grow with the way gone: the last of the bend comes over many z_s of travel. After twenty it has arrived.
+        // Steps that grow with the way gone: the last of the bend comes over many z_s of travel. After twenty
+        // it has arrived.
         let mut travelled_um = 0.0;
         let reach_um = left.min(20.0 * sliding_um);
         while travelled_um < reach_um && bend < sliding_um {

@@ -1,17 +1,20 @@
 //! What each coefficient of the hysteresis surfaces contributes to the output, along an input.
 //!
-//! The output of [`crate::hysteresis_surface::OneSidedHysteresis`] is linear in the coefficients `g_ij` and `r_k`: the extrema of the
-//! input alone say which products of Legendre polynomials are added. One walk therefore gives the derivative of the output by every
-//! coefficient, exactly, at little more than the cost of the output itself.
+//! The output of [`crate::hysteresis_surface::OneSidedHysteresis`] is linear in the coefficients `g_ij` and
+//! `r_k`: the extrema of the input alone say which products of Legendre polynomials are added. One walk
+//! therefore gives the derivative of the output by every coefficient, exactly, at little more than the cost
+//! of the output itself.
 //!
-//! Between two reversals each contribution is a constant plus one product: falling from `M` it is `c - (M - x) P_i(M) P_j(x)`, rising from
-//! `m` it is `c + (x - m) P_i(x) P_j(m)`, and on the initial ascending curve `x P_i(x) P_j(0)` or, of the remnant, `x P_k(x)`. The factor
-//! that does not move with the input is kept per section.
+//! Between two reversals each contribution is a constant plus one product: falling from `M` it is
+//! `c - (M - x) P_i(M) P_j(x)`, rising from `m` it is `c + (x - m) P_i(x) P_j(m)`, and on the
+//! initial ascending curve `x P_i(x) P_j(0)` or, of the remnant, `x P_k(x)`. The factor that does
+//! not move with the input is kept per section.
 
 use crate::hysteresis_surface::{STACK_CAPACITY, loop_terms};
 use hysteron_core::extrema_stack::ExtremaStack;
 
-/// Contributions of all coefficients, walking along an input: first `g_ij` in the order of [`loop_terms`], then `r_k`; um per um.
+/// Contributions of all coefficients, walking along an input: first `g_ij` in the order of [`loop_terms`],
+/// then `r_k`; um per um.
 #[derive(Clone, Debug)]
 pub struct CoefficientWalk {
     terms: Vec<(usize, usize)>,
@@ -49,7 +52,8 @@ fn legendre_at_zero(order: usize) -> f64 {
 }
 
 impl CoefficientWalk {
-    /// Virgin, at the lower limit of the drive, for a loop surface of this degree and so many terms of the remnant.
+    /// Virgin, at the lower limit of the drive, for a loop surface of this degree and so many terms of the
+    /// remnant.
     #[must_use]
     pub fn virgin(degree: usize, remnant_terms: usize) -> Self {
         let terms: Vec<(usize, usize)> = loop_terms(degree).collect();
@@ -65,7 +69,8 @@ impl CoefficientWalk {
         }
     }
 
-    /// Takes the next input, in units of the drive range above its lower limit, and returns the contribution of every coefficient.
+    /// Takes the next input, in units of the drive range above its lower limit, and returns the contribution
+    /// of every coefficient.
     pub fn step(&mut self, x: f64) -> &[f64] {
         let before = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
         let unchanged = self.stack.update(x);

@@ -1,13 +1,15 @@
-//! Inverse of the one-sided hysteresis in f64: which drive makes the model reach a desired displacement (thesis Ch. 4, 5.1).
+//! Inverse of the one-sided hysteresis in f64: which drive makes the model reach a desired displacement
+//! (thesis Ch. 4, 5.1).
 //!
-//! The thesis steps the whole model by a fixed voltage until the desired output is bracketed and then bisects; its descending branch
-//! loops for ever when the output lies below what the lowest drive gives. Here the walk goes from one reversal point of the memory to
-//! the next: up to the maximum that would be wiped out next, or down to the minimum, until the desired output lies inside a section.
-//! Inside a section the output is a polynomial in the drive alone, solved by bisection guarded Newton steps. What no drive can
-//! reach saturates and is reported. The search is finite: every step of the walk wipes out one stored pair.
+//! The thesis steps the whole model by a fixed voltage until the desired output is bracketed and then
+//! bisects; its descending branch loops for ever when the output lies below what the lowest drive gives. Here
+//! the walk goes from one reversal point of the memory to the next: up to the maximum that would be wiped out
+//! next, or down to the minimum, until the desired output lies inside a section. Inside a section the output
+//! is a polynomial in the drive alone, solved by bisection guarded Newton steps. What no drive can reach
+//! saturates and is reported. The search is finite: every step of the walk wipes out one stored pair.
 //!
-//! The integer inverse of the controller lives in the core; this one is the reference beside which it is tested, and the feedforward of
-//! the thesis' own experiments.
+//! The integer inverse of the controller lives in the core; this one is the reference beside which it is
+//! tested, and the feedforward of the thesis' own experiments.
 
 use crate::hysteresis_surface::{OneSidedHysteresis, horner};
 

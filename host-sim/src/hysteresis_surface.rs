@@ -1,15 +1,20 @@
-//! The polynomial surfaces of the one-sided hysteresis model (thesis Ch. 4, Eqs. 10-15), and their evaluation along an input.
+//! The polynomial surfaces of the one-sided hysteresis model (thesis Ch. 4, Eqs. 10-15), and their evaluation
+//! along an input.
 //!
-//! With `x` the input and `z` the value it returned to, both counted from the lower limit of the drive and divided by the drive range,
+//! With `x` the input and `z` the value it returned to, both counted from the lower limit of the drive and
+//! divided by the drive range,
 //!
-//! * `G(x, z) = (x - z) sum g_ij P_i(x) P_j(z)`, `i + j < degree`: what is lost on the way down from `x` to `z`. The factor makes
-//!   `G(a, a) = 0` by construction (Ch. 4, 3.3), without which the output would jump at every reversal;
-//! * `R(x) = x sum r_k P_k(x)`: the remnant that the first rise to `x` leaves behind, so that the initial ascending curve is
-//!   `F(x) = G(x, 0) + R(x)` (Ch. 4, Eq. 10). The classical Preisach model is the special case `R = 0`.
+//! * `G(x, z) = (x - z) sum g_ij P_i(x) P_j(z)`, `i + j < degree`: what is lost on the way down from `x` to
+//!   `z`. The factor makes `G(a, a) = 0` by construction (Ch. 4, 3.3), without which the output would jump at
+//!   every reversal;
+//! * `R(x) = x sum r_k P_k(x)`: the remnant that the first rise to `x` leaves behind, so that the initial
+//!   ascending curve is `F(x) = G(x, 0) + R(x)` (Ch. 4, Eq. 10). The classical Preisach model is the special
+//!   case `R = 0`.
 //!
-//! `P_k` are the Legendre polynomials shifted to 0..1: the same surfaces as the thesis' powers, but well conditioned for estimation.
-//! Inside, the surfaces are expanded to powers once. Between two reversals the output is then a polynomial in the input alone; its
-//! coefficients are collapsed when the extrema stack changes and a Horner scheme serves every sample.
+//! `P_k` are the Legendre polynomials shifted to 0..1: the same surfaces as the thesis' powers, but well
+//! conditioned for estimation. Inside, the surfaces are expanded to powers once. Between two reversals the
+//! output is then a polynomial in the input alone; its coefficients are collapsed when the extrema stack
+//! changes and a Horner scheme serves every sample.
 
 use hysteron_core::extrema_stack::ExtremaStack;
 
@@ -84,7 +89,8 @@ impl Surfaces {
         Self { g, r }
     }
 
-    /// From the thesis' powers of volts: `f = [b_0..b_4]` in um/V^k ascending, `g = [p_1..p_15]` in the order of Ch. 4 Eq. (15).
+    /// From the thesis' powers of volts: `f = [b_0..b_4]` in um/V^k ascending, `g = [p_1..p_15]` in the order
+    /// of Ch. 4 Eq. (15).
     ///
     /// `G` must vanish on `alpha = beta`; what it has there is carried over unchanged and shows as a jump.
     #[must_use]
@@ -164,7 +170,8 @@ pub struct OneSidedHysteresis {
     lower_limit_v: f64,
     range_v: f64,
     stack: ExtremaStack<f64, STACK_CAPACITY>,
-    /// Output at each remembered maximum, um: kept as far as the stack stays, so that a reversal costs the same however deep it is.
+    /// Output at each remembered maximum, um: kept as far as the stack stays, so that a reversal costs the
+    /// same however deep it is.
     at_maxima_um: Vec<f64>,
     section: Vec<f64>,
     rising: bool,
@@ -193,7 +200,8 @@ impl OneSidedHysteresis {
         &self.surfaces
     }
 
-    /// Takes the next drive voltage and returns the force-equivalent displacement in um (zero for the virgin state).
+    /// Takes the next drive voltage and returns the force-equivalent displacement in um (zero for the virgin
+    /// state).
     pub fn step(&mut self, drive_v: f64) -> f64 {
         let x = (drive_v - self.lower_limit_v) / self.range_v;
         if let Some(unchanged) = self.leaves_section(x) {
@@ -202,8 +210,8 @@ impl OneSidedHysteresis {
         horner(&self.section, x)
     }
 
-    /// Walks along inputs in units of the drive range above the lower limit, and leaves in their place what [`Self::step`] gives: a section is one
-    /// polynomial, at many inputs at once.
+    /// Walks along inputs in units of the drive range above the lower limit, and leaves in their place what
+    /// [`Self::step`] gives: a section is one polynomial, at many inputs at once.
     pub fn run(&mut self, inputs: &mut [f64]) {
         let mut began = 0;
         for k in 0..inputs.len() {
@@ -216,7 +224,8 @@ impl OneSidedHysteresis {
         horner_at_each(&self.section, &mut inputs[began..]);
     }
 
-    /// Remembers the next input; where it leaves the section that ran, how many leading pairs of the stack are those of that section.
+    /// Remembers the next input; where it leaves the section that ran, how many leading pairs of the stack
+    /// are those of that section.
     fn leaves_section(&mut self, x: f64) -> Option<usize> {
         let before = (self.stack.pairs().len(), self.stack.open_maximum().is_none());
         let unchanged = self.stack.update(x);
@@ -230,7 +239,8 @@ impl OneSidedHysteresis {
         &self.stack
     }
 
-    /// Polynomial of the running monotone section, ascending powers of the normalised input, and whether the input rises on it.
+    /// Polynomial of the running monotone section, ascending powers of the normalised input, and whether the
+    /// input rises on it.
     #[must_use]
     pub fn section(&self) -> (&[f64], bool) {
         (&self.section, self.rising)
@@ -242,7 +252,8 @@ impl OneSidedHysteresis {
         self.surfaces.initial_ascending_curve(self.stack.global_maximum())
     }
 
-    /// Collapses the section that runs now; `unchanged` leading pairs of the stack are those of the section before.
+    /// Collapses the section that runs now; `unchanged` leading pairs of the stack are those of the section
+    /// before.
     fn collapse(&mut self, unchanged: usize) {
         let surfaces = &self.surfaces;
         let pairs = self.stack.pairs();
@@ -329,10 +340,12 @@ mod tests {
         }
     }
 
-    /// Brute force: a grid of the thesis' three-state operators (Ch. 4 Eq. 1), whose weights are the second derivatives of the surfaces.
+    /// Brute force: a grid of the thesis' three-state operators (Ch. 4 Eq. 1), whose weights are the second
+    /// derivatives of the surfaces.
     ///
-    /// `mu_1 - mu_2` integrates to `G`, and `mu_1` to `F` along the initial curve; cells are integrated exactly from the corner
-    /// values of the surfaces so that on grid points the sum has no discretisation error.
+    /// `mu_1 - mu_2` integrates to `G`, and `mu_1` to `F` along the initial curve; cells are integrated
+    /// exactly from the corner values of the surfaces so that on grid points the sum has no discretisation
+    /// error.
     struct OperatorGrid {
         cells: Vec<(usize, usize, f64, f64, i8)>,
         highest: usize,
@@ -352,7 +365,8 @@ mod tests {
                     cells.push((i, j, 0.0, difference, 0));
                     row_difference += difference;
                 }
-                // The initial curve fixes the row sums of mu_1; how it is spread over the row cannot be seen from outside.
+                // The initial curve fixes the row sums of mu_1; how it is spread over the row cannot be seen
+                // from outside.
                 let row_first = (f(i) - f(i - 1)) / i as f64;
                 let start = cells.len() - i;
                 for cell in &mut cells[start..] {

@@ -1,7 +1,8 @@
 //! What a drive does between its samples, as identification tools call it.
 //!
-//! A converter holds its output. A signal that was measured is not held: it runs on between samples, straight as far as they are close together, or as the one
-//! signal without power above half the sampling rate that passes through all of them. Inside a chain both run straight from the end of one interval to the end of
+//! A converter holds its output. A signal that was measured is not held: it runs on between samples, straight
+//! as far as they are close together, or as the one signal without power above half the sampling rate that
+//! passes through all of them. Inside a chain both run straight from the end of one interval to the end of
 //! the next ([`crate::effect::Setting::runs_straight`]); a band-limited one is put on sub-intervals first.
 
 use std::f64::consts::PI;
@@ -18,11 +19,11 @@ pub enum Intersample {
     BandLimited,
 }
 
-/// Sub-intervals of a period over which a band-limited drive runs straight. The Silverbox, driven up to a third of its sampling rate, is left with 0.301 mV in four
-/// of them, 0.293 mV in eight and in sixteen.
+/// Sub-intervals of a period over which a band-limited drive runs straight. The Silverbox, driven up to a
+/// third of its sampling rate, is left with 0.301 mV in four of them, 0.293 mV in eight and in sixteen.
 pub const SUBSTEPS_BAND_LIMITED: usize = 4;
-/// Samples to either side from which a value between two is made, and the shape of the Kaiser window over them: of a sine of three quarters of half
-/// the sampling rate less than 2e-4 is lost.
+/// Samples to either side from which a value between two is made, and the shape of the Kaiser window over
+/// them: of a sine of three quarters of half the sampling rate less than 2e-4 is lost.
 const REACH: usize = 16;
 const KAISER_BETA: f64 = 8.0;
 
@@ -42,7 +43,8 @@ impl Intersample {
         if self == Self::BandLimited { SUBSTEPS_BAND_LIMITED } else { 1 }
     }
 
-    /// Where a drive that is not held stands at the end of each of the sub-intervals of its sampling periods; behind its last sample it stays.
+    /// Where a drive that is not held stands at the end of each of the sub-intervals of its sampling periods;
+    /// behind its last sample it stays.
     #[must_use]
     pub fn at_ends(self, drive_v: &[f64], substeps: usize) -> Vec<f64> {
         let last = drive_v.len().saturating_sub(1);

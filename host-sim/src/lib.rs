@@ -1,14 +1,17 @@
 //! The f64 plant of Hysteron: one file per physical effect, chained into a piezoelectric actuator.
 //!
 //! * [`effect`]: every physical effect, what it declares about itself, and the registry of them;
-//! * [`chain`]: a [`chain::Model`] is a list of effects with values; it builds the chain of steppers for one record and runs it;
+//! * [`chain`]: a [`chain::Model`] is a list of effects with values; it builds the chain of steppers for one
+//!   record and runs it;
 //! * [`linear_system`]: exact discretisation of small linear systems, shared by the dynamic effects;
-//! * [`hysteresis_surface`]: the polynomial surfaces `F` and `G` of the one-sided model and their collapsed evaluation.
+//! * [`hysteresis_surface`]: the polynomial surfaces `F` and `G` of the one-sided model and their collapsed
+//!   evaluation.
 //!
 //! # Time
-//! A record is sampled at `t[k]`; the drive `u[k]` acts from `t[k]` to `t[k+1]`. Inside a chain the element `k` of a signal belongs to
-//! that interval: it is the value held over it (in front of a dynamic stage) or reached at its end (behind one). What is measured at
-//! `t[k]` is therefore element `k - 1`, and the value at rest for `k = 0`.
+//! A record is sampled at `t[k]`; the drive `u[k]` acts from `t[k]` to `t[k+1]`. Inside a chain the element
+//! `k` of a signal belongs to that interval: it is the value held over it (in front of a dynamic stage) or
+//! reached at its end (behind one). What is measured at `t[k]` is therefore element `k - 1`, and the value at
+//! rest for `k = 0`.
 
 pub mod bench;
 pub mod block;

@@ -1,7 +1,7 @@
 //! Exact discretisation of small linear systems whose input is held, or runs straight, between two instants.
 //!
-//! Both forms come from one matrix exponential (Van Loan, IEEE Trans. Autom. Control 23 (1978) 395-404): the state is augmented with
-//! the input, and with its slope for the straight case.
+//! Both forms come from one matrix exponential (Van Loan, IEEE Trans. Autom. Control 23 (1978) 395-404): the
+//! state is augmented with the input, and with its slope for the straight case.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -19,10 +19,11 @@ pub struct ContinuousSystem {
 }
 
 impl ContinuousSystem {
-    /// Controllable canonical form of `numerator(s) / denominator(s)`, coefficients in descending powers of s.
+    /// Controllable canonical form of `numerator(s) / denominator(s)`, coefficients in descending powers of
+    /// s.
     ///
-    /// The numerator may be as long as the denominator (feed-through). Returns `None` for an empty or zero leading denominator or a
-    /// numerator that is longer than it.
+    /// The numerator may be as long as the denominator (feed-through). Returns `None` for an empty or zero
+    /// leading denominator or a numerator that is longer than it.
     #[must_use]
     pub fn from_transfer_function(numerator: &[f64], denominator: &[f64]) -> Option<Self> {
         let leading = *denominator.first()?;
@@ -68,7 +69,8 @@ impl ContinuousSystem {
         (exponential.view((0, 0), (n, n)).into_owned(), exponential.view((0, n), (n, 1)).column(0).into_owned())
     }
 
-    /// Transition matrix, and input vectors over one interval for an input that is held, and for one that rises straight from zero to one.
+    /// Transition matrix, and input vectors over one interval for an input that is held, and for one that
+    /// rises straight from zero to one.
     #[must_use]
     pub fn straight_matrices(&self, dt_s: f64) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let n = self.a.nrows();
@@ -81,7 +83,8 @@ impl ContinuousSystem {
         (exponential.view((0, 0), (n, n)).into_owned(), column(n), column(n + 1))
     }
 
-    /// Transition matrix, and input vectors over one interval for inputs of one, of its share of the interval that has passed, and of the square of that share.
+    /// Transition matrix, and input vectors over one interval for inputs of one, of its share of the interval
+    /// that has passed, and of the square of that share.
     #[must_use]
     pub fn quadratic_matrices(&self, dt_s: f64) -> (DMatrix<f64>, [DVector<f64>; 3]) {
         let n = self.a.nrows();
@@ -95,7 +98,8 @@ impl ContinuousSystem {
         (exponential.view((0, 0), (n, n)).into_owned(), [column(n), column(n + 1), column(n + 2)])
     }
 
-    /// Discretises for inputs that run straight from one instant to the next (a held input is the special case of no slope).
+    /// Discretises for inputs that run straight from one instant to the next (a held input is the special
+    /// case of no slope).
     #[must_use]
     pub fn discretise(&self, dt_s: f64) -> DiscreteSystem {
         let n = self.a.nrows();
@@ -169,7 +173,8 @@ impl DiscreteSystem {
     }
 }
 
-/// A discretised system of at most `N` states in fixed arrays: the same sums in the same order as [`DiscreteSystem`], several times faster.
+/// A discretised system of at most `N` states in fixed arrays: the same sums in the same order as
+/// [`DiscreteSystem`], several times faster.
 #[derive(Clone, Debug)]
 pub struct FixedSystem<const N: usize> {
     phi: [[f64; N]; N],

@@ -27,11 +27,13 @@ impl WhiteNoise {
 
 /// Lowest frequency down to which flicker noise goes on rising, Hz: a thousand seconds.
 const FLICKER_FROM_HZ: f64 = 1e-3;
-/// Lags for each decade of frequency: the density is 0.96 to 1.00 of the straight fall that was asked for, three decades from either end.
+/// Lags for each decade of frequency: the density is 0.96 to 1.00 of the straight fall that was asked for,
+/// three decades from either end.
 const LAGS_PER_DECADE: f64 = 2.0;
 
-/// Noise whose power density falls with the frequency (1/f): a sum of first-order lags of white noise whose corner frequencies are spread evenly over the
-/// logarithm of the frequency, each with the same power (Keshner, Proc. IEEE 70 (1982) 212-218). It begins anywhere, as a sensor that has long been on.
+/// Noise whose power density falls with the frequency (1/f): a sum of first-order lags of white noise whose
+/// corner frequencies are spread evenly over the logarithm of the frequency, each with the same power
+/// (Keshner, Proc. IEEE 70 (1982) 212-218). It begins anywhere, as a sensor that has long been on.
 #[derive(Clone, Debug)]
 pub struct FlickerNoise {
     /// Decay from sample to sample and what is added, um, of each lag.
@@ -41,7 +43,8 @@ pub struct FlickerNoise {
 }
 
 impl FlickerNoise {
-    /// Noise of this amplitude density at 1 Hz, um per root of a hertz (one-sided), at a sampling rate; the same seed gives the same noise.
+    /// Noise of this amplitude density at 1 Hz, um per root of a hertz (one-sided), at a sampling rate; the
+    /// same seed gives the same noise.
     #[must_use]
     pub fn new(at_1_hz_um: f64, sample_rate_hz: f64, seed: u64) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
@@ -71,7 +74,8 @@ impl FlickerNoise {
 mod tests {
     use super::*;
 
-    /// The mean square of differences over a time grows with its logarithm: `2 ln` of the ratio of times, times the square of the density at 1 Hz.
+    /// The mean square of differences over a time grows with its logarithm: `2 ln` of the ratio of times,
+    /// times the square of the density at 1 Hz.
     #[test]
     fn flicker_noise_has_the_density_that_was_asked_for() {
         let (mut grows, seeds) = (0.0, 40);

@@ -1,11 +1,12 @@
 //! Rate-dependent one-sided hysteresis (thesis Ch. 4, Eqs. 14, 16-18).
 //!
-//! Every coefficient of the surfaces `F` and `G` is a polynomial in the rate of the drive, `|u[k] - u[k-1]|` times the sampling rate.
-//! The output is linear in the surfaces, so that the model is one rate-independent operator per power of the rate, all with the same
-//! memory, weighted with that power.
+//! Every coefficient of the surfaces `F` and `G` is a polynomial in the rate of the drive, `|u[k] - u[k-1]|`
+//! times the sampling rate. The output is linear in the surfaces, so that the model is one rate-independent
+//! operator per power of the rate, all with the same memory, weighted with that power.
 //!
-//! `G` need not vanish on `alpha = beta` here: at a given rate the surface also carries the lag of the actuator, of one sign on the way
-//! up and of the other on the way down. At a reversal the rate is zero, and there the surface of order zero, which does vanish, is left.
+//! `G` need not vanish on `alpha = beta` here: at a given rate the surface also carries the lag of the
+//! actuator, of one sign on the way up and of the other on the way down. At a reversal the rate is zero, and
+//! there the surface of order zero, which does vanish, is left.
 
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 
@@ -67,7 +68,8 @@ mod tests {
         let rate = RateSurfaces { orders: vec![surfaces, only_gain], reference_rate_v_s: 1000.0 };
         let mut dependent = RateDependentHysteresis::virgin(&rate, 0.0, 80.0, 1000.0);
         for drive in [10.0, 30.0, 50.0] {
-            // 20 V in 1 ms is 20 times the reference rate; the second surface adds x there on the initial curve.
+            // 20 V in 1 ms is 20 times the reference rate; the second surface adds x there on the initial
+            // curve.
             let expected = plain.step(drive);
             let step = if drive == 10.0 { 10.0 } else { 20.0 };
             assert!((dependent.step(drive) - expected - step * drive / 80.0).abs() < 1e-9);

@@ -1,20 +1,25 @@
-//! Piezo-driven stick-slip actuator (thesis Ch. 3): a platform on a piezo, and an end-effector that rides on it by friction.
+//! Piezo-driven stick-slip actuator (thesis Ch. 3): a platform on a piezo, and an end-effector that rides on
+//! it by friction.
 //!
-//! The platform is the classical Preisach hysteresis in the form of Eqs. (8)-(11) followed by a second-order mode (Eq. 17); the
-//! end-effector is carried by elastoplastic friction (Eqs. 5-6) and otherwise free (Eq. 13). Displacements are in um, forces in N; the
-//! hysteretic force divided by the stiffness of the piezo is the displacement that it would make at rest.
+//! The platform is the classical Preisach hysteresis in the form of Eqs. (8)-(11) followed by a second-order
+//! mode (Eq. 17); the end-effector is carried by elastoplastic friction (Eqs. 5-6) and otherwise free (Eq.
+//! 13). Displacements are in um, forces in N; the hysteretic force divided by the stiffness of the piezo is
+//! the displacement that it would make at rest.
 //!
 //! # Signs
-//! Eq. (14) defines the relative motion as `x_2 - x_1`, and Eq. (13) lets the friction push the end-effector along it: taken together
-//! friction would feed the motion. Here the motion that bends the bristle is that of the platform relative to the end-effector,
-//! `x_1 - x_2`; the force of Eq. (13) then drags the end-effector along and acts back on the platform as in Eq. (12).
+//! Eq. (14) defines the relative motion as `x_2 - x_1`, and Eq. (13) lets the friction push the end-effector
+//! along it: taken together friction would feed the motion. Here the motion that bends the bristle is that of
+//! the platform relative to the end-effector, `x_1 - x_2`; the force of Eq. (13) then drags the end-effector
+//! along and acts back on the platform as in Eq. (12).
 //!
 //! # Integrator
-//! In the transition to sliding the bend settles over nanometres of travel while the motion itself takes milliseconds: the equations are
-//! stiff in presliding, the more the nearer `z_b / z_s` is to one. Two methods were measured against a step a hundred times finer
-//! (test `error_against_a_hundred_times_finer_step`): the classical Runge-Kutta method of fourth order and a two-stage L-stable
-//! Rosenbrock method of second order. With [`SUBSTEPS`] steps in 50 us the former is a hundred times more accurate for the thesis'
-//! contact, and still stable for a contact five times stiffer in the transition; it is the default.
+//! In the transition to sliding the bend settles over nanometres of travel while the motion itself takes
+//! milliseconds: the equations are stiff in presliding, the more the nearer `z_b / z_s` is to one. Two
+//! methods were measured against a step a hundred times finer (test
+//! `error_against_a_hundred_times_finer_step`): the classical Runge-Kutta method of fourth order and a
+//! two-stage L-stable Rosenbrock method of second order. With [`SUBSTEPS`] steps in 50 us the former is a
+//! hundred times more accurate for the thesis' contact, and still stable for a contact five times stiffer in
+//! the transition; it is the default.
 
 use crate::elastoplastic_friction::ElastoplasticFriction;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
@@ -83,7 +88,8 @@ pub fn printed_contact_stiffness_n_um(mass_kg: f64) -> f64 {
     n_mm / 1000.0
 }
 
-/// Coefficients of Ch. 3, Eq. (16) in N: `(power of alpha, power of beta, coefficient per V^(sum of powers))`.
+/// Coefficients of Ch. 3, Eq. (16) in N: `(power of alpha, power of beta, coefficient per
+/// V^(sum of powers))`.
 pub const PRINTED_SURFACE_N: [(usize, usize, f64); 10] = [
     (0, 0, 0.938),
     (0, 1, -3.89),
@@ -106,8 +112,9 @@ pub fn printed_surface_n(alpha_v: f64, beta_v: f64) -> f64 {
 impl StickSlipActuator {
     /// The actuator of the thesis with the given end-effector: all of its printed constants.
     ///
-    /// Eq. (16) does not vanish on `alpha = beta` (up to 1 N, 20 nm), which would make the force jump at every reversal; its surface is
-    /// replaced by the nearest one of the form `(alpha - beta) Q_2(alpha, beta)` over 0..100 V.
+    /// Eq. (16) does not vanish on `alpha = beta` (up to 1 N, 20 nm), which would make the
+    /// force jump at every reversal; its surface is replaced by the nearest one of the form
+    /// `(alpha - beta) Q_2(alpha, beta)` over 0..100 V.
     #[must_use]
     pub fn thesis(end_effector_mass_kg: f64) -> Self {
         let stiffness_n_um =
@@ -141,7 +148,8 @@ impl StickSlipActuator {
         self.simulate_with(&self.force_equivalent_um(drive_v), sample_rate_hz, Integrator::default(), SUBSTEPS)
     }
 
-    /// Motion under given force-equivalent displacements, with a chosen integrator and number of steps in a sample.
+    /// Motion under given force-equivalent displacements, with a chosen integrator and number of steps in a
+    /// sample.
     #[must_use]
     pub fn simulate_with(&self, force_um: &[f64], sample_rate_hz: f64, integrator: Integrator, substeps: usize) -> StickSlipMotion {
         let dt_s = 1.0 / sample_rate_hz / substeps.max(1) as f64;
@@ -237,7 +245,8 @@ pub fn average_speed_um_s(end_effector_um: &[f64], sample_rate_hz: f64, frequenc
     (at(periods) - at(first)) * frequency_hz / (periods - first) as f64
 }
 
-/// The surface of the form `(alpha - beta) Q_2` nearest to Eq. (16) on the triangle 0..100 V, divided by the stiffness.
+/// The surface of the form `(alpha - beta) Q_2` nearest to Eq. (16) on the triangle 0..100 V, divided by the
+/// stiffness.
 fn nearest_surface_um(stiffness_n_um: f64) -> Surfaces {
     use nalgebra::{DMatrix, DVector};
     const RANGE_V: f64 = 100.0;

@@ -1,11 +1,13 @@
-//! One walk of a chain along a record, and of many variations of it beside: the readings from which derivatives and signatures are made.
+//! One walk of a chain along a record, and of many variations of it beside: the readings from which
+//! derivatives and signatures are made.
 //!
 //! # How it works
-//! The record is walked in chunks that stay in the processor's cache. The chain itself goes through all its stages; a variation (a moved
-//! value, one effect more) has stages of its own from the first one that differs, and takes what the chain brings there, also from a costly
-//! part of that stage which is the same in both. What each plain coefficient of the hysteresis adds comes from one walk of all coefficients
-//! side by side, which then pass the stages behind as lanes
-//! ([`crate::effect::LinearLanes`]); a stage that does not say how it passes small changes on is tried, lane by lane.
+//! The record is walked in chunks that stay in the processor's cache. The chain itself goes through all its
+//! stages; a variation (a moved value, one effect more) has stages of its own from the first one that
+//! differs, and takes what the chain brings there, also from a costly part of that stage which is the same in
+//! both. What each plain coefficient of the hysteresis adds comes from one walk of all coefficients side by
+//! side, which then pass the stages behind as lanes ([`crate::effect::LinearLanes`]); a stage that does not
+//! say how it passes small changes on is tried, lane by lane.
 //!
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
 
@@ -34,7 +36,8 @@ pub struct Chunk<'a> {
     pub reading_um: &'a [f64],
     /// The same with each variation.
     pub variations_um: &'a [Vec<f64>],
-    /// What one unit of each coefficient adds to the reading, a row for every sample; empty where none was asked for.
+    /// What one unit of each coefficient adds to the reading, a row for every sample; empty where none was
+    /// asked for.
     pub by_coefficient: &'a [f64],
 }
 
@@ -51,7 +54,8 @@ struct OwnStage<'a> {
     stage: Box<dyn Stage + 'a>,
 }
 
-/// Reading of the sensor from what the last stage gives: the value at the end of the interval before each sample.
+/// Reading of the sensor from what the last stage gives: the value at the end of the interval before each
+/// sample.
 struct Sampled {
     last: f64,
 }
@@ -103,7 +107,8 @@ struct Beside<'a> {
     sampled: Sampled,
 }
 
-/// The coefficients that [`walk`] gives lanes for, in the order of the lanes: effect and place among its parameters.
+/// The coefficients that [`walk`] gives lanes for, in the order of the lanes: effect and place among its
+/// parameters.
 #[must_use]
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
     let drive = Drive::held(&[], 1.0, InitialState::Unknown);
@@ -117,7 +122,8 @@ pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
 pub struct Manner {
     /// What each coefficient adds is given too.
     pub with_coefficients: bool,
-    /// Variations that move inside a sampling period go in the intervals of the model itself: where their shape is enough.
+    /// Variations that move inside a sampling period go in the intervals of the model itself: where their
+    /// shape is enough.
     pub as_coarse_as_the_model: bool,
 }
 

@@ -1,8 +1,9 @@
-//! Drive and reference waveforms, sampled: each function returns one value per sample, volts for a drive, micrometres for a reference.
+//! Drive and reference waveforms, sampled: each function returns one value per sample, volts for a drive,
+//! micrometres for a reference.
 //!
-//! Waveforms are joined by concatenating vectors; [`concatenate`] does that. Where a waveform is made of random phases the seed is an
-//! argument, and the same seed gives the same samples on every machine. Counts of samples are rounded to the nearest sample, so that a
-//! joint never leaves a gap.
+//! Waveforms are joined by concatenating vectors; [`concatenate`] does that. Where a waveform is made of
+//! random phases the seed is an argument, and the same seed gives the same samples on every machine. Counts
+//! of samples are rounded to the nearest sample, so that a joint never leaves a gap.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -32,9 +33,11 @@ pub fn steps(sample_rate_hz: f64, levels: &[(f64, f64)]) -> Vec<f64> {
     levels.iter().flat_map(|(level, duration_s)| hold(sample_rate_hz, *level, *duration_s)).collect()
 }
 
-/// Straight lines of slope `+-slope_per_s` from vertex to vertex: triangles of any height with nested reversals (thesis Ch. 4, Fig. 7).
+/// Straight lines of slope `+-slope_per_s` from vertex to vertex: triangles of any height with nested
+/// reversals (thesis Ch. 4, Fig. 7).
 ///
-/// Every vertex is reached exactly, on a sample; the slope of a section differs from the nominal one by at most one sample's worth.
+/// Every vertex is reached exactly, on a sample; the slope of a section differs from the nominal one by at
+/// most one sample's worth.
 #[must_use]
 pub fn triangles(sample_rate_hz: f64, slope_per_s: f64, vertices: &[f64]) -> Vec<f64> {
     let mut out: Vec<f64> = vertices.first().copied().into_iter().collect();
@@ -46,9 +49,11 @@ pub fn triangles(sample_rate_hz: f64, slope_per_s: f64, vertices: &[f64]) -> Vec
     out
 }
 
-/// Straight up and straight down as a saw-tooth: a slow rise to `height` over `rise_share` of the period, then back to zero.
+/// Straight up and straight down as a saw-tooth: a slow rise to `height` over `rise_share` of the period,
+/// then back to zero.
 ///
-/// With `rise_share` = 1 the fall is a jump within one sample, as for the stick-slip actuator (thesis Ch. 3, Fig. 1).
+/// With `rise_share` = 1 the fall is a jump within one sample, as for the stick-slip actuator (thesis Ch. 3,
+/// Fig. 1).
 #[must_use]
 pub fn saw_tooth(sample_rate_hz: f64, frequency_hz: f64, height: f64, rise_share: f64, cycles: usize) -> Vec<f64> {
     let count = samples_in(sample_rate_hz, cycles as f64 / frequency_hz);
@@ -61,8 +66,8 @@ pub fn saw_tooth(sample_rate_hz: f64, frequency_hz: f64, height: f64, rise_share
         .collect()
 }
 
-/// Smooth vertices: half a cosine period from each vertex to the next, each lasting `half_period_s` (thesis Ch. 4 Fig. 10, Ch. 5 Fig. 8:
-/// sines of varying magnitude).
+/// Smooth vertices: half a cosine period from each vertex to the next, each lasting `half_period_s` (thesis
+/// Ch. 4 Fig. 10, Ch. 5 Fig. 8: sines of varying magnitude).
 #[must_use]
 pub fn half_cosines(sample_rate_hz: f64, half_period_s: f64, vertices: &[f64]) -> Vec<f64> {
     let mut out: Vec<f64> = vertices.first().copied().into_iter().collect();
@@ -77,12 +82,13 @@ pub fn half_cosines(sample_rate_hz: f64, half_period_s: f64, vertices: &[f64]) -
     out
 }
 
-/// One period of the rounded triangle of thesis Ch. 4, Fig. 9: slopes `+-slope_per_s` between zero and `height`, whose turn at the top is
-/// a portion of a sine.
+/// One period of the rounded triangle of thesis Ch. 4, Fig. 9: slopes `+-slope_per_s` between zero and
+/// `height`, whose turn at the top is a portion of a sine.
 ///
-/// The sine has the magnitude `rounding_share * height`; it takes over where its slope equals the nominal one, so that the voltage and
-/// its slope are continuous there. The top of the sine is `height`. A sine of magnitude `a` that passes through its steepest point at
-/// `height - a` with the slope `slope_per_s` has the angular frequency `slope_per_s / a`.
+/// The sine has the magnitude `rounding_share * height`; it takes over where its slope equals the nominal
+/// one, so that the voltage and its slope are continuous there. The top of the sine is `height`. A sine of
+/// magnitude `a` that passes through its steepest point at `height - a` with the slope `slope_per_s` has the
+/// angular frequency `slope_per_s / a`.
 #[must_use]
 pub fn rounded_triangle(sample_rate_hz: f64, slope_per_s: f64, height: f64, rounding_share: f64) -> Vec<f64> {
     let magnitude = (rounding_share.clamp(1e-9, 1.0)) * height;
@@ -112,7 +118,8 @@ pub fn sine(sample_rate_hz: f64, frequency_hz: f64, amplitude: f64, offset: f64,
         .collect()
 }
 
-/// Bursts: `cycles` raised cosines between `low` and `high`, beginning and ending at `low` (thesis Ch. 5, Eq. 14 with `low` = 0).
+/// Bursts: `cycles` raised cosines between `low` and `high`, beginning and ending at `low` (thesis Ch. 5, Eq.
+/// 14 with `low` = 0).
 #[must_use]
 pub fn raised_cosine(sample_rate_hz: f64, frequency_hz: f64, low: f64, high: f64, cycles: usize) -> Vec<f64> {
     (0..=samples_in(sample_rate_hz, cycles as f64 / frequency_hz))
@@ -120,7 +127,8 @@ pub fn raised_cosine(sample_rate_hz: f64, frequency_hz: f64, low: f64, high: f64
         .collect()
 }
 
-/// A burst of a sine around `offset`, its amplitude raised and lowered by a half-cosine window over the whole duration.
+/// A burst of a sine around `offset`, its amplitude raised and lowered by a half-cosine window over the whole
+/// duration.
 #[must_use]
 pub fn sine_burst(sample_rate_hz: f64, frequency_hz: f64, amplitude: f64, offset: f64, duration_s: f64) -> Vec<f64> {
     let count = samples_in(sample_rate_hz, duration_s);
@@ -132,9 +140,11 @@ pub fn sine_burst(sample_rate_hz: f64, frequency_hz: f64, amplitude: f64, offset
         .collect()
 }
 
-/// Periods of a multisine: equal amplitudes on the given lines (multiples of `sample_rate_hz / period_samples`), random phases.
+/// Periods of a multisine: equal amplitudes on the given lines (multiples of `sample_rate_hz /
+/// period_samples`), random phases.
 ///
-/// Scaled so that it stays within `offset +- peak`. Four sets of phases are drawn and the one with the lowest crest factor is taken.
+/// Scaled so that it stays within `offset +- peak`. Four sets of phases are drawn and the one with the lowest
+/// crest factor is taken.
 #[must_use]
 pub fn multisine(period_samples: usize, lines: &[usize], peak: f64, offset: f64, periods: usize, seed: u64) -> Vec<f64> {
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
@@ -161,7 +171,8 @@ pub fn multisine(period_samples: usize, lines: &[usize], peak: f64, offset: f64,
     period.repeat(periods)
 }
 
-/// A chirp `offset + amplitude sin(phase)` whose frequency runs linearly from `from_hz` to `to_hz`, beginning at phase `phase_rad`.
+/// A chirp `offset + amplitude sin(phase)` whose frequency runs linearly from `from_hz` to `to_hz`, beginning
+/// at phase `phase_rad`.
 #[must_use]
 pub fn chirp(sample_rate_hz: f64, from_hz: f64, to_hz: f64, amplitude: f64, offset: f64, phase_rad: f64, duration_s: f64) -> Vec<f64> {
     (0..samples_in(sample_rate_hz, duration_s))
@@ -176,7 +187,8 @@ pub fn chirp(sample_rate_hz: f64, from_hz: f64, to_hz: f64, amplitude: f64, offs
 /// Time in which a reference grows to its full amplitude, s.
 pub const GROWN_WITHIN_S: f64 = 0.3;
 
-/// Lets a signal grow from zero within [`GROWN_WITHIN_S`], smooth to its second derivative: it never asks for what a one-sided actuator cannot give.
+/// Lets a signal grow from zero within [`GROWN_WITHIN_S`], smooth to its second derivative: it never asks for
+/// what a one-sided actuator cannot give.
 pub fn grow_from_zero(signal: &mut [f64], sample_rate_hz: f64) {
     for (k, value) in signal.iter_mut().enumerate() {
         let s = (k as f64 / sample_rate_hz / GROWN_WITHIN_S).min(1.0);

@@ -1,11 +1,12 @@
-//! Where a loop becomes unstable on stages that the simulation does not share, over where `check` predicts it: prints the table that belongs to
-//! `docs/results/servo_from_data.md`.
+//! Where a loop becomes unstable on stages that the simulation does not share, over where `check` predicts
+//! it: prints the table that belongs to `docs/results/servo_from_data.md`.
 //!
 //!     cargo run --release --workspace --example first_unstable [STAGES [FIRST_SEED]]
 //!
-//! Each cell: the prediction; the true value over it where the servo begins at the lower limit of its drive; where the stage changes slowly while it
-//! rests in the middle of its range (not for the mode, which cannot come slowly); and over it what `check` says from where it swings beginning at the lower
-//! limit, and from where it may once the drive was at a limit.
+//! Each cell: the prediction; the true value over it where the servo begins at the lower limit of its drive;
+//! where the stage changes slowly while it rests in the middle of its range (not for the mode, which cannot
+//! come slowly); and over it what `check` says from where it swings beginning at the lower limit, and from
+//! where it may once the drive was at a limit.
 //!
 //! Models are those of `servo_from_data`, kept in target/servo_from_data.
 

@@ -1,10 +1,12 @@
-//! Learned feedforward on a sharp triangle of 100 Hz over six tenths of the travel, on stages that the simulation does not share, 5 % off the model
-//! in gain and in the frequency of every mode: prints the tables that belong to `docs/results/learned_feedforward.md`.
+//! Learned feedforward on a sharp triangle of 100 Hz over six tenths of the travel, on stages that the
+//! simulation does not share, 5 % off the model in gain and in the frequency of every mode: prints the tables
+//! that belong to `docs/results/learned_feedforward.md`.
 //!
 //!     cargo run --release --example learned_feedforward [STAGES [FIRST_SEED]]
 //!     cargo run --release --example learned_feedforward bench
 //!
-//! The second form does the same on the project's reference bench in its full variant, whose sensor has a bandwidth.
+//! The second form does the same on the project's reference bench in its full variant, whose sensor has a
+//! bandwidth.
 //!
 //! Models are those of `servo_from_data`, kept in target/servo_from_data.
 

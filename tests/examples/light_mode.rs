@@ -1,5 +1,5 @@
-//! Servos on stages whose first mode is at 739 Hz with a damping ratio of 0.01 to 0.02: bandwidth, noise, and how far the mode may move. Prints the
-//! table that belongs to `docs/results/light_first_mode.md`.
+//! Servos on stages whose first mode is at 739 Hz with a damping ratio of 0.01 to 0.02: bandwidth, noise, and
+//! how far the mode may move. Prints the table that belongs to `docs/results/light_first_mode.md`.
 //!
 //!     cargo run --release --workspace --example light_mode [SEED ...]
 //!

@@ -1,15 +1,18 @@
-//! How near `explain` from a bare gain comes to the best that the library can reach on recordings of real stages.
+//! How near `explain` from a bare gain comes to the best that the library can reach on recordings of real
+//! stages.
 //!
-//! For each set of records: the effects that `explain` ends with, its fitted and held-out errors, and, with `--subsets`, the best of all
-//! subsets of seven effects beside the hysteresis, each fitted with `identify`. The ratio is that of the geometric means of fitted and
-//! held-out error. With `--reversed` the records are given in the other order too, which must end at the same effects and errors; with `--within`
-//! each has so many seconds.
+//! For each set of records: the effects that `explain` ends with, its fitted and held-out errors, and, with
+//! `--subsets`, the best of all subsets of seven effects beside the hysteresis, each fitted with `identify`.
+//! The ratio is that of the geometric means of fitted and held-out error. With `--reversed` the records are
+//! given in the other order too, which must end at the same effects and errors; with `--within` each has so
+//! many seconds.
 //!
 //! ```text
 //! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] [--within SECONDS] [--identify EFFECTS] [--data FOLDER] [SET ...]
 //! ```
 //!
-//! The recordings are not part of the project (their sources are named in its documentation); without the folder it says so.
+//! The recordings are not part of the project (their sources are named in its documentation); without the
+//! folder it says so.
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, folder};

@@ -1,4 +1,5 @@
-//! What the finder says of actuators that are no piezo: voice coils, motor stages, reluctance actuators by equations of their own.
+//! What the finder says of actuators that are no piezo: voice coils, motor stages, reluctance actuators by
+//! equations of their own.
 //!
 //! ```text
 //! cargo run --release -p hysteron-tests --example other_actuators -- [SEEDS]

@@ -1,9 +1,10 @@
-//! From three kinds of recording to a servo at work on stages that the simulation does not share: prints the table that belongs to
-//! `docs/results/servo_from_data.md`.
+//! From three kinds of recording to a servo at work on stages that the simulation does not share: prints the
+//! table that belongs to `docs/results/servo_from_data.md`.
 //!
 //!     cargo run --release --workspace --example servo_from_data [STAGES [FIRST_SEED]]
 //!
-//! Models are kept in target/servo_from_data and used again: a design is then judged in seconds. Delete them to identify anew.
+//! Models are kept in target/servo_from_data and used again: a design is then judged in seconds. Delete them
+//! to identify anew.
 
 use hysteron_tests::independent_stage::{Change, Truth};
 use hysteron_tests::servo_study::{AtWork, FREQUENCIES_HZ, Recording, at_work, designed, designed_with_the_truth, kept_model, record};

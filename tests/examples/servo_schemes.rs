@@ -1,9 +1,10 @@
-//! Every scheme that a design chooses among, on stages that the simulation does not share: prints the tables that belong to `docs/reference/servo_schemes.md`.
+//! Every scheme that a design chooses among, on stages that the simulation does not share: prints the tables
+//! that belong to `docs/reference/servo_schemes.md`.
 //!
 //!     cargo run --release -p hysteron-tests --example servo_schemes [STAGES [FIRST_SEED]]
 //!
-//! Each stage is recorded with the multisine that a design recommends and identified once with a fixed set of effects; every scheme is designed from that
-//! model and that recording.
+//! Each stage is recorded with the multisine that a design recommends and identified once with a fixed set of
+//! effects; every scheme is designed from that model and that recording.
 
 use hysteron::model_file::effects_named;
 use hysteron::servo::order::{self, Order};

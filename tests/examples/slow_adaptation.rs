@@ -1,4 +1,5 @@
-//! What a gain and a creep that the model does not know cost a servo, and what slow adaptation takes off: prints the tables that belong to `docs/results/slow_adaptation.md`.
+//! What a gain and a creep that the model does not know cost a servo, and what slow adaptation takes off:
+//! prints the tables that belong to `docs/results/slow_adaptation.md`.
 //!
 //!     cargo run --release -p hysteron-tests --example slow_adaptation [STAGES [FIRST_SEED]]
 //!

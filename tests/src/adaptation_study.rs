@@ -1,5 +1,5 @@
-//! A stage on [`IndependentStage`] whose gain is another one than when it was recorded, and drifts; the servo's model of it corrected in several ways: what
-//! the slow adaptation is judged by.
+//! A stage on [`IndependentStage`] whose gain is another one than when it was recorded, and drifts; the
+//! servo's model of it corrected in several ways: what the slow adaptation is judged by.
 
 use crate::independent_stage::{Change, IndependentStage, Truth};
 use crate::servo_study::{RATE_HZ, prepared};
@@ -26,7 +26,8 @@ pub enum Way {
     InTheTick,
     /// In f64 around the tick, from the unknown input that moves with the drive.
     WithTheDrive,
-    /// In f64 around the tick, from the tracking error that moves as the feedforward changes: what is late in the unknown input, seen in the reading.
+    /// In f64 around the tick, from the tracking error that moves as the feedforward changes: what is late in
+    /// the unknown input, seen in the reading.
     FromTheError,
     /// The stage's gain at the end of the run was known from its beginning.
     Known,
@@ -229,7 +230,8 @@ pub struct Adapted {
     pub trace: Trace,
 }
 
-/// A sine that grows from zero, um: from 15 to 65 % of the travel, where neither a gain a fifth too small nor much creep brings the drive to a limit.
+/// A sine that grows from zero, um: from 15 to 65 % of the travel, where neither a gain a fifth too small nor
+/// much creep brings the drive to a limit.
 #[must_use]
 pub fn sine_um(truth: &Truth, hz: f64, duration_s: f64) -> Vec<f64> {
     let amplitude_um = 0.25 * truth.travel_um;

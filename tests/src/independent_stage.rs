@@ -1,18 +1,21 @@
-//! A nanopositioning stage by other equations than the simulation's: what a servo that was designed from a recording really meets.
+//! A nanopositioning stage by other equations than the simulation's: what a servo that was designed from a
+//! recording really meets.
 //!
 //! Nothing here is shared with `host-sim` but the trait through which a loop is closed ([`Plant`]).
 //!
-//! * *Hysteresis*: [`PLAYS`] play operators (Krasnosel'skii and Pokrovskii 1989) with exponentially falling weights on a curved drive, and
-//!   a part that only the highest drive so far decides (the first rise). The thesis' polynomial surfaces can come near it, never reproduce
-//!   it.
-//! * *Modes*: oscillators side by side, integrated by the classical Runge-Kutta rule in [`SUBSTEPS`] steps of 2.5 us (at 9.5 kHz an error
-//!   of the damping ratio below 1e-5), with the drive held over a period.
-//! * *Creep*: four first-order terms behind them, integrated exactly for a motion that runs straight through a sub-step.
-//! * *Ideal here*: amplifier and sensor have no lag, so what the sensor reads is the true position plus white noise and the steps of its
-//!   converter. Converters have 16 bits ([`ConverterScale::around`]). A code acts one period after the reading that it came from.
+//! * *Hysteresis*: [`PLAYS`] play operators (Krasnosel'skii and Pokrovskii 1989) with exponentially falling
+//!   weights on a curved drive, and a part that only the highest drive so far decides (the first rise). The
+//!   thesis' polynomial surfaces can come near it, never reproduce it.
+//! * *Modes*: oscillators side by side, integrated by the classical Runge-Kutta rule in [`SUBSTEPS`] steps of
+//!   2.5 us (at 9.5 kHz an error of the damping ratio below 1e-5), with the drive held over a period.
+//! * *Creep*: four first-order terms behind them, integrated exactly for a motion that runs straight through
+//!   a sub-step.
+//! * *Ideal here*: amplifier and sensor have no lag, so what the sensor reads is the true position plus white
+//!   noise and the steps of its converter. Converters have 16 bits ([`ConverterScale::around`]). A code acts
+//!   one period after the reading that it came from.
 //!
-//! A [`Truth`] is drawn from a seed. Every third stage has a lightly damped first mode, and every stage has a second mode between 1.2
-//! times the first one and 9.5 kHz.
+//! A [`Truth`] is drawn from a seed. Every third stage has a lightly damped first mode, and every stage has a
+//! second mode between 1.2 times the first one and 9.5 kHz.
 
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::converter_scale::ConverterScale;
@@ -230,8 +233,8 @@ impl IndependentStage {
         t.travel_um * sum_v / top_v + first_rise_um
     }
 
-    /// Drives it without a loop and samples it every `every` periods: the reading at the beginning of each held drive, um, noise
-    /// and converter included.
+    /// Drives it without a loop and samples it every `every` periods: the reading at the beginning of each
+    /// held drive, um, noise and converter included.
     pub fn record(&mut self, drive_v: &[f64], every: usize, noise: &mut hysteron_sim::noise::WhiteNoise) -> Vec<f64> {
         let scale = self.truth.converters();
         let mut readings = Vec::with_capacity(drive_v.len());

@@ -1,4 +1,5 @@
-//! A periodic reference on [`IndependentStage`](crate::independent_stage::IndependentStage), its correction learned in several ways: what the learned feedforward is judged by.
+//! A periodic reference on [`IndependentStage`](crate::independent_stage::IndependentStage), its correction
+//! learned in several ways: what the learned feedforward is judged by.
 
 use crate::independent_stage::{Change, Truth};
 use crate::servo_study::{RATE_HZ, prepared};
@@ -24,7 +25,8 @@ use std::f64::consts::TAU;
 /// Samples in a period: 100 Hz.
 pub const PERIOD_TICKS: usize = 200;
 
-/// The stage is 5 % less stiff in gain and all its modes are 5 % slower than the model that was identified before.
+/// The stage is 5 % less stiff in gain and all its modes are 5 % slower than the model that was identified
+/// before.
 pub const FIVE_PERCENT_LESS: Change = Change { gain_ratio: 0.95, mass_ratio: 1.0 / (0.95 * 0.95), ..Change::NONE };
 /// The other way round.
 pub const FIVE_PERCENT_MORE: Change = Change { gain_ratio: 1.05, mass_ratio: 1.0 / (1.05 * 1.05), ..Change::NONE };
@@ -36,7 +38,8 @@ pub enum Way {
     Nothing,
     /// In the tick, point by point, in integers: the scheme.
     EveryTick,
-    /// The same filters over a whole period at a time, in f64. The work of a period is spread over the next, so every second period is learned.
+    /// The same filters over a whole period at a time, in f64. The work of a period is spread over the next,
+    /// so every second period is learned.
     WholePeriods,
     /// Every harmonic by itself, in f64: `1 / T` of the model at its frequency, and `Q` there.
     Harmonics,
@@ -200,7 +203,8 @@ fn inverse_answers(design: &ServoDesign) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Conditions a stage, brings it to the lowest point of a triangle, lets it rest there, and follows the triangle from its first sample on.
+/// Conditions a stage, brings it to the lowest point of a triangle, lets it rest there, and follows the
+/// triangle from its first sample on.
 ///
 /// # Panics
 /// If the design has no filters to learn with or does not fit the tick's formats.
@@ -255,7 +259,8 @@ pub fn learned(truth: &Truth, change: Change, design: &ServoDesign, way: Way, pe
     }
 }
 
-/// Errors on the reference bench, full variant, whose sensor has a bandwidth: RMS, percent of the stroke of a triangle or of the amplitude of a sine.
+/// Errors on the reference bench, full variant, whose sensor has a bandwidth: RMS, percent of the stroke of a
+/// triangle or of the amplitude of a sine.
 #[derive(Clone, Copy, Debug)]
 pub struct OnBench {
     /// The true position, in the period that was asked for.
@@ -326,7 +331,8 @@ pub fn sine_on_bench(bench: &Bench, design: &ServoDesign, frequency_hz: f64) -> 
     }
 }
 
-/// The triangle on the bench: 6 um high, from 2.6 um on; in the period of this number (from 0), with learning or without.
+/// The triangle on the bench: 6 um high, from 2.6 um on; in the period of this number (from 0), with learning
+/// or without.
 ///
 /// # Panics
 /// If the design does not fit the tick's formats.

@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 
 /// Where `cargo xtask check` reads which tests were skipped: a file that every skipped test adds a line to.
 pub const SKIPPED_FILE: &str = "HYSTERON_SKIPPED";
-/// Set where the data beside the project must be there (continuous integration that has them): a test that misses them then fails.
+/// Set where the data beside the project must be there (continuous integration that has them): a test that
+/// misses them then fails.
 pub const NEEDS_SHARED: &str = "HYSTERON_NEEDS_SHARED";
 
 /// The root of the repository.
@@ -23,7 +24,8 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// A folder of planted or measured data, which lie beside the project and are never copied into it; `None`, said loudly, where they do not.
+/// A folder of planted or measured data, which lie beside the project and are never copied into it; `None`,
+/// said loudly, where they do not.
 ///
 /// # Panics
 /// Where they must be there ([`NEEDS_SHARED`] in CI) and are not.

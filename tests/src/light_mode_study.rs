@@ -1,5 +1,6 @@
-//! Loops on a stage whose first mode is lightly damped: how far up a reference is followed, how much noise becomes motion, and how far the mode
-//! may move, on [`IndependentStage`](crate::independent_stage::IndependentStage).
+//! Loops on a stage whose first mode is lightly damped: how far up a reference is followed, how much noise
+//! becomes motion, and how far the mode may move, on
+//! [`IndependentStage`](crate::independent_stage::IndependentStage).
 
 use crate::independent_stage::{Change, TrueMode, Truth};
 use crate::servo_study::{LIMIT_CYCLE, RATE_HZ, rest_um, run};
@@ -24,7 +25,8 @@ const PEAKS_TO: f64 = 1.5;
 /// RMS of the reference about the middle of the range, um.
 const REFERENCE_UM: f64 = 0.1;
 
-/// The stage of a seed with its first mode at another frequency. Its seed is another one, so that its model is kept under a name of its own.
+/// The stage of a seed with its first mode at another frequency. Its seed is another one, so that its model
+/// is kept under a name of its own.
 #[must_use]
 pub fn with_first_mode(seed: u64, frequency_hz: f64) -> Truth {
     let drawn = Truth::drawn(seed);

@@ -15,7 +15,8 @@ pub fn value_of(arguments: &mut Vec<String>, option: &str) -> Option<String> {
     Some(arguments.drain(at..(at + 2).min(arguments.len())).next_back().unwrap_or_default())
 }
 
-/// Takes `--data FOLDER` out of the arguments of an example: where the recordings are. `None`, said, where they are not.
+/// Takes `--data FOLDER` out of the arguments of an example: where the recordings are. `None`, said, where
+/// they are not.
 pub fn folder(arguments: &mut Vec<String>) -> Option<PathBuf> {
     let data = value_of(arguments, "--data").map_or_else(|| crate::root().join("../shared/data/measured"), PathBuf::from);
     if !data.exists() {
@@ -24,7 +25,8 @@ pub fn folder(arguments: &mut Vec<String>) -> Option<PathBuf> {
     data.exists().then_some(data)
 }
 
-/// One record of the stage in `piezo_stage`: 10 kHz, columns time, drive, displacement. What lies before `from_s` drives the model and is not judged.
+/// One record of the stage in `piezo_stage`: 10 kHz, columns time, drive, displacement. What lies before
+/// `from_s` drives the model and is not judged.
 ///
 /// # Panics
 /// Where the file is not there or is no table of numbers.

@@ -1,14 +1,18 @@
 //! Actuators that are no piezo, by equations of their own: what the finder must not take for one.
 //!
-//! Nothing here is shared with `host-sim`. Each is integrated by the classical Runge-Kutta rule in steps of [`STEP_S`], with the drive held
-//! between samples, and read by a sensor with white noise. All are drawn from a seed.
+//! Nothing here is shared with `host-sim`. Each is integrated by the classical Runge-Kutta rule in steps of
+//! [`STEP_S`], with the drive held between samples, and read by a sensor with white noise. All are drawn from
+//! a seed.
 //!
-//! * *Voice coil* ([`Kind::VoiceCoil`]): a coil with resistance, inductance and back electromotive force, on flexures, in a field that is weaker off
-//!   its middle: `L i' = u - R i - K(x) v`, `m v' = K(x) i - d v - k x`, `K(x) = K0 (1 - (x / w)^2)`.
-//! * *Motor stage* ([`Kind::MotorStage`]): a current-controlled motor on a screw with Stribeck friction whose bristles give before they slip (LuGre,
-//!   Canudas de Wit et al. 1995), inside its own position loop (PI on velocity, P on position); its drive is the commanded position. An encoder counts.
-//! * *Reluctance actuator* ([`Kind::Reluctance`]): a biased magnet pulls a leaf spring across a gap, `F = c (I0 + i)^2 / (g - x)^2`, driven by a
-//!   current amplifier of first order, with eddy currents as a second lag of the field.
+//! * *Voice coil* ([`Kind::VoiceCoil`]): a coil with resistance, inductance and back
+//!   electromotive force, on flexures, in a field that is weaker off its middle: `L i' = u - R
+//!   i - K(x) v`, `m v' = K(x) i - d v - k x`, `K(x) = K0 (1 - (x / w)^2)`.
+//! * *Motor stage* ([`Kind::MotorStage`]): a current-controlled motor on a screw with Stribeck friction whose
+//!   bristles give before they slip (LuGre, Canudas de Wit et al. 1995), inside its own position loop (PI on
+//!   velocity, P on position); its drive is the commanded position. An encoder counts.
+//! * *Reluctance actuator* ([`Kind::Reluctance`]): a biased magnet pulls a leaf spring across a gap,
+//!   `F = c (I0 + i)^2 / (g - x)^2`, driven by a current amplifier of first order, with eddy currents
+//!   as a second lag of the field.
 
 use hysteron::dataset::{Dataset, Record, Role};
 use rand::{Rng, SeedableRng};
@@ -48,11 +52,12 @@ impl Kind {
     }
 }
 
-/// Effects of the library that only a piezoelectric ceramic has: none of these actuators may be told one of them.
+/// Effects of the library that only a piezoelectric ceramic has: none of these actuators may be told one of
+/// them.
 pub const OF_CERAMICS: [&str; 6] = ["creep", "initial_curve", "charge_leakage", "rate_dependence", "bipolar", "hysteresis"];
 
-/// Effects of ceramics that a kind truly imitates: friction before the slip is a hysteresis of displacement, and the play operators describe
-/// it.
+/// Effects of ceramics that a kind truly imitates: friction before the slip is a hysteresis of displacement,
+/// and the play operators describe it.
 #[must_use]
 pub fn imitated(kind: Kind) -> &'static [&'static str] {
     if kind == Kind::MotorStage { &["hysteresis"] } else { &[] }
@@ -168,7 +173,8 @@ impl Actuator {
     }
 }
 
-/// Drives that people record with: triangles with turns inside, sines of growing speed, steps that are held, rest.
+/// Drives that people record with: triangles with turns inside, sines of growing speed, steps that are held,
+/// rest.
 fn drives(seed: u64) -> Vec<(&'static str, Role, Vec<f64>)> {
     let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0xd21e);
     let samples = |seconds: f64| (seconds * SAMPLE_RATE_HZ) as usize;

@@ -1,4 +1,5 @@
-//! The amplifier (guard, modes, servo) in front of [`IndependentStage`]: what the target's interrupt runs, on a stage that the simulation does not share.
+//! The amplifier (guard, modes, servo) in front of [`IndependentStage`]: what the target's interrupt runs, on
+//! a stage that the simulation does not share.
 
 use crate::independent_stage::{Change, IndependentStage, Truth};
 use hysteron::servo::amplifier_block::FrontEnd;
@@ -74,7 +75,8 @@ impl RunningAmplifier {
         assert_eq!(self.amplifier.command(command), Ok(()));
     }
 
-    /// The sensor is sampled, the amplifier answers, and the stage goes on under what was written a period ago.
+    /// The sensor is sampled, the amplifier answers, and the stage goes on under what was written a period
+    /// ago.
     pub fn tick(&mut self) -> TraceSample {
         self.position_um = self.stage.sensor_um();
         let reading = self.scale.adc_code(self.position_um + self.noise.next_um());

@@ -1,4 +1,5 @@
-//! From a recording to a servo at work on the stage that was recorded: the way of a user, on [`IndependentStage`].
+//! From a recording to a servo at work on the stage that was recorded: the way of a user, on
+//! [`IndependentStage`].
 
 use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Truth};
 use hysteron::analyse::{Options, Outcome, Start, analyse};
@@ -30,7 +31,8 @@ pub const RATE_HZ: f64 = 1.0 / PERIOD_S;
 pub enum Recording {
     /// Triangles, sines, a step, and a multisine to 1.5 kHz.
     Usual,
-    /// What the target's `identify` plays: three tones over the whole range and a small sweep to nearly half the sampling rate.
+    /// What the target's `identify` plays: three tones over the whole range and a small sweep to nearly half
+    /// the sampling rate.
     TargetsOwn,
     /// As the usual one, with the multisine that a design recommends.
     Wideband,
@@ -130,7 +132,8 @@ pub fn explained(dataset: &Dataset) -> Outcome {
     analyse(dataset, Start::Effects(&effects), &Options::default(), &Unwatched).expect("finite")
 }
 
-/// The model that [`explained`] found before, kept in `target/servo_from_data`, or a new one. Delete the folder to identify anew.
+/// The model that [`explained`] found before, kept in `target/servo_from_data`, or a new one. Delete the
+/// folder to identify anew.
 ///
 /// # Panics
 /// If the folder cannot be written, or a kept file is no model.
@@ -147,7 +150,8 @@ pub fn kept_model(truth: &Truth, recording: Recording, dataset: &Dataset) -> Mod
     found
 }
 
-/// `offset + amplitude sin(2 pi f t - pi/2)` grown from zero in 0.3 s, and the sample from which the error counts.
+/// `offset + amplitude sin(2 pi f t - pi/2)` grown from zero in 0.3 s, and the sample from which the error
+/// counts.
 fn sine_um(frequency_hz: f64, amplitude_um: f64) -> (Vec<f64>, usize) {
     let settle_s = 0.5;
     let duration_s = settle_s + (1.0 / frequency_hz).max(0.4);
@@ -197,7 +201,8 @@ pub struct AtWork {
     pub errors: Vec<ErrorFigures>,
     /// RMS motion at rest, mean removed, um.
     pub rest_um: f64,
-    /// True if it oscillates by itself: more motion at rest than its noise could make, or an error that is not bounded by the reference.
+    /// True if it oscillates by itself: more motion at rest than its noise could make, or an error that is
+    /// not bounded by the reference.
     pub unstable: bool,
 }
 
@@ -262,7 +267,8 @@ impl Plant for Changing {
     }
 }
 
-/// As [`rest_um`], but the stage is as it was recorded until it rests in the middle of its range, and changes slowly there: the drive is at no limit.
+/// As [`rest_um`], but the stage is as it was recorded until it rests in the middle of its range, and changes
+/// slowly there: the drive is at no limit.
 #[must_use]
 pub fn rest_after_slow_change_um(truth: &Truth, change: Change, design: &ServoDesign) -> f64 {
     let mut reference = vec![0.5 * truth.travel_um; waveform::samples_in(RATE_HZ, SLOW_CHANGE_S.0 + SLOW_CHANGE_S.1 + 0.6)];
@@ -287,8 +293,9 @@ fn motion_at_the_end_um(trace: &Trace) -> f64 {
     (tail.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / tail.len() as f64).sqrt()
 }
 
-/// The servo of a designer who knows the stage's modes: the same structure and candidates, hysteresis as identified, nothing unknown to be reckoned
-/// with, and of the best tunings on the grid and between its points the one that does better on the stage itself.
+/// The servo of a designer who knows the stage's modes: the same structure and candidates, hysteresis as
+/// identified, nothing unknown to be reckoned with, and of the best tunings on the grid and between its
+/// points the one that does better on the stage itself.
 #[must_use]
 pub fn designed_with_the_truth(truth: &Truth, chain: &Model) -> Option<ServoDesign> {
     let (mut model, _) = actuator_model(chain)?.for_the_tick();

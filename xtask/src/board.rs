@@ -10,7 +10,8 @@ pub fn program() -> PathBuf {
     built("hysteron-board")
 }
 
-/// The board in front of an independent stage (`board/emulator/examples/independent_stage.rs`), built with the tests.
+/// The board in front of an independent stage (`board/emulator/examples/independent_stage.rs`), built with
+/// the tests.
 pub fn independent_stage() -> Result<PathBuf, String> {
     build_as_tested()?;
     Ok(built("examples/independent_stage"))

@@ -10,7 +10,8 @@ fn starts(program: &str, argument: &str) -> bool {
     Command::new(program).arg(argument).output().is_ok_and(|output| output.status.success())
 }
 
-/// Sees to a browser. Without one the check goes on where it is not CI: the tests that need it say that they are skipped.
+/// Sees to a browser. Without one the check goes on where it is not CI: the tests that need it say that they
+/// are skipped.
 pub fn ensure() -> Result<(), String> {
     if let Some(name) = NAMES.iter().find(|name| starts(name, "--version")) {
         println!("   browser: {name}");

@@ -1,13 +1,15 @@
 //! Checks of the control interrupt's machine code, from the binary.
 //!
 //! # How it works
-//! Beginning at the interrupt's handler, every Thumb-2 instruction is walked (literal pools are skipped by the `$d`/`$t` mapping symbols), and
-//! every function that is called is walked in turn. The check fails on
+//! Beginning at the interrupt's handler, every Thumb-2 instruction is walked (literal pools are skipped by
+//! the `$d`/`$t` mapping symbols), and every function that is called is walked in turn. The check fails on
 //!
 //! * an instruction of the floating-point unit (coprocessors 10 and 11);
-//! * an undefined instruction, which is what an abort compiles to, if a jump or the instruction before it leads there
-//!   (the entry of a jump table for a value that no `enum` has is counted apart: only corrupted memory has it);
-//! * a call or jump that leaves the section: panics, formatting, logging and allocation all live in flash, so none of them is reachable;
+//! * an undefined instruction, which is what an abort compiles to, if a jump or the instruction before it
+//!   leads there (the entry of a jump table for a value that no `enum` has is counted apart: only corrupted
+//!   memory has it);
+//! * a call or jump that leaves the section: panics, formatting, logging and allocation all live in flash, so
+//!   none of them is reachable;
 //! * a call through a register, whose destination the binary does not tell.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -125,7 +127,8 @@ impl Walk {
     /// An instruction of 16 bits; whether the next one can follow it.
     fn narrow(&mut self, at: u64, instruction: u16, comes_here: bool) -> bool {
         if instruction & 0xFF00 == 0xDE00 {
-            // Behind code that never comes here the compiler leaves one; whether a jump leads to it is told at the end.
+            // Behind code that never comes here the compiler leaves one; whether a jump leads to it is told
+            // at the end.
             if comes_here {
                 self.jumps.insert(at);
             }
@@ -142,7 +145,8 @@ impl Walk {
         } else if instruction & 0xF500 == 0xB100 {
             self.jumps.insert(relative(at, i64::from((instruction >> 9 & 1) << 6 | (instruction >> 3 & 0x1F) << 1)));
         }
-        // B, BX, POP {.., pc}; conditional ones in an IT block are taken as ends too only when no abort follows them.
+        // B, BX, POP {.., pc}; conditional ones in an IT block are taken as ends too only when no abort
+        // follows them.
         !(instruction & 0xF800 == 0xE000 || instruction & 0xFF87 == 0x4700 || instruction & 0xFF00 == 0xBD00)
     }
 

@@ -1,4 +1,5 @@
-//! Files beside the sources: workflows, citation, licences. Each is judged by the tool of its format, in a virtual environment of their own.
+//! Files beside the sources: workflows, citation, licences. Each is judged by the tool of its format, in a
+//! virtual environment of their own.
 
 use crate::steps::{command, root};
 use crate::virtual_environment::kept;
@@ -32,7 +33,8 @@ pub fn lint() -> Result<(), String> {
     tool("reuse", &["lint", "--quiet"])
 }
 
-/// Names that nothing in a workflow defines, which neither schema nor audit looks for: jobs in `needs`, keys of a matrix, identifiers of steps.
+/// Names that nothing in a workflow defines, which neither schema nor audit looks for: jobs in `needs`, keys
+/// of a matrix, identifiers of steps.
 fn unknown_names(workflow: &str) -> Vec<String> {
     let jobs: Vec<(&str, &str)> = split_jobs(workflow);
     let mut faults = Vec::new();

@@ -1,7 +1,8 @@
-//! The lab as one page: the module for WebAssembly, the scripts of `lab/browser/web`, the example, all in `target/lab.html`.
+//! The lab as one page: the module for WebAssembly, the scripts of `lab/browser/web`, the example, all in
+//! `target/lab.html`.
 //!
-//! The module is built with the library without its default features, so that this step also shows that it builds for a browser: once as
-//! the page takes it, with the readers, and once checked bare.
+//! The module is built with the library without its default features, so that this step also shows that it
+//! builds for a browser: once as the page takes it, with the readers, and once checked bare.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;

@@ -1,4 +1,5 @@
-//! The library without its default features: what it may not depend on. That it builds for a browser is shown by [`crate::lab_page`].
+//! The library without its default features: what it may not depend on. That it builds for a browser is shown
+//! by [`crate::lab_page`].
 
 use std::collections::BTreeSet;
 

@@ -1,8 +1,9 @@
 //! Build and check chores: `cargo xtask check` is the test command of the project.
 //!
-//! `check` runs every step of [`steps`], announces each with its time, and stops at the first that fails. What a step
-//! needs and the machine lacks is installed where that is possible ([`toolchain`]), and said either way. No step is skipped
-//! silently: outside CI what is missing is named and the check fails; in CI (`CI=true`) likewise.
+//! `check` runs every step of [`steps`], announces each with its time, and stops at the first that fails.
+//! What a step needs and the machine lacks is installed where that is possible ([`toolchain`]), and said
+//! either way. No step is skipped silently: outside CI what is missing is named and the check fails; in CI
+//! (`CI=true`) likewise.
 
 mod board;
 mod board_tune;

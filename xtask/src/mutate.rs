@@ -1,11 +1,13 @@
 //! Takes one line of safety out of the firmware at a time, and asks whether an emulated test notices.
 //!
 //! # How it works
-//! `firmware/mutations.toml` lists what is taken out, what is put there instead, and which emulated test must fail then. A mutation is made in a copy of the
-//! sources in `target/mutation`, with a build directory of its own; the test that is run is this checkout's, told by [`IMAGES`] where the images
-//! are. Each named test is run on the copy without any mutation first: a test that fails anyway says nothing.
+//! `firmware/mutations.toml` lists what is taken out, what is put there instead, and which emulated test must
+//! fail then. A mutation is made in a copy of the sources in `target/mutation`, with a build directory of its
+//! own; the test that is run is this checkout's, told by [`IMAGES`] where the images are. Each named test is
+//! run on the copy without any mutation first: a test that fails anyway says nothing.
 //!
-//! A run that does not end within [`MOST_TEST_S`] is ended; a part that only goes on restarting does that. It counts as noticed, and the table says so.
+//! A run that does not end within [`MOST_TEST_S`] is ended; a part that only goes on restarting does that. It
+//! counts as noticed, and the table says so.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -238,7 +240,8 @@ fn first_words(said: &str) -> String {
     format!("{place}: {short}")
 }
 
-/// Copies a file or a folder without its build directory, and only what has changed, so that nothing else is built anew.
+/// Copies a file or a folder without its build directory, and only what has changed, so that nothing else is
+/// built anew.
 fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
     if from.is_file() {
         let bytes = fs::read(from)?;

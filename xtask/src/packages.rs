@@ -1,4 +1,5 @@
-//! What is published: complete manifests, in an order in which each package finds those that it needs, packed and built from the packed files alone.
+//! What is published: complete manifests, in an order in which each package finds those that it needs, packed
+//! and built from the packed files alone.
 
 use std::collections::BTreeSet;
 use std::process::Command;

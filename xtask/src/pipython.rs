@@ -1,4 +1,5 @@
-//! A stranger's program in front of the emulated board: PIPython as PyPI has it, in a virtual environment of its own.
+//! A stranger's program in front of the emulated board: PIPython as PyPI has it, in a virtual environment of
+//! its own.
 
 use crate::board;
 use crate::emulated_board::{EmulatedBoard, words_of_board};

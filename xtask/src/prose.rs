@@ -1,6 +1,8 @@
-//! How pages, comments and messages are written: words in a sentence, words that have a better one, long lines.
+//! How pages, comments and messages are written: words in a sentence, words that have a better one, long
+//! lines.
 //!
-//! Markdown pages have sentences. Of sources, comments and long strings are searched for words only: a comment is often no sentence.
+//! Markdown pages have sentences. Of sources, comments and long strings are searched for words only: a
+//! comment is often no sentence.
 
 use std::path::Path;
 use std::process::Command;
@@ -47,7 +49,8 @@ fn words(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// How many words a sentence has: a hyphen joins, code in backticks is one word, the target of a link is none.
+/// How many words a sentence has: a hyphen joins, code in backticks is one word, the target of a link is
+/// none.
 fn number_of_words(sentence: &str) -> usize {
     let (mut plain, mut in_code) = (String::new(), false);
     for part in sentence.split('`') {
@@ -66,7 +69,8 @@ fn number_of_words(sentence: &str) -> usize {
     text.split(|c: char| !joins(c)).filter(|word| word.chars().any(char::is_alphanumeric)).count()
 }
 
-/// Sentences of a paragraph with the byte at which each begins. A colon or a semicolon ends one as a full stop does.
+/// Sentences of a paragraph with the byte at which each begins. A colon or a semicolon ends one as a full
+/// stop does.
 fn sentences(paragraph: &str) -> Vec<(usize, &str)> {
     let (mut found, mut begin, mut in_code) = (Vec::new(), 0, false);
     let mut characters = paragraph.char_indices().peekable();
@@ -102,7 +106,8 @@ fn banned(text: &str) -> Vec<(&'static str, &'static str)> {
     BANNED.lines().filter_map(|line| line.split_once(" = ")).filter(|(sequence, _)| stands(sequence)).collect()
 }
 
-/// Paragraphs of a page without code, tables, headings and what a program writes between marks: lines with their numbers.
+/// Paragraphs of a page without code, tables, headings and what a program writes between marks: lines with
+/// their numbers.
 fn paragraphs(page: &str) -> Vec<Vec<(usize, &str)>> {
     let (mut all, mut current, mut in_code, mut in_list) = (Vec::new(), Vec::new(), false, false);
     let mut is_generated = false;
@@ -254,7 +259,8 @@ fn print_places(file: &str, figures: &Figures) {
     figures.long_lines.iter().for_each(|(line, columns)| println!("{file}:{line}: {columns} columns"));
 }
 
-/// A table by file, or the places in the files that are named. What passes a limit in a page is an error; with `--strict` in a source as well.
+/// A table by file, or the places in the files that are named. What passes a limit in a page is an error;
+/// with `--strict` in a source as well.
 ///
 /// # Errors
 /// What cannot be read, and what passes a limit.

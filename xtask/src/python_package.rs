@@ -1,5 +1,5 @@
-//! The Python package: its wheel, installed into a fresh virtual environment and tried there against the program; and the formats of other
-//! libraries, written by them for the tests of library and program.
+//! The Python package: its wheel, installed into a fresh virtual environment and tried there against the
+//! program; and the formats of other libraries, written by them for the tests of library and program.
 
 use std::path::Path;
 
@@ -7,8 +7,8 @@ use crate::dependency_tree::packages;
 use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root};
 use crate::virtual_environment::{fresh, install, kept};
 
-/// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the formats that are read, and the cluster of
-/// the example, and what runs a notebook.
+/// What the tests of package and formats use: the builder of wheels, a checker of types, the libraries of the
+/// formats that are read, and the cluster of the example, and what runs a notebook.
 const TOOLS: [&str; 12] =
     ["maturin", "mypy", "numpy", "scipy", "h5py", "npTDMS", "pyarrow", "pandas", "openpyxl", "dask[distributed]", "nbclient", "ipykernel"];
 
@@ -27,7 +27,8 @@ fn emptied(folder: &Path) -> Result<(), String> {
 /// Each package with its features.
 const WITH_FEATURES: &str = "{p} {f}";
 
-/// A package with other features than the tests' is built once more for the wheel, and so is all that stands on it: with one such the library was.
+/// A package with other features than the tests' is built once more for the wheel, and so is all that stands
+/// on it: with one such the library was.
 fn shares_what_the_tests_have_built() -> Result<(), String> {
     let of_the_tests = packages(&["--workspace", "--features", "hysteron-cli/full", "--edges", "normal,build,dev"], WITH_FEATURES)?;
     let of_the_wheel = packages(&["--package", "hysteron-python", "--edges", "normal,build"], WITH_FEATURES)?;

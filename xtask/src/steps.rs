@@ -1,8 +1,10 @@
 //! The steps of `cargo xtask check`, and how they are run.
 //!
-//! `check` runs two lines of steps side by side: those of the host, and those of other targets (WebAssembly, the firmware, the emulated part) as a second
-//! process, whose output is a file that is shown at the end. Compilers use all processors and wait for one another at the folder of artifacts, as cargo
-//! sees to; many tests use one. What either would install is installed before. Where one line fails the other ends with the step that it is at.
+//! `check` runs two lines of steps side by side: those of the host, and those of other targets (WebAssembly,
+//! the firmware, the emulated part) as a second process, whose output is a file that is shown at the end.
+//! Compilers use all processors and wait for one another at the folder of artifacts, as cargo sees to; many
+//! tests use one. What either would install is installed before. Where one line fails the other ends with the
+//! step that it is at.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -169,7 +171,8 @@ pub fn run(steps: &[Step]) -> Result<(), String> {
     Ok(())
 }
 
-/// Runs the steps in order until one fails, or what goes on beside them has. A line for each goes to the summary.
+/// Runs the steps in order until one fails, or what goes on beside them has. A line for each goes to the
+/// summary.
 fn run_until(steps: &[Step], summary: &mut String, mut failed_beside: impl FnMut() -> bool) -> Result<(), String> {
     for (number, step) in steps.iter().enumerate() {
         if failed_beside() {
@@ -195,8 +198,8 @@ fn run_one(name: &str, action: fn() -> Result<(), String>) -> Result<String, Str
     Ok(line)
 }
 
-/// Seconds of processor that programs started by this one have taken and ended, where the system tells (Linux): what a step costs does not depend on
-/// what runs beside it.
+/// Seconds of processor that programs started by this one have taken and ended, where the system tells
+/// (Linux): what a step costs does not depend on what runs beside it.
 fn processor_s() -> Option<f64> {
     const TICKS_PER_S: f64 = 100.0;
     let status = std::fs::read_to_string("/proc/self/stat").ok()?;
@@ -224,14 +227,15 @@ pub fn built(name: &str) -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), Into::into).join("release").join(name)
 }
 
-/// Builds the workspace as its tests have it, for a step that needs its programs: a build without them has other features of its dependencies
-/// and would begin anew.
+/// Builds the workspace as its tests have it, for a step that needs its programs: a build without them has
+/// other features of its dependencies and would begin anew.
 pub fn build_as_tested() -> Result<(), String> {
     cargo(&[&["test", "--quiet", "--no-run"], &AS_TESTED[..]].concat(), &root(), &[])
 }
 
 /// The workspace with all features, in one profile: tests, lints and programs share what they are built with.
-/// The emulated part declares a newer compiler than it needs; Cargo.lock names versions that build on this one.
+/// The emulated part declares a newer compiler than it needs; Cargo.lock names versions that build on this
+/// one.
 pub const AS_TESTED: [&str; 5] = ["--release", "--workspace", "--features", "hysteron-cli/full", "--ignore-rust-version"];
 
 /// Runs a command in a folder of the repository and fails with its own words.
@@ -313,11 +317,12 @@ fn variables(skipped: &str) -> [(&str, &str); 2] {
 
 const EMULATOR: &str = "board/emulator";
 
-/// Of the property tests: a check says the same of the same sources every time. `cargo test` alone draws other cases each time, and finds more.
+/// Of the property tests: a check says the same of the same sources every time. `cargo test` alone draws
+/// other cases each time, and finds more.
 const SAME_RANDOM_CASES: (&str, &str) = ("PROPTEST_RNG_SEED", "20260101");
 
-/// Writes the tables that documentation has from the code: effects in docs/reference/list_of_effects.md, formats in docs/reference/formats.md. The same tests fail in `host_tests`
-/// where one is stale.
+/// Writes the tables that documentation has from the code: effects in docs/reference/list_of_effects.md,
+/// formats in docs/reference/formats.md. The same tests fail in `host_tests` where one is stale.
 pub fn write_tables() -> Result<(), String> {
     for [test, name] in [["readme", "the_table_in_the_readme"], ["formats", "the_table_of_formats"]] {
         let filter = format!("{test}::{name}");
@@ -346,21 +351,24 @@ fn firmware_images() -> Result<(), String> {
     toolchain.build(&toolchain::FIRMWARE, &folder, &[])
 }
 
-/// What the image may take; a change that needs more says so by changing these numbers.
-/// 1 KiB of it looks at what is typed before it acts, 3 KiB let another block take over the running loop, 2 KiB adapt the gain of its model.
-/// 5 KiB more, up to the memory of the NUCLEO-G474RE, are the sliding-mode law, the self-test, the judgement of a conditioning, waveforms of two quantities, and the log of faults.
+/// What the image may take; a change that needs more says so by changing these numbers. 1 KiB of it looks at
+/// what is typed before it acts, 3 KiB let another block take over the running loop, 2 KiB adapt the gain of
+/// its model. 5 KiB more, up to the memory of the NUCLEO-G474RE, are the sliding-mode law, the self-test, the
+/// judgement of a conditioning, waveforms of two quantities, and the log of faults.
 const MOST_CONTROL_CODE_BYTES: u64 = 32 * 1024;
-/// 12 KiB of it are blocks, diagnosis and recorded codes over the serial port, 4 KiB the supply, the option bytes and the host that is missed,
-/// 4 KiB the figures of the closed loop and the alarm of its resonance, 5 KiB the block that takes over, 3 KiB the gain that is adapted, 2 KiB codes of
-/// up to 20 bits: how many the block says, frames as long as they are, samples that are packed and unpacked.
-/// 49 KiB more are the safety envelope, arming, the self-test, the sliding-mode law and the log of faults over both channels.
+/// 12 KiB of it are blocks, diagnosis and recorded codes over the serial port, 4 KiB the supply, the option
+/// bytes and the host that is missed, 4 KiB the figures of the closed loop and the alarm of its resonance, 5
+/// KiB the block that takes over, 3 KiB the gain that is adapted, 2 KiB codes of up to 20 bits: how many the
+/// block says, frames as long as they are, samples that are packed and unpacked. 49 KiB more are the safety
+/// envelope, arming, the self-test, the sliding-mode law and the log of faults over both channels.
 const MOST_FLASH_BYTES: u64 = 243 * 1024;
-/// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors, 1 of its filters, twice; 1 KiB is a
-/// block that waits to take over.
-/// 2 KiB are the log of faults and the sliding-mode law's parameters and state.
+/// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors,
+/// 1 of its filters, twice; 1 KiB is a block that waits to take over. 2 KiB are the log of faults and the
+/// sliding-mode law's parameters and state.
 const MOST_RAM_BYTES: u64 = 73 * 1024;
-/// Of the 76 KiB of the NUCLEO-G474RE: what is left for the stack is 1.7 KiB more than the same program uses of the other board's. 0.7 KiB of it are the
-/// gain that is adapted: the coefficients that depend on it, twice.
+/// Of the 76 KiB of the NUCLEO-G474RE: what is left for the stack is 1.7 KiB more than the same program uses
+/// of the other board's. 0.7 KiB of it are the gain that is adapted: the coefficients that depend on it,
+/// twice.
 const MOST_G474RE_RAM_BYTES: u64 = 45 * 1024;
 
 fn control_code() -> Result<(), String> {
@@ -387,7 +395,8 @@ fn check_image(name: &str, image: &Path, most_ram_bytes: u64) -> Result<(), Stri
     Ok(())
 }
 
-/// No probe is at hand: what is tested is what is looked at before and around it. In the profile that is built fastest.
+/// No probe is at hand: what is tested is what is looked at before and around it. In the profile that is
+/// built fastest.
 fn probe_tests() -> Result<(), String> {
     cargo(&["test", "--quiet", "--locked"], &root().join("board/probe"), &[])
 }

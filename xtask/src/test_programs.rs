@@ -1,4 +1,5 @@
-//! The programs of the tests: built once with all features, run one after the other, with the time of every test.
+//! The programs of the tests: built once with all features, run one after the other, with the time of every
+//! test.
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader};

@@ -1,7 +1,8 @@
 //! Finds or installs a compiler for another target: that of the firmware, or WebAssembly.
 //!
-//! First rustup's target, the usual way. Where rustup cannot download (a closed build machine) the distribution's compiler is
-//! taken, which brings the library's source beside it; the standard library is then built on the way.
+//! First rustup's target, the usual way. Where rustup cannot download (a closed build machine) the
+//! distribution's compiler is taken, which brings the library's source beside it; the standard library is
+//! then built on the way.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! Python in environments of its own, with packages from PyPI: what the check installs leaves the machine's Python alone.
+//! Python in environments of its own, with packages from PyPI: what the check installs leaves the machine's
+//! Python alone.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -35,7 +36,8 @@ pub fn fresh(folder: &str) -> Result<PathBuf, String> {
     Ok(folder.join("bin/python"))
 }
 
-/// An environment under `target` with these packages, made once and again where the list has changed; its interpreter.
+/// An environment under `target` with these packages, made once and again where the list has changed; its
+/// interpreter.
 pub fn kept(folder: &str, packages: &[&str]) -> Result<PathBuf, String> {
     let place = root().join("target").join(folder);
     let (python, installed, list) = (place.join("bin/python"), place.join("installed.txt"), packages.join("\n"));

@@ -1,9 +1,10 @@
 //! From the target's own log to the effect that a model misses: nothing in it was recorded on the host.
 //!
-//! The tests on the emulated target leave the log of the drive that the image played on an actuator with hysteresis, a first rise, one mode and
-//! creep. Here it becomes a data set; `explain` begins without creep and must find creep and nothing else. The creep of the thesis has a pair of
-//! complex poles (Ch. 5, Eq. 17), which no known effect has: that something is left above the noise is right to be said. A servo is
-//! designed from the model that it comes to, down to the parameter block.
+//! The tests on the emulated target leave the log of the drive that the image played on an actuator with
+//! hysteresis, a first rise, one mode and creep. Here it becomes a data set; `explain` begins without creep
+//! and must find creep and nothing else. The creep of the thesis has a pair of complex poles (Ch. 5, Eq. 17),
+//! which no known effect has: that something is left above the noise is right to be said. A servo is designed
+//! from the model that it comes to, down to the parameter block.
 
 use crate::steps::{AS_TESTED, build_as_tested, built, cargo, command, root, skipped_file};
 use crate::{browser, lab_page, toolchain};
@@ -37,8 +38,8 @@ pub fn run() -> Result<(), String> {
     let findings: Vec<Vec<String>> = diagnosis["findings"].as_array().into_iter().flatten().map(|one| texts(&one["effects"])).collect();
     let named = texts(&diagnosis["named"]);
     let error_nm = |when: &str, role: &str| diagnosis[when][role].as_f64().map_or(f64::INFINITY, |um| 1e3 * um);
-    // The image's stage is no model of the library, and what is left is some five times the noise: what lowers that may stand behind what is missed most, and
-    // nothing else has a name.
+    // The image's stage is no model of the library, and what is left is some five times the noise: what
+    // lowers that may stand behind what is missed most, and nothing else has a name.
     if findings.first().is_none_or(|first| first != &[HIDDEN]) || named.iter().any(|id| id != HIDDEN) {
         return Err(format!("the diagnosis finds {findings:?} and names {named:?}, not {HIDDEN} first and nothing else"));
     }

@@ -37,7 +37,8 @@ pub struct Board {
     pub identification: String,
 }
 
-/// The one command that need not wait for its turn: the board obeys its byte wherever it stands between others.
+/// The one command that need not wait for its turn: the board obeys its byte wherever it stands between
+/// others.
 pub struct Stopper(Port);
 
 impl Stopper {
@@ -51,7 +52,8 @@ impl Stopper {
 }
 
 impl Board {
-    /// Opens the port and greets the board. `baud` is the speed for the rest of the conversation; without one it stays as it is.
+    /// Opens the port and greets the board. `baud` is the speed for the rest of the conversation; without one
+    /// it stays as it is.
     ///
     /// # Errors
     /// The port cannot be opened, nobody answers, or somebody else does.
@@ -304,7 +306,8 @@ impl Board {
         Err(Error::new("ARM", format!("the self-test ended with `{found}`. {}", what_to_do(found))))
     }
 
-    /// Conditions the actuator and zeroes the sensor, behind the self-test where the amplifier is not armed yet.
+    /// Conditions the actuator and zeroes the sensor, behind the self-test where the amplifier is not armed
+    /// yet.
     ///
     /// # Errors
     /// The board refuses, or a fault ended it.

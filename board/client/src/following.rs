@@ -1,4 +1,5 @@
-//! How well the closed loop followed over the last second, as the board's telemetry has it, in words and units.
+//! How well the closed loop followed over the last second, as the board's telemetry has it, in words and
+//! units.
 
 use crate::board::Board;
 use crate::error::{Error, Result};
@@ -29,7 +30,8 @@ pub struct Following {
 }
 
 impl Following {
-    /// Asks the board; `diagnosis` is what it answered `DIA?`. `None` where its loop was closed for no whole second yet, or its image is older.
+    /// Asks the board; `diagnosis` is what it answered `DIA?`. `None` where its loop was closed for no whole
+    /// second yet, or its image is older.
     ///
     /// # Errors
     /// It does not answer, or with something else.

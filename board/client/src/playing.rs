@@ -1,9 +1,10 @@
 //! Waves that the board plays, and what its recorder saw of them.
 //!
 //! # How it works
-//! The points go to wave table 1 and the generator starts the recorder, which begins a tick behind it: a drive that is held for as many ticks as lie
-//! between two samples does not change between them. What is read are codes, in lines with a checksum (`hysteron_protocol::code_lines`); a
-//! line that the cable garbled is asked for again.
+//! The points go to wave table 1 and the generator starts the recorder, which begins a tick behind it: a
+//! drive that is held for as many ticks as lie between two samples does not change between them. What is read
+//! are codes, in lines with a checksum (`hysteron_protocol::code_lines`); a line that the cable garbled is
+//! asked for again.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

@@ -6,7 +6,8 @@ use hysteron_core::parameter_block::fingerprint;
 use crate::board::Board;
 use crate::error::{Error, Result};
 
-/// Brings a block, restarts the board with it and sees that it is the one in use. The drive must be at rest; `baud` is the speed of the conversation.
+/// Brings a block, restarts the board with it and sees that it is the one in use. The drive must be at rest;
+/// `baud` is the speed of the conversation.
 ///
 /// # Errors
 /// The board refuses it, and says why; or another block is in use after the restart.
@@ -18,8 +19,8 @@ pub fn upload(board: &mut Board, block: &[u8], baud: Option<u32>) -> Result<()> 
     expect_in_use(board, block, "after the restart")
 }
 
-/// Brings a block and lets it take the place of the running one, at rest or with the loop closed, without a step of the drive. It is not kept in the
-/// flash: a restart takes the block that is.
+/// Brings a block and lets it take the place of the running one, at rest or with the loop closed, without a
+/// step of the drive. It is not kept in the flash: a restart takes the block that is.
 ///
 /// # Errors
 /// The board refuses it, and says why: the running block goes on.
@@ -28,10 +29,12 @@ pub fn swap(board: &mut Board, block: &[u8]) -> Result<()> {
     expect_in_use(board, block, "after the swap")
 }
 
-/// Brings a safety envelope and restarts the board with it. `checksum` names it once more: the board keeps no other.
+/// Brings a safety envelope and restarts the board with it. `checksum` names it once more: the board keeps no
+/// other.
 ///
 /// # Errors
-/// The power stage is on or the drive does not rest; the board refuses the envelope, and says why; or another one is in force after the restart.
+/// The power stage is on or the drive does not rest; the board refuses the envelope, and says why; or another
+/// one is in force after the restart.
 pub fn keep_envelope(board: &mut Board, envelope: &[u8], checksum: u32, baud: Option<u32>) -> Result<()> {
     bring(board, envelope, &format!("ENVELOPE {checksum:#010x}"), "KEPT")?;
     board.send(b"RBT\n")?;

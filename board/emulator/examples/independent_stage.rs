@@ -1,7 +1,9 @@
-//! The emulated board, its flash empty, in front of a stage of other equations than the simulation's (`tests/src/independent_stage.rs`).
+//! The emulated board, its flash empty, in front of a stage of other equations than the simulation's
+//! (`tests/src/independent_stage.rs`).
 //!
-//! `independent_stage SEED IMAGE FRONT_END TRUTH`: the stage is drawn from the seed, the wiring is a file as `hysteron design` takes it, and what the
-//! stage really does is written to TRUTH. The serial port is on a free port of 127.0.0.1, which the first line says. Runs until it is interrupted.
+//! `independent_stage SEED IMAGE FRONT_END TRUTH`: the stage is drawn from the seed, the wiring is a file as
+//! `hysteron design` takes it, and what the stage really does is written to TRUTH. The serial port is on a
+//! free port of 127.0.0.1, which the first line says. Runs until it is interrupted.
 
 // The stage stands beside the tests of the servo and shares no crate with the emulated part.
 #[path = "../../../tests/src/independent_stage.rs"]

@@ -19,8 +19,8 @@ use crate::serial_line::{SerialPeer, SharedLine};
 /// Name of the part on the board.
 pub const PART: &str = "stm32h743";
 
-/// Instructions that the emulated core retires in a second of virtual time. A Cortex-M7 at 400 MHz retires between half and
-/// two of them in a cycle; this is a slow one.
+/// Instructions that the emulated core retires in a second of virtual time. A Cortex-M7 at 400 MHz retires
+/// between half and two of them in a cycle; this is a slow one.
 pub const INSTRUCTIONS_PER_SECOND: u64 = 250_000_000;
 
 /// The board.
@@ -55,7 +55,8 @@ impl SafetyLine {
     pub const ALL: [Self; 3] = [Self::EmergencyStop, Self::Interlock, Self::AmplifierReady];
 }
 
-/// With this many every instruction is one count of the part's cycle counter, so that the counter counts instructions.
+/// With this many every instruction is one count of the part's cycle counter, so that the counter counts
+/// instructions.
 pub const ONE_INSTRUCTION_PER_CYCLE: u64 = 400_000_000;
 
 /// Position of USART3, the debugger's virtual COM port, among the part's serial ports.
@@ -90,8 +91,9 @@ impl NucleoBoard {
         self.mcu.drive_port(at, PORT_E, |port, registers, context| port.drive(pin, level, registers, context));
     }
 
-    /// Changes the part's supply, mV. Whether the voltage detector asks for its interrupt by that: its output rises, and the image has chosen a
-    /// rising edge of its line of the EXTI, 16, and not masked it. The emulated detector is not connected to the EXTI.
+    /// Changes the part's supply, mV. Whether the voltage detector asks for its interrupt by that: its output
+    /// rises, and the image has chosen a rising edge of its line of the EXTI, 16, and not masked it. The
+    /// emulated detector is not connected to the EXTI.
     pub fn set_supply(&mut self, millivolts: u32) -> bool {
         let before = self.detector_says_low();
         self.mcu.set_supply(millivolts);
@@ -104,7 +106,8 @@ impl NucleoBoard {
         self.mcu.bus().registers("PWR").is_some_and(|registers| registers.get(pwr::Register::Csr1) >> 4 & 1 == 1)
     }
 
-    /// Whether the board lets the amplifier's power stage work; a pin that floats does not, there is a resistor to ground on it.
+    /// Whether the board lets the amplifier's power stage work; a pin that floats does not, there is a
+    /// resistor to ground on it.
     pub fn enables(&mut self) -> bool {
         self.is_high(ENABLE_PIN)
     }

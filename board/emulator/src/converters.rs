@@ -1,13 +1,15 @@
 //! The converters of the SPI front end, with the float plant behind them, in virtual time.
 //!
 //! # How it works
-//! Each SPI word carries its instant. The first read of the sensor fixes the phase of the sample clock's edges; from then on every
-//! edge that has passed carries the plant over one period under the code that acted, and only then lets the code that was written
-//! before act. The plant, the noise and the order of both are those of the host's simulation, so the codes can be compared bit by bit.
+//! Each SPI word carries its instant. The first read of the sensor fixes the phase of the sample clock's
+//! edges; from then on every edge that has passed carries the plant over one period under the code that
+//! acted, and only then lets the code that was written before act. The plant, the noise and the order of both
+//! are those of the host's simulation, so the codes can be compared bit by bit.
 //!
-//! The drive's converter wakes up, from power and from the part's reset (RESET on NRST, as the wiring page has it), with its output clamped to
-//! ground and code 0, the lowest drive, in its register; a clamp that is removed before the register was written shows. A code that is written while
-//! the sample clock does not beat acts when its frame ends, because the firmware then holds LDAC low; so does one that is written
+//! The drive's converter wakes up, from power and from the part's reset (RESET on NRST, as the wiring page
+//! has it), with its output clamped to ground and code 0, the lowest drive, in its register; a clamp that is
+//! removed before the register was written shows. A code that is written while the sample clock does not beat
+//! acts when its frame ends, because the firmware then holds LDAC low; so does one that is written
 //! [`BY_HAND_NS`] or more after the last reading, when only a handler of faults still writes.
 
 use std::sync::{Arc, Mutex};
@@ -23,11 +25,12 @@ use rigless::chip::spi::Peer;
 /// The sample clock's period, ns.
 pub const PERIOD_NS: u64 = 50_000;
 
-/// Silence of the target after which its next read begins a new phase of the sample clock: a restart takes milliseconds.
+/// Silence of the target after which its next read begins a new phase of the sample clock: a restart takes
+/// milliseconds.
 const RESTARTED_NS: u64 = 400_000;
 
-/// Time since the last reading after which a frame acts when it ends: the tick writes within microseconds of its reading, and a handler of
-/// faults holds LDAC low.
+/// Time since the last reading after which a frame acts when it ends: the tick writes within microseconds of
+/// its reading, and a handler of faults holds LDAC low.
 const BY_HAND_NS: u64 = 30_000;
 
 /// What is wrong with the sensor, and when (edges, from included, to excluded).
@@ -75,7 +78,8 @@ pub struct World {
     pub wire: bool,
     /// Troubles of the sensor.
     pub troubles: Vec<SensorTrouble>,
-    /// Edges at which the drive's converter loses its supply and gets it again: clamped to ground, its register empty.
+    /// Edges at which the drive's converter loses its supply and gets it again: clamped to ground, its
+    /// register empty.
     pub converter_brown_outs: Vec<u64>,
     /// At each edge: the code that the sensor gave and the code that acts from it on.
     pub codes: Vec<(SensorCode, DriveCode)>,
@@ -138,7 +142,8 @@ impl World {
         Arc::new(Mutex::new(self))
     }
 
-    /// One edge of the sample clock: the period before it ends, the code written in it begins to act, the sensor is sampled.
+    /// One edge of the sample clock: the period before it ends, the code written in it begins to act, the
+    /// sensor is sampled.
     pub fn edge(&mut self) -> SensorCode {
         if self.edges > 0 {
             self.plant.advance(self.scale.drive_v(self.acting_code), 0.0);
@@ -278,7 +283,8 @@ impl Peer for SensorConverter {
     }
 }
 
-/// The drive's converter: 24-bit words, of which the top four bits choose the register and the others are its code of 20 bits.
+/// The drive's converter: 24-bit words, of which the top four bits choose the register and the others are its
+/// code of 20 bits.
 #[derive(Debug)]
 pub struct DriveConverter {
     world: SharedWorld,

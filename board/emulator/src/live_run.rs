@@ -1,4 +1,5 @@
-//! A run without an end, for programs outside: the serial port on a shared line, the log as it comes, virtual time held to that of the clock.
+//! A run without an end, for programs outside: the serial port on a shared line, the log as it comes, virtual
+//! time held to that of the clock.
 //!
 //! Where the emulated part is faster than its hardware it waits; where it is slower, the programs outside do.
 
@@ -73,7 +74,8 @@ impl Driver<NucleoBoard> for Live {
 /// Runs the image on the board until the process ends; `log` gets every message with its level.
 ///
 /// # Errors
-/// The image cannot be read or placed, has no RTT control block or defmt table, or the emulated part refused something.
+/// The image cannot be read or placed, has no RTT control block or defmt table, or the emulated part refused
+/// something.
 pub fn run_live(
     elf: &Path,
     board: NucleoBoard,

@@ -1,4 +1,5 @@
-//! The probe's side of SEGGER's real-time transfer (RTT): ring buffers in the target's memory, read and written while it runs.
+//! The probe's side of SEGGER's real-time transfer (RTT): ring buffers in the target's memory, read and
+//! written while it runs.
 
 use rigless::emulator::Memory;
 use rigless::soc::Width;

@@ -1,4 +1,5 @@
-//! One run of the image: the emulated part, a probe that serves RTT every so often of virtual time, and the decoded log.
+//! One run of the image: the emulated part, a probe that serves RTT every so often of virtual time, and the
+//! decoded log.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -30,8 +31,8 @@ const SETTINGS: [u64; 2] = [0x081C_0000, 0x081E_0000];
 /// Where the safety envelope stands.
 const ENVELOPE: u64 = 0x0818_0000;
 
-/// The envelope of the emulated bench: -20..120 V on 20 bits, of which what the reference actuator bears may act. Its guards are as wide as the widest test of
-/// the guard asks for.
+/// The envelope of the emulated bench: -20..120 V on 20 bits, of which what the reference actuator bears may
+/// act. Its guards are as wide as the widest test of the guard asks for.
 #[must_use]
 pub fn bench_envelope() -> SafetyEnvelope {
     SafetyEnvelope {
@@ -80,7 +81,8 @@ pub fn envelope_bytes(envelope: &SafetyEnvelope) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
-/// The first address behind the flash: what reads a word there has a bus error, as at a word that is damaged, and is meant to survive it.
+/// The first address behind the flash: what reads a word there has a bus error, as at a word that is damaged,
+/// and is meant to survive it.
 const BEYOND_FLASH: u64 = 0x0820_0000;
 
 /// What the probe does in a run.
@@ -254,8 +256,9 @@ impl Probe {
     }
 }
 
-/// The part's independent watchdog, which the emulated part keeps the registers of and nothing more: 32 kHz by the prescaler, counted down
-/// from the reload value, started by any key of its set-up and fed by the key 0xAAAA. Looked at once a millisecond.
+/// The part's independent watchdog, which the emulated part keeps the registers of and nothing more: 32 kHz
+/// by the prescaler, counted down from the reload value, started by any key of its set-up and fed by the key
+/// 0xAAAA. Looked at once a millisecond.
 #[derive(Debug, Default)]
 pub struct Watchdog {
     running: bool,
@@ -307,7 +310,8 @@ fn restart(session: &mut Session<NucleoBoard>, stop: Stop, flags: u64, host: &mu
 
 /// The voltage detector's interrupt (RM0433, table 147).
 const DETECTOR_INTERRUPT: Option<InterruptLine> = InterruptLine::new(1);
-/// For so long the interrupt is asked for: far longer than the processor takes to begin with it, and shorter than a restart.
+/// For so long the interrupt is asked for: far longer than the processor takes to begin with it, and shorter
+/// than a restart.
 const DETECTOR_PULSE_NS: u64 = 20_000;
 
 impl Driver<NucleoBoard> for Probe {
@@ -431,7 +435,8 @@ pub(crate) fn prepare(
 /// Runs the image on the board.
 ///
 /// # Errors
-/// The image cannot be read or placed, has no RTT control block or defmt table, or the emulated part refused something.
+/// The image cannot be read or placed, has no RTT control block or defmt table, or the emulated part refused
+/// something.
 pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
     let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
     let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;

@@ -1,4 +1,5 @@
-//! A board that runs: the image on the emulated part, in front of whatever stage, with its serial port on a socket.
+//! A board that runs: the image on the emulated part, in front of whatever stage, with its serial port on a
+//! socket.
 
 use std::io::{BufWriter, Write};
 use std::net::{SocketAddr, TcpListener};
@@ -15,7 +16,8 @@ use crate::serial_socket;
 /// Lines of the true motion that are written at once.
 const LINES_AT_ONCE: u32 = 1000;
 
-/// Writes the true motion as lines of text: at every edge of the sample clock the codes of sensor and drive and the position, um.
+/// Writes the true motion as lines of text: at every edge of the sample clock the codes of sensor and drive
+/// and the position, um.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -39,8 +41,8 @@ pub fn witness(path: &Path) -> Result<Witness, String> {
     }))
 }
 
-/// Runs the image until the process is interrupted, and says first, on a line of its own, where its serial port is. `block` is in the flash at
-/// the start, and the safety envelope of the bench.
+/// Runs the image until the process is interrupted, and says first, on a line of its own, where its serial
+/// port is. `block` is in the flash at the start, and the safety envelope of the bench.
 ///
 /// # Errors
 /// The address cannot be listened at, or the image does not run.

@@ -1,7 +1,8 @@
 //! The bridge between a socket and the board's serial line: one program at a time, the next when it has gone.
 //!
-//! What the board says goes on in whole lines. A program may rely on that without knowing: PIPython 2.11 takes a record for empty when what it
-//! has received so far ends in `# END_HEADER`, before the line's own end.
+//! What the board says goes on in whole lines. A program may rely on that without knowing: PIPython 2.11
+//! takes a record for empty when what it has received so far ends in `# END_HEADER`, before the line's own
+//! end.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -48,7 +49,8 @@ fn bridge(mut stream: TcpStream, line: &SharedLine) -> std::io::Result<()> {
     }
 }
 
-/// Takes the lines that have come to their end; what has begun stays. Every answer of the board ends in a line feed.
+/// Takes the lines that have come to their end; what has begun stays. Every answer of the board ends in a
+/// line feed.
 fn whole_lines(line: &mut SerialLine) -> Vec<u8> {
     let ended = line.from_part.iter().rposition(|(_, byte)| *byte == b'\n').map_or(0, |last| last + 1);
     line.from_part.drain(..ended).map(|(_, byte)| byte).collect()

@@ -53,7 +53,8 @@ fn choose<P>(mut probes: Vec<P>, name: impl Fn(&P) -> String) -> Result<P> {
 /// A session with the chip, which goes on as it was.
 ///
 /// # Errors
-/// No probe, several, one that cannot be opened; no chip behind it, or another one; a chip whose flash is protected.
+/// No probe, several, one that cannot be opened; no chip behind it, or another one; a chip whose flash is
+/// protected.
 pub fn connect(selector: Option<&str>) -> Result<Session> {
     let lister = Lister::new();
     let wanted = match selector {

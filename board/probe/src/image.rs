@@ -7,9 +7,11 @@ use object::{Object, ObjectSection, ObjectSymbol};
 use std::ops::Range;
 use std::path::Path;
 
-/// Flash for the program: bank 1 of the STM32H743ZI (RM0433, 4.3; `memory.x`). The parameter blocks in bank 2 are not touched.
+/// Flash for the program: bank 1 of the STM32H743ZI (RM0433, 4.3; `memory.x`). The parameter blocks in bank 2
+/// are not touched.
 pub const PROGRAM_FLASH: Range<u64> = 0x0800_0000..0x0810_0000;
-/// Where a stack begins: at the end of the DTCM or of the AXI SRAM. Images for other boards have it elsewhere, because they have other memories.
+/// Where a stack begins: at the end of the DTCM or of the AXI SRAM. Images for other boards have it
+/// elsewhere, because they have other memories.
 const STACKS: [u64; 2] = [0x2002_0000, 0x2408_0000];
 /// What an image of this project answers `*IDN?` with.
 const IDENTIFICATION: &[u8] = b"HYSTERON";
@@ -30,7 +32,8 @@ pub struct Image {
 /// Reads an image and looks at it.
 ///
 /// # Errors
-/// The file cannot be read, is no ELF image for a Cortex-M, none of this project, or would be written where it must not.
+/// The file cannot be read, is no ELF image for a Cortex-M, none of this project, or would be written where
+/// it must not.
 pub fn read(path: &Path) -> Result<(Image, Vec<u8>)> {
     let named = path.display();
     let bytes = std::fs::read(path).map_err(|error| format!("{named}: {error}"))?;
@@ -93,7 +96,8 @@ mod tests {
         value.to_le_bytes()
     }
 
-    /// An ELF header for a machine with one segment at an address: 52 bytes of header, 32 of segment, then the content.
+    /// An ELF header for a machine with one segment at an address: 52 bytes of header, 32 of segment, then
+    /// the content.
     fn elf(machine: u16, address: u32, content: &[u8]) -> Vec<u8> {
         let mut bytes = vec![0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
         bytes.extend(2u16.to_le_bytes());

@@ -1,8 +1,10 @@
-//! The program `hysteron-probe`: `hysteron board flash`, and `attach` and `record` with `--probe`, run it. See `hysteron-probe --help`.
+//! The program `hysteron-probe`: `hysteron board flash`, and `attach` and `record` with `--probe`, run it.
+//! See `hysteron-probe --help`.
 //!
 //! # How it works
-//! [`image`] looks at an image before any probe is touched: is it one of this project, for this chip, and where would it go? [`chip`] finds the
-//! one probe that is meant and sees that the chip behind it is the right one and can be written. [`flash`], [`log`] and [`record`] do the work.
+//! [`image`] looks at an image before any probe is touched: is it one of this project, for this chip, and
+//! where would it go? [`chip`] finds the one probe that is meant and sees that the chip behind it is the
+//! right one and can be written. [`flash`], [`log`] and [`record`] do the work.
 
 mod chip;
 mod flash;
@@ -49,7 +51,8 @@ enum Command {
         #[command(flatten)]
         which: Which,
     },
-    /// Restart the board, condition its actuator, play the drive of an identification and keep the log, for `hysteron capture`
+    /// Restart the board, condition its actuator, play the drive of an identification and keep the log, for
+    /// `hysteron capture`
     Record {
         /// The image that it runs
         image: PathBuf,
@@ -69,7 +72,8 @@ enum Command {
 /// Which probe is meant.
 #[derive(Args, Clone, Debug)]
 struct Which {
-    /// A probe by --probe=VID:PID or --probe=VID:PID:SERIAL, as `list` shows it; not needed where there is one
+    /// A probe by --probe=VID:PID or --probe=VID:PID:SERIAL, as `list` shows it; not needed where there is
+    /// one
     #[arg(long, value_name = "PROBE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
     probe: Option<String>,
 }

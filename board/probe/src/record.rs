@@ -1,8 +1,10 @@
-//! `record`: conditions the actuator, plays the drive of an identification and keeps the log, from which `hysteron capture` makes a data set.
+//! `record`: conditions the actuator, plays the drive of an identification and keeps the log, from which
+//! `hysteron capture` makes a data set.
 //!
 //! # How it works
-//! The board is restarted, so that its log begins with the scale of its converters. [`Conversation`] hears every message and says what the board is to be told
-//! next; it knows nothing of probes. The log is kept in memory and written when all of it is there: a recording that failed leaves no file.
+//! The board is restarted, so that its log begins with the scale of its converters. [`Conversation`] hears
+//! every message and says what the board is to be told next; it knows nothing of probes. The log is kept in
+//! memory and written when all of it is there: a recording that failed leaves no file.
 
 use crate::log::{PAUSE, PIECE, log_table, meet, send};
 use crate::{Result, chip, image, whole};
@@ -13,7 +15,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Shortest and longest drive, ticks: half a second shows the slowest tone once, an hour at 20 kHz is more than anybody keeps.
+/// Shortest and longest drive, ticks: half a second shows the slowest tone once, an hour at 20 kHz is more
+/// than anybody keeps.
 pub const TICKS: std::ops::RangeInclusive<i64> = 10_000..=72_000_000;
 /// A board that says nothing for so long has stopped: its trace goes on at rest too.
 const SILENCE: Duration = Duration::from_secs(3);

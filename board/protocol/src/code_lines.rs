@@ -1,8 +1,9 @@
 //! Recorded codes in lines of text that take little room on the line and show when they were garbled.
 //!
 //! # The format
-//! A line is base 64 (RFC 4648, padded) of up to [`SAMPLES_IN_LINE`] samples of five bytes, the sensor's code and the drive's code of 20 bits each, low
-//! byte first ([`code_bytes`]), and of the CRC-32 of those bytes behind them, low byte first.
+//! A line is base 64 (RFC 4648, padded) of up to [`SAMPLES_IN_LINE`] samples of five bytes, the sensor's code
+//! and the drive's code of 20 bits each, low byte first ([`code_bytes`]), and of the CRC-32 of those bytes
+//! behind them, low byte first.
 
 use heapless::Vec;
 use hysteron_core::checksum::crc32;
@@ -41,7 +42,8 @@ mod tests {
 
     #[test]
     fn the_examples_of_the_standard() {
-        // The checksum of nothing is 0; what base 64 makes of bytes is in the client's tests, with a decoder that others wrote.
+        // The checksum of nothing is 0; what base 64 makes of bytes is in the client's tests, with a decoder
+        // that others wrote.
         let mut text: Vec<u8, 16> = Vec::new();
         assert_eq!(write_line(core::iter::empty(), &mut text), Some(()));
         assert_eq!(text.as_slice(), b"AAAAAA==");

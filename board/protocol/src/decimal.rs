@@ -57,7 +57,8 @@ fn scaled(mantissa: i64, scale: i32) -> Option<i64> {
     Some(value)
 }
 
-/// Billionths of a fixed-point number of so many fraction bits, at most 32, that may have more bits than a signal; cut, not rounded.
+/// Billionths of a fixed-point number of so many fraction bits, at most 32, that may have more bits than a
+/// signal; cut, not rounded.
 #[must_use]
 pub fn from_wide(value: i64, fraction_bits: u32) -> i64 {
     let (whole, part) = (value >> fraction_bits, value & ((1 << fraction_bits) - 1));

@@ -71,9 +71,11 @@ pub struct Diagnosis {
     pub block_generation: u32,
     /// Its checksum; 0 without a block.
     pub block_checksum: u32,
-    /// What the part's option bytes protect: 1 the brown-out level, 2 the watchdog that starts with the supply, 3 both.
+    /// What the part's option bytes protect: 1 the brown-out level, 2 the watchdog that starts with the
+    /// supply, 3 both.
     pub protection: u32,
-    /// Gain of the actuator over the model's as the servo adapted it, millionths; 0: the block does not let it.
+    /// Gain of the actuator over the model's as the servo adapted it, millionths; 0: the block does not let
+    /// it.
     pub adapted_gain_millionths: u32,
 }
 
@@ -102,8 +104,9 @@ pub trait Device {
     /// Begins to record every so many ticks; what was recorded before is forgotten.
     fn record(&mut self, every_ticks: u32);
 
-    /// Begins to record every so many ticks, at the tick behind the one at which the next command acts; what was recorded before is forgotten. So a
-    /// drive that is held for as many ticks does not change between two samples.
+    /// Begins to record every so many ticks, at the tick behind the one at which the next command acts; what
+    /// was recorded before is forgotten. So a drive that is held for as many ticks does not change between
+    /// two samples.
     fn record_from_command(&mut self, every_ticks: u32);
 
     /// Samples recorded so far.
@@ -133,7 +136,8 @@ pub trait Device {
     /// The drive does not rest.
     fn keep_block(&mut self) -> Result<(), Moving>;
 
-    /// Lets the block be verified and take the place of the running one, at rest or with the loop closed, within milliseconds.
+    /// Lets the block be verified and take the place of the running one, at rest or with the loop closed,
+    /// within milliseconds.
     fn swap_block(&mut self);
 
     /// Lets what was brought be verified as the safety envelope with this checksum, and kept.

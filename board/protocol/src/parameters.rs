@@ -1,5 +1,6 @@
-//! The parameters of `SPA` and `SPA?`, with the numbers that PI's controllers give them; from 0x7F000000 on they are this target's own: the scale
-//! of its codes ([`crate::code_lines`]), and how well its closed loop follows ([`hysteron_core::loop_telemetry`]).
+//! The parameters of `SPA` and `SPA?`, with the numbers that PI's controllers give them; from 0x7F000000 on
+//! they are this target's own: the scale of its codes ([`crate::code_lines`]), and how well its closed loop
+//! follows ([`hysteron_core::loop_telemetry`]).
 
 /// A parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

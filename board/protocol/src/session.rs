@@ -1,19 +1,23 @@
 //! A conversation: lines in, answers and commands out.
 //!
 //! # How it works
-//! [`Session::obey`] looks the mnemonic up in the table of commands and leaves what follows in `pending`; [`Session::next`] takes it from there
-//! piece by piece. A command for the amplifier may be refused; only when [`Session::outcome`] says that it acted does the session take note
-//! of a new target. What is wrong with a line is kept for `ERR?` and answered with nothing, as the protocol has it.
+//! [`Session::obey`] looks the mnemonic up in the table of commands and leaves what follows in `pending`;
+//! [`Session::next`] takes it from there piece by piece. A command for the amplifier may be refused; only
+//! when [`Session::outcome`] says that it acted does the session take note of a new target. What is wrong
+//! with a line is kept for `ERR?` and answered with nothing, as the protocol has it.
 //!
 //! # Where it differs from other controllers
-//! * `STP` and `#24` bring the drive to rest, servo off: they take the path that nothing delays. `HLT` stays where it is, servo on.
-//! * Nothing moves before `ARM`: 1 switches the amplifier on and shows by a small step that the sensor follows, 2 leaves the step out, 0 goes to rest and
-//!   switches off. A fault and a start disarm.
-//! * `SVO 1 1` wants an `ATZ` since the start or the last fault; `RON 1 0` waives it, as it waives a reference move elsewhere.
+//! * `STP` and `#24` bring the drive to rest, servo off: they take the path that nothing delays. `HLT` stays
+//!   where it is, servo on.
+//! * Nothing moves before `ARM`: 1 switches the amplifier on and shows by a small step that the sensor
+//!   follows, 2 leaves the step out, 0 goes to rest and switches off. A fault and a start disarm.
+//! * `SVO 1 1` wants an `ATZ` since the start or the last fault; `RON 1 0` waives it, as it waives a
+//!   reference move elsewhere.
 //! * `SVO 1 0` holds the drive that is there, which `SVA` then changes no faster than the block's ramp.
 //! * A move is a smooth step (a quintic) whose fastest velocity is that of `VEL`.
-//! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one that is defined with the servo off is one of
-//!   drives, V, and is played from rest with the servo off, and goes to rest when it has ended.
+//! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one
+//!   that is defined with the servo off is one of drives, V, and is played from rest with the servo off, and
+//!   goes to rest when it has ended.
 //! * The data recorder writes all its tables at the same ticks; `DRC` chooses what is read from each.
 
 mod amplifier_state;
@@ -91,7 +95,8 @@ enum Meaning {
     Nothing,
     /// The wave generator has begun; it ends on `last` after so many ticks (`None`: never).
     Wave { last: i32, ticks: Option<u32> },
-    /// The wave generator plays a drive, for so many ticks (`None`: until it is stopped), and goes to rest then.
+    /// The wave generator plays a drive, for so many ticks (`None`: until it is stopped), and goes to rest
+    /// then.
     DriveWave { ticks: Option<u32> },
 }
 
@@ -194,8 +199,8 @@ fn volts(value: i32) -> Decimal {
 }
 
 impl<D: Device + 'static> Session<D> {
-    /// For an amplifier with these parameters; `waves` is the memory of the wave tables, of which each of [`WAVE_TABLES`] has the same
-    /// share.
+    /// For an amplifier with these parameters; `waves` is the memory of the wave tables, of which each of
+    /// [`WAVE_TABLES`] has the same share.
     pub fn new(mut device: D, parameters: AmplifierParameters, waves: &'static [AtomicI32]) -> Self {
         let span = to_fixed(i64::from(parameters.physical.sensor_span_nm) * 1_000_000, MICROMETRE_FRACTION_BITS).unwrap_or(0);
         // A thousandth of the span, and ten times the span in a second.

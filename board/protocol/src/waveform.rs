@@ -6,7 +6,8 @@
 //! | `RAMP` | a line up to the centre point and one down, with parabolic speed-up and slow-down |
 //! | `LIN` | one line up, the same way; behind it the curve stays up |
 //!
-//! A segment may be longer than its curve: in front of the start point, and behind a curve that comes down, the offset stays.
+//! A segment may be longer than its curve: in front of the start point, and behind a curve that comes down,
+//! the offset stays.
 
 use hysteron_core::reference_generator::sine;
 

@@ -1,4 +1,5 @@
-//! Conversations with a session in front of the real amplifier and the reference bench's actuator, all on the host.
+//! Conversations with a session in front of the real amplifier and the reference bench's actuator, all on the
+//! host.
 
 use std::cell::RefCell;
 use std::rc::Rc;

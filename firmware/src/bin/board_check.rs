@@ -1,13 +1,17 @@
-//! The checks of a board that need no instrument: `cargo run --release --bin board_check` with the drive's converter wired to the sensor's.
+//! The checks of a board that need no instrument: `cargo run --release --bin board_check` with the drive's
+//! converter wired to the sensor's.
 //!
 //! # How it works
-//! The drive goes no further than the board's safety envelope ([`hysteron_core::safety_envelope`]) and no faster than its slew limit; without an envelope, and while a
-//! safety line is open, nothing is driven. The power stage's line stays low: the wire needs no amplifier. The watchdog is fed.
+//! The drive goes no further than the board's safety envelope ([`hysteron_core::safety_envelope`]) and no
+//! faster than its slew limit; without an envelope, and while a safety line is open, nothing is driven. The
+//! power stage's line stays low: the wire needs no amplifier. The watchdog is fed.
 //!
-//! The sample clock, the control interrupt's place and the front end are those of the firmware; the interrupt here writes a pattern to the
-//! drive (constant, a step of one tick's slew, a ramp over three fifths of the envelope) and stores what the sensor reads. Each check says its figure and whether it passes, and the program ends with
-//! the number of checks that failed as its exit status, which `probe-rs run` hands on. The same image runs on the emulated part, where a wire
-//! stands between the converters; what it says there is function, not the timing or the noise of hardware.
+//! The sample clock, the control interrupt's place and the front end are those of the firmware; the interrupt
+//! here writes a pattern to the drive (constant, a step of one tick's slew, a ramp over three fifths of the
+//! envelope) and stores what the sensor reads. Each check says its figure and whether it passes, and the
+//! program ends with the number of checks that failed as its exit status, which `probe-rs run` hands on. The
+//! same image runs on the emulated part, where a wire stands between the converters; what it says there is
+//! function, not the timing or the noise of hardware.
 //!
 //! | check | figure | passes |
 //! |---|---|---|
@@ -69,7 +73,8 @@ enum Pattern {
     Rest = 3,
 }
 
-/// The pattern stays between the first and the last fifth of the envelope's range; the code of rest, and the largest change in one tick.
+/// The pattern stays between the first and the last fifth of the envelope's range; the code of rest, and the
+/// largest change in one tick.
 static LOW: AtomicU32 = AtomicU32::new(0);
 static HIGH: AtomicU32 = AtomicU32::new(0);
 static REST: AtomicU32 = AtomicU32::new(0);
@@ -212,7 +217,8 @@ async fn flash_keeps() -> bool {
     flash_read::copy(Board::SPARE_SECTOR, &mut kept).is_ok() && kept == bytes
 }
 
-/// Whether a read that ends in a bus error, as that of a word with a double ECC error does, leaves the program running.
+/// Whether a read that ends in a bus error, as that of a word with a double ECC error does, leaves the
+/// program running.
 fn bus_error_survives() -> bool {
     let mut word = [0; 32];
     flash_read::copy(Board::BEYOND_FLASH, &mut word).is_err_and(|unreadable| unreadable.0 == Board::BEYOND_FLASH)
@@ -247,7 +253,8 @@ async fn feeder() {
 fn end(status: u32) -> ! {
     let arguments = [0x2_0026u32, status];
     loop {
-        // SAFETY: the debugger reads two words; without one this is a hard fault, and the program has ended all the same.
+        // SAFETY: the debugger reads two words; without one this is a hard fault, and the program has ended
+        // all the same.
         unsafe { core::arch::asm!("bkpt 0xAB", in("r0") 0x20, in("r1") arguments.as_ptr()) };
     }
 }

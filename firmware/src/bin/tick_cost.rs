@@ -1,10 +1,12 @@
-//! What the servo's tick costs, on the target itself: most and typical counts of the cycle counter, with the hysteresis' memory full.
+//! What the servo's tick costs, on the target itself: most and typical counts of the cycle counter, with the
+//! hysteresis' memory full.
 //!
 //! # How it works
-//! The servo of the reference actuator (observer-controller, hysteresis inverted inside the loop) is called with readings that force the
-//! longest ways through its code; every call of [`ServoTick::tick`] is timed with the processor's cycle counter, less the cost of reading
-//! that. The log carries one line for each case: `tick cost NAME most N typical N pairs N`. On a board these are cycles; on the emulated
-//! part, run at one instruction a cycle, they are instructions. There is no sample clock here and no converter.
+//! The servo of the reference actuator (observer-controller, hysteresis inverted inside the loop) is called
+//! with readings that force the longest ways through its code; every call of [`ServoTick::tick`] is timed
+//! with the processor's cycle counter, less the cost of reading that. The log carries one line for each case:
+//! `tick cost NAME most N typical N pairs N`. On a board these are cycles; on the emulated part, run at one
+//! instruction a cycle, they are instructions. There is no sample clock here and no converter.
 #![no_std]
 #![no_main]
 

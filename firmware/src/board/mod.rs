@@ -1,7 +1,8 @@
 //! The board: everything that is one board's and not another's, behind one trait, [`Platform`].
 //!
-//! A board has a folder here: clocks, pins, converters, flash, option bytes, the supply's detector, how much memory there is for what, and the
-//! sample rate. A feature of the package chooses one ([`Board`]); the rest of the firmware asks [`Board`] and knows no other.
+//! A board has a folder here: clocks, pins, converters, flash, option bytes, the supply's detector, how much
+//! memory there is for what, and the sample rate. A feature of the package chooses one ([`Board`]); the rest
+//! of the firmware asks [`Board`] and knows no other.
 //!
 //! | feature | board | part |
 //! |---|---|---|
@@ -51,7 +52,8 @@ pub trait Platform {
     const RECORDED_SAMPLES: u32;
     /// Points of a wave table.
     const WAVE_POINTS: usize;
-    /// Whether a period has time for a swap that evaluates the whole memory of the hysteresis anew: some 13,000 instructions before the tick.
+    /// Whether a period has time for a swap that evaluates the whole memory of the hysteresis anew: some
+    /// 13,000 instructions before the tick.
     const SWAPS_HYSTERESIS: bool;
     /// Sensor and drive.
     type Converters: FrontEnd;
@@ -61,7 +63,8 @@ pub trait Platform {
     const WATCHDOG: Iwdg;
     /// The serial port's interrupt.
     const SERIAL_INTERRUPT: Interrupt;
-    /// Names and addresses of the two places of a parameter block: sectors that no code occupies, in a bank that no code is in.
+    /// Names and addresses of the two places of a parameter block: sectors that no code occupies, in a bank
+    /// that no code is in.
     const BLOCKS: [(&'static str, u32); 2];
     /// The sector of the safety envelope.
     const ENVELOPE: u32;
@@ -104,7 +107,8 @@ pub trait Platform {
     /// Switches the serial port on or off, between two bytes.
     fn switch_serial_port(on: bool);
 
-    /// Erases the sector at `address`, one of [`Platform::BLOCKS`], and writes `bytes` to its beginning, without ever holding up the tasks.
+    /// Erases the sector at `address`, one of [`Platform::BLOCKS`], and writes `bytes` to its beginning,
+    /// without ever holding up the tasks.
     ///
     /// # Errors
     /// The flash refused it, or does not answer.
@@ -119,7 +123,8 @@ pub trait Platform {
     /// Behind it: whether the flash interface has met a double ECC error.
     fn end_reading() -> bool;
 
-    /// What the option bytes protect: 1 the brown-out level is high enough, 2 the watchdog starts with the supply, 3 both.
+    /// What the option bytes protect: 1 the brown-out level is high enough, 2 the watchdog starts with the
+    /// supply, 3 both.
     fn protection() -> u32;
     /// Writes them, everything else as it is.
     ///
@@ -162,13 +167,15 @@ pub struct ResetCause {
     pub brown_out: bool,
 }
 
-/// The part leaves its reset with its own oscillator; how long the crystal may take to start is some milliseconds (DS12110, DS12288).
+/// The part leaves its reset with its own oscillator; how long the crystal may take to start is some
+/// milliseconds (DS12110, DS12288).
 const CRYSTAL_POLLS: u32 = 1_000;
 /// Between two of them, cycles of that oscillator: some 0.2 ms.
 const BETWEEN_POLLS_CYCLES: u32 = 10_000;
 
-/// Waits for the crystal. Without it the HAL would wait for ever, and nobody would know why; here it is said, the watchdog is fed, and nothing is driven: the
-/// power stage's line has not been set up, and the drive's converter is as it left its reset.
+/// Waits for the crystal. Without it the HAL would wait for ever, and nobody would know why; here it is said,
+/// the watchdog is fed, and nothing is driven: the power stage's line has not been set up, and the drive's
+/// converter is as it left its reset.
 fn wait_for_crystal() {
     let mut polls = 0u32;
     while !Board::crystal_runs() {
@@ -186,7 +193,8 @@ pub fn feed_watchdog() {
     Board::WATCHDOG.kr().write(|w| w.set_key(Key::RESET));
 }
 
-/// Lets `guard_stack` have the memory protection unit, sets the clock tree up and puts the time driver's interrupt below the control interrupt.
+/// Lets `guard_stack` have the memory protection unit, sets the clock tree up and puts the time driver's
+/// interrupt below the control interrupt.
 pub fn init(guard_stack: impl FnOnce(&mut MPU)) -> Peripherals {
     wait_for_crystal();
     let peripherals = embassy_stm32::init(Board::clock_tree());

@@ -1,4 +1,5 @@
-//! What the parts' own converters, ADC1 and DAC1, have in common once they are set up: a sample to read, a code to write, and a code at once.
+//! What the parts' own converters, ADC1 and DAC1, have in common once they are set up: a sample to read, a
+//! code to write, and a code at once.
 
 use embassy_stm32::pac::{ADC1, DAC1};
 use hysteron_core::codes::SensorCode;

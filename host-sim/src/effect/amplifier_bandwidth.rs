@@ -1,7 +1,7 @@
 //! Bandwidth of the amplifier: the voltage on the piezo follows the drive as a first-order lag.
 //!
-//! The stage gives the voltage at the end of each interval; how it goes there is what stages behind are told ([`super::arrival`]). In front of a slew limit,
-//! which makes another shape of it, it gives means.
+//! The stage gives the voltage at the end of each interval; how it goes there is what stages behind are told
+//! ([`super::arrival`]). In front of a slew limit, which makes another shape of it, it gives means.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::block::{Block, Linear};
@@ -89,7 +89,8 @@ period is divided into 2. At rest `v = y = x`."
         Some(Box::new(LagStage { decay, output_weight, left_of_rise, voltage_v: model.drive_min_v, before_v: model.drive_min_v }))
     }
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
-        // Loops bend on the way of a glide: in one interval a period the bench's sensor was found at 9.5 kHz, in two at 9.7, in four at 9.9; it is at 10.
+        // Loops bend on the way of a glide: in one interval a period the bench's sensor was found at 9.5 kHz,
+        // in two at 9.7, in four at 9.9; it is at 10.
         if super::takes_the_mean_in(model) && dt_s > 25e-6 { 2 } else { 1 }
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {

@@ -1,9 +1,12 @@
-//! How a signal goes, inside an interval of the chain, from where it ended the one before to where it ends this one.
+//! How a signal goes, inside an interval of the chain, from where it ended the one before to where it ends
+//! this one.
 //!
-//! Stages hand on where their signal stands at the ends of intervals. Between two ends a held drive steps, late where it is delayed; behind an amplifier of
-//! first order it glides, `exp(-t / tau)` of the way being left. A drive that is not held between samples ([`crate::chain::Intersample`]) runs straight. Within one interval both go one way only, so hysteresis passes either on as it comes, as
-//! far as its path is straight there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the bend of the loops alone, and two are
-//! as good as four were in which the mean of the voltage was held.
+//! Stages hand on where their signal stands at the ends of intervals. Between two ends a held drive steps,
+//! late where it is delayed; behind an amplifier of first order it glides, `exp(-t / tau)` of the way being
+//! left. A drive that is not held between samples ([`crate::chain::Intersample`]) runs straight. Within one
+//! interval both go one way only, so hysteresis passes either on as it comes, as far as its path is straight
+//! there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the bend of
+//! the loops alone, and two are as good as four were in which the mean of the voltage was held.
 
 use super::{Setting, amplifier_bandwidth, delay, slew_limit};
 use crate::chain::Model;
@@ -21,7 +24,8 @@ pub(super) enum Arrival {
     Straight,
 }
 
-/// How a linear system goes over an interval: what its states make of themselves, and what is added for one unit of its input's start and end.
+/// How a linear system goes over an interval: what its states make of themselves, and what is added for one
+/// unit of its input's start and end.
 pub(super) struct Over {
     pub(super) phi: DMatrix<f64>,
     pub(super) start: DVector<f64>,
@@ -41,7 +45,8 @@ impl Arrival {
         }
     }
 
-    /// What is left of the way to where a glide would come, behind so much time; nothing of a step, and a straight way comes to no end.
+    /// What is left of the way to where a glide would come, behind so much time; nothing of a step, and a
+    /// straight way comes to no end.
     pub(super) fn left_after(self, time_s: f64) -> f64 {
         match self {
             Self::Late(_) => 0.0,
@@ -81,7 +86,8 @@ impl Arrival {
     }
 }
 
-/// Time constant of the amplifier whose voltage glides from one end of an interval to the next; where its slope is limited too, sub-intervals show the shape.
+/// Time constant of the amplifier whose voltage glides from one end of an interval to the next; where its
+/// slope is limited too, sub-intervals show the shape.
 pub(super) fn gliding_s(model: &Model) -> Option<f64> {
     let bandwidth_hz = model.values(amplifier_bandwidth::ID)?[0];
     model.effect(slew_limit::ID).is_none().then(|| 1.0 / (std::f64::consts::TAU * bandwidth_hz))
@@ -111,8 +117,8 @@ mod tests {
     const MODE: [f64; 2] = [3000.0, 0.25];
     const FILTER: [f64; 2] = [800.0, 0.6];
 
-    /// The answer to a step through the amplifier, then a mode, a sensor's lag or a sensor's filter, where asked for, by Euler's method in steps that are a
-    /// thousand times shorter than any of their times.
+    /// The answer to a step through the amplifier, then a mode, a sensor's lag or a sensor's filter, where
+    /// asked for, by Euler's method in steps that are a thousand times shorter than any of their times.
     fn by_euler(mode: bool, sensor: &str, until_s: f64) -> f64 {
         let steps = 400_000;
         let h = until_s / f64::from(steps);

@@ -1,7 +1,9 @@
-//! Backlash: a gap in the train between actuator and stage, which has to be crossed at every reversal before the stage moves.
+//! Backlash: a gap in the train between actuator and stage, which has to be crossed at every reversal before
+//! the stage moves.
 //!
-//! The stage takes the force-equivalent displacement as a play operator does: pulled at one side of the gap, pushed at the other, and at rest between. Of a stage
-//! that follows at once dry friction with a stiff bristle does the same; in front of a mode the gap comes first, and nothing holds the mass.
+//! The stage takes the force-equivalent displacement as a play operator does: pulled at one side of the gap,
+//! pushed at the other, and at rest between. Of a stage that follows at once dry friction with a stiff
+//! bristle does the same; in front of a mode the gap comes first, and nothing holds the mass.
 
 use super::{
     Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,

@@ -22,7 +22,8 @@ impl Stage for BoucWenStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let x = (input - self.lower_limit_v) / self.range_v;
         let change = x - self.last;
-        // With |h| of one sign the equation is linear in h; stepping it in small pieces keeps the sign changes right.
+        // With |h| of one sign the equation is linear in h; stepping it in small pieces keeps the sign
+        // changes right.
         let pieces = ((change.abs() * 200.0).ceil() as usize).clamp(1, 400);
         let piece = change / pieces as f64;
         for _ in 0..pieces {

@@ -1,7 +1,9 @@
-//! Creep: after a step the displacement goes on, roughly with the logarithm of time, in the direction of the step.
+//! Creep: after a step the displacement goes on, roughly with the logarithm of time, in the direction of the
+//! step.
 //!
-//! A sum of first-order terms with time constants spread evenly over the logarithm of time; they stay fixed, their shares are
-//! estimated, which makes the logarithmic law without a start time as a parameter. The rational form of the thesis (Ch. 5, Eq. 17) is
+//! A sum of first-order terms with time constants spread evenly over the logarithm of time; they stay fixed,
+//! their shares are estimated, which makes the logarithmic law without a start time as a parameter. The
+//! rational form of the thesis (Ch. 5, Eq. 17) is
 //! [`crate::linear_system::ContinuousSystem::from_transfer_function`].
 
 use super::{
@@ -14,8 +16,8 @@ use std::sync::Arc;
 /// Identifier in files and on the command line.
 pub const ID: &str = "creep";
 
-/// Share of a term, of the motion: stacks creep by one to three per cent in a decade of time (Adriaens et al., IEEE/ASME Trans. Mechatronics 5 (2000) 331-341), and
-/// terms stand about a decade apart.
+/// Share of a term, of the motion: stacks creep by one to three per cent in a decade of time (Adriaens et
+/// al., IEEE/ASME Trans. Mechatronics 5 (2000) 331-341), and terms stand about a decade apart.
 pub const EXPECTED_SHARE: f64 = 0.03;
 
 /// Sum of first-order terms behind the vibration.
@@ -40,7 +42,8 @@ struct Term {
 }
 
 struct CreepStage {
-    /// Terms that are carried: of a grid few have a share, and only where others take their states those without one are among them.
+    /// Terms that are carried: of a grid few have a share, and only where others take their states those
+    /// without one are among them.
     terms: Vec<Term>,
     all: Vec<Term>,
     input: f64,
@@ -212,8 +215,9 @@ impl Creep {
 
 /// Creep with fixed time constants whose shares may have either sign, each starting at 0.01.
 ///
-/// The thesis' own creep has a complex pole pair (Ch. 5, Eq. 17), which no sum of terms that all go with the step can follow: with
-/// positive shares alone a few nanometres remain. It serves where creep has to be taken off the other parameters, whatever its form.
+/// The thesis' own creep has a complex pole pair (Ch. 5, Eq. 17), which no sum of terms that all go with the
+/// step can follow: with positive shares alone a few nanometres remain. It serves where creep has to be taken
+/// off the other parameters, whatever its form.
 #[must_use]
 pub fn with_signed_shares(overview: &Overview, time_constants_s: &[f64]) -> EffectInstance {
     let mut creep = EffectInstance::new(Arc::new(Creep { terms: time_constants_s.len() }), overview, &[]);
@@ -276,7 +280,8 @@ Behind modes it goes once a period, by the values at the ends of periods."
         Some(Box::new(CreepStage::new(values, setting.dt_s)))
     }
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        // Those without a share too: a spectrum of creep is smooth, and shares that are not negative come out sparse.
+        // Those without a share too: a spectrum of creep is smooth, and shares that are not negative come out
+        // sparse.
         values.chunks_exact(2).map(|pair| FreeMotion { decay_per_s: 1.0 / pair[1], frequency_rad_s: 0.0 }).collect()
     }
     fn answers_drive_by(&self) -> Vec<usize> {

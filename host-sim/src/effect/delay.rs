@@ -1,8 +1,9 @@
 //! Transport delay of the drive.
 //!
-//! A held drive that acts late moves a step to an instant inside the sampling period. Rate-independent hysteresis passes steps on as
-//! steps, so in front of inertia the vibration stage takes the delay in: it is exact there without sub-intervals. Where something between
-//! the two moves inside the period or has a clock of its own, the delay stands where it acts and the period is divided.
+//! A held drive that acts late moves a step to an instant inside the sampling period. Rate-independent
+//! hysteresis passes steps on as steps, so in front of inertia the vibration stage takes the delay in: it is
+//! exact there without sub-intervals. Where something between the two moves inside the period or has a clock
+//! of its own, the delay stands where it acts and the period is divided.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
 use crate::block::Block;
@@ -86,7 +87,8 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
         Planted::InPairs
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        // Where the drive runs straight, what the stage makes of two ends is no mean but the place between them.
+        // Where the drive runs straight, what the stage makes of two ends is no mean but the place between
+        // them.
         if taken_in_s(model).is_some() && !setting.runs_straight {
             return None;
         }
@@ -96,8 +98,9 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
         Some(Box::new(DelayStage { line, late_share: intervals - whole }))
     }
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
-        // Without anything that takes time, a step would pass through at once and all delays between two samples would read the same: the
-        // mean over the interval stands for the motion that a real stage makes of the steps.
+        // Without anything that takes time, a step would pass through at once and all delays between two
+        // samples would read the same: the mean over the interval stands for the motion that a real stage
+        // makes of the steps.
         let takes_time = |e: &EffectInstance| {
             matches!(
                 e.effect.declaration().place,
@@ -107,7 +110,8 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
         if taken_in_s(model).is_some() || !model.effects.iter().any(takes_time) {
             return 1;
         }
-        // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before the period is.
+        // The mean over a fast period is as good as the delay itself; in a slow one the motion is over before
+        // the period is.
         if dt_s > 60e-6 { super::substeps_inside_period(dt_s).max(2) } else { 1 }
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
@@ -146,7 +150,8 @@ mod tests {
         model.simulate(&Drive::held(drive_v, dt_s, InitialState::Settled))
     }
 
-    /// Late by so many fifths of a period, against a drive held over fifths and shifted by as many of them through the punctual chain.
+    /// Late by so many fifths of a period, against a drive held over fifths and shifted by as many of them
+    /// through the punctual chain.
     fn largest_difference_from_shifted_drive(fifths: usize, friction: bool, dt_s: f64) -> f64 {
         let drive_v = drive_v(300);
         let late = simulate(&model(0.2 * fifths as f64 * dt_s, friction), &drive_v, dt_s);
@@ -159,13 +164,15 @@ mod tests {
     fn a_delay_between_samples_is_a_shift_of_a_finer_held_drive() {
         for fifths in [15, 17, 19] {
             assert!(largest_difference_from_shifted_drive(fifths, false, 50e-6) < 1e-9);
-            // At this period the bristle is followed in five pieces of an interval, so that both chains take the same steps. While it slides its bend
-            // is taken to be that of steady sliding, to a hundred-thousandth of the 0.05 um that it holds back; how often that is, is not the same.
+            // At this period the bristle is followed in five pieces of an interval, so that both chains take
+            // the same steps. While it slides its bend is taken to be that of steady sliding, to a
+            // hundred-thousandth of the 0.05 um that it holds back; how often that is, is not the same.
             assert!(largest_difference_from_shifted_drive(fifths, true, 350e-6) < 1e-5 * 0.05, "{fifths}");
         }
     }
 
-    /// Derivatives by the delay are taken by moving it: nothing may jump where it becomes a whole number of periods, or of pieces of one.
+    /// Derivatives by the delay are taken by moving it: nothing may jump where it becomes a whole number of
+    /// periods, or of pieces of one.
     #[test]
     fn the_reading_is_continuous_in_the_delay() {
         let (dt_s, drive_v) = (500e-6, drive_v(200));

@@ -21,7 +21,8 @@ impl Stage for DuhemStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let x = (input - self.lower_limit_v) / self.range_v;
         let change = x - self.last;
-        // w' = approach |x'| (slope x - w) + elastic x': linear in w along a monotone piece, with a straight x.
+        // w' = approach |x'| (slope x - w) + elastic x': linear in w along a monotone piece, with a straight
+        // x.
         let e = (-self.approach * change.abs()).exp();
         let sign = change.signum();
         if change != 0.0 && self.approach > 1e-9 {

@@ -25,10 +25,11 @@
 //! derivative = "(x - z) / tau_s"
 //! ```
 //!
-//! Expressions ([`super::formula`]) know `x` (the input of the stage), `dx` (its rate per second), `t` (s since the start of the record), `u`
-//! (the drive, V), `force` (N), the signals that `auxiliary` lists, the parameters and the states. States are advanced by the classical
-//! Runge-Kutta method with the input straight over the interval, in as many parts as their fastest one asks for.
-//! The starts of all parameters are combined, and each combination is a direction in which the effect may be found.
+//! Expressions ([`super::formula`]) know `x` (the input of the stage), `dx` (its rate per second), `t` (s
+//! since the start of the record), `u` (the drive, V), `force` (N), the signals that `auxiliary` lists, the
+//! parameters and the states. States are advanced by the classical Runge-Kutta method with the input straight
+//! over the interval, in as many parts as their fastest one asks for. The starts of all parameters are
+//! combined, and each combination is a direction in which the effect may be found.
 
 use super::formula::Formula;
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
@@ -94,9 +95,11 @@ pub struct ExpressionEffect {
 
 /// Values that every expression knows, in front of auxiliary signals, parameters and states.
 const GIVEN: [&str; 5] = ["x", "dx", "t", "u", "force"];
-/// The rate of the fastest state times the length of a part of an interval is at most this: well inside what the method keeps stable.
+/// The rate of the fastest state times the length of a part of an interval is at most this: well inside what
+/// the method keeps stable.
 const RATE_TIMES_PART_MAX: f64 = 0.25;
-/// Beyond this the method is about to become unstable: where a signal makes a state this fast, the interval is taken again in more parts.
+/// Beyond this the method is about to become unstable: where a signal makes a state this fast, the interval
+/// is taken again in more parts.
 const RATE_TIMES_PART_UNSTABLE: f64 = 2.0;
 /// Differences below this share of the states are rounding and tell no rate.
 const ROUNDING: f64 = 1e-7;
@@ -203,7 +206,8 @@ struct ExpressionStage<'a> {
     room: Vec<f64>,
 }
 
-/// The least power of two of parts, so that few values of a parameter change their number; `None` beyond what is followed.
+/// The least power of two of parts, so that few values of a parameter change their number; `None` beyond what
+/// is followed.
 fn parts_for(rate_times_interval: f64) -> Option<usize> {
     let parts = (rate_times_interval / RATE_TIMES_PART_MAX).max(1.0);
     (parts <= PARTS_MAX).then(|| (parts.ceil() as usize).next_power_of_two())
@@ -218,8 +222,9 @@ impl ExpressionStage<'_> {
         effect.derivatives.iter().map(|d| d.evaluate(values, room)).collect()
     }
 
-    /// One interval, in as many parts as the values ask for; in more where the signal makes a state faster yet. Fits take differences of
-    /// what comes out, so that the number of parts must not follow the signal without need.
+    /// One interval, in as many parts as the values ask for; in more where the signal makes a state faster
+    /// yet. Fits take differences of what comes out, so that the number of parts must not follow the signal
+    /// without need.
     fn advance(&mut self, k: usize, input: f64) {
         let start = self.values[self.states.clone()].to_vec();
         let rate = self.in_parts(k, input, self.parts, &start);
@@ -243,7 +248,8 @@ impl ExpressionStage<'_> {
         fastest
     }
 
-    /// The rate of the fastest state, 1/s, at the beginning: the largest row sum of the derivatives by the states, at rest with inputs 0 and 1.
+    /// The rate of the fastest state, 1/s, at the beginning: the largest row sum of the derivatives by the
+    /// states, at rest with inputs 0 and 1.
     fn rate_at_rest(&mut self) -> f64 {
         let start = self.values[self.states.clone()].to_vec();
         let mut fastest = 0.0_f64;
@@ -265,8 +271,8 @@ impl ExpressionStage<'_> {
         fastest
     }
 
-    /// One part of an interval; gives the rate of the fastest state, 1/s, as far as the steps of the method show it (L. F. Shampine,
-    /// *Math. Comp.* 31 (1977) 66).
+    /// One part of an interval; gives the rate of the fastest state, 1/s, as far as the steps of the method
+    /// show it (L. F. Shampine, *Math. Comp.* 31 (1977) 66).
     fn runge_kutta(&mut self, k: usize, input: f64, parts: usize, part: usize, start: &[f64]) -> f64 {
         let h = self.setting.dt_s / parts as f64;
         let t_s = k as f64 * self.setting.dt_s + part as f64 * h;

@@ -1,9 +1,11 @@
 //! The force balance of the moving mass: what it works against beside a straight spring and a viscous damper.
 //!
-//! The mode is `x'' / w^2 + 2 xi x' / w + x + N = f`, with every force as the displacement that it would make at rest. What an effect adds to `N` is a
-//! [`RestoringForce`]; the vibration stage takes in all that a model has. The straight part of the mode is exact however long an interval is, and so is what the drive
-//! makes of it; `N` is followed in pieces of the interval, as a parabola through its beginning, middle and end, found in three trials (an exponential Runge-Kutta
-//! method after Cox and Matthews, J. Comput. Phys. 176 (2002) 430-455, with the nodes of Simpson's rule). A mode of which `N` is nothing is therefore the free mode, to
+//! The mode is `x'' / w^2 + 2 xi x' / w + x + N = f`, with every force as the displacement that it would make
+//! at rest. What an effect adds to `N` is a [`RestoringForce`]; the vibration stage takes in all that a model
+//! has. The straight part of the mode is exact however long an interval is, and so is what the drive makes of
+//! it; `N` is followed in pieces of the interval, as a parabola through its beginning, middle and end, found
+//! in three trials (an exponential Runge-Kutta method after Cox and Matthews, J. Comput. Phys. 176 (2002)
+//! 430-455, with the nodes of Simpson's rule). A mode of which `N` is nothing is therefore the free mode, to
 //! the last digits, and what a small force does is not hidden by the error of the steps.
 
 use super::arrival::{Arrival, Over};
@@ -25,19 +27,23 @@ pub struct Travel {
 
 /// A force that the moving mass works against.
 pub trait RestoringForce: Send {
-    /// The force at the end of a way, as the displacement that it makes at rest, um, and what it remembers there; a way is short, and goes one way.
+    /// The force at the end of a way, as the displacement that it makes at rest, um, and what it remembers
+    /// there; a way is short, and goes one way.
     fn held(&self, memory: f64, way: Travel) -> (f64, f64);
 
-    /// The same of a mass that has come to rest there, nobody knows how: by one way from where nothing is held.
+    /// The same of a mass that has come to rest there, nobody knows how: by one way from where nothing is
+    /// held.
     fn at_rest(&self, at_um: f64) -> (f64, f64) {
         self.held(0.0, Travel { from_um: 0.0, to_um: at_um, speed_um: 0.0 })
     }
 
-    /// By how much it stiffens the spring at most where the mass swings to either side of its rest by so much, in units of the spring's own stiffness.
+    /// By how much it stiffens the spring at most where the mass swings to either side of its rest by so
+    /// much, in units of the spring's own stiffness.
     fn stiffening(&self, memory: f64, swing_um: f64) -> f64;
 }
 
-/// The forces of a model, in the order of its effects, and the friction of its guide among them; none where there is none but friction.
+/// The forces of a model, in the order of its effects, and the friction of its guide among them; none where
+/// there is none but friction.
 pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn RestoringForce>> {
     let mut forces: Vec<Box<dyn RestoringForce>> =
         model.effects.iter().filter_map(|e| e.effect.restoring_force(model, &e.values(), setting)).collect();
@@ -49,8 +55,8 @@ pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn Restori
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
 const PIECE_RAD: f64 = 0.5;
-/// Angle of the mode in one interval beyond which its ringing is not followed: it is above half the sampling rate, so that no reading shows it. There the forces
-/// balance and the mode comes behind.
+/// Angle of the mode in one interval beyond which its ringing is not followed: it is above half the sampling
+/// rate, so that no reading shows it. There the forces balance and the mode comes behind.
 const RINGING_MAX_RAD: f64 = std::f64::consts::PI;
 /// How often the pieces are halved where the mode is stiffer.
 const HALVINGS_MAX: usize = 5;
@@ -116,7 +122,8 @@ impl Balance {
         self.forces.iter().zip(&self.memories).map(|(force, memory)| force.stiffening(*memory, swing_um)).sum()
     }
 
-    /// The place where a constant force and all others balance, from where the memories are, which then are there.
+    /// The place where a constant force and all others balance, from where the memories are, which then are
+    /// there.
     fn rest(&mut self, from_um: f64, force_um: f64) -> f64 {
         let place_um = balanced(force_um, |at_um| self.tried(from_um, [at_um, 0.0]));
         self.tried_midway(from_um, [place_um, 0.0]);
@@ -135,7 +142,8 @@ impl Balance {
     }
 }
 
-/// Where a straight spring and what is held back beside it balance a force, um: both rise with the displacement.
+/// Where a straight spring and what is held back beside it balance a force, um: both rise with the
+/// displacement.
 fn balanced(force_um: f64, held: impl Fn(f64) -> f64) -> f64 {
     let excess = |at_um: f64| at_um + held(at_um) - force_um;
     // From where a straight spring would be, outward until it is between two places.
@@ -148,7 +156,8 @@ fn balanced(force_um: f64, held: impl Fn(f64) -> f64) -> f64 {
         reach_um *= 2.0;
         (low, high) = (force_um - reach_um, force_um + reach_um);
     }
-    // By the chord; an end that stays twice counts half from then on (the Illinois form of the false position: Dowell and Jarratt, BIT 11 (1971) 168-174).
+    // By the chord; an end that stays twice counts half from then on (the Illinois form of the false
+    // position: Dowell and Jarratt, BIT 11 (1971) 168-174).
     let (mut below, mut above) = (excess(low), excess(high));
     let (mut at_um, mut stayed) = (force_um, None);
     for _ in 0..RESTING_STEPS {
@@ -181,8 +190,8 @@ enum End {
 /// Steps towards a place of rest, at most: halves alone reach the last digit in as many.
 const RESTING_STEPS: usize = 120;
 
-/// Transition of `N` states over a piece and over half of it; what the drive adds, by where it is at the beginning and at the end; and what a force adds that is a parabola
-/// over the piece, by its powers.
+/// Transition of `N` states over a piece and over half of it; what the drive adds, by where it is at the
+/// beginning and at the end; and what a force adds that is a parabola over the piece, by its powers.
 struct Piece<const N: usize> {
     half: Transition<N>,
     whole: Transition<N>,
@@ -461,7 +470,8 @@ mod tests {
     const DAMPER: [f64; 3] = [0.5, 2.0, 5.0];
     const BOUC_WEN: [f64; 4] = [0.4, 0.5, -0.2, 1.0];
 
-    /// The same equations by a Runge-Kutta method of fourth order in steps of a two-hundredth of a period of sampling.
+    /// The same equations by a Runge-Kutta method of fourth order in steps of a two-hundredth of a period of
+    /// sampling.
     fn integrated(drive_v: &[f64], intersample: Intersample, [spring, damper, bouc_wen]: [bool; 3]) -> Vec<f64> {
         let on = |is: bool, value: f64| if is { value } else { 0.0 };
         let [w, xi] = MODE;
@@ -477,7 +487,8 @@ mod tests {
         };
         let mut state = [0.0; 3];
         let mut before = drive_v[0] + 5.0;
-        // At rest under the first value, by letting it die out; what is remembered follows from one way there.
+        // At rest under the first value, by letting it die out; what is remembered follows from one way
+        // there.
         let settled = model(&effects([spring, damper, bouc_wen])).simulate(&Drive::held(&drive_v[..1], DT_S, InitialState::Settled))[0];
         state[0] = settled;
         let ways = 100_000;
@@ -520,7 +531,8 @@ mod tests {
         (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
     }
 
-    /// In one or two steps of a period in which the mode turns by 0.38 rad, to 1e-4 of what it moves; with loops, whose corners lie inside a step, to 4e-4.
+    /// In one or two steps of a period in which the mode turns by 0.38 rad, to 1e-4 of what it moves; with
+    /// loops, whose corners lie inside a step, to 4e-4.
     #[test]
     fn follows_a_finer_integration_of_the_same_equations() {
         let drive_v = drive(800);

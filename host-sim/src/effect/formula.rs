@@ -1,8 +1,9 @@
 //! Expressions of an effect that a user writes: read once, then evaluated for every sample.
 //!
-//! The grammar stands in `formula.pest`. What was read becomes a list of steps for a stack of numbers, in the order in which they are done
-//! (reverse Polish notation), so that evaluation neither allocates nor searches. Comparisons give 1 or 0, and `if(condition, a, b)` takes `a`
-//! where the condition is not 0; both are computed.
+//! The grammar stands in `formula.pest`. What was read becomes a list of steps for a stack of numbers, in the
+//! order in which they are done (reverse Polish notation), so that evaluation neither allocates nor searches.
+//! Comparisons give 1 or 0, and `if(condition, a, b)` takes `a` where the condition is not 0; both are
+//! computed.
 
 use pest::Parser as _;
 use pest::error::{ErrorVariant, InputLocation};
@@ -14,7 +15,8 @@ use std::sync::LazyLock;
 #[grammar = "effect/formula.pest"]
 struct Grammar;
 
-/// Longest expression, in characters, and deepest nesting of its brackets: what is read stays far from the end of any stack.
+/// Longest expression, in characters, and deepest nesting of its brackets: what is read stays far from the
+/// end of any stack.
 const LONGEST: usize = 2000;
 const DEEPEST: usize = 50;
 
@@ -79,7 +81,8 @@ const OF_TWO: [(&str, OfTwo, bool); 7] = [
 const CONSTANTS: [(&str, f64); 4] =
     [("pi", std::f64::consts::PI), ("PI", std::f64::consts::PI), ("π", std::f64::consts::PI), ("E", std::f64::consts::E)];
 
-/// coth(x) - 1 / x, the mean alignment of free dipoles (P. Langevin, *Ann. Chim. Phys.* 5 (1905) 70), without its loss of digits around 0.
+/// coth(x) - 1 / x, the mean alignment of free dipoles (P. Langevin, *Ann. Chim. Phys.* 5 (1905) 70), without
+/// its loss of digits around 0.
 fn langevin(x: f64) -> f64 {
     if x.abs() < 1e-2 { x / 3.0 - x.powi(3) / 45.0 + 2.0 * x.powi(5) / 945.0 } else { 1.0 / x.tanh() - 1.0 / x }
 }
@@ -131,7 +134,8 @@ impl Formula {
         self.steps.iter().any(|step| matches!(step, Step::Value(at) if *at == place))
     }
 
-    /// The value for a list of values; `stack` is room to work in. Not a number where a function has no value.
+    /// The value for a list of values; `stack` is room to work in. Not a number where a function has no
+    /// value.
     pub(super) fn evaluate(&self, values: &[f64], stack: &mut Vec<f64>) -> f64 {
         stack.clear();
         for step in &self.steps {

@@ -1,11 +1,12 @@
 //! Friction of the guide in presliding: an elastic bristle that slips at the break-away force.
 //!
-//! The contact is that of the stick-slip actuator ([`crate::elastoplastic_friction`]) with all forces as force-equivalent displacements
-//! (force divided by the stiffness of the actuator): the bristle holds back `bristle_stiffness` per micrometre of its bend and no more
-//! than `break_away_um`. `breakaway_ratio` is `z_b / z_s` of the law; at zero, where it stands unless a model file says otherwise, the
-//! bristle slips from the first motion on (Dahl's law). The mechanism rests where the piezo force balances spring and bristle. Where
-//! the model has inertia, the vibration stage takes the bristle in: it then holds the moving mass, and a small motion inside the
-//! presliding range sees it as an additional spring.
+//! The contact is that of the stick-slip actuator ([`crate::elastoplastic_friction`]) with all forces as
+//! force-equivalent displacements (force divided by the stiffness of the actuator): the bristle holds back
+//! `bristle_stiffness` per micrometre of its bend and no more than `break_away_um`. `breakaway_ratio` is
+//! `z_b / z_s` of the law; at zero, where it stands unless a model file says otherwise, the bristle slips
+//! from the first motion on (Dahl's law). The mechanism rests where the piezo force balances spring and
+//! bristle. Where the model has inertia, the vibration stage takes the bristle in: it then holds the moving
+//! mass, and a small motion inside the presliding range sees it as an additional spring.
 
 use super::force_balance::{RestoringForce, Travel};
 use super::{
@@ -23,7 +24,8 @@ pub struct Friction;
 /// The bristle between guide and stage.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bristle {
-    /// The contact, forces as the displacements that they make at rest: stiffness in units of the actuator's, Coulomb force in um.
+    /// The contact, forces as the displacements that they make at rest: stiffness in units of the actuator's,
+    /// Coulomb force in um.
     contact: ElastoplasticFriction,
     /// Its law, where it has no elastic range.
     dahl: Option<Dahl>,
@@ -69,7 +71,8 @@ impl Bristle {
         (self.displacement, self.bend) = (displacement, bend);
     }
 
-    /// Whether motion in this direction bends it no further: it then holds back its Coulomb force and acts as no spring.
+    /// Whether motion in this direction bends it no further: it then holds back its Coulomb force and acts as
+    /// no spring.
     #[inline]
     pub(super) fn slides(&self, bend: f64, direction: f64) -> bool {
         (self.sliding_bend - bend * direction.signum()).abs() <= SLIDES_WITHIN * self.sliding_bend
@@ -120,9 +123,9 @@ impl Bristle {
     /// Motion that takes up an imbalance, and the bend after it, where the contact has an elastic range.
     fn balanced(&self, unbalanced: f64) -> (f64, f64) {
         let stiffness = self.contact.stiffness_n_um;
-        // x + z(x) = force. The bristle holds back no more than one that goes on bending as it does now, and no more than the Coulomb force:
-        // both solutions are short of the true one. Since the bristle only stiffens less and less, Newton's steps from the longer one stay
-        // on its side.
+        // x + z(x) = force. The bristle holds back no more than one that goes on bending as it does now, and
+        // no more than the Coulomb force: both solutions are short of the true one. Since the bristle only
+        // stiffens less and less, Newton's steps from the longer one stay on its side.
         let slides = self.contact.coulomb_force_n > 0.0;
         let elastic_share = |bend: f64| if slides { self.contact.elastic_share(bend, unbalanced).0 } else { 0.0 };
         let force = unbalanced + self.held_at(self.bend);
@@ -167,8 +170,8 @@ impl RestoringForce for Bristle {
 
 /// Imbalance, in um, below which nothing moves: a millionth of what any sensor sees.
 const BALANCED_UM: f64 = 1e-9;
-/// A step of Newton's, in um, behind which as good as nothing is left: the error is half its square over the sliding bend, less than [`BALANCED_UM`]
-/// from a bend of half a nanometre on.
+/// A step of Newton's, in um, behind which as good as nothing is left: the error is half its square over the
+/// sliding bend, less than [`BALANCED_UM`] from a bend of half a nanometre on.
 const LAST_STEP_UM: f64 = 1e-6;
 
 struct FrictionStage {
@@ -255,7 +258,8 @@ that is divided where the mass sticks and slides. No export does this."
 mod tests {
     use super::*;
 
-    /// The chain's bristle and the stick-slip actuator's contact are one law: the bend after slow motion is the integral of the rate.
+    /// The chain's bristle and the stick-slip actuator's contact are one law: the bend after slow motion is
+    /// the integral of the rate.
     #[test]
     fn the_bristle_is_the_contact_of_the_stick_slip_actuator() {
         for breakaway_ratio in [None, Some(0.6)] {

@@ -1,10 +1,13 @@
-//! A mode whose moving mass is held by the bristle of a dry contact: inertia and presliding friction together.
+//! A mode whose moving mass is held by the bristle of a dry contact: inertia and presliding friction
+//! together.
 //!
-//! While the bristle bends it is a spring beside the actuator's own and raises the natural frequency; an interval of the recording is
-//! then walked in pieces that resolve the stiffened mode. In each the bristle is held at what it is where the mass is in the mean, and what its force rises
-//! by is added: for a bristle of constant stiffness that leaves an error of fourth order in the length of a piece. While it slides it
-//! holds back a constant force, the mode is linear, and several pieces are one exact step: most of a recording, and nearly all
-//! the time that it costs to run. A force that glides ([`super::arrival`]) glides in every piece, and in a stretch of them.
+//! While the bristle bends it is a spring beside the actuator's own and raises the natural frequency; an
+//! interval of the recording is then walked in pieces that resolve the stiffened mode. In each the bristle is
+//! held at what it is where the mass is in the mean, and what its force rises by is added: for a bristle of
+//! constant stiffness that leaves an error of fourth order in the length of a piece. While it slides it holds
+//! back a constant force, the mode is linear, and several pieces are one exact step: most of a recording, and
+//! nearly all the time that it costs to run. A force that glides ([`super::arrival`]) glides in every piece,
+//! and in a stretch of them.
 
 use super::arrival::Arrival;
 use super::friction::Bristle;
@@ -12,9 +15,11 @@ use super::vibration::{ModeLaw, Motion, Propagator, Within};
 
 /// Largest angle of the stiffened mode in one piece of an interval, rad.
 const PIECE_RAD: f64 = 0.7;
-/// Largest angle of the mode in one step where the bristle slides, rad: under a held force the motion cannot turn twice in it.
+/// Largest angle of the mode in one step where the bristle slides, rad: under a held force the motion cannot
+/// turn twice in it.
 const STRETCH_RAD: f64 = std::f64::consts::PI;
-/// Most pieces of an interval; with more the ringing within an interval is not followed and the bristle just balances.
+/// Most pieces of an interval; with more the ringing within an interval is not followed and the bristle just
+/// balances.
 const PIECES_MAX: f64 = 86.0;
 /// Imbalance and motion per piece, in um, below which nothing more happens in an interval.
 const AT_REST_UM: f64 = 1e-5;
@@ -64,7 +69,8 @@ struct Glide {
     left: f64,
     left_of_piece: f64,
     left_of_stretch: f64,
-    /// What the end of a piece makes of the mean displacement in it, of what it would make if it came at its beginning.
+    /// What the end of a piece makes of the mean displacement in it, of what it would make if it came at its
+    /// beginning.
     of_mean: f64,
     /// Of an input that runs straight, the part of its way in a piece and in a stretch; of a glide nothing.
     per_piece: f64,
@@ -77,13 +83,15 @@ struct Switch {
     piece: usize,
     /// The mode over that piece.
     propagator: Propagator,
-    /// What the late input makes of the mean displacement in it, of what it would make if it came at its beginning.
+    /// What the late input makes of the mean displacement in it, of what it would make if it came at its
+    /// beginning.
     of_mean: f64,
     before: f64,
 }
 
 impl HeldMass {
-    /// A mode held by `bristle` over intervals of `dt_s`, in which its input arrives so; until then `at_rest` acts.
+    /// A mode held by `bristle` over intervals of `dt_s`, in which its input arrives so; until then `at_rest`
+    /// acts.
     pub(super) fn new(bristle: Bristle, law: &ModeLaw, dt_s: f64, arrival: Arrival, at_rest: f64) -> Self {
         Self { motion: Motion::default(), bristle, law: *law, arrival, way: Way::of(&bristle, law, dt_s, arrival, at_rest) }
     }
@@ -192,8 +200,9 @@ impl Switch {
 }
 
 impl Pieces {
-    /// Carries a mode and the bend of a bristle over a signal, and leaves what is read in its place; whether the input is late, and whether a sensor lags
-    /// behind, is known beforehand, so that what they ask for stands in no other's way.
+    /// Carries a mode and the bend of a bristle over a signal, and leaves what is read in its place; whether
+    /// the input is late, and whether a sensor lags behind, is known beforehand, so that what they ask for
+    /// stands in no other's way.
     fn walk_over<const LATE: bool, const LAGS: bool>(
         &mut self,
         bristle: &Bristle,
@@ -283,7 +292,8 @@ impl Pieces {
         (motion, bend)
     }
 
-    /// Carries a mode and the bend of a bristle over one interval in which the input glides from one value to another.
+    /// Carries a mode and the bend of a bristle over one interval in which the input glides from one value to
+    /// another.
     #[inline]
     fn glide<const LAGS: bool>(
         &self,
@@ -293,7 +303,8 @@ impl Pieces {
         before: f64,
         input: f64,
     ) -> (Motion, f64) {
-        // Where it would come, or by how much it rises in all, and what it is at the beginning of the next piece.
+        // Where it would come, or by how much it rises in all, and what it is at the beginning of the next
+        // piece.
         let straight = glide.per_piece > 0.0;
         let (aim, rise) = if straight { (0.0, input - before) } else { ((input - glide.left * before) / (1.0 - glide.left), 0.0) };
         let mut force = before;
@@ -306,7 +317,8 @@ impl Pieces {
                 let force_after = aim + glide.left_of_stretch * (force - aim) + glide.per_stretch * rise;
                 let begun = motion.with_input_before(force - held_before);
                 let onward = stretch.propagator.after_as::<true, LAGS>(begun, force_after - held_before);
-                // A force that comes may turn a motion back that had turned before, which then shows where the force had not come.
+                // A force that comes may turn a motion back that had turned before, which then shows where
+                // the force had not come.
                 let uncome = stretch.propagator.after_as::<true, false>(begun, force - held_before);
                 let turned = [onward, uncome].into_iter().any(|end| stretch.propagator.motion_ahead(end) * ahead <= 0.0);
                 if !turned {
@@ -352,8 +364,8 @@ mod tests {
         }
     }
 
-    /// The same equations by a Runge-Kutta method of fourth order: mode, and `dz = (1 - z sgn(v) / z_s) dx` at its mass; where the force follows the drive with
-    /// a time constant, that as well.
+    /// The same equations by a Runge-Kutta method of fourth order: mode, and `dz = (1 - z sgn(v) / z_s) dx`
+    /// at its mass; where the force follows the drive with a time constant, that as well.
     fn integrated(law: &ModeLaw, contact: &ElastoplasticFriction, gliding_s: Option<f64>, kind: usize, samples: usize) -> Vec<f64> {
         let (w, xi) = (law.natural_frequency_rad_s, law.damping_ratio);
         let (k, sliding_bend) = (contact.stiffness_n_um, contact.sliding_bend_um());

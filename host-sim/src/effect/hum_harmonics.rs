@@ -1,8 +1,10 @@
-//! Multiples of the mains frequency beside its hum: rectifiers ripple at twice the mains, saturated transformers at its odd multiples.
+//! Multiples of the mains frequency beside its hum: rectifiers ripple at twice the mains, saturated
+//! transformers at its odd multiples.
 //!
 //! # How it works
-//! Sine and cosine of every multiple are estimated for every record, as those of the hum are. A periodic drive whose harmonics fall on the same lines would
-//! lend them what the loops leave, so they are proposed only where a line is seen while the drive stands still ([`Effect::speaks_for_it`]).
+//! Sine and cosine of every multiple are estimated for every record, as those of the hum are. A periodic
+//! drive whose harmonics fall on the same lines would lend them what the loops leave, so they are proposed
+//! only where a line is seen while the drive stands still ([`Effect::speaks_for_it`]).
 
 use super::mains_hum::{self, lines_stage};
 use super::{Against, Declaration, Effect, LinesAtRest, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
@@ -18,7 +20,8 @@ pub struct HumHarmonics;
 const MULTIPLES: [u32; 6] = [2, 3, 4, 5, 6, 7];
 /// Mains frequency where no hum says it, Hz.
 const USUAL_HZ: f64 = 50.0;
-/// A line at rest is a multiple of the hum where it is so near, Hz: a rest of two seconds tells lines apart that are half of that from one another.
+/// A line at rest is a multiple of the hum where it is so near, Hz: a rest of two seconds tells lines apart
+/// that are half of that from one another.
 const NEAR_HZ: f64 = 1.0;
 
 impl Effect for HumHarmonics {

@@ -1,7 +1,8 @@
-//! Rate-independent hysteresis with memory: the classical Preisach model and, with the initial ascending curve, the one-sided model.
+//! Rate-independent hysteresis with memory: the classical Preisach model and, with the initial ascending
+//! curve, the one-sided model.
 //!
-//! The stage holds the surfaces of [`crate::hysteresis_surface`]. `initial_curve`, `rate_dependence` and `bipolar` are properties of
-//! this stage: it reads their values from the model.
+//! The stage holds the surfaces of [`crate::hysteresis_surface`]. `initial_curve`, `rate_dependence` and
+//! `bipolar` are properties of this stage: it reads their values from the model.
 
 use super::play_operators::PlayOperators;
 use super::{
@@ -79,7 +80,8 @@ impl HeldDrive {
         (drive_v - self.lower_limit_v) / self.range_v
     }
 
-    /// Takes the drive of the next interval and returns its rate in V/s, or `None` if the output stays what it was.
+    /// Takes the drive of the next interval and returns its rate in V/s, or `None` if the output stays what
+    /// it was.
     fn next(&mut self, drive_v: f64) -> Option<f64> {
         if drive_v == self.last_drive_v {
             self.unchanged += 1;
@@ -88,7 +90,8 @@ impl HeldDrive {
                 return None;
             }
         }
-        // Over a held sample the rate is that of successive samples; a drive that moves inside a period has its own.
+        // Over a held sample the rate is that of successive samples; a drive that moves inside a period has
+        // its own.
         let intervals = if self.unchanged + 1 >= self.substeps { self.substeps } else { 1 };
         if drive_v != self.last_drive_v {
             self.unchanged = 0;
@@ -168,7 +171,8 @@ struct Contributions {
 }
 
 impl Contributions {
-    /// At the next input, in the place of those at the last: of the loop surface, the initial curve and the play operators, in this order.
+    /// At the next input, in the place of those at the last: of the loop surface, the initial curve and the
+    /// play operators, in this order.
     fn step(&mut self, x: f64, out: &mut Vec<f64>) {
         out.clear();
         out.extend_from_slice(self.walk.step(x));
@@ -226,7 +230,8 @@ At rest the memory is that of one rise from 0 to `X`. The output is a force-equi
         loop_terms(self.degree).map(|(i, j)| Parameter::linear(format!("g_{i}_{j}_um"), "um", -1e6, 1e6, step)).collect()
     }
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        // A loop of 15 % of the range, as piezo stacks have: on the way down from x less is lost at first than near zero.
+        // A loop of 15 % of the range, as piezo stacks have: on the way down from x less is lost at first
+        // than near zero.
         let mut values = vec![0.0; coefficient_count(self.degree)];
         let scale = overview.gain_um_v * overview.drive_range_v();
         values[0] = scale;
@@ -292,7 +297,8 @@ At rest the memory is that of one rise from 0 to `X`. The output is a force-equi
 /// Inputs at which what stays is looked at.
 const BRANCH: u32 = 200;
 
-/// Share of the height of the loops of a model that stays after the first rise, of an initial curve of these values at most.
+/// Share of the height of the loops of a model that stays after the first rise, of an initial curve of these
+/// values at most.
 pub(super) fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
     model.effect(ID)?;
     let (_, height_um) = super::loops::widest_opening_and_height_um(model);
@@ -303,7 +309,8 @@ pub(super) fn share_that_stays(model: &Model, remnant: &[f64]) -> Option<f64> {
 
 /// Surfaces and play operators walking along the drive, every coefficient apart.
 struct SurfaceWalker {
-    /// Of each effect how many coefficients it has, and how far they stand from one another among its parameters.
+    /// Of each effect how many coefficients it has, and how far they stand from one another among its
+    /// parameters.
     counts: [(&'static str, usize, usize); 3],
     contributions: Contributions,
     drive: HeldDrive,

@@ -1,7 +1,9 @@
 //! A spring part of which slips inside: the restoring force of Bouc and Wen.
 //!
-//! Of the stiffness a share `s` is hysteretic: `x` from where the stage stands without voltage, the force is `(1 - s) x + s h`, with `h' = x' - beta |x'| |h|^(n-1) h - gamma x' |h|^n`. While the mass moves one way, `h`
-//! depends on the way alone; with `n = 1`, where it stands unless a model file says otherwise, it is an exponential of it.
+//! Of the stiffness a share `s` is hysteretic: `x` from where the stage stands without voltage, the force is
+//! `(1 - s) x + s h`, with `h' = x' - beta |x'| |h|^(n-1) h - gamma x' |h|^n`. While the mass moves one way,
+//! `h` depends on the way alone; with `n = 1`, where it stands unless a model file says otherwise, it is an
+//! exponential of it.
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
@@ -25,7 +27,8 @@ struct BoucWenSpring {
 
 /// A hardening element is followed up to this power of e over one way: no recording has a loop that grows so.
 const GROWS_MOST: f64 = 50.0;
-/// Ways are followed in parts over which the element changes by no more than this share of where it tends, where it is no exponential.
+/// Ways are followed in parts over which the element changes by no more than this share of where it tends,
+/// where it is no exponential.
 const PART: f64 = 0.05;
 const PARTS_MAX: f64 = 400.0;
 
@@ -39,7 +42,8 @@ impl BoucWenSpring {
         let (mut h, mut left_um) = (h * side, way_um.abs());
         if self.exponent == 1.0 {
             if h < 0.0 {
-                // Unloading, up to where nothing is held; an element that recovers nothing on the way stays below.
+                // Unloading, up to where nothing is held; an element that recovers nothing on the way stays
+                // below.
                 let rate = self.beta - self.gamma;
                 let to_zero_um = if rate.abs() * -h < 1e-9 { -h } else { (-rate * h).ln_1p() / rate };
                 // Where the rate is so far below zero that it never comes there the logarithm is no number.

@@ -1,4 +1,5 @@
-//! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop takes back.
+//! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop takes
+//! back.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;

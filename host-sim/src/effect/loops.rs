@@ -3,8 +3,8 @@
 use super::Place;
 use crate::chain::{Drive, InitialState, Model};
 
-/// Loops that open by less than this share of their height are none of domain switching: of the hardest ceramics they open by some per cent (Fleming and
-/// Leang, 2014, Ch. 1).
+/// Loops that open by less than this share of their height are none of domain switching: of the hardest
+/// ceramics they open by some per cent (Fleming and Leang, 2014, Ch. 1).
 pub(super) const OF_DOMAINS: f64 = 0.003;
 /// Inputs on each branch at which loops are looked at.
 const BRANCH: usize = 200;
@@ -23,7 +23,8 @@ pub(super) fn closed_because(model: &Model) -> Option<String> {
     })
 }
 
-/// How far the rising and the falling branch over the whole range are apart where they are farthest, and how high they are, um.
+/// How far the rising and the falling branch over the whole range are apart where they are farthest, and how
+/// high they are, um.
 pub(super) fn widest_opening_and_height_um(model: &Model) -> (f64, f64) {
     let mut loops = model.clone();
     loops.effects.retain(|e| {

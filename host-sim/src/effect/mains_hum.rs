@@ -7,7 +7,8 @@ use super::{
 use crate::block::Block;
 use crate::chain::Model;
 
-/// A sine in the reading. Its phase at the start of a record is arbitrary, so sine and cosine are estimated for every record.
+/// A sine in the reading. Its phase at the start of a record is arbitrary, so sine and cosine are estimated
+/// for every record.
 pub struct MainsHum;
 
 /// Identifier in files and on the command line.
@@ -16,7 +17,8 @@ pub const ID: &str = "mains_hum";
 /// Frequencies that mains may have, Hz.
 const LOWEST_HZ: f64 = 45.0;
 const HIGHEST_HZ: f64 = 65.0;
-/// Samples at rest that show a line of a tenth of the noise beyond doubt. Where they show none, a line at the mains frequency is what a drive of that frequency leaves.
+/// Samples at rest that show a line of a tenth of the noise beyond doubt. Where they show none, a line at the
+/// mains frequency is what a drive of that frequency leaves.
 const SHOWS_WEAK_LINES: usize = 7000;
 
 /// One line of a reading, as a phasor that is turned from interval to interval.
@@ -59,7 +61,8 @@ impl Stage for LinesStage {
     }
 }
 
-/// The stage of lines whose amplitudes stand in pairs of sine and cosine; none where all are zero, as while they are fitted to every record by themselves.
+/// The stage of lines whose amplitudes stand in pairs of sine and cosine; none where all are zero, as while
+/// they are fitted to every record by themselves.
 pub(super) fn lines_stage<'a>(frequencies_hz: &[f64], amplitudes_um: &[f64], dt_s: f64) -> Option<Box<dyn Stage + 'a>> {
     let lines = frequencies_hz.iter().zip(amplitudes_um.as_chunks::<2>().0).filter(|(_, um)| um.iter().any(|um| *um != 0.0));
     let lines: Vec<Line> = lines.map(|(frequency_hz, um)| Line::at(*frequency_hz, *um, dt_s)).collect();

@@ -1,11 +1,12 @@
 //! The physical effects of a piezoelectric positioning system, one file each, and their registry.
 //!
-//! An effect declares itself ([`Declaration`], [`Parameter`]), says where it may start when it is looked for ([`Effect::starts`]) and
-//! builds a [`Stage`] that walks along a signal. Fitting, diagnosis, reports and the command line work from that alone. To add an
-//! effect: one file here, one line in [`registry`].
+//! An effect declares itself ([`Declaration`], [`Parameter`]), says where it may start when it is looked for
+//! ([`Effect::starts`]) and builds a [`Stage`] that walks along a signal. Fitting, diagnosis, reports and the
+//! command line work from that alone. To add an effect: one file here, one line in [`registry`].
 //!
-//! A *modifier* ([`Declaration::modifies`]) has no stage of its own where the effect that it modifies is in the model: the initial
-//! ascending curve and the rate dependence are properties of the hysteresis stage, a second mode of the vibration stage.
+//! A *modifier* ([`Declaration::modifies`]) has no stage of its own where the effect that it modifies is in
+//! the model: the initial ascending curve and the rate dependence are properties of the hysteresis stage, a
+//! second mode of the vibration stage.
 
 pub mod amplifier_bandwidth;
 mod arrival;
@@ -131,9 +132,11 @@ pub struct Parameter {
     pub scale: Scale,
     /// Not estimated unless asked for.
     pub fixed: bool,
-    /// What it is expected to lie within without any data: the standard deviation of a prior around zero, in its unit.
+    /// What it is expected to lie within without any data: the standard deviation of a prior around zero, in
+    /// its unit.
     pub expected: Option<f64>,
-    /// Its value was chosen before any data, as one of a grid: what another choice could do is no evidence of a missing effect.
+    /// Its value was chosen before any data, as one of a grid: what another choice could do is no evidence of
+    /// a missing effect.
     pub of_a_grid: bool,
 }
 
@@ -228,8 +231,8 @@ pub struct Overview {
 }
 
 impl Overview {
-    /// What may be assumed of a drive between these limits where no data are at hand: one second at 20 kHz, with a force, one micrometre for
-    /// the whole range.
+    /// What may be assumed of a drive between these limits where no data are at hand: one second at 20 kHz,
+    /// with a force, one micrometre for the whole range.
     #[must_use]
     pub fn without_data(drive_min_v: f64, drive_max_v: f64) -> Self {
         Self {
@@ -293,7 +296,8 @@ pub enum Planted {
 pub struct LinesAtRest {
     /// Frequencies of lines, Hz, of every rest and hold by itself.
     pub lines_hz: Vec<f64>,
-    /// Samples of the longest of them that is read fast enough for lines of the mains: zero where there is none.
+    /// Samples of the longest of them that is read fast enough for lines of the mains: zero where there is
+    /// none.
     pub samples: usize,
 }
 
@@ -370,12 +374,14 @@ pub struct Setting<'a> {
     pub drive_min_v: f64,
     /// Limits of the drive, V.
     pub drive_max_v: f64,
-    /// Signals run straight from the end of one interval to the end of the next: the drive is not held between samples.
+    /// Signals run straight from the end of one interval to the end of the next: the drive is not held
+    /// between samples.
     pub runs_straight: bool,
 }
 
 impl Setting<'_> {
-    /// Value of a signal of the record on an interval of the chain: held from each sample to the next, 0 where there is none.
+    /// Value of a signal of the record on an interval of the chain: held from each sample to the next, 0
+    /// where there is none.
     #[must_use]
     pub fn held(&self, signal: &[f64], interval: usize) -> f64 {
         signal.get(interval / self.substeps).copied().unwrap_or(0.0)
@@ -389,8 +395,9 @@ pub fn lag_weights(bandwidth_hz: f64, dt_s: f64) -> (f64, f64) {
     ((-dt_s / tau_s).exp(), -(-dt_s / tau_s).exp_m1() * tau_s / dt_s)
 }
 
-/// Whether something behind the amplifier takes in what its voltage does over an interval: inertia or a lag in the sensor. Without either the sensor
-/// reads the voltage at the end of the interval through what follows at once.
+/// Whether something behind the amplifier takes in what its voltage does over an interval: inertia or a lag
+/// in the sensor. Without either the sensor reads the voltage at the end of the interval through what follows
+/// at once.
 fn takes_the_mean_in(model: &Model) -> bool {
     model.effects.iter().any(|e| matches!(e.effect.declaration().place, Place::Vibration | Place::SensorBandwidth))
 }
@@ -400,14 +407,15 @@ fn lag_starts(overview: &Overview) -> Vec<Vec<f64>> {
     [0.25, 0.06, 0.015].iter().map(|share| vec![share * overview.sample_rate_max_hz]).collect()
 }
 
-/// The bandwidth of a first-order lag, within what the fastest record can show: a lag of much less than its sampling period cannot be
-/// told from how precisely the instants of sampling and of writing the drive are known.
+/// The bandwidth of a first-order lag, within what the fastest record can show: a lag of much less than its
+/// sampling period cannot be told from how precisely the instants of sampling and of writing the drive are
+/// known.
 fn lag_parameters(overview: &Overview) -> Vec<Parameter> {
     vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 0.5 * overview.sample_rate_max_hz)]
 }
 
-/// Sub-intervals of a sampling period for an effect that moves inside it: 12.5 us where the sampling is fast enough to show what happens
-/// there, up to 125 us in slow records, which see little more than the end of it.
+/// Sub-intervals of a sampling period for an effect that moves inside it: 12.5 us where the sampling is fast
+/// enough to show what happens there, up to 125 us in slow records, which see little more than the end of it.
 #[must_use]
 pub fn substeps_inside_period(dt_s: f64) -> usize {
     let fast = ((dt_s / 12.5e-6).ceil() as usize).clamp(1, 4);
@@ -417,8 +425,8 @@ pub fn substeps_inside_period(dt_s: f64) -> usize {
 
 /// One physical effect walking along a signal.
 pub trait Stage: Send {
-    /// Carries the stage over interval `k`: where its input stands at the end of it in, where its output stands then out. How they go there is the same for all
-    /// that stand behind the amplifier (`arrival.rs`).
+    /// Carries the stage over interval `k`: where its input stands at the end of it in, where its output
+    /// stands then out. How they go there is the same for all that stand behind the amplifier (`arrival.rs`).
     fn step(&mut self, k: usize, input: f64) -> f64;
 
     /// Puts the stage at rest for a constant input and returns the output.
@@ -436,7 +444,8 @@ pub trait Stage: Send {
         None
     }
 
-    /// What makes a costly part of the stage that another may share with it: two with the same values here make the same of the same input.
+    /// What makes a costly part of the stage that another may share with it: two with the same values here
+    /// make the same of the same input.
     fn shared_part(&self) -> Option<Vec<f64>> {
         None
     }
@@ -454,14 +463,15 @@ pub trait Stage: Send {
         self.run(from, signal);
     }
 
-    /// How the stage passes many small changes of its input on, where it does so linearly (a small bend may be left out); `None` where
-    /// that is not known and must be tried. For derivatives only.
+    /// How the stage passes many small changes of its input on, where it does so linearly (a small bend may
+    /// be left out); `None` where that is not known and must be tried. For derivatives only.
     fn linear_lanes(&self, _lanes: usize) -> Option<Box<dyn LinearLanes>> {
         None
     }
 }
 
-/// Many signals that pass a linear stage side by side. A block holds a row for every interval, with one value for each lane.
+/// Many signals that pass a linear stage side by side. A block holds a row for every interval, with one value
+/// for each lane.
 pub trait LinearLanes: Send {
     /// Puts all lanes at rest for constant inputs, one for each, and leaves the outputs in their place.
     fn settle(&mut self, row: &mut [f64]);
@@ -504,8 +514,8 @@ pub trait Effect: Send + Sync {
     /// What the effect says about itself.
     fn declaration(&self) -> Declaration;
 
-    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and how it is discretised, in Markdown. `docs/reference/effects.md`
-    /// explains the notation.
+    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and
+    /// how it is discretised, in Markdown. `docs/reference/effects.md` explains the notation.
     fn equations(&self) -> &'static str {
         ""
     }
@@ -513,7 +523,8 @@ pub trait Effect: Send + Sync {
     /// Its parameters for a data set (number of terms, bounds).
     fn parameters(&self, overview: &Overview) -> Vec<Parameter>;
 
-    /// Values, one list per start, at which the effect is small but visible; each is a direction in which it may be found.
+    /// Values, one list per start, at which the effect is small but visible; each is a direction in which it
+    /// may be found.
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>>;
 
     /// True where the starts are coefficients of one linear form, which is looked for as a whole.
@@ -531,12 +542,14 @@ pub trait Effect: Send + Sync {
         true
     }
 
-    /// Whether a walk of it takes much longer than of any other effect: a search leaves it out where the signatures of others hardly change.
+    /// Whether a walk of it takes much longer than of any other effect: a search leaves it out where the
+    /// signatures of others hardly change.
     fn costly(&self) -> bool {
         false
     }
 
-    /// Place in the order in which a list of effects is fitted one after the other: those on which others build come first.
+    /// Place in the order in which a list of effects is fitted one after the other: those on which others
+    /// build come first.
     fn fitting_rank(&self) -> usize {
         9
     }
@@ -551,7 +564,8 @@ pub trait Effect: Send + Sync {
         None
     }
 
-    /// Values that make the effect a few times as large as the noise at strength 1, for a simulated data set; `None` where it has no strength.
+    /// Values that make the effect a few times as large as the noise at strength 1, for a simulated data set;
+    /// `None` where it has no strength.
     fn values_at(&self, _strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         None
     }
@@ -571,7 +585,8 @@ pub trait Effect: Send + Sync {
         &[]
     }
 
-    /// Whether it takes part of what was recorded, so that it cannot be simulated where the drive is not known beforehand.
+    /// Whether it takes part of what was recorded, so that it cannot be simulated where the drive is not
+    /// known beforehand.
     fn follows_record(&self) -> bool {
         false
     }
@@ -581,24 +596,26 @@ pub trait Effect: Send + Sync {
         false
     }
 
-    /// Its values where the readings are whole steps of this size, um, for an effect that is seen in them whatever the model.
+    /// Its values where the readings are whole steps of this size, um, for an effect that is seen in them
+    /// whatever the model.
     fn values_in_readings(&self, _step_um: f64) -> Option<Vec<f64>> {
         None
     }
 
-    /// Which of its parameters, by place, make it answer the drive, for an effect that has slow states beside: with all of them zero only the free
-    /// motions of the states are left.
+    /// Which of its parameters, by place, make it answer the drive, for an effect that has slow states
+    /// beside: with all of them zero only the free motions of the states are left.
     fn answers_drive_by(&self) -> Vec<usize> {
         Vec::new()
     }
 
-    /// What a user of the literature might object to in values that were found: a reading of the same data by another effect is then
-    /// likelier.
+    /// What a user of the literature might object to in values that were found: a reading of the same data by
+    /// another effect is then likelier.
     fn unlikely_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
         None
     }
 
-    /// Why values that were found are none of this effect, whatever they bring: it is then part of a model, and no name.
+    /// Why values that were found are none of this effect, whatever they bring: it is then part of a model,
+    /// and no name.
     fn ruled_out_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
         None
     }
@@ -628,13 +645,14 @@ pub trait Effect: Send + Sync {
         1
     }
 
-    /// Whether it reads what moves inside a sampling period, and must see that motion: the modes in front of it then go in sub-intervals too.
+    /// Whether it reads what moves inside a sampling period, and must see that motion: the modes in front of
+    /// it then go in sub-intervals too.
     fn follows_motion(&self) -> bool {
         false
     }
 
-    /// Whether what it makes of a motion in `model` is known from where that stands at the ends of sampling periods: behind what moves inside them it then
-    /// goes in whole periods, if all that stand behind it do.
+    /// Whether what it makes of a motion in `model` is known from where that stands at the ends of sampling
+    /// periods: behind what moves inside them it then goes in whole periods, if all that stand behind it do.
     fn goes_by_ends(&self, _model: &Model) -> bool {
         false
     }
@@ -644,15 +662,16 @@ pub trait Effect: Send + Sync {
         None
     }
 
-    /// Free motions of the states of this effect in `model`, whose initial values are unknown in a record that starts after an unknown
-    /// history.
+    /// Free motions of the states of this effect in `model`, whose initial values are unknown in a record
+    /// that starts after an unknown history.
     fn free_motions(&self, _model: &Model, _values: &[f64]) -> Vec<FreeMotion> {
         Vec::new()
     }
 
     /// Frequencies in Hz of lines whose phase is arbitrary in every record.
     ///
-    /// Sine and cosine of each, in this order, are its last values; the others of an effect in `model` may set the frequencies.
+    /// Sine and cosine of each, in this order, are its last values; the others of an effect in `model` may
+    /// set the frequencies.
     fn line_frequencies_hz(&self, _model: &Model, _values: &[f64]) -> Vec<f64> {
         Vec::new()
     }

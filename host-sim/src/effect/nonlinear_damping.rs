@@ -1,4 +1,5 @@
-//! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow, with none of it as in dry friction.
+//! A damper whose force does not grow in proportion to the velocity: with its square as in turbulent flow,
+//! with none of it as in dry friction.
 
 use super::force_balance::{RestoringForce, Travel};
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
@@ -10,7 +11,8 @@ pub const ID: &str = "nonlinear_damping";
 /// A power of the velocity in the force of the damper.
 pub struct NonlinearDamping;
 
-/// A force of `force_um` where the velocity over the natural frequency is `at_um`, with this power of it between.
+/// A force of `force_um` where the velocity over the natural frequency is `at_um`, with this power of it
+/// between.
 #[derive(Clone, Copy, Debug)]
 struct Damper {
     force_um: f64,
@@ -18,7 +20,8 @@ struct Damper {
     at_um: f64,
 }
 
-/// Share of the reference velocity below which a power less than one is smoothed: what turns at once at zero velocity is no function there.
+/// Share of the reference velocity below which a power less than one is smoothed: what turns at once at zero
+/// velocity is no function there.
 const SMOOTHED: f64 = 1e-3;
 
 impl RestoringForce for Damper {

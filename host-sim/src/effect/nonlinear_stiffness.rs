@@ -1,7 +1,7 @@
 //! A spring that stiffens, or softens, with its deflection.
 //!
-//! The force is a polynomial of the displacement from where the stage stands without voltage. A spring that gives way holds no less than the load at
-//! which it does: beyond, its force stays what it is there.
+//! The force is a polynomial of the displacement from where the stage stands without voltage. A spring that
+//! gives way holds no less than the load at which it does: beyond, its force stays what it is there.
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
@@ -38,14 +38,15 @@ impl Spring {
         2.0 * second * deflection_um + 3.0 * third * square + 5.0 * fifth * square * square
     }
 
-    /// The least deflection to a side at which the whole spring no longer gets stronger, um: where one power alone would undo the straight spring sets the scale, a
-    /// hundredth of it the step.
+    /// The least deflection to a side at which the whole spring no longer gets stronger, um: where one power
+    /// alone would undo the straight spring sets the scale, a hundredth of it the step.
     fn gives_way_at(&self, side: f64) -> f64 {
         let [second, third, fifth] = self.powers;
         let alone = [(2.0 * second * side, 1.0), (3.0 * third, 2.0), (5.0 * fifth, 4.0)];
         let reach_um = alone.iter().filter(|(slope, _)| *slope < 0.0).map(|(slope, power)| (-slope).powf(-1.0 / power)).fold(0.0, f64::max);
         let gives_way = |um: f64| self.slope(side * um) <= -1.0;
-        // Others hold it together for a while, at most until the highest of those that undo it has outgrown them.
+        // Others hold it together for a while, at most until the highest of those that undo it has outgrown
+        // them.
         let steps = (1..=GIVING_WAY_STEPS).map(|k| f64::from(k) * 0.01 * reach_um);
         let Some(mut behind) = steps.into_iter().find(|um| gives_way(*um)).filter(|_| reach_um > 0.0) else { return f64::INFINITY };
         let mut before = behind - 0.01 * reach_um;
@@ -57,7 +58,8 @@ impl Spring {
     }
 }
 
-/// A spring that does not give way within four times the deflection at which one of its powers alone would is held by the others.
+/// A spring that does not give way within four times the deflection at which one of its powers alone would is
+/// held by the others.
 const GIVING_WAY_STEPS: u16 = 400;
 
 impl RestoringForce for Spring {
@@ -104,7 +106,8 @@ impl Effect for NonlinearStiffness {
 interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this."
     }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        // At a swing through half the range each power counts as much as the straight spring at most ten times over.
+        // At a swing through half the range each power counts as much as the straight spring at most ten
+        // times over.
         let half_um = 0.5 * overview.range_um.max(1e-6);
         let power = |name: &str, unit: &str, order: i32| {
             let unit_size = half_um.powi(1 - order);

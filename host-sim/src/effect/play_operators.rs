@@ -1,10 +1,13 @@
-//! Play operators beside the polynomial surfaces of the hysteresis: loops with kinks, which polynomials only approach slowly.
+//! Play operators beside the polynomial surfaces of the hysteresis: loops with kinks, which polynomials only
+//! approach slowly.
 //!
-//! Their part of `G(x, z)` depends on `x - z` alone and is straight between kinks; the surfaces have the smooth rest. The hysteresis
-//! stage adds them. They are no candidate: a structure of loops that was described too coarsely is not a missing effect.
+//! Their part of `G(x, z)` depends on `x - z` alone and is straight between kinks; the surfaces have the
+//! smooth rest. The hysteresis stage adds them. They are no candidate: a structure of loops that was
+//! described too coarsely is not a missing effect.
 //!
-//! Their thresholds stay where they are put, evenly at first: their weights enter linearly. Loops of few elements are met by no grid, whose nearest thresholds
-//! leave a step at every turn; for those thresholds are set free (`finer_plays` of the library).
+//! Their thresholds stay where they are put, evenly at first: their weights enter linearly. Loops of few
+//! elements are met by no grid, whose nearest thresholds leave a step at every turn; for those thresholds are
+//! set free (`finer_plays` of the library).
 
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
 use crate::block::Play;
@@ -14,7 +17,8 @@ use std::sync::Arc;
 /// Identifier in files and on the command line.
 pub const ID: &str = "play_operators";
 
-/// Elements that are carried side by side, and as many sums: one alone would wait for itself at every element.
+/// Elements that are carried side by side, and as many sums: one alone would wait for itself at every
+/// element.
 const SIDE_BY_SIDE: usize = 4;
 
 /// Some elements; those that fill it up weigh nothing.
@@ -105,8 +109,8 @@ fn rise(x: f64, threshold: f64) -> f64 {
     (x - threshold).max(0.0)
 }
 
-/// Half of the width of the loop at which element `i` of so many begins to move, in units of the drive range: a threshold of zero would be a plain gain, and one of
-/// half the range never closes a loop.
+/// Half of the width of the loop at which element `i` of so many begins to move, in units of the drive range:
+/// a threshold of zero would be a plain gain, and one of half the range never closes a loop.
 fn threshold(i: usize, elements: usize) -> f64 {
     0.5 * (i + 1) as f64 / (elements + 1) as f64
 }

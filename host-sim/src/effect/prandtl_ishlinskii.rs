@@ -1,4 +1,5 @@
-//! Prandtl-Ishlinskii hysteresis: a weighted sum of play operators, and its modified form with dead zones behind.
+//! Prandtl-Ishlinskii hysteresis: a weighted sum of play operators, and its modified form with dead zones
+//! behind.
 
 use super::play_operators::PlayOperators;
 use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};

@@ -1,8 +1,9 @@
 //! Rate dependence of the hysteresis: the loops widen with the speed of the drive.
 //!
-//! The thesis makes every coefficient of `F` and `G` a polynomial of the input rate (Ch. 4, Eqs. 16-17). What the data usually show is
-//! one factor for all of `G` and one for all of `F`: `f = (1 + c v) F(M) - (1 + g v + h v^2) sum G`, with the rate `v` in units of
-//! 10^4 V/s. The rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
+//! The thesis makes every coefficient of `F` and `G` a polynomial of the input rate (Ch. 4,
+//! Eqs. 16-17). What the data usually show is one factor for all of `G` and one for all of `F`:
+//! `f = (1 + c v) F(M) - (1 + g v + h v^2) sum G`, with the rate `v` in units of 10^4 V/s. The
+//! rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
 use crate::block::Rate;
@@ -117,7 +118,8 @@ mod tests {
         let coarse = model.simulate(&drive);
         for substeps in [2, 4, 7] {
             let fine = model.simulate_finely(&drive, substeps);
-            // A sample that repeats the one before is at rest; between its sub-intervals and a whole period there is no difference at the end.
+            // A sample that repeats the one before is at rest; between its sub-intervals and a whole period
+            // there is no difference at the end.
             assert!(coarse.iter().zip(&fine).all(|(a, b)| (a - b).abs() < 1e-12), "{substeps}");
         }
     }

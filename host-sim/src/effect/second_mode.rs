@@ -45,7 +45,8 @@ itself where there is no `vibration`."
         let mut out = Vec::new();
         let count = 36;
         for i in 0..count {
-            // Steps of 7 %, a little wider than the width of a mode with the damping ratio that goes with them.
+            // Steps of 7 %, a little wider than the width of a mode with the damping ratio that goes with
+            // them.
             let frequency = 0.9 * highest * 0.93_f64.powi(i);
             out.push(vec![0.02, frequency, 0.03]);
         }

@@ -1,7 +1,7 @@
 //! Bandwidth of the sensor: its reading follows the displacement as a first-order lag.
 //!
-//! Where the model has inertia, the vibration stage takes the lag in: together they are one linear system, exact for a held force.
-//! Without inertia the displacement itself steps or glides ([`super::arrival`]).
+//! Where the model has inertia, the vibration stage takes the lag in: together they are one linear system,
+//! exact for a held force. Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
 use super::arrival::{Arrival, Over};
 use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
@@ -135,7 +135,8 @@ mod tests {
     use crate::chain::{Drive, EffectInstance, InitialState, Model};
     use crate::effect::{Overview, by_id};
 
-    /// The reading after a step through mode and sensor, by Euler's method in a hundred-thousandth of the period.
+    /// The reading after a step through mode and sensor, by Euler's method in a hundred-thousandth of the
+    /// period.
     fn by_euler(natural_frequency_rad_s: f64, damping_ratio: f64, bandwidth_hz: f64, until_s: f64) -> f64 {
         let (w, steps) = (natural_frequency_rad_s, 400_000);
         let h = until_s / f64::from(steps);

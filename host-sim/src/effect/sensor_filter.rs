@@ -1,10 +1,12 @@
 //! Filter of the sensor's electronics: its reading follows the displacement through a second-order low-pass.
 //!
-//! Most capacitive and strain-gauge electronics end in one, as a rule of Butterworth's form (damping ratio 0.71). It is as a mode by its equation,
-//! and told from one by its damping alone: filters are designed flat, mechanical resonances are not.
+//! Most capacitive and strain-gauge electronics end in one, as a rule of Butterworth's form (damping ratio
+//! 0.71). It is as a mode by its equation, and told from one by its damping alone: filters are designed flat,
+//! mechanical resonances are not.
 //!
-//! Where a mode moves freely, the vibration stage takes the filter in: together they are one linear system, exact for a held force, in slow records
-//! too. Behind a mass that friction holds it reads in sub-intervals. Without inertia the displacement itself steps or glides ([`super::arrival`]).
+//! Where a mode moves freely, the vibration stage takes the filter in: together they are one linear system,
+//! exact for a held force, in slow records too. Behind a mass that friction holds it reads in sub-intervals.
+//! Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
 use super::arrival::{Arrival, Over};
 use super::vibration::free_motions_of;
@@ -21,7 +23,8 @@ pub const ID: &str = "sensor_filter";
 /// Second-order low-pass behind everything mechanical.
 pub struct SensorFilter;
 
-/// Natural frequency, Hz, and damping ratio of the filter of a model whose modes take it in: all of them move freely.
+/// Natural frequency, Hz, and damping ratio of the filter of a model whose modes take it in: all of them move
+/// freely.
 pub(super) fn taken_in_by_modes(model: &Model) -> Option<[f64; 2]> {
     model.effect(super::vibration::ID)?;
     let values = model.values(ID)?;
@@ -130,8 +133,8 @@ impl Effect for SensorFilter {
             place: Place::SensorBandwidth,
             modifies: Some(super::vibration::ID),
             experiment: "multisines up to a third of the sampling rate".into(),
-            // Not looked for by itself: beside other lags it ties with them on most data, and a mode with such a damping is said to be one. Beside a mode
-            // it is tried in the place of another lag.
+            // Not looked for by itself: beside other lags it ties with them on most data, and a mode with
+            // such a damping is said to be one. Beside a mode it is tried in the place of another lag.
             candidate: true,
             one_sided: true,
         }
@@ -144,8 +147,8 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         let highest_hz = 0.5 * overview.sample_rate_max_hz;
         vec![
             Parameter::logarithmic("natural_frequency_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, highest_hz),
-            // With less it would be a mode, which nobody builds into a sensor; with more its two poles part, and the slower one alone is
-            // a bandwidth of the sensor.
+            // With less it would be a mode, which nobody builds into a sensor; with more its two poles part,
+            // and the slower one alone is a bandwidth of the sensor.
             Parameter::logarithmic("damping_ratio", "1", DESIGNED_DAMPING_MIN, 1.0),
         ]
     }
@@ -170,7 +173,8 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         if !has_inertia(model) || taken_in_by_modes(model).is_some() {
             return 1;
         }
-        // What is read between two instants is taken as straight: finer than others need where records are neither fast nor at rest at every sample.
+        // What is read between two instants is taken as straight: finer than others need where records are
+        // neither fast nor at rest at every sample.
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
         super::substeps_inside_period(dt_s).max(straight)
     }
@@ -208,7 +212,8 @@ mod tests {
         model
     }
 
-    /// Without inertia a step of the drive is a step of the displacement: the reading is the textbook's step response, exactly.
+    /// Without inertia a step of the drive is a step of the displacement: the reading is the textbook's step
+    /// response, exactly.
     #[test]
     fn a_step_is_answered_as_by_the_closed_form() {
         let (frequency_hz, xi, dt_s) = (900.0, 0.6, 1e-4);
@@ -251,8 +256,9 @@ mod tests {
         }
     }
 
-    /// What is held reads alike at the instants that a slow and a fast record share, behind a mode that rings, a second one and a lag: the model says nothing
-    /// of the rate at which it is looked at. In straight pieces of 125 us the first differs by a hundredth.
+    /// What is held reads alike at the instants that a slow and a fast record share, behind a mode that
+    /// rings, a second one and a lag: the model says nothing of the rate at which it is looked at. In
+    /// straight pieces of 125 us the first differs by a hundredth.
     #[test]
     fn a_held_drive_reads_alike_in_slow_and_fast_records() {
         let mode: (&str, &[f64]) = ("vibration", &[2387.6, 0.02]);

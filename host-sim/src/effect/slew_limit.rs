@@ -87,7 +87,8 @@ mod tests {
     use crate::chain::{Drive, EffectInstance, InitialState, Model};
     use crate::effect::{Overview, by_id};
 
-    /// Of a straight stage, 0.1 um/V, behind an amplifier of 6000 V/s and of a lag of 300 Hz, each where it is asked for.
+    /// Of a straight stage, 0.1 um/V, behind an amplifier of 6000 V/s and of a lag of 300 Hz, each where it
+    /// is asked for.
     fn read(effect: (&str, f64), drive_v: &[f64], dt_s: f64) -> Vec<f64> {
         let overview = Overview::without_data(0.0, 80.0);
         let mut model = Model::new(0.0, 80.0);
@@ -105,7 +106,8 @@ mod tests {
     fn a_straight_stage_without_inertia_shows_the_voltage_at_the_instant_of_sampling() {
         let dt_s = 1.0 / 7300.0;
         let drive_v = drive_v(dt_s);
-        // Written a second time, period by period: the voltage of a held drive moves by the limit at most, or by its lag.
+        // Written a second time, period by period: the voltage of a held drive moves by the limit at most, or
+        // by its lag.
         let (mut limited_v, mut lagging_v) = (drive_v[0], drive_v[0]);
         let slew = read(("slew_limit", 6000.0), &drive_v, dt_s);
         let lag = read(("amplifier_bandwidth", 300.0), &drive_v, dt_s);

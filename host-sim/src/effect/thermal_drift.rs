@@ -22,7 +22,8 @@ impl Stage for DriftStage {
     fn step(&mut self, k: usize, input: f64) -> f64 {
         let intervals = k as f64 + 1.0;
         let slowed = self.slowing_per_interval * intervals;
-        // At a rate that does not change it is a straight line, with which the exponential agrees to rounding here.
+        // At a rate that does not change it is a straight line, with which the exponential agrees to rounding
+        // here.
         let at_full_rate = if slowed.abs() < 1e-9 { intervals } else { -(-slowed).exp_m1() / self.slowing_per_interval };
         input + self.rate_um_per_interval * at_full_rate
     }
@@ -57,8 +58,9 @@ impl Effect for ThermalDrift {
         let rate_um_s = overview.range_um.max(1e-6) / overview.duration_s;
         vec![
             Parameter::linear("rate_um_s", "um/s", -500.0 * rate_um_s, 500.0 * rate_um_s, 1e-3 * rate_um_s),
-            // Below zero the drift speeds up, as it does while the source of heat still warms up. About zero it is a straight line: amplitude and time
-            // constant, both without limit there, would be known badly each.
+            // Below zero the drift speeds up, as it does while the source of heat still warms up. About zero
+            // it is a straight line: amplitude and time constant, both without limit there, would be known
+            // badly each.
             Parameter::linear("slowing_per_s", "1/s", -4.0 / overview.duration_s, 50.0 / overview.duration_s, 0.02 / overview.duration_s),
         ]
     }
@@ -81,7 +83,8 @@ impl Effect for ThermalDrift {
         Some(Box::new(DriftStage { rate_um_per_interval: values[0] * setting.dt_s, slowing_per_interval: values[1] * setting.dt_s }))
     }
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        // How warm the stage is when a record begins is as little known as its loops: each such record drifts by an amount of its own.
+        // How warm the stage is when a record begins is as little known as its loops: each such record drifts
+        // by an amount of its own.
         vec![FreeMotion { decay_per_s: values[1], frequency_rad_s: 0.0 }]
     }
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {

@@ -1,4 +1,5 @@
-//! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order modes.
+//! Structural vibration: the mass moves after the force-equivalent displacement as one or two second-order
+//! modes.
 
 use super::arrival::{Arrival, Over};
 use super::force_balance::{BalancedMass, forces_of};
@@ -19,7 +20,8 @@ pub const ID: &str = "vibration";
 /// First mode of the actuator with its load.
 pub struct Vibration;
 
-/// How a mode of unit static gain goes over an interval at whose end its input has come to a value: exact however long the interval is.
+/// How a mode of unit static gain goes over an interval at whose end its input has come to a value: exact
+/// however long the interval is.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Propagator {
     phi: [f64; 4],
@@ -29,14 +31,16 @@ pub(super) struct Propagator {
     start: ByStart,
 }
 
-/// Of an input that comes to its value inside an interval: what the one before it, with which the interval starts, adds.
+/// Of an input that comes to its value inside an interval: what the one before it, with which the interval
+/// starts, adds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct ByStart {
     gamma: [f64; 2],
     sensor_gamma: f64,
 }
 
-/// A sensor that follows the displacement of a mode as a first-order lag: the third state of one linear system.
+/// A sensor that follows the displacement of a mode as a first-order lag: the third state of one linear
+/// system.
 #[derive(Clone, Copy, Debug)]
 struct SensorPropagator {
     phi: [f64; 3],
@@ -48,7 +52,8 @@ struct SensorPropagator {
 pub(super) struct Within {
     /// Of the mean displacement: by the displacement, the velocity and the held input.
     mean: [f64; 3],
-    /// What an input that rises straight from minus one to one adds at the end to displacement, velocity and what a sensor with a lag reads.
+    /// What an input that rises straight from minus one to one adds at the end to displacement, velocity and
+    /// what a sensor with a lag reads.
     rising: [f64; 3],
 }
 
@@ -94,11 +99,13 @@ impl Motion {
     }
 }
 
-/// A filter of second order in the sensor's electronics behind what [`Propagator`] reads: the last two states of one linear system.
+/// A filter of second order in the sensor's electronics behind what [`Propagator`] reads: the last two states
+/// of one linear system.
 #[derive(Clone, Copy, Debug)]
 struct FilterPropagator {
-    /// By displacement, velocity, the lagging reading, the filter's own reading and its rate over the filter's natural frequency; then by the input
-    /// with which the interval starts and the one to which it comes.
+    /// By displacement, velocity, the lagging reading, the filter's own reading and its rate over the
+    /// filter's natural frequency; then by the input with which the interval starts and the one to which it
+    /// comes.
     rows: [[f64; 7]; 2],
 }
 
@@ -128,7 +135,8 @@ pub(super) struct ModeLaw {
     pub(super) damping_ratio: f64,
     /// Bandwidth of the sensor that reads its displacement, if one lags behind it.
     pub(super) sensor_bandwidth_hz: Option<f64>,
-    /// Filter behind that in the sensor's electronics, where the mode takes it in: natural frequency, Hz, and damping ratio.
+    /// Filter behind that in the sensor's electronics, where the mode takes it in: natural frequency, Hz, and
+    /// damping ratio.
     pub(super) sensor_filter: Option<[f64; 2]>,
 }
 
@@ -154,7 +162,8 @@ impl ModeLaw {
         Some(FilterPropagator { rows: [row(3), row(4)] })
     }
 
-    /// The mode with what reads it, and the state that is read: displacement in um, velocity divided by omega, and the lag's and the filter's states where there are any.
+    /// The mode with what reads it, and the state that is read: displacement in um, velocity divided by
+    /// omega, and the lag's and the filter's states where there are any.
     pub(super) fn read_system(&self) -> (ContinuousSystem, usize) {
         if let Some(filter) = self.sensor_filter {
             return (self.system_with_filter(filter), 3);
@@ -192,13 +201,15 @@ impl ModeLaw {
         }
     }
 
-    /// What an interval brings beside its end: where the mode is in the mean, and what an input that rises adds.
+    /// What an interval brings beside its end: where the mode is in the mean, and what an input that rises
+    /// adds.
     pub(super) fn within(&self, dt_s: f64) -> Within {
         let (phi, held, slope) = self.system_with_mean(dt_s).straight_matrices(dt_s);
         Within { mean: [phi[(3, 0)], phi[(3, 1)], held[3]], rising: [0, 1, 2].map(|i| 2.0 * slope[i] - held[i]) }
     }
 
-    /// What an input that arrives so makes of the mean displacement over an interval, of what it would make if it came at its beginning.
+    /// What an input that arrives so makes of the mean displacement over an interval, of what it would make
+    /// if it came at its beginning.
     pub(super) fn share_in_mean(&self, dt_s: f64, arrival: Arrival) -> f64 {
         let Over { start, end, .. } = arrival.over(&self.system_with_mean(dt_s), dt_s);
         end[3] / (start[3] + end[3])
@@ -231,7 +242,8 @@ impl Propagator {
         if self.sensor.is_some() { self.after_as::<true, true>(from, input) } else { self.after_as::<true, false>(from, input) }
     }
 
-    /// The same for those who know whether the input before counts and whether a sensor lags behind: recursions that run over millions of intervals.
+    /// The same for those who know whether the input before counts and whether a sensor lags behind:
+    /// recursions that run over millions of intervals.
     #[inline]
     pub(super) fn after_as<const STARTS: bool, const LAGS: bool>(&self, from: Motion, input: f64) -> Motion {
         let Motion { displacement: x, velocity: v, reading, before } = from;
@@ -324,7 +336,8 @@ impl Mode {
         self.filter.map_or(self.motion.reading, |(_, [reading, _])| reading)
     }
 
-    /// The mode with what reads it, over its interval: displacement, velocity, lagging reading, and what the filter has.
+    /// The mode with what reads it, over its interval: displacement, velocity, lagging reading, and what the
+    /// filter has.
     fn as_linear(&self) -> Linear {
         let Propagator { phi, gamma, sensor, start, .. } = self.propagator;
         let mut rows = vec![vec![phi[0], phi[1], 0.0], vec![phi[2], phi[3], 0.0]];
@@ -389,8 +402,8 @@ pub(super) struct VibrationStage {
     late: VecDeque<f64>,
     /// The first mode over a whole interval, without a bristle: what passes small changes on.
     whole_interval: Option<Mode>,
-    /// What a first mode whose mass is held read over the last signal, where others take it: it takes most of the time, and a second mode does not change
-    /// it.
+    /// What a first mode whose mass is held read over the last signal, where others take it: it takes most of
+    /// the time, and a second mode does not change it.
     by_held: Option<Vec<f64>>,
 }
 
@@ -399,7 +412,8 @@ impl VibrationStage {
     pub(super) fn of(model: &Model, setting: &Setting) -> Self {
         let dt_s = setting.dt_s;
         let mass_factor = super::mass_change::frequency_factor(model);
-        // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small nonlinearity.
+        // A lag commutes with what stands between it and the modes: linear parts, and a sensor's small
+        // nonlinearity.
         let sensor_bandwidth_hz = model.effect(ID).and_then(|_| model.values(super::sensor_bandwidth::ID)).map(|v| v[0]);
         let sensor_filter = super::sensor_filter::taken_in_by_modes(model);
         let arrival = Arrival::of(model, setting);
@@ -533,7 +547,8 @@ impl Stage for VibrationStage {
         rest
     }
     fn linear_lanes(&self, lanes: usize) -> Option<Box<dyn LinearLanes>> {
-        // Against other forces the mass passes small changes on as the free mode does, but for the bend of those forces.
+        // Against other forces the mass passes small changes on as the free mode does, but for the bend of
+        // those forces.
         Some(Box::new(VibrationLanes {
             first: self.whole_interval.map(|mode| ModeLanes::new(mode, lanes)),
             second: self.second.map(|(share, mode)| (share, ModeLanes::new(mode, lanes))),
@@ -702,7 +717,8 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
         resonances.iter().map(|r| vec![r.natural_frequency_rad_s, r.damping_ratio]).collect()
     }
     fn ruled_out_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
-        // Beyond the critical damping nothing rings: the equation is then that of two lags, which have names of their own.
+        // Beyond the critical damping nothing rings: the equation is then that of two lags, which have names
+        // of their own.
         (values[1] > 1.0).then(|| format!("with a damping ratio of {:.2} it does not ring: it is two lags", values[1]))
     }
     fn unlikely_because(&self, _model: &Model, values: &[f64]) -> Option<String> {

@@ -1,4 +1,5 @@
-//! Another block under a running loop, on the reference bench: the step of the drive at the swap, what follows, and the loop that goes on.
+//! Another block under a running loop, on the reference bench: the step of the drive at the swap, what
+//! follows, and the loop that goes on.
 
 use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -105,7 +106,8 @@ impl Loop {
         code
     }
 
-    /// So many whole ticks; the largest magnitude of the tracking error, um, and the largest step of the drive from tick to tick, codes.
+    /// So many whole ticks; the largest magnitude of the tracking error, um, and the largest step of the
+    /// drive from tick to tick, codes.
     fn run(&mut self, ticks: u32) -> (f64, u32) {
         let (mut largest, mut step) = (0.0f64, 0);
         for _ in 0..ticks {
@@ -119,12 +121,14 @@ impl Loop {
     }
 }
 
-/// By how many percent of the largest step that the drive makes from tick to tick anyway (of noise and reference) the first drives of both blocks may
-/// differ: both go on from the same drive, and no gain of the family is more than 1.1 / 0.7 of another.
+/// By how many percent of the largest step that the drive makes from tick to tick anyway (of noise and
+/// reference) the first drives of both blocks may differ: both go on from the same drive, and no gain of the
+/// family is more than 1.1 / 0.7 of another.
 const MOST_PERCENT: u32 = 57;
 
-/// The tracking error in the 25 ms behind a swap may be larger by so much than both blocks' own, um: what the noise (1.3 nm RMS) makes of it by chance.
-/// Each block's own is that of a loop that had it all along, over 0.15 s and more.
+/// The tracking error in the 25 ms behind a swap may be larger by so much than both blocks' own, um: what the
+/// noise (1.3 nm RMS) makes of it by chance. Each block's own is that of a loop that had it all along, over
+/// 0.15 s and more.
 const MOST_ERROR_UM: f64 = 0.005;
 
 proptest! {
@@ -147,7 +151,8 @@ proptest! {
         let (swapped_code, stayed_code) = (running.clone().answer(), stayed.answer());
         let step = swapped_code.abs_diff(stayed_code);
         let (error_after, _) = running.run(500);
-        // A block with lower gains and another feedforward has a larger error from then on, with or without a swap.
+        // A block with lower gains and another feedforward has a larger error from then on, with or without a
+        // swap.
         let mut always_new = Loop::closed(&block(&new), hz, amplitude_um, seed);
         always_new.run(2000);
         let (error_of_new, _) = always_new.run(ticks);
@@ -186,8 +191,8 @@ fn undoing(ticks: f64) -> AmplifierParameters {
     parameters
 }
 
-/// What another lag does in the 5 ms behind its taking over, against the loop that stayed: the largest change of the reference's and of the position's step from
-/// tick to tick, nm, and of the drive's, codes.
+/// What another lag does in the 5 ms behind its taking over, against the loop that stayed: the largest change
+/// of the reference's and of the position's step from tick to tick, nm, and of the drive's, codes.
 fn at_another_lag(from_ticks: f64, to_ticks: f64, hz: f64, amplitude_um: f64) -> [f64; 3] {
     let mut running = Loop::closed(&undoing(from_ticks), hz, amplitude_um, 11);
     running.run(3000);
@@ -211,7 +216,8 @@ fn at_another_lag(from_ticks: f64, to_ticks: f64, hz: f64, amplitude_um: f64) ->
     largest
 }
 
-/// Without an offset that takes the difference of the lags the reference jumped by most of it: 10 nm and 86 codes with a lag of 16 us at 50 Hz and 3 um.
+/// Without an offset that takes the difference of the lags the reference jumped by most of it: 10 nm and 86
+/// codes with a lag of 16 us at 50 Hz and 3 um.
 #[test]
 fn another_lag_of_the_sensor_takes_over_without_a_step_of_the_reference() {
     for (from, to) in [(0.0, 0.32), (0.32, 0.0), (0.32, 3.0), (12.0, 3.0)] {

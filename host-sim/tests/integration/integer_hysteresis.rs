@@ -1,4 +1,5 @@
-//! The integer hysteresis of the controller against the f64 model of the plant: forward, inverse, limits, full stack.
+//! The integer hysteresis of the controller against the f64 model of the plant: forward, inverse, limits,
+//! full stack.
 
 use hysteron_core::one_sided_hysteresis::{OneSidedHysteresis, STACK_CAPACITY, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
 use hysteron_sim::bench::Bench;
@@ -56,7 +57,8 @@ proptest! {
         for x in drive {
             ours.apply(share(x));
         }
-        // The output that another drive would give from here is reachable, and any share that gives it is right.
+        // The output that another drive would give from here is reachable, and any share that gives it is
+        // right.
         let mut probe = ours.clone();
         let target = probe.apply(share(wanted));
         let inverse = ours.inverse(target);
@@ -64,7 +66,8 @@ proptest! {
         let mut check = ours.clone();
         let got = check.apply(inverse.share);
         let jump = (wanted - f64::from(ours.share()) / ONE).abs();
-        // Any jump to a few nanometres in one tick; the jumps that a 500 Hz reference makes to a hundredth of one.
+        // Any jump to a few nanometres in one tick; the jumps that a 500 Hz reference makes to a hundredth of
+        // one.
         let tolerance_um = if jump < 0.1 { 1e-5 } else { 0.01 };
         prop_assert!((f64::from(got - target) / UM).abs() < tolerance_um, "{} um, jump {jump}", f64::from(got - target) / UM);
     }

@@ -1,4 +1,5 @@
-//! The table of effects in docs/reference/list_of_effects.md is that of the registry. `cargo xtask readme` writes it: this test with `HYSTERON_WRITE_README=1`.
+//! The table of effects in docs/reference/list_of_effects.md is that of the registry. `cargo xtask readme`
+//! writes it: this test with `HYSTERON_WRITE_README=1`.
 
 use crate::between_marks;
 

@@ -95,7 +95,8 @@ fn with_a_moved_value() {
             let (_, others, _) = walked(&model, drive, &variations);
             for (variation, other) in variations.iter().zip(&others) {
                 let difference = largest_difference(other, &variation.model.simulate(drive));
-                // Shares of creep are added to what the chain's own terms gave: the same sum in another order.
+                // Shares of creep are added to what the chain's own terms gave: the same sum in another
+                // order.
                 let most_um = if variation.differs == "creep" { 1e-12 } else { 0.0 };
                 assert!(difference <= most_um, "{ids:?} {}: {difference}", variation.differs);
             }

@@ -1,5 +1,5 @@
-//! What converters with more bits bring to the closed loop: the same servo on the same bench, with a sensor whose noise hides the codes and with one whose
-//! does not.
+//! What converters with more bits bring to the closed loop: the same servo on the same bench, with a sensor
+//! whose noise hides the codes and with one whose does not.
 
 use hysteron_core::parameter_block::{AmplifierParameters, read};
 use hysteron_core::servo_parameters::{ConverterParameters, NO_SLEW_LIMIT, ServoParameters};

@@ -31,8 +31,8 @@ impl Answer {
         Self { json, columns: Vec::new() }
     }
 
-    /// Length of the JSON, the JSON filled up with blanks to a multiple of eight bytes, the columns as 64-bit floats; numbers are
-    /// little-endian. The key `columns` gives the lengths.
+    /// Length of the JSON, the JSON filled up with blanks to a multiple of eight bytes, the columns as 64-bit
+    /// floats; numbers are little-endian. The key `columns` gives the lengths.
     #[must_use]
     pub fn bytes(mut self) -> Vec<u8> {
         if let Some(object) = self.json.as_object_mut() {
@@ -89,7 +89,8 @@ pub fn recording(recording: &Recording, floor: &NoiseFloor) -> Value {
     })
 }
 
-/// Drive and reading of a record inside its window; the reading of a sample answers to the drive held before it.
+/// Drive and reading of a record inside its window; the reading of a sample answers to the drive held before
+/// it.
 #[must_use]
 pub fn signals(record: &Record) -> Answer {
     let window = record.window.clone();
@@ -120,7 +121,8 @@ pub fn model(model: &Model) -> Value {
     json!({ "effects": effects.collect::<Vec<_>>() })
 }
 
-/// Where a model fails in a record: RMS of the residual inside its window by what the drive does; `null` where too few samples show it.
+/// Where a model fails in a record: RMS of the residual inside its window by what the drive does; `null`
+/// where too few samples show it.
 #[must_use]
 pub fn map_row(dataset: &Dataset, record: &Record, residual_um: &[f64]) -> Value {
     // The map counts turns and maxima before the window; there is no residual there.
@@ -157,8 +159,8 @@ fn against(kind: Against) -> &'static str {
     }
 }
 
-/// What was found, with the words for every candidate, and the curves of the evidence behind it: samples counted from the beginning of the
-/// window, residual, prediction.
+/// What was found, with the words for every candidate, and the curves of the evidence behind it: samples
+/// counted from the beginning of the window, residual, prediction.
 #[must_use]
 pub fn explanation(found: &Outcome, dataset: &Dataset, figures: &FitFigures) -> Answer {
     let dataset = found.dataset(dataset);

@@ -1,15 +1,19 @@
 //! The lab as one page: what a browser's worker may ask of the library.
 //!
-//! A question is JSON with bytes behind it (the files that somebody dropped); an answer is JSON with columns of numbers behind it. The same
-//! [`Session`] answers in a test on the host and in the browser:
+//! A question is JSON with bytes behind it (the files that somebody dropped); an answer is JSON with columns
+//! of numbers behind it. The same [`Session`] answers in a test on the host and in the browser:
 //!
 //! * [`session`]: the data, the model and the last explanation, and what is asked of them;
-//! * [`recording`]: a data set from whatever files were dropped, with the roles that a person gave its records;
+//! * [`recording`]: a data set from whatever files were dropped, with the roles that a person gave its
+//!   records;
 //! * [`answers`]: what the page is told, as plain structs;
 //! * `servo`: design, margins and a reference followed, of the model at hand;
-//! * [`asker`]: who is told of every step and may take a question back; [`served`]: the data set that a program was started with;
-//! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports any;
-//! * `server` (elsewhere): the same questions over HTTP, for `hysteron lab`; `local_server`: a page for this machine alone, whose it is.
+//! * [`asker`]: who is told of every step and may take a question back; [`served`]: the data set that a
+//!   program was started with;
+//! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports
+//!   any;
+//! * `server` (elsewhere): the same questions over HTTP, for `hysteron lab`; `local_server`: a page for this
+//!   machine alone, whose it is.
 //!
 //! The page itself is written by hand in `web/`; `cargo xtask lab` packs it and this module into one file.
 

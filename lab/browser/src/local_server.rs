@@ -1,7 +1,8 @@
 //! A page for a browser of this machine, and for nobody else.
 //!
-//! A request is answered only if it comes from the page: it must name this server as its host (so that no other name can be made to point
-//! here), must not come from another origin, and must carry the token of the address.
+//! A request is answered only if it comes from the page: it must name this server as its host (so that no
+//! other name can be made to point here), must not come from another origin, and must carry the token of the
+//! address.
 
 use hysteron::{Error, Result};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -36,7 +37,8 @@ impl LocalServer {
     /// Takes a port; `command` is what a person has typed.
     ///
     /// # Errors
-    /// The address is not one of this machine alone, there is no port, or the system has no random numbers for the token.
+    /// The address is not one of this machine alone, there is no port, or the system has no random numbers
+    /// for the token.
     pub fn bind(listen: SocketAddr, command: &'static str) -> Result<Self> {
         let wrong = |what: String| Error::new(command, what);
         if !listen.ip().is_loopback() {
@@ -69,8 +71,8 @@ impl LocalServer {
     /// Answers a request from the page by `route`, any other with a refusal.
     pub fn answer(&self, mut request: Request, route: impl FnOnce(&mut Request) -> Reply) {
         if request.body_length().is_some_and(|bytes| bytes > MOST_BODY_BYTES) {
-            // tiny_http 0.12 sets as much memory aside as a request announces when it is dropped, and where there is none the program ends. One
-            // connection that is never closed is the lesser evil.
+            // tiny_http 0.12 sets as much memory aside as a request announces when it is dropped, and where
+            // there is none the program ends. One connection that is never closed is the lesser evil.
             std::mem::forget(request);
             return;
         }

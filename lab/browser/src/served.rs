@@ -18,7 +18,8 @@ pub trait Served: Send + Sync {
     fn base_effects(&self) -> Option<String>;
 }
 
-/// A folder with `dataset.toml`, a manifest, or one file, with what the command line says about columns and units.
+/// A folder with `dataset.toml`, a manifest, or one file, with what the command line says about columns and
+/// units.
 #[cfg(not(target_family = "wasm"))]
 pub struct OnDisk {
     /// Where it is.

@@ -1,4 +1,5 @@
-//! From the model to a servo: design, margins, a reference followed in simulation, the files for the amplifier.
+//! From the model to a servo: design, margins, a reference followed in simulation, the files for the
+//! amplifier.
 
 use crate::answers::Answer;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, upload_lines};
@@ -34,7 +35,8 @@ pub enum ServoQuestion {
     },
     /// The servo as a file.
     Save {},
-    /// The parameter block of the servo for an amplifier with the usual wiring, and its lines for a running target.
+    /// The parameter block of the servo for an amplifier with the usual wiring, and its lines for a running
+    /// target.
     Block {
         /// Highest frequency of references, Hz.
         reference_hz: f64,

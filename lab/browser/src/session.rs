@@ -34,7 +34,8 @@ struct FileEntry {
 #[derive(Deserialize, Default)]
 #[serde(default)]
 struct Trial {
-    /// Values of all parameters, in the order of effects and parameters; those of the model where there are none.
+    /// Values of all parameters, in the order of effects and parameters; those of the model where there are
+    /// none.
     values: Option<Vec<Vec<f64>>>,
     /// Effects that are left out.
     off: Vec<String>,
@@ -58,7 +59,8 @@ enum Question {
     Plant { hidden: Vec<(String, f64)>, base: Vec<String>, seed: u64 },
     /// Drive and reading of a record.
     Signals { record: usize },
-    /// What a trial leaves of one record, and how well it meets all; `quick` leaves out the map of the other records.
+    /// What a trial leaves of one record, and how well it meets all; `quick` leaves out the map of the other
+    /// records.
     Compare {
         record: usize,
         #[serde(default)]
@@ -133,8 +135,8 @@ impl Session {
         Self { served, ..Self::default() }
     }
 
-    /// Answers a question: eight bytes with the length of its JSON, the JSON, the bytes of its files. An error is an answer too, with the
-    /// key `error`; `knows_nothing` says that no data is at hand.
+    /// Answers a question: eight bytes with the length of its JSON, the JSON, the bytes of its files. An
+    /// error is an answer too, with the key `error`; `knows_nothing` says that no data is at hand.
     pub fn answer(&mut self, question: &[u8], asker: &dyn Asker) -> Vec<u8> {
         let answer = parts(question).and_then(|(question, bytes)| self.asked(question, bytes, asker));
         answer.unwrap_or_else(|error| Answer::of(json!({ "error": error.to_string(), "knows_nothing": self.data.is_none() }))).bytes()
@@ -327,7 +329,8 @@ fn parts(question: &[u8]) -> Result<(Question, &[u8])> {
     let (length, rest) = question.split_first_chunk::<8>().ok_or_else(|| wrong("is cut off".into()))?;
     let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
     let (text, bytes) = rest.split_at_checked(length).ok_or_else(|| wrong("is cut off".into()))?;
-    // `{"ask": "read", ..}` as `{"read": {..}}`: a tag among the fields is not read where another crate asks for numbers of any precision.
+    // `{"ask": "read", ..}` as `{"read": {..}}`: a tag among the fields is not read where another crate asks
+    // for numbers of any precision.
     let mut fields: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(text).map_err(|e| wrong(e.to_string()))?;
     let asked = fields.remove("ask").and_then(|ask| ask.as_str().map(String::from)).unwrap_or_default();
     let question = serde_json::Value::from(serde_json::Map::from_iter([(asked, fields.into())]));

@@ -1,5 +1,5 @@
-//! The lab page, put together: once as a file with the library inside it, once as the program `hysteron lab` serves it. One page, two engines.
-//! And the page of `hysteron board scope`, which draws with the same plots.
+//! The lab page, put together: once as a file with the library inside it, once as the program `hysteron lab`
+//! serves it. One page, two engines. And the page of `hysteron board scope`, which draws with the same plots.
 
 /// Curves on a canvas, of both pages.
 const PLOT: &str = include_str!("plot.js");
@@ -18,7 +18,8 @@ const NO_CONNECTION: &str = "connect-src 'none'";
 
 /// The page as one file that works from disk.
 ///
-/// `module` is the library and `example` the JSON of `hysteron_examples::HIDDEN_EFFECT`, both packed by gzip and written in base64.
+/// `module` is the library and `example` the JSON of `hysteron_examples::HIDDEN_EFFECT`, both packed by gzip
+/// and written in base64.
 ///
 /// # Errors
 /// What does not fit into the page.

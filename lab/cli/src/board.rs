@@ -1,7 +1,8 @@
 //! `board`: what an operator does with the amplifier's board.
 //!
-//! Commands that speak with a board's serial port are here, each in a file of its own, on `hysteron_client`. What goes over the debug probe is done by
-//! the program `hysteron-probe`, which needs USB, everything else by `hysteron-board`, which needs another compiler; both are built apart.
+//! Commands that speak with a board's serial port are here, each in a file of its own, on `hysteron_client`.
+//! What goes over the debug probe is done by the program `hysteron-probe`, which needs USB, everything else
+//! by `hysteron-board`, which needs another compiler; both are built apart.
 
 mod attach;
 mod envelope;
@@ -43,7 +44,8 @@ struct BoardArguments {
 
 #[derive(Subcommand)]
 enum BoardCommand {
-    /// From an empty board to a running servo: condition, record, explain, design, check, upload, verify, one report
+    /// From an empty board to a running servo: condition, record, explain, design, check, upload, verify, one
+    /// report
     Tune {
         /// Folder to write: recording, model, servo, block, report.html, tune.json
         out: PathBuf,
@@ -63,8 +65,8 @@ enum BoardCommand {
         #[arg(long)]
         force: bool,
     },
-    /// Condition the actuator, play drives that show what there is to see, and write what came as a data set; `record OUT IMAGE --probe` does it over the
-    /// debug probe
+    /// Condition the actuator, play drives that show what there is to see, and write what came as a data set;
+    /// `record OUT IMAGE --probe` does it over the debug probe
     Record {
         /// Folder to write, as `hysteron explain` takes it
         out: PathBuf,
@@ -78,7 +80,8 @@ enum BoardCommand {
         #[arg(long)]
         force: bool,
     },
-    /// Show position, reference, drive, error and spectrum on a page of this machine; it commands nothing but STOP
+    /// Show position, reference, drive, error and spectrum on a page of this machine; it commands nothing but
+    /// STOP
     #[command(
         after_help = "Without a board:\n  hysteron board emulate --tcp 127.0.0.1:50000\n  hysteron board scope --tcp 127.0.0.1:50000 --baud 921600"
     )]
@@ -97,7 +100,8 @@ enum BoardCommand {
     Upload {
         /// The block, from `hysteron design --block`
         block: PathBuf,
-        /// Take the place of the running block without opening the loop and without a step of the drive; not kept in the flash
+        /// Take the place of the running block without opening the loop and without a step of the drive; not
+        /// kept in the flash
         #[arg(long)]
         swap: bool,
         /// Where the board is
@@ -106,7 +110,8 @@ enum BoardCommand {
     },
     /// Say what a safety envelope allows, and bring it to the board where its checksum is named
     Envelope {
-        /// The envelope: limits of drive, slew, current and guards that no block exceeds (firmware/README.md, *Safety envelope*)
+        /// The envelope: limits of drive, slew, current and guards that no block exceeds
+        /// (firmware/README.md, *Safety envelope*)
         file: PathBuf,
         /// The checksum that this command says without it
         #[arg(long, value_name = "HEX")]
@@ -130,7 +135,8 @@ enum BoardCommand {
         #[command(flatten)]
         line: LineArguments,
     },
-    /// Pass what is typed on to the board and print what comes; with --probe IMAGE show its log over the debug probe
+    /// Pass what is typed on to the board and print what comes; with --probe IMAGE show its log over the
+    /// debug probe
     Attach {
         /// Where the board is
         #[command(flatten)]

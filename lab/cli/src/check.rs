@@ -17,7 +17,8 @@ pub fn read_design(desk: &Desk, path: &Path) -> Result<ServoDesign> {
     design.impossible_value().map_or(Ok(design), |impossible| Err(wrong(path, impossible)))
 }
 
-/// `hysteron check SERVO --model MODEL [--scheme NAME]`: another scheme is designed for the servo's model, as `track` does.
+/// `hysteron check SERVO --model MODEL [--scheme NAME]`: another scheme is designed for the servo's model, as
+/// `track` does.
 pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     let mut design = read_design(&desk, servo)?;

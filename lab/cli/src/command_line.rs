@@ -1,7 +1,7 @@
 //! The command line: arguments in, short text and files out.
 //!
-//! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message. Output files are written whole
-//! at the end, so that a failed run leaves what was there.
+//! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
+//! Output files are written whole at the end, so that a failed run leaves what was there.
 
 #[cfg(feature = "board")]
 use crate::board;
@@ -49,7 +49,8 @@ pub struct Outputs {
 /// How long an answer may take.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct TimeArguments {
-    /// Answer within about so many seconds: the search for effects ends early (without it, once nothing more is found)
+    /// Answer within about so many seconds: the search for effects ends early (without it, once nothing more
+    /// is found)
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     within: Option<Duration>,
 }
@@ -84,7 +85,8 @@ impl Outputs {
         desk.target(self.report.as_deref())
     }
 
-    /// Where the drive that would decide between two explanations is written: beside the other outputs, if there are any.
+    /// Where the drive that would decide between two explanations is written: beside the other outputs, if
+    /// there are any.
     pub fn next_drive(&self) -> Option<PathBuf> {
         self.report.as_ref().or(self.json.as_ref()).map(|beside| beside.with_extension("next_drive.csv"))
     }
@@ -148,7 +150,8 @@ pub fn as_typed() -> String {
 /// What `plant` is told.
 #[derive(clap::Args)]
 pub struct PlantArguments {
-    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every kind; `pairs`, `triples`: of every two, three that are hidden together
+    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every
+    /// kind; `pairs`, `triples`: of every two, three that are hidden together
     pub effects: String,
     /// Folder to write
     #[arg(long, value_name = "DIR")]
@@ -268,7 +271,8 @@ enum Command {
     Simulate {
         /// Model file
         model: PathBuf,
-        /// CSV file with t and u, or a waveform: sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS, triangle:V_PER_S:PEAK_V:SECONDS, step:V:SECONDS
+        /// CSV file with t and u, or a waveform: sine:HZ:AMPLITUDE_V:OFFSET_V:SECONDS,
+        /// triangle:V_PER_S:PEAK_V:SECONDS, step:V:SECONDS
         #[arg(long)]
         drive: String,
         /// CSV file to write
@@ -281,7 +285,8 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
-    /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99), or its linear part as a state space
+    /// Write a model as a function that simulates it elsewhere: matlab (Octave too), python (NumPy), c (C99),
+    /// or its linear part as a state space
     #[command(
         after_help = "Examples:\n  hysteron export model.toml --as matlab\n  hysteron export model.toml --as c --rate-hz 20000 --out stage_model.c\nEquations: docs/reference/effects.md"
     )]
@@ -317,7 +322,8 @@ enum Command {
         after_help = "Examples:\n  hysteron plant creep=2,delay --out hidden --seed 7\n  hysteron plant all --strengths 1,2,4 --out cases"
     )]
     Plant(PlantArguments),
-    /// Work with the amplifier's board: tune, record, upload, status, send, attach; emulate runs the program that `cargo xtask board` builds
+    /// Work with the amplifier's board: tune, record, upload, status, send, attach; emulate runs the program
+    /// that `cargo xtask board` builds
     #[command(disable_help_flag = true, after_help = "Example:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80")]
     Board {
         /// What to do: `hysteron board --help` says more
@@ -346,7 +352,8 @@ enum Command {
         /// Servo file to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
-        /// `predictor`, `pidsmoc`, `pidsmc-alpha-beta`, `smcbl` or `pid` (docs/reference/servo_schemes.md says which to take)
+        /// `predictor`, `pidsmoc`, `pidsmc-alpha-beta`, `smcbl` or `pid` (docs/reference/servo_schemes.md
+        /// says which to take)
         #[arg(long, value_name = "NAME", default_value = "predictor")]
         scheme: String,
         /// Leave the hysteresis to the unknown input instead of inverting it
@@ -368,7 +375,8 @@ enum Command {
         /// Largest sensitivity that is accepted
         #[arg(long, default_value_t = 2.5)]
         sensitivity_peak: f64,
-        /// Share of its frequency by which the first mode moves after it was recorded, such as 0.2 for a load that changes
+        /// Share of its frequency by which the first mode moves after it was recorded, such as 0.2 for a load
+        /// that changes
         #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_negative_numbers = true)]
         mode_moves: f64,
         /// Let the servo learn the correction of a periodic reference
@@ -377,7 +385,8 @@ enum Command {
         /// Let the servo correct the gain of its model slowly, within 20 %
         #[arg(long)]
         adaptation: bool,
-        /// Parameter block for the amplifier to write; beside it the commands that bring it to a running target
+        /// Parameter block for the amplifier to write; beside it the commands that bring it to a running
+        /// target
         #[arg(long, value_name = "FILE")]
         block: Option<PathBuf>,
         /// Wiring of the amplifier's converters (firmware/README.md)
@@ -407,7 +416,8 @@ enum Command {
         model: PathBuf,
         /// Servo file
         servo: PathBuf,
-        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, or a file with a column of time in s and one of um
+        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, or a file with
+        /// a column of time in s and one of um
         #[arg(long)]
         reference: String,
         /// Another scheme, designed for the servo's model without a recording
@@ -444,7 +454,8 @@ enum Command {
     /// Every effect of the library: its physics, what it does to a reading, what looks like it
     #[command(after_help = "Examples:\n  hysteron effects --report effects.html\n  hysteron effects --equations effects.md")]
     Effects {
-        /// Write the equations, the parameters and the discretisation of every effect as Markdown, and nothing else
+        /// Write the equations, the parameters and the discretisation of every effect as Markdown, and
+        /// nothing else
         #[arg(long, value_name = "FILE")]
         equations: Option<PathBuf>,
         #[command(flatten)]

@@ -39,7 +39,8 @@ pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &Rec
     Ok(true)
 }
 
-/// How far what the model leaves is above the noise, in the record in which it is furthest, and what to do then.
+/// How far what the model leaves is above the noise, in the record in which it is furthest, and what to do
+/// then.
 fn against_the_noise(figures: &FitFigures, floor: &NoiseFloor) -> String {
     let policy = Policy::default();
     let times = |(record, floor_um): (&RecordFigures, &Option<f64>)| Some((record.rms_um / (*floor_um)?, record.file.clone()));

@@ -66,7 +66,8 @@ pub struct DesignRequest {
     pub no_inverse: bool,
 }
 
-/// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end front_end.toml]`.
+/// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end
+/// front_end.toml]`.
 pub fn design(files: &Files, wanted: &DesignRequest, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
     let Files { model, data, out, block, front_end } = *files;
     let desk = Desk::new(outputs.force);

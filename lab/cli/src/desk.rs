@@ -1,4 +1,5 @@
-//! The files of one command: what it read is never written over, and whether a target can be written is known before the work begins.
+//! The files of one command: what it read is never written over, and whether a target can be written is known
+//! before the work begins.
 
 use crate::read_arguments::ReadArguments;
 use crate::screen;
@@ -69,7 +70,8 @@ impl Desk {
         model_file::from_toml(&text, &path.display().to_string())
     }
 
-    /// Effects by a list of names, or by a file that lists them; items that end in `.toml` define effects of the user's own.
+    /// Effects by a list of names, or by a file that lists them; items that end in `.toml` define effects of
+    /// the user's own.
     pub fn effects(&self, list: &str) -> Result<Vec<Arc<dyn Effect>>> {
         let path = Path::new(list);
         let names = if !list.ends_with(".toml") && path.is_file() { self.text(path, "a list of effects")? } else { list.to_owned() };
@@ -130,14 +132,15 @@ impl Desk {
         Ok(())
     }
 
-    /// Takes a folder as the place of new files: none of them may exist already, unless they may be replaced. The folder around it has to be there.
+    /// Takes a folder as the place of new files: none of them may exist already, unless they may be replaced.
+    /// The folder around it has to be there.
     pub fn folder(&self, path: &Path, files: &[String]) -> Result<()> {
         self.make_folder(path)?;
         files.iter().try_for_each(|name| self.target(Some(&path.join(name))))
     }
 
-    /// Takes a folder as [`Desk::folder`] does, but leaves no trace of it where it is not there: [`Desk::make_folder`] makes it when there is something
-    /// to be written.
+    /// Takes a folder as [`Desk::folder`] does, but leaves no trace of it where it is not there:
+    /// [`Desk::make_folder`] makes it when there is something to be written.
     #[cfg(feature = "board")]
     pub fn folder_to_be(&self, path: &Path, files: &[String]) -> Result<()> {
         if path.is_dir() {

@@ -9,7 +9,8 @@ use std::path::Path;
 /// Drives beyond this are a mistake, V.
 const LARGEST_V: f64 = 2000.0;
 
-/// `hysteron drives --drive-max-v 70 --out DIR`: what to play while recording, and the manifest for the recordings.
+/// `hysteron drives --drive-max-v 70 --out DIR`: what to play while recording, and the manifest for the
+/// recordings.
 pub fn drives(low_v: f64, high_v: f64, out: &Path, force: bool) -> Result<bool> {
     let sensible = low_v.abs() <= LARGEST_V && high_v.abs() <= LARGEST_V && low_v < high_v;
     if !sensible {

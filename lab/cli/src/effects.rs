@@ -21,7 +21,8 @@ struct EffectFigures<'a> {
     looks_like: &'a [(String, f64)],
 }
 
-/// `hysteron effects [--report effects.html] [--equations effects.md]`: the library, from what each effect declares.
+/// `hysteron effects [--report effects.html] [--equations effects.md]`: the library, from what each effect
+/// declares.
 pub fn effects(equations: Option<&Path>, outputs: &Outputs) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     outputs.check(&desk)?;

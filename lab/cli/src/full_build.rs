@@ -1,7 +1,8 @@
 //! What this program leaves to its full build.
 //!
-//! A first `explain` needs neither a serial port nor a page server, the thesis reproduced or the reader of every format. They take longer to build than
-//! all the rest, so that they are features of the crate (lab/cli/Cargo.toml).
+//! A first `explain` needs neither a serial port nor a page server, the thesis reproduced or the reader of
+//! every format. They take longer to build than all the rest, so that they are features of the crate
+//! (lab/cli/Cargo.toml).
 
 use hysteron::{Error, Result};
 

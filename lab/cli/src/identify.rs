@@ -13,7 +13,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Names of the thesis' hysteresis models, with the effects that they stand for; others are called as their effect.
+/// Names of the thesis' hysteresis models, with the effects that they stand for; others are called as their
+/// effect.
 const HYSTERESIS_KINDS: [(&str, &str); 3] =
     [("preisach", "hysteresis"), ("one-sided", "hysteresis,initial_curve"), ("rate-dependent", "hysteresis,initial_curve,rate_dependence")];
 

@@ -1,4 +1,5 @@
-//! A line that says what is being done, on terminals only; while a search goes on, Ctrl-C asks for the best result so far.
+//! A line that says what is being done, on terminals only; while a search goes on, Ctrl-C asks for the best
+//! result so far.
 
 use hysteron::watch::{Event, Watch};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -23,8 +24,8 @@ impl Progress {
         Self::with(false)
     }
 
-    /// Starts it for a search: the first Ctrl-C asks for the best result so far, the second ends the program. With `every_event` each is a line
-    /// of its own, with the seconds since the beginning.
+    /// Starts it for a search: the first Ctrl-C asks for the best result so far, the second ends the program.
+    /// With `every_event` each is a line of its own, with the seconds since the beginning.
     pub fn of_search(every_event: bool) -> Self {
         HANDLER.call_once(|| {
             // Where no handler can be set, Ctrl-C ends the program as it always does.

@@ -24,10 +24,12 @@ pub struct ReadArguments {
     /// Sampling rate of files without time stamps
     #[arg(long, value_name = "HZ", help_heading = "Reading")]
     sample_rate_hz: Option<f64>,
-    /// Whether the drive of a row acts from its sample on (hold_after_sample) or up to it (hold_before_sample)
+    /// Whether the drive of a row acts from its sample on (hold_after_sample) or up to it
+    /// (hold_before_sample)
     #[arg(long, value_name = "NAME", help_heading = "Reading")]
     timing: Option<String>,
-    /// What the drive does between samples: hold (a converter's output), linear, band_limited (a measured signal)
+    /// What the drive does between samples: hold (a converter's output), linear, band_limited (a measured
+    /// signal)
     #[arg(long, value_name = "NAME", help_heading = "Reading")]
     intersample: Option<String>,
     /// Rows of text to leave out at the top of a file

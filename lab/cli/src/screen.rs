@@ -1,4 +1,5 @@
-//! Lines on the screen. Whoever reads them may have seen enough (`hysteron explain .. | head`): the work goes on, and its files are written.
+//! Lines on the screen. Whoever reads them may have seen enough (`hysteron explain .. | head`): the work goes
+//! on, and its files are written.
 
 use hysteron::dataset::units::SignalUnits;
 use std::fmt::Arguments;

@@ -49,7 +49,8 @@ fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
     Reference::through(&time_s.values, &reference_um.values).map_err(|m| wrong(path, m))
 }
 
-/// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D] [--added-mass RATIO]`.
+/// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N]
+/// [--disturbance D] [--added-mass RATIO]`.
 pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Outputs) -> Result<bool> {
     let TrackRequest { reference, scheme, sensor_noise_um, disturbance, added_mass } = *wanted;
     let desk = Desk::new(outputs.force);

@@ -4,7 +4,8 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes `bytes` to `path`. Whatever goes wrong, a file that was there before is intact and no partial file is left.
+/// Writes `bytes` to `path`. Whatever goes wrong, a file that was there before is intact and no partial file
+/// is left.
 ///
 /// # Errors
 /// The folder does not exist or cannot be written; the disk is full.

@@ -1,4 +1,5 @@
-//! The main job, the only orchestration: quality, noise, search, closure, selection, post-checks, outcome. Every front end calls [`analyse`].
+//! The main job, the only orchestration: quality, noise, search, closure, selection, post-checks, outcome.
+//! Every front end calls [`analyse`].
 
 use crate::dataset::Dataset;
 use crate::diagnosis::closure::close;
@@ -96,8 +97,8 @@ pub struct Options {
 /// Runs the main job; once more on a corrected data set where a quality check asks for that.
 ///
 /// # Errors
-/// Where the effects to start from make no chain ([`require_chain`]); where a model or a candidate gives something that is no number: with effect,
-/// record and sample.
+/// Where the effects to start from make no chain ([`require_chain`]); where a model or a candidate gives
+/// something that is no number: with effect, record and sample.
 pub fn analyse(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch) -> Result<Outcome> {
     if let Start::Effects(effects) = &start {
         require_chain(effects, dataset)?;
@@ -233,8 +234,8 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     Ok(Once { outcome, retry })
 }
 
-/// How often a search is begun with another floor: the noise of a drive's column makes something else of every model, and the next to nothing of it changes
-/// from the second to the third.
+/// How often a search is begun with another floor: the noise of a drive's column makes something else of
+/// every model, and the next to nothing of it changes from the second to the third.
 const FLOORS_MAX: usize = 3;
 /// Floors that differ by more than this share let a search end elsewhere.
 const ANOTHER_FLOOR: f64 = 0.1;
@@ -250,8 +251,8 @@ fn differ(one_um: Option<f64>, other_um: Option<f64>) -> bool {
     one_um.zip(other_um).is_none_or(|(one_um, other_um)| (one_um - other_um).abs() > ANOTHER_FLOOR * one_um.min(other_um))
 }
 
-/// The noise beside the first model on the way that leaves no more than it, or else beside the last: a model that smooths more passes less of the noise in
-/// the drive's column on, and is not better for that.
+/// The noise beside the first model on the way that leaves no more than it, or else beside the last: a model
+/// that smooths more passes less of the noise in the drive's column on, and is not better for that.
 fn floor_of(grown: &Grown, floor: &NoiseFloor, study: &Study) -> Option<NoiseFloor> {
     floor.read_back?;
     let beside = |judged: &Judged| judged.floor_beside(floor, study.policy.explained, study.dataset);
@@ -304,7 +305,8 @@ fn structure_of(model: &Model) -> Option<String> {
     structure(model).filter(|of| of != gain::ID)
 }
 
-/// From where a pool begins to the best that the data support. `loops` is the structure of the loops that were there before.
+/// From where a pool begins to the best that the data support. `loops` is the structure of the loops that
+/// were there before.
 fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Result<Grown> {
     let mut beside_start = None;
     let mut search = Search::over(pool);
@@ -382,7 +384,8 @@ fn begin_again(pool: &mut Pool) -> Result<()> {
     Ok(())
 }
 
-/// The model at the end: the best of those that have all that one of the simplest has, where every move must lower the error by the margin at the noise.
+/// The model at the end: the best of those that have all that one of the simplest has, where every move must
+/// lower the error by the margin at the noise.
 fn end_of(pool: &Pool, selected: &Selected) -> Entry {
     let simplest: Vec<&Entry> = selected.minimal.iter().map(|k| &pool.entries[k]).collect();
     let margin = pool.study.policy.matters_at_noise;
@@ -403,8 +406,9 @@ fn kept_models(simplest: &[Entry]) -> Vec<KeptModel> {
     out
 }
 
-/// How the loops at the end are described and those of other simplest models, where they are not of the structure that was there before. In the place of a gain loops
-/// are an effect that was added, and named as one.
+/// How the loops at the end are described and those of other simplest models, where they are not of the
+/// structure that was there before. In the place of a gain loops are an effect that was added, and named as
+/// one.
 fn other_loops(simplest: &[Entry], end: &Model, before: &Option<String>) -> Vec<String> {
     let Some(before) = before else { return Vec::new() };
     if structure(end).as_ref() == Some(before) {
@@ -428,7 +432,8 @@ fn best_so_far(study: &Study, pool: &Pool, base: &Judged) -> Grown {
     Grown { steps: vec![Step { change: Change::Start, judged: base.clone() }, Step { change, judged }], ..Grown::default() }
 }
 
-/// The model with its creep as fine as whole records ask for: what was searched on their beginnings did not see the slow terms.
+/// The model with its creep as fine as whole records ask for: what was searched on their beginnings did not
+/// see the slow terms.
 fn with_creep_of_the_whole(study: &Study, found: Judged) -> Judged {
     let mut best = found;
     while !study.met(&best) && !study.watch.stopped() {
@@ -469,7 +474,8 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
             });
             steps.extend(changed.map(|change| Step { change, judged: told.clone() }));
             let again = study.thoroughly(&told.model);
-            // Values that this recording does not fix are better where they were identified than where its noise would bring them.
+            // Values that this recording does not fix are better where they were identified than where its
+            // noise would bring them.
             (entry.moves.clone(), if study.merit(&again) <= study.merit(&told) { again } else { told })
         }
         None => (Vec::new(), refitted),
@@ -478,7 +484,8 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
     let all_freed = base.model.effects.iter().map(|e| Move::Freed(e.id.clone()));
     let mut origin: Vec<Move> = moves.iter().filter(|m| matches!(m, Move::Added(_))).cloned().chain(all_freed).collect();
     origin.sort();
-    // Far above the noise, or where nobody knows it, the prior model left as much at home, and the question was what the new recording has.
+    // Far above the noise, or where nobody knows it, the prior model left as much at home, and the question
+    // was what the new recording has.
     let goes_on = study.floor_um.is_some() && !study.met(&fitted) && (study.near_the_noise(&fitted) || simplest.is_none());
     let mut grown = Grown { stopped: study.watch.stopped(), ..Grown::default() };
     if goes_on && !grown.stopped {
@@ -514,8 +521,8 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
     Ok(grown)
 }
 
-/// Adds the converter that the readings themselves show. It explains part of the noise, not of the error: everything else is the same
-/// without it. Its identifier, where it was added.
+/// Adds the converter that the readings themselves show. It explains part of the noise, not of the error:
+/// everything else is the same without it. Its identifier, where it was added.
 fn quantise(steps: &mut Vec<Step>, floor: &NoiseFloor, overview: &Overview) -> Option<String> {
     let (step_um, last) = (floor.reading_step_um?, steps.last()?);
     let (effect, values) = registry().into_iter().find_map(|e| e.values_in_readings(step_um).map(|values| (e, values)))?;

@@ -1,9 +1,10 @@
 //! A trace of the target becomes a data set: the measurement that the next identification works from.
 //!
 //! # How it works
-//! The raw bytes of the log channel are decoded with the image's own string table. Blocks of the trace are checked one by one
-//! ([`hysteron_core::trace_frame`]); runs of ticks without a gap become records. The target's drive code of tick k acts from tick k+1 on,
-//! so the data set's `u[k]` is the code of the tick before. What is torn or foreign is counted and said; what was whole is kept.
+//! The raw bytes of the log channel are decoded with the image's own string table. Blocks of the trace are
+//! checked one by one ([`hysteron_core::trace_frame`]); runs of ticks without a gap become records. The
+//! target's drive code of tick k acts from tick k+1 on, so the data set's `u[k]` is the code of the tick
+//! before. What is torn or foreign is counted and said; what was whole is kept.
 
 use defmt_decoder::{DecodeError, Table};
 use hysteron_core::trace_frame::{Channels, ReadBlock, TraceSample};
@@ -45,7 +46,8 @@ struct Converters {
 }
 
 impl Converters {
-    /// From the line `converters ADC_ZERO ADC_STEP DAC_ZERO DAC_STEP CODE_MIN CODE_MAX RATE`, in the integers of the parameter block.
+    /// From the line `converters ADC_ZERO ADC_STEP DAC_ZERO DAC_STEP CODE_MIN CODE_MAX RATE`, in the integers
+    /// of the parameter block.
     fn from_line(line: &str) -> Option<Self> {
         let numbers: Vec<f64> = line.strip_prefix("converters ")?.split(' ').map(|word| word.parse().ok()).collect::<Option<_>>()?;
         let [adc_zero, adc_step, dac_zero, dac_step, code_min, code_max, rate] = numbers.try_into().ok()?;
@@ -109,7 +111,8 @@ pub fn capture(elf: &[u8], raw: &[u8]) -> Result<(CaptureSummary, DatasetFiles)>
             ));
             add(name, csv(&rest, &converters, rate_hz), at_rest - 1);
         }
-        // The last part validates; what lies before it still drives the model, so both records are the whole run.
+        // The last part validates; what lies before it still drives the model, so both records are the whole
+        // run.
         let file = format!("run_{}.csv", nth + 1);
         let samples = run.samples.len() - 1;
         let middle_s = (samples as f64 * 0.6).floor() / rate_hz;

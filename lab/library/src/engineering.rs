@@ -1,4 +1,5 @@
-//! The values of a model as an engineer reads them: hertz, damping, micrometres per volt, the width of loops, creep by the decade.
+//! The values of a model as an engineer reads them: hertz, damping, micrometres per volt, the width of loops,
+//! creep by the decade.
 
 use crate::identification::identifiability::CannotIdentify;
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
@@ -102,7 +103,8 @@ fn four(value: f64) -> String {
     }
 }
 
-/// The figures of a model, effect by effect in the order of the chain. `undetermined` are the values that the data leave open.
+/// The figures of a model, effect by effect in the order of the chain. `undetermined` are the values that the
+/// data leave open.
 #[must_use]
 pub fn figures(model: &Model, undetermined: &[CannotIdentify]) -> Vec<Figure> {
     let open = |effect: &str, parameter: Option<&str>| {

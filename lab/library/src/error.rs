@@ -69,7 +69,8 @@ impl std::error::Error for Error {}
 /// Shorthand of the whole crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Similarity of Jaro and Winkler from which a known name may have been meant: "creap" and "creep" have 0.9, words that share some letters 0.6 to 0.7.
+/// Similarity of Jaro and Winkler from which a known name may have been meant: "creap" and "creep" have 0.9,
+/// words that share some letters 0.6 to 0.7.
 const MAY_BE_MEANT: f64 = 0.75;
 
 /// " (did you mean `x`?)" for the nearest known name, or nothing.

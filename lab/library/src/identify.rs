@@ -42,10 +42,12 @@ impl Identification {
 
 /// Fits a list of effects.
 ///
-/// Values that this data do not fix stay where they were begun, and [`Identification::cannot_identify`] says which.
+/// Values that this data do not fix stay where they were begun, and [`Identification::cannot_identify`] says
+/// which.
 ///
 /// # Errors
-/// An effect that asks for what no record has, that has no place in the chain beside the others, or that gives something that is no number.
+/// An effect that asks for what no record has, that has no place in the chain beside the others, or that
+/// gives something that is no number.
 pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watch) -> Result<Identification> {
     require_chain(effects, dataset)?;
     let floor = noise_floor(dataset);
@@ -54,7 +56,8 @@ pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watc
     finished(vec![Step { change: Change::Start, judged }], floor, &study)
 }
 
-/// Adds an effect to a model and fits everything again. Values that this data do not fix stay where the model had them.
+/// Adds an effect to a model and fits everything again. Values that this data do not fix stay where the model
+/// had them.
 ///
 /// # Errors
 /// The model has it already, it has no place in the chain, or it gives something that is no number.
@@ -73,7 +76,8 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     let floor = noise_floor(dataset);
     let study = Study::new(dataset, Vec::new(), &floor, Policy::default(), watch);
     let before = study.judged(model);
-    // First alone, all else held: where the values of the model are knowledge, only the effect has to be found.
+    // First alone, all else held: where the values of the model are knowledge, only the effect has to be
+    // found.
     let held = holding(&before.model, |_, _| true);
     let alone = study.seated(&held, effect, 3, f64::INFINITY)?;
     let mut begun = before.model.clone();
@@ -86,12 +90,13 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     finished(steps, floor, &study)
 }
 
-/// A new fit of all values lowers the error, fitted and held out, by at least this share of it before the values of the effect alone are given up
-/// for it.
+/// A new fit of all values lowers the error, fitted and held out, by at least this share of it before the
+/// values of the effect alone are given up for it.
 const WORTH_MOVING: f64 = 0.05;
 
-/// Everything fitted again around an effect that was found alone; its own values move along only where that is worth much: a recording
-/// that does not fix all values together would let it take up what the others miss.
+/// Everything fitted again around an effect that was found alone; its own values move along only where that
+/// is worth much: a recording that does not fix all values together would let it take up what the others
+/// miss.
 fn fitted_around(id: &str, begun: &Model, study: &Study) -> Judged {
     let held = holding(begun, |effect, _| effect == id);
     let mut around = study.thoroughly(&study.for_comparison(&held).model);
@@ -112,7 +117,8 @@ fn finished(steps: Vec<Step>, floor: NoiseFloor, study: &Study) -> Result<Identi
 /// Whether a list of effects makes one chain on this data, before anything is fitted.
 ///
 /// # Errors
-/// None is given, one is given twice, asks for what no record has, or has no place in the chain beside the others.
+/// None is given, one is given twice, asks for what no record has, or has no place in the chain beside the
+/// others.
 pub fn require_chain(effects: &[Arc<dyn Effect>], dataset: &Dataset) -> Result<()> {
     if effects.is_empty() {
         return Err(Error::new("effects", "none are given; expected at least `gain` or a hysteresis"));

@@ -1,12 +1,16 @@
-//! Hysteron as a library: what a model of a piezoelectric actuator misses on recordings, the better model, and the servo made from it.
+//! Hysteron as a library: what a model of a piezoelectric actuator misses on recordings, the better model,
+//! and the servo made from it.
 //!
 //! * [`dataset`]: records of drive and displacement; [`synthetic`]: simulated ones whose truth is known;
 //! * [`identification`]: least squares over the whole chain, the noise floor;
-//! * [`diagnosis`]: which physical effect is missing; [`analyse`](mod@analyse): the main job; [`outcome`]: what it comes to;
-//! * [`mod@simulate`]: a model under any drive; [`servo`]: design, check and track; [`model_file`]: models as text;
+//! * [`diagnosis`]: which physical effect is missing; [`analyse`](mod@analyse): the main job; [`outcome`]:
+//!   what it comes to;
+//! * [`mod@simulate`]: a model under any drive; [`servo`]: design, check and track; [`model_file`]: models as
+//!   text;
 //! * [`capture`]: the firmware's trace as a data set (feature `trace`).
 //!
-//! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed results.
+//! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed
+//! results.
 //!
 //! ```
 //! use hysteron::analyse::{Options, Start, analyse};

@@ -1,4 +1,5 @@
-//! Models as files: a chain of effects that a person can read and edit, with units and standard deviations beside every value.
+//! Models as files: a chain of effects that a person can read and edit, with units and standard deviations
+//! beside every value.
 
 use crate::error::{Error, Result, nearest};
 use crate::toml_file::with_schema;
@@ -37,7 +38,8 @@ struct IdentifiedEntry {
     slope_max_v_s: f64,
     /// Effect and parameter of each value, separated by a dot.
     values: Vec<String>,
-    /// Lower triangular factor of the covariance of the values in units of their steps, of their logarithm where ratios matter.
+    /// Lower triangular factor of the covariance of the values in units of their steps, of their logarithm
+    /// where ratios matter.
     covariance_factor: Vec<String>,
 }
 
@@ -253,7 +255,8 @@ pub fn effects_named(list: &str) -> Result<Vec<Arc<dyn Effect>>> {
     list.split([',', '\n', ' ']).map(str::trim).filter(|item| !item.is_empty()).map(effect_named).collect()
 }
 
-/// An effect of the user's own from the text that defines it; `file_name` is what the file is called in messages.
+/// An effect of the user's own from the text that defines it; `file_name` is what the file is called in
+/// messages.
 ///
 /// # Errors
 /// What is wrong with the definition.

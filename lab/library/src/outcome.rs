@@ -1,4 +1,5 @@
-//! What the main job comes to, as types (`hysteron.diagnosis/1`). [`crate::diagnosis::words`] alone makes sentences of them.
+//! What the main job comes to, as types (`hysteron.diagnosis/1`). [`crate::diagnosis::words`] alone makes
+//! sentences of them.
 
 use crate::diagnosis::judgement::Judged;
 use crate::identification::noise_floor::FloorEstimate;
@@ -62,7 +63,8 @@ pub enum Evidence {
         without: Residuals,
         /// Errors of the best model with it.
         with: Residuals,
-        /// Standard errors by which the best model without it is worse beyond the margin; infinite, `null` in files, where its error is double.
+        /// Standard errors by which the best model without it is worse beyond the margin; infinite, `null` in
+        /// files, where its error is double.
         standard_errors: f64,
         /// p-value of its signature, family-wise; none where it was not weighed.
         p_value: Option<f64>,
@@ -74,7 +76,8 @@ pub enum Evidence {
 /// One finding: an effect that is missing or has other values, with what the data cannot distinguish from it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// The effects that are missing, likeliest first; more than one where the data cannot distinguish them, none where only values have changed.
+    /// The effects that are missing, likeliest first; more than one where the data cannot distinguish them,
+    /// none where only values have changed.
     pub effects: Vec<String>,
     /// Effects of the prior model of which other values explain as much.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -210,8 +213,8 @@ pub struct Diagnosis {
     pub issues: Vec<Issue>,
     /// The simplest models that the data cannot reject, best first.
     pub models: Vec<KeptModel>,
-    /// How the loops of the model at the end are described, where they are not of the structure that was started from, and how others are that
-    /// meet the data as well.
+    /// How the loops of the model at the end are described, where they are not of the structure that was
+    /// started from, and how others are that meet the data as well.
     pub loops: Vec<String>,
     /// Noise used, um RMS.
     pub noise_floor_um: Option<f64>,

@@ -1,7 +1,7 @@
 //! Work spread over the cores where the feature `threads` is on, one after the other where it is not.
 //!
-//! Results come in the order of the items, and every sum over them is taken in that order: the same input gives the same output, bit for
-//! bit, whatever the number of threads.
+//! Results come in the order of the items, and every sum over them is taken in that order: the same input
+//! gives the same output, bit for bit, whatever the number of threads.
 
 #[cfg(feature = "threads")]
 use std::sync::OnceLock;

@@ -1,9 +1,11 @@
-//! How well a model predicts: the band that its values' covariance makes, and what of a drive was never recorded.
+//! How well a model predicts: the band that its values' covariance makes, and what of a drive was never
+//! recorded.
 //!
 //! # How it works
-//! The band is the first-order spread of the reading: one simulation for each column of the covariance's factor. A drive that is longer than what was recorded
-//! meets creep that no record shows: each decade of time beyond it adds a term of the share that stacks are expected to have. The error that judged the model is
-//! part of the band, since nothing says that it is smaller elsewhere.
+//! The band is the first-order spread of the reading: one simulation for each column of the covariance's
+//! factor. A drive that is longer than what was recorded meets creep that no record shows: each decade of
+//! time beyond it adds a term of the share that stacks are expected to have. The error that judged the model
+//! is part of the band, since nothing says that it is smaller elsewhere.
 
 use crate::parallel;
 use hysteron_sim::chain::{Drive, EffectInstance, Model};
@@ -16,7 +18,8 @@ const BEYOND: f64 = 0.05;
 /// Longest time constant of a record that ends when its motion does, as a share of its length.
 const SEEN_CREEP: f64 = 0.5;
 
-/// Standard deviation of what the sensor reads at every sample, um; none for a model that does not know how well its values are known.
+/// Standard deviation of what the sensor reads at every sample, um; none for a model that does not know how
+/// well its values are known.
 #[must_use]
 pub fn std_um(model: &Model, drive: &Drive) -> Option<Vec<f64>> {
     let identified = model.identified.clone()?;
@@ -39,7 +42,8 @@ pub fn std_um(model: &Model, drive: &Drive) -> Option<Vec<f64>> {
     Some(sums.into_iter().map(f64::sqrt).collect())
 }
 
-/// The model with one more term of creep for each decade of time that the drive lasts beyond what was recorded.
+/// The model with one more term of creep for each decade of time that the drive lasts beyond what was
+/// recorded.
 fn unseen_creep(model: &Model, recorded_s: f64, lasts_s: f64) -> Vec<Model> {
     let mut out = Vec::new();
     // The slowest creep of a record is known as a part of a straight line only.

@@ -1,13 +1,15 @@
-//! Replay: the saved model driven from the first sample of a file to its last, with one initial state and one constant.
+//! Replay: the saved model driven from the first sample of a file to its last, with one initial state and one
+//! constant.
 //!
-//! The error of a record is that of its window, and a file may be several records. What a user of the model sees is another figure: the error over the whole
-//! file. Where the two differ something slow is missing, or a state that no sample shows. [`Replay::drift`] says which part of the error it is, and what to
-//! record.
+//! The error of a record is that of its window, and a file may be several records. What a user of the model
+//! sees is another figure: the error over the whole file. Where the two differ something slow is missing, or
+//! a state that no sample shows. [`Replay::drift`] says which part of the error it is, and what to record.
 //!
 //! # How the cause is found
-//! The residual of the replay is regressed, inside the windows that were judged, on each explanation alone: a smooth trend in time, a constant of each window,
-//! and for each effect the free motions of its states, begun anew in each window. The one that takes the largest share of the squares, less what as many
-//! columns of noise would take, is the cause. Outside the windows the place says it: a rest, a beginning.
+//! The residual of the replay is regressed, inside the windows that were judged, on each explanation alone: a
+//! smooth trend in time, a constant of each window, and for each effect the free motions of its states, begun
+//! anew in each window. The one that takes the largest share of the squares, less what as many columns of
+//! noise would take, is the cause. Outside the windows the place says it: a rest, a beginning.
 
 use crate::dataset::{Dataset, Record, Role};
 use crate::identification::fit::{dot, residual, rms};
@@ -22,7 +24,8 @@ use std::ops::Range;
 pub const AS_GOOD: f64 = 1.5;
 /// An explanation is the cause where it takes this share of the squares at least.
 const TAKES: f64 = 0.4;
-/// Stretches that are left out together between two parts of a tape, at least; shorter ones are a sensor's limit or a disturbance.
+/// Stretches that are left out together between two parts of a tape, at least; shorter ones are a sensor's
+/// limit or a disturbance.
 const PART_MIN: usize = 64;
 /// Powers of time in a trend.
 const TREND: usize = 4;
@@ -97,7 +100,8 @@ fn words_nm(um: f64) -> String {
     }
 }
 
-/// The replays of a model over all files of a data set that are fitted or judge, in the order of their first records.
+/// The replays of a model over all files of a data set that are fitted or judge, in the order of their first
+/// records.
 #[must_use]
 pub fn replays(model: &Model, dataset: &Dataset) -> Vec<Replay> {
     let model = &*model.before_rounding();

@@ -1,7 +1,9 @@
-//! What a record shows of the dynamics, whatever the model: the frequency response with its coherence, and the correlations of a residual.
+//! What a record shows of the dynamics, whatever the model: the frequency response with its coherence, and
+//! the correlations of a residual.
 //!
-//! The response is that of Welch's averaged cross spectra (Hann windows, half overlapped): the best linear approximation for the drive of the record. The
-//! coherence is the share of the reading's power that this linear part explains; loops and noise lower it.
+//! The response is that of Welch's averaged cross spectra (Hann windows, half overlapped): the best linear
+//! approximation for the drive of the record. The coherence is the share of the reading's power that this
+//! linear part explains; loops and noise lower it.
 
 use crate::statistics::mean;
 use nalgebra::Complex;

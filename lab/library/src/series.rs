@@ -1,8 +1,9 @@
 //! Measured and modelled signals as text, for programs that draw or judge them themselves.
 //!
-//! One table a record, with the samples of its window. The first columns follow the timing of recordings (`u` acts from `t` on), so that a
-//! table is a recording again. What a record has of its own, such as its constant, is in the modelled displacement: measured less modelled is
-//! the residual that every figure is computed from.
+//! One table a record, with the samples of its window. The first columns follow the timing of recordings (`u`
+//! acts from `t` on), so that a table is a recording again. What a record has of its own, such as its
+//! constant, is in the modelled displacement: measured less modelled is the residual that every figure is
+//! computed from.
 
 use crate::dataset::Record;
 use crate::identification::fit::residual;
@@ -11,8 +12,8 @@ use hysteron_sim::chain::Model;
 /// A model with the name of its columns: `modelled` makes `modelled_um` and `modelled_residual_um`.
 pub type Named<'a> = (&'a str, &'a Model);
 
-/// One record as comma-separated values: `t_s,u_v,y_um`, the force and the auxiliary signals that it has, and for each model what it says the
-/// sensor reads and what that leaves, um.
+/// One record as comma-separated values: `t_s,u_v,y_um`, the force and the auxiliary signals that it has, and
+/// for each model what it says the sensor reads and what that leaves, um.
 #[must_use]
 pub fn csv(record: &Record, models: &[Named]) -> String {
     let residuals: Vec<Vec<f64>> = models.iter().map(|(_, model)| residual(model, record)).collect();

@@ -4,15 +4,16 @@ use crate::diagnosis::judgement::first_not_finite;
 use crate::error::{Error, Result};
 use hysteron_sim::chain::{Drive, Model};
 
-/// How far a drive may lie outside the limits of a model, as a share of their range: limits are often what a converter of 12 bits read of the commanded ones,
-/// half a step too low.
+/// How far a drive may lie outside the limits of a model, as a share of their range: limits are often what a
+/// converter of 12 bits read of the commanded ones, half a step too low.
 const TOLERANCE: f64 = 0.5 / 4096.0;
 
-/// What the sensor reads under a drive, um, sample by sample; `place` is what the drive is called in messages.
+/// What the sensor reads under a drive, um, sample by sample; `place` is what the drive is called in
+/// messages.
 ///
 /// # Errors
-/// A drive that leaves the range for which the model holds, or is no number; a signal that an effect takes part of and that is not there; a model that gives something that is no number, with effect and
-/// sample.
+/// A drive that leaves the range for which the model holds, or is no number; a signal that an effect takes
+/// part of and that is not there; a model that gives something that is no number, with effect and sample.
 pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
     let (low, high) = (model.drive_min_v, model.drive_max_v);
     let beyond_v = |u: f64| (low - u).max(u - high);

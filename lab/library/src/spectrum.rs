@@ -17,7 +17,8 @@ const LONGEST_SEGMENT: usize = 8192;
 /// Points left per decade of frequency.
 const POINTS_PER_DECADE: f64 = 80.0;
 
-/// Amplitude density of `signal`, mean removed: Hann windows, half overlapped. Empty for fewer than 16 samples.
+/// Amplitude density of `signal`, mean removed: Hann windows, half overlapped. Empty for fewer than 16
+/// samples.
 pub fn amplitude_density(signal: &[f64], sample_rate_hz: f64) -> Spectrum {
     if signal.len() < 16 || sample_rate_hz.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
         return Spectrum::default();
@@ -58,8 +59,8 @@ pub fn amplitude_density(signal: &[f64], sample_rate_hz: f64) -> Spectrum {
     spectrum
 }
 
-/// How much a signal, its mean removed, resembles itself later: one at no lag, by whole samples. Each lag is weighed by the samples that it
-/// compares.
+/// How much a signal, its mean removed, resembles itself later: one at no lag, by whole samples. Each lag is
+/// weighed by the samples that it compares.
 #[must_use]
 pub fn autocorrelation(signal: &[f64]) -> Vec<f64> {
     let n = signal.len();

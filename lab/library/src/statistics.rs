@@ -8,7 +8,8 @@ pub fn largest(signal: &[f64]) -> f64 {
     signal.iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-/// Least and largest value; infinite the wrong way round without any. Zero has no sign: a file's `-0.0` would be told as a limit of "-0".
+/// Least and largest value; infinite the wrong way round without any. Zero has no sign: a file's `-0.0` would
+/// be told as a limit of "-0".
 #[must_use]
 pub fn extremes(signal: &[f64]) -> (f64, f64) {
     let (low, high) = signal.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
@@ -28,8 +29,8 @@ pub fn mean(signal: &[f64]) -> f64 {
     if signal.is_empty() { 0.0 } else { signal.iter().sum::<f64>() / signal.len() as f64 }
 }
 
-/// RMS of what has a pattern in a signal whose steps from sample to sample are these: what is random has steps of the root of two times its size, a pattern
-/// next to none.
+/// RMS of what has a pattern in a signal whose steps from sample to sample are these: what is random has
+/// steps of the root of two times its size, a pattern next to none.
 #[must_use]
 pub fn pattern_rms(signal: &[f64], steps: &[f64]) -> f64 {
     (rms(signal).powi(2) - 0.5 * rms(steps).powi(2)).max(0.0).sqrt()

@@ -203,7 +203,8 @@ def main(model_file, drive_file, rate_hz):
     drive = [float(line) for line in open(drive_file)]
     period = 1.0 / rate_hz
     amplifier = effects.get("amplifier_bandwidth")
-    # With a mode behind an amplifier the period is divided into 2 above 25 us; all behind the amplifier goes so but for the last effects.
+    # With a mode behind an amplifier the period is divided into 2 above 25 us; all behind the amplifier goes
+    # so but for the last effects.
     n = 2 if amplifier and period > 25e-6 and "vibration" in effects else 1
     t = period / n
     tau = 1 / (2 * math.pi * amplifier["bandwidth_hz"]) if amplifier else None

@@ -1,4 +1,5 @@
-//! Work of the library on a thread of its own, without Python's lock, while the thread that called looks for Ctrl-C.
+//! Work of the library on a thread of its own, without Python's lock, while the thread that called looks for
+//! Ctrl-C.
 
 use crate::raised;
 use hysteron::watch::{Event, Watch};
@@ -43,7 +44,8 @@ impl Watch for Told {
 /// Does a piece of work.
 ///
 /// # Errors
-/// What was raised on the way (the work then ends at its next step, and what it had so far is given up), else the error of the work itself.
+/// What was raised on the way (the work then ends at its next step, and what it had so far is given up), else
+/// the error of the work itself.
 pub fn at_work<T: Send>(
     py: Python<'_>,
     progress: Option<Py<PyAny>>,

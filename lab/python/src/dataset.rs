@@ -20,7 +20,8 @@ use std::sync::Arc;
 #[pyclass(frozen)]
 pub struct Dataset(pub Arc<hysteron::Dataset>);
 
-/// A record as a dictionary, with the keys of `hysteron.Record`; signals are `PyBackedBytes` on the way in, `Bound<PyBytes>` on the way out.
+/// A record as a dictionary, with the keys of `hysteron.Record`; signals are `PyBackedBytes` on the way in,
+/// `Bound<PyBytes>` on the way out.
 #[derive(FromPyObject, IntoPyObject)]
 #[pyo3(from_item_all)]
 struct RecordParts<Signal> {

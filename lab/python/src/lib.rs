@@ -1,7 +1,9 @@
-//! The native half of the Python package `hysteron`: opaque data sets, models and results, arrays as bytes of 64-bit floats, figures as JSON.
+//! The native half of the Python package `hysteron`: opaque data sets, models and results, arrays as bytes of
+//! 64-bit floats, figures as JSON.
 //!
-//! What a person imports is `hysteron/__init__.py` and the modules beside it, which make NumPy arrays and dictionaries of these. `at_work`
-//! does the work without Python's lock and looks after Ctrl-C; `dataset`, `model` and `results` hold what is handed out.
+//! What a person imports is `hysteron/__init__.py` and the modules beside it, which make NumPy arrays and
+//! dictionaries of these. `at_work` does the work without Python's lock and looks after Ctrl-C; `dataset`,
+//! `model` and `results` hold what is handed out.
 
 mod at_work;
 mod dataset;

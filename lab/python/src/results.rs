@@ -59,7 +59,8 @@ impl Outcome {
     }
 }
 
-/// An effect by its name, or of the user's own: the text of its definition and what that is called in messages.
+/// An effect by its name, or of the user's own: the text of its definition and what that is called in
+/// messages.
 #[derive(FromPyObject)]
 pub enum EffectSaid {
     Named(String),

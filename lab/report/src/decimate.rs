@@ -1,7 +1,9 @@
-//! Fewer points, the same picture: of each stretch of samples the smallest and the largest of every trace are kept, so that no spike is lost.
+//! Fewer points, the same picture: of each stretch of samples the smallest and the largest of every trace are
+//! kept, so that no spike is lost.
 
-/// Ascending indices of about `target` samples out of `traces[..]` (all of the same length): the first and last sample, and the extremes of every trace in each
-/// of equally long stretches. All indices if there are no more than `target`.
+/// Ascending indices of about `target` samples out of `traces[..]` (all of the same length): the first and
+/// last sample, and the extremes of every trace in each of equally long stretches. All indices if there are
+/// no more than `target`.
 pub fn extreme_indices(traces: &[&[f64]], target: usize) -> Vec<usize> {
     let length = traces.iter().map(|t| t.len()).min().unwrap_or(0);
     if length <= target.max(2) {

@@ -1,10 +1,12 @@
-//! Frequency response, measured and modelled, and the correlations of the residual: what a control engineer looks at first.
+//! Frequency response, measured and modelled, and the correlations of the residual: what a control engineer
+//! looks at first.
 
 use crate::explain_report::{ExplainReport, RecordReport};
 use crate::page::{Block, Plot, Role, Section, Series};
 use hysteron::response::{Correlations, Response, correlations, frequency_response};
 
-/// The section of the record that shows most of the dynamics; none without a driven record of some hundred samples.
+/// The section of the record that shows most of the dynamics; none without a driven record of some hundred
+/// samples.
 pub(crate) fn dynamics(report: &ExplainReport) -> Option<Section> {
     let record = report.records.iter().filter(|r| r.role != "noise").max_by(|a, b| shows(a).total_cmp(&shows(b)))?;
     let part = longest_part(record)?;

@@ -1,7 +1,8 @@
 //! Numbers inside the page: columns of 16 or 32 bits, equal columns stored once.
 //!
-//! A column of 16 bits resolves 1/65534 of its own range, finer than a screen; columns that only rise (time, frequency) get 32 bits so that samples stay apart when
-//! a reader zooms in. Short columns are written as plain numbers.
+//! A column of 16 bits resolves 1/65534 of its own range, finer than a screen; columns that only rise (time,
+//! frequency) get 32 bits so that samples stay apart when a reader zooms in. Short columns are written as
+//! plain numbers.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;

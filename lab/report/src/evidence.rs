@@ -1,7 +1,8 @@
-//! The picture of its own kind for each effect: creep over the time since the drive stopped, a sensor's nonlinearity over the displacement on both branches, a line
-//! over frequency, and so on.
+//! The picture of its own kind for each effect: creep over the time since the drive stopped, a sensor's
+//! nonlinearity over the displacement on both branches, a line over frequency, and so on.
 //!
-//! [`View`] says which abscissa shows an effect best; the traces are averaged over it, so that noise falls away and a law stands out.
+//! [`View`] says which abscissa shows an effect best; the traces are averaged over it, so that noise falls
+//! away and a law stands out.
 
 use super::explain_report::{EvidenceReport, EvidenceTrace, RecordReport};
 use super::page::{Block, Plot, Role, Series, Width};
@@ -208,7 +209,8 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
     plot
 }
 
-/// One pair of curves for each of the longest holds: averaged over holds, steps up and steps down would cancel.
+/// One pair of curves for each of the longest holds: averaged over holds, steps up and steps down would
+/// cancel.
 fn add_holds(plot: &mut Plot, trace: &EvidenceTrace, record: &RecordReport, branch: &[(Branch, f64)], sample: impl Fn(usize) -> usize) {
     let length = trace.residual_um.len().min(trace.predicted_um.len());
     let mut holds: Vec<Vec<(f64, usize)>> = Vec::new();

@@ -1,7 +1,9 @@
-//! The page of an explanation: a sentence, where the model fails, the evidence for the named effect, the falling error, and everything beside it.
+//! The page of an explanation: a sentence, where the model fails, the evidence for the named effect, the
+//! falling error, and everything beside it.
 //!
-//! The record and the step of the model's growth are chosen in the bar at the top; each plot holds its curves for all choices and shows the matching ones.
-//! All curves of a record share one set of kept samples, so that equal columns (time, drive, a residual seen in several plots) are stored once.
+//! The record and the step of the model's growth are chosen in the bar at the top; each plot holds its curves
+//! for all choices and shows the matching ones. All curves of a record share one set of kept samples, so that
+//! equal columns (time, drive, a residual seen in several plots) are stored once.
 
 use super::decimate::extreme_indices;
 use super::evidence::evidence_plots;
@@ -236,7 +238,8 @@ fn where_it_fails(report: &ExplainReport) -> Section {
     }
 }
 
-/// The largest cells of the last model in words. Frequencies are left out: a band holds a share of the noise only.
+/// The largest cells of the last model in words. Frequencies are left out: a band holds a share of the noise
+/// only.
 fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f64, f64), floor_um: Option<f64>) -> Block {
     let mut cells: Vec<(f64, String)> = Vec::new();
     for record in &report.records {
@@ -270,7 +273,8 @@ fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f6
     Block::Notes(Notes { title: "With the last model most remains in:".to_owned(), items, tone: Tone::Neutral })
 }
 
-/// Whether a cell is so many times the noise by more than chance and by enough to matter: the RMS of n samples of white noise scatters by 1 / sqrt(2 n).
+/// Whether a cell is so many times the noise by more than chance and by enough to matter: the RMS of n
+/// samples of white noise scatters by 1 / sqrt(2 n).
 fn stands_out(times_noise: f64, samples: usize) -> bool {
     times_noise > 1.0 + MATTERS.max(CHANCE_DEVIATIONS / (2.0 * samples as f64).sqrt())
 }
@@ -545,7 +549,8 @@ fn alternatives(report: &ExplainReport) -> Option<Section> {
 /// Bins of a mean curve.
 const BINS: usize = 48;
 
-/// Mean of `values` over equal bins of `x`, with the bins' centres; bins with fewer than 4 samples are left out.
+/// Mean of `values` over equal bins of `x`, with the bins' centres; bins with fewer than 4 samples are left
+/// out.
 fn mean_curve(x: &[f64], values: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let finite = || x.iter().zip(values).filter(|(a, b)| a.is_finite() && b.is_finite());
     let low = finite().map(|p| *p.0).fold(f64::INFINITY, f64::min);

@@ -1,7 +1,8 @@
 //! What the page about an explanation needs to know: plain arrays, filled by the pipeline.
 //!
-//! The pipeline gives samples and figures only. Spectra, the map of the residual over drive features, the views of the latent force and the evidence picture of
-//! its own kind for each effect are made from them in `explain_page`, so that they look the same wherever a residual comes from.
+//! The pipeline gives samples and figures only. Spectra, the map of the residual over drive features, the
+//! views of the latent force and the evidence picture of its own kind for each effect are made from them in
+//! `explain_page`, so that they look the same wherever a residual comes from.
 
 use hysteron_sim::effect::Against;
 use serde::{Deserialize, Serialize};
@@ -25,7 +26,8 @@ pub struct ExplainReport {
     pub steps: Vec<StepReport>,
     /// Candidates, best first.
     pub candidates: Vec<CandidateReport>,
-    /// What the residual does against what a signature predicts, for the named effect (or each of an ambiguous set).
+    /// What the residual does against what a signature predicts, for the named effect (or each of an
+    /// ambiguous set).
     pub evidence: Vec<EvidenceReport>,
     /// Parameters of the last model.
     pub parameters: Vec<ParameterReport>,
@@ -60,9 +62,11 @@ pub struct RecordReport {
     pub y_um: Vec<f64>,
     /// External force, N, if it was measured; else empty.
     pub force_n: Vec<f64>,
-    /// Measured minus modelled displacement, um: one array for each step of the model's growth. The modelled displacement is the difference to `y_um`.
+    /// Measured minus modelled displacement, um: one array for each step of the model's growth. The modelled
+    /// displacement is the difference to `y_um`.
     pub residual_um: Vec<Vec<f64>>,
-    /// The input disturbance that would explain the last residual, in `latent_unit`; empty if none was estimated (the views then show the residual itself).
+    /// The input disturbance that would explain the last residual, in `latent_unit`; empty if none was
+    /// estimated (the views then show the residual itself).
     pub latent_force: Vec<f64>,
     /// Unit of `latent_force`.
     pub latent_unit: String,
@@ -126,7 +130,8 @@ pub struct CandidateReport {
     pub why: String,
 }
 
-/// The residual and a signature, both after everything that the present model could absorb has been projected out.
+/// The residual and a signature, both after everything that the present model could absorb has been projected
+/// out.
 #[derive(Clone, Debug)]
 pub struct EvidenceReport {
     /// Effect.

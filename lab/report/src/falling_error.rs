@@ -1,5 +1,5 @@
-//! The error falling, as a picture that moves: the residual of one record and the error of every step of a model's growth, in one SVG that
-//! needs no script and plays wherever pictures do.
+//! The error falling, as a picture that moves: the residual of one record and the error of every step of a
+//! model's growth, in one SVG that needs no script and plays wherever pictures do.
 
 use crate::explain_report::{ExplainReport, RecordReport, StepReport};
 use crate::html::escape;

@@ -1,6 +1,8 @@
-//! A page as one HTML file: text and tables here, figures as empty frames that `assets/page.js` fills from the data at the end of the file.
+//! A page as one HTML file: text and tables here, figures as empty frames that `assets/page.js` fills from
+//! the data at the end of the file.
 //!
-//! Text is escaped wherever it enters, the data cannot close its own script element, and a content policy forbids the page to load anything.
+//! Text is escaped wherever it enters, the data cannot close its own script element, and a content policy
+//! forbids the page to load anything.
 
 use super::decimate::extreme_indices;
 use super::encode::Columns;

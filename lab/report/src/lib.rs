@@ -1,6 +1,7 @@
 //! Self-contained pages: plots first, numbers beside, one file that opens offline.
 //!
-//! A caller fills a [`Page`] with sections, plots and tables and calls [`Page::to_html`]; `reproduce`, `track` and `explain` all do:
+//! A caller fills a [`Page`] with sections, plots and tables and calls [`Page::to_html`]; `reproduce`,
+//! `track` and `explain` all do:
 //!
 //! ```
 //! use hysteron_report::{Block, Page, Plot, Role, Section, Series, Table};
@@ -48,9 +49,12 @@
 //! - `page`: the parts of a page as plain data, with conditions that tie a series to a reader's choice;
 //! - `decimate`: fewer points, the same picture (extremes of each stretch are kept);
 //! - `encode`: numbers as compact columns inside the page, equal columns stored once;
-//! - `html`: text, tables and figures' frames as HTML; the drawing itself is `assets/page.js`, which depends on nothing;
-//! - `explain_report` and `explain_page`: what an explanation has to show, and how; `of_findings` fills the one from what the library found;
-//! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture that moves.
+//! - `html`: text, tables and figures' frames as HTML; the drawing itself is `assets/page.js`, which depends
+//!   on nothing;
+//! - `explain_report` and `explain_page`: what an explanation has to show, and how; `of_findings` fills the
+//!   one from what the library found;
+//! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture
+//!   that moves.
 
 mod decimate;
 mod dynamics;

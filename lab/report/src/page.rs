@@ -1,8 +1,10 @@
 //! The parts a page is made of.
 //!
-//! A [`Page`] is plain data: sections of [`Block`]s, and [`Selector`]s that a reader works. Anything that shows only for some choice (a series for one record
-//! at one step of a model's growth) carries [`When`] conditions; the script in the page shows what matches the present choice and hides the rest.
-//! Nothing here knows about files or HTML: `encode` turns numbers into compact columns and `html` turns the whole into one file.
+//! A [`Page`] is plain data: sections of [`Block`]s, and [`Selector`]s that a reader works. Anything that
+//! shows only for some choice (a series for one record at one step of a model's growth) carries [`When`]
+//! conditions; the script in the page shows what matches the present choice and hides the rest. Nothing here
+//! knows about files or HTML: `encode` turns numbers into compact columns and `html` turns the whole into one
+//! file.
 
 use serde::Serialize;
 
@@ -74,7 +76,8 @@ pub struct Selector {
     pub options: Vec<String>,
     /// Index of the option shown first.
     pub selected: usize,
-    /// The options are successive steps of one thing: offers "previous" and "next", and "keep scales" holds the axes over them.
+    /// The options are successive steps of one thing: offers "previous" and "next", and "keep scales" holds
+    /// the axes over them.
     pub steps: bool,
 }
 
@@ -302,7 +305,8 @@ impl Plot {
     }
 }
 
-/// Rows of text and numbers. Cells are text, already rounded as they should read; cells that look like numbers are aligned as such.
+/// Rows of text and numbers. Cells are text, already rounded as they should read; cells that look like
+/// numbers are aligned as such.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     /// Title above the table; may be empty.
@@ -369,7 +373,8 @@ pub struct HeatMap {
     pub column_groups: Vec<(String, Vec<String>)>,
     /// Values; the first layer whose conditions hold is shown.
     pub layers: Vec<HeatMapLayer>,
-    /// Value that gets no colour (such as 1 x the noise floor); colour grows with the logarithm above it. Without it, the smallest value gets none.
+    /// Value that gets no colour (such as 1 x the noise floor); colour grows with the logarithm above it.
+    /// Without it, the smallest value gets none.
     pub neutral: Option<f64>,
     /// Unit of the values.
     pub unit: String,

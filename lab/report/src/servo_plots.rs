@@ -5,7 +5,8 @@ use hysteron::servo::learned_feedforward::{ConvergencePoint, LearningDesign};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::predictor::{Assessment, least_expected};
 
-/// Noise passed on against disturbance let through: the tunings that keep every margin and that no other one beats in both.
+/// Noise passed on against disturbance let through: the tunings that keep every margin and that no other one
+/// beats in both.
 #[must_use]
 pub fn trade_off(assessments: &[Assessment]) -> Plot {
     let point = |a: &Assessment| (1e3 * a.noise_um, 1e3 * a.disturbance_um);
@@ -39,7 +40,8 @@ pub fn sensitivity(margins: &LoopMargins) -> Plot {
         .with(Series::line("complementary sensitivity", Role::Model, hz, of(&|p| p.complementary)))
 }
 
-/// What an error of a periodic reference becomes from period to period, over frequency: below one the correction converges.
+/// What an error of a periodic reference becomes from period to period, over frequency: below one the
+/// correction converges.
 #[must_use]
 pub fn learning(design: &LearningDesign) -> Plot {
     let hz: Vec<f64> = design.convergence.iter().map(|p| p.hz).collect();

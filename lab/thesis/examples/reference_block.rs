@@ -1,7 +1,8 @@
-//! Makes the parameter block that the emulated target's tests run with: identifies a model from a record of the reference bench,
-//! designs the servo, and writes the block.
+//! Makes the parameter block that the emulated target's tests run with: identifies a model from a record of
+//! the reference bench, designs the servo, and writes the block.
 //!
-//! `cargo run --release --package hysteron-thesis --example reference_block -- board/emulator/tests/p753.block`
+//! `cargo run --release --package hysteron-thesis --example reference_block --
+//! board/emulator/tests/p753.block`
 
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
 use hysteron::servo::design::ServoDesign;

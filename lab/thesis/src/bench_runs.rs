@@ -1,7 +1,8 @@
 //! Servos on the reference bench: references of the thesis, one run, and what is said of it.
 //!
-//! Every run is a conditioning cycle, zeroing of the sensor, and the reference of the thesis with the bench's offset. Errors are of what the
-//! sensor reads, noise removed, after the first part of the run, with the true ones beside.
+//! Every run is a conditioning cycle, zeroing of the sensor, and the reference of the thesis with the bench's
+//! offset. Errors are of what the sensor reads, noise removed, after the first part of the run, with the true
+//! ones beside.
 //!
 //! Whatever is chosen by a run is chosen on [`CHOICE_HZ`] with [`CHOICE_SEED`], which no figure is judged on.
 
@@ -67,8 +68,8 @@ pub const LOADED: Variant = Variant { completeness: Completeness::Full, loaded: 
 /// The loaded plain bench, on which the thesis' schemes run.
 pub const LOADED_PLAIN: Variant = Variant { completeness: Completeness::Plain, loaded: true };
 
-/// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), grown from zero in 0.3 s, then for two periods or a second; and the sample from which
-/// the error counts: after half a second.
+/// `offset + amplitude sin(2 pi f t - pi/2)` (Ch. 6, Eq. 43), grown from zero in 0.3 s, then for two periods
+/// or a second; and the sample from which the error counts: after half a second.
 #[must_use]
 pub fn sine_reference_um(bench: &Bench, frequency_hz: f64, amplitude_um: f64) -> (Vec<f64>, usize) {
     sine_that_counts_after_um(bench, frequency_hz, amplitude_um, 0.5)
@@ -102,7 +103,8 @@ pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: 
     run_repeating(bench, variant, design, reference_um, None, seed)
 }
 
-/// The same with a reference of which the servo is told, once it has grown, that it repeats after so many ticks.
+/// The same with a reference of which the servo is told, once it has grown, that it repeats after so many
+/// ticks.
 fn run_repeating(
     bench: &Bench,
     variant: Variant,
@@ -117,7 +119,8 @@ fn run_repeating(
     Ok(experiment.follow_with(told_when_grown(servo, period_ticks), reference_um))
 }
 
-/// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data sheet.
+/// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data
+/// sheet.
 #[must_use]
 pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
     let model = ActuatorModel {
@@ -227,7 +230,8 @@ pub struct Commissioned {
     pub design: ServoDesign,
 }
 
-/// A scheme designed for an identified model under the margins that `design` keeps where no recording stands behind it, with the period of delay.
+/// A scheme designed for an identified model under the margins that `design` keeps where no recording stands
+/// behind it, with the period of delay.
 #[must_use]
 pub fn designed(c: &Commissioned, choice: Choice, inverse: bool) -> Option<ServoDesign> {
     let scheme = scheme_without_recording(&c.design, choice, inverse).ok()?;

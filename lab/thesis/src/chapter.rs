@@ -32,7 +32,8 @@ pub struct ErrorPair {
 pub struct Row {
     /// Identifier.
     pub id: String,
-    /// Error of the true displacement, where `ours` is that of what the sensor reads: a sensor that is late shows another one.
+    /// Error of the true displacement, where `ours` is that of what the sensor reads: a sensor that is late
+    /// shows another one.
     pub truth: Option<f64>,
     /// What was measured here; an error, as the sensor reads it.
     pub ours: f64,

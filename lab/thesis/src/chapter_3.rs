@@ -1,7 +1,9 @@
-//! Chapter 3: the stick-slip actuator, identified in the thesis' three experiments and validated in its figures.
+//! Chapter 3: the stick-slip actuator, identified in the thesis' three experiments and validated in its
+//! figures.
 //!
-//! The simulated rig is [`StickSlipActuator::thesis`] behind a sensor with 10 nm RMS noise (the inductive sensor's resolution). The
-//! identification sees the platform alone (slow triangles, steps) and the end-effector (one saw-tooth record), as in Ch. 3, IV.B.
+//! The simulated rig is [`StickSlipActuator::thesis`] behind a sensor with 10 nm RMS noise (the inductive
+//! sensor's resolution). The identification sees the platform alone (slow triangles, steps) and the
+//! end-effector (one saw-tooth record), as in Ch. 3, IV.B.
 
 use super::least_squares::{self, Estimate};
 use crate::chapter::{Chapter, Progress, Row, errata};
@@ -29,9 +31,11 @@ fn noisy(signal: &[f64], seed: u64) -> Vec<f64> {
     signal.iter().map(|v| v + noise.next_um()).collect()
 }
 
-/// First experiment: slow rises and falls of growing height, no end-effector. Returns `F(alpha, beta) / K` in the form `(alpha - beta) Q`.
+/// First experiment: slow rises and falls of growing height, no end-effector. Returns `F(alpha, beta) / K` in
+/// the form `(alpha - beta) Q`.
 fn identify_hysteresis(rig: &StickSlipActuator) -> Result<(Surfaces, Estimate), String> {
-    // Slowly means here: 1000 V/s from one multiple of 5 V to the next, 20 ms of rest on each, the mean of the last 5 ms is the reading.
+    // Slowly means here: 1000 V/s from one multiple of 5 V to the next, 20 ms of rest on each, the mean of
+    // the last 5 ms is the reading.
     let (ramp, rest, mean_over) = (100usize, 400usize, 100usize);
     let mut levels = vec![0.0];
     for k in 1..=20i32 {
@@ -114,7 +118,8 @@ fn second_order_response(natural_frequency_rad_s: f64, damping_ratio: f64, input
         .collect()
 }
 
-/// Second experiment: steps to 50 and 100 V without end-effector; natural frequency, damping ratio and both heights.
+/// Second experiment: steps to 50 and 100 V without end-effector; natural frequency, damping ratio and both
+/// heights.
 fn identify_platform(rig: &StickSlipActuator) -> Result<Estimate, String> {
     let readings: Vec<Vec<f64>> = [50.0, 100.0]
         .iter()
@@ -136,7 +141,8 @@ fn saw_tooth(frequency_hz: f64, height_v: f64, cycles: usize) -> Vec<f64> {
     waveform::saw_tooth(SAMPLE_RATE_HZ, frequency_hz, height_v, 1.0, cycles)
 }
 
-/// Typical sizes of `F_c` in N, `sigma_0` in N/um, `sigma_1` in N s/um, and the logit of `z_b / z_s`, which keeps it between 0 and 1.
+/// Typical sizes of `F_c` in N, `sigma_0` in N/um, `sigma_1` in N s/um, and the logit of `z_b / z_s`, which
+/// keeps it between 0 and 1.
 const TYPICAL_FRICTION: [f64; 4] = [0.03, 0.4, 2e-4, 1.0];
 
 fn friction_from(p: &[f64]) -> ElastoplasticFriction {
@@ -148,7 +154,8 @@ fn friction_from(p: &[f64]) -> ElastoplasticFriction {
     }
 }
 
-/// Third experiment: the end-effector under a 50 V, 60 Hz saw-tooth; the four constants of the contact by nonlinear least squares.
+/// Third experiment: the end-effector under a 50 V, 60 Hz saw-tooth; the four constants of the contact by
+/// nonlinear least squares.
 fn identify_friction(model: &StickSlipActuator, drive_v: &[f64], reading_um: &[f64]) -> Result<Estimate, String> {
     let force_um = model.force_equivalent_um(drive_v);
     let residuals = |p: &[f64]| -> Vec<f64> {

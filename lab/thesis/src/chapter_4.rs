@@ -1,8 +1,8 @@
-//! Chapter 4: rate-independent and rate-dependent one-sided hysteresis, the classical Preisach model beside them, and the inverse in
-//! open loop and with a PI controller.
+//! Chapter 4: rate-independent and rate-dependent one-sided hysteresis, the classical Preisach model beside
+//! them, and the inverse in open loop and with a PI controller.
 //!
-//! Everything is played on the plain bench, whose mode and creep the models of this chapter do not have: as in the thesis they are
-//! judged at rates where that matters more and more.
+//! Everything is played on the plain bench, whose mode and creep the models of this chapter do not have: as
+//! in the thesis they are judged at rates where that matters more and more.
 
 use super::least_squares;
 use super::surface_fit::{self, LossPoint, SurfaceFit, add_loss_term, exponents};
@@ -24,9 +24,11 @@ const SLOPE_V_S: f64 = 200.0;
 const HEIGHTS_V: [f64; 14] = [5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 65.0, 70.0];
 /// Nominal rates of the rate-dependent identification, V/s (Ch. 4, 6.3).
 const RATES_V_S: [f64; 9] = [100.0, 1000.0, 5000.0, 10_000.0, 15_000.0, 20_000.0, 25_000.0, 30_000.0, 35_000.0];
-/// Verification drives in the manner of Fig. 7, whose printed figure gives no numbers: so many, drawn at random.
+/// Verification drives in the manner of Fig. 7, whose printed figure gives no numbers: so many, drawn at
+/// random.
 const FIGURE_7_DRIVES: u64 = 20;
-/// The longest of them moves by as many volts as the identification's longest wave: a model without creep is not asked about longer times.
+/// The longest of them moves by as many volts as the identification's longest wave: a model without creep is
+/// not asked about longer times.
 const FIGURE_7_TRAVEL_V: f64 = 280.0;
 /// A longer one, to show what creep does to such a model.
 const LONG_V: [f64; 13] = [0.0, 30.0, 10.0, 50.0, 20.0, 40.0, 15.0, 70.0, 0.0, 60.0, 30.0, 50.0, 0.0];
@@ -37,8 +39,8 @@ const FIGURE_10_HZ: [f64; 6] = [5.0, 10.0, 20.0, 30.0, 40.0, 50.0];
 /// Vertices of the desired trajectory in the manner of Fig. 12, um.
 const FIGURE_12_UM: [f64; 9] = [0.0, 4.0, 2.0, 6.0, 3.0, 8.0, 4.0, 9.0, 3.0];
 
-/// Vertices of a random drive in the manner of Fig. 7: three rises and two falls of at least 10 V between multiples of 5 V, new maxima,
-/// nested loops and wiping out as they come, and back to zero.
+/// Vertices of a random drive in the manner of Fig. 7: three rises and two falls of at least 10 V between
+/// multiples of 5 V, new maxima, nested loops and wiping out as they come, and back to zero.
 fn figure_7_vertices_v(seed: u64) -> Vec<f64> {
     let mut generator = Pcg64Mcg::seed_from_u64(seed);
     loop {
@@ -69,7 +71,8 @@ fn predict_between(surfaces: &Surfaces, (low_v, high_v): (f64, f64), drive_v: &[
     std::iter::once(0.0).chain(drive_v.iter().map(|u| model.step(*u) - zero)).take(drive_v.len()).collect()
 }
 
-/// Triangular waves of two periods to the given heights, each after a second at rest at the lower limit: drive and reading from its zero.
+/// Triangular waves of two periods to the given heights, each after a second at rest at the lower limit:
+/// drive and reading from its zero.
 fn triangular_wave(bench: &Bench, variant: Variant, height_v: f64, seed: u64) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let (fs, low_v) = (bench.converters.sample_rate_hz, bench.drive_min_v);
     let rest = waveform::hold(fs, low_v, 1.0);
@@ -92,7 +95,8 @@ struct RateIndependent {
     left_out_um: [f64; 2],
 }
 
-/// A second at rest for zero and noise, then a triangular wave of two periods; each height from the virgin state.
+/// A second at rest for zero and noise, then a triangular wave of two periods; each height from the virgin
+/// state.
 fn identify_rate_independent(bench: &Bench, variant: Variant, seed: u64) -> Option<RateIndependent> {
     let range_v = bench.drive_max_v - bench.drive_min_v;
     let samples_per_v = bench.converters.sample_rate_hz / SLOPE_V_S;
@@ -175,7 +179,8 @@ const RATE_ORDER: usize = 3;
 /// Rate at which the powers are one, V/s.
 const REFERENCE_RATE_V_S: f64 = 10_000.0;
 
-/// Estimation as printed: surfaces at every nominal rate, then a polynomial in the nominal rate through each coefficient.
+/// Estimation as printed: surfaces at every nominal rate, then a polynomial in the nominal rate through each
+/// coefficient.
 fn two_step_estimation(records: &[RateRecord], range_v: f64) -> Option<RateSurfaces> {
     const CURVE_ORDER: usize = 4;
     const SURFACE_ORDER: usize = 6;
@@ -232,7 +237,8 @@ struct RateOrders {
 
 /// Estimation in one step: every sample with the rate that the drive had there.
 fn one_step_estimation(records: &[&RateRecord], orders: RateOrders, range_v: f64, sample_rate_hz: f64) -> Option<RateSurfaces> {
-    // Of order zero in the rate: F without constant, G that vanishes on alpha = beta. Of higher order: both free (they carry the lag).
+    // Of order zero in the rate: F without constant, G that vanishes on alpha = beta. Of higher order: both
+    // free (they carry the lag).
     let vanishing = exponents(orders.surface);
     let free = exponents(orders.surface);
     let per_order = orders.curve + 1 + free.len();
@@ -330,7 +336,8 @@ fn feedforward(surfaces: &Surfaces, bench: &Bench) -> HysteresisInverse {
     HysteresisInverse::new(OneSidedHysteresis::virgin(surfaces.clone(), bench.drive_min_v, range_v), bench.drive_min_v, range_v)
 }
 
-/// Feedforward and PI on a reference, as the thesis ran it: the drive acts at the sample at which the sensor was read.
+/// Feedforward and PI on a reference, as the thesis ran it: the drive acts at the sample at which the sensor
+/// was read.
 fn track_with_pi(surfaces: &Surfaces, bench: &Bench, variant: Variant, reference_um: &[f64], seed: u64) -> (Vec<f64>, Vec<f64>) {
     const PROPORTIONAL_V_UM: f64 = 3.0;
     const INTEGRAL_V_UM_S: f64 = 50_000.0;
@@ -362,7 +369,8 @@ pub(super) fn with_printed_noise(bench: &Bench) -> Bench {
     noisy
 }
 
-/// Mean RMS and largest errors of surfaces over the drives in the manner of Fig. 7: without noise, or of noisy readings.
+/// Mean RMS and largest errors of surfaces over the drives in the manner of Fig. 7: without noise, or of
+/// noisy readings.
 fn over_figure_7(bench: &Bench, variant: Variant, surfaces: &Surfaces, noise_counts: bool) -> [f64; 2] {
     let mut errors = Errors::default();
     for seed in 0..FIGURE_7_DRIVES {
@@ -374,7 +382,8 @@ fn over_figure_7(bench: &Bench, variant: Variant, surfaces: &Surfaces, noise_cou
     [mean(&errors.rms_um), mean(&errors.max_um)]
 }
 
-/// The rate-independent model by the printed points and by every reading, without noise and with the thesis' own.
+/// The rate-independent model by the printed points and by every reading, without noise and with the thesis'
+/// own.
 fn rows_by_way_of_estimating(bench: &Bench, variant: Variant, identified: &RateIndependent) -> Option<Vec<Row>> {
     let noisy = with_printed_noise(bench);
     let by_noisy_points = identify_rate_independent(&noisy, variant, 610)?.by_points.one_sided();
@@ -430,8 +439,9 @@ struct Verification {
     bias: Vec<f64>,
 }
 
-/// A bipolar actuator (thesis Ch. 8, future work 2): the bench's ceramic, driven from 20 V below zero; with a memory that counts from the
-/// lowest drive, and with one that counts from zero as the one-sided model of Ch. 4 does.
+/// A bipolar actuator (thesis Ch. 8, future work 2): the bench's ceramic, driven from 20 V below zero; with a
+/// memory that counts from the lowest drive, and with one that counts from zero as the one-sided model of Ch.
+/// 4 does.
 fn bipolar(bench: &Bench, variant: Variant, orders: (usize, usize)) -> Option<(Vec<Row>, Section)> {
     const LOWEST_V: f64 = -20.0;
     let fs = bench.converters.sample_rate_hz;
@@ -552,7 +562,8 @@ fn rows_of_identification(identified: &RateIndependent) -> Vec<Row> {
     ]
 }
 
-/// The rate-independent model beside the classical one on random drives, and on a long one: figures, and the plots of the first drive.
+/// The rate-independent model beside the classical one on random drives, and on a long one: figures, and the
+/// plots of the first drive.
 fn verify_rate_independent(bench: &Bench, variant: Variant, chosen: &Chosen) -> Result<(Vec<Row>, Vec<Block>), String> {
     let fs = bench.converters.sample_rate_hz;
     let mut rows = Vec::new();

@@ -1,8 +1,10 @@
-//! Chapter 5: the comprehensive model (hysteresis, vibration, creep) on the full bench, identified as the thesis did and, beside it, as one.
+//! Chapter 5: the comprehensive model (hysteresis, vibration, creep) on the full bench, identified as the
+//! thesis did and, beside it, as one.
 //!
-//! The thesis' chain: phase response to sines for the mode; force from displacement and its derivatives for `F` and `G`; creep by an ARX
-//! model of a 30 s step. The joint fit estimates the whole chain at once, with the second mode and the bandwidths of amplifier and
-//! sensor that the nominal model leaves out; it sees the same kinds of records and a multisine.
+//! The thesis' chain: phase response to sines for the mode; force from displacement and its derivatives for
+//! `F` and `G`; creep by an ARX model of a 30 s step. The joint fit estimates the whole chain at once, with
+//! the second mode and the bandwidths of amplifier and sensor that the nominal model leaves out; it sees the
+//! same kinds of records and a multisine.
 
 use super::chapter_4::with_printed_noise;
 use super::least_squares;
@@ -41,7 +43,8 @@ fn phase_rad(signal: &[f64], hz: f64, sample_rate_hz: f64) -> Option<f64> {
     least_squares::linear(rows, signal, None).map(|e| e.values[1].atan2(e.values[0]))
 }
 
-/// Measured phase response to small sines, `(Hz, rad)`: the hold of the drive, half a period, is known and taken out.
+/// Measured phase response to small sines, `(Hz, rad)`: the hold of the drive, half a period, is known and
+/// taken out.
 fn phase_response(bench: &Bench) -> Vec<(f64, f64)> {
     let fs = bench.converters.sample_rate_hz;
     let mut response = Vec::new();
@@ -75,8 +78,9 @@ fn second_order_phase(hz: f64, natural_frequency_rad_s: f64, damping_ratio: f64)
 /// How derivatives of the displacement are estimated.
 #[derive(Clone, Copy, PartialEq)]
 enum Derivatives {
-    /// Alpha-beta-gamma filter with the printed alpha and beta. The printed gamma, 2.4e-3, makes the filter unstable (it must stay below
-    /// `4 alpha beta / (2 - alpha)` = 7.1e-4); Kalata's relation `gamma = beta^2 / alpha` takes its place, as it holds between the other two.
+    /// Alpha-beta-gamma filter with the printed alpha and beta. The printed gamma, 2.4e-3, makes the
+    /// filter unstable (it must stay below `4 alpha beta / (2 - alpha)` = 7.1e-4); Kalata's relation
+    /// `gamma = beta^2 / alpha` takes its place, as it holds between the other two.
     AlphaBetaGamma,
     /// Local polynomials of fourth order over 1.05 ms: no lag.
     LocalPolynomial,
@@ -162,7 +166,8 @@ impl ThesisChain {
     }
 }
 
-/// `F` and `G` from 100 Hz raised cosines of fourteen heights through the force that displacement and derivatives imply (Eq. 12).
+/// `F` and `G` from 100 Hz raised cosines of fourteen heights through the force that displacement and
+/// derivatives imply (Eq. 12).
 fn surfaces_by_force(bench: &Bench, frequency: f64, damping: f64, how: Derivatives) -> Option<Surfaces> {
     let fs = bench.converters.sample_rate_hz;
     let range_v = bench.drive_max_v - bench.drive_min_v;
@@ -199,7 +204,8 @@ struct Creep {
     simulated_um: Vec<f64>,
 }
 
-/// Creep after a step to 30 V over 30 s: ARX with 4 poles, 1 zero and 1 delay at 0.1 s, converted to continuous time (Ch. 5, 4.D).
+/// Creep after a step to 30 V over 30 s: ARX with 4 poles, 1 zero and 1 delay at 0.1 s, converted to
+/// continuous time (Ch. 5, 4.D).
 fn identify_creep(bench: &Bench, chain: &ThesisChain, reading_um: &[f64], drive_v: &[f64]) -> Option<Creep> {
     let stride = waveform::samples_in(bench.converters.sample_rate_hz, 0.1);
     let x1 = ThesisChain { creep: None, ..chain.clone() }.simulate(bench, drive_v);
@@ -216,7 +222,8 @@ fn identify_creep(bench: &Bench, chain: &ThesisChain, reading_um: &[f64], drive_
         if c < 4 { -past(&output, k, c + 1) } else { past(&input, k, c - 3) }
     });
     let arx = least_squares::linear(rows, &output[1..], None)?.values;
-    // Companion form, its matrix logarithm by eigenvalues of the polynomial, numerator by the held-input equivalence.
+    // Companion form, its matrix logarithm by eigenvalues of the polynomial, numerator by the held-input
+    // equivalence.
     let poles = DMatrix::from_fn(4, 4, |i, j| if i == 0 { -arx[j] } else { f64::from(u8::from(i == j + 1)) }).complex_eigenvalues();
     if poles.iter().any(|p| p.norm() >= 1.0 || (p.im.abs() < 1e-12 && p.re <= 0.0)) {
         return Some(Creep {
@@ -239,7 +246,8 @@ fn identify_creep(bench: &Bench, chain: &ThesisChain, reading_um: &[f64], drive_
         denominator = next;
     }
     let denominator: Vec<f64> = denominator.iter().map(|d| d.re).collect();
-    // The response of s^k / denominator to the input is linear in the numerator: match the ARX model's own simulation.
+    // The response of s^k / denominator to the input is linear in the numerator: match the ARX model's own
+    // simulation.
     let mut simulated = vec![0.0; count];
     for k in 1..count {
         simulated[k] =
@@ -281,7 +289,8 @@ fn dataset(bench: &Bench, records: Vec<Record>) -> Result<Dataset, String> {
     })
 }
 
-/// Records of the joint identification: heights and nested loops at 100 Hz, a multisine to a third of the sampling rate, a long step.
+/// Records of the joint identification: heights and nested loops at 100 Hz, a multisine to a third of the
+/// sampling rate, a long step.
 fn joint_records(bench: &Bench, step: (&[f64], &[f64])) -> Vec<Record> {
     let fs = bench.converters.sample_rate_hz;
     let mut drives = vec![
@@ -328,11 +337,13 @@ fn instance(id: &str, overview: &Overview, values: &[f64]) -> Result<EffectInsta
     effect::by_id(id).map(|e| EffectInstance::new(e, overview, values)).ok_or_else(|| format!("no effect named {id}"))
 }
 
-/// Terms of the joint fit's creep, time constants evenly spread over their logarithm between these, s: what the records can show.
+/// Terms of the joint fit's creep, time constants evenly spread over their logarithm between these, s: what
+/// the records can show.
 const CREEP_TERMS: usize = 12;
 const CREEP_TIME_CONSTANTS_S: (f64, f64) = (0.005, 30.0);
 
-/// Creep of the joint fit: shares of either sign, or (what a reader would call physical) positive ones, four terms.
+/// Creep of the joint fit: shares of either sign, or (what a reader would call physical) positive ones, four
+/// terms.
 #[derive(Clone, Copy, PartialEq)]
 enum JointCreep {
     Signed,
@@ -390,7 +401,8 @@ fn joint_fit(
     Ok(model)
 }
 
-/// A model of the nominal structure identified on the plain bench, and short records of it for [`super::coverage`].
+/// A model of the nominal structure identified on the plain bench, and short records of it for
+/// [`super::coverage`].
 fn coverage_case(bench: &Bench) -> Result<(Model, Dataset), String> {
     let fs = bench.converters.sample_rate_hz;
     let loops = waveform::half_cosines(fs, 0.005, &[0.0, 25.0, 5.0, 45.0, 15.0, 35.0, 10.0, 60.0, 0.0, 80.0, 30.0, 70.0, 20.0, 50.0, 0.0]);
@@ -414,7 +426,8 @@ fn coverage_case(bench: &Bench) -> Result<(Model, Dataset), String> {
     Ok((fitted, data))
 }
 
-/// Seconds on one core for a full identification of 100,000 samples from the plain bench, and the RMS residual.
+/// Seconds on one core for a full identification of 100,000 samples from the plain bench, and the RMS
+/// residual.
 fn timed_identification(bench: &Bench) -> Result<(f64, f64), String> {
     let fs = bench.converters.sample_rate_hz;
     let mut levels = vec![0.0];
@@ -445,7 +458,8 @@ fn timed_identification(bench: &Bench) -> Result<(f64, f64), String> {
     Ok((from.elapsed().as_secs_f64(), fitted.rms_um))
 }
 
-/// The thesis' identifications one after another as printed: mode, surfaces by the filter's derivatives, creep.
+/// The thesis' identifications one after another as printed: mode, surfaces by the filter's derivatives,
+/// creep.
 fn chain_as_printed(bench: &Bench) -> Option<ThesisChain> {
     let (natural_frequency_rad_s, damping_ratio) = mode_by_phase(bench, &mut Vec::new()).ok()?.0;
     let surfaces = surfaces_by_force(bench, natural_frequency_rad_s, damping_ratio, Derivatives::AlphaBetaGamma)?;

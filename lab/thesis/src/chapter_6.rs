@@ -1,4 +1,5 @@
-//! Chapter 6 of the thesis on the reference bench: PIDSM, PID, ideal sliding mode and boundary layer, with the integers that run on the target.
+//! Chapter 6 of the thesis on the reference bench: PIDSM, PID, ideal sliding mode and boundary layer, with
+//! the integers that run on the target.
 //!
 //! The schemes of the thesis run with the thesis' gains and, as there, without computational delay.
 
@@ -17,7 +18,8 @@ use nalgebra::Complex;
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// The candidate with the least RMS error on the plain bench: tuned as the thesis tuned its schemes, by trial, but on a sine that nothing is judged on.
+/// The candidate with the least RMS error on the plain bench: tuned as the thesis tuned its schemes, by
+/// trial, but on a sine that nothing is judged on.
 fn tuned(bench: &Bench, candidates: Vec<Scheme>) -> Option<Scheme> {
     let (reference, from) = sine_reference_um(bench, CHOICE_HZ, 5.0);
     candidates
@@ -51,8 +53,9 @@ fn reaching_candidates(reaching: &[ReachingGains]) -> Vec<Scheme> {
 /// A scheme of Chapter 6: its name in the rows' identifiers, the servo, and where its gains come from.
 pub type NamedScheme = (&'static str, ServoDesign, &'static str);
 
-/// PIDSM, PID, ideal sliding mode and boundary layer with the thesis' gains; all but PIDSM tuned on the bench by the thesis' criterion as well; and what is
-/// designed for an identified model with the period of delay: a PIDSMOC that leaves the hysteresis to the unknown input, and the predictor.
+/// PIDSM, PID, ideal sliding mode and boundary layer with the thesis' gains; all but PIDSM tuned on the bench
+/// by the thesis' criterion as well; and what is designed for an identified model with the period of delay: a
+/// PIDSMOC that leaves the hysteresis to the unknown input, and the predictor.
 #[must_use]
 pub fn schemes_of_chapter_6(bench: &Bench) -> Vec<NamedScheme> {
     let switching: Vec<ReachingGains> =

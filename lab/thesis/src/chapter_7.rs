@@ -1,9 +1,10 @@
-//! Chapter 7 of the thesis on the reference bench: observer and observer-controller, noise, load, robustness, with the integers that run on
-//! the target.
+//! Chapter 7 of the thesis on the reference bench: observer and observer-controller, noise, load, robustness,
+//! with the integers that run on the target.
 //!
 //! # How it works
-//! Each variant of the bench (plain, full, full with load) is commissioned once: its model is identified from records, and the best predictor
-//! is designed from that model. The schemes of the thesis run with the thesis' gains and, as there, without computational delay.
+//! Each variant of the bench (plain, full, full with load) is commissioned once: its model is identified from
+//! records, and the best predictor is designed from that model. The schemes of the thesis run with the
+//! thesis' gains and, as there, without computational delay.
 
 use crate::bench_runs::{
     Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, choice, commission_all, designed, quasi_step_rows, row_um, sine_reference_um,
@@ -44,7 +45,8 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
             for (variant, load) in [(Variant::PLAIN, "none"), (LOADED_PLAIN, "load")] {
                 if let Some(scheme) = thesis_scheme(name) {
                     if let (Scheme::SlidingMode { nominal, estimator, controller, reaching, form }, "pidsmoc") = (&scheme, id) {
-                        // The thesis compares I_c = 1 with I_c = 2, which decides at low frequency: the same integral gain beside.
+                        // The thesis compares I_c = 1 with I_c = 2, which decides at low frequency: the same
+                        // integral gain beside.
                         let (nominal, estimator, reaching, form) = (*nominal, *estimator, *reaching, *form);
                         let equal = Scheme::SlidingMode {
                             nominal,
@@ -86,7 +88,8 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
         jobs.push((format!("ch7.best.300hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), 300.0, 5.0, condition));
         let condition = format!("500 Hz 4 um, {load}, {bench_name} bench, one period of delay, 16-bit DAC");
         jobs.push((format!("ch7.best.500hz.{load}.{bench_name}.rms"), bench, variant, c.design.clone(), 500.0, 4.0, condition));
-        // The lag of the sensor undone, as a design from a recording does it: the true error falls, and the reading's holds the lag.
+        // The lag of the sensor undone, as a design from a recording does it: the true error falls, and the
+        // reading's holds the lag.
         let sensor_lag_s = c.identified.model.linear.sensor_bandwidth_hz.map(lag_s);
         let undone = FREQUENCIES_HZ.map(|hz| (hz, 5.0)).into_iter().chain([(300.0, 5.0), (500.0, 4.0)]);
         for (hz, amplitude_um) in undone.filter(|_| sensor_lag_s.is_some()) {
@@ -163,7 +166,8 @@ pub fn reproduce(progress: Progress) -> Result<Chapter, String> {
     Ok(Chapter { number: 7, rows, sections, choices })
 }
 
-/// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one misses it).
+/// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one
+/// misses it).
 #[must_use]
 pub fn equation_35_v(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
     let sines = |t: f64| {

@@ -1,10 +1,12 @@
-//! The model of a design, identified from an experiment on the bench: what a commissioning engineer would do, in two seconds of drive.
+//! The model of a design, identified from an experiment on the bench: what a commissioning engineer would do,
+//! in two seconds of drive.
 //!
 //! # How it works
-//! One record from the virgin state: triangles that grow and nest (loops and the first rise), raised cosines at the frequencies of use,
-//! and a multisine to 8 kHz around mid-range (modes and bandwidths). The chain is grown as a reader of the residual would grow it: loops,
-//! first rise, first mode and creep; then, where it lowers the residual, amplifier bandwidth and second mode with the starts that the
-//! effects declare. The sensor's bandwidth stays what its data sheet says.
+//! One record from the virgin state: triangles that grow and nest (loops and the first rise), raised cosines
+//! at the frequencies of use, and a multisine to 8 kHz around mid-range (modes and bandwidths). The chain is
+//! grown as a reader of the residual would grow it: loops, first rise, first mode and creep; then, where it
+//! lowers the residual, amplifier bandwidth and second mode with the starts that the effects declare. The
+//! sensor's bandwidth stays what its data sheet says.
 
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identification::fit::{Effort, Fit, fit, with_effect};
@@ -15,7 +17,8 @@ use hysteron_sim::effect::creep::with_signed_shares;
 use hysteron_sim::effect::{Overview, by_id};
 use hysteron_sim::waveform;
 
-/// Time constants of the creep that is fitted beside the modes, s: slower than these by far, so that it cannot take their place.
+/// Time constants of the creep that is fitted beside the modes, s: slower than these by far, so that it
+/// cannot take their place.
 const CREEP_TIME_CONSTANTS_S: [f64; 6] = [0.015, 0.03, 0.06, 0.12, 0.4, 1.6];
 
 /// What identification came to.

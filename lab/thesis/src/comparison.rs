@@ -1,5 +1,5 @@
-//! Schemes beside the best design of Chapter 7: the thesis' two designed under one set of margins, and others that a reader will ask for, on the full
-//! bench with the target's period of delay.
+//! Schemes beside the best design of Chapter 7: the thesis' two designed under one set of margins, and others
+//! that a reader will ask for, on the full bench with the target's period of delay.
 
 use crate::bench_runs::{Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of, row_um, tracking};
 use crate::chapter::Row;
@@ -29,8 +29,9 @@ fn followed(jobs: &[Job<'_>]) -> Vec<Row> {
 const DESIGNED: [(Choice, &str); 4] =
     [(Choice::Pidsmoc, "pidsmoc"), (Choice::PidsmcAlphaBeta, "pidsmc_ab"), (Choice::Smcbl, "smcbl"), (Choice::Predictor, "predictor")];
 
-/// PIDSMOC, PIDSMC + alpha-beta, a boundary layer and a predictor, each designed for the model that was identified of the bench and under the same margins,
-/// with the period of delay, with and without the hysteresis inverted.
+/// PIDSMOC, PIDSMC + alpha-beta, a boundary layer and a predictor, each designed for the model that was
+/// identified of the bench and under the same margins, with the period of delay, with and without the
+/// hysteresis inverted.
 #[must_use]
 pub fn rows_of_designed_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<Row> {
     let mut cases = Vec::new();

@@ -1,5 +1,5 @@
-//! Do the standard deviations tell the truth? The same actuator is measured again and again with fresh noise, identified each time from
-//! a wrong start, and every parameter is compared with the one that made the data.
+//! Do the standard deviations tell the truth? The same actuator is measured again and again with fresh noise,
+//! identified each time from a wrong start, and every parameter is compared with the one that made the data.
 
 use hysteron::dataset::{Dataset, Record};
 use hysteron::identification::fit::{Effort, fit};
@@ -12,7 +12,8 @@ use rayon::prelude::*;
 /// What the repetitions came to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
-    /// Share of the estimates within three of their standard deviations of the truth, over parameters and seeds.
+    /// Share of the estimates within three of their standard deviations of the truth, over parameters and
+    /// seeds.
     pub within_three_sigma: f64,
     /// The same for the parameter for which it is lowest, with its name.
     pub worst: (String, f64),

@@ -1,10 +1,13 @@
-//! Estimators of the velocity that the thesis argues against (Ch. 7, Sec. I), beside its PIDSMO: high-gain observer, super-twisting differentiator, extended
-//! Kalman filter, alpha-beta filter; and the test by which an unknown-input observer refuses the actuator.
+//! Estimators of the velocity that the thesis argues against (Ch. 7, Sec. I), beside its PIDSMO: high-gain
+//! observer, super-twisting differentiator, extended Kalman filter, alpha-beta filter; and the test by which
+//! an unknown-input observer refuses the actuator.
 //!
 //! # How it works
-//! Each estimator has one number that makes it faster and noisier. That number is chosen by the least RMS error of the velocity on one record of the
-//! bench; phase lag, noise gain and error are then judged on other records. The true velocity is the difference of the noise-free readings. The
-//! continuous estimators are integrated by the classical Runge-Kutta rule, with the drive held and the reading running straight between samples.
+//! Each estimator has one number that makes it faster and noisier. That number is chosen by the least RMS
+//! error of the velocity on one record of the bench; phase lag, noise gain and error are then judged on other
+//! records. The true velocity is the difference of the noise-free readings. The continuous estimators are
+//! integrated by the classical Runge-Kutta rule, with the drive held and the reading running straight between
+//! samples.
 
 use crate::bench_runs::row_um;
 use crate::chapter::Row;
@@ -26,8 +29,8 @@ const SETTLING: usize = 400;
 /// Frequency at which the lag is told, Hz.
 const LAG_HZ: f64 = 100.0;
 
-/// Ranks of `C B` and `B` of the nominal model: an unknown input can be decoupled from the state estimate only where they are equal (the observer
-/// matching condition, Ch. 7, II.B).
+/// Ranks of `C B` and `B` of the nominal model: an unknown input can be decoupled from the state estimate
+/// only where they are equal (the observer matching condition, Ch. 7, II.B).
 #[must_use]
 pub fn matching_ranks(model: &NominalModel) -> (usize, usize) {
     // In multiples of the natural frequency, so that no number is large because of its unit.
@@ -117,7 +120,8 @@ fn integrated(reading_um: &[f64], drive_v: &[f64], f: impl Fn([f64; 3], f64, f64
     out
 }
 
-/// Extended Kalman filter: position, velocity, unknown input and gain; the product of the last with the drive is what is linearised.
+/// Extended Kalman filter: position, velocity, unknown input and gain; the product of the last with the drive
+/// is what is linearised.
 fn kalman(model: &NominalModel, change_v: f64, reading_um: &[f64], drive_v: &[f64]) -> Vec<f64> {
     const SENSOR_NOISE_UM: f64 = 1e-3;
     let unit = NominalModel { gain_um_v: 1.0, ..*model };

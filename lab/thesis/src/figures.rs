@@ -1,4 +1,5 @@
-//! The figures of Chapters 6 and 7 with ours: phase portraits, compensated hysteresis, errors over frequency, observer and noise.
+//! The figures of Chapters 6 and 7 with ours: phase portraits, compensated hysteresis, errors over frequency,
+//! observer and noise.
 
 use crate::bench_runs::{Commissioned, quasi_step_um, run, sine_reference_um, without_model};
 use crate::chapter::Row;

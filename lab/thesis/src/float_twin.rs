@@ -1,6 +1,7 @@
 //! The predictor law in f64, with the hysteresis inverted by bisection: an oracle for the integer servo.
 //!
-//! Nothing here is used by a design or a run; [`integer_difference_um`] plays the same experiment with the same noise on both.
+//! Nothing here is used by a design or a run; [`integer_difference_um`] plays the same experiment with the
+//! same noise on both.
 
 use crate::bench_runs::{SUBSTEPS, run};
 use hysteron::servo::design::{Scheme, ServoDesign};
@@ -119,8 +120,8 @@ impl Controller for FloatPredictor<'_> {
     }
 }
 
-/// Difference of what the sensor reads, integer servo against the same law in f64, after the first half second, um. Both see the same noise.
-/// `None` for schemes other than the predictor.
+/// Difference of what the sensor reads, integer servo against the same law in f64, after the first half
+/// second, um. Both see the same noise. `None` for schemes other than the predictor.
 ///
 /// # Errors
 /// If the design does not fit the tick's formats.

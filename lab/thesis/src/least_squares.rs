@@ -1,7 +1,8 @@
 //! Least squares with standard deviations: linear by singular values, nonlinear by Levenberg-Marquardt.
 //!
-//! For measurement errors that are independent and Gaussian both are maximum likelihood, and the standard deviations are those of its
-//! asymptotic covariance (thesis Ch. 4, 6.2). Columns are scaled to unit length first, so that powers of volts do not spoil the rank.
+//! For measurement errors that are independent and Gaussian both are maximum likelihood, and the standard
+//! deviations are those of its asymptotic covariance (thesis Ch. 4, 6.2). Columns are scaled to unit length
+//! first, so that powers of volts do not spoil the rank.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
@@ -130,7 +131,8 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 }
 
-/// Minimises the sum of squared residuals from `start`; `typical` are sizes at which each parameter changes the residuals noticeably.
+/// Minimises the sum of squared residuals from `start`; `typical` are sizes at which each parameter changes
+/// the residuals noticeably.
 ///
 /// Returns nothing if the residuals are not finite or cannot be reduced to a minimum.
 #[must_use]

@@ -1,12 +1,13 @@
 //! The thesis' experiments, played on the reference bench and identified from what the sensor read.
 //!
 //! # How it works
-//! Each chapter is a module with one function that plays the experiments as the thesis describes them, identifies the models from those
-//! noisy records, and hands back a [`Chapter`]: figures with their identifiers, the runs by which anything was chosen, and the sections of a
-//! report page. No chapter knows what would be a good figure; [`scoreboard`] stands the printed results beside them.
+//! Each chapter is a module with one function that plays the experiments as the thesis describes them,
+//! identifies the models from those noisy records, and hands back a [`Chapter`]: figures with their
+//! identifiers, the runs by which anything was chosen, and the sections of a report page. No chapter knows
+//! what would be a good figure; [`scoreboard`] stands the printed results beside them.
 //!
-//! The constants of the bench are used by the simulation alone ([`hysteron_sim::bench`]); an identification sees only records, the
-//! sampling rate and the limits of the drive.
+//! The constants of the bench are used by the simulation alone ([`hysteron_sim::bench`]); an identification
+//! sees only records, the sampling rate and the limits of the drive.
 
 mod bench_runs;
 mod chapter;
@@ -52,7 +53,8 @@ pub fn chapter(number: u32, progress: Progress) -> Result<Chapter, String> {
 mod tests {
     use hysteron_sim::effect::registry;
 
-    /// Where the thesis has what an effect is: chapter and equation, read off the thesis. What is not listed is not in the thesis.
+    /// Where the thesis has what an effect is: chapter and equation, read off the thesis. What is not listed
+    /// is not in the thesis.
     const CITED: &[(&str, &str)] = &[
         ("gain", "Ch. 6, Eq. 3"),
         ("hysteresis", "Ch. 4, Eqs. 12-15"),

@@ -48,7 +48,8 @@ pub fn value(value: Option<Value>) -> String {
     }
 }
 
-/// A printed table with ours: of every result the printed value and ours by the algorithm as printed, by an improved procedure and by our own.
+/// A printed table with ours: of every result the printed value and ours by the algorithm as printed, by an
+/// improved procedure and by our own.
 #[derive(Clone, Debug)]
 pub struct PrintedTable {
     /// Its name in the thesis.

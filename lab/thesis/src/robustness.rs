@@ -1,5 +1,5 @@
-//! Robustness as in Ch. 7, Fig. 12: a plant whose natural frequency, damping ratio and gain are half as large again as the nominal ones, an
-//! unknown input and noise, and a design made for such plants.
+//! Robustness as in Ch. 7, Fig. 12: a plant whose natural frequency, damping ratio and gain are half as large
+//! again as the nominal ones, an unknown input and noise, and a design made for such plants.
 
 use crate::bench_runs::{row_um, sine_key};
 use crate::chapter::{Row, RunKey};
@@ -18,7 +18,8 @@ use rayon::prelude::*;
 /// Steps of the plant in a period.
 const SUBSTEPS: u32 = 10;
 
-/// The linear plant of Fig. 12: the nominal mode with all parameters times a factor, and an unknown input `10 sin(w t + phase) + 10` V.
+/// The linear plant of Fig. 12: the nominal mode with all parameters times a factor, and an unknown input
+/// `10 sin(w t + phase) + 10` V.
 struct LinearPlant {
     mode: Mode,
     gain_um_v: f64,
@@ -82,8 +83,8 @@ pub fn choice() -> RunKey {
     RunKey::new(sine_key(CHOICE.hz, 5.0), CHOICE.seed)
 }
 
-/// Tracking on the plant of Fig. 12; the simulation of the thesis has no limits: converters over -200..+200 V and +-64 um, as fine
-/// as the codes allow.
+/// Tracking on the plant of Fig. 12; the simulation of the thesis has no limits: converters over -200..+200 V
+/// and +-64 um, as fine as the codes allow.
 #[must_use]
 pub fn run(design: &ServoDesign, case: Case, factor: f64, unknown: bool, noise_um: f64) -> Option<Trace> {
     let scale = ConverterScale {
@@ -129,8 +130,8 @@ fn figures(design: &ServoDesign, case: Case, factor: f64, unknown: bool, noise_u
     run(design, case, factor, unknown, noise_um).map(|trace| trace.true_error(4000))
 }
 
-/// A design for wrong plants and strong noise: of a scan the one with the smallest largest error in a case like that of Fig. 12, and its largest error in
-/// that of Fig. 12, um.
+/// A design for wrong plants and strong noise: of a scan the one with the smallest largest error in a case
+/// like that of Fig. 12, and its largest error in that of Fig. 12, um.
 #[must_use]
 pub fn design() -> Option<(ServoDesign, PredictorTuning, f64)> {
     let mut candidates = Vec::new();

@@ -1,10 +1,11 @@
 //! Ours beside every printed result that is computed here, each under the algorithm that it belongs to.
 //!
 //! # How it works
-//! `printed.toml` lists the printed results with the identifiers of our figures: by the algorithm as printed, by an improved procedure, by our
-//! own algorithm, and with the noise that the thesis states. A printed result becomes one row for the algorithm as printed, which alone
-//! decides whether it is met, and one row each for the others. Errors of a servo are those of the true displacement; what the sensor reads
-//! stands beside.
+//! `printed.toml` lists the printed results with the identifiers of our figures: by the algorithm as printed,
+//! by an improved procedure, by our own algorithm, and with the noise that the thesis states. A printed
+//! result becomes one row for the algorithm as printed, which alone decides whether it is met, and one row
+//! each for the others. Errors of a servo are those of the true displacement; what the sensor reads stands
+//! beside.
 
 use crate::chapter::{Chapter, Row};
 use serde::{Deserialize, Serialize};
@@ -109,7 +110,8 @@ pub fn cells() -> Result<Vec<Cell>, toml::de::Error> {
 /// A row of the scoreboard.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ScoreRow {
-    /// Identifier: that of the printed result, with `.improved` or `.ours` behind it for another algorithm; or that of another figure.
+    /// Identifier: that of the printed result, with `.improved` or `.ours` behind it for another algorithm;
+    /// or that of another figure.
     pub id: String,
     /// The algorithm that gave ours.
     pub algorithm: String,
@@ -137,7 +139,8 @@ pub struct ScoreRow {
     /// The same error as the sensor reads it, noise removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor: Option<f64>,
-    /// By the algorithm as printed with the thesis' noise of the sensor in every record; `printed_algorithm` is without.
+    /// By the algorithm as printed with the thesis' noise of the sensor in every record; `printed_algorithm`
+    /// is without.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub with_noise: Option<f64>,
 }
@@ -150,7 +153,8 @@ struct Figure<'a> {
     note: &'a str,
 }
 
-/// All figures by their identifiers; the largest error of a run has that of its RMS error with another ending.
+/// All figures by their identifiers; the largest error of a run has that of its RMS error with another
+/// ending.
 struct Figures<'a>(HashMap<&'a str, &'a Row>);
 
 impl<'a> Figures<'a> {

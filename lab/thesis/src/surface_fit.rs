@@ -1,8 +1,10 @@
-//! Fits of the curve `F` and the surface `G` of the one-sided hysteresis to measured points (thesis Ch. 4, 3.3).
+//! Fits of the curve `F` and the surface `G` of the one-sided hysteresis to measured points (thesis Ch. 4,
+//! 3.3).
 //!
-//! Drives are normalised to the range of the actuator. `F` is a polynomial without constant; `G` is `(alpha - beta)` times a polynomial,
-//! so that it vanishes on `alpha = beta` and the output does not jump at reversals. The orders are chosen by evidence: every height in
-//! turn is left out and predicted from the others, and the smallest order within 10 % of the best prediction is taken.
+//! Drives are normalised to the range of the actuator. `F` is a polynomial without constant; `G` is
+//! `(alpha - beta)` times a polynomial, so that it vanishes on `alpha = beta` and the output does not jump
+//! at reversals. The orders are chosen by evidence: every height in turn is left out and predicted from
+//! the others, and the smallest order within 10 % of the best prediction is taken.
 
 use super::least_squares::{self, Estimate};
 use hysteron::statistics::rms;
@@ -65,7 +67,8 @@ fn order_by_evidence(orders: std::ops::RangeInclusive<usize>, prediction_rms: im
     scores.iter().find(|s| s.1 <= 1.1 * best).map_or(4, |s| s.0)
 }
 
-/// Fits both to measured points; `curve` are `(maximum, displacement)`. `noise_um` is the RMS noise of one reading.
+/// Fits both to measured points; `curve` are `(maximum, displacement)`. `noise_um` is the RMS noise of one
+/// reading.
 #[must_use]
 pub fn fit(curve: &[(f64, f64)], losses: &[LossPoint], noise_um: f64) -> Option<SurfaceFit> {
     let curve_order = order_by_evidence(2..=6, |order| {
@@ -103,10 +106,11 @@ pub fn add_loss_term(g: &mut [Vec<f64>], (i, j): (i32, i32), value: f64) {
     g[i as usize][j as usize + 1] -= value;
 }
 
-/// The one-sided model from every `stride`-th reading of whole records, each `(drive, reading)` from the virgin state.
+/// The one-sided model from every `stride`-th reading of whole records, each `(drive, reading)` from the
+/// virgin state.
 ///
-/// The model's output is linear in the coefficients: one operator per coefficient walks along the drive and gives its column. Outputs
-/// count from that at the first sample, which is zero at the lower limit.
+/// The model's output is linear in the coefficients: one operator per coefficient walks along the drive and
+/// gives its column. Outputs count from that at the first sample, which is zero at the lower limit.
 #[must_use]
 pub fn fit_samples(
     records: &[(Vec<f64>, Vec<f64>)],

@@ -1,6 +1,8 @@
-//! The lab page as a person uses it, by clicks and drops in a real browser: from disk without a network, and with the native engine behind it.
+//! The lab page as a person uses it, by clicks and drops in a real browser: from disk without a network, and
+//! with the native engine behind it.
 //!
-//! The tests of the page from disk are ignored by default: `cargo xtask lab` builds it first, `cargo xtask library` then runs them.
+//! The tests of the page from disk are ignored by default: `cargo xtask lab` builds it first,
+//! `cargo xtask library` then runs them.
 
 use crate::devtools;
 
@@ -61,7 +63,8 @@ fn nothing_was_asked_for(page: &Page) {
     assert!(page.failures.is_empty(), "{:?}", page.failures);
 }
 
-/// Equal but for the last digits: exponentials and sines of a browser's module come from another library than those of the host.
+/// Equal but for the last digits: exponentials and sines of a browser's module come from another library than
+/// those of the host.
 fn require_alike(a: &toml::Value, b: &toml::Value, place: &str) {
     match (a, b) {
         (toml::Value::Float(a), toml::Value::Float(b)) => {

@@ -54,7 +54,8 @@ fn a_triangle_of_100_hz_is_followed_to_a_twentieth_of_a_percent_within_ten_perio
     commands_know_it(&design, &chain);
 }
 
-/// On the project's own bench, with the lags of its amplifier and its sensor and all that the nominal model leaves out: of the true position.
+/// On the project's own bench, with the lags of its amplifier and its sensor and all that the nominal model
+/// leaves out: of the true position.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn on_the_full_bench_a_twentieth_of_a_percent_of_the_true_position_is_left() {
@@ -109,7 +110,8 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     let followed = |name: &str, work: Work| follow(chain, design, &Reference::named(name).unwrap(), name, &work).unwrap();
     let error_um = |scheme: Option<&str>| followed("triangle:100:2:4", Work { scheme, ..Work::default() }).truth.rms_um;
     assert!(error_um(None) < 0.6 * error_um(Some("predictor")), "{} {}", error_um(None), error_um(Some("predictor")));
-    // The noise is the one that the servo was designed for, unless another is said; the error counts ten periods after the reference has grown.
+    // The noise is the one that the servo was designed for, unless another is said; the error counts ten
+    // periods after the reference has grown.
     let noise_um = |sensor_noise_um: Option<f64>| followed("triangle:20:2:4", Work { sensor_noise_um, ..Work::default() }).noise_um;
     assert_eq!((Some(noise_um(None)), noise_um(Some(0.004))), (design.sensor_noise_um, 0.004));
     assert!((lead_s(design, 20.0) - 0.8).abs() < 1e-9 && (lead_s(design, 30.0) - 0.5).abs() < 1e-9, "30 Hz has no whole period");

@@ -1,7 +1,9 @@
-//! A stage without hysteresis, by the closed forms of a held mode and of one creep term: equations of this file, not of host-sim.
+//! A stage without hysteresis, by the closed forms of a held mode and of one creep term: equations of this
+//! file, not of host-sim.
 //!
-//! What is said of it must be what it has, however its drive came into the file: as it was commanded, or read back with noise or by a coarse converter,
-//! which a light mode amplifies and every model passes on; and wherever the time constant of its creep lies.
+//! What is said of it must be what it has, however its drive came into the file: as it was commanded, or read
+//! back with noise or by a coarse converter, which a light mode amplifies and every model passes on; and
+//! wherever the time constant of its creep lies.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
@@ -20,7 +22,8 @@ use std::f64::consts::TAU;
 const GAIN_UM_V: f64 = 0.1;
 const RANGE_V: (f64, f64) = (0.0, 100.0);
 
-/// A mode of unit gain under a drive that is held from sample to sample: the exact step of a damped oscillator.
+/// A mode of unit gain under a drive that is held from sample to sample: the exact step of a damped
+/// oscillator.
 fn mode(drive: &[f64], frequency_hz: f64, damping: f64, rate_hz: f64) -> Vec<f64> {
     let (w, h) = (TAU * frequency_hz, 1.0 / rate_hz);
     let (a, wd) = (damping * w, w * (1.0 - damping * damping).sqrt());
@@ -56,7 +59,8 @@ fn sum(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
-/// From rest at zero up to the middle, then lines from 1 Hz to this frequency, which never repeat in the file.
+/// From rest at zero up to the middle, then lines from 1 Hz to this frequency, which never repeat in the
+/// file.
 fn multisine(to_hz: f64, seconds: f64, rate_hz: f64, seed: u64) -> Vec<f64> {
     let phase = |line: usize| TAU * (((line * line) as f64 * 0.618_034 * (seed as f64 + 1.0)).fract());
     let lines: Vec<(f64, f64)> = (1..60).map(|line| (to_hz * (line as f64 / 60.0 + 0.001 * seed as f64), phase(line))).collect();
@@ -97,7 +101,8 @@ fn names_exactly(found: &Outcome, effects: &[&str], what: &str) {
     assert!(d.issues.iter().all(|issue| issue.severity == Severity::Notes), "{what}: {:?}", d.issues);
 }
 
-/// The floor is what the exact model leaves when it follows the drive that was read: neither the static gain times its noise, nor the sensor's noise alone.
+/// The floor is what the exact model leaves when it follows the drive that was read: neither the static gain
+/// times its noise, nor the sensor's noise alone.
 #[test]
 fn a_drive_that_was_read_back_makes_no_missing_effect() {
     let rate_hz = 20_000.0;
@@ -127,7 +132,8 @@ fn a_drive_that_was_read_back_makes_no_missing_effect() {
     }
 }
 
-/// A time constant between two of the grid is creep, and not drift, leakage or loops beside it; and it is found.
+/// A time constant between two of the grid is creep, and not drift, leakage or loops beside it; and it is
+/// found.
 #[test]
 fn one_creep_term_anywhere_is_creep_alone() {
     let rate_hz = 10_000.0;
@@ -150,7 +156,8 @@ fn one_creep_term_anywhere_is_creep_alone() {
     }
 }
 
-/// Records so long that a search sees their beginnings only, of which a slow term is a small part: the whole asks for it.
+/// Records so long that a search sees their beginnings only, of which a slow term is a small part: the whole
+/// asks for it.
 #[test]
 fn a_slow_creep_term_is_found_in_long_records() {
     let rate_hz = 20_000.0;

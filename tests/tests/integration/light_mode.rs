@@ -1,5 +1,5 @@
-//! A first mode at 739 Hz with a damping ratio of 0.018, on a stage that the simulation does not share: references beyond it, little noise, and a mode
-//! that moves by a fifth.
+//! A first mode at 739 Hz with a damping ratio of 0.018, on a stage that the simulation does not share:
+//! references beyond it, little noise, and a mode that moves by a fifth.
 
 use hysteron::model_file::effects_named;
 use hysteron::servo::order::{self, Order};
@@ -26,7 +26,8 @@ fn references_are_followed_beyond_a_light_mode_that_moves() {
     for factor in [0.8, 0.9, 1.1, 1.2] {
         assert!(!oscillates_with_mode_at(&truth, factor, &moving), "{factor}");
     }
-    // A mode that moved down is amplified less than by a design that does not reckon with it; one that moved up leaves more of the band.
+    // A mode that moved down is amplified less than by a design that does not reckon with it; one that moved
+    // up leaves more of the band.
     let [less, more] = [&moving, &usual].map(|design| peak(&reference_response(&moved(&truth, 0.8), design)));
     let [wider, narrower] = [&moving, &usual].map(|design| bandwidth_hz(&reference_response(&moved(&truth, 1.2), design)));
     println!("{less:.2} times at most, {more:.2} by the usual design; {wider:.0} Hz, {narrower:.0} by the usual design");

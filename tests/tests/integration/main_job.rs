@@ -1,6 +1,7 @@
 //! The main job on real input: planted cases, measured recordings, and the example that the project ships.
 //!
-//! Measured and planted data lie beside the project and are never copied into it; without them a test says so and passes.
+//! Measured and planted data lie beside the project and are never copied into it; without them a test says so
+//! and passes.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::folder;
@@ -171,7 +172,8 @@ fn a_lag_that_a_recording_has_and_the_model_has_not_is_recognised() {
         }
         let found = analyse(&lagging, Start::Model(model.clone()), &Options::default(), &Unwatched).unwrap();
         let named = &found.diagnosis.named;
-        // From another record at another frequency the values held err by about as much as the lags differ: all of them must be said.
+        // From another record at another frequency the values held err by about as much as the lags differ:
+        // all of them must be said.
         assert!(named.contains(&"sensor_bandwidth".to_string()), "{bandwidth_hz}: {}", found.diagnosis.sentence);
         assert!(
             named.iter().all(|id| ["sensor_bandwidth", "delay", "amplifier_bandwidth", "vibration"].contains(&id.as_str())),
@@ -183,7 +185,8 @@ fn a_lag_that_a_recording_has_and_the_model_has_not_is_recognised() {
     }
 }
 
-/// Another gain is another value, not another effect: a tenth less displacement than the model was identified on.
+/// Another gain is another value, not another effect: a tenth less displacement than the model was identified
+/// on.
 #[test]
 fn other_values_are_no_missing_effect() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/hidden_effect");
@@ -197,7 +200,8 @@ fn other_values_are_no_missing_effect() {
     assert!((changed[0].to / changed[0].from - 0.9).abs() < 1e-3, "{}", found.diagnosis.sentence);
 }
 
-/// A sensor that ends within the motion is no amplifier that does: what it reads there says nothing, and what is missing is found in the rest.
+/// A sensor that ends within the motion is no amplifier that does: what it reads there says nothing, and what
+/// is missing is found in the rest.
 #[test]
 fn readings_that_end_say_nothing_of_the_rest() {
     let mut dataset = folder::load(&root().join("examples/hidden_effect")).unwrap();
@@ -213,8 +217,8 @@ fn readings_that_end_say_nothing_of_the_rest() {
     assert_eq!((found.diagnosis.verdict, &found.diagnosis.named[..]), (Verdict::Named, &["creep".to_owned()][..]), "{sentence}");
 }
 
-/// A Butterworth filter in the sensor's electronics is the same equation as a resonance; its damping tells which it is, and the headline says so
-/// although nothing else is confusable with it.
+/// A Butterworth filter in the sensor's electronics is the same equation as a resonance; its damping tells
+/// which it is, and the headline says so although nothing else is confusable with it.
 #[test]
 fn a_filter_in_the_electronics_is_told_from_a_resonance_by_its_damping() {
     let (rate_hz, cut_off_hz, fine) = (10_000.0, 400.0, 40);
@@ -225,7 +229,8 @@ fn a_filter_in_the_electronics_is_told_from_a_resonance_by_its_damping() {
         let drive_v: Vec<f64> = (0..8000)
             .map(|k| if k < 800 { 50.0 } else { 50.0 + tones.iter().enumerate().map(|one| tone(f64::from(k) / rate_hz, one)).sum::<f64>() })
             .collect();
-        // The filter's own equations in steps forty times as fine; the reading is taken before the drive of its row is written.
+        // The filter's own equations in steps forty times as fine; the reading is taken before the drive of
+        // its row is written.
         let (w, h) = (std::f64::consts::TAU * cut_off_hz, 1.0 / (rate_hz * f64::from(fine)));
         let (mut x, mut v) = (0.1 * drive_v[0], 0.0);
         let mut displacement_um = Vec::with_capacity(drive_v.len());

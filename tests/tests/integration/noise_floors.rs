@@ -1,4 +1,5 @@
-//! The noise that is found without a key in the manifest beside the noise that the keys and the records at rest show.
+//! The noise that is found without a key in the manifest beside the noise that the keys and the records at
+//! rest show.
 
 use hysteron::dataset::{Dataset, Role, folder};
 use hysteron::identification::noise_floor::{FloorEvidence, noise_floor};

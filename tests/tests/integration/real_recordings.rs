@@ -1,4 +1,5 @@
-//! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in docs/results/real_recordings.md.
+//! Real recordings, altered by exactly known amounts. They lie beside the project; what they came from is in
+//! docs/results/real_recordings.md.
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, Role};
@@ -36,7 +37,8 @@ fn errors_um(model: &Model, dataset: &Dataset) -> Vec<f64> {
     dataset.records.iter().map(|r| rms(&residual(model, r))).collect()
 }
 
-/// A delay is named, added with its value, and the error is then that of the readings that came in time: whatever the model has beside it.
+/// A delay is named, added with its value, and the error is then that of the readings that came in time:
+/// whatever the model has beside it.
 #[test]
 fn a_delay_of_real_readings_is_named_and_added() {
     let Some(data) = beside("measured") else { return };
@@ -58,8 +60,9 @@ fn a_delay_of_real_readings_is_named_and_added() {
     }
 }
 
-/// From a bare gain, too, a delay ends up in the model, although a lag of the amplifier is the better guess while creep and friction are
-/// still missing: effects of the best model are exchanged for others that do much the same.
+/// From a bare gain, too, a delay ends up in the model, although a lag of the amplifier is the better guess
+/// while creep and friction are still missing: effects of the best model are exchanged for others that do
+/// much the same.
 #[test]
 fn a_delay_of_real_readings_takes_the_place_of_a_lag_that_was_added_first() {
     let Some(data) = beside("measured") else { return };
@@ -87,8 +90,9 @@ fn lagging(clean: &Dataset, cutoff_hz: f64) -> Dataset {
     out
 }
 
-/// At the two speeds that are fitted creep, friction and charge leakage together do what a lag does, and what the fitted records are left with shows none. Where
-/// held-out records were not asked what is missing, the search ended at 119 nm, without a lag.
+/// At the two speeds that are fitted creep, friction and charge leakage together do what a lag does, and what
+/// the fitted records are left with shows none. Where held-out records were not asked what is missing, the
+/// search ended at 119 nm, without a lag.
 #[test]
 fn a_lag_that_a_model_has_taken_in_is_seen_in_held_out_records() {
     let Some(data) = beside("measured") else { return };
@@ -121,8 +125,8 @@ fn the_order_of_real_records_does_not_matter() {
     }
 }
 
-/// Loops stay in the place of a gain where the error asks for them: on these records their signature says little of them, and a search that asked
-/// for it ended at a gain with everything else, at 54 and 179 nm.
+/// Loops stay in the place of a gain where the error asks for them: on these records their signature says
+/// little of them, and a search that asked for it ended at a gain with everything else, at 54 and 179 nm.
 #[test]
 fn loops_of_a_real_stage_stay_in_the_place_of_a_gain() {
     let Some(data) = beside("measured") else { return };
@@ -137,8 +141,9 @@ fn loops_of_a_real_stage_stay_in_the_place_of_a_gain() {
     }
 }
 
-/// Far above the noise what lowers every error stays in the model, and how much stays unexplained is told beside the names. All that vibration explains here is
-/// one ring, which by blocks of the record is no evidence; asked for it, the search ended at 17 nm.
+/// Far above the noise what lowers every error stays in the model, and how much stays unexplained is told
+/// beside the names. All that vibration explains here is one ring, which by blocks of the record is no
+/// evidence; asked for it, the search ended at 17 nm.
 #[test]
 fn what_lowers_the_errors_of_a_real_stage_stays_with_a_remainder() {
     let Some(data) = beside("measured") else { return };
@@ -152,7 +157,8 @@ fn what_lowers_the_errors_of_a_real_stage_stays_with_a_remainder() {
     assert!(found.diagnosis.remainder.times_noise.is_some_and(|times| times > 3.0), "{}", found.diagnosis.sentence);
 }
 
-/// The readings of a real stage have no outliers and end nowhere; those that were put in are found where the motion is not as sharp, and no others.
+/// The readings of a real stage have no outliers and end nowhere; those that were put in are found where the
+/// motion is not as sharp, and no others.
 #[test]
 fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     let Some(data) = beside("measured") else { return };
@@ -175,7 +181,8 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
         // Replaced, to what a stage moves between samples: they were 3 and 4 um away.
         places.iter().filter(|k| apart_um(**k) < 0.2).count()
     });
-    // The sums of large sines hide two: one follows a jump of the drive, beside the other the stage moves almost as sharply.
+    // The sums of large sines hide two: one follows a jump of the drive, beside the other the stage moves
+    // almost as sharply.
     assert_eq!(found.collect::<Vec<_>>(), [10, 10, 10, 8, 10]);
     let replaced = mended.issues.iter().filter(|issue| matches!(issue.kind, Kind::OutliersReplaced { .. }));
     assert_eq!(replaced.count(), names.len(), "{:?}", mended.issues);

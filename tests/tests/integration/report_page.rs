@@ -1,6 +1,7 @@
 //! A whole page in a real browser: every figure is drawn, no script error, nothing loaded from outside.
 //!
-//! The arrays are made here, with structure that a reader can recognise (a hysteresis loop, creep after a step, hum); no figure in them is a result.
+//! The arrays are made here, with structure that a reader can recognise (a hysteresis loop, creep after a
+//! step, hum); no figure in them is a result.
 
 use hysteron_report::{
     CandidateReport, EvidenceReport, EvidenceTrace, ExperimentReport, ExplainReport, NoiseFloorReport, ParameterReport, RecordReport,
@@ -288,7 +289,8 @@ fn every_figure_of_an_explanation_is_drawn() {
     assert!(!drawings.contains("NaN"), "a coordinate is not a number");
 }
 
-/// What a reader would do, written as a script at the end of the page; the outcome is left on the document's element.
+/// What a reader would do, written as a script at the end of the page; the outcome is left on the document's
+/// element.
 const READER: &str = r##"
 const told = document.documentElement.dataset;
 const plots = [...document.querySelectorAll(".plot")];

@@ -42,7 +42,8 @@ fn two_effects_that_imitate_a_third_are_told_from_it() {
     }
 }
 
-/// Loops of another structure than the fitted surfaces, with kinks that polynomials follow slowly, are no missing effect.
+/// Loops of another structure than the fitted surfaces, with kinks that polynomials follow slowly, are no
+/// missing effect.
 #[test]
 fn another_structure_of_loops_is_no_missing_effect() {
     let score = planted(&[&["creep"]], 3.0, "prandtl_ishlinskii", 503);
@@ -50,7 +51,8 @@ fn another_structure_of_loops_is_no_missing_effect() {
     assert!(score.cases[0].validate_over_noise <= 1.15, "{:?}", score.cases);
 }
 
-/// Loops that no surface comes near (Bouc and Wen's saturate) are found as what they are, so that what is missing beside them shows.
+/// Loops that no surface comes near (Bouc and Wen's saturate) are found as what they are, so that what is
+/// missing beside them shows.
 #[test]
 fn a_delay_shows_beside_loops_that_surfaces_do_not_meet() {
     let score = planted(&[&["delay"]], 2.0, "bouc_wen", 5000);

@@ -1,4 +1,5 @@
-//! From a recording to a servo on a stage that the simulation does not share: stable or refused, and unstable where it was predicted.
+//! From a recording to a servo on a stage that the simulation does not share: stable or refused, and unstable
+//! where it was predicted.
 
 use hysteron::model_file::effects_named;
 use hysteron::servo::commands::{check, gain_ratio};
@@ -13,7 +14,8 @@ use hysteron_tests::servo_study::{
     LIMIT_CYCLE, Recording, at_work, designed, designed_with_the_truth, explained, record, rest_after_slow_change_um, rest_um,
 };
 
-/// From recording to servo on one stage: stable, or a refusal that names the drive. Returns whether it was stable, with its error in um.
+/// From recording to servo on one stage: stable, or a refusal that names the drive. Returns whether it was
+/// stable, with its error in um.
 fn stable_or_refused(seed: u64, recording: Recording) -> Option<f64> {
     let truth = Truth::drawn(seed);
     let dataset = record(&truth, recording);
@@ -38,7 +40,8 @@ fn a_servo_from_the_usual_recording_holds_on_the_stage() {
     assert!(worst_um < 0.01, "{worst_um}");
 }
 
-/// The drive shows no resonance of this stage's second mode, but a thirtieth of the motion goes through it: without that share the feedforward is late, 17 nm at 150 Hz.
+/// The drive shows no resonance of this stage's second mode, but a thirtieth of the motion goes through it:
+/// without that share the feedforward is late, 17 nm at 150 Hz.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_resonance_that_is_not_shown_leaves_its_share_of_the_motion() {
@@ -46,7 +49,8 @@ fn a_resonance_that_is_not_shown_leaves_its_share_of_the_motion() {
     assert!(worst_um < 0.005, "{worst_um}");
 }
 
-/// Modes between the highest line of the multisine and half the sampling rate limited this stage to 1.64 times the best.
+/// Modes between the highest line of the multisine and half the sampling rate limited this stage to 1.64
+/// times the best.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_wideband_recording_leads_to_nearly_the_best_with_the_truth() {
@@ -115,7 +119,8 @@ fn a_loop_becomes_unstable_where_it_was_predicted() {
         mode: Some(TrueMode { frequency_hz: mode.frequency_hz, damping_ratio: mode.damping_ratio, share }),
         ..Change::NONE
     });
-    // The same servo on an actuator with a third and with three times the gain is another loop, and said to be one.
+    // The same servo on an actuator with a third and with three times the gain is another loop, and said to
+    // be one.
     let scaled = |factor: f64| {
         let mut other = chain.clone();
         let of_surfaces = ["hysteresis", "initial_curve"];
@@ -135,8 +140,9 @@ fn a_loop_becomes_unstable_where_it_was_predicted() {
     assert_eq!(gain_ratio(&same, &same, true), [1.0; 3]);
 }
 
-/// A lightly damped stage: where the drive is free the loop turns at the predicted gain, and where it begins at a limit at the gain that `check` finds by running
-/// it from there, between what it says for any limit and the predicted gain.
+/// A lightly damped stage: where the drive is free the loop turns at the predicted gain, and where it begins
+/// at a limit at the gain that `check` finds by running it from there, between what it says for any limit and
+/// the predicted gain.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_limit_of_the_drive_keeps_a_loop_swinging_from_where_it_was_predicted() {

@@ -16,7 +16,8 @@ use hysteron_thesis::float_twin::integer_difference_um;
 use hysteron_thesis::{commission, run, sine_reference_um};
 use proptest::prelude::*;
 
-/// A model that is a little wrong everywhere, as identified ones are. Made by hand: these tests are of the loop, not of identification.
+/// A model that is a little wrong everywhere, as identified ones are. Made by hand: these tests are of the
+/// loop, not of identification.
 fn model() -> ActuatorModel {
     ActuatorModel {
         drive_min_v: 0.0,
@@ -115,7 +116,8 @@ fn taking_over_does_not_bump() {
         let trace = experiment.follow_from(plant, servo, zero_um, &vec![before + 1.0; 6000]);
         assert!((trace.drive_v[0] - 35.0).abs() < 0.01, "{}: {}", design.scheme_name(), trace.drive_v[0]);
         let first: f64 = trace.sensor_um[..40].iter().map(|y| (y - before).abs()).fold(0.0, f64::max);
-        // The offset of 1 um decays over 256 ticks, so the reference itself has moved by 0.145 um after 40: no more than twice that.
+        // The offset of 1 um decays over 256 ticks, so the reference itself has moved by 0.145 um after 40:
+        // no more than twice that.
         let reference_moved = 1.0 - (-40.0_f64 / 256.0).exp();
         assert!(first < 2.0 * reference_moved, "{}: moved by {first} um in 2 ms", design.scheme_name());
         assert!(trace.sensor_error(5000).rms_um < 0.01, "{}: {:?}", design.scheme_name(), trace.sensor_error(5000));
@@ -222,7 +224,8 @@ fn every_scheme_can_be_checked_and_run() {
     for name in SCHEMES {
         let design = match with_scheme(&predictor(), name) {
             Ok(design) => design,
-            // Without an estimate of the disturbance none of its tunings holds the bench under the order's margins.
+            // Without an estimate of the disturbance none of its tunings holds the bench under the order's
+            // margins.
             Err(why) => {
                 assert!(name.starts_with("smcbl") && why.contains("none of the tunings is stable"), "{name}: {why}");
                 continue;

@@ -1,5 +1,5 @@
-//! A gain that is not the model's and drifts, on stages that the simulation does not share: what the unknown input leaves, and what is left when the gain of
-//! the model is corrected.
+//! A gain that is not the model's and drifts, on stages that the simulation does not share: what the unknown
+//! input leaves, and what is left when the gain of the model is corrected.
 
 use hysteron::dataset::Dataset;
 use hysteron::model_file::effects_named;
@@ -53,7 +53,8 @@ fn a_gain_that_is_a_fifth_off_costs_no_more_than_the_right_one() {
             assert!((after.gain / gain - 1.0).abs() < 0.005, "{}", after.gain);
             assert_eq!((after.trace.limited_after(10_000), after.counters.saturated_values), (0, 0));
         }
-        // As far as the gain may be off, from one end to the other in four seconds, which is faster than it is followed, and back at rest.
+        // As far as the gain may be off, from one end to the other in four seconds, which is faster than it
+        // is followed, and back at rest.
         for [from, to] in [[0.8, 1.2], [1.2, 0.8]] {
             let mut slow_and_still = reference.clone();
             let last = *slow_and_still.last().unwrap();
@@ -68,7 +69,8 @@ fn a_gain_that_is_a_fifth_off_costs_no_more_than_the_right_one() {
     }
 }
 
-/// `check` and `track` on the identified model with another gain, the target's block, and a servo file that comes back as it went.
+/// `check` and `track` on the identified model with another gain, the target's block, and a servo file that
+/// comes back as it went.
 fn commands_know_it(design: &ServoDesign, chain: &Model) {
     let mut weaker = chain.clone();
     let surfaces = weaker.effects.iter_mut().filter(|e| e.id == "hysteresis" || e.id == "initial_curve");

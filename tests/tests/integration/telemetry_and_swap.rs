@@ -1,5 +1,5 @@
-//! The telemetry of the closed loop and another block under a running loop, on stages by other equations than the simulation's, with servos that were
-//! designed from recordings of them.
+//! The telemetry of the closed loop and another block under a running loop, on stages by other equations than
+//! the simulation's, with servos that were designed from recordings of them.
 
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::amplifier_parameters;
@@ -32,8 +32,8 @@ fn block(design: &ServoDesign) -> AmplifierParameters {
     amplifier_parameters(design, &front_end()).unwrap()
 }
 
-/// What a second comes to, in f64 from the definitions: error RMS and peak, nm, drive RMS, V, root mean square of the segments' amplitudes at a frequency,
-/// nm.
+/// What a second comes to, in f64 from the definitions: error RMS and peak, nm, drive RMS, V, root mean
+/// square of the segments' amplitudes at a frequency, nm.
 fn figures(running: &RunningAmplifier, second: &[(TraceSample, f64)], hz: f64) -> [f64; 4] {
     let um = |sample: &TraceSample| f64::from(sample.reference) / f64::from(1 << 24);
     let errors: Vec<f64> = second.iter().map(|(sample, _)| 1e3 * (um(sample) - running.reading_um(sample.adc_code))).collect();
@@ -55,8 +55,8 @@ fn figures(running: &RunningAmplifier, second: &[(TraceSample, f64)], hz: f64) -
     ]
 }
 
-/// A second of the loop: what the telemetry says of it, what the definitions say, and the RMS of the true error, nm, without its mean (the sensor is zeroed
-/// with its noise).
+/// A second of the loop: what the telemetry says of it, what the definitions say, and the RMS of the true
+/// error, nm, without its mean (the sensor is zeroed with its noise).
 fn second_of(running: &mut RunningAmplifier, telemetry: &mut LoopTelemetry, hz: f64) -> (LoopFigures, [f64; 4], f64) {
     telemetry.begin();
     let mut second = Vec::with_capacity(SECOND);
@@ -105,7 +105,8 @@ fn a_second_of_a_designed_loop_is_told_as_it_was() {
         println!("{seed}: {said:?}, {expected:.3?}, true error {true_nm:.3} nm, noise {:.3}", 1e3 * truth.noise_um);
         agree(&said, expected);
         assert!(!said.alarm && said.torn_windows == 0);
-        // What is told is the reading's error: the loop follows noise a little, so it is near the root of both squares.
+        // What is told is the reading's error: the loop follows noise a little, so it is near the root of
+        // both squares.
         let both = true_nm.hypot(1e3 * truth.noise_um);
         assert!((f64::from(said.error_rms_pm) / 1e3 / both - 1.0).abs() < 0.25, "{both}");
         // The drive is the stage's: the travel goes over the whole range.
@@ -113,7 +114,8 @@ fn a_second_of_a_designed_loop_is_told_as_it_was() {
     }
 }
 
-/// Integral control through the mean gain of a stage, a share of what its mode stands: with `k` a tick it rings by itself from `k > 2 xi w T` on.
+/// Integral control through the mean gain of a stage, a share of what its mode stands: with `k` a tick it
+/// rings by itself from `k > 2 xi w T` on.
 fn slow_integral(truth: &Truth, mode: &TrueMode, share: f64) -> AmplifierParameters {
     // Of the design only converters and guard are used.
     let mut out = block(&designed(truth, Recording::TargetsOwn));
@@ -170,11 +172,13 @@ fn a_mode_that_loses_its_damping_raises_the_alarm_before_the_guard_stops_it() {
         f64::from(rings.resonance_pm) / 1e3
     );
     assert!(first.resonance_pm < 1_000 && !first.alarm, "{first:?}");
-    // The integral's share of what the mode stands, at the slope of a loop this small: some 0.8 of the travel's.
+    // The integral's share of what the mode stands, at the slope of a loop this small: some 0.8 of the
+    // travel's.
     assert!(rings.alarm && rings.resonance_pm > 20_000 && (0.4..0.65).contains(&(at / mode.damping_ratio)), "{at} {rings:?}");
 }
 
-/// The largest step of the drive from tick to tick, codes, and the RMS of the true error, nm, without its mean.
+/// The largest step of the drive from tick to tick, codes, and the RMS of the true error, nm, without its
+/// mean.
 fn followed(running: &mut RunningAmplifier, ticks: usize) -> (u32, f64) {
     let (mut step, mut before) = (0, None);
     let errors: Vec<f64> = (0..ticks)

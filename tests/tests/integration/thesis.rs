@@ -1,4 +1,5 @@
-//! The thesis' chapters beside its printed results, and what else they found: shapes of curves, orders of schemes. Slow: run in release mode.
+//! The thesis' chapters beside its printed results, and what else they found: shapes of curves, orders of
+//! schemes. Slow: run in release mode.
 
 use hysteron_thesis::scoreboard::{ScoreRow, Value, cells, counts, score, totals};
 use hysteron_thesis::{Chapter, Row, chapter};
@@ -8,7 +9,8 @@ fn figure(rows: &[Row], id: &str) -> f64 {
     rows.iter().find(|r| r.id == id).unwrap_or_else(|| panic!("{id} is missing")).ours
 }
 
-/// Every printed result of the chapter that is listed has a figure, every miss a reason, and nothing is judged on a run that chose anything.
+/// Every printed result of the chapter that is listed has a figure, every miss a reason, and nothing is
+/// judged on a run that chose anything.
 fn reproduced(number: u32) -> (Chapter, Vec<ScoreRow>) {
     let chapter = chapter(number, &|_| ()).unwrap();
     let rows = score(std::slice::from_ref(&chapter), &cells().unwrap());
@@ -89,7 +91,8 @@ fn chapter_7() {
             let (ours, other) = (format!("ch7.pidsmoc.{hz}hz.{load}.rms"), format!("ch7.pidsmc_ab.{hz}hz.{load}.rms"));
             assert!(figure(&rows, &ours) < figure(&rows, &other), "{hz} Hz {load}");
         }
-        // At 10 Hz the integral gain decides, which the thesis chose twice as large for the alpha-beta scheme.
+        // At 10 Hz the integral gain decides, which the thesis chose twice as large for the alpha-beta
+        // scheme.
         let (ours, other) = (format!("ch7.pidsmoc_equal_integral.10hz.{load}.rms"), format!("ch7.pidsmc_ab.10hz.{load}.rms"));
         assert!(figure(&rows, &ours) < figure(&rows, &other), "10 Hz {load}");
     }
@@ -101,7 +104,8 @@ fn chapter_7() {
             println!("designed, {hz} Hz, {load}: pidsmoc {} um, pidsmc_ab {} um", of("pidsmoc"), of("pidsmc_ab"));
         }
     }
-    // A reading does not show how late it is: the true error stands beside it, and falls where the lag is undone.
+    // A reading does not show how late it is: the true error stands beside it, and falls where the lag is
+    // undone.
     for load in ["none", "load"] {
         for hz in [150, 500] {
             let (usual, undone) = (format!("ch7.best.{hz}hz.{load}.full.rms"), format!("ch7.best_lag_undone.{hz}hz.{load}.full.rms"));
@@ -115,7 +119,8 @@ fn chapter_7() {
     for row in rows.iter().filter(|r| r.id.starts_with("ch7.integer.")) {
         assert!(row.ours <= 0.0005, "{}: {}", row.id, row.ours);
     }
-    // The thesis' argument: without a model of the actuator the velocity comes late, and a high gain is noisy.
+    // The thesis' argument: without a model of the actuator the velocity comes late, and a high gain is
+    // noisy.
     let of = |estimator: &str, what: &str| figure(&rows, &format!("ch7.estimator.{estimator}.{what}"));
     assert!(of("pidsmo", "velocity.rms") < of("alpha_beta", "velocity.rms") && of("pidsmo", "lag") < of("alpha_beta", "lag"));
     assert_eq!(of("unknown_input_observer", "refused"), 1.0);

@@ -1,6 +1,8 @@
-//! The log of the emulated amplifier dropped on the lab page, beside the image that wrote it, comes to the same records as `hysteron capture`.
+//! The log of the emulated amplifier dropped on the lab page, beside the image that wrote it, comes to the
+//! same records as `hysteron capture`.
 //!
-//! Ignored by default: `cargo xtask check` runs it with the page, the image and the log that earlier steps of the check leave.
+//! Ignored by default: `cargo xtask check` runs it with the page, the image and the log that earlier steps of
+//! the check leave.
 
 // The other test of the page uses the rest of it.
 #[allow(dead_code)]

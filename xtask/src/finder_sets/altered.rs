@@ -1,7 +1,8 @@
 //! Recordings of a real stage that were altered in a known way: is it named?
 //!
-//! The reading is altered as a sensor, an electronics or a data acquisition would alter it, in three sizes each. What counts as right lists the effects that
-//! do physically what was done to the column; it was written down before anything was run.
+//! The reading is altered as a sensor, an electronics or a data acquisition would alter it, in three sizes
+//! each. What counts as right lists the effects that do physically what was done to the column; it was
+//! written down before anything was run.
 
 use super::case::{Case, Check, Start, model_of, own_effects};
 use super::mark::Truth;
@@ -129,7 +130,8 @@ fn gain(y: &mut [f64], percent: f64) {
     y.iter_mut().for_each(|value| *value *= 1.0 + 1e-2 * percent);
 }
 
-/// A data set of the recordings with other readings, made once; `part` gives from where to where each counts, as shares of what is judged.
+/// A data set of the recordings with other readings, made once; `part` gives from where to where each counts,
+/// as shares of what is judged.
 fn dataset(folder: &Path, name: &str, alter: &dyn Fn(&mut [f64]), part: [f64; 2]) -> Result<PathBuf, String> {
     let (data, into) = (beside("measured/piezo_stage")?, folder.join(name));
     if into.join("dataset.toml").exists() {

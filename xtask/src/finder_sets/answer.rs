@@ -63,7 +63,8 @@ impl Answer {
         })
     }
 
-    /// The groups in one word: `creep+delay|vibration` is creep, and delay or vibration. The order says nothing.
+    /// The groups in one word: `creep+delay|vibration` is creep, and delay or vibration. The order says
+    /// nothing.
     pub fn said(&self) -> String {
         let changed = self.changed.iter().map(|id| format!("{id}*"));
         let mut groups: Vec<String> = self.groups.iter().map(|g| g.join("|")).chain(changed).collect();

@@ -143,8 +143,8 @@ impl Case {
         }
     }
 
-    /// Whether the effects that were started from, fitted, leave no more than the noise in any record: five standard deviations of the mean square of as
-    /// many samples of noise.
+    /// Whether the effects that were started from, fitted, leave no more than the noise in any record: five
+    /// standard deviations of the mean square of as many samples of noise.
     fn is_at_the_noise(&self, context: &Context, beside: &Path) -> Result<bool, String> {
         let (Start::Effects(from), Some(noise_um)) = (&self.start, self.noise_um) else { return Ok(true) };
         let json = beside.with_extension("base.json");
@@ -194,7 +194,8 @@ pub fn own_effects(context: &Context, data: &Path) -> Result<Vec<String>, String
     Ok(effects.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
 }
 
-/// Geometric mean of the errors on fitted and held-out records, um, each the root of the mean square over the samples.
+/// Geometric mean of the errors on fitted and held-out records, um, each the root of the mean square over the
+/// samples.
 fn ends_um(answer: &Answer, samples: &[(String, f64)]) -> Option<f64> {
     let of = |role: &str| {
         let each = answer.records.iter().filter(|(_, r, _)| r == role);

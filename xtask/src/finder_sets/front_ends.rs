@@ -1,4 +1,5 @@
-//! Four recordings with something wrong about them, asked from the command line, from the page and by `score`: the same answer.
+//! Four recordings with something wrong about them, asked from the command line, from the page and by
+//! `score`: the same answer.
 
 use super::answer::Answer;
 use super::case::{Case, Check, Start, answered};

@@ -88,7 +88,8 @@ fn otherwise(from: &Path, into: &Path, way: Way) -> Result<PathBuf, String> {
     Ok(into.to_path_buf())
 }
 
-/// The next number between 0 and 1 of a generator that repeats itself exactly (Knuth's 64-bit linear congruence).
+/// The next number between 0 and 1 of a generator that repeats itself exactly (Knuth's 64-bit linear
+/// congruence).
 fn uniform(state: &mut u64) -> f64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     (*state >> 11) as f64 / (1_u64 << 53) as f64

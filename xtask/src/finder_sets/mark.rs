@@ -16,7 +16,8 @@ pub enum Truth {
     Outside,
     /// Nothing is missing.
     Nothing,
-    /// Any of these does what was done to the recording; the second list belongs to the recording before that.
+    /// Any of these does what was done to the recording; the second list belongs to the recording before
+    /// that.
     Altered(Vec<String>, Vec<String>),
     /// Nobody knows.
     Unknown,
@@ -60,7 +61,8 @@ fn same(said: &str, of: &str) -> bool {
     said == of || (of == LOOPS[0] && LOOPS.contains(&said))
 }
 
-/// Marks an answer; `at_the_noise` says whether the fitted first model leaves no more than the noise, where that is asked.
+/// Marks an answer; `at_the_noise` says whether the fitted first model leaves no more than the noise, where
+/// that is asked.
 pub fn mark(answer: &Answer, truth: &Truth, at_the_noise: impl FnOnce() -> Result<bool, String>) -> Result<Mark, String> {
     let wrong_where = |is_true: &dyn Fn(&String) -> bool| {
         let false_groups: Vec<&Vec<String>> = answer.groups.iter().filter(|g| !g.iter().any(is_true)).collect();

@@ -1,11 +1,14 @@
-//! `cargo xtask finder-sets`: how well a program finds what is missing, set by set, and two programs beside each other.
+//! `cargo xtask finder-sets`: how well a program finds what is missing, set by set, and two programs beside
+//! each other.
 //!
 //! ```text
 //! cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET ...]
 //! ```
 //!
-//! Every case is one run of a built `hysteron`. A run appends its row to `benchmarks/results/finder_<label>.csv`; a case that has a row is not run
-//! again, so that an interrupted command goes on where it was. The table at the end has one block for each label with a file there; `--table` runs nothing.
+//! Every case is one run of a built `hysteron`. A run appends its row to
+//! `benchmarks/results/finder_<label>.csv`; a case that has a row is not run again, so that an interrupted
+//! command goes on where it was. The table at the end has one block for each label with a file there;
+//! `--table` runs nothing.
 
 mod altered;
 mod answer;

@@ -1,4 +1,5 @@
-//! The checks for a first board run as they are on the emulated part, with a wire from the drive's converter to the sensor's.
+//! The checks for a first board run as they are on the emulated part, with a wire from the drive's converter
+//! to the sensor's.
 
 use crate::common;
 

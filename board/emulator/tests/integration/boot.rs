@@ -58,21 +58,26 @@ fn register<L: Layout>(outcome: &Outcome, instance: &str, register: L) -> u64 {
     outcome.board.mcu.bus().registers(instance).expect("an instance").get(register)
 }
 
-/// The emulated timer does not move pins, so what moves CNV and LDAC is asserted as registers (RM0433, 39.4 and 11.4).
+/// The emulated timer does not move pins, so what moves CNV and LDAC is asserted as registers (RM0433, 39.4
+/// and 11.4).
 fn lines_of_the_converters(outcome: &Outcome) {
     let timer = |name| register(outcome, "TIM2", name);
-    // It runs, up, not divided, not one pulse only; its update is its trigger output, and no other timer is its master.
+    // It runs, up, not divided, not one pulse only; its update is its trigger output, and no other timer is
+    // its master.
     assert_eq!(timer(tim2::Register::Cr1) & 0x7F, 1);
     assert_eq!((timer(tim2::Register::Psc), timer(tim2::Register::Cr2) >> 4 & 7, timer(tim2::Register::Smcr)), (0, 2, 0));
-    // 200 MHz: 50 us, CNV high for 500 ns, the interrupt after 1 us. LDAC stays low until the sensor's converter has converted: no edge disturbs it.
+    // 200 MHz: 50 us, CNV high for 500 ns, the interrupt after 1 us. LDAC stays low until the sensor's
+    // converter has converted: no edge disturbs it.
     assert_eq!(timer(tim2::Register::Arr), 9_999);
     assert_eq!((timer(tim2::Register::Ccr1), timer(tim2::Register::Ccr3), timer(tim2::Register::Ccr4)), (100, 140, 200));
-    // Output compare: channel 1 high below its count (PWM mode 1), channel 3 low (PWM mode 2); both on and not inverted.
+    // Output compare: channel 1 high below its count (PWM mode 1), channel 3 low (PWM mode 2); both on and
+    // not inverted.
     assert_eq!(timer(tim2::Register::Ccmr1Output) >> 4 & 7, 6);
     assert_eq!(timer(tim2::Register::Ccmr2Output) >> 4 & 7, 7);
     assert_eq!(timer(tim2::Register::Ccer) & 0xFFF, 0x101);
     assert_eq!(timer(tim2::Register::Dier) & 0x1F, 1 << 4, "compare 4 alone raises the interrupt");
-    // PA0 and PB10 are the timer's (alternate function 1), PC9 is an output, PA5 and PA6 are SPI1's, PC10 and PC12 SPI3's.
+    // PA0 and PB10 are the timer's (alternate function 1), PC9 is an output, PA5 and PA6 are SPI1's, PC10 and
+    // PC12 SPI3's.
     let mode = |port, pin: u64| register(outcome, port, gpioa::Register::Moder) >> (2 * pin) & 3;
     let low = |port, pin: u64| register(outcome, port, gpioa::Register::Afrl) >> (4 * pin) & 15;
     let high = |port, pin: u64| register(outcome, port, gpioa::Register::Afrh) >> (4 * (pin - 8)) & 15;
@@ -86,8 +91,8 @@ fn lines_of_the_converters(outcome: &Outcome) {
     }
 }
 
-/// The safety inputs float up, so that a broken wire stops, and the voltage detector and the clock security system are armed (RM0433, 6.8.1, 8.7.2, 20.6.1
-/// and 20.6.19).
+/// The safety inputs float up, so that a broken wire stops, and the voltage detector and the clock security
+/// system are armed (RM0433, 6.8.1, 8.7.2, 20.6.1 and 20.6.19).
 fn lines_of_the_bench(outcome: &Outcome) {
     let port = |name, pin: u64| register(outcome, "GPIOE", name) >> (2 * pin) & 3;
     for pin in [0, 10, 12] {

@@ -1,5 +1,5 @@
-//! The unmodified image closes the loop around the float plant: what it reads and drives is what the host's simulation of the same
-//! core and plant gives, to the last bit.
+//! The unmodified image closes the loop around the float plant: what it reads and drives is what the host's
+//! simulation of the same core and plant gives, to the last bit.
 
 use crate::common;
 
@@ -14,7 +14,8 @@ const SINES_MHZ: [u32; 5] = [1_000, 10_000, 50_000, 100_000, 150_000];
 const FIRST_TICK: u32 = 22_300;
 /// 10.1 s in all.
 const TICKS_EACH: u32 = 36_000;
-/// What the slowest tick may take, in instructions from the edge of the interrupt to its end; waiting for the converters included.
+/// What the slowest tick may take, in instructions from the edge of the interrupt to its end; waiting for the
+/// converters included.
 const MOST_INSTRUCTIONS: u64 = 2_400;
 /// What the part of it that is not the converters and the queues may take.
 const MOST_TICK_INSTRUCTIONS: u64 = 1_400;

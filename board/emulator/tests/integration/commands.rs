@@ -1,4 +1,5 @@
-//! What the target does with more than a line: a parameter block brought by command, a triggered capture, a drive for identification.
+//! What the target does with more than a line: a parameter block brought by command, a triggered capture, a
+//! drive for identification.
 
 use crate::common;
 
@@ -187,7 +188,8 @@ fn a_law_that_asks_for_more_gets_no_more_than_the_slew_limit() {
 fn no_law_drives_beyond_the_limits_of_the_block() {
     let world = world();
     let mut parameters = parameters();
-    // Some 97 V and -6 V would be needed for positions that the sensor has; there are 0 to 80 V, and 10 V on either side that the converter has.
+    // Some 97 V and -6 V would be needed for positions that the sensor has; there are 0 to 80 V, and 10 V on
+    // either side that the converter has.
     parameters.guard.tracking_ticks = 4000;
     let text = "arm untested\nconditioning waived\nreference constant 1000\n@1000 enable\n@1500 reference constant 13900\n@2800 reference constant -900\n";
     let script =

@@ -1,4 +1,5 @@
-//! Ways to a slammed stage, and to a drive that nobody asked for: each is made to happen on the emulated part.
+//! Ways to a slammed stage, and to a drive that nobody asked for: each is made to happen on the emulated
+//! part.
 
 use crate::common;
 

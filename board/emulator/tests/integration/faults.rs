@@ -18,7 +18,8 @@ const ENABLED_AT: u32 = 300;
 const TROUBLE_FROM: u64 = 2000;
 const TROUBLE_TO: u64 = 4000;
 
-/// Closed loop on a constant reference, a sensor in trouble from 100 ms to 200 ms, `clear` too early and again late, `enable`.
+/// Closed loop on a constant reference, a sensor in trouble from 100 ms to 200 ms, `clear` too early and
+/// again late, `enable`.
 fn with_trouble(kind: Trouble) -> (Outcome, DriveCode) {
     let bench = Bench::reference().expect("the bench");
     let mut world = World::new(&bench, Variant::PLAIN, 3);
@@ -136,7 +137,8 @@ fn a_corrupt_block_is_refused_with_its_reason_and_the_drive_rests() {
     }
 }
 
-/// Closed loop, then something happens to the processor; `clear` and `enable` bring the loop back. Returns the run and the acting codes.
+/// Closed loop, then something happens to the processor; `clear` and `enable` bring the loop back. Returns
+/// the run and the acting codes.
 fn with_injections(injections: Vec<(u64, Injection)>) -> (Outcome, Codes) {
     let bench = Bench::reference().expect("the bench");
     let world = World::new(&bench, Variant::PLAIN, 3).shared();
@@ -192,7 +194,8 @@ fn an_overrun() {
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
     let bytes = std::fs::read(image()).expect("the image");
     let honest = halfword_at(&bytes, handler).expect("its first instruction");
-    // For 120 us the interrupt returns at once, unacknowledged, and begins again: two edges go by without a tick.
+    // For 120 us the interrupt returns at once, unacknowledged, and begins again: two edges go by without a
+    // tick.
     let (outcome, codes) = with_injections(vec![
         (100 * MILLISECOND, Injection::Halfword { address: handler, value: RETURN }),
         (100 * MILLISECOND + 120_000, Injection::Halfword { address: handler, value: honest }),
@@ -206,10 +209,12 @@ fn a_hard_fault() {
     let handler = address_of(&image(), "TIM2").expect("the control interrupt");
     let (outcome, codes) = with_injections(vec![
         (100 * MILLISECOND, Injection::Halfword { address: handler, value: UNDEFINED }),
-        // Changes nothing: the run stops there, at the end of an instruction, and the enable output is looked at.
+        // Changes nothing: the run stops there, at the end of an instruction, and the enable output is looked
+        // at.
         (100 * MILLISECOND + 79_000, Injection::Line { line: SafetyLine::Interlock, closed: true }),
     ]);
-    // At once: the interrupt that fails begins within 50 us, and neither the edge after it nor the restart 100 us later is waited for.
+    // At once: the interrupt that fails begins within 50 us, and neither the edge after it nor the restart
+    // 100 us later is waited for.
     rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::HardFault);
     assert_eq!(outcome.resets, 1);
     let fell = outcome.enabled.iter().find(|(at, on)| *at >= 100 * MILLISECOND && !on).map(|(at, _)| at - 100 * MILLISECOND);
@@ -234,7 +239,8 @@ fn a_hard_fault_goes_to_the_rest_that_the_block_says() {
     };
     run(&image(), NucleoBoard::with_plant(&world).expect("a board"), script).expect("a run");
     let world = world.lock().expect("the world");
-    // The interrupt that fails begins within 50 us; the reset, which clamps the converter to ground, comes 100 us later.
+    // The interrupt that fails begins within 50 us; the reset, which clamps the converter to ground, comes
+    // 100 us later.
     let at = ((100 * MILLISECOND + 60_000 - world.began_ns()).div_ceil(50_000)) as usize;
     assert!(world.codes[at - 10].1 > parameters.guard.rest_code + 5_000, "closed before: {:?}", world.codes[at - 10]);
     assert_eq!(world.codes[at].1, parameters.guard.rest_code);
@@ -249,7 +255,8 @@ fn with_instructions(instructions: &[u16]) -> (Outcome, Codes) {
 
 #[test]
 fn a_hard_fault_with_the_drives_interface_off() {
-    // SPI3 is disabled (CR1 at 0x40003C00): `movw r0, #0x3C00; movt r0, #0x4000; movs r1, #0; str r1, [r0]; udf`.
+    // SPI3 is disabled (CR1 at 0x40003C00): `movw r0, #0x3C00; movt r0, #0x4000; movs r1, #0;
+    // str r1, [r0]; udf`.
     let (outcome, codes) = with_instructions(&[0xF643, 0x4000, 0xF2C4, 0x0000, 0x2100, 0x6001, UNDEFINED]);
     rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::HardFault);
     assert_eq!(outcome.resets, 1);
@@ -257,8 +264,8 @@ fn a_hard_fault_with_the_drives_interface_off() {
 
 #[test]
 fn a_crystal_that_stops() {
-    // What the clock security system raises is an NMI, and here the program itself: NMIPENDSET of ICSR (Armv7-M, B3.2.4), `movw r0, #0xED04;
-    // movt r0, #0xE000; mov.w r1, #0x80000000; str r1, [r0]; b .`.
+    // What the clock security system raises is an NMI, and here the program itself: NMIPENDSET of ICSR
+    // (Armv7-M, B3.2.4), `movw r0, #0xED04; movt r0, #0xE000; mov.w r1, #0x80000000; str r1, [r0]; b .`.
     let (outcome, codes) = with_instructions(&[0xF64E, 0x5004, 0xF2CE, 0x0000, 0xF04F, 0x4100, 0x6001, JUMP_TO_ITSELF]);
     rests_and_comes_back(&outcome, &codes, 100 * MILLISECOND + 60_000, Fault::ClockLost);
     assert_eq!(outcome.resets, 1);
@@ -266,8 +273,9 @@ fn a_crystal_that_stops() {
 
 #[test]
 fn a_tick_that_takes_longer_than_a_period() {
-    /// So slow a core that it has the time for a tick at rest and not for one of the closed loop, which takes less than a period and a half: no edge goes
-    /// by without a tick for a while, so the cycle counter alone would not tell.
+    /// So slow a core that it has the time for a tick at rest and not for one of the closed loop, which takes
+    /// less than a period and a half: no edge goes by without a tick for a while, so the cycle counter alone
+    /// would not tell.
     const SLOW: u64 = 22_000_000;
     let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
     let script = Script {
@@ -408,7 +416,8 @@ fn what_is_not_a_command_is_refused() {
     assert_eq!(outcome.resets, 0);
 }
 
-/// Closed loop; then a line is opened from 60 ms to 160 ms, with `clear` while it is open and again afterwards.
+/// Closed loop; then a line is opened from 60 ms to 160 ms, with `clear` while it is open and again
+/// afterwards.
 fn with_an_open_line(line: SafetyLine, fault: Fault) {
     let world = World::new(&Bench::reference().expect("the bench"), Variant::PLAIN, 3).shared();
     let mut parameters = parameters();
@@ -498,7 +507,8 @@ fn a_converter_that_lost_its_supply_is_set_up_again_at_rest_and_only_there() {
     let bench = Bench::reference().expect("the bench");
     let scale = bench.converter_scale();
     let mut world = World::new(&bench, Variant::PLAIN, 3);
-    // In the closed loop: the drive is gone, the tracking error ends it, and at rest the converter comes back.
+    // In the closed loop: the drive is gone, the tracking error ends it, and at rest the converter comes
+    // back.
     world.converter_brown_outs.push(2000);
     let world = world.shared();
     let mut parameters = parameters();

@@ -1,5 +1,6 @@
-//! The unmodified image corrects the gain of its model: what it reads and drives is what the host's simulation of the same core and plant gives, to
-//! the last bit, the error falls, and the serial port tells the gain.
+//! The unmodified image corrects the gain of its model: what it reads and drives is what the host's
+//! simulation of the same core and plant gives, to the last bit, the error falls, and the serial port tells
+//! the gain.
 
 use crate::common;
 
@@ -59,7 +60,8 @@ fn the_gain_that_is_learned_agrees_with_the_host_to_the_last_bit() {
     let sine = SineRun::new(&bench, &parameters, "reference sine 125000 3000 4000", TICKS);
     let outcome = sine.on_target(b"DIA? 16\n");
     let adapted = sine.assert_equal(&outcome);
-    // And it has learned something: against the same servo that does not, and against the one whose model is right.
+    // And it has learned something: against the same servo that does not, and against the one whose model is
+    // right.
     let zero = sine.zero_um(&adapted);
     let error = |samples: &[TraceSample]| error_nm(samples, &parameters, zero);
     let (before, after, right) = (error(&sine.on_host(&wrong_gain(false))), error(&adapted), error(&sine.on_host(&best_parameters())));
@@ -74,7 +76,8 @@ fn the_gain_that_is_learned_agrees_with_the_host_to_the_last_bit() {
 fn a_gain_and_a_correction_are_learned_together() {
     let bench = Bench::reference().expect("the bench");
     let parameters = learning(wrong_gain(true));
-    // 160 ticks: eight points of the reference's period fall into every mean of what the gain is learned from.
+    // 160 ticks: eight points of the reference's period fall into every mean of what the gain is learned
+    // from.
     let sine = SineRun::new(&bench, &parameters, "reference sine 125000 3000 4000", TICKS);
     let outcome = sine.on_target(b"DIA? 16\n");
     let both = sine.assert_equal(&outcome);

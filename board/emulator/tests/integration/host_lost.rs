@@ -1,4 +1,5 @@
-//! A host that chose a timeout and falls silent: the drive goes to rest with a fault of its own, whatever channel the host spoke on.
+//! A host that chose a timeout and falls silent: the drive goes to rest with a fault of its own, whatever
+//! channel the host spoke on.
 
 use crate::common;
 

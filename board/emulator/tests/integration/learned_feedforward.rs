@@ -1,5 +1,5 @@
-//! The unmodified image learns the correction of a periodic reference: what it reads and drives is what the host's simulation of the same core and
-//! plant gives, to the last bit, and the error falls.
+//! The unmodified image learns the correction of a periodic reference: what it reads and drives is what the
+//! host's simulation of the same core and plant gives, to the last bit, and the error falls.
 
 use crate::common;
 
@@ -17,7 +17,8 @@ const PERIOD_TICKS: usize = 160;
 /// Periods over which an error is averaged.
 const PERIODS: usize = 20;
 
-/// The fundamental (cosine, sine) of what was asked minus what was read, nm: over the last periods, so that most of the sensor's noise is out of it.
+/// The fundamental (cosine, sine) of what was asked minus what was read, nm: over the last periods, so that
+/// most of the sensor's noise is out of it.
 fn fundamental_nm(samples: &[TraceSample], parameters: &AmplifierParameters, zero: f64) -> [f64; 2] {
     let step = parameters.servo.converters.adc_step as f64 / 2f64.powi(40);
     let last = &samples[samples.len() - PERIODS * PERIOD_TICKS..];
@@ -29,8 +30,9 @@ fn fundamental_nm(samples: &[TraceSample], parameters: &AmplifierParameters, zer
     })
 }
 
-/// What is left of a fundamental when all is learned, over the one without: `(1 - Q) / (1 - Q + Q L T)`. The loop follows the reference but for that
-/// error, a thousandth of it, and a correction enters where the reference does: `T` is 1.
+/// What is left of a fundamental when all is learned, over the one without: `(1 - Q) / (1 - Q + Q L T)`. The
+/// loop follows the reference but for that error, a thousandth of it, and a correction enters where the
+/// reference does: `T` is 1.
 fn left(parameters: &AmplifierParameters) -> f64 {
     let learning = parameters.servo.learning.expect("it learns");
     let response = |taps: &[i32], point: usize, fraction_bits: u32| -> f64 {
@@ -61,7 +63,8 @@ fn what_is_learned_agrees_with_the_host_to_the_last_bit() {
         size(after),
         size(predicted)
     );
-    // Of white noise of 1 um a fundamental over so many samples has sqrt(4 / n) RMS; learning adds less than as much again.
+    // Of white noise of 1 um a fundamental over so many samples has sqrt(4 / n) RMS; learning adds less than
+    // as much again.
     let noise_nm = 1e3 * bench.converters.sensor_noise_um * (4.0 / (PERIODS * PERIOD_TICKS) as f64).sqrt();
     let missed = size([after[0] - predicted[0], after[1] - predicted[1]]);
     assert!(missed < 4.0 * noise_nm, "{missed} {noise_nm}");

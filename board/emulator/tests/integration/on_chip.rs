@@ -1,8 +1,10 @@
-//! The image with the chip's own converters: its registers are set up as the reference manual asks, and without conversions it rests.
+//! The image with the chip's own converters: its registers are set up as the reference manual asks, and
+//! without conversions it rests.
 //!
-//! Not modelled by the emulated part: the ADC's synchronous clock (so its calibration never ends and it is never enabled), its hardware
-//! trigger, and the DAC, whose registers are stored and nothing more. A converter that never answers must be a silent sensor; what is not
-//! shown here is that the ADC is calibrated and enabled, that it samples at the edge, and that a code is latched there.
+//! Not modelled by the emulated part: the ADC's synchronous clock (so its calibration never ends and it is
+//! never enabled), its hardware trigger, and the DAC, whose registers are stored and nothing more. A
+//! converter that never answers must be a silent sensor; what is not shown here is that the ADC is calibrated
+//! and enabled, that it samples at the edge, and that a code is latched there.
 
 use crate::common;
 
@@ -46,7 +48,8 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
     assert_eq!(outcome.texts_with("front end on-chip ADC1 and DAC1").count(), 1, "{:?}", outcome.messages);
     // The timer's update is its trigger output (CR2.MMS = 2).
     assert_eq!(register(&outcome, "TIM2", tim2::Register::Cr2) >> 4 & 7, 2);
-    // The ADC runs at the bus clock over 4 (CKMODE = 3), powered (ADVREGEN) and in the middle of its calibration (ADCAL, ADCALLIN).
+    // The ADC runs at the bus clock over 4 (CKMODE = 3), powered (ADVREGEN) and in the middle of its
+    // calibration (ADCAL, ADCALLIN).
     assert_eq!(register(&outcome, "ADC12_Common", adc3_common::Register::Ccr) >> 16 & 3, 3);
     let control = register(&outcome, "ADC1", adc3::Register::Cr);
     assert_eq!((control >> 28 & 3, control >> 31, control >> 16 & 1, control >> 8 & 3), (1, 1, 1, 2), "{control:#x}");

@@ -1,4 +1,5 @@
-//! The option bytes that protect when no program can: said at the start and in the status, written when somebody asks for it at rest.
+//! The option bytes that protect when no program can: said at the start and in the status, written when
+//! somebody asks for it at rest.
 
 use crate::common;
 

@@ -1,5 +1,5 @@
-//! The target plays a drive on an actuator that it has never moved and its log is kept: `cargo xtask check` makes a data set of it
-//! and identifies the actuator, with no record from anywhere else.
+//! The target plays a drive on an actuator that it has never moved and its log is kept: `cargo xtask check`
+//! makes a data set of it and identifies the actuator, with no record from anywhere else.
 
 use crate::common;
 
@@ -38,7 +38,8 @@ fn a_drive_is_played_and_its_log_kept() {
     println!("{} bytes of log in {}", outcome.raw.len(), folder.join("record.rtt").display());
 }
 
-/// The log of a board that is conditioned, every tick of it traced, and then plays a drive: one record from before the conditioning to behind the drive.
+/// The log of a board that is conditioned, every tick of it traced, and then plays a drive: one record from
+/// before the conditioning to behind the drive.
 #[test]
 fn a_log_that_holds_the_conditioning_too_becomes_a_data_set() {
     let bench = Bench::reference().expect("the bench");
@@ -68,7 +69,8 @@ fn a_log_that_holds_the_conditioning_too_becomes_a_data_set() {
         .map(|cells| (cells[1], cells[2]))
         .collect();
 
-    // 0.012 s before the conditioning, 1.1 s of it, and all until behind the drive, tick for tick what the converters saw.
+    // 0.012 s before the conditioning, 1.1 s of it, and all until behind the drive, tick for tick what the
+    // converters saw.
     let (samples, _) = samples(&outcome);
     let first = samples.windows(2).find(|pair| pair[1].tick == pair[0].tick + 1).expect("the full rate")[0].tick as usize;
     let (world, scale) = (world.lock().expect("the world"), bench.converter_scale());

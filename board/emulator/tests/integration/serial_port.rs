@@ -1,4 +1,5 @@
-//! The serial port of the unmodified image: the General Command Set over USART3, at its baud rate, below the control interrupt.
+//! The serial port of the unmodified image: the General Command Set over USART3, at its baud rate, below the
+//! control interrupt.
 
 use crate::common;
 

@@ -1,5 +1,5 @@
-//! The unmodified image runs a PIDSMOC in predictor form: what it reads and drives over 100 000 ticks is what the host's simulation of the same core
-//! and plant gives, to the last bit.
+//! The unmodified image runs a PIDSMOC in predictor form: what it reads and drives over 100 000 ticks is what
+//! the host's simulation of the same core and plant gives, to the last bit.
 
 use crate::common::{best_parameters, block, host_run, image, lines, samples};
 
@@ -19,12 +19,14 @@ const TICKS_UNDER_CONTROL: u32 = 100_000;
 /// The most is the tick that takes over the loop.
 const LIMITS: (u64, u64) = (4_300, 1_150);
 
-/// The block of the other tests, its law replaced by a PIDSMOC for the thesis' mode; the hysteresis stays inverted behind it.
+/// The block of the other tests, its law replaced by a PIDSMOC for the thesis' mode; the hysteresis stays
+/// inverted behind it.
 fn pidsmoc() -> AmplifierParameters {
     let nominal = NominalModel::THESIS;
     let mode = ModeModel { natural_frequency_rad_s: nominal.natural_frequency_rad_s, damping_ratio: nominal.damping_ratio };
     let linear = LinearModel { first_mode: mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: None };
-    // Stable with half the gain and half as much again, a period more of delay and twice the mass; the assertion below checks the first three.
+    // Stable with half the gain and half as much again, a period more of delay and twice the mass; the
+    // assertion below checks the first three.
     let tuning = SlidingTuning { m: 3100.0, reaching: (5400.0, 0.8), estimator: (8000.0, 0.7), unknown_rate: 1800.0 };
     let family = SlidingFamily { kind: SlidingKind::Pidsmoc, nominal, unknown_bound_v: 0.0 };
     let (estimator, controller, reaching) = family.gains(&tuning);

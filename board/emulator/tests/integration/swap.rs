@@ -1,5 +1,6 @@
-//! Another block takes over the running loop of the unmodified image: what it reads and drives is what the host gives whose amplifier swaps at the same
-//! tick, to the last bit; the drive has no step, the loop stays closed. A block that may not take over leaves everything as it was.
+//! Another block takes over the running loop of the unmodified image: what it reads and drives is what the
+//! host gives whose amplifier swaps at the same tick, to the last bit; the drive has no step, the loop stays
+//! closed. A block that may not take over leaves everything as it was.
 
 use crate::common;
 
@@ -17,7 +18,8 @@ use hysteron_sim::bench::{Bench, Variant};
 const TICKS: u32 = 9_000;
 /// When the block is brought, ms; the swap comes some milliseconds later.
 const BROUGHT_MS: u64 = 250;
-/// What the interrupt may take in which the blocks change, in instructions with the converters: half of a period at one a cycle.
+/// What the interrupt may take in which the blocks change, in instructions with the converters: half of a
+/// period at one a cycle.
 const MOST_INSTRUCTIONS: u64 = 10_000;
 
 fn commands(reference: &str) -> [(u32, &str); 4] {
@@ -94,8 +96,8 @@ fn slowest_instructions(outcome: &Outcome) -> u64 {
     (counts.parse::<u64>().expect("a number") - 200) * 2
 }
 
-/// Swaps, and says by how many codes the first drive of the new block is another one than the old block's, and the largest step of the old block's
-/// drive from tick to tick in the 50 ms before.
+/// Swaps, and says by how many codes the first drive of the new block is another one than the old block's,
+/// and the largest step of the old block's drive from tick to tick in the 50 ms before.
 fn swaps(name: &str, running: &AmplifierParameters, new: &AmplifierParameters, reference: &str) -> (u32, u32) {
     let stayed = on_host(running, reference, None);
     let bytes = block(new);
@@ -104,7 +106,8 @@ fn swaps(name: &str, running: &AmplifierParameters, new: &AmplifierParameters, r
     let fingerprint = hysteron_core::parameter_block::fingerprint(&bytes).expect("a block");
     assert_eq!(serial(&outcome), format!("SWAPPED\n1=2 \n8=0 \n9={fingerprint}\n"));
 
-    // The tick of the swap is the first from which on the target is not the block that stayed; drives may agree by chance for some ticks.
+    // The tick of the swap is the first from which on the target is not the block that stayed; drives may
+    // agree by chance for some ticks.
     let differs = target.iter().find(|sample| sample.tick < TICKS && stayed[sample.tick as usize] != **sample).expect("another law").tick;
     let swapped =
         (differs - 8..=differs).rev().map(|at| (at, on_host(running, reference, Some((at, new))))).find(|(_, host)| same(&target, host));
@@ -167,7 +170,8 @@ fn a_gain_that_is_adapted_goes_with_its_block_and_the_drive_makes_no_step() {
         (wrong, softer)
     };
     let ((adapted, next_adapted), (fixed, next_fixed)) = (of(true), of(false));
-    // Ticks of the first codes that a learned gain alters: before the swap, and so long behind the loop's closing that the rest suffices for another.
+    // Ticks of the first codes that a learned gain alters: before the swap, and so long behind the loop's
+    // closing that the rest suffices for another.
     let [with, without] = [&adapted, &fixed].map(|block| on_host(block, reference, None));
     let learned =
         (0..).zip(&with).zip(&without).find(|((_, with), without)| with != without).map(|((tick, _), _)| tick).expect("it learns");

@@ -1,5 +1,6 @@
-//! The unmodified image says how well its closed loop followed, and whether its resonance rings: its figures beside those that the host computes from the
-//! same simulation, in double precision and by the plain transform.
+//! The unmodified image says how well its closed loop followed, and whether its resonance rings: its figures
+//! beside those that the host computes from the same simulation, in double precision and by the plain
+//! transform.
 
 use crate::common;
 
@@ -22,7 +23,8 @@ const WINDOW: usize = 20_000;
 const SEGMENT: usize = 1000;
 const ENABLE_TICK: u32 = 301;
 
-/// What a second of the closed loop comes to: error RMS and peak, nm, drive RMS, V, amplitude at the resonance, nm.
+/// What a second of the closed loop comes to: error RMS and peak, nm, drive RMS, V, amplitude at the
+/// resonance, nm.
 fn figures(parameters: &AmplifierParameters, window: &[TraceSample]) -> [f64; 4] {
     let c = parameters.servo.converters;
     let position_um = |code| f64::from(c.adc_zero) / f64::from(1 << 24) + f64::from(code) * c.adc_step as f64 / 2f64.powi(40);
@@ -53,7 +55,8 @@ fn first_second(samples: &[TraceSample]) -> &[TraceSample] {
     &samples[closed..closed + WINDOW]
 }
 
-/// A massless actuator of 1/7 um/V behind a lightly damped mode: the bench's own is damped so well that it does not ring.
+/// A massless actuator of 1/7 um/V behind a lightly damped mode: the bench's own is damped so well that it
+/// does not ring.
 struct Light {
     damping_ratio: f64,
     position_um: f64,

@@ -1,4 +1,5 @@
-//! What the servo's tick costs in instructions, counted by the emulated part's cycle counter at one instruction a cycle.
+//! What the servo's tick costs in instructions, counted by the emulated part's cycle counter at one
+//! instruction a cycle.
 
 use crate::common;
 
@@ -6,12 +7,16 @@ use common::image_named;
 use hysteron_emulator::board::NucleoBoard;
 use hysteron_emulator::run::{MILLISECOND, Script, run};
 
-/// Core clock after reset, before any clock set-up: the count of instructions a second that makes a cycle an instruction.
+/// Core clock after reset, before any clock set-up: the count of instructions a second that makes a cycle an
+/// instruction.
 const RESET_CLOCK_HZ: u64 = 64_000_000;
-/// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick from the ADC's code to the DAC's, with
-/// 16 pairs of extrema stored, and the same while the correction of a triangle is learned, or the gain adapted; `amplifier` is all that the interrupt does between its
-/// converters. `exchange` is what the servo does, once, when a block with another hysteresis takes over, `swap` all that the interrupt does when the same block does; both stand before
-/// the tick of that period. How much of `exchange` the compiler lays in line changes it by a tenth; a period has 20,000. A change that needs more says so here.
+/// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick
+/// from the ADC's code to the DAC's, with 16 pairs of extrema stored, and the same while the correction of a
+/// triangle is learned, or the gain adapted; `amplifier` is all that the interrupt does between its
+/// converters. `exchange` is what the servo does, once, when a block with another hysteresis takes over,
+/// `swap` all that the interrupt does when the same block does; both stand before the tick of that period.
+/// How much of `exchange` the compiler lays in line changes it by a tenth; a period has 20,000. A change that
+/// needs more says so here.
 const LIMITS: [(&str, u32, u32); 10] = [
     ("follow", 1_000, 800),
     ("learn", 1_500, 1_400),

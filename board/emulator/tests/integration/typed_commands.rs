@@ -1,4 +1,5 @@
-//! What is typed at the probe and must not act: a loop around an actuator whose memory nobody knows, and references and drives beyond their limits.
+//! What is typed at the probe and must not act: a loop around an actuator whose memory nobody knows, and
+//! references and drives beyond their limits.
 
 use crate::common;
 

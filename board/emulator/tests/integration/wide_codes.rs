@@ -1,5 +1,5 @@
-//! Codes of 18 and 20 bits: the image reads frames that are as long as its block says, fills the whole register of the drive's converter, and does what the
-//! host does, to the last bit.
+//! Codes of 18 and 20 bits: the image reads frames that are as long as its block says, fills the whole
+//! register of the drive's converter, and does what the host does, to the last bit.
 
 use crate::common;
 

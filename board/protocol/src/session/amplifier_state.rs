@@ -18,7 +18,8 @@ impl<D: Device + 'static> Session<D> {
         self.converters(view).position(view.adc_code)
     }
 
-    /// The reference now. The sample that is known may be from before the last command, hence not beyond the way to the target.
+    /// The reference now. The sample that is known may be from before the last command, hence not beyond the
+    /// way to the target.
     pub(super) fn reference_now(&self, view: &View) -> i32 {
         if self.runs() {
             return view.reference;

@@ -1,4 +1,5 @@
-//! Parameter blocks over the line, the restart that takes them, and the fault that is cleared: `BLK`, `RBT`, `INI`.
+//! Parameter blocks over the line, the restart that takes them, and the fault that is cleared: `BLK`, `RBT`,
+//! `INI`.
 
 use hysteron_core::amplifier::Command;
 use hysteron_core::command_text::BlockPiece;

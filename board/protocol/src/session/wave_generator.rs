@@ -86,7 +86,8 @@ impl<D: Device + 'static> Session<D> {
         let missing = |error| if error == ErrorCode::Missing { ErrorCode::WaveParameters } else { error };
         let first = words.whole().map_err(missing)? as usize;
         let count = words.whole().map_err(missing)? as usize;
-        // The start point counts in the segment; behind `&` others count in the table, which is the same place.
+        // The start point counts in the segment; behind `&` others count in the table, which is the same
+        // place.
         let begin = if at == 0 { first.checked_sub(1).ok_or(ErrorCode::WaveIndex)? } else { at };
         let end = begin.checked_add(count).filter(|end| *end <= self.wave_points()).ok_or(ErrorCode::WaveTooLong)?;
         let (mut given, quantity) = (words.clone(), self.quantity_for(table, begin));
@@ -215,7 +216,8 @@ impl<D: Device + 'static> Session<D> {
         point.checked_mul(1 << (MICROMETRE_FRACTION_BITS - POINT_FRACTION_BITS)).is_some_and(|position| self.is_within_range(position))
     }
 
-    /// What a table holds once points are written to it from `at` on: what it has already, or from its beginning on what the servo plays now.
+    /// What a table holds once points are written to it from `at` on: what it has already, or from its
+    /// beginning on what the servo plays now.
     fn quantity_for(&self, table: usize, at: usize) -> WaveQuantity {
         let has = self.wave_quantities.get(table).copied().filter(|_| at > 0 && self.length_of(table) > 0);
         has.unwrap_or(if self.closed() { WaveQuantity::Position } else { WaveQuantity::Drive })

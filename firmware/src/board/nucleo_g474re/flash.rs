@@ -1,7 +1,9 @@
-//! Writes pages of flash bank 2, without ever holding up the tasks: an erase takes 25 ms, several ticks of the watchdog's feeding.
+//! Writes pages of flash bank 2, without ever holding up the tasks: an erase takes 25 ms, several ticks of
+//! the watchdog's feeding.
 //!
-//! The HAL's driver waits in a loop, so the few registers are driven here (RM0440, embedded flash memory: erase and program operations). Code runs
-//! from bank 1, and the control interrupt from the CCM SRAM, so neither waits for bank 2, as long as the option byte DBANK says that there are two.
+//! The HAL's driver waits in a loop, so the few registers are driven here (RM0440, embedded flash memory:
+//! erase and program operations). Code runs from bank 1, and the control interrupt from the CCM SRAM, so
+//! neither waits for bank 2, as long as the option byte DBANK says that there are two.
 
 use embassy_stm32::pac::FLASH;
 
@@ -96,7 +98,8 @@ fn end() {
     forget_cached_data();
 }
 
-/// The data cache keeps what was read before (RM0440, adaptive real-time memory accelerator: it is reset while it is off).
+/// The data cache keeps what was read before (RM0440, adaptive real-time memory accelerator: it is reset
+/// while it is off).
 fn forget_cached_data() {
     FLASH.acr().modify(|w| w.set_dcen(false));
     FLASH.acr().modify(|w| w.set_dcrst(true));

@@ -1,7 +1,8 @@
-//! NUCLEO-G474RE: STM32G474RE at 170 MHz with its own converters. Built and checked as a binary; it is not emulated.
+//! NUCLEO-G474RE: STM32G474RE at 170 MHz with its own converters. Built and checked as a binary; it is not
+//! emulated.
 //!
-//! Crystal: the 24 MHz of the board (X3). The PLL makes 170 MHz for the core (range 1, boosted), the buses and the timers. Memory: `memory.x`
-//! beside this file.
+//! Crystal: the 24 MHz of the board (X3). The PLL makes 170 MHz for the core (range 1, boosted), the buses
+//! and the timers. Memory: `memory.x` beside this file.
 
 mod flash;
 mod on_chip_converters;
@@ -23,7 +24,8 @@ use hysteron_core::guard::Fault;
 use super::{Lines, Platform, ResetCause};
 use crate::fault;
 
-/// PVDLS: 2.81 V falling, 2.91 V rising, typical (DS12288, embedded reset and power control block characteristics).
+/// PVDLS: 2.81 V falling, 2.91 V rising, typical (DS12288, embedded reset and power control block
+/// characteristics).
 const LEVEL_2V81: u8 = 5;
 /// The detector's line of the EXTI (RM0440, EXTI lines connections).
 const DETECTOR_LINE: usize = 16;
@@ -99,7 +101,8 @@ impl Platform for NucleoG474re {
         cortex_m::asm::dsb();
     }
 
-    /// The flags of a supply that is switched on and of one that fell and came back are the same here (RM0440, RCC_CSR).
+    /// The flags of a supply that is switched on and of one that fell and came back are the same here
+    /// (RM0440, RCC_CSR).
     fn reset_cause() -> ResetCause {
         let flags = RCC.csr().read();
         RCC.csr().modify(|w| w.set_rmvf(true));
@@ -187,8 +190,9 @@ extern "C" fn PVD_PVM() {
     fault::stop(Fault::SupplyLow)
 }
 
-/// A double ECC error of the flash (RM0440, error code correction), or the crystal has stopped: the core runs from the internal oscillator then, and nothing
-/// keeps its time any more. Damaged parameters are only noted; damaged code is not gone on with.
+/// A double ECC error of the flash (RM0440, error code correction), or the crystal has stopped: the core runs
+/// from the internal oscillator then, and nothing keeps its time any more. Damaged parameters are only noted;
+/// damaged code is not gone on with.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     if !has_ecc_error() {

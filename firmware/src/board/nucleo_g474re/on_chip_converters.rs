@@ -5,11 +5,13 @@
 //! | sensor | PA0 (ADC1_IN1, Arduino's A0), 0..3.3 V | sampled at the edge: TIM2's update is the regular conversion's trigger; ready 0.6 us later |
 //! | drive | PA4 (DAC1_OUT1, Arduino's A2), 0..3.3 V | the code written before is latched at the edge by the same trigger |
 //!
-//! The sensor's twelve bits are the upper ones of its code, which so goes in steps of 16 over the whole of its range. The drive's codes are 12 bits wide:
-//! the block's front end says `drive_bits = 12`. From a reset until the program has started the output floats.
+//! The sensor's twelve bits are the upper ones of its code, which so goes in steps of 16 over the whole of
+//! its range. The drive's codes are 12 bits wide: the block's front end says `drive_bits = 12`. From a reset
+//! until the program has started the output floats.
 //!
-//! The ADC runs at the core's clock divided by 4, 42.5 MHz: 12.5 cycles for the sample, 12.5 for the conversion (RM0440, channel-wise programmable
-//! sampling time). It is calibrated at start. Its oversampler is not used: it would take the mean over some microseconds behind the edge and not the sample at it.
+//! The ADC runs at the core's clock divided by 4, 42.5 MHz: 12.5 cycles for the sample, 12.5 for the
+//! conversion (RM0440, channel-wise programmable sampling time). It is calibrated at start. Its oversampler
+//! is not used: it would take the mean over some microseconds behind the edge and not the sample at it.
 
 use embassy_stm32::pac::adc::vals::{Exten, Ovrmod, Res, SampleTime};
 use embassy_stm32::pac::adccommon::vals::Ckmode;
@@ -23,7 +25,8 @@ use crate::board::triggered_converters;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 const SENSOR_CHANNEL: u8 = 1;
-/// TIM2_TRGO among the regular triggers of ADC1 (RM0440, external triggers for regular channels of ADC1 and ADC2).
+/// TIM2_TRGO among the regular triggers of ADC1 (RM0440, external triggers for regular channels of ADC1 and
+/// ADC2).
 const ADC_TRIGGER_TIM2: u8 = 11;
 /// TIM2_TRGO among the triggers of DAC1 (RM0440, DAC1 interconnection).
 const DAC_TRIGGER_TIM2: u8 = 4;
@@ -41,7 +44,8 @@ pub struct OnChipConverters {
     shift: u8,
 }
 
-/// Reads the enables back: a clock runs two cycles after its bit is set, and what is written before is lost (RM0440, RCC: peripheral clock enable).
+/// Reads the enables back: a clock runs two cycles after its bit is set, and what is written before is lost
+/// (RM0440, RCC: peripheral clock enable).
 fn enable_clocks() {
     RCC.ahb2enr().modify(|w| {
         w.set_adc12en(true);

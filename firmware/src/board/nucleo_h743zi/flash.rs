@@ -1,7 +1,8 @@
-//! Writes sectors of flash bank 2, without ever holding up the tasks: an erase takes seconds, and the watchdog must be fed meanwhile.
+//! Writes sectors of flash bank 2, without ever holding up the tasks: an erase takes seconds, and the
+//! watchdog must be fed meanwhile.
 //!
-//! The HAL's driver waits in a loop, so the few registers are driven here (RM0433, 4.3.9 and 4.3.10). Code runs from bank 1, and the
-//! control interrupt from ITCM, so neither waits for bank 2.
+//! The HAL's driver waits in a loop, so the few registers are driven here (RM0433, 4.3.9 and 4.3.10). Code
+//! runs from bank 1, and the control interrupt from ITCM, so neither waits for bank 2.
 
 use embassy_stm32::pac::FLASH;
 

@@ -1,7 +1,8 @@
 //! NUCLEO-H743ZI2: STM32H743ZI at 400 MHz, precision converters on SPI or the part's own.
 //!
-//! Crystal: the 8 MHz that the NUCLEO's debugger feeds to OSC_IN. PLL1 makes 400 MHz for the core (voltage scale 1), 200 MHz
-//! for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 have the internal 64 MHz. Memory: `memory.x` of the repository's root.
+//! Crystal: the 8 MHz that the NUCLEO's debugger feeds to OSC_IN. PLL1 makes 400 MHz for the core (voltage
+//! scale 1), 200 MHz for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 have the internal 64
+//! MHz. Memory: `memory.x` of the repository's root.
 
 mod flash;
 #[cfg(feature = "on-chip-converters")]
@@ -67,7 +68,8 @@ impl Platform for NucleoH743zi {
         RCC.cr().read().hserdy()
     }
 
-    /// Of instructions: tasks run from flash. What the control interrupt runs and reads is in memories that no cache serves.
+    /// Of instructions: tasks run from flash. What the control interrupt runs and reads is in memories that
+    /// no cache serves.
     fn use_caches(control: &mut SCB) {
         control.enable_icache();
     }
@@ -93,8 +95,9 @@ impl Platform for NucleoH743zi {
         c.apb3_pre = APBPrescaler::DIV2;
         c.apb4_pre = APBPrescaler::DIV2;
         c.voltage_scale = VoltageScale::Scale1;
-        // The converters' clock is the internal oscillator, 64 MHz, from here on: a mux does not leave a clock that has died (RM0433, 8.5.8), and a lost crystal
-        // takes the PLL with it. When a sample is taken and a code acts is the timer's business.
+        // The converters' clock is the internal oscillator, 64 MHz, from here on: a mux does not leave a
+        // clock that has died (RM0433, 8.5.8), and a lost crystal takes the PLL with it. When a sample is
+        // taken and a code acts is the timer's business.
         c.mux.spi123sel = Saisel::PER;
         // The cycle counter counts while the core sleeps only with this bit (RM0433, 60.5.8).
         config.enable_debug_during_sleep = true;

@@ -1,15 +1,17 @@
-//! The chip's own converters: a bare board works. 16-bit ADC1 and 12-bit DAC1, both triggered by the sample clock.
+//! The chip's own converters: a bare board works. 16-bit ADC1 and 12-bit DAC1, both triggered by the sample
+//! clock.
 //!
 //! | signal | pin | timing |
 //! |---|---|---|
 //! | sensor | PA3 (ADC1_INP15), 0..3.3 V | sampled at the edge: TIM2's update is the regular conversion's trigger; ready 1 us later |
 //! | drive | PA4 (DAC1_OUT1), 0..3.3 V | the code written before is latched at the edge by the same trigger |
 //!
-//! The drive's codes are 12 bits wide: the block's front end says `drive_bits = 12`. Without a rest code the output is not
-//! enabled, and floats.
+//! The drive's codes are 12 bits wide: the block's front end says `drive_bits = 12`. Without a rest code the
+//! output is not enabled, and floats.
 //!
-//! The ADC runs at the AHB clock of 200 MHz divided by 4, which revision V of the part halves again: 25 MHz, 25 cycles for sampling and
-//! conversion (RM0433, 25.4.3 and 25.4.17). Its linearity and offset are calibrated at start.
+//! The ADC runs at the AHB clock of 200 MHz divided by 4, which revision V of the part halves again: 25 MHz,
+//! 25 cycles for sampling and conversion (RM0433, 25.4.3 and 25.4.17). Its linearity and offset are
+//! calibrated at start.
 
 use embassy_stm32::pac::adc::vals::{Boost, Exten, Ovrmod, Pcsel, Res, SampleTime};
 use embassy_stm32::pac::adccommon::vals::Ckmode;
@@ -36,7 +38,8 @@ pub struct OnChipConverters {
     shift: u8,
 }
 
-/// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost (RM0433, 8.5.11).
+/// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost
+/// (RM0433, 8.5.11).
 fn enable_clocks() {
     RCC.ahb1enr().modify(|w| w.set_adc12en(true));
     RCC.apb1lenr().modify(|w| w.set_dac12en(true));

@@ -1,4 +1,5 @@
-//! Precision converters on SPI: a SAR converter of 16, 18 or 20 bits of the AD4000 family (3-wire, CNV) and a 20-bit DAC of the AD5791 family.
+//! Precision converters on SPI: a SAR converter of 16, 18 or 20 bits of the AD4000 family (3-wire, CNV) and a
+//! 20-bit DAC of the AD5791 family.
 //!
 //! | signal | pin | timing |
 //! |---|---|---|
@@ -7,9 +8,11 @@
 //! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 32 MHz) | written by the control interrupt |
 //! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
 //!
-//! The DAC leaves power-up, and its RESET pin (wired to NRST), with its output clamped to ground and an empty register, which is the negative
-//! reference. [`FrontEnd::start`] therefore holds LDAC low by hand, so that the rest code reaches the register when its frame ends, and
-//! removes the clamp only then; without a rest code the clamp stays. The sample clock gets LDAC afterwards. SYNC stays high for [`SYNC_HIGH_CYCLES`] between frames.
+//! The DAC leaves power-up, and its RESET pin (wired to NRST), with its output clamped to ground and an empty
+//! register, which is the negative reference. [`FrontEnd::start`] therefore holds LDAC low by hand, so that
+//! the rest code reaches the register when its frame ends, and removes the clamp only then; without a rest
+//! code the clamp stays. The sample clock gets LDAC afterwards. SYNC stays high for [`SYNC_HIGH_CYCLES`]
+//! between frames.
 
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
@@ -25,9 +28,11 @@ use crate::front_end::{CodeBits, FrontEnd, Wiring};
 const MOST_POLLS: u32 = 400;
 /// AD5791: write to the DAC register.
 const WRITE_DAC: u32 = 0x1 << 20;
-/// AD5791: write to the control register, offset binary, output on, clamp off, amplifier of the reference off.
+/// AD5791: write to the control register, offset binary, output on, clamp off, amplifier of the reference
+/// off.
 const WRITE_CONTROL: u32 = (0x2 << 20) | (1 << 4) | (1 << 1);
-/// LINCOMP in that register: the linearity is trimmed for the span of the references, up to each of these, mV (AD5791, table 13).
+/// LINCOMP in that register: the linearity is trimmed for the span of the references, up to each of these, mV
+/// (AD5791, table 13).
 const LINEARITY: [(u32, u32); 5] = [(10_000, 0b0000), (12_000, 0b1001), (16_000, 0b1010), (19_000, 0b1011), (20_000, 0b1100)];
 const LINEARITY_SHIFT: u32 = 6;
 /// Core cycles between frames, at least 100 ns: the DAC asks for 48 ns of SYNC high, and for 65 ns to LDAC.
@@ -85,7 +90,8 @@ fn start_interface(spi: Spi, frame_bits: u8, duplex: Comm, phase: Cpha) {
     spi.cr1().modify(|w| w.set_cstart(true));
 }
 
-/// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost (RM0433, 8.5.11).
+/// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost
+/// (RM0433, 8.5.11).
 fn enable_clocks() {
     RCC.apb2enr().modify(|w| w.set_spi1en(true));
     RCC.apb1lenr().modify(|w| w.set_spi3en(true));
@@ -181,7 +187,8 @@ impl FrontEnd for SpiConverters {
 
     #[inline(always)]
     fn read(&mut self) -> Option<SensorCode> {
-        // A word that came too late for its tick is not this tick's, and would make every later reading a period old.
+        // A word that came too late for its tick is not this tick's, and would make every later reading a
+        // period old.
         let mut late = 0;
         while late < MOST_LATE_WORDS && SPI1.sr().read().rxp() {
             let _ = self.take_word();

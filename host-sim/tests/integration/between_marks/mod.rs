@@ -9,7 +9,8 @@ pub fn replaced(text: &str, begin: &str, end: &str, table: &str) -> Option<Strin
     Some(format!("{before}{begin}{table}{end}{after}"))
 }
 
-/// Fails where the page holds another table; writes it instead where `HYSTERON_WRITE_README` is set, as `cargo xtask readme` does.
+/// Fails where the page holds another table; writes it instead where `HYSTERON_WRITE_README` is set, as
+/// `cargo xtask readme` does.
 pub fn is_current(page: &Path, begin: &str, end: &str, table: &str) {
     let text = std::fs::read_to_string(page).unwrap();
     let fresh = replaced(&text, begin, end, table).unwrap_or_else(|| panic!("{} has the marks around its table", page.display()));

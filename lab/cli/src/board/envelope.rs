@@ -1,4 +1,5 @@
-//! `board envelope`: what the board may do to the actuator, from a file to the board's flash, by a command that names its checksum.
+//! `board envelope`: what the board may do to the actuator, from a file to the board's flash, by a command
+//! that names its checksum.
 
 use super::{LineArguments, of_board};
 use crate::desk::{Desk, wrong};

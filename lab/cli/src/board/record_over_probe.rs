@@ -1,6 +1,8 @@
-//! `board record --probe`: the board plays the drive of an identification and its log, over the debug probe, becomes a data set.
+//! `board record --probe`: the board plays the drive of an identification and its log, over the debug probe,
+//! becomes a data set.
 //!
-//! `hysteron-probe record` does what needs the probe and leaves the log; what is made of it is what `hysteron capture` makes.
+//! `hysteron-probe record` does what needs the probe and leaves the log; what is made of it is what
+//! `hysteron capture` makes.
 
 use crate::capture::capture;
 use crate::desk::Desk;
@@ -10,7 +12,8 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Record over the debug probe: restart the board, condition its actuator, play the drive of an identification, write a data set
+/// Record over the debug probe: restart the board, condition its actuator, play the drive of an
+/// identification, write a data set
 #[derive(Debug, Parser)]
 #[command(name = "hysteron board record", max_term_width = 100)]
 struct Words {

@@ -1,9 +1,10 @@
 //! `board scope`: what a board does, on a page of this machine.
 //!
 //! # How it works
-//! One thread has the conversation with the board ([`watcher`]) and leaves what it saw in a [`Scope`]; requests of pages read it there
-//! ([`page`]). So any number of pages may be open, none of them waits for the board, and a board that goes away is asked for again until it is back.
-//! The one command that a page can give is STOP. It has a handle of the port for itself and waits for nothing.
+//! One thread has the conversation with the board ([`watcher`]) and leaves what it saw in a [`Scope`];
+//! requests of pages read it there ([`page`]). So any number of pages may be open, none of them waits for the
+//! board, and a board that goes away is asked for again until it is back. The one command that a page can
+//! give is STOP. It has a handle of the port for itself and waits for nothing.
 
 mod block;
 mod page;

@@ -27,7 +27,8 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Effects that a search begins with: what a servo needs. A first rise is not among them, the conditioning has taken it.
+/// Effects that a search begins with: what a servo needs. A first rise is not among them, the conditioning
+/// has taken it.
 const BEGIN_WITH: &str = "hysteresis,vibration,creep";
 /// The error of the position that is accepted, over the noise of the sensor.
 const ACCEPTED: f64 = 1.3;
@@ -47,8 +48,8 @@ const VELOCITY_SHARE: f64 = 4.0;
 struct Followed {
     /// RMS as the sensor reads it, its noise included.
     rms_um: f64,
-    /// RMS of the position itself. What the sensor adds to a reading the servo has not seen yet when the reading is taken, so that it is not in
-    /// the position there, and the squares add.
+    /// RMS of the position itself. What the sensor adds to a reading the servo has not seen yet when the
+    /// reading is taken, so that it is not in the position there, and the squares add.
     of_position_um: f64,
     /// Mean.
     mean_um: f64,
@@ -237,14 +238,16 @@ impl Late {
     /// As it is.
     const NOT: Self = Self { share: 1.0, angle_rad: 0.0 };
 
-    /// The lag that the servo undoes is in the reading and not in the position: what is read is compared with what the sensor then reads of the reference.
+    /// The lag that the servo undoes is in the reading and not in the position: what is read is compared with
+    /// what the sensor then reads of the reference.
     fn of(lag_s: Option<f64>, frequency_rad_s: f64) -> Self {
         let angle_rad = (frequency_rad_s * lag_s.unwrap_or(0.0)).atan();
         Self { share: angle_rad.cos(), angle_rad }
     }
 }
 
-/// Closes the loop, goes to the middle and looks, follows a sine and looks, and stays in the middle. Returns where that is.
+/// Closes the loop, goes to the middle and looks, follows a sine and looks, and stays in the middle. Returns
+/// where that is.
 fn verify(board: &mut Board, scale: &Scale, designed: &Designed) -> Result<(f64, Followed, Followed)> {
     let Designed { noise_um, travel_um, .. } = *designed;
     let middle_um = (500.0 * travel_um).round() / 1000.0;
@@ -260,7 +263,8 @@ fn verify(board: &mut Board, scale: &Scale, designed: &Designed) -> Result<(f64,
     };
     let wave = Wave { points: (0..SINE_TICKS).map(sine(Late::NOT)).collect(), ticks_per_point: 1, cycles: SINE_PERIODS };
     let follows = play(board, scale, &wave).map_err(of_board)?;
-    // The record begins two ticks behind the first point, which counts after the window that the servo looks ahead.
+    // The record begins two ticks behind the first point, which counts after the window that the servo looks
+    // ahead.
     let from = SINE_TICKS;
     let read = sine(Late::of(designed.design.sensor_lag_s, TAU * stays.sample_rate_hz / SINE_TICKS as f64));
     let reference = (from..follows.position_um.len()).map(|k| read(k + 2 + SINE_TICKS - PREVIEW_TICKS)).collect();

@@ -258,7 +258,8 @@ fn a_board_that_is_not_there_or_not_told_enough() {
     }
 }
 
-/// Bytes that a flood has: more than any limit, and an end, so that a program without one would say something else.
+/// Bytes that a flood has: more than any limit, and an end, so that a program without one would say something
+/// else.
 const FLOOD_BYTES: usize = 32 << 20;
 
 /// Somebody on a socket who sends these bytes again and again.
@@ -324,7 +325,8 @@ fn what_another_program_does_is_told_without_it() {
     assert!(said.contains("[OPTIONS] <--port <PORT>|--tcp <HOST:PORT>>"), "{said}");
 }
 
-/// Nobody said when the drive of a row acts: a delay that is found says from where it counts, and is silent once that was said.
+/// Nobody said when the drive of a row acts: a delay that is found says from where it counts, and is silent
+/// once that was said.
 #[test]
 fn a_delay_says_from_which_drive_it_counts() {
     let folder = tempfile::tempdir().unwrap();
@@ -350,7 +352,8 @@ fn a_delay_says_from_which_drive_it_counts() {
     assert!(!said.contains("one period (1.000 ms) longer"), "{said}");
 }
 
-/// A recording whose header says no units, with time in microseconds or the reading in metres: what is odd about it is said, and nothing panics.
+/// A recording whose header says no units, with time in microseconds or the reading in metres: what is odd
+/// about it is said, and nothing panics.
 #[test]
 fn units_that_nobody_said_are_doubted() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! The program on files that the libraries of their formats wrote, whole and damaged: every one is read, or refused in one line with status 2.
+//! The program on files that the libraries of their formats wrote, whole and damaged: every one is read, or
+//! refused in one line with status 2.
 
 use crate::common;
 #[path = "../../../library/tests/formats/written.rs"]

@@ -1,4 +1,5 @@
-//! The guides in docs/ as somebody would follow them: their commands in their order, and what they say that the program says.
+//! The guides in docs/ as somebody would follow them: their commands in their order, and what they say that
+//! the program says.
 
 use crate::common;
 
@@ -6,7 +7,8 @@ use std::path::Path;
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/hidden_effect");
 
-/// Runs the commands of a guide in a folder; gives how many there were, and how many lines of their output were compared.
+/// Runs the commands of a guide in a folder; gives how many there were, and how many lines of their output
+/// were compared.
 fn followed(guide: &str, folder: &Path) -> (usize, usize) {
     let mut said = String::new();
     let (mut commands, mut compared) = (0, 0);
@@ -57,7 +59,8 @@ fn the_thirty_minutes_to_a_servo_are_as_they_are_told() {
     );
 }
 
-/// A session as docs/guides/recording.md asks for it: the drives one after another on one simulated actuator, whose history goes on.
+/// A session as docs/guides/recording.md asks for it: the drives one after another on one simulated actuator,
+/// whose history goes on.
 #[test]
 fn a_session_with_the_recommended_drives_is_read_by_their_manifest_and_explained() {
     let folder = tempfile::tempdir().unwrap();
@@ -78,7 +81,8 @@ fn a_session_with_the_recommended_drives_is_read_by_their_manifest_and_explained
         let text = std::fs::read_to_string(&path).unwrap();
         let rows: Vec<Vec<f64>> = text.lines().skip(1).map(|row| row.split(',').map(|cell| cell.parse().unwrap()).collect()).collect();
         let rate_hz = ((rows.len() - 1) as f64 / rows[rows.len() - 1][0]).round();
-        // What was played before: for all but the first drive the actuator has been over its range, and rested.
+        // What was played before: for all but the first drive the actuator has been over its range, and
+        // rested.
         let before: Vec<f64> = match name {
             "stair.csv" => Vec::new(),
             _ => {

@@ -1,4 +1,5 @@
-//! Where results may be written: never over what was read, over another file only with `--force`, and known before the work begins.
+//! Where results may be written: never over what was read, over another file only with `--force`, and known
+//! before the work begins.
 
 use crate::common;
 
@@ -75,8 +76,8 @@ fn a_target_that_cannot_be_written_is_known_before_the_work_begins() {
     assert!(left.iter().all(|name| !name.contains("trial") && !name.contains("part")), "{left:?}");
 }
 
-/// What is written as a table is what the figures are of: the residual's RMS is that of the JSON, measured is what was recorded, and the
-/// table is a recording again.
+/// What is written as a table is what the figures are of: the residual's RMS is that of the JSON, measured is
+/// what was recorded, and the table is a recording again.
 #[test]
 fn signals_are_written_as_tables_that_fit_the_figures() {
     let folder = folder_to_search();

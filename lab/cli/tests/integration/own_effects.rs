@@ -16,8 +16,8 @@ fn own_effects_that_cannot_be() {
     assert!(output.status.code() == Some(2) && said.contains("x - * 2") && !said.contains("0x"), "{said}");
 }
 
-/// Real until 0.2 s, no number from the next sample on. At 1 kHz `t` exceeds 0.2 s first in the interval that begins with sample 202 (0.201 s),
-/// and what stands in an interval is read at its end.
+/// Real until 0.2 s, no number from the next sample on. At 1 kHz `t` exceeds 0.2 s first in the interval that
+/// begins with sample 202 (0.201 s), and what stands in an interval is read at its end.
 const UNTIL_A_FIFTH: &str = "id = \"ends\"\nplace = \"load_force\"\noutput = \"x + share * sqrt(0.2005 - t)\"\n\
     [[parameter]]\nname = \"share\"\nlower = 0.0\nupper = 1.0\nstarts = [0.1]\n";
 

@@ -1,4 +1,5 @@
-//! The examples of docs/reference/own_effects.md, taken from the page and fitted to simulations that know nothing of them: the values come back.
+//! The examples of docs/reference/own_effects.md, taken from the page and fitted to simulations that know
+//! nothing of them: the values come back.
 
 use crate::common;
 
@@ -25,7 +26,8 @@ fn noise(k: usize) -> f64 {
     12.0_f64.sqrt() * (((k as f64 * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 0.5)
 }
 
-/// Two recordings, one to fit and one that judges; `reading_um` turns a drive into what a noiseless sensor reads at the same instants.
+/// Two recordings, one to fit and one that judges; `reading_um` turns a drive into what a noiseless sensor
+/// reads at the same instants.
 fn recordings(folder: &Path, drives: [Vec<f64>; 2], reading_um: impl Fn(&[f64]) -> Vec<f64>) {
     let mut manifest = String::from("name = \"own\"\ndrive_min_v = 0.0\ndrive_max_v = 60.0\n");
     for (name, role, drive_v) in [("a", "identify", &drives[0]), ("b", "validate", &drives[1])] {
@@ -38,7 +40,8 @@ fn recordings(folder: &Path, drives: [Vec<f64>; 2], reading_um: impl Fn(&[f64]) 
     std::fs::write(folder.join("dataset.toml"), manifest).unwrap();
 }
 
-/// Fits the example beside a gain; its values by name, after the errors of both recordings were seen to be the noise.
+/// Fits the example beside a gain; its values by name, after the errors of both recordings were seen to be
+/// the noise.
 fn fitted(folder: &Path, id: &str) -> impl Fn(&str) -> f64 {
     std::fs::write(folder.join("own.toml"), definition(id)).unwrap();
     let output = hysteron(&["identify", ".", "--effects", "gain,own.toml", "--json", "fit.json"], folder);
@@ -135,7 +138,8 @@ fn a_stage_that_grows_with_a_recorded_temperature() {
     let folder = tempfile::tempdir().unwrap();
     let (gain, um_per_k) = (0.2, 0.12);
     let temperature_c = |k: usize| 22.5 + 1.5 * (0.9 * k as f64 / RATE_HZ).sin();
-    // The first reading comes before the first drive acts, each other one a period after the temperature that it answers to.
+    // The first reading comes before the first drive acts, each other one a period after the temperature that
+    // it answers to.
     recordings(folder.path(), [swelling(3000, 5.0), swelling(3000, 7.0)], |drive_v| {
         let grown = |k: usize| um_per_k * (temperature_c(k) - 22.0);
         std::iter::once(grown(0)).chain(drive_v.iter().enumerate().map(|(k, u)| gain * u + grown(k))).collect()

@@ -29,7 +29,8 @@ fn planting_does_not_overwrite_data() {
     says(&["plant", "", "--out", "p"], folder.path(), "none are given");
 }
 
-/// The strength that is asked for is the strength that is planted, for an effect that another one's stage takes in too.
+/// The strength that is asked for is the strength that is planted, for an effect that another one's stage
+/// takes in too.
 #[test]
 fn a_strength_is_honoured() {
     let folder = tempfile::tempdir().unwrap();

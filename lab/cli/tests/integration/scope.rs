@@ -1,4 +1,5 @@
-//! `hysteron board scope` in front of a board that is none: what its page is told, what strangers are told, and what the board is told.
+//! `hysteron board scope` in front of a board that is none: what its page is told, what strangers are told,
+//! and what the board is told.
 #![cfg(unix)]
 
 use crate::common;
@@ -181,7 +182,8 @@ fn a_sine_is_where_it_is_in_time_and_frequency_and_the_file_is_a_recording() {
     let block = &state["block"];
     let (position, error) = (numbers(&block["position_um"]), numbers(&block["error_um"]));
     assert_eq!((position.len(), block["sample_rate_hz"].as_f64()), (4095, Some(RATE_HZ)));
-    // What the recorder read at a tick belongs to the drive of the tick before; half a step of the converters.
+    // What the recorder read at a tick belongs to the drive of the tick before; half a step of the
+    // converters.
     for (k, (y, e)) in position.iter().zip(&error).enumerate() {
         let true_um = 5.0 + 0.4 * (TAU * SINE_HZ * (k + 1) as f64 / RATE_HZ).sin();
         assert!((y - true_um).abs() < 2e-4 && (e - (5.0 - true_um)).abs() < 2e-4, "{k}: {y} {e}");

@@ -6,7 +6,8 @@ use common::{hysteron, says};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// A folder with a model of the example, `m.toml`, a servo for it, `s.toml`, and a model of an actuator with a tenth of the travel, `weak.toml`.
+/// A folder with a model of the example, `m.toml`, a servo for it, `s.toml`, and a model of an actuator with
+/// a tenth of the travel, `weak.toml`.
 fn folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let example = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../examples/hidden_effect");
@@ -123,7 +124,8 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
         assert!(tracked.contains(expected), "{tracked}");
         true_nm.push(numbers(tracked.split("true    RMS").nth(1).unwrap())[0]);
     }
-    // 19.9 us of 3 um at 50 Hz are 13.3 nm RMS, of which 15.9 us leave 2.7: the position counts, not the reading.
+    // 19.9 us of 3 um at 50 Hz are 13.3 nm RMS, of which 15.9 us leave 2.7: the position counts, not the
+    // reading.
     assert!(true_nm[0] < 5.0 && (true_nm[1] - 13.3).abs() < 3.0, "{true_nm:?}");
     let tracked = done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
     assert!(!tracked.contains(" us late"), "{tracked}");
@@ -155,7 +157,8 @@ fn a_servo_is_put_to_work_under_other_circumstances() {
     let by_points = true_nm(&track(&["--reference", "points.csv"]));
     assert!((by_points / by_name - 1.0).abs() < 0.3, "{by_points} {by_name}");
 
-    // A force far above what the loop holds down moves the stage, one far below hardly; and a step is met in the end.
+    // A force far above what the loop holds down moves the stage, one far below hardly; and a step is met in
+    // the end.
     let rest = ["--reference", "sine:1:0:5", "--sensor-noise-um", "0"];
     let pushed = |force: &str| true_nm(&track(&[&rest[..], &["--disturbance", force]].concat()));
     let (slow, fast) = (pushed("sine:1:0.1"), pushed("sine:3000:0.1"));

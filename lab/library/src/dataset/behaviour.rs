@@ -1,11 +1,13 @@
-//! What a column is, from how it behaves: time rises evenly, a drive was commanded and leads, a response follows and is noisy.
+//! What a column is, from how it behaves: time rises evenly, a drive was commanded and leads, a response
+//! follows and is noisy.
 use crate::statistics::peak_to_peak;
 
 /// Share of steps that must rise for a column to be time.
 const RISING_MIN: f64 = 0.98;
 /// Share of steps that must be about as long as the usual one.
 const EVEN_MIN: f64 = 0.8;
-/// Area of the loop of two signals, as a share of the largest that they could make, beyond which it says which leads.
+/// Area of the loop of two signals, as a share of the largest that they could make, beyond which it says
+/// which leads.
 const LOOP_MIN: f64 = 0.003;
 /// Noise of one signal over that of the other, each by its range, beyond which it says which was measured.
 const NOISE_RATIO_MIN: f64 = 3.0;
@@ -56,11 +58,12 @@ pub fn is_constant(values: &[f64]) -> bool {
 
 /// Changes at least, for the rows between them to say anything.
 const CHANGES_MIN: usize = 50;
-/// A step is a change, and a bend of a line between rows one too, where it is larger than this share of the range.
+/// A step is a change, and a bend of a line between rows one too, where it is larger than this share of the
+/// range.
 const IS_A_CHANGE: f64 = 1e-6;
 
-/// Every how many rows values say something new: they stand still between, or lie on a line between two that do; nothing where that is every row, or where
-/// too few change.
+/// Every how many rows values say something new: they stand still between, or lie on a line between two that
+/// do; nothing where that is every row, or where too few change.
 #[must_use]
 pub fn rows_between_news(values: &[f64]) -> Option<usize> {
     let least = IS_A_CHANGE * peak_to_peak(values);
@@ -92,7 +95,8 @@ pub fn correlation(a: &[f64], b: &[f64]) -> f64 {
     if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
-/// White noise on a signal as a share of its range, from third differences: motion that is slow beside the sampling does not count.
+/// White noise on a signal as a share of its range, from third differences: motion that is slow beside the
+/// sampling does not count.
 #[must_use]
 pub fn noise_share(values: &[f64]) -> f64 {
     let mut thirds: Vec<f64> = values.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()).collect();
@@ -102,14 +106,16 @@ pub fn noise_share(values: &[f64]) -> f64 {
     }
     let middle = thirds.len() / 2;
     let median = *thirds.select_nth_unstable_by(middle, f64::total_cmp).1;
-    // The median of the absolute value of a normal variable is 0.6745 standard deviations; 1, 3, 3, 1 add up to 20 variances.
+    // The median of the absolute value of a normal variable is 0.6745 standard deviations; 1, 3, 3, 1 add up
+    // to 20 variances.
     median / 0.6745 / 20_f64.sqrt() / range
 }
 
-/// By how much `a` leads `b`: the signed area of their loop as a share of what they could enclose; negative where `b` leads.
+/// By how much `a` leads `b`: the signed area of their loop as a share of what they could enclose; negative
+/// where `b` leads.
 ///
-/// A response that lags runs round its drive counter-clockwise, hysteresis, creep, delay and low-pass alike; with a negative gain
-/// clockwise, which the sign of the correlation undoes.
+/// A response that lags runs round its drive counter-clockwise, hysteresis, creep, delay and low-pass alike;
+/// with a negative gain clockwise, which the sign of the correlation undoes.
 #[must_use]
 pub fn lead(a: &[f64], b: &[f64]) -> f64 {
     let (mut area, mut path_a, mut path_b) = (0.0, 0.0, 0.0);

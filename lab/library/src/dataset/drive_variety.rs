@@ -7,7 +7,8 @@ const ONE_TURNING_POINT: f64 = 0.05;
 /// Speeds within this factor count as one.
 const ONE_SPEED: f64 = 3.0;
 
-/// A drive moves at several speeds where the fastest tenth of its motion is so many times as fast as the slowest quarter. Of a sine it is 2.6 times as fast.
+/// A drive moves at several speeds where the fastest tenth of its motion is so many times as fast as the
+/// slowest quarter. Of a sine it is 2.6 times as fast.
 const VARIED_SPEED: f64 = 4.0;
 
 /// Turning points and speeds of the drives of some records.

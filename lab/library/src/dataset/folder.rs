@@ -49,7 +49,8 @@ pub fn text(path: &Path, expected: &str) -> Result<String> {
     String::from_utf8(bytes(path, expected)?).map_err(|_| Error::new(path.display(), format!("is not text; expected {expected}")))
 }
 
-/// Reads a folder with `dataset.toml`, a manifest, or one file of numbers. The sources of data set and records are the paths that were read.
+/// Reads a folder with `dataset.toml`, a manifest, or one file of numbers. The sources of data set and
+/// records are the paths that were read.
 ///
 /// # Errors
 /// One message with file, row or field, and what was expected.

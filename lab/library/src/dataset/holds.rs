@@ -1,19 +1,22 @@
 //! Where a drive stands still.
 //!
-//! A drive that was commanded stands still to the digit. One that was read back through a converter never does: its noise is what is left of it after
-//! two differences, and a rest is where the means of neighbouring stretches differ by no more than this noise explains. What the stage answers there was
-//! commanded, however small and random it looks.
+//! A drive that was commanded stands still to the digit. One that was read back through a converter never
+//! does: its noise is what is left of it after two differences, and a rest is where the means of neighbouring
+//! stretches differ by no more than this noise explains. What the stage answers there was commanded, however
+//! small and random it looks.
 
 use crate::identification::fit::dot;
 use crate::statistics::{mean, peak_to_peak};
 use std::ops::Range;
 
-/// Noise read from second differences of a drive that moves: most of its samples lie within so many standard deviations of a straight line.
+/// Noise read from second differences of a drive that moves: most of its samples lie within so many standard
+/// deviations of a straight line.
 const STRETCH_RMS_MAX: f64 = 1.5;
 /// Means of two stretches are the same where they differ by less than so many of their standard deviations.
 const SAME_MEAN: f64 = 5.0;
 
-/// Noise of a drive that was read back is below this share of its range; a multisine to nearly half the sampling rate looks like noise too, and is the motion.
+/// Noise of a drive that was read back is below this share of its range; a multisine to nearly half the
+/// sampling rate looks like noise too, and is the motion.
 const NOISE_SHARE_MAX: f64 = 0.02;
 
 /// A stage answers within so many samples.
@@ -21,15 +24,16 @@ const ANSWERS_WITHIN: usize = 16;
 /// Standard deviations of a correlation by chance beyond which a reading answers a drive.
 const ANSWERED: f64 = 6.0;
 
-/// Ranges of at least so many samples in which the drive stands still, as far as its own noise lets it be seen, and the reading, um, does not answer
-/// what it does there.
+/// Ranges of at least so many samples in which the drive stands still, as far as its own noise lets it be
+/// seen, and the reading, um, does not answer what it does there.
 #[must_use]
 pub fn holds(drive_v: &[f64], reading_um: &[f64], shortest: usize) -> Vec<Range<usize>> {
     let still = still(drive_v, shortest);
     still.into_iter().filter(|range| !answers(&drive_v[range.clone()], &reading_um[range.clone()])).collect()
 }
 
-/// Whether a reading moves with the changes of a drive from sample to sample, at any lag. Changes, because slow noise of both is alike by chance.
+/// Whether a reading moves with the changes of a drive from sample to sample, at any lag. Changes, because
+/// slow noise of both is alike by chance.
 fn answers(drive_v: &[f64], reading_um: &[f64]) -> bool {
     let changes = |signal: &[f64]| -> Vec<f64> { signal.windows(2).map(|w| w[1] - w[0]).collect() };
     let (drive, reading) = (changes(drive_v), changes(reading_um));
@@ -47,8 +51,8 @@ fn still(drive_v: &[f64], shortest: usize) -> Vec<Range<usize>> {
     if exact.is_empty() && was_read_back { holds_in_noise(drive_v, shortest.max(2), noise_v) } else { exact }
 }
 
-/// Standard deviation of what a drive has beside a motion that is straight over three samples, V. Zero for a drive that mostly moves along straight
-/// lines or rests.
+/// Standard deviation of what a drive has beside a motion that is straight over three samples, V. Zero for a
+/// drive that mostly moves along straight lines or rests.
 #[must_use]
 pub fn read_noise_v(drive_v: &[f64]) -> f64 {
     let mut bends: Vec<f64> = drive_v.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs()).collect();
@@ -56,7 +60,8 @@ pub fn read_noise_v(drive_v: &[f64]) -> f64 {
     if bends.is_empty() {
         return 0.0;
     }
-    // The median of the magnitude of a normal value is 0.6745 of its standard deviation; a second difference has the sum of 1, 4 and 1 variances.
+    // The median of the magnitude of a normal value is 0.6745 of its standard deviation; a second difference
+    // has the sum of 1, 4 and 1 variances.
     *bends.select_nth_unstable_by(middle, f64::total_cmp).1 / (0.6745 * 6f64.sqrt())
 }
 
@@ -153,7 +158,8 @@ mod tests {
         let as_far_as_the_drive_tells = still(&small, 400);
         assert!(!as_far_as_the_drive_tells.is_empty());
         assert!(holds(&small, &answer, 400).is_empty(), "{as_far_as_the_drive_tells:?}");
-        // The same drive where the stage follows what was commanded, and the rest is noise of reading it back.
+        // The same drive where the stage follows what was commanded, and the rest is noise of reading it
+        // back.
         let commanded: Vec<f64> = ramp.chain(std::iter::repeat_n(40.0, multisine_v.len())).collect();
         let answer: Vec<f64> = commanded.iter().map(|v| 0.1 * v + noise.next_um()).collect();
         assert_eq!(holds(&small, &answer, 400), as_far_as_the_drive_tells);

@@ -1,4 +1,5 @@
-//! `dataset.toml`: what a folder of records says about itself. Unknown keys are errors, with the nearest known one named.
+//! `dataset.toml`: what a folder of records says about itself. Unknown keys are errors, with the nearest
+//! known one named.
 
 use super::Role;
 use super::recognise::ColumnRules;
@@ -191,7 +192,8 @@ pub struct RecordEntry {
     /// Rows of text to leave out at the top of the file.
     #[serde(default)]
     pub skip_rows: usize,
-    /// Uneven time stamps: `true` resamples whatever the gaps, `false` refuses; where it is not said, jitter and short gaps are resampled.
+    /// Uneven time stamps: `true` resamples whatever the gaps, `false` refuses; where it is not said, jitter
+    /// and short gaps are resampled.
     pub resample: Option<bool>,
 }
 

@@ -1,16 +1,18 @@
 //! Data sets: records of drive and displacement with what is known about them.
 //!
-//! * [`Record`] holds the signals of one recording, [`Dataset`] the records of one actuator; [`Dataset::new`] checks them, and whatever is wrong
-//!   is told with record and sample;
-//! * [`readers`]: the bytes of one file of numbers as a [`table`] of named columns; [`recognise`]: which column is what, by names, [`units`]
-//!   and [`behaviour`]; [`time_axis`]: even samples from stamps that need not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
-//!   [`one_recording`]: which part of a single file is fitted and which judges, by `motion_sections`; [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in the bytes, or [`folder`] does
-//!   (feature `files`).
-//! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves in the readings. What is wrong with records:
-//!   [`quality`].
+//! * [`Record`] holds the signals of one recording, [`Dataset`] the records of one actuator; [`Dataset::new`]
+//!   checks them, and whatever is wrong is told with record and sample;
+//! * [`readers`]: the bytes of one file of numbers as a [`table`] of named columns; [`recognise`]: which
+//!   column is what, by names, [`units`] and [`behaviour`]; [`time_axis`]: even samples from stamps that need
+//!   not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
+//!   [`one_recording`]: which part of a single file is fitted and which judges, by `motion_sections`;
+//!   [`reading`]: all of it together (feature `readers`). None of them opens a file: whoever calls hands in
+//!   the bytes, or [`folder`] does (feature `files`).
+//! * [`drive_variety`]: what the drives can show at all; [`reading_grid`]: the steps that a converter leaves
+//!   in the readings. What is wrong with records: [`quality`].
 //!
-//! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]` acts from `t[k]` to
-//! `t[k+1]`.
+//! The only timing convention inside the program is `hold_after_sample`: `y[k]` is sampled at `t[k]`, `u[k]`
+//! acts from `t[k]` to `t[k+1]`.
 
 #[cfg(feature = "readers")]
 pub mod behaviour;
@@ -66,8 +68,8 @@ pub struct Dataset {
     pub records: Vec<Record>,
     /// Units of drive and reading, where they are not V and um.
     pub units: SignalUnits,
-    /// Neither anybody nor the records themselves say whether the drive of a row acts before its reading or after it: the latter is assumed, and a
-    /// delay counts from there.
+    /// Neither anybody nor the records themselves say whether the drive of a row acts before its reading or
+    /// after it: the latter is assumed, and a delay counts from there.
     pub timing_is_assumed: bool,
     /// What a reader should know about how the data were read.
     pub notes: Vec<String>,
@@ -84,8 +86,9 @@ impl Dataset {
     /// Records of one actuator that may be driven from `drive_min_v` to `drive_max_v`.
     ///
     /// # Errors
-    /// One message with record and sample, and what was expected: signals of different lengths, numbers that are not finite, windows outside
-    /// the record, drives beyond the limits, names given twice, nothing that moves.
+    /// One message with record and sample, and what was expected: signals of different lengths, numbers that
+    /// are not finite, windows outside the record, drives beyond the limits, names given twice, nothing that
+    /// moves.
     pub fn new(name: impl Into<String>, drive_min_v: f64, drive_max_v: f64, records: Vec<Record>) -> Result<Self> {
         Self::unchecked(name, drive_min_v, drive_max_v, records).checked()
     }
@@ -241,13 +244,15 @@ impl Dataset {
             has_force: driven().any(|r| r.force_n.is_some()),
             gain_um_v: self.straight_line_gain(),
             sensor_bandwidth_hz: self.sensor_bandwidth_hz,
-            // Held-out records may move at other speeds; without any, one speed says nothing about the others.
+            // Held-out records may move at other speeds; without any, one speed says nothing about the
+            // others.
             several_speeds: !self.with_role(Role::Validate).is_empty() && !self.with_role(Role::Identify).is_empty()
                 || !drive_variety::DriveVariety::of(self, &fitted).one_speed(),
         }
     }
 
-    /// The same to the last digit whatever the order of the records: a search takes another way where a single one differs.
+    /// The same to the last digit whatever the order of the records: a search takes another way where a
+    /// single one differs.
     pub(crate) fn straight_line_gain(&self) -> f64 {
         let to_fit = if self.with_role(Role::Identify).is_empty() { Role::Validate } else { Role::Identify };
         let mut fitted: Vec<&Record> = self.records.iter().filter(|r| r.role == to_fit).collect();

@@ -1,8 +1,10 @@
-//! Sections of one recording in which the drive moves alike: at like speeds, over like widths, or in steps that are held.
+//! Sections of one recording in which the drive moves alike: at like speeds, over like widths, or in steps
+//! that are held.
 //!
-//! A hold amid motion shows little of it and is not counted, so that a cut never leaves one alone. Holds that follow each other are another kind of
-//! motion, which is cut between its steps. A section whose loops are not those of its other half is cut further: loops that are never fitted cannot be met
-//! where they are held out.
+//! A hold amid motion shows little of it and is not counted, so that a cut never leaves one alone. Holds that
+//! follow each other are another kind of motion, which is cut between its steps. A section whose loops are
+//! not those of its other half is cut further: loops that are never fitted cannot be met where they are held
+//! out.
 
 use crate::statistics::peak_to_peak;
 use std::ops::Range;
@@ -20,7 +22,8 @@ const SAME_TURN: f64 = 0.05;
 /// Samples of a part that judges, at least.
 const PART_MIN: usize = 64;
 
-/// A section by the samples before which it may be cut, in order; the first is where it begins. It goes on to where the next one begins.
+/// A section by the samples before which it may be cut, in order; the first is where it begins. It goes on to
+/// where the next one begins.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Section {
     /// Samples before which it may be cut: where it moves, or one for each step.
@@ -80,7 +83,8 @@ fn is_step(drive_v: &[f64], way: Range<usize>, stays: usize) -> bool {
     way.len() < 2 * PART_MIN || way.len() <= stays && turns(&drive_v[way]).len() < 2
 }
 
-/// Sections of the motion, of which `holds` are known, and how many kinds of it there are. None where it rests throughout.
+/// Sections of the motion, of which `holds` are known, and how many kinds of it there are. None where it
+/// rests throughout.
 pub(super) fn sections(drive_v: &[f64], motion: Range<usize>, holds: &[Range<usize>]) -> (usize, Vec<Section>) {
     let holds: Vec<Range<usize>> =
         holds.iter().map(|h| h.start.max(motion.start)..h.end.min(motion.end)).filter(|h| !h.is_empty()).collect();
@@ -173,7 +177,8 @@ fn alike(drive_v: &[f64], moving: Vec<usize>, most: usize) -> Vec<Section> {
     .collect()
 }
 
-/// Cuts the longest section whose halves turn at different voltages into as many even pieces as there may be more of.
+/// Cuts the longest section whose halves turn at different voltages into as many even pieces as there may be
+/// more of.
 fn with_the_loops_of_both_halves(drive_v: &[f64], sections: Vec<Section>, end: usize) -> Vec<Section> {
     let ends: Vec<usize> = sections.iter().skip(1).map(Section::start).chain([end]).collect();
     let length = |i: &usize| ends[*i] - sections[*i].start();

@@ -1,9 +1,11 @@
 //! One recording alone as a data set: which part of it is fitted, which judges, which shows the noise.
 //!
-//! The drive decides. Where it rests long enough, the end of the rest shows the noise; holds between steps are the response to them and no rest. A rest at
-//! the beginning drives the model but is not fitted, and so does a first jump from which the drive goes on (somebody switched the amplifier on). What is
-//! left is cut into sections in which the drive moves alike (`motion_sections`), and each of them in two: one half is fitted,
-//! the other held out, in turns, so that every kind of motion is on both sides. The drive moves in every part.
+//! The drive decides. Where it rests long enough, the end of the rest shows the noise; holds between steps
+//! are the response to them and no rest. A rest at the beginning drives the model but is not fitted, and so
+//! does a first jump from which the drive goes on (somebody switched the amplifier on). What is left is cut
+//! into sections in which the drive moves alike (`motion_sections`), and each of them in two: one half is
+//! fitted, the other held out, in turns, so that every kind of motion is on both sides. The drive moves in
+//! every part.
 
 use super::holds::holds;
 use super::motion_sections::{Section, moves, runs_of_steps, sections};
@@ -173,8 +175,9 @@ fn switched_on(drive_v: &[f64]) -> Option<usize> {
     (jumps.len() <= JUMPS_MAX && last < drive_v.len() / 3).then_some(last + 1 + drive_v.len() / 20)
 }
 
-/// The records of the parts: what is fitted, what is held out, and rests. Fitted and held-out parts each make one record of the whole tape, in which the
-/// other parts do not count: one initial state and one constant then hold from its first sample to its last, and slow motion has to be in the model.
+/// The records of the parts: what is fitted, what is held out, and rests. Fitted and held-out parts each make
+/// one record of the whole tape, in which the other parts do not count: one initial state and one constant
+/// then hold from its first sample to its last, and slow motion has to be in the model.
 pub(super) fn records(name: &str, place: &str, even: &Even, parts: &Parts) -> Vec<Record> {
     let whole = |word: &str, role: Role| Record {
         source: place.to_owned(),
@@ -221,7 +224,8 @@ const HARDLY: f64 = 2e-3;
 /// A drive is at zero, or at an end of its range, where it is nearer than this share of it.
 const AT_ITS_END: f64 = 1e-3;
 
-/// Whether a drive begins standing still at zero or at the lower end of its range, as somebody begins who has just switched on.
+/// Whether a drive begins standing still at zero or at the lower end of its range, as somebody begins who has
+/// just switched on.
 fn begins_standing_still(drive_v: &[f64]) -> bool {
     let (low, high) = extremes(drive_v);
     let first = drive_v[0];
@@ -306,7 +310,8 @@ mod tests {
         assert_eq!(parts_of(&same).windows.len(), 2);
     }
 
-    /// The drive moves in every part that is fitted or judges, whichever of both timings it has, and some are of either role.
+    /// The drive moves in every part that is fitted or judges, whichever of both timings it has, and some are
+    /// of either role.
     fn every_part_moves(drive: &[f64], parts: &Parts) {
         for (_, w) in parts.windows.iter().filter(|(role, _)| *role != Role::Noise) {
             assert!(w.len() >= 32 && peak_to_peak(&drive[w.clone()]) > 0.0, "{parts:?}");

@@ -142,8 +142,8 @@ pub fn from_manifest_as(text: &str, place: &str, files: &dyn Files, instructions
     .checked()
 }
 
-/// Gives the records the timing and the way between samples that were specified; the issue where they show a timing themselves, and whether one is assumed. A drive that
-/// runs on acts from no row to another.
+/// Gives the records the timing and the way between samples that were specified; the issue where they show a
+/// timing themselves, and whether one is assumed. A drive that runs on acts from no row to another.
 fn timed(records: &mut [Record], timing: Option<Timing>, intersample: Option<Intersample>) -> (Option<Issue>, bool) {
     records.iter_mut().for_each(|record| record.intersample = intersample.unwrap_or_default());
     if intersample.is_some_and(|one| one != Intersample::Hold) {
@@ -217,7 +217,8 @@ fn even_signals(table: &Table, wanted: &ColumnRules, sample_rate_hz: Option<f64>
     })
 }
 
-/// That rows were filled up between the readings of a sensor that is read more seldom; where the drive changes no more often, that is how the stage answers.
+/// That rows were filled up between the readings of a sensor that is read more seldom; where the drive
+/// changes no more often, that is how the stage answers.
 fn seldom_read(u_v: &[f64], y_um: &[f64], sample_rate_hz: f64) -> Option<String> {
     let apart = rows_between_news(y_um).filter(|apart| rows_between_news(u_v).is_none_or(|of_the_drive| of_the_drive % apart != 0))?;
     Some(format!(
@@ -227,7 +228,8 @@ fn seldom_read(u_v: &[f64], y_um: &[f64], sample_rate_hz: f64) -> Option<String>
     ))
 }
 
-/// Brings the displacement to the instants of the drive, as far as both were recorded: the samples of the drive for which that is so.
+/// Brings the displacement to the instants of the drive, as far as both were recorded: the samples of the
+/// drive for which that is so.
 fn interpolate_to(t_s: &[f64], t_of_y_s: &[f64], y_um: &mut Vec<f64>, table: &Table) -> Result<Range<usize>> {
     let rising = |t: &[f64]| t.windows(2).position(|w| w[1] <= w[0]);
     if let Some(row) = rising(t_of_y_s) {
@@ -250,7 +252,8 @@ fn interpolate_to(t_s: &[f64], t_of_y_s: &[f64], y_um: &mut Vec<f64>, table: &Ta
     Ok(begin..end)
 }
 
-/// One file without a manifest: its drive says which parts are fitted, held out, or show the noise ([`one_recording`]).
+/// One file without a manifest: its drive says which parts are fitted, held out, or show the noise
+/// ([`one_recording`]).
 ///
 /// # Errors
 /// One message with row or column, and what was expected.

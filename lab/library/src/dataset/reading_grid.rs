@@ -1,8 +1,9 @@
 //! The grid that a converter leaves in the readings: whole multiples of one step.
 //!
-//! A coarse converter is seen in the readings themselves, without any model: their distinct values are evenly spaced. What it costs is
-//! noise of the step over the root of twelve, evenly distributed and, where the noise of the sensor is smaller than the step, invisible at
-//! rest. (Widrow and Kollar, Quantization Noise, 2008, Ch. 4 and 5.)
+//! A coarse converter is seen in the readings themselves, without any model: their distinct values are evenly
+//! spaced. What it costs is noise of the step over the root of twelve, evenly distributed and, where the
+//! noise of the sensor is smaller than the step, invisible at rest. (Widrow and Kollar, Quantization Noise,
+//! 2008, Ch. 4 and 5.)
 
 use super::Dataset;
 
@@ -27,8 +28,9 @@ pub fn rounding_noise(step: f64) -> f64 {
     step / 12f64.sqrt()
 }
 
-/// Noise and rounding together, from what rest shows of noise that seldom leaves a step: how often the reading is above and below its
-/// usual value says how far away the edges of the step are, in standard deviations. `None` where nothing ever leaves it.
+/// Noise and rounding together, from what rest shows of noise that seldom leaves a step: how often the
+/// reading is above and below its usual value says how far away the edges of the step are, in standard
+/// deviations. `None` where nothing ever leaves it.
 #[must_use]
 pub fn noise_at_rest_um(readings_um: &[f64], step_um: f64) -> Option<f64> {
     let mut sorted = readings_um.to_vec();
@@ -44,8 +46,9 @@ pub fn noise_at_rest_um(readings_um: &[f64], step_um: f64) -> Option<f64> {
     (edges > 0.0).then(|| (step_um / edges).hypot(rounding_noise(step_um)))
 }
 
-/// Noise and rounding together, from the RMS deviation of repeats of one motion, which all round alike as far as noise does not part them:
-/// the mean reading follows a staircase that noise of `sigma` has smoothed, harmonic by harmonic (Widrow and Kollar, Ch. 6).
+/// Noise and rounding together, from the RMS deviation of repeats of one motion, which all round alike as far
+/// as noise does not part them: the mean reading follows a staircase that noise of `sigma` has smoothed,
+/// harmonic by harmonic (Widrow and Kollar, Ch. 6).
 #[must_use]
 pub fn noise_between_repeats_um(deviation_um: f64, step_um: f64) -> f64 {
     let common_um2 = |sigma_um: f64| -> f64 {
@@ -64,7 +67,8 @@ pub fn noise_between_repeats_um(deviation_um: f64, step_um: f64) -> f64 {
     low.hypot(rounding_noise(step_um))
 }
 
-/// What rounding to whole steps adds to a reading on average, where noise of `sigma_um` smooths the staircase (Widrow and Kollar, Ch. 6).
+/// What rounding to whole steps adds to a reading on average, where noise of `sigma_um` smooths the staircase
+/// (Widrow and Kollar, Ch. 6).
 #[must_use]
 pub fn mean_rounding_um(reading_um: f64, step_um: f64, sigma_um: f64) -> f64 {
     let harmonic = |k: i32| {
@@ -93,7 +97,8 @@ pub fn reading_step_um(dataset: &Dataset) -> Option<f64> {
     (most > 0.0 && most - least <= AGREEMENT * most).then(|| steps_um.iter().sum::<f64>() / steps_um.len() as f64)
 }
 
-/// The step of a converter whose values these are, in their unit, if they lie on a grid so coarse that values come again.
+/// The step of a converter whose values these are, in their unit, if they lie on a grid so coarse that values
+/// come again.
 #[must_use]
 pub fn step_of(values: &[f64]) -> Option<f64> {
     let levels = levels(values);
@@ -109,8 +114,8 @@ pub(crate) fn levels(values: &[f64]) -> Vec<f64> {
     levels
 }
 
-/// The step between values, ascending, if all lie on one grid. A record that moves fast over many steps comes to few of them twice, and each stands on the
-/// grid all the same.
+/// The step between values, ascending, if all lie on one grid. A record that moves fast over many steps comes
+/// to few of them twice, and each stands on the grid all the same.
 fn step_between(levels: &[f64]) -> Option<f64> {
     if levels.len() < LEVELS_MIN {
         return None;
@@ -119,7 +124,8 @@ fn step_between(levels: &[f64]) -> Option<f64> {
     gaps.sort_by(f64::total_cmp);
     // A record that moves fast leaves levels out: the short gaps are those of one step.
     let guess = gaps[gaps.len() / 50];
-    // The number of each level, counted from gap to gap, then the step by a straight line through all of them.
+    // The number of each level, counted from gap to gap, then the step by a straight line through all of
+    // them.
     let mut number = 0.0;
     let numbers: Vec<f64> = std::iter::once(0.0)
         .chain(levels.windows(2).map(|w| {

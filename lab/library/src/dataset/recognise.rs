@@ -1,4 +1,5 @@
-//! Which column is what: as it was said, else by names and units, else by behaviour; whatever was assumed is said.
+//! Which column is what: as it was said, else by names and units, else by behaviour; whatever was assumed is
+//! said.
 
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
 use super::manifest::{ColumnName, Columns, PerColumn};
@@ -58,13 +59,15 @@ struct Found {
 
 /// The largest magnitude of a signal whose unit nobody knows.
 const LARGEST_SIGNAL: f64 = 1e12;
-/// Two signals whose times differ by less than so many samples are channels that are read one after the other.
+/// Two signals whose times differ by less than so many samples are channels that are read one after the
+/// other.
 const CHANNELS_IN_TURN: f64 = 2.0;
 
 /// The signals of a record.
 ///
 /// # Errors
-/// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be told apart.
+/// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be told
+/// apart.
 pub fn signals(table: &Table, wanted: &ColumnRules) -> Result<Signals> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
     for (name, column) in &wanted.auxiliary {
@@ -183,7 +186,8 @@ impl Choice<'_> {
         }
     }
 
-    /// Columns that could be a quantity by name and unit, the likeliest first; those that are as likely follow in the order of the file.
+    /// Columns that could be a quantity by name and unit, the likeliest first; those that are as likely
+    /// follow in the order of the file.
     fn by_name(&self, quantity: Quantity) -> Vec<usize> {
         let likeness = |at: usize| quantity.likeness(&self.column(at).name, self.column(at).unit.as_deref());
         let free = (0..self.table.columns.len()).filter(|at| !self.is_used(*at) && likeness(*at) > 0);
@@ -275,7 +279,8 @@ impl Choice<'_> {
         Ok(())
     }
 
-    /// Of a displacement and a force alone, as of a damper on a testing machine, one drives and the other is read.
+    /// Of a displacement and a force alone, as of a damper on a testing machine, one drives and the other is
+    /// read.
     fn force_as_response(&mut self) {
         let (Some(force), None, None) = (self.of(Quantity::Force), self.of(Quantity::Drive), self.of(Quantity::Displacement)) else {
             return;
@@ -530,7 +535,8 @@ impl Choice<'_> {
         Ok(signals)
     }
 
-    /// The time column that stands before the displacement, where it is another than that of the drive (oscilloscopes with two channels).
+    /// The time column that stands before the displacement, where it is another than that of the drive
+    /// (oscilloscopes with two channels).
     fn second_time(&mut self, y: usize, wanted: &ColumnRules) -> Result<Option<Vec<f64>>> {
         let (Some(t), Some(u)) = (self.of(Quantity::Time), self.of(Quantity::Drive)) else { return Ok(None) };
         let others: Vec<usize> = (0..self.table.columns.len())
@@ -555,8 +561,9 @@ impl Choice<'_> {
             self.notes.push(format!("two columns of time that agree: {a}, {b}"));
             return Ok(None);
         }
-        // A scope writes the time of a signal before it. Where no signal stands between two columns of time and they are apart by the same on every row, rows
-        // were counted from two moments, as seconds from the start and of the day; less than a sample or two apart are channels that are read in turn.
+        // A scope writes the time of a signal before it. Where no signal stands between two columns of time
+        // and they are apart by the same on every row, rows were counted from two moments, as seconds from
+        // the start and of the day; less than a sample or two apart are channels that are read in turn.
         let between = |signal: usize| (signal > t.at.min(second)) && (signal < t.at.max(second));
         let apart = time_y[0] - time_u[0];
         let by_the_same = time_u.len() == time_y.len() && time_u.iter().zip(&time_y).all(|(u, y)| (y - u - apart).abs() < 0.01 * step);

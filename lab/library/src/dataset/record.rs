@@ -59,8 +59,9 @@ pub struct Record {
     pub initial_state: InitialState,
     /// Samples that count.
     pub window: Range<usize>,
-    /// Samples among them that do not: their readings say nothing of the displacement, because the sensor's range ends there
-    /// ([`crate::quality`] finds them), or they belong to another record of the same tape. Ascending.
+    /// Samples among them that do not: their readings say nothing of the displacement, because the sensor's
+    /// range ends there ([`crate::quality`] finds them), or they belong to another record of the same tape.
+    /// Ascending.
     pub left_out: Vec<Range<usize>>,
     /// Steady-state periods, if it has any.
     pub periods: Option<Periods>,
@@ -68,7 +69,8 @@ pub struct Record {
     pub repeat_of: Option<String>,
     /// A constant is estimated for this record.
     pub offset_is_fitted: bool,
-    /// Nobody specified the state at the first sample: the drive stands still there, so rest is assumed, and a fit with an unknown state checks it.
+    /// Nobody specified the state at the first sample: the drive stands still there, so rest is assumed, and
+    /// a fit with an unknown state checks it.
     pub state_is_assumed: bool,
     /// What the drive does between samples.
     pub intersample: Intersample,
@@ -125,7 +127,8 @@ impl Record {
         1.0 / self.sample_rate_hz
     }
 
-    /// Drive up to the end of the window, as the chain takes it: what comes later acts on no sample that counts.
+    /// Drive up to the end of the window, as the chain takes it: what comes later acts on no sample that
+    /// counts.
     #[must_use]
     pub fn drive(&self) -> Drive<'_> {
         let end = self.window.end;

@@ -60,7 +60,8 @@ const PERIODS: [&str; 6] = ["ts", "dt", "samplingtime", "sampletime", "samplingp
 const RATES_DIFFER: f64 = 1e-3;
 
 impl Table {
-    /// A table from named arrays: those that are as long as most of them are the columns, what else there is is left aside and said.
+    /// A table from named arrays: those that are as long as most of them are the columns, what else there is
+    /// is left aside and said.
     ///
     /// # Errors
     /// Without two arrays of one length, or where a number is not finite.

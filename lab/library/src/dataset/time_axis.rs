@@ -1,7 +1,7 @@
 //! Time stamps as they come, and the even ones that the program works with.
 //!
-//! Stamps may be written with few digits, jitter, be missing or stand twice. What can be mended is mended and said; what runs backwards or
-//! leaves a long gap is an error with its row.
+//! Stamps may be written with few digits, jitter, be missing or stand twice. What can be mended is mended and
+//! said; what runs backwards or leaves a long gap is an error with its row.
 
 use crate::error::{Error, Result};
 
@@ -67,7 +67,8 @@ impl TimeAxis {
     /// From time stamps in seconds.
     ///
     /// # Errors
-    /// The row in which time runs backwards, stands still or jumps too far; a sampling rate that is not that of the stamps.
+    /// The row in which time runs backwards, stands still or jumps too far; a sampling rate that is not that
+    /// of the stamps.
     pub fn from_stamps(t_s: &[f64], known: &StampContext) -> Result<Self> {
         let [start_s, .., end_s] = *t_s else { return Err(Error::new(known.place, "has one row; expected more")) };
         for (k, pair) in t_s.windows(2).enumerate() {
@@ -171,7 +172,8 @@ fn written_with_few_digits(t_s: &[f64], period_s: f64) -> Option<f64> {
     let deviations = || (0..t_s.len()).map(as_late);
     let (least, most) = deviations().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), d| (l.min(d), m.max(d)));
     let steps = || t_s.windows(2).map(|w| (w[1] - w[0] - period_s).abs());
-    // What was rounded is uneven again and again, and by less than a digit; a row too many or too few is so once.
+    // What was rounded is uneven again and again, and by less than a digit; a row too many or too few is so
+    // once.
     let uneven = steps().filter(|d| *d > UNEVEN * period_s).count();
     let again_and_again = uneven as f64 > ROUNDED_MIN * t_s.len() as f64 && steps().all(|d| d < 1.01 * digit_s);
     // Rounding moves each stamp by at most half a digit; the mean period is off by what it did to the ends.

@@ -1,6 +1,7 @@
-//! When the drive of a row acts. Here `u[k]` acts from `t[k]` to `t[k+1]`, after the sample `y[k]`; a logger that writes its drive, waits and then
-//! reads has `u[k]` act up to `t[k]`. Taken for the former, such a recording has the displacement a sample ahead of its cause, which no effect
-//! explains, and modes are found that are none.
+//! When the drive of a row acts. Here `u[k]` acts from `t[k]` to `t[k+1]`, after the sample `y[k]`; a logger
+//! that writes its drive, waits and then reads has `u[k]` act up to `t[k]`. Taken for the former, such a
+//! recording has the displacement a sample ahead of its cause, which no effect explains, and modes are found
+//! that are none.
 
 use super::{Dataset, Record};
 use crate::error::{Error, Result};
@@ -43,8 +44,9 @@ pub fn intersample_named(place: &str, name: &str) -> Result<Intersample> {
     found.ok_or_else(|| Error::new(place, format!("`{name}`; expected hold, linear or band_limited")))
 }
 
-/// Brings the records of one data set to the one timing. What is not specified is taken from the records: one that leads shows that the logger reads
-/// after it writes, and so do the others, which may be too slow to show it. Gives an issue where the records showed it themselves.
+/// Brings the records of one data set to the one timing. What is not specified is taken from the records: one
+/// that leads shows that the logger reads after it writes, and so do the others, which may be too slow to
+/// show it. Gives an issue where the records showed it themselves.
 #[cfg(feature = "readers")]
 pub(super) fn bring_to_one_timing(records: &mut [Record], said: Option<Timing>) -> Option<Issue> {
     let issue = match said {

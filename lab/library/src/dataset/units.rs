@@ -1,4 +1,5 @@
-//! Units as files write them: in brackets behind a name, as a suffix, as a word; and what a column's name says it is.
+//! Units as files write them: in brackets behind a name, as a suffix, as a word; and what a column's name
+//! says it is.
 
 use crate::error::{Error, Result};
 
@@ -52,8 +53,8 @@ impl Quantity {
         }
     }
 
-    /// The largest magnitude that a signal of an actuator may have, in the program's unit; beyond it columns or units are mistaken. Time may
-    /// count from 1970.
+    /// The largest magnitude that a signal of an actuator may have, in the program's unit; beyond it columns
+    /// or units are mistaken. Time may count from 1970.
     #[must_use]
     pub fn largest(self) -> f64 {
         match self {
@@ -117,7 +118,8 @@ impl Quantity {
         }
     }
 
-    /// How well a column's name and unit fit, 0 not at all; a unit of another dimension speaks against it (a sensor may be read in volts).
+    /// How well a column's name and unit fit, 0 not at all; a unit of another dimension speaks against it (a
+    /// sensor may be read in volts).
     #[must_use]
     pub fn likeness(self, bare_name: &str, unit: Option<&str>) -> u32 {
         let lower = bare_name.to_lowercase();
@@ -183,7 +185,8 @@ impl Default for SignalUnits {
 /// Prefixes a thousand apart.
 const PREFIXES: [&str; 7] = ["p", "n", "u", "m", "", "k", "M"];
 
-/// A unit with the prefix that is so many steps of a thousand away from its own; the unit itself with a power of ten where there is no such prefix.
+/// A unit with the prefix that is so many steps of a thousand away from its own; the unit itself with a power
+/// of ten where there is no such prefix.
 fn prefixed(unit: &str, steps: i32) -> String {
     let own = PREFIXES
         .iter()
@@ -198,7 +201,8 @@ fn prefixed(unit: &str, steps: i32) -> String {
 }
 
 impl SignalUnits {
-    /// The same text in these units: sentences of the library are about a drive in V and a reading in um and nm.
+    /// The same text in these units: sentences of the library are about a drive in V and a reading in um and
+    /// nm.
     #[must_use]
     pub fn in_words(&self, text: &str) -> String {
         if *self == Self::default() {
@@ -229,7 +233,8 @@ impl SignalUnits {
     }
 }
 
-/// A signal in a unit of its own, with the factor that brings it there from its column: a metric prefix in which its span is between one and a thousand.
+/// A signal in a unit of its own, with the factor that brings it there from its column: a metric prefix in
+/// which its span is between one and a thousand.
 #[must_use]
 pub fn own_unit(unit: &str, span: f64) -> (String, f64) {
     let Some((_, dimension, factor)) = entry(unit) else { return (unit.trim().to_owned(), 1.0) };
@@ -337,7 +342,8 @@ pub fn is_of_something_else(unit: Option<&str>) -> bool {
     matches!(unit.and_then(dimension_of), Some(Dimension::Other | Dimension::Current))
 }
 
-/// A column's name without its unit, and the unit: `t (ms)`, `u [mV]`, `pos_nm`, `y/um`, `C1 in V`, `Drive V`.
+/// A column's name without its unit, and the unit: `t (ms)`, `u [mV]`, `pos_nm`, `y/um`, `C1 in V`,
+/// `Drive V`.
 #[must_use]
 pub fn split_name(name: &str) -> (String, Option<String>) {
     let name = name.trim();
@@ -367,13 +373,15 @@ pub fn split_name(name: &str) -> (String, Option<String>) {
     (name.to_owned(), None)
 }
 
-/// Whether a text says what one count of a column without a unit means (`50V` of a full scale), which contradicts a column that has one.
+/// Whether a text says what one count of a column without a unit means (`50V` of a full scale), which
+/// contradicts a column that has one.
 #[must_use]
 pub fn is_of_counts(unit: &str) -> bool {
     unit.trim().starts_with(|c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+')) && !unit.contains('/')
 }
 
-/// The factor that brings a column into the program's unit: of a unit (`mV`), or of a sensitivity (`5 um/V`: one unit of the column is 5 um).
+/// The factor that brings a column into the program's unit: of a unit (`mV`), or of a sensitivity (`5 um/V`:
+/// one unit of the column is 5 um).
 ///
 /// # Errors
 /// Units that are not known, and units of something else.

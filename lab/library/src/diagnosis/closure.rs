@@ -1,5 +1,6 @@
-//! Single moves around the simplest models that are kept, until these no longer change: each effect dropped, each exchanged for others that do much the
-//! same, and one tried in the place of two. So what could stand in the place of an effect is in the pool before anything is named.
+//! Single moves around the simplest models that are kept, until these no longer change: each effect dropped,
+//! each exchanged for others that do much the same, and one tried in the place of two. So what could stand in
+//! the place of an effect is in the pool before anything is named.
 
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
@@ -106,7 +107,8 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
     Ok(fitted)
 }
 
-/// One effect in the place of another, from its best two initial guesses, and from the values of the other where both are one law at two places.
+/// One effect in the place of another, from its best two initial guesses, and from the values of the other
+/// where both are one law at two places.
 fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &Score) -> Judged {
     let base = &dropped.entry.judged.model;
     let begin = |start: &Vec<f64>| study.with(base, &[(score.effect.clone(), start.clone())]);
@@ -127,7 +129,8 @@ fn same_law(study: &Study, entry: &Entry, id: &str, score: &Score) -> Option<Mod
     same.then(|| study.with(&study.without(&entry.judged.model, id), &[(score.effect.clone(), instance.values())]))
 }
 
-/// One effect in the place of every two, where the noise is near enough to show it: two lags that were added one after the other may stand in for a delay.
+/// One effect in the place of every two, where the noise is near enough to show it: two lags that were added
+/// one after the other may stand in for a delay.
 fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
     let leaving: Vec<String> = entry.added().into_iter().filter(|id| may_go(entry, id)).collect();
     if leaving.len() < 2 || !study.near_the_noise(&entry.judged) {

@@ -58,7 +58,8 @@ impl Weighed {
         Finding { effects: self.slot.effects(), or_other_values_of: self.slot.other_values_of(), evidence: self.evidence }
     }
 
-    /// By how much the error falls with it, um: the root of the difference of the mean squares, the larger of fitted and held-out records.
+    /// By how much the error falls with it, um: the root of the difference of the mean squares, the larger of
+    /// fitted and held-out records.
     #[must_use]
     pub fn fall_um(&self) -> f64 {
         let Evidence::Models { without, with, .. } = self.evidence else { return 0.0 };
@@ -99,7 +100,8 @@ pub fn unlikely(model: &Model, id: &str) -> Option<String> {
     model.ruled_out_because(id).or_else(|| e.effect.unlikely_because(model, &e.values()))
 }
 
-/// Weighs each slot of the simplest kept models. The second part of what comes back are models that stand after all: what a model has beside them is not seen beyond chance.
+/// Weighs each slot of the simplest kept models. The second part of what comes back are models that stand
+/// after all: what a model has beside them is not seen beyond chance.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
@@ -143,7 +145,8 @@ fn one(study: &Study, pool: &Pool, best: &Entry, slot: &Slot, key: &str, seed: u
     if let Some(Move::Added(id)) = slot.moves.first().filter(|_| !best.held) {
         let model = &without.judged.model;
         let weighed = study.weigh(model, &study.candidates_for(model), study.policy.seed + seed)?;
-        // Loops stand in the place of a gain, which moves with all the rest once they are gone: their signature says little, and the errors decide.
+        // Loops stand in the place of a gain, which moves with all the rest once they are gone: their
+        // signature says little, and the errors decide.
         let is_main = best.judged.model.effect(id).is_some_and(|e| e.effect.declaration().is_main());
         let evidence = weighed.scores.iter().find(|s| s.id == *id).and_then(|s| s.evidence.as_ref());
         p_value = evidence.map(|e| e.p_adjusted).filter(|_| !is_main);

@@ -1,4 +1,5 @@
-//! Models judged on records: errors, by how much one is better than another, and which records are fitted at all.
+//! Models judged on records: errors, by how much one is better than another, and which records are fitted at
+//! all.
 
 use super::policy::Policy;
 use crate::dataset::{Dataset, Record, Role};
@@ -21,7 +22,8 @@ pub struct Split {
 }
 
 impl Split {
-    /// The split that the roles of a data set make; where nothing may be fitted, what would judge is fitted, and nothing judges.
+    /// The split that the roles of a data set make; where nothing may be fitted, what would judge is fitted,
+    /// and nothing judges.
     #[must_use]
     pub fn of(dataset: &Dataset) -> Self {
         let (identify, validate) = (dataset.with_role(Role::Identify), dataset.with_role(Role::Validate));
@@ -55,14 +57,16 @@ impl Judged {
         self.validate_rms_um.unwrap_or(self.identify_rms_um)
     }
 
-    /// The floor with what the noise of the drive's column makes in the readings of this model, as [`NoiseFloor::beside`].
+    /// The floor with what the noise of the drive's column makes in the readings of this model, as
+    /// [`NoiseFloor::beside`].
     #[must_use]
     pub fn floor_beside(&self, floor: &NoiseFloor, explained: f64, dataset: &Dataset) -> Option<NoiseFloor> {
         let left_um: Vec<Option<f64>> = self.residuals.iter().map(|r| (!r.is_empty()).then(|| rms(r))).collect();
         floor.beside(&self.model, &left_um, explained, dataset)
     }
 
-    /// Fitted and held-out error are each below `times` the noise floor of their records; never where a record has no floor.
+    /// Fitted and held-out error are each below `times` the noise floor of their records; never where a
+    /// record has no floor.
     #[must_use]
     pub fn within(&self, times: f64, floors_um: &[Option<f64>], split: &Split) -> bool {
         // The same sums whatever the order of the records.
@@ -108,7 +112,8 @@ pub fn judge_rows(model: Model, dataset: &Dataset, split: &Split, rows: &Rows) -
     judged_by(model, dataset, split, rows.records.iter().map(|(i, _)| *i).zip(each))
 }
 
-/// Judges what a fit came to on the samples that count; of those that were fitted it says itself what it leaves.
+/// Judges what a fit came to on the samples that count; of those that were fitted it says itself what it
+/// leaves.
 #[must_use]
 pub fn judge_fit(fit: Fit, fitted: &Rows, dataset: &Dataset, split: &Split, rows: &Rows) -> Judged {
     let said: Vec<(usize, DVector<f64>)> = fitted
@@ -131,12 +136,14 @@ fn judged_by(model: Model, dataset: &Dataset, split: &Split, each: impl Iterator
     Judged { model, residuals, identify_rms_um, validate_rms_um }
 }
 
-/// The effect behind which a model first gives something that is no number under a drive, and the sample, counted from 0.
+/// The effect behind which a model first gives something that is no number under a drive, and the sample,
+/// counted from 0.
 #[must_use]
 pub fn first_not_finite(model: &Model, drive: &Drive) -> Option<(String, usize)> {
     let first_bad = |model: &Model| model.simulate(drive).iter().position(|y| !y.is_finite());
     let sample = first_bad(model)?;
-    // Effects are taken away from the end of the chain: the last one whose absence makes it finite is behind it.
+    // Effects are taken away from the end of the chain: the last one whose absence makes it finite is behind
+    // it.
     let mut shorter = model.clone();
     let mut effect = String::new();
     while let Some(last) = shorter.effects.pop() {
@@ -191,7 +198,8 @@ mod tests {
     use crate::model_file::effects_named;
     use hysteron_sim::chain::{EffectInstance, InitialState};
 
-    /// One fitted record, one that is held out, in states that nobody knows; once as many samples are judged as were fitted, once more.
+    /// One fitted record, one that is held out, in states that nobody knows; once as many samples are judged
+    /// as were fitted, once more.
     #[test]
     fn what_a_fit_says_that_it_leaves_is_what_the_model_leaves() {
         let drive_v: Vec<f64> = (0..3000).map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos()).collect();

@@ -1,9 +1,11 @@
-//! The disturbance that would have to act on the modelled actuator to leave a residual, without a name for it.
+//! The disturbance that would have to act on the modelled actuator to leave a residual, without a name for
+//! it.
 //!
-//! A missing effect usually acts in front of the mechanics, and the residual then shows it blurred by the vibration. The way back through
-//! the mode amplifies noise without bound, so each frequency is weighed by how much of its power is more than noise (Wiener's filter);
-//! what cannot be told from noise is left out rather than guessed. The force is given as the displacement that it would cause at rest
-//! (force divided by stiffness), in nm.
+//! A missing effect usually acts in front of the mechanics, and the residual then shows it blurred by the
+//! vibration. The way back through the mode amplifies noise without bound, so each frequency is weighed by
+//! how much of its power is more than noise (Wiener's filter); what cannot be told from noise is left out
+//! rather than guessed. The force is given as the displacement that it would cause at rest (force divided by
+//! stiffness), in nm.
 
 use crate::identification::noise_floor::periodogram;
 use crate::statistics::mean;
@@ -19,7 +21,8 @@ const AMPLIFIED_MAX: f64 = 100.0;
 
 /// Latent force at every sample, nm; empty where the residual is too short.
 ///
-/// `noise_um` is the standard deviation of the noise; without it the noise is taken from the fastest quarter of the spectrum.
+/// `noise_um` is the standard deviation of the noise; without it the noise is taken from the fastest quarter
+/// of the spectrum.
 #[must_use]
 pub fn latent_force_nm(model: &Model, residual_um: &[f64], sample_rate_hz: f64, noise_um: Option<f64>) -> Vec<f64> {
     let n = residual_um.len();
@@ -96,7 +99,8 @@ mod tests {
         let drive = Drive::held(&force, 5e-5, InitialState::Virgin);
         let left: Vec<f64> = model.simulate(&drive);
         let found = latent_force_nm(&model, &left, 20_000.0, Some(1e-4));
-        // The mode is two fifths of the way to its resonance: the residual alone is a fifth too large. A sample is held half a period late.
+        // The mode is two fifths of the way to its resonance: the residual alone is a fifth too large. A
+        // sample is held half a period late.
         for k in 3000..5000 {
             let held = 0.5 * (force[k] + force[k - 1]);
             assert!((found[k] - 1e3 * held).abs() < 2.5, "{k}: {} {}", found[k], 1e3 * held);

@@ -1,12 +1,17 @@
 //! Which physical effect is missing, and how sure we are.
 //!
 //! * [`study`]: data, candidates and thresholds ([`policy`]) of one diagnosis, and the fits;
-//! * [`screening`] scores every candidate on the residual of a model without refitting it; [`resonances`] says where modes are looked for;
-//! * [`search`] extends models by moves, and every fitted one stays in the [`pool`]; [`prior`] does the same beside a prior model;
-//! * [`selection`]: the simplest models that the data cannot reject; [`closure`]: single moves around these, so that what could stand in their place is in the pool;
-//! * [`findings`]: what these models have in common and where they differ, with the evidence; [`reporting`]: the typed outcome of it;
+//! * [`screening`] scores every candidate on the residual of a model without refitting it; [`resonances`]
+//!   says where modes are looked for;
+//! * [`search`] extends models by moves, and every fitted one stays in the [`pool`]; [`prior`] does the same
+//!   beside a prior model;
+//! * [`selection`]: the simplest models that the data cannot reject; [`closure`]: single moves around these,
+//!   so that what could stand in their place is in the pool;
+//! * [`findings`]: what these models have in common and where they differ, with the evidence; [`reporting`]:
+//!   the typed outcome of it;
 //! * [`path`]: the way from the start to the model at the end; [`words`]: sentences;
-//! * [`residual_map`]: where in the drive a residual lives; [`latent_force`]: what would have to act to leave it;
+//! * [`residual_map`]: where in the drive a residual lives; [`latent_force`]: what would have to act to leave
+//!   it;
 //! * [`next_experiment`]: the drive on which two explanations differ most.
 
 pub mod closure;

@@ -1,8 +1,10 @@
-//! The next experiment: of several drives within the user's limits, the one on which two explanations predict outputs that differ most.
+//! The next experiment: of several drives within the user's limits, the one on which two explanations predict
+//! outputs that differ most.
 //!
-//! Both explanations are fitted models that meet the present data equally well. Each drive is played on both; what a change of gain or offset could make up for is
-//! taken out of the difference, and what remains is compared with the noise. The drives are the experiments that the effects declare as their best, made to fit
-//! the limits of voltage, slew and time.
+//! Both explanations are fitted models that meet the present data equally well. Each drive is played on both;
+//! what a change of gain or offset could make up for is taken out of the difference, and what remains is
+//! compared with the noise. The drives are the experiments that the effects declare as their best, made to
+//! fit the limits of voltage, slew and time.
 
 use hysteron_sim::chain::{Drive, InitialState, Model};
 use hysteron_sim::effect::Overview;
@@ -24,7 +26,8 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits that the present data have kept to: nothing is asked of the amplifier or of the user's patience that was not done before.
+    /// Limits that the present data have kept to: nothing is asked of the amplifier or of the user's patience
+    /// that was not done before.
     #[must_use]
     pub fn of(overview: &Overview) -> Self {
         Self {
@@ -54,13 +57,15 @@ pub struct Proposal {
 const SAMPLES_MAX: f64 = 60_000.0;
 /// Two explanations are told apart where they differ by so many standard errors.
 const DECIDED: f64 = 5.0;
-/// Two models of the same stage differ by so much of the noise through what each leaves of it, and through how finely it is simulated.
+/// Two models of the same stage differ by so much of the noise through what each leaves of it, and through
+/// how finely it is simulated.
 const SIMULATED_TO: f64 = 0.1;
 /// A measured slope may be exceeded by rounding only.
 const SLOPE_TOLERANCE: f64 = 1.0 + 1e-9;
 
 impl Proposal {
-    /// Whether a recording of it would decide: the two are as far apart as its noise leaves to be seen of so many samples. Where no noise is known, it may.
+    /// Whether a recording of it would decide: the two are as far apart as its noise leaves to be seen of so
+    /// many samples. Where no noise is known, it may.
     #[must_use]
     pub fn decides(&self, noise_um: Option<f64>) -> bool {
         let decided = |noise_um| self.separation_um * (self.drive_v.len() as f64).sqrt() > DECIDED * noise_um;
@@ -161,7 +166,8 @@ fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
         out.push((name, rate_hz, triangles(rate_hz, slope_v_s, &vertices)));
     }
 
-    // Bursts around the middle, as large as the slope allows; the frequencies end where a period has ten samples.
+    // Bursts around the middle, as large as the slope allows; the frequencies end where a period has ten
+    // samples.
     let rate_hz = limits.sample_rate_hz;
     let approach = half_cosines(rate_hz, rise_s(rate_hz), &[limits.drive_min_v, at(0.5)]);
     let back = half_cosines(rate_hz, rise_s(rate_hz), &[at(0.5), limits.drive_min_v]);
@@ -169,7 +175,8 @@ fn drives(limits: &Limits) -> Vec<(&'static str, f64, Vec<f64>)> {
         let mut parts = vec![approach.clone()];
         for frequency_hz in [1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1600.0] {
             let duration_s = 10.0 / frequency_hz;
-            // The window adds a slope of its own, of at most pi / (10 cycles) of the sine's: a tenth of the limit is left for it.
+            // The window adds a slope of its own, of at most pi / (10 cycles) of the sine's: a tenth of the
+            // limit is left for it.
             let amplitude_v = (share * range_v).min(0.9 * limits.slope_max_v_s / (std::f64::consts::TAU * frequency_hz));
             if frequency_hz <= rate_hz / 10.0 && duration_s < limits.duration_max_s / 10.0 {
                 parts.push(sine_burst(rate_hz, frequency_hz, amplitude_v, at(0.5), duration_s));

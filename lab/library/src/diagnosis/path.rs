@@ -1,4 +1,5 @@
-//! The way from the start to what was found, one effect at a time: for people, who want to see the error fall.
+//! The way from the start to what was found, one effect at a time: for people, who want to see the error
+//! fall.
 
 use super::judgement::Judged;
 use super::study::Study;
@@ -53,7 +54,8 @@ impl Change {
 /// What is behind by so much where it can be compared does not come to it, fitted to the end.
 const DOES_NOT_COME_TO_IT: f64 = 0.1;
 
-/// A model with one effect more, at the values that another model has for it; its hysteresis begins as coarse as it is declared.
+/// A model with one effect more, at the values that another model has for it; its hysteresis begins as coarse
+/// as it is declared.
 fn joined(model: &Model, effect: &Arc<dyn Effect>, of: &Model, overview: &Overview) -> Model {
     let mut out = model.clone();
     let id = effect.declaration().id;
@@ -73,8 +75,8 @@ struct OnTheWay {
 /// Effects that are tried side by side.
 const TRIED_TOGETHER: usize = 2;
 
-/// The effect that lowers the error most beside a model, and how it stands there. Beside a better model an effect seldom brings more than before: those that
-/// brought less than another does now are not tried again.
+/// The effect that lowers the error most beside a model, and how it stands there. Beside a better model an
+/// effect seldom brings more than before: those that brought less than another does now are not tried again.
 fn next_on_the_way(study: &Study, last: &Model, left: &mut [OnTheWay], end: &Model) -> Option<(usize, Judged)> {
     let before = study.merit(&study.judged_quickly(last.clone()));
     let mut possible: Vec<usize> = (0..left.len()).filter(|i| left[*i].effect.may_join(last, &study.overview)).collect();
@@ -85,7 +87,8 @@ fn next_on_the_way(study: &Study, last: &Model, left: &mut [OnTheWay], end: &Mod
         if some.iter().all(|i| left[*i].brought < brought_most) {
             break;
         }
-        // Begun where the end has it: what is shown is the way there. Which comes next shows before its fit is at its end.
+        // Begun where the end has it: what is shown is the way there. Which comes next shows before its fit
+        // is at its end.
         let tried = parallel::map(some, |i| study.roughly(&joined(last, &left[*i].effect, end, &study.overview)));
         for (i, judged) in some.iter().zip(tried) {
             left[*i].brought = before - study.merit(&judged);
@@ -97,7 +100,8 @@ fn next_on_the_way(study: &Study, last: &Model, left: &mut [OnTheWay], end: &Mod
     best
 }
 
-/// From a start to the end: at every step the effect that lowers the error most. The last step is the end itself.
+/// From a start to the end: at every step the effect that lowers the error most. The last step is the end
+/// itself.
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
@@ -116,8 +120,8 @@ pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Re
         last = study.quickly(&judged.model).model;
         steps.push(Step { change: Change::Added(effect.declaration().id), judged: study.judged(last.clone()) });
     }
-    // What the end has beside all effects: a finer description, where that brings something, and the values of a fit that went as far as
-    // it goes.
+    // What the end has beside all effects: a finer description, where that brings something, and the values
+    // of a fit that went as far as it goes.
     let mut end = end.clone();
     let finer_creep =
         finer_creep::description(&end.model).filter(|_| finer_creep::steps_finer(&end.model) != finer_creep::steps_finer(&last));

@@ -3,21 +3,23 @@
 /// When a search goes on, when an effect is admitted, when two explanations are told apart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Policy {
-    /// Samples of the fitted records that are walked while searching, at most: every set of effects walks them some thirty times. Longer
-    /// records are searched on their beginnings and fitted whole at the end.
+    /// Samples of the fitted records that are walked while searching, at most: every set of effects walks
+    /// them some thirty times. Longer records are searched on their beginnings and fitted whole at the end.
     pub walked_samples: usize,
-    /// Samples of all fitted and judging records on which everything is decided, at most: with as many, an error is known to a thousandth. Of longer
-    /// recordings the beginnings decide, and the last model is fitted to the whole.
+    /// Samples of all fitted and judging records on which everything is decided, at most: with as many, an
+    /// error is known to a thousandth. Of longer recordings the beginnings decide, and the last model is
+    /// fitted to the whole.
     pub weighed_samples: usize,
-    /// Samples on which sets of effects are compared while searching. Enough that the error of any set is known to about one part in a
-    /// hundred, few enough that a set is fitted in a tenth of a second.
+    /// Samples on which sets of effects are compared while searching. Enough that the error of any set is
+    /// known to about one part in a hundred, few enough that a set is fitted in a tenth of a second.
     pub search_samples: usize,
-    /// Samples on which candidates are scored while searching: the products of a few hundred signatures with the residual need fewer.
+    /// Samples on which candidates are scored while searching: the products of a few hundred signatures with
+    /// the residual need fewer.
     pub scoring_samples: usize,
     /// Samples on which the evidence for a name is weighed.
     pub evidence_samples: usize,
-    /// Most samples that the last fit of a model takes; beyond, one in so many. Standard deviations fall with the root of their number,
-    /// and at this many they are far below what the model itself leaves.
+    /// Most samples that the last fit of a model takes; beyond, one in so many. Standard deviations fall with
+    /// the root of their number, and at this many they are far below what the model itself leaves.
     pub fit_samples: usize,
     /// Models that are extended side by side.
     pub width: usize,
@@ -25,31 +27,39 @@ pub struct Policy {
     pub trials: usize,
     /// Most effects that are added.
     pub effects_max: usize,
-    /// Rounds without a better model after which the search ends near the noise; two effects that only help together are proposed as a pair.
+    /// Rounds without a better model after which the search ends near the noise; two effects that only help
+    /// together are proposed as a pair.
     pub rounds_without_gain: usize,
-    /// The same far above the noise, or where nobody knows it: there several effects are missing, and each may need another beside it. On the recorded stage
-    /// two sets of eight came further in a fourth such round than in a third when that was chosen (one from 18.4 / 34.0 to 14.7 / 22.6 nm); near the noise a second one made
-    /// surfaces of degree 8 of a contact.
+    /// The same far above the noise, or where nobody knows it: there several effects are missing, and each
+    /// may need another beside it. On the recorded stage two sets of eight came further in a fourth such
+    /// round than in a third when that was chosen (one from 18.4 / 34.0 to 14.7 / 22.6 nm); near the noise a
+    /// second one made surfaces of degree 8 of a contact.
     pub rounds_without_gain_far_above: usize,
-    /// Weight of the held-out error beside the fitted one where models are ranked: what is only met where it was fitted is worth half.
+    /// Weight of the held-out error beside the fitted one where models are ranked: what is only met where it
+    /// was fitted is worth half.
     pub held_out_weight: f64,
-    /// Least fall of the rank (a mean of the logarithms of fitted and held-out error) in a round after which the search goes on: what brings
-    /// less is taken back in the end more often than not.
+    /// Least fall of the rank (a mean of the logarithms of fitted and held-out error) in a round after which
+    /// the search goes on: what brings less is taken back in the end more often than not.
     pub least_gain: f64,
     /// An extension is not tried where the signatures promise that more than this share of the squares stays.
     pub promises_nothing: f64,
-    /// The same at the noise, where all there is to be found is a small share: an effect is tried that explains so many times the square of the noise. By
-    /// chance the best of a dozen candidates, each begun from several values, explains some ten.
+    /// The same at the noise, where all there is to be found is a small share: an effect is tried that
+    /// explains so many times the square of the noise. By chance the best of a dozen candidates, each begun
+    /// from several values, explains some ten.
     pub seen_in_the_noise: f64,
     /// The same for each effect more: of two models that differ by less, the simpler one is taken.
     pub gain_per_effect: f64,
-    /// Probability that anything is rejected or named where nothing differs, over all models and candidates together.
+    /// Probability that anything is rejected or named where nothing differs, over all models and candidates
+    /// together.
     pub family_wise: f64,
-    /// Two models whose mean squares differ by less than this share of the noise are equivalent: 2 % of the error.
+    /// Two models whose mean squares differ by less than this share of the noise are equivalent: 2 % of the
+    /// error.
     pub matters_at_noise: f64,
-    /// The same as a share of what remains above the noise: what the library lacks is larger than any difference below.
+    /// The same as a share of what remains above the noise: what the library lacks is larger than any
+    /// difference below.
     pub matters_of_remainder: f64,
-    /// Models whose merit is worse by more than this and the margin are not compared by test: a fit that went as far as these does not come to it.
+    /// Models whose merit is worse by more than this and the margin are not compared by test: a fit that went
+    /// as far as these does not come to it.
     pub in_contention: f64,
     /// Models with the same number of moves that are compared by test, at most.
     pub compared_of_a_level: usize,
@@ -59,7 +69,8 @@ pub struct Policy {
     pub closures_max: usize,
     /// Others that are fitted in the place of an effect, at most.
     pub rivals: usize,
-    /// A rival's signature is at least so much like that of the effect: what acts in quite another way is found by the search itself.
+    /// A rival's signature is at least so much like that of the effect: what acts in quite another way is
+    /// found by the search itself.
     pub rival_similarity: f64,
     /// Initial guesses from which the most promising effects are begun.
     pub guesses: usize,
@@ -69,7 +80,8 @@ pub struct Policy {
     pub story_max: usize,
     /// A value that moves by less than this share has not changed.
     pub same_value: f64,
-    /// An extension whose merit is worse by this much than that of what it extends is not tried again beside other loops.
+    /// An extension whose merit is worse by this much than that of what it extends is not tried again beside
+    /// other loops.
     pub hopeless: f64,
     /// Effects that are proposed alone beside a model, at most.
     pub singles: usize,
@@ -77,14 +89,16 @@ pub struct Policy {
     pub paired: usize,
     /// Pairs that are proposed beside a model, at most.
     pub pairs: usize,
-    /// A pair is worth a trial where it leaves less than this share of what the better of the two leaves alone.
+    /// A pair is worth a trial where it leaves less than this share of what the better of the two leaves
+    /// alone.
     pub better_together: f64,
-    /// A model with loops of another kind than the best has comes near it where its merit is worse by less than this.
+    /// A model with loops of another kind than the best has comes near it where its merit is worse by less
+    /// than this.
     pub loops_come_near: f64,
     /// Seed of all resampling.
     pub seed: u64,
-    /// Share by which fitted and held-out error fall where no chance brings that, whatever the signature: of a few events, as of a ring behind each of some
-    /// steps, random signs say nothing.
+    /// Share by which fitted and held-out error fall where no chance brings that, whatever the signature: of
+    /// a few events, as of a ring behind each of some steps, random signs say nothing.
     pub beyond_chance: f64,
     /// A model leaves nothing where its error is below this times the floor in every record.
     pub nothing_left: f64,
@@ -92,14 +106,17 @@ pub struct Policy {
     pub met: f64,
     /// A verdict explains a data set where fitted and held-out error are below this times the floor.
     pub explained: f64,
-    /// A model from elsewhere that leaves less than this times the floor after a simple story was at the floor at home: more is looked for.
+    /// A model from elsewhere that leaves less than this times the floor after a simple story was at the
+    /// floor at home: more is looked for.
     pub near_the_noise: f64,
     /// Errors within this of the floor, held out and fitted, count as the floor.
     pub at_floor: f64,
-    /// Standard deviations of the floor itself by which they may be further from it: a short rest shows the noise to some per cent only. With two, 5 of 190
-    /// stages at the noise, each with half a second of rest, were told unexplained.
+    /// Standard deviations of the floor itself by which they may be further from it: a short rest shows the
+    /// noise to some per cent only. With two, 5 of 190 stages at the noise, each with half a second of rest,
+    /// were told unexplained.
     pub floor_z: f64,
-    /// A floor below so many times what rounding leaves is rounding for the most part (half of its squares), and an error below it no contradiction.
+    /// A floor below so many times what rounding leaves is rounding for the most part (half of its squares),
+    /// and an error below it no contradiction.
     pub mostly_rounding: f64,
     /// An error below this share of the floor contradicts it.
     pub contradiction: f64,

@@ -170,7 +170,8 @@ impl<'s, 'a> Pool<'s, 'a> {
         }
     }
 
-    /// Fits entries as far as they can be compared. What a fit comes to is what counts, on held-out records too: a good error half way is chance.
+    /// Fits entries as far as they can be compared. What a fit comes to is what counts, on held-out records
+    /// too: a good error half way is chance.
     pub(crate) fn compare(&mut self, keys: &[String]) {
         let pending: Vec<&String> = keys.iter().filter(|k| self.entries.get(*k).is_some_and(|e| !e.compared)).collect();
         let fitted = parallel::map(&pending, |k| self.study.for_comparison(&self.entries[*k].judged.model));

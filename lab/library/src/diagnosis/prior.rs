@@ -1,8 +1,9 @@
 //! A prior model on other data: which of its values have changed, and what it lacks here.
 //!
-//! All its values are held, and moves are tried beside it: an effect added, the values of one effect freed, the whole displacement scaled. A new fit of
-//! everything frees all effects at once, which is as many moves. So the simplest models that the data cannot reject are those that need least, and a
-//! model that belongs to the data needs nothing.
+//! All its values are held, and moves are tried beside it: an effect added, the values of one effect freed,
+//! the whole displacement scaled. A new fit of everything frees all effects at once, which is as many moves.
+//! So the simplest models that the data cannot reject are those that need least, and a model that belongs to
+//! the data needs nothing.
 
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
@@ -54,7 +55,8 @@ pub fn compare<'s, 'a>(study: &'s Study<'a>, base: Judged) -> Result<Compared<'s
     Ok(Compared { base, refitted, at_home, pool, selected })
 }
 
-/// Extends the best models move by move, until the simplest that are kept have been extended as well and so have those with one move less.
+/// Extends the best models move by move, until the simplest that are kept have been extended as well and so
+/// have those with one move less.
 fn tell(pool: &mut Pool, prior: &Model) -> Result<()> {
     for moves in 0..pool.study.policy.story_max {
         let of_level = |(_, e): &(&String, &Entry)| e.held && !e.extended && e.moves.len() == moves;
@@ -67,7 +69,8 @@ fn tell(pool: &mut Pool, prior: &Model) -> Result<()> {
             break;
         }
     }
-    // What stands beside a first move may as well stand beside the second: each is dropped, and all is tried in its place.
+    // What stands beside a first move may as well stand beside the second: each is dropped, and all is tried
+    // in its place.
     let selected = select(pool, &BTreeSet::new());
     let minimal: Vec<Vec<Move>> = selected.minimal.iter().map(|k| pool.entries[k].moves.clone()).collect();
     let one_less: Vec<String> = pool

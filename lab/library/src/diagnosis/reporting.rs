@@ -57,11 +57,13 @@ pub fn diagnosis(mut found: Found, floor: &NoiseFloor, study: &Study) -> Diagnos
     let at_the_bound = floor.rms_um.is_none() && found.last.within(policy.explained, &bound, &study.split);
     let floors_um = if at_the_bound { &bound } else { &floor.of_records_um };
     let within = |times: f64| found.last.within(times, floors_um, &study.split);
-    // What rounding makes of readings at rest, on one code or between two, may be more than what it leaves of readings that move.
+    // What rounding makes of readings at rest, on one code or between two, may be more than what it leaves of
+    // readings that move.
     let is_rounding =
         floor.reading_step_um.zip(floor.rms_um).is_some_and(|(step_um, rms_um)| rms_um < policy.mostly_rounding * rounding_noise(step_um));
     let below = !at_the_bound && !is_rounding && within(policy.contradiction.min(1.0 - policy.floor_z * floor.relative_std()).max(0.0));
-    // A finding stands beside an issue that blocks where it lowers the error by more than what the issue suggests.
+    // A finding stands beside an issue that blocks where it lowers the error by more than what the issue
+    // suggests.
     let blocked = found.issues.iter().find_map(Issue::reason);
     let blocks = found.issues.iter().filter(|i| i.severity == Severity::Blocks);
     let least_fall_um = blocks.map(|i| i.effect_um().unwrap_or(f64::INFINITY)).fold(0.0, f64::max);

@@ -1,7 +1,8 @@
-//! Where in the drive a residual lives: its RMS by drive level, branch, rate of the drive, time since the last turn, and its own frequency.
+//! Where in the drive a residual lives: its RMS by drive level, branch, rate of the drive, time since the
+//! last turn, and its own frequency.
 //!
-//! The same columns for every record, so that records can be compared: an error that follows the rate of the drive, or only stands on the first rise, shows as a
-//! column before any effect has been named.
+//! The same columns for every record, so that records can be compared: an error that follows the rate of the
+//! drive, or only stands on the first rise, shows as a column before any effect has been named.
 
 use crate::spectrum::amplitude_density;
 use serde::{Deserialize, Serialize};
@@ -122,8 +123,9 @@ pub fn branches(u_v: &[f64], sample_rate_hz: f64, range_v: f64) -> Vec<(Branch, 
     out
 }
 
-/// RMS of `residual` under each of [`drive_features`], over the samples `from..to`; None where there is too little data. Entries that are not finite are left out.
-/// `u_v` and `residual` have the same length and start with the record, since turns and maxima before the window count.
+/// RMS of `residual` under each of [`drive_features`], over the samples `from..to`; None where there is too
+/// little data. Entries that are not finite are left out. `u_v` and `residual` have the same length and start
+/// with the record, since turns and maxima before the window count.
 pub fn residual_by_feature(
     u_v: &[f64],
     residual: &[f64],

@@ -1,7 +1,8 @@
 //! Resonances that a residual shows: where a mode is looked for first.
 //!
-//! A mode of a stage is narrow (a damping ratio of one part in a hundred is usual), so that no grid of start values meets it by chance.
-//! Peaks of the residual's spectrum that stand out of their neighbourhood give its frequency, and their width its damping.
+//! A mode of a stage is narrow (a damping ratio of one part in a hundred is usual), so that no grid of start
+//! values meets it by chance. Peaks of the residual's spectrum that stand out of their neighbourhood give its
+//! frequency, and their width its damping.
 
 use crate::identification::noise_floor::periodogram;
 use hysteron_sim::effect::Resonance;
@@ -12,7 +13,8 @@ const MOST: usize = 4;
 const STANDS_OUT: f64 = 12.0;
 /// The neighbourhood reaches this far to both sides, as a share of the frequency.
 const NEIGHBOURHOOD: f64 = 0.35;
-/// The spectrum is averaged over this share of the frequency: lines of a periodic drive are narrower, modes are not.
+/// The spectrum is averaged over this share of the frequency: lines of a periodic drive are narrower, modes
+/// are not.
 const AVERAGED: f64 = 0.01;
 /// Damping ratios that a peak may show.
 const DAMPING: (f64, f64) = (0.004, 0.3);

@@ -1,26 +1,30 @@
 //! Scores every candidate on the residual of a model without refitting it.
 //!
 //! # How it works
-//! A candidate's *signature* is what the model's reading changes by when the effect enters at one of its start values, and the free motions
-//! that it allows at the beginning of a record whose state nobody knows. From signature and residual everything is projected out that the
-//! present model could do by itself: its own parameter sensitivities, those of more flexible hysteresis surfaces, those by values that were
-//! chosen before any data, and what each record has of its own. What is left of the residual along what is left of the signature is the share
-//! that the candidate explains; a wrong parameter cannot pose as a missing effect.
+//! A candidate's *signature* is what the model's reading changes by when the effect enters at one of its
+//! start values, and the free motions that it allows at the beginning of a record whose state nobody knows.
+//! From signature and residual everything is projected out that the present model could do by itself: its own
+//! parameter sensitivities, those of more flexible hysteresis surfaces, those by values that were chosen
+//! before any data, and what each record has of its own. What is left of the residual along what is left of
+//! the signature is the share that the candidate explains; a wrong parameter cannot pose as a missing effect.
 //!
-//! Instants of sampling and of writing the drive are never known exactly: a skew between drive and reading of a small share of the sampling
-//! period is taken out of the residual as well, no more than that share, so that a delay or a lag stays visible.
+//! Instants of sampling and of writing the drive are never known exactly: a skew between drive and reading of
+//! a small share of the sampling period is taken out of the residual as well, no more than that share, so
+//! that a delay or a lag stays visible.
 //!
-//! All signatures stand side by side in one matrix, and what the model can do is one orthonormal basis: projections, products with the
-//! residual and random signs are products of matrices. The same products say what two candidates would explain together
-//! ([`Screening::together`]).
+//! All signatures stand side by side in one matrix, and what the model can do is one orthonormal basis:
+//! projections, products with the residual and random signs are products of matrices. The same products say
+//! what two candidates would explain together ([`Screening::together`]).
 //!
-//! The null distribution ([`Evidence`]) comes from the data: under no effect the sign of each block of the residual is a toss-up, so the
-//! products of residual and signature, summed by blocks, are given random signs and the best start of each candidate is taken again. That
-//! accounts for coloured residuals and for having looked at many starts; what the fit took out of the residual in each block is given back
-//! first (its leverage), or noise would look smaller than it is. Over all candidates the same sign patterns give the distribution of the least
-//! p-value of any candidate under no effect; p-values are adjusted by it, stepping down (Westfall and Young, Resampling-Based Multiple
-//! Testing, 1993, Algorithm 2.8). Where nothing is missing, anything is called significant in one of twenty data sets, however alike the
-//! candidates are: the false discovery rate is controlled with it, and no power is lost to a bound that ignores their likeness.
+//! The null distribution ([`Evidence`]) comes from the data: under no effect the sign of each block of the
+//! residual is a toss-up, so the products of residual and signature, summed by blocks, are given random signs
+//! and the best start of each candidate is taken again. That accounts for coloured residuals and for having
+//! looked at many starts; what the fit took out of the residual in each block is given back first (its
+//! leverage), or noise would look smaller than it is. Over all candidates the same sign patterns give the
+//! distribution of the least p-value of any candidate under no effect; p-values are adjusted by it, stepping
+//! down (Westfall and Young, Resampling-Based Multiple Testing, 1993, Algorithm 2.8). Where nothing is
+//! missing, anything is called significant in one of twenty data sets, however alike the candidates are: the
+//! false discovery rate is controlled with it, and no power is lost to a bound that ignores their likeness.
 
 use super::resonances::resonances;
 use crate::dataset::{Dataset, Record};
@@ -43,13 +47,13 @@ use std::sync::Arc;
 
 /// Sign patterns of the null distribution.
 const TOSSES: usize = 1999;
-/// Highest leverage that is made up for. Beyond it the fit has left so little of a block that it says nothing about its own noise: the
-/// scatter of the whole record stands in.
+/// Highest leverage that is made up for. Beyond it the fit has left so little of a block that it says nothing
+/// about its own noise: the scatter of the whole record stands in.
 const LEVERAGE_MAX: f64 = 0.5;
 /// Resamples for the interval of the explained share.
 const RESAMPLES: usize = 200;
-/// Instants of sampling and of writing the drive are known to within this share of the fastest period, and so is a model of a sampled
-/// record: what a skew of that size leaves is not evidence.
+/// Instants of sampling and of writing the drive are known to within this share of the fastest period, and so
+/// is a model of a sampled record: what a skew of that size leaves is not evidence.
 const SKEW_MAX: f64 = 0.15;
 /// A signature of which less than this share of the squares is left is one that the model can do by itself.
 const LEFT_OF_SIGNATURE: f64 = 1e-8;
@@ -138,7 +142,8 @@ impl Absorbed {
         let p = h.nrows();
         let scale: Vec<f64> = (0..p).map(|i| if h[(i, i)] > 0.0 { 1.0 / h[(i, i)].sqrt() } else { 0.0 }).collect();
         let scaled = DMatrix::from_fn(p, p, |i, j| h[(i, j)] * scale[i] * scale[j] + if i == j { 1e-9 } else { 0.0 });
-        // J = Q L' with the factor of the normal equations: the columns of Q are orthonormal over all records.
+        // J = Q L' with the factor of the normal equations: the columns of Q are orthonormal over all
+        // records.
         let inverse = scaled.cholesky().map(|c| c.l()).and_then(|l| l.solve_lower_triangular(&DMatrix::identity(p, p)));
         let basis = parallel::map(&parts, |part| match &inverse {
             Some(inverse) => {
@@ -196,8 +201,8 @@ pub fn screen(
     Ok(left.screened(signatures, rows, candidates, floor_um, weighing))
 }
 
-/// Screens candidates for a search on what a model leaves of some records and, apart from that, on what it leaves of all, along which it is walked once. `some` are
-/// records of `all` with the same samples.
+/// Screens candidates for a search on what a model leaves of some records and, apart from that, on what it
+/// leaves of all, along which it is walked once. `some` are records of `all` with the same samples.
 ///
 /// # Errors
 /// As [`screen`].
@@ -314,7 +319,8 @@ impl Left {
     }
 }
 
-/// Squares of a residual above those of the noise; a residual at the floor still has a little, or shares would have no scale.
+/// Squares of a residual above those of the noise; a residual at the floor still has a little, or shares
+/// would have no scale.
 fn above_floor(residual: &DVector<f64>, floor_um: Option<f64>) -> f64 {
     let total = residual.norm_squared();
     floor_um.map_or(total, |f| (total - residual.len() as f64 * f * f).max(0.02 * total))
@@ -617,7 +623,8 @@ impl Screening {
         if norms > 0.0 { (sa.dot(&sb) / norms).abs() } else { 0.0 }
     }
 
-    /// Candidates other than one that explain at least a share of what it does, by signatures at least so much alike; those most alike first.
+    /// Candidates other than one that explain at least a share of what it does, by signatures at least so
+    /// much alike; those most alike first.
     #[must_use]
     pub fn doing_as(&self, id: &str, least_share: f64, least_similarity: f64) -> Vec<&Score> {
         let Some(own) = self.scores.iter().find(|s| s.id == id) else { return Vec::new() };
@@ -704,7 +711,8 @@ impl Screening {
         self.record_rows().into_iter().enumerate().flat_map(of_record).collect()
     }
 
-    /// Products of residual and columns in each block; and the same with the power that the fit took out given back: what noise would do.
+    /// Products of residual and columns in each block; and the same with the power that the fit took out
+    /// given back: what noise would do.
     fn products_by_block(&self, blocks: &[(usize, Range<usize>)], absorbed: &Absorbed) -> (DMatrix<f64>, DMatrix<f64>) {
         let m = self.columns.ncols();
         let scatter: Vec<f64> = self
@@ -795,8 +803,8 @@ fn stability(resampled_um2: &[Vec<f64>]) -> Vec<f64> {
     wins.into_iter().map(|w| w as f64 / RESAMPLES as f64).collect()
 }
 
-/// Step-down correction by the least p-value of the candidates that are left, after Westfall and Young. For each candidate the p-value that
-/// was observed, then the one that each sign pattern would have had.
+/// Step-down correction by the least p-value of the candidates that are left, after Westfall and Young. For
+/// each candidate the p-value that was observed, then the one that each sign pattern would have had.
 fn adjusted_p_values(with_null: &[Vec<f64>]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..with_null.len()).collect();
     order.sort_by(|&a, &b| with_null[a][0].total_cmp(&with_null[b][0]));

@@ -1,13 +1,16 @@
 //! The search: a beam over models, extended by single moves and by pairs.
 //!
 //! # How it works
-//! A round scores all candidates on the residual of each of the best models ([`super::screening`]), and proposes the moves that promise most: an
-//! effect added, two added together where the pair explains what neither does alone (creep is not seen before the lag beside it is), loops or creep
-//! described more finely. Where a model leaves much more of the held-out records than of the fitted ones, candidates are scored there as well. The most promising
-//! are fitted on a part of the samples and go into the pool; the best models that have not been extended are extended next.
+//! A round scores all candidates on the residual of each of the best models ([`super::screening`]), and
+//! proposes the moves that promise most: an effect added, two added together where the pair explains what
+//! neither does alone (creep is not seen before the lag beside it is), loops or creep described more finely.
+//! Where a model leaves much more of the held-out records than of the fitted ones, candidates are scored
+//! there as well. The most promising are fitted on a part of the samples and go into the pool; the best
+//! models that have not been extended are extended next.
 //!
-//! All of that happens beside one structure of the loops. Beside loops of the wrong structure every effect looks like a better description of them,
-//! so the other structures of the library are tried once, and each kind that comes near the best has a beam of its own.
+//! All of that happens beside one structure of the loops. Beside loops of the wrong structure every effect
+//! looks like a better description of them, so the other structures of the library are tried once, and each
+//! kind that comes near the best has a beam of its own.
 
 use super::pool::{Entry, Move, Pool, key};
 use super::screening::{Score, Screening};
@@ -186,7 +189,8 @@ impl<'s, 'a> Search<'s, 'a> {
                 self.offer_finer(study.finer_plays(model), entry, &screening, &mut proposed.finer_terms);
             }
             self.propose_effects(entry, &screening, proposals);
-            // Far above the noise a finer creep decides which of two that are nearly as good goes on; near it, it would stand in for what is missing.
+            // Far above the noise a finer creep decides which of two that are nearly as good goes on; near
+            // it, it would stand in for what is missing.
             if first || (far_above && of_its_kind) {
                 self.offer_finer(study.finer_creep(model), entry, &screening, &mut proposed.finer_terms);
             }
@@ -250,7 +254,8 @@ impl<'s, 'a> Search<'s, 'a> {
         moves.sort();
         moves.dedup();
         let key = key(&moves, &begin);
-        // A set that is known from another side is only tried again from a second initial guess in the same round.
+        // A set that is known from another side is only tried again from a second initial guess in the same
+        // round.
         let hopeless = !scores.is_empty() && self.hopeless.contains(&names(&moves));
         if !self.pool.entries.contains_key(&key) && !hopeless {
             let begun = scores.iter().map(|s| s.id.clone()).collect();

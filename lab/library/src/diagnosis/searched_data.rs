@@ -1,9 +1,11 @@
 //! The part of the data on which a search runs.
 //!
-//! Every set of effects walks the fitted records some thirty times, from their first sample on. A record that begins at rest in a state that
-//! nobody knows may as well begin just before its window: what the rest left in creep or in a ring is estimated in either case. Records that
-//! are very long are searched on their beginnings; the models at the end are fitted and judged on everything. Where even that is more than the evidence needs
-//! ([`Policy::weighed_samples`](super::policy::Policy)), everything is decided on beginnings, and the last model alone is fitted to the whole.
+//! Every set of effects walks the fitted records some thirty times, from their first sample on. A record that
+//! begins at rest in a state that nobody knows may as well begin just before its window: what the rest left
+//! in creep or in a ring is estimated in either case. Records that are very long are searched on their
+//! beginnings; the models at the end are fitted and judged on everything. Where even that is more than the
+//! evidence needs ([`Policy::weighed_samples`](super::policy::Policy)), everything is decided on beginnings,
+//! and the last model alone is fitted to the whole.
 
 use crate::dataset::{Dataset, Record, Role};
 use hysteron_sim::chain::InitialState;
@@ -11,7 +13,8 @@ use hysteron_sim::chain::InitialState;
 /// Samples at rest that are kept in front of a window.
 const KEPT_AT_REST: usize = 100;
 
-/// The data without samples that decide nothing while searching; fitted records walk about `walked_samples` at most.
+/// The data without samples that decide nothing while searching; fitted records walk about `walked_samples`
+/// at most.
 #[must_use]
 pub(super) fn for_search(dataset: &Dataset, walked_samples: usize) -> Dataset {
     let mut out = dataset.clone();
@@ -26,7 +29,8 @@ pub(super) fn for_search(dataset: &Dataset, walked_samples: usize) -> Dataset {
     out
 }
 
-/// The beginnings of all records that are fitted or judge, where there is more than the evidence needs: of every record the same share.
+/// The beginnings of all records that are fitted or judge, where there is more than the evidence needs: of
+/// every record the same share.
 pub fn for_evidence(dataset: &Dataset, weighed_samples: usize) -> Option<Dataset> {
     let takes_part = |r: &Record| matches!(r.role, Role::Identify | Role::Validate);
     let samples: usize = dataset.records.iter().filter(|r| takes_part(r)).map(|r| r.window.len()).sum();
@@ -73,7 +77,8 @@ fn shorten(record: &mut Record, share: f64) {
     record.periods = None;
 }
 
-/// Samples that are left out together between two parts of a tape, at least; fewer are a sensor's limit or a disturbance.
+/// Samples that are left out together between two parts of a tape, at least; fewer are a sensor's limit or a
+/// disturbance.
 const BETWEEN_PARTS: f64 = 0.02;
 
 /// The parts of a tape that count: what is between long stretches that do not.

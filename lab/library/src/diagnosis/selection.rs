@@ -1,14 +1,16 @@
 //! Which of the fitted models the data cannot reject, and the simplest of them.
 //!
 //! # How it works
-//! A model's losses are its mean squares by block of every judged record, held-out ones included; on fitted records with what its free values
-//! take out of the noise added (Mallows' Cp). Models are compared two by two on each record and on the weighted mean of all. Of two models the
-//! one with the larger loss is rejected where the difference exceeds a margin that matters by more than chance brings: the difference in
-//! standard errors against the largest that a moving-block bootstrap gives over all pairs and records, at 5 % family-wise. The worst goes first,
-//! and the rest is compared again until none is rejected: the *model confidence set* (Hansen, Lunde and Nason, Econometrica 79, 2011).
+//! A model's losses are its mean squares by block of every judged record, held-out ones included; on fitted
+//! records with what its free values take out of the noise added (Mallows' Cp). Models are compared two by
+//! two on each record and on the weighted mean of all. Of two models the one with the larger loss is rejected
+//! where the difference exceeds a margin that matters by more than chance brings: the difference in standard
+//! errors against the largest that a moving-block bootstrap gives over all pairs and records, at 5 %
+//! family-wise. The worst goes first, and the rest is compared again until none is rejected: the *model
+//! confidence set* (Hansen, Lunde and Nason, Econometrica 79, 2011).
 //!
-//! The margin is 2 % of the error at the noise; where the best model stays above the noise, the library lacks something that is larger than any
-//! difference below a share of that remainder, and the margin grows by it.
+//! The margin is 2 % of the error at the noise; where the best model stays above the noise, the library lacks
+//! something that is larger than any difference below a share of that remainder, and the margin grows by it.
 
 use super::judgement::Judged;
 use super::policy::Policy;
@@ -40,7 +42,8 @@ impl Losses {
         let values = judged.model.effects.iter().flat_map(|e| &e.parameters).filter(|p| !p.parameter.fixed).count();
         let of_record = |i: &usize| -> Vec<f64> {
             let left = &judged.residuals[*i];
-            // What so many free values take out of the noise of the records that they were fitted to, given back twice.
+            // What so many free values take out of the noise of the records that they were fitted to, given
+            // back twice.
             let noise_um2 = study.floors_um[*i].map_or_else(|| dot(left, left) / left.len().max(1) as f64, |um| um * um);
             let taken_um2 =
                 if study.split.identify.contains(i) { 2.0 * noise_um2 * values as f64 / fitted_samples.max(1) as f64 } else { 0.0 };
@@ -148,14 +151,15 @@ impl Compared {
         Self { means, resampled, margins: scale.margin.iter().copied().chain([all]).collect() }
     }
 
-    /// By how many standard errors one model is worse than another beyond the margin, and the same of every resample beside its own mean. On one record alone
-    /// only a model counts as worse that is worse in all.
+    /// By how many standard errors one model is worse than another beyond the margin, and the same of every
+    /// resample beside its own mean. On one record alone only a model counts as worse that is worse in all.
     fn worse(&self, one: usize, other: usize, policy: &Policy) -> (f64, Vec<f64>) {
         let all = self.means.len() - 1;
         let mut most = f64::NEG_INFINITY;
         let mut by_chance = vec![f64::NEG_INFINITY; RESAMPLES];
         let in_all = self.means[all][one] - self.means[all][other];
-        // Of a few events, as of a ring behind each of some steps, resamples say little; an error that doubles needs no test.
+        // Of a few events, as of a ring behind each of some steps, resamples say little; an error that
+        // doubles needs no test.
         let kept_share = 1.0 - policy.beyond_chance;
         if self.means[all][other] < kept_share * kept_share * self.means[all][one] {
             most = f64::INFINITY;
@@ -227,8 +231,9 @@ pub struct Selected {
     pub rejected: Vec<(String, f64)>,
 }
 
-/// The simplest models of a pool that the data cannot reject: of those with the fewest moves that are kept, all. `forgiven` are not rejected whatever their losses: the
-/// effect that another has beside them is not seen beyond chance.
+/// The simplest models of a pool that the data cannot reject: of those with the fewest moves that are kept,
+/// all. `forgiven` are not rejected whatever their losses: the effect that another has beside them is not
+/// seen beyond chance.
 #[must_use]
 pub fn select(pool: &mut Pool, forgiven: &BTreeSet<String>) -> Selected {
     pool.compare_best();

@@ -1,4 +1,5 @@
-//! What a diagnosis works on, and the moves by which models are made of it: effects added, taken away, begun again, fitted.
+//! What a diagnosis works on, and the moves by which models are made of it: effects added, taken away, begun
+//! again, fitted.
 
 use super::judgement::{Judged, Split, judge_fit, judge_rows};
 use super::policy::Policy;
@@ -64,16 +65,19 @@ pub struct Study<'a> {
 
 /// How far a fit goes to see whether a set of effects can compete.
 const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003, looks_again: false };
-/// Steps after which a quick fit is looked at, and how far behind what it extends it may be then: of 369 such fits on the recorded stage 75 were given up so, a
-/// sixth of the time, and one of them would have come to a gain, of 0.04.
+/// Steps after which a quick fit is looked at, and how far behind what it extends it may be then: of 369 such
+/// fits on the recorded stage 75 were given up so, a sixth of the time, and one of them would have come to a
+/// gain, of 0.04.
 const LOOKED_AT_AFTER: usize = 3;
 const PLAINLY_BEHIND: f64 = 0.2;
 /// A fit that two steps lowered by as much, as a logarithm, is on its way, and neither looked at nor ended.
 const FALLS_FAST: f64 = 0.5;
-/// The same where it is compared with one that is near the noise: from a hundred times as much a few steps more bring it there, and one that is given up is told
-/// apart by mistake. Of a straight stage with a lag of 150 Hz, read to 0.1 nm, a lag on the other side was given up at 28 nm.
+/// The same where it is compared with one that is near the noise: from a hundred times as much a few steps
+/// more bring it there, and one that is given up is told apart by mistake. Of a straight stage with a lag of
+/// 150 Hz, read to 0.1 nm, a lag on the other side was given up at 28 nm.
 const FALLS_TO_THE_NOISE: f64 = 0.1;
-/// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it belongs.
+/// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it
+/// belongs.
 const OUT_OF_REACH: f64 = 1.0;
 /// What is so far behind half way through a quick fit is behind at its end.
 pub const FAR_BEHIND: f64 = 1.0;
@@ -84,13 +88,15 @@ const RANKED: Effort = Effort { iterations: 1, ..FIRST };
 /// How far it goes before two sets are compared.
 const COMPARING: Effort = Effort { iterations: 15, tolerance: 0.2, relative: 3e-4, looks_again: false };
 
-/// How far a last fit goes where the model leaves many times the noise: the last hundredths of a per cent are none of its knowledge.
+/// How far a last fit goes where the model leaves many times the noise: the last hundredths of a per cent are
+/// none of its knowledge.
 const TO_THE_END_FAR_ABOVE: Effort = Effort { iterations: 30, tolerance: 0.05, relative: 2e-4, looks_again: false };
 
 /// A model that leaves so many times as much of the held-out records has taken in what they would show.
 const FAILS_HELD_OUT: f64 = 1.5;
 
-/// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come past it.
+/// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come
+/// past it.
 const CANNOT_CATCH_UP: f64 = 0.15;
 
 impl<'a> Study<'a> {
@@ -177,8 +183,8 @@ impl<'a> Study<'a> {
         self.score_each(model, &self.candidates_for(model))
     }
 
-    /// Scores these effects beside a model, for a search: on what it leaves of the fitted records, and on what it leaves of fitted and held-out records
-    /// together, as if all were fitted.
+    /// Scores these effects beside a model, for a search: on what it leaves of the fitted records, and on
+    /// what it leaves of fitted and held-out records together, as if all were fitted.
     ///
     /// # Errors
     /// As [`screen`].
@@ -222,8 +228,9 @@ impl<'a> Study<'a> {
         out
     }
 
-    /// The model with the first value of a user's effect fitted before its others: begun far too small, its strength makes a fit of all
-    /// values together send the others far away (a gap that a weak spring hardly shows).
+    /// The model with the first value of a user's effect fitted before its others: begun far too small, its
+    /// strength makes a fit of all values together send the others far away (a gap that a weak spring hardly
+    /// shows).
     fn first_value_first(&self, model: &Model, id: &str) -> Model {
         let held = holding(model, |effect, place| effect == id && place > 0);
         as_free_as(fit_rows(&held, &self.searched, &self.quick, FIRST).model, model)
@@ -247,11 +254,11 @@ impl<'a> Study<'a> {
         self.fitted_quickly(model, COMPARING)
     }
 
-    /// Fits a model to which effects were added far enough to see whether it can compete with what it extends, whose merit is `of`, and no further
-    /// where it plainly cannot.
+    /// Fits a model to which effects were added far enough to see whether it can compete with what it
+    /// extends, whose merit is `of`, and no further where it plainly cannot.
     ///
-    /// Effects that begin far too strong are fitted by themselves first: together with all others they draw those away from where they belong, and a
-    /// fit of a few steps does not bring them back.
+    /// Effects that begin far too strong are fitted by themselves first: together with all others they draw
+    /// those away from where they belong, and a fit of a few steps does not bring them back.
     #[must_use]
     pub fn quickly_beside(&self, begin: &Model, added: &[String], of: f64) -> Judged {
         let behind = |model: &Model| self.merit(&self.judged_quickly(model.clone())) - of;
@@ -267,7 +274,8 @@ impl<'a> Study<'a> {
         self.quickly_within(&begin, of, PLAINLY_BEHIND)
     }
 
-    /// Fits as [`Self::quickly`], and no further where the model is behind a merit by so much once it no longer falls fast.
+    /// Fits as [`Self::quickly`], and no further where the model is behind a merit by so much once it no
+    /// longer falls fast.
     #[must_use]
     pub fn quickly_within(&self, begin: &Model, of: f64, behind: f64) -> Judged {
         let looked_at = Cell::new(false);
@@ -318,9 +326,9 @@ impl<'a> Study<'a> {
         judge_rows(model, &self.searched, &self.split, &self.quick_judging)
     }
 
-    /// What models are ranked by, the less the better: a mean of the logarithms of held-out and fitted error, in which the held-out one
-    /// weighs more; every record counts alike, so that one which no model meets does not hide what the others say. What is below the noise
-    /// is not better.
+    /// What models are ranked by, the less the better: a mean of the logarithms of held-out and fitted error,
+    /// in which the held-out one weighs more; every record counts alike, so that one which no model meets
+    /// does not hide what the others say. What is below the noise is not better.
     #[must_use]
     pub fn merit(&self, judged: &Judged) -> f64 {
         self.merit_of(|i| rms(&judged.residuals[i]))
@@ -368,7 +376,8 @@ impl<'a> Study<'a> {
         self.floor_um.is_some() && merit < self.merit_of(|i| self.floors_um[i].unwrap_or(0.0)) + times.ln()
     }
 
-    /// This merit is that of a model at the noise: what else there is, is a small share of what is left, however plainly the data show it.
+    /// This merit is that of a model at the noise: what else there is, is a small share of what is left,
+    /// however plainly the data show it.
     #[must_use]
     pub fn merit_is_at_the_noise(&self, merit: f64) -> bool {
         self.merit_is_within(self.policy.explained, merit)
@@ -392,7 +401,8 @@ impl<'a> Study<'a> {
         self.floor_um.is_some() && !self.near_the_noise(judged)
     }
 
-    /// A model without an effect and without what builds on it, other values as they are; a gain takes the place of the hysteresis.
+    /// A model without an effect and without what builds on it, other values as they are; a gain takes the
+    /// place of the hysteresis.
     #[must_use]
     pub fn without(&self, model: &Model, id: &str) -> Model {
         let mut out = model.clone();
@@ -411,8 +421,8 @@ impl<'a> Study<'a> {
         out
     }
 
-    /// The model with an effect begun from the start that explains most of what the others leave; where half way it is far behind a merit, it is fitted
-    /// no further.
+    /// The model with an effect begun from the start that explains most of what the others leave; where half
+    /// way it is far behind a merit, it is fitted no further.
     ///
     /// # Errors
     /// As [`screen`].
@@ -428,8 +438,8 @@ impl<'a> Study<'a> {
         Ok(best.unwrap_or_else(|| self.quickly(&begun(&[]))))
     }
 
-    /// The model with each effect that has several beginnings begun again beside the others: while something was missing, it may have
-    /// settled far from where it belongs.
+    /// The model with each effect that has several beginnings begun again beside the others: while something
+    /// was missing, it may have settled far from where it belongs.
     ///
     /// # Errors
     /// As [`screen`].
@@ -459,8 +469,9 @@ impl<'a> Study<'a> {
         Ok(best)
     }
 
-    /// Fits a list of effects, each begun from the start that explains most of what the others leave; then all together. Where the caller
-    /// wants the best so far, the rest are begun as they come and fitted quickly.
+    /// Fits a list of effects, each begun from the start that explains most of what the others leave; then
+    /// all together. Where the caller wants the best so far, the rest are begun as they come and fitted
+    /// quickly.
     ///
     /// # Errors
     /// As [`screen`].
@@ -468,8 +479,8 @@ impl<'a> Study<'a> {
         let mut order: Vec<Arc<dyn Effect>> = effects.to_vec();
         order.sort_by_key(|e| (e.fitting_rank(), e.declaration().place, e.declaration().id));
         let mut judged = self.one_after_the_other(&order)?;
-        // What was seated before the others had been begun again may stand in for what they lacked then, and keeps them there: each in turn comes last, behind
-        // the others built without it.
+        // What was seated before the others had been begun again may stand in for what they lacked then, and
+        // keeps them there: each in turn comes last, behind the others built without it.
         let seated = |e: &&Arc<dyn Effect>| !e.declaration().is_main() && !e.starts_combine() && e.starts(&self.overview).len() > 1;
         let in_turn: Vec<Arc<dyn Effect>> = order.iter().rev().filter(seated).cloned().collect();
         if in_turn.len() > 1 {
@@ -493,7 +504,8 @@ impl<'a> Study<'a> {
         if self.watch.stopped() { Ok(self.judged(judged.model)) } else { Ok(self.thoroughly(&judged.model)) }
     }
 
-    /// Effects fitted one after the other, in this order, then all together, and begun again where that leaves more than the noise.
+    /// Effects fitted one after the other, in this order, then all together, and begun again where that
+    /// leaves more than the noise.
     fn one_after_the_other(&self, order: &[Arc<dyn Effect>]) -> Result<Judged> {
         let mut model = Model::new(self.dataset.drive_min_v, self.dataset.drive_max_v);
         if !order.iter().any(|e| e.declaration().is_main()) {
@@ -519,7 +531,8 @@ impl<'a> Study<'a> {
         Ok(judged)
     }
 
-    /// Finer descriptions of the hysteresis of a model: surfaces of one degree more, play operators beside them.
+    /// Finer descriptions of the hysteresis of a model: surfaces of one degree more, play operators beside
+    /// them.
     #[must_use]
     pub fn finer(&self, model: &Model) -> Vec<Model> {
         let ways = [finer_hysteresis::refined(model, &self.overview, 1), finer_hysteresis::with_play_operators(model, &self.overview)];

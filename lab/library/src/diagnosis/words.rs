@@ -122,7 +122,8 @@ pub fn no_drive_decides(other: &str, separation_um: f64) -> String {
     )
 }
 
-/// From where a delay counts that was found although nobody specified when the drive of a row acts, for a reader.
+/// From where a delay counts that was found although nobody specified when the drive of a row acts, for a
+/// reader.
 fn delay_counts_from(dataset: &Dataset) -> String {
     let period_s = dataset.records.iter().map(|r| r.dt_s()).fold(0.0, f64::max);
     format!(
@@ -318,7 +319,8 @@ impl<'a> Said<'a> {
         }
     }
 
-    /// What the physics says of the findings: which of two readings is likelier, or what the values of an effect say instead of its name.
+    /// What the physics says of the findings: which of two readings is likelier, or what the values of an
+    /// effect say instead of its name.
     fn physics(&self) -> String {
         let d = self.diagnosis;
         let against = |id: &String| d.candidates.iter().find(|c| c.effect == *id).and_then(|c| c.unlikely_because.clone());
@@ -343,7 +345,8 @@ impl<'a> Said<'a> {
         format!(" The loops are {end}{as_well}.")
     }
 
-    /// What the model shows about the recording; what the readings show by themselves stands in the data set's own remarks.
+    /// What the model shows about the recording; what the readings show by themselves stands in the data
+    /// set's own remarks.
     fn issues(&self, dataset: &Dataset) -> String {
         let issues = self.diagnosis.issues.iter().filter(|issue| !dataset.issues.contains(issue));
         issues.map(|i| format!(" {}.", quality::words::sentence(i))).collect()

@@ -1,7 +1,9 @@
-//! A model to take away: a function that simulates it, in MATLAB, NumPy or C, and its linear part as a state space.
+//! A model to take away: a function that simulates it, in MATLAB, NumPy or C, and its linear part as a state
+//! space.
 //!
-//! Every export is written from the blocks of a model at one sampling period ([`hysteron_sim::block`]), so that it reads what the program reads. What blocks
-//! do is written once for each language (`blocks.m`, `blocks.py`, `blocks.c`); an export carries those that it needs and stands alone. An effect whose stage
+//! Every export is written from the blocks of a model at one sampling period ([`hysteron_sim::block`]), so
+//! that it reads what the program reads. What blocks do is written once for each language (`blocks.m`,
+//! `blocks.py`, `blocks.c`); an export carries those that it needs and stands alone. An effect whose stage
 //! has no blocks is refused by name.
 
 mod c;
@@ -91,7 +93,8 @@ fn identifier(name: &str) -> String {
     if plain.starts_with(|c: char| c.is_ascii_alphabetic()) { plain } else { format!("model_{plain}") }
 }
 
-/// The blocks that a chain needs of a library of them, each of which begins with a line that says `block` and its name.
+/// The blocks that a chain needs of a library of them, each of which begins with a line that says `block` and
+/// its name.
 fn needed(library: &str, chain: &BlockChain, mark: &str) -> String {
     let names: BTreeSet<&str> = chain.blocks.iter().map(|placed| placed.block.name()).collect();
     let mut out = String::new();
@@ -202,7 +205,8 @@ fn arguments(block: &Block, substeps: usize) -> Vec<Argument> {
     }
 }
 
-/// The steps of a chain for languages that carry whole signals: going over to sub-intervals, back, and the blocks between.
+/// The steps of a chain for languages that carry whole signals: going over to sub-intervals, back, and the
+/// blocks between.
 enum Carry<'c> {
     Refine,
     Coarsen,

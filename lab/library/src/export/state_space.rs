@@ -1,7 +1,8 @@
 //! The linear part of a model as a state space, with what its parameters' deviations make of it.
 //!
-//! The sampled matrices come from the blocks of the model, probed state by state, with the hysteresis replaced by one gain: they give the readings of the
-//! program for a linear model. The continuous matrices are those of the physical equations, the dead time beside them.
+//! The sampled matrices come from the blocks of the model, probed state by state, with the hysteresis
+//! replaced by one gain: they give the readings of the program for a linear model. The continuous matrices
+//! are those of the physical equations, the dead time beside them.
 
 use crate::engineering::loop_figures;
 use crate::error::{Error, Result};

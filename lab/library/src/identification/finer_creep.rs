@@ -1,11 +1,13 @@
 //! Better descriptions of creep: time constants closer to one another, or free ones.
 //!
-//! Creep is a sum of first-order terms on a grid of time constants, one for each decade. An actuator that creeps with the logarithm of time is met by that to
-//! some per cent of its creep; one with a single time constant between two of the grid leaves a twentieth of it, which looks like drift, leakage or loops of
+//! Creep is a sum of first-order terms on a grid of time constants, one for each decade. An actuator that
+//! creeps with the logarithm of time is met by that to some per cent of its creep; one with a single time
+//! constant between two of the grid leaves a twentieth of it, which looks like drift, leakage or loops of
 //! another kind.
 //!
-//! Both ways are tried because neither is the better one everywhere: free time constants meet few terms exactly, and on long creep they follow what the fitted
-//! records happen to show; a dense grid with shares that are not negative is smooth. Held-out records decide.
+//! Both ways are tried because neither is the better one everywhere: free time constants meet few terms
+//! exactly, and on long creep they follow what the fitted records happen to show; a dense grid with shares
+//! that are not negative is smooth. Held-out records decide.
 
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::Overview;
@@ -23,9 +25,11 @@ const REACH: f64 = 10.0;
 /// What free time constants count for beside one step of a denser grid.
 const STEPS_OF_FREE: usize = 2;
 
-/// The model with a term more between each two of its creep and one behind the last; nothing where it has none, or enough, or free time constants.
+/// The model with a term more between each two of its creep and one behind the last; nothing where it has
+/// none, or enough, or free time constants.
 ///
-/// The term behind the last stands for all that is slower: creep goes on for longer than a record, and what does not settle in it, no term that does can follow.
+/// The term behind the last stands for all that is slower: creep goes on for longer than a record, and what
+/// does not settle in it, no term that does can follow.
 #[must_use]
 pub fn denser(model: &Model, overview: &Overview) -> Option<Model> {
     let creep = model.effect(creep::ID).filter(|creep| !is_free(creep))?;
@@ -36,7 +40,8 @@ pub fn denser(model: &Model, overview: &Overview) -> Option<Model> {
     (denser.len() > terms.len() && denser.len() <= TERMS_MAX).then(|| with_terms(model, overview, &denser, true))
 }
 
-/// The model with the time constants of its creep free, without terms that have no share; nothing where it has none, or too many, or they are free.
+/// The model with the time constants of its creep free, without terms that have no share; nothing where it
+/// has none, or too many, or they are free.
 #[must_use]
 pub fn freed(model: &Model, overview: &Overview) -> Option<Model> {
     let creep = model.effect(creep::ID).filter(|creep| !is_free(creep))?;

@@ -1,5 +1,6 @@
-//! Better descriptions of the hysteresis: surfaces of a higher degree, play operators beside them, another structure of loops in their place. What a
-//! wrong description could explain must never pass for a missing effect.
+//! Better descriptions of the hysteresis: surfaces of a higher degree, play operators beside them, another
+//! structure of loops in their place. What a wrong description could explain must never pass for a missing
+//! effect.
 
 use super::finer_plays;
 use hysteron_sim::chain::{EffectInstance, Model};
@@ -12,7 +13,8 @@ use std::sync::Arc;
 /// Highest degree that surfaces are refined to.
 pub const DEGREE_MAX: usize = 9;
 
-/// The model with surfaces of a higher degree and the same values, or `None` where it has no surfaces or they are at their highest.
+/// The model with surfaces of a higher degree and the same values, or `None` where it has no surfaces or they
+/// are at their highest.
 #[must_use]
 pub fn refined(model: &Model, overview: &Overview, by: usize) -> Option<Model> {
     let loops = model.values(hysteresis::ID)?;
@@ -44,8 +46,8 @@ pub fn with_play_operators(model: &Model, overview: &Overview) -> Option<Model> 
     Some(out)
 }
 
-/// The model with loops of each other structure of the library in the place of its own and of what builds on them. In the place of a gain surfaces are not among
-/// them: they are a candidate of their own.
+/// The model with loops of each other structure of the library in the place of its own and of what builds on
+/// them. In the place of a gain surfaces are not among them: they are a candidate of their own.
 #[must_use]
 pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
     let surfaces = || {

@@ -1,8 +1,9 @@
 //! Better descriptions of the play operators beside the surfaces: more of them, or few with free thresholds.
 //!
-//! An element whose threshold lies between two of the grid is met by both together up to a step at every turn, which halves with the distance of the grid.
-//! Loops that are made of few elements are met by few: on a dense grid whose weights all go with the drive those beside an element share it, and nothing is left
-//! for the others. Neighbours that do are one element with the threshold between them, which is then set free.
+//! An element whose threshold lies between two of the grid is met by both together up to a step at every
+//! turn, which halves with the distance of the grid. Loops that are made of few elements are met by few: on a
+//! dense grid whose weights all go with the drive those beside an element share it, and nothing is left for
+//! the others. Neighbours that do are one element with the threshold between them, which is then set free.
 
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::Overview;
@@ -31,8 +32,8 @@ enum Thresholds {
     Free(f64),
 }
 
-/// The model with an element more between each two of its play operators, one before the first and one behind the last; nothing where it has none, enough, free
-/// thresholds; all go with the drive then.
+/// The model with an element more between each two of its play operators, one before the first and one behind
+/// the last; nothing where it has none, enough, free thresholds; all go with the drive then.
 #[must_use]
 pub fn denser(model: &Model, overview: &Overview) -> Option<Model> {
     let plays = model.effect(play_operators::ID).filter(|plays| !is_free(plays))?;
@@ -43,7 +44,8 @@ pub fn denser(model: &Model, overview: &Overview) -> Option<Model> {
     (denser.len() <= ELEMENTS_MAX).then(|| with_elements(model, overview, &denser, Thresholds::OnAGrid))
 }
 
-/// The model with its play operators as few as their grid shows, at free thresholds; nothing where it has none, where they are too many, or free.
+/// The model with its play operators as few as their grid shows, at free thresholds; nothing where it has
+/// none, where they are too many, or free.
 #[must_use]
 pub fn freed(model: &Model, overview: &Overview) -> Option<Model> {
     let plays = model.effect(play_operators::ID).filter(|plays| !is_free(plays))?;

@@ -1,13 +1,16 @@
 //! Least squares over the whole chain: every free value of every effect, from all records at once.
 //!
 //! # How it works
-//! * Residual and derivatives come from [`super::linearisation`], free of what each record has of its own ([`super::own_part`]).
-//! * Steps are Levenberg and Marquardt's on the normal equations, which are accumulated record by record. A weak prior of one full range
-//!   on coefficients keeps directions that the data do not show small; it weighs one part in 10^4 of one sample.
-//! * The derivatives by the coefficients of the hysteresis change little while the other values move little; they are kept until those
-//!   have moved far enough. Every step is judged by the true sum of squares.
-//! * Where a trial step fails, the coefficients of the hysteresis follow it before it is given up, by the derivatives that led to the step: exact ones
-//!   cost as much as a step, and brought a fall in one of twelve cases where those did not.
+//! * Residual and derivatives come from [`super::linearisation`], free of what each record has of its own
+//!   ([`super::own_part`]).
+//! * Steps are Levenberg and Marquardt's on the normal equations, which are accumulated record by record. A
+//!   weak prior of one full range on coefficients keeps directions that the data do not show small; it weighs
+//!   one part in 10^4 of one sample.
+//! * The derivatives by the coefficients of the hysteresis change little while the other values move little;
+//!   they are kept until those have moved far enough. Every step is judged by the true sum of squares.
+//! * Where a trial step fails, the coefficients of the hysteresis follow it before it is given up, by the
+//!   derivatives that led to the step: exact ones cost as much as a step, and brought a fall in one of twelve
+//!   cases where those did not.
 
 use super::linearisation::{
     LinearCoefficients, Linearised, ParameterIndex, Rows, along_residual, free_parameters, left_in_window, linearise, linearise_reusing,
@@ -37,7 +40,8 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     lanes[0] + lanes[1] + lanes[2] + lanes[3] + tail
 }
 
-/// Measured less modelled inside the window of a record, with what the record has of its own removed; at samples that do not count as well.
+/// Measured less modelled inside the window of a record, with what the record has of its own removed; at
+/// samples that do not count as well.
 #[must_use]
 pub fn residual(model: &Model, record: &Record) -> Vec<f64> {
     let model = &*model.before_rounding();
@@ -67,7 +71,8 @@ pub fn rms_over(model: &Model, dataset: &Dataset, records: &[usize]) -> f64 {
     if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
 }
 
-/// How far the parameters that are no linear coefficients moved between two models, in coordinates that matter.
+/// How far the parameters that are no linear coefficients moved between two models, in coordinates that
+/// matter.
 fn shape_change(a: &Model, b: &Model, free: &[ParameterIndex]) -> f64 {
     let linear = LinearCoefficients::of(a);
     free.iter()
@@ -84,7 +89,8 @@ fn shape_change(a: &Model, b: &Model, free: &[ParameterIndex]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Prior standard deviation of a coefficient, in coordinates (a coordinate of one is a hundredth of the range).
+/// Prior standard deviation of a coefficient, in coordinates (a coordinate of one is a hundredth of the
+/// range).
 const PRIOR_COORDINATES: f64 = 100.0;
 
 /// How hard a fit tries.
@@ -92,12 +98,14 @@ const PRIOR_COORDINATES: f64 = 100.0;
 pub struct Effort {
     /// Most steps.
     pub iterations: usize,
-    /// A step that lowers the sum of squares by less than this share of one sample's variance per parameter ends the fit.
+    /// A step that lowers the sum of squares by less than this share of one sample's variance per parameter
+    /// ends the fit.
     pub tolerance: f64,
     /// A step that lowers the sum of squares by less than this share of it ends the fit.
     pub relative: f64,
-    /// Where older derivatives lead nowhere, the look with new ones is damped as before those failed. Without it a fit ends there, where their failures
-    /// came from a product of two values that had changed its sign; with it another path is taken far above the noise, to no better ends.
+    /// Where older derivatives lead nowhere, the look with new ones is damped as before those failed. Without
+    /// it a fit ends there, where their failures came from a product of two values that had changed its sign;
+    /// with it another path is taken far above the noise, to no better ends.
     pub looks_again: bool,
 }
 
@@ -110,13 +118,15 @@ impl Default for Effort {
 /// What a fit came to.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// The model with its values; standard deviations once [`estimate_uncertainty`](super::uncertainty::estimate_uncertainty) ran.
+    /// The model with its values; standard deviations once
+    /// [`estimate_uncertainty`](super::uncertainty::estimate_uncertainty) ran.
     pub model: Model,
     /// Residual over the fitted records.
     pub rms_um: f64,
     /// Samples fitted.
     pub samples: usize,
-    /// What the model leaves of each record of the rows that were fitted, free of what the record has of its own.
+    /// What the model leaves of each record of the rows that were fitted, free of what the record has of its
+    /// own.
     pub residuals: Vec<DVector<f64>>,
 }
 
@@ -139,7 +149,8 @@ pub fn fit_rows(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort) -
 pub struct Progress<'m> {
     /// Steps that were taken.
     pub taken: usize,
-    /// By how much the last two lowered the residual, as a logarithm: one that is taken with older derivatives may bring little before one with new ones.
+    /// By how much the last two lowered the residual, as a logarithm: one that is taken with older
+    /// derivatives may bring little before one with new ones.
     pub fell: f64,
     /// The model.
     pub model: &'m Model,
@@ -192,7 +203,8 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         if let Some(step) = step {
             kept = step.kept;
             model = step.model;
-            // Where the derivatives kept what they promised they are good for another step: only the residual is new.
+            // Where the derivatives kept what they promised they are good for another step: only the residual
+            // is new.
             parts.iter_mut().zip(step.residuals).for_each(|(part, residual)| part.residual = residual);
         }
         if gain < worthwhile {
@@ -230,7 +242,8 @@ enum Age {
 
 /// Share of the promised fall that a step must bring for the same derivatives to serve once more.
 const KEPT_WELL: f64 = 0.6;
-/// Factor of the damping behind a step that fails: with one of ten four trials of a quick fit failed, half of all readings that it simulates.
+/// Factor of the damping behind a step that fails: with one of ten four trials of a quick fit failed, half of
+/// all readings that it simulates.
 const DAMPED_MORE: f64 = 100.0;
 /// Dampings with which a step is tried, and with older derivatives where new ones are asked next.
 const TRIALS: usize = 12;
@@ -256,8 +269,9 @@ struct Better {
     kept: f64,
 }
 
-/// The model with the coefficients of its hysteresis where they serve its other values as they are begun, where that lowers the sum of squares: begun beside
-/// those of a model that lacked an effect, all values together take steps that fail.
+/// The model with the coefficients of its hysteresis where they serve its other values as they are begun,
+/// where that lowers the sum of squares: begun beside those of a model that lacked an effect, all values
+/// together take steps that fail.
 fn with_coefficients_first(
     model: &Model,
     dataset: &Dataset,
@@ -274,7 +288,8 @@ fn with_coefficients_first(
     (after < cost).then_some(Better { model, cost: after, residuals, kept: 1.0 })
 }
 
-/// The least damped step that lowers the sum of squares, if one is worth while; damping follows how well promises are kept.
+/// The least damped step that lowers the sum of squares, if one is worth while; damping follows how well
+/// promises are kept.
 fn best_step(
     model: &Model,
     dataset: &Dataset,
@@ -320,8 +335,8 @@ fn promised(h: &DMatrix<f64>, g: &DVector<f64>, step: &DVector<f64>) -> f64 {
     2.0 * step.dot(g) - step.dot(&(h * step))
 }
 
-/// A trial that leaves these residuals, with the coefficients of its hysteresis, which enter linearly, put where they serve its other values best as far as
-/// the derivatives of where the step began tell.
+/// A trial that leaves these residuals, with the coefficients of its hysteresis, which enter linearly, put
+/// where they serve its other values best as far as the derivatives of where the step began tell.
 fn with_coefficients_following(trial: &Model, free: &[ParameterIndex], at: &Normal, residuals: &[DVector<f64>]) -> Model {
     let linear = LinearCoefficients::of(trial);
     let places: Vec<usize> = (0..free.len()).filter(|i| linear.lane(trial, free[*i]).is_some()).collect();
@@ -332,7 +347,8 @@ fn with_coefficients_following(trial: &Model, free: &[ParameterIndex], at: &Norm
     damped_step(trial, &surfaces, &h, &g, at.variance, 0.0).map_or_else(|| trial.clone(), |step| moved(trial, &surfaces, &step))
 }
 
-/// Sum of squares of a model and its residuals, near one whose linearisation is known; infinite where anything is no number.
+/// Sum of squares of a model and its residuals, near one whose linearisation is known; infinite where
+/// anything is no number.
 fn residuals_of(model: &Model, dataset: &Dataset, rows: &Rows, near: &[Linearised]) -> (f64, Vec<DVector<f64>>) {
     let residuals = parallel::map_indices(rows.records.len(), |r| {
         let (i, samples) = &rows.records[r];
@@ -359,7 +375,8 @@ pub(super) fn prior_weight(model: &Model, index: ParameterIndex, variance: f64) 
     }
 }
 
-/// One damped step; coordinates that stand at a bound and want to go beyond are left out, and positive values stay in reach.
+/// One damped step; coordinates that stand at a bound and want to go beyond are left out, and positive values
+/// stay in reach.
 fn damped_step(
     model: &Model,
     free: &[ParameterIndex],
@@ -466,7 +483,8 @@ fn moved(model: &Model, free: &[ParameterIndex], step: &DVector<f64>) -> Model {
     out
 }
 
-/// Sine and cosine of a line belong to each record; the model keeps those of its first record so that it can simulate.
+/// Sine and cosine of a line belong to each record; the model keeps those of its first record so that it can
+/// simulate.
 fn store_lines(model: &mut Model, dataset: &Dataset, rows: &Rows) {
     let Some((first, _)) = rows.records.first() else { return };
     // The effect, the place of the sine in it, and the frequency of every line.

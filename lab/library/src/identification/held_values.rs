@@ -2,7 +2,8 @@
 
 use hysteron_sim::chain::Model;
 
-/// The model with every value held for which `holds` says so, by the effect and the place of the value in it; others stay as free as they are.
+/// The model with every value held for which `holds` says so, by the effect and the place of the value in it;
+/// others stay as free as they are.
 #[must_use]
 pub fn holding(model: &Model, holds: impl Fn(&str, usize) -> bool) -> Model {
     let mut out = model.clone();
@@ -14,7 +15,8 @@ pub fn holding(model: &Model, holds: impl Fn(&str, usize) -> bool) -> Model {
     out
 }
 
-/// A model with each of its values as free as it is in another; effects that the other does not have stay as they are.
+/// A model with each of its values as free as it is in another; effects that the other does not have stay as
+/// they are.
 #[must_use]
 pub fn as_free_as(mut model: Model, other: &Model) -> Model {
     for effect in &mut model.effects {

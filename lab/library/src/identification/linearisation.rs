@@ -1,8 +1,9 @@
 //! Residual of a model on records and its derivatives by every free value.
 //!
-//! Parameters live in coordinates in which a unit matters (`ParameterValue::coordinate`); positive ones in their logarithm. A derivative is
-//! a walk of the chain with one coordinate moved, beside the chain itself ([`hysteron_sim::variations`]). The coefficients of the hysteresis,
-//! most of the parameters, enter linearly: one walk gives what all of them add.
+//! Parameters live in coordinates in which a unit matters (`ParameterValue::coordinate`); positive ones in
+//! their logarithm. A derivative is a walk of the chain with one coordinate moved, beside the chain itself
+//! ([`hysteron_sim::variations`]). The coefficients of the hysteresis, most of the parameters, enter
+//! linearly: one walk gives what all of them add.
 
 use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Places, Samples, amounts, project_out, project_out_by_rows, project_out_of};
 use crate::dataset::{Dataset, Record};
@@ -38,7 +39,8 @@ pub fn free_parameters(model: &Model) -> Vec<ParameterIndex> {
 /// The records that are looked at, each with the samples that count.
 #[derive(Clone, Debug)]
 pub struct Rows {
-    /// Index of the record, and its samples; by the names of the records, so that their order in the data set does not matter.
+    /// Index of the record, and its samples; by the names of the records, so that their order in the data set
+    /// does not matter.
     pub records: Vec<(usize, Samples)>,
     /// What each record has of its own beside the last models.
     bases: Vec<OwnBases>,
@@ -51,8 +53,8 @@ impl Rows {
         Self::thinned(dataset, records, usize::MAX)
     }
 
-    /// About `most` samples of these records: one out of every so many, at an irregular distance, so that no line or drive keeps step
-    /// with them.
+    /// About `most` samples of these records: one out of every so many, at an irregular distance, so that no
+    /// line or drive keeps step with them.
     #[must_use]
     pub fn thinned(dataset: &Dataset, records: &[usize], most: usize) -> Self {
         let total: usize = records.iter().map(|i| dataset.records[*i].window.len()).sum();
@@ -117,7 +119,8 @@ impl Rows {
 pub struct Linearised {
     /// Measured less modelled.
     pub residual: DVector<f64>,
-    /// Derivative of the modelled reading by each coordinate, a column each; shared with whoever keeps it for later steps.
+    /// Derivative of the modelled reading by each coordinate, a column each; shared with whoever keeps it for
+    /// later steps.
     pub jacobian: Arc<DMatrix<f64>>,
     /// What the record has of its own.
     pub own: Arc<OwnBasis>,
@@ -160,7 +163,8 @@ pub fn residual_at(model: &Model, record: &Record, samples: &Samples) -> DVector
     residual_beside(model, record, samples, None)
 }
 
-/// The same near a model that was linearised: what the record has of its own is made of what it had there as far as that serves.
+/// The same near a model that was linearised: what the record has of its own is made of what it had there as
+/// far as that serves.
 #[must_use]
 pub fn residual_near(model: &Model, record: &Record, samples: &Samples, near: &Linearised) -> DVector<f64> {
     residual_beside(model, record, samples, Some(&near.own))
@@ -177,8 +181,8 @@ fn residual_beside(model: &Model, record: &Record, samples: &Samples, known: Opt
     out
 }
 
-/// What a reading of the whole record leaves inside its window, free of what the record has of its own as far as the samples that count show
-/// that.
+/// What a reading of the whole record leaves inside its window, free of what the record has of its own as far
+/// as the samples that count show that.
 #[must_use]
 pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec<f64> {
     let every = Samples::Every(record.window.clone());
@@ -192,7 +196,8 @@ pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec
     left.as_slice().to_vec()
 }
 
-/// Puts a value where the readings of a record's window say nothing: zero for spectra, which need even steps, no number for a gap.
+/// Puts a value where the readings of a record's window say nothing: zero for spectra, which need even steps,
+/// no number for a gap.
 pub fn fill_left_out(record: &Record, in_window: &mut [f64], value: f64) {
     for range in &record.left_out {
         in_window[range.start - record.window.start..range.end - record.window.start].fill(value);
@@ -228,8 +233,8 @@ pub fn linearise(model: &Model, dataset: &Dataset, rows: &Rows, free: &[Paramete
 
 /// As [`linearise`], but takes the derivatives by plain coefficients from an earlier linearisation.
 ///
-/// They depend on the other parameters alone and change little with them; the step stays right because every step is judged by the
-/// true sum of squares.
+/// They depend on the other parameters alone and change little with them; the step stays right because every
+/// step is judged by the true sum of squares.
 #[must_use]
 pub fn linearise_reusing(
     model: &Model,
@@ -337,7 +342,8 @@ struct Moved {
     variation: Variation,
 }
 
-/// Residual at the samples, with some coordinates moved too, and what each coefficient adds where lanes are given.
+/// Residual at the samples, with some coordinates moved too, and what each coefficient adds where lanes are
+/// given.
 fn walk_part(
     model: &Model,
     record: &Record,
@@ -377,7 +383,8 @@ pub fn measured(record: &Record, samples: &Samples) -> DVector<f64> {
     samples.of(&record.displacement_um)
 }
 
-/// What each variation would read at the samples that count, all in the intervals of the model: the shape of what an amplifier adds is the same there.
+/// What each variation would read at the samples that count, all in the intervals of the model: the shape of
+/// what an amplifier adds is the same there.
 #[must_use]
 pub fn walk_variations(model: &Model, record: &Record, samples: &Samples, variations: &[Variation]) -> Vec<DVector<f64>> {
     let manner = Manner { as_coarse_as_the_model: true, ..Manner::default() };
@@ -419,8 +426,9 @@ mod tests {
     use crate::model_file::effects_named;
     use hysteron_sim::chain::EffectInstance;
 
-    /// A record of a gain with creep in a state that nobody knows, whose readings end at 6 um: what it leaves where they say something is the same
-    /// whichever way it is taken, and beyond it is the distance to what the sensor cannot read.
+    /// A record of a gain with creep in a state that nobody knows, whose readings end at 6 um: what it leaves
+    /// where they say something is the same whichever way it is taken, and beyond it is the distance to what
+    /// the sensor cannot read.
     #[test]
     fn what_is_left_beyond_the_range_is_continued_from_where_readings_count() {
         let drive_v: Vec<f64> = (0..4000).map(|k| 50.0 - 50.0 * (0.004 * f64::from(k)).cos()).collect();

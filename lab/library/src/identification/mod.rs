@@ -1,10 +1,13 @@
-//! From records to a model: least squares over the whole chain, the noise that nothing explains, finer surfaces of hysteresis.
+//! From records to a model: least squares over the whole chain, the noise that nothing explains, finer
+//! surfaces of hysteresis.
 //!
-//! * [`linearisation`]: residual and derivatives of a chain on records; [`own_part`]: what each record has of its own;
+//! * [`linearisation`]: residual and derivatives of a chain on records; [`own_part`]: what each record has of
+//!   its own;
 //! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
 //!   [`identifiability`]: what they leave open;
 //! * [`noise_floor`]: what remains random, and on which evidence;
-//! * [`finer_creep`], [`finer_hysteresis`], [`finer_plays`]: more terms and more flexible surfaces, so that a coarse description cannot pose as a missing effect.
+//! * [`finer_creep`], [`finer_hysteresis`], [`finer_plays`]: more terms and more flexible surfaces, so that a
+//!   coarse description cannot pose as a missing effect.
 
 pub mod finer_creep;
 pub mod finer_hysteresis;

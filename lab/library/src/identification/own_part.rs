@@ -1,8 +1,10 @@
-//! What a record has of its own: a constant, free motions of states that nobody knows at its first sample, the phase of a line.
+//! What a record has of its own: a constant, free motions of states that nobody knows at its first sample,
+//! the phase of a line.
 //!
-//! It is estimated along, on fitted and held-out records alike, without being a parameter: its columns are projected out of the residual
-//! and of every derivative. Where the columns depend on a parameter (the frequency of a ring, the time constant of creep), a derivative by
-//! it must follow them: what it adds is the change of the columns, each as large as the residual holds it (Kaufman, BIT 15 (1975) 49-57).
+//! It is estimated along, on fitted and held-out records alike, without being a parameter: its columns are
+//! projected out of the residual and of every derivative. Where the columns depend on a parameter (the
+//! frequency of a ring, the time constant of creep), a derivative by it must follow them: what it adds is the
+//! change of the columns, each as large as the residual holds it (Kaufman, BIT 15 (1975) 49-57).
 
 use crate::dataset::Record;
 use hysteron_sim::chain::{InitialState, Model};
@@ -53,7 +55,8 @@ impl Samples {
         }
     }
 
-    /// The places, counted from `from`, of those among the samples `from..to`, and how many stand before them.
+    /// The places, counted from `from`, of those among the samples `from..to`, and how many stand before
+    /// them.
     #[must_use]
     pub fn within(&self, from: usize, to: usize) -> (usize, Places<'_>) {
         match self {
@@ -93,7 +96,8 @@ impl Places<'_> {
         }
     }
 
-    /// The same of rows of so many values, of each value for itself: the columns of `out`, from row `before` on.
+    /// The same of rows of so many values, of each value for itself: the columns of `out`, from row `before`
+    /// on.
     pub fn take_rows(&self, rows: &[f64], width: usize, before: usize, out: &mut DMatrix<f64>) {
         let (height, columns) = out.shape();
         let values = out.as_mut_slice();
@@ -147,7 +151,8 @@ impl OwnMotion {
     }
 }
 
-/// What the columns of a record's own depend on; most values of a model do not move it, and the columns are then good for many models.
+/// What the columns of a record's own depend on; most values of a model do not move it, and the columns are
+/// then good for many models.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnMotions(Vec<OwnMotion>);
 
@@ -170,7 +175,8 @@ impl OwnMotions {
         Self(out)
     }
 
-    /// What changes of a record's own, held in these amounts, where others take the place of these motions; none where they are of another kind.
+    /// What changes of a record's own, held in these amounts, where others take the place of these motions;
+    /// none where they are of another kind.
     #[must_use]
     pub fn change_to(&self, others: &Self, held: &DVector<f64>, record: &Record, samples: &Samples) -> Option<DVector<f64>> {
         let mut out = DVector::zeros(samples.count());
@@ -217,7 +223,8 @@ pub struct OwnBasis {
 }
 
 impl OwnBasis {
-    /// That of motions at samples of a record; `known` is one at the same samples, whose first columns may serve.
+    /// That of motions at samples of a record; `known` is one at the same samples, whose first columns may
+    /// serve.
     #[must_use]
     pub fn of(motions: OwnMotions, record: &Record, samples: &Samples, known: Option<&Self>) -> Self {
         let known = known.map(|known| (known, known.motions.alike(&motions))).filter(|(_, alike)| *alike > 0);
@@ -252,7 +259,8 @@ impl Orthonormal {
         self.filled = columns;
     }
 
-    /// Appends what another column has beside them, if that is anything, by an inner product: Gram-Schmidt, twice for accuracy.
+    /// Appends what another column has beside them, if that is anything, by an inner product: Gram-Schmidt,
+    /// twice for accuracy.
     fn append(&mut self, mut column: DVector<f64>, inner: impl Fn(&DVectorView<f64>, &DVector<f64>) -> f64) {
         let before = inner(&column.as_view(), &column).sqrt();
         for _ in 0..2 {
@@ -280,12 +288,14 @@ const DEPENDS: f64 = 1e-7;
 /// Values of bases that are kept for one record, at most: some ten of a search's.
 const KEPT_VALUES: usize = 2_000_000;
 
-/// Bases of one record at the same samples, the last that was asked for first: models of a search differ little in what the record has of its own.
+/// Bases of one record at the same samples, the last that was asked for first: models of a search differ
+/// little in what the record has of its own.
 #[derive(Clone, Debug, Default)]
 pub struct OwnBases(Arc<Mutex<Vec<Arc<OwnBasis>>>>);
 
 impl OwnBases {
-    /// The basis of motions, made of what is known as far as that serves. It is the same, bit for bit, whatever is known.
+    /// The basis of motions, made of what is known as far as that serves. It is the same, bit for bit,
+    /// whatever is known.
     #[must_use]
     pub fn of(&self, motions: OwnMotions, record: &Record, samples: &Samples) -> Arc<OwnBasis> {
         let nearest = {
@@ -309,7 +319,8 @@ impl OwnBases {
     }
 }
 
-/// A motion that swings, as a cosine and as a sine of the time since a record's first sample, at samples of it.
+/// A motion that swings, as a cosine and as a sine of the time since a record's first sample, at samples of
+/// it.
 #[must_use]
 pub fn swinging(motion: FreeMotion, record: &Record, samples: &Samples) -> [DVector<f64>; 2] {
     turning(Complex::new(-motion.decay_per_s, motion.frequency_rad_s) * record.dt_s(), samples)
@@ -344,7 +355,8 @@ fn powers<T: Copy + Default>(rate: Complex<f64>, samples: &Samples, part: fn(Com
     out
 }
 
-/// The powers at ascending samples from `anchor` on, until they have died out: one taken every so often, those behind it by one multiplication each.
+/// The powers at ascending samples from `anchor` on, until they have died out: one taken every so often,
+/// those behind it by one multiplication each.
 fn lead_powers(rate: Complex<f64>, mut anchor: usize, samples: impl Iterator<Item = usize>, mut take: impl FnMut(Complex<f64>)) {
     let over_gap: Vec<Complex<f64>> = (0..LED).map(|gap| (rate * gap as f64).exp()).collect();
     let ends = if rate.re < 0.0 { DIED_OUT.ln() / rate.re } else { f64::INFINITY };

@@ -1,7 +1,7 @@
 //! How well the data fix the values of a fitted model.
 //!
-//! Standard deviations come from the gradients of blocks of samples (sandwich estimator), so that a coloured residual does not make them too
-//! small.
+//! Standard deviations come from the gradients of blocks of samples (sandwich estimator), so that a coloured
+//! residual does not make them too small.
 
 use super::fit::{blocks, prior_coordinates, prior_weight};
 use super::linearisation::{Rows, free_parameters, linearise, normal_equations};
@@ -86,7 +86,8 @@ fn factor_of(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
         let both = scale[i] * scale[j];
         if both > 0.0 { covariance[(i, j)] / both } else { 0.0 }
     });
-    // Of values that depend on one another exactly rounding leaves a matrix that is none of a covariance: a little on the diagonal mends it.
+    // Of values that depend on one another exactly rounding leaves a matrix that is none of a covariance: a
+    // little on the diagonal mends it.
     let factor = (0..8).find_map(|k| {
         let jitter = if k == 0 { 0.0 } else { 1e-14 * 100f64.powi(k) };
         (correlation.clone() + DMatrix::identity(p, p) * jitter).cholesky().map(|c| c.l())

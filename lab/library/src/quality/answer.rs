@@ -1,12 +1,15 @@
 //! Do the readings answer the drive at all?
 //!
-//! A sensor that is not connected, a column of something else, an amplifier that is switched off: the readings hold nothing of the drive. A search
-//! finds nothing there, and "nothing is missing" would be wrong; one such record of several spoils what is fitted to all.
+//! A sensor that is not connected, a column of something else, an amplifier that is switched off: the
+//! readings hold nothing of the drive. A search finds nothing there, and "nothing is missing" would be wrong;
+//! one such record of several spoils what is fitted to all.
 //!
-//! The readings and the drive are cut into segments, and the coherence of both over the segments says whether they go together. It holds for
-//! any linear stage, however late it follows. Readings that know nothing of the drive reach a coherence of `c` in a bin with the probability `(1 - c)^(n - 1)` of `n`
-//! segments, whatever the drive and whatever the spectrum of the readings (Carter, Knapp, Nuttall, IEEE Trans. Audio Electroacoust. 21, 1973): a random
-//! walk is judged as white noise is. No model is needed, and nothing is fitted.
+//! The readings and the drive are cut into segments, and the coherence of both over the segments says whether
+//! they go together. It holds for any linear stage, however late it follows. Readings that know nothing of
+//! the drive reach a coherence of `c` in a bin with the probability `(1 - c)^(n - 1)` of `n` segments,
+//! whatever the drive and whatever the spectrum of the readings (Carter, Knapp, Nuttall, IEEE Trans. Audio
+//! Electroacoust. 21, 1973): a random walk is judged as white noise is. No model is needed, and nothing is
+//! fitted.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
@@ -20,8 +23,9 @@ use std::f64::consts::TAU;
 const SEGMENTS: [usize; 5] = [4, 8, 16, 32, 64];
 /// Shortest segment whose spectrum says something.
 const SEGMENT_MIN: usize = 16;
-/// Probability of an answer by chance below which readings answer: one disconnected sensor in so many passes, while readings of which a twentieth of the square
-/// goes with a sine are taken for an answer in 5000 samples (the tests below).
+/// Probability of an answer by chance below which readings answer: one disconnected sensor in so many passes,
+/// while readings of which a twentieth of the square goes with a sine are taken for an answer in 5000 samples
+/// (the tests below).
 const BY_CHANCE: f64 = 1e-4;
 /// Bins in which a signal has less than this share of its strongest bin say nothing.
 const MOVES_THERE: f64 = 1e-4;
@@ -82,7 +86,8 @@ fn without_line(signal: &[f64]) -> Vec<f64> {
     signal.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
 }
 
-/// The largest coherence over the bins in which the input moves, and how many these are; nothing where it does not move.
+/// The largest coherence over the bins in which the input moves, and how many these are; nothing where it
+/// does not move.
 fn largest_coherence(input: &[f64], readings: &[f64], segments: usize) -> Option<(f64, usize)> {
     let length = readings.len() / segments;
     let window: Vec<f64> = (0..length).map(|i| 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / length as f64).cos()).collect();
@@ -138,7 +143,8 @@ mod tests {
         ((k / 700) * 3 % 10) as f64
     }
 
-    /// Noise, a drift, and a random walk, under a sine and under stairs: a disconnected sensor is blocked with figures.
+    /// Noise, a drift, and a random walk, under a sine and under stairs: a disconnected sensor is blocked
+    /// with figures.
     #[test]
     fn readings_without_an_answer_block() {
         for seed in 0..20 {
@@ -161,7 +167,8 @@ mod tests {
         }
     }
 
-    /// A sixth of a micrometre in half a micrometre of noise, a stage that follows a quarter of a period late, and stairs with a slow stage.
+    /// A sixth of a micrometre in half a micrometre of noise, a stage that follows a quarter of a period
+    /// late, and stairs with a slow stage.
     #[test]
     fn what_follows_the_drive_answers_however_late_and_small() {
         for seed in 0..20 {

@@ -1,11 +1,13 @@
-//! What the manifest specifies, held against the drive: that its periods are equal, that two records have the same, that a record is at rest. The noise is
-//! estimated from that, and a wrong specification takes motion for noise.
+//! What the manifest specifies, held against the drive: that its periods are equal, that two records have the
+//! same, that a record is at rest. The noise is estimated from that, and a wrong specification takes motion
+//! for noise.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::statistics::{mean, pattern_rms, peak_to_peak, rms};
 
-/// Two drives are not the same where they differ, beside what is irregular from sample to sample, by more than this share of what they move.
+/// Two drives are not the same where they differ, beside what is irregular from sample to sample, by more
+/// than this share of what they move.
 const DIFFERS: f64 = 0.02;
 /// A drive at rest moves by less than this share of the actuator's range; an idle amplifier drifts.
 const RESTS: f64 = 0.02;

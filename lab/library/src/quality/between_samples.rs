@@ -1,8 +1,9 @@
 //! Is the drive held between its samples?
 //!
-//! A converter holds its output, a measured drive runs on. All that a stage adds to a held drive (loops, creep, lags) comes later; a drive that runs on is half a period
-//! earlier at every frequency, and nothing in the library makes up for that. At the end of a search a model with a mode is refitted with each other way of the drive,
-//! where nobody specified one.
+//! A converter holds its output, a measured drive runs on. All that a stage adds to a held drive (loops,
+//! creep, lags) comes later; a drive that runs on is half a period earlier at every frequency, and nothing in
+//! the library makes up for that. At the end of a search a model with a mode is refitted with each other way
+//! of the drive, where nobody specified one.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::diagnosis::judgement::Judged;
@@ -12,8 +13,9 @@ use crate::watch::Event;
 use hysteron_sim::effect::vibration;
 use hysteron_sim::intersample::Intersample;
 
-/// Another way of the drive is taken where the rank of the same effects is better by so much, as a logarithm of the error: a fifth of it goes. Of a Duffing oscillator whose
-/// drive is sampled at three times its highest frequency a factor of 15 goes, of one with a hysteretic spring a factor of 9.
+/// Another way of the drive is taken where the rank of the same effects is better by so much, as a logarithm
+/// of the error: a fifth of it goes. Of a Duffing oscillator whose drive is sampled at three times its
+/// highest frequency a factor of 15 goes, of one with a hysteretic spring a factor of 9.
 const MUCH_BETTER: f64 = 0.25;
 
 /// The way of this name.

@@ -1,14 +1,16 @@
 //! Was a loop closed while a record was taken?
 //!
-//! A drive that is commanded knows nothing of the noise in the readings; one that a controller makes answers it. Noise that went round the loop is in
-//! the drive, and a fit takes some of it for motion: what is identified then is biased towards the controller's inverse (Ljung, System
-//! Identification, 2nd ed., chapter 13.4).
+//! A drive that is commanded knows nothing of the noise in the readings; one that a controller makes answers
+//! it. Noise that went round the loop is in the drive, and a fit takes some of it for motion: what is
+//! identified then is biased towards the controller's inverse (Ljung, System Identification, 2nd ed., chapter
+//! 13.4).
 //!
-//! The innovation of a residual (what its own past does not predict) is new noise; the innovation of a drive is what its source put in there. Where the drive's
-//! follows the residual's by a few samples with the opposite sign, by far more than chance makes of samples that lie far apart, a loop was closed.
+//! The innovation of a residual (what its own past does not predict) is new noise; the innovation of a drive
+//! is what its source put in there. Where the drive's follows the residual's by a few samples with the
+//! opposite sign, by far more than chance makes of samples that lie far apart, a loop was closed.
 //!
-//! Two things look alike and are excluded: a residual that follows the drive, which is a missing effect (a smooth drive is known before it comes), and a residual
-//! that consists of the noise of a measured drive.
+//! Two things look alike and are excluded: a residual that follows the drive, which is a missing effect (a
+//! smooth drive is known before it comes), and a residual that consists of the noise of a measured drive.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Dataset, Record};
@@ -27,10 +29,11 @@ const ANSWERS_WITHIN: usize = 8;
 const CHANCE: std::ops::Range<usize> = 40..240;
 /// By how many times the largest correlation by chance the answer must be larger.
 const BEYOND_CHANCE: f64 = 2.0;
-/// The answer is at least this: what is new in the drive of a loop is mostly noise that went round it, while coarse readings of a commanded drive, and what a
-/// model leaves of it, follow it by up to 0.08.
+/// The answer is at least this: what is new in the drive of a loop is mostly noise that went round it, while
+/// coarse readings of a commanded drive, and what a model leaves of it, follow it by up to 0.08.
 const LEAST: f64 = 0.2;
-/// What is further than so many median sizes away is a corner of the drive or a disturbance, and counts as that much.
+/// What is further than so many median sizes away is a corner of the drive or a disturbance, and counts as
+/// that much.
 const LIMITED_AT: f64 = 5.0;
 /// By how many times it must be larger than what of the residual follows the drive.
 const BEYOND_WHAT_FOLLOWS: f64 = 1.5;
@@ -41,8 +44,9 @@ const SAMPLES_MIN: usize = 2000;
 /// Samples of a record that are looked at.
 const SAMPLES_MAX: usize = 100_000;
 
-/// Examines the drives beside what the model at the end leaves. Where that is so many times the noise (`near_the_noise` of the policy) something else
-/// remains, as a ring that the model does not have, or what uneven time stamps make of a drive and its readings alike.
+/// Examines the drives beside what the model at the end leaves. Where that is so many times the noise
+/// (`near_the_noise` of the policy) something else remains, as a ring that the model does not have, or what
+/// uneven time stamps make of a drive and its readings alike.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
         Moment::End(end) => followed(subject.dataset, end.last, end.noise, end.study.policy.near_the_noise),
@@ -86,7 +90,8 @@ fn of_record(record: &Record, left: &[f64]) -> Option<Kind> {
     answered.then_some(Kind::ClosedLoop { later_samples, correlation, by_chance })
 }
 
-/// What the samples before each one do not predict of it, by least squares; nothing where a signal is constant.
+/// What the samples before each one do not predict of it, by least squares; nothing where a signal is
+/// constant.
 fn innovations(signal: &[f64]) -> Option<Vec<f64>> {
     let mean = mean(signal);
     let mut x: Vec<f64> = signal.iter().map(|v| v - mean).collect();
@@ -99,7 +104,8 @@ fn innovations(signal: &[f64]) -> Option<Vec<f64>> {
     let product = |i: usize, j: usize| dot(&x[PREDICTED_FROM - i..n - i], &x[PREDICTED_FROM - j..n - j]);
     let mut normal = DMatrix::from_fn(PREDICTED_FROM, PREDICTED_FROM, |i, j| if j < i { 0.0 } else { product(i + 1, j + 1) });
     normal.fill_lower_triangle_with_upper_triangle();
-    // A sine is predicted by two samples: the rest of the matrix is then rounding, which this keeps from deciding anything.
+    // A sine is predicted by two samples: the rest of the matrix is then rounding, which this keeps from
+    // deciding anything.
     let held = 1e-12 * normal.trace();
     (0..PREDICTED_FROM).for_each(|i| normal[(i, i)] += held);
     let along = DVector::from_fn(PREDICTED_FROM, |i, _| product(0, i + 1));
@@ -156,7 +162,8 @@ mod tests {
         (0..SAMPLES).map(|_| noise.next_um()).collect()
     }
 
-    /// An integrating controller that follows a wave, one sample late, on a stage of 0.1 um/V without dynamics.
+    /// An integrating controller that follows a wave, one sample late, on a stage of 0.1 um/V without
+    /// dynamics.
     fn closed_loop(gain: f64, noise: &[f64]) -> Vec<f64> {
         let mut drive_v = vec![wave(0)];
         for k in 1..SAMPLES {

@@ -1,8 +1,10 @@
 //! Does a record begin in the specified state?
 //!
-//! A record that is specified to begin virgin or settled is simulated from there: no constant, no slow motion of its own is estimated. Where it was
-//! driven before, what remains of that looks like creep, drift or a missing initial curve to a search. The simpler explanation is tried first: the same
-//! effects, with the states of all records unknown, reach the noise, and no single effect does as well from the specified states.
+//! A record that is specified to begin virgin or settled is simulated from there: no constant, no slow motion
+//! of its own is estimated. Where it was driven before, what remains of that looks like creep, drift or a
+//! missing initial curve to a search. The simpler explanation is tried first: the same effects, with the
+//! states of all records unknown, reach the noise, and no single effect does as well from the specified
+//! states.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::Dataset;
@@ -15,12 +17,13 @@ use hysteron_sim::chain::InitialState;
 
 /// States are suspected where the error without them is below this share of that with them.
 const SUSPECTED: f64 = 0.8;
-/// Effects that are tried in the place of other states, and how much worse one may be: some per cent of the error.
+/// Effects that are tried in the place of other states, and how much worse one may be: some per cent of the
+/// error.
 const ONES_TRIED: usize = 3;
 const AS_WELL: f64 = 0.1;
 
-/// Frees the states of all records beside a fitted model. No issue where it reaches the noise as it is, where no noise is known, or where other states do not
-/// bring the same effects down to it.
+/// Frees the states of all records beside a fitted model. No issue where it reaches the noise as it is, where
+/// no noise is known, or where other states do not bring the same effects down to it.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
         Moment::FirstFit(study, fitted) => compare(study, fitted).unwrap_or_default(),
@@ -61,8 +64,8 @@ fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
     Some(both.iter().filter(|i| specified(i)).filter_map(issue).collect())
 }
 
-/// Whether one effect more, from the specified states, comes as near to the noise as unknown states of all records do, which are many more values: they explain
-/// a drift as well.
+/// Whether one effect more, from the specified states, comes as near to the noise as unknown states of all
+/// records do, which are many more values: they explain a drift as well.
 fn one_effect_does_as_well(study: &Study, fitted: &Judged, unknown: f64) -> bool {
     let Ok(screening) = study.score(&fitted.model) else { return false };
     let tried = parallel::map(&screening.scores[..screening.scores.len().min(ONES_TRIED)], |score| {

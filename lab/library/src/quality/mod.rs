@@ -1,10 +1,11 @@
 //! The quality of a recording: what is wrong with how it was made, whatever the model.
 //!
-//! Every check is one file with one signature ([`Check`]). It gives [`Issue`]s: a kind with its figures, the record, and what follows from it
-//! ([`Severity`]). [`words`] alone makes sentences of them.
+//! Every check is one file with one signature ([`Check`]). It gives [`Issue`]s: a kind with its figures, the
+//! record, and what follows from it ([`Severity`]). [`words`] alone makes sentences of them.
 //!
-//! The same list of checks runs at every [`Moment`]: when a data set is made, before a search, and once after it for those that need a model. Each check
-//! answers where it can. What a check at the end corrects goes through one more search ([`corrected`]).
+//! The same list of checks runs at every [`Moment`]: when a data set is made, before a search, and once after
+//! it for those that need a model. Each check answers where it can. What a check at the end corrects goes
+//! through one more search ([`corrected`]).
 
 mod answer;
 mod as_specified;
@@ -74,8 +75,8 @@ pub struct End<'a> {
 /// A check of the quality.
 pub type Check = fn(&Subject) -> Vec<Issue>;
 
-/// All checks. Those that correct a data set when it is made stand in the order in which they must; of two that explain the same error the simpler one stands
-/// first.
+/// All checks. Those that correct a data set when it is made stand in the order in which they must; of two
+/// that explain the same error the simpler one stands first.
 const CHECKS: [Check; 15] = [
     rest::check,
     outliers::single,
@@ -126,7 +127,8 @@ pub(crate) fn check_made(mut dataset: Dataset) -> Result<Dataset> {
     Ok(dataset)
 }
 
-/// The data set with the issues of a finished search corrected: what one more search is for. None where nothing can be.
+/// The data set with the issues of a finished search corrected: what one more search is for. None where
+/// nothing can be.
 #[must_use]
 pub fn corrected(dataset: &Dataset, issues: &[Issue]) -> Option<Dataset> {
     let mut out = dataset.clone();
@@ -412,8 +414,8 @@ impl Issue {
         (self.severity == Severity::Blocks).then_some(reason)
     }
 
-    /// By how much the error falls with what the issue suggests, um: the root of the difference of the mean squares. Effects that lower
-    /// the held-out error by more than that stand beside the issue.
+    /// By how much the error falls with what the issue suggests, um: the root of the difference of the mean
+    /// squares. Effects that lower the held-out error by more than that stand beside the issue.
     #[must_use]
     pub fn effect_um(&self) -> Option<f64> {
         let fall = |before_um: f64, after_um: f64| (before_um * before_um - after_um * after_um).max(0.0).sqrt();

@@ -1,10 +1,12 @@
-//! Readings that a disturbance made: a bit that flipped on the way, a spike on a line. One of them weighs in a sum of squares as much as thousands of
-//! others, and no effect of a stage makes it: whatever has a mass or a filter moves the readings beside it too.
+//! Readings that a disturbance made: a bit that flipped on the way, a spike on a line. One of them weighs in
+//! a sum of squares as much as thousands of others, and no effect of a stage makes it: whatever has a mass or
+//! a filter moves the readings beside it too.
 //!
-//! A reading is compared with the median of the two before and the two after it. That difference is noise where readings follow a smooth or a
-//! monotone course, however steep (a median leaves edges as they are); a reading stands alone where it is many times what the difference
-//! usually is around it, and the differences beside it are small. After a jump of the drive nothing is taken for an outlier: the
-//! first overshoot of a fast mode is as narrow.
+//! A reading is compared with the median of the two before and the two after it. That difference is noise
+//! where readings follow a smooth or a monotone course, however steep (a median leaves edges as they are); a
+//! reading stands alone where it is many times what the difference usually is around it, and the differences
+//! beside it are small. After a jump of the drive nothing is taken for an outlier: the first overshoot of a
+//! fast mode is as narrow.
 
 use super::{Issue, Kind, Moment, Severity, Subject, range};
 use crate::dataset::Record;
@@ -27,9 +29,11 @@ const JUMP: f64 = 8.0;
 const MEDIAN_REACHES: usize = 2;
 /// Samples at the beginning of a record in which a jump of the drive counts for those before it too.
 const AT_AN_END: usize = 4;
-/// A corner of the drive makes a corner of the readings: what stands out by less than so many times what a straight stage would read there is none.
+/// A corner of the drive makes a corner of the readings: what stands out by less than so many times what a
+/// straight stage would read there is none.
 const AS_THE_DRIVE: f64 = 3.0;
-/// Steps of a converter by which rounding and a noise below one step put a reading beside the mean of two others.
+/// Steps of a converter by which rounding and a noise below one step put a reading beside the mean of two
+/// others.
 const ROUNDED_BY: f64 = 2.1;
 /// More than this share of all readings are no disturbances.
 const SHARE_MAX: f64 = 0.02;
@@ -105,7 +109,8 @@ pub(super) fn interpolate(record: &mut Record, samples: &[Range<usize>]) {
     }
 }
 
-/// The least difference between two values that are not the same: one step, where they are those of a converter.
+/// The least difference between two values that are not the same: one step, where they are those of a
+/// converter.
 fn least_gap(values: &[f64]) -> f64 {
     levels(values).windows(2).map(|w| w[1] - w[0]).reduce(f64::min).unwrap_or(0.0)
 }
@@ -151,7 +156,8 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         let beside = (k.saturating_sub(ALONE_WITHIN)..(k + ALONE_WITHIN + 1).min(n)).filter(|j| *j != k);
         beside.map(|j| apart[j]).fold(0.0, f64::max) < ALONE_SHARE * apart[k]
     };
-    // Where readings run into their own end, the last one before it is no outlier: the bend there is as sharp.
+    // Where readings run into their own end, the last one before it is no outlier: the bend there is as
+    // sharp.
     let at_its_end = |a: usize, b: usize| readings_um[a] == readings_um[b] && ends_um.contains(&readings_um[a]);
     let beside_an_end = |k: usize| (k >= 2 && at_its_end(k - 2, k - 1)) || (k + 2 < n && at_its_end(k + 1, k + 2));
     // What the drive itself has of it, a straight stage would read: the corner of a triangle.
@@ -171,7 +177,8 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
         .filter(|k| stands_out(*k) && apart[*k] > AS_THE_DRIVE * of_the_drive(*k) && !beside_an_end(*k) && !near_a_jump(drive_v, *k))
         .collect();
     if !found.is_empty() {
-        // One step of a converter more or less is what rounding does, however seldom a rest inside one code shows it.
+        // One step of a converter more or less is what rounding does, however seldom a rest inside one code
+        // shows it.
         let rounding_um = ROUNDED_BY * least_gap(readings_um);
         found.retain(|k| apart[*k] > rounding_um);
     }
@@ -179,7 +186,8 @@ fn outliers(record: &Record, ends_um: &[f64]) -> Outliers {
     Outliers { single, beside_others }
 }
 
-/// Whether the drive jumped shortly before a sample or between those it is compared with, or at the beginning of a record whose first samples are asked for.
+/// Whether the drive jumped shortly before a sample or between those it is compared with, or at the beginning
+/// of a record whose first samples are asked for.
 fn near_a_jump(drive_v: &[f64], k: usize) -> bool {
     let change = |j: usize| (drive_v[j + 1] - drive_v[j]).abs();
     let (from, to) = (k.saturating_sub(AROUND), (k + AROUND).min(drive_v.len() - 1));
@@ -204,7 +212,8 @@ mod tests {
         Some(issue.kind)
     }
 
-    /// A stage with a mode of 0.3 damping at a fifth of the sampling rate, driven by a staircase and then by a sine.
+    /// A stage with a mode of 0.3 damping at a fifth of the sampling rate, driven by a staircase and then by
+    /// a sine.
     fn record() -> Record {
         let drive = |k: usize| if k < 3000 { 5.0 * (k / 300 % 7) as f64 } else { 20.0 + 15.0 * (0.02 * k as f64).sin() };
         let drive_v: Vec<f64> = (0..8000).map(drive).collect();
@@ -256,7 +265,8 @@ mod tests {
         }
     }
 
-    /// The first reading stands before the drive of its row acts: of a virgin record it is zero, wherever the drive begins.
+    /// The first reading stands before the drive of its row acts: of a virgin record it is zero, wherever the
+    /// drive begins.
     #[test]
     fn the_first_reading_of_a_virgin_record_is_no_outlier() {
         let mut record = record();
@@ -325,7 +335,8 @@ mod tests {
         assert_eq!((checked(single, &mut record), checked(together, &mut record)), (None, None));
     }
 
-    /// Noise of an eighth of a step, which seldom leaves its code: the codes beside it are readings as others are.
+    /// Noise of an eighth of a step, which seldom leaves its code: the codes beside it are readings as others
+    /// are.
     #[test]
     fn a_code_beside_the_usual_one_is_no_disturbance() {
         let mut noise = WhiteNoise::new(0.3, 9);

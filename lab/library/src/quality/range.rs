@@ -1,7 +1,9 @@
-//! Readings that stand still at their highest or lowest value while the drive moves on: the range of the sensor or of its converter ends there.
+//! Readings that stand still at their highest or lowest value while the drive moves on: the range of the
+//! sensor or of its converter ends there.
 //!
-//! An amplifier that cannot give more holds the stage, and the sensor's noise goes on; a converter at its end reads the same value, digit by digit.
-//! What it reads there says only that the displacement is beyond: such samples are left out of fits, noise and figures.
+//! An amplifier that cannot give more holds the stage, and the sensor's noise goes on; a converter at its end
+//! reads the same value, digit by digit. What it reads there says only that the displacement is beyond: such
+//! samples are left out of fits, noise and figures.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
@@ -26,8 +28,9 @@ struct ReadingLimit {
     share: f64,
 }
 
-/// The limits of all driven records: those that a record shows by itself, and the same values in the others, which the same sensor read. Where
-/// another record reads further and does not end, it was not the sensor that ended.
+/// The limits of all driven records: those that a record shows by itself, and the same values in the others,
+/// which the same sensor read. Where another record reads further and does not end, it was not the sensor
+/// that ended.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     if !matches!(subject.moment, Moment::Made) {
         return Vec::new();

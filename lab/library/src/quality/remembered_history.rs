@@ -1,6 +1,7 @@
 //! How long the loops of a record remember what was before it.
 //!
-//! An unknown state leaves creep and modes free, but not what loops remember: that is known once the drive has been through its range.
+//! An unknown state leaves creep and modes free, but not what loops remember: that is known once the drive
+//! has been through its range.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
@@ -13,8 +14,9 @@ const AT_AN_END: f64 = 0.02;
 /// Share of a window in which loops still remember what was before the record that is worth a word.
 const REMEMBERED: f64 = 0.1;
 
-/// When the drive of a record has first been through its whole range, in s from its first sample, where the record begins inside that range in a state that nobody
-/// knows and much of its window comes before: until then its loops remember what no sample shows (wiping out, thesis Ch. 4).
+/// When the drive of a record has first been through its whole range, in s from its first sample, where the
+/// record begins inside that range in a state that nobody knows and much of its window comes before: until
+/// then its loops remember what no sample shows (wiping out, thesis Ch. 4).
 fn remembers_until_s(record: &Record) -> Option<f64> {
     let (low, high) = extremes(&record.drive_v);
     let near = AT_AN_END * (high - low);

@@ -1,4 +1,5 @@
-//! Rests in which all readings are one value: of a converter with steps they show that the noise is below a step, otherwise nothing.
+//! Rests in which all readings are one value: of a converter with steps they show that the noise is below a
+//! step, otherwise nothing.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role, SAMPLES_MIN, reading_grid};

@@ -1,7 +1,8 @@
 //! Is a sensor's zero off?
 //!
-//! Of a record that is specified to begin virgin no constant is estimated. Where the sensor stands a few nanometres off, a search finds a drift that comes at
-//! once to its end; a constant is simpler and is tried in its place.
+//! Of a record that is specified to begin virgin no constant is estimated. Where the sensor stands a few
+//! nanometres off, a search finds a drift that comes at once to its end; a constant is simpler and is tried
+//! in its place.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::diagnosis::judgement::Judged;
@@ -14,14 +15,15 @@ use crate::watch::Event;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::thermal_drift;
 
-/// What a constant of each record brings, as a logarithm, where a model that misses the noise comes to it with them: where one ends just above the noise
-/// anything that is free brings it there.
+/// What a constant of each record brings, as a logarithm, where a model that misses the noise comes to it
+/// with them: where one ends just above the noise anything that is free brings it there.
 const BROUGHT_BY_CONSTANTS: f64 = 0.1;
 /// A quick fit that is behind by more does not come to it.
 const MAY_COME_TO_IT: f64 = 0.5;
 
-/// Tries a constant of each record, where the manifest specifies none, beside the model at the end: whether it brings the effects to the noise, or does as well
-/// as a drift that was added. Loops that stand in for the constant make place for those that the search started from.
+/// Tries a constant of each record, where the manifest specifies none, beside the model at the end: whether
+/// it brings the effects to the noise, or does as well as a drift that was added. Loops that stand in for the
+/// constant make place for those that the search started from.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
         Moment::End(end) => compare(end.study, end.first, end.last, end.added).unwrap_or_default(),

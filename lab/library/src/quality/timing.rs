@@ -1,8 +1,10 @@
 //! Do the readings respond to the drive of the same row (`hold_before_sample`)?
 //!
-//! A logger that writes, waits and reads records each displacement one sample early. A straight stage shows that by itself when a recording is read; loops hide it. A
-//! fit may then hide the offset in a spurious mode. At the end of a search the model is refitted with the timing of the same row and without each mode that was added; where nothing reached the
-//! noise, also as it is. A prior model is tried before anything of it is fitted: a fit to another logger's rows would find other values of a mode.
+//! A logger that writes, waits and reads records each displacement one sample early. A straight stage shows
+//! that by itself when a recording is read; loops hide it. A fit may then hide the offset in a spurious mode.
+//! At the end of a search the model is refitted with the timing of the same row and without each mode that
+//! was added; where nothing reached the noise, also as it is. A prior model is tried before anything of it is
+//! fitted: a fit to another logger's rows would find other values of a mode.
 
 use super::{Issue, Kind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
@@ -15,7 +17,8 @@ use hysteron_sim::intersample::Intersample;
 
 /// A mode above this share of half the sampling rate is as fast as the recording can show.
 const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
-/// The model without it does as well where its rank is worse by no more than this: some per cent of the error.
+/// The model without it does as well where its rank is worse by no more than this: some per cent of the
+/// error.
 const AS_WELL: f64 = 0.03;
 /// Where no model reached the noise, the other timing is taken where its cost is lower by so much.
 const MUCH_BETTER: f64 = 0.2;
@@ -23,10 +26,12 @@ const MUCH_BETTER: f64 = 0.2;
 const LEAVES_HALF: f64 = std::f64::consts::LN_2;
 /// What is worse by more than this than what was found does not come to it, however long it is fitted.
 const MAY_COME_TO_IT: f64 = 0.5;
-/// What is behind by more than this where it went as far as it goes does not come to it either, if its effects begin again.
+/// What is behind by more than this where it went as far as it goes does not come to it either, if its
+/// effects begin again.
 const MAY_COME_TO_IT_BEGUN_AGAIN: f64 = 0.1;
 
-/// A reading that leaves this share of the squared error against the drive of its own instant has not waited for the drive to act.
+/// A reading that leaves this share of the squared error against the drive of its own instant has not waited
+/// for the drive to act.
 const LEADING_SHARE: f64 = 0.3;
 
 /// The displacement responds to the drive of the same row much better than that of the row before.
@@ -37,22 +42,27 @@ fn leads(record: &Record) -> bool {
     left_by(0) < LEADING_SHARE * left_by(1)
 }
 
-/// Rows in front of a jump of the drive that show where the reading was going, and behind it that show how far it goes.
+/// Rows in front of a jump of the drive that show where the reading was going, and behind it that show how
+/// far it goes.
 const ROWS_BEFORE: usize = 8;
 const ROWS_BEHIND: usize = 40;
-/// Share of the drive's range in the record from which on it jumps, and of the jump that the rows in front of it may move by.
+/// Share of the drive's range in the record from which on it jumps, and of the jump that the rows in front of
+/// it may move by.
 const LEAST_JUMP: f64 = 0.03;
 const QUIET_BEFORE: f64 = 0.03;
-/// A reading has answered where it is off its way by so many of its own standard deviations there, and by this share of where it goes.
+/// A reading has answered where it is off its way by so many of its own standard deviations there, and by
+/// this share of where it goes.
 const ANSWERED_Z: f64 = 8.0;
 const ANSWERED_SHARE: f64 = 0.01;
-/// A mode goes a quarter as far in one row as in two. Of rows that were put on even times a reading holds a tenth or so of the next one, which knows of the jump.
+/// A mode goes a quarter as far in one row as in two. Of rows that were put on even times a reading holds a
+/// tenth or so of the next one, which knows of the jump.
 const ANSWERED_OF_NEXT: f64 = 0.2;
 /// Share of all jumps that are answered in their row.
 const MOST_JUMPS: f64 = 0.8;
 
-/// How many jumps of the drive the displacement answers in their own row, where it does so with nearly all: a reading that was taken before the drive acts knows
-/// nothing of it, however fast the stage is. Loops, which hide the timing of a drive that moves smoothly, hide none of that.
+/// How many jumps of the drive the displacement answers in their own row, where it does so with nearly all: a
+/// reading that was taken before the drive acts knows nothing of it, however fast the stage is. Loops, which
+/// hide the timing of a drive that moves smoothly, hide none of that.
 #[cfg(feature = "readers")]
 fn answered_in_their_row(record: &Record) -> Option<usize> {
     let (u, y) = (&record.drive_v, &record.displacement_um);
@@ -121,8 +131,8 @@ fn issue(not_needed: Vec<String>, assumed_um: f64, same_sample_um: f64) -> Issue
     Issue::of_all(Severity::Blocks, Kind::SameSampleTiming { not_needed, assumed_um, same_sample_um })
 }
 
-/// Tries a model without the modes among the effects that were added to it, and a model that explains too little as it is; nothing where the drive of the row
-/// before does better.
+/// Tries a model without the modes among the effects that were added to it, and a model that explains too
+/// little as it is; nothing where the drive of the row before does better.
 ///
 /// # Errors
 /// As [`Study::begun_again`].
@@ -152,7 +162,8 @@ fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Iss
     Ok((other.merit(&without) <= most).then(|| issue(added.iter().filter(gone).cloned().collect(), found.error_um(), without.error_um())))
 }
 
-/// A prior model as it is, before anything of it is fitted: with the drive of the same row it leaves less than half.
+/// A prior model as it is, before anything of it is fitted: with the drive of the same row it leaves less
+/// than half.
 fn of_a_prior_model(study: &Study, assumed: &Judged) -> Option<Issue> {
     if study.watch.stopped() {
         return None;
@@ -164,7 +175,8 @@ fn of_a_prior_model(study: &Study, assumed: &Judged) -> Option<Issue> {
     (less > LEAVES_HALF).then(|| issue(Vec::new(), assumed.error_um(), same_row.error_um()))
 }
 
-/// Which of the added modes may stand for a period: all that are as fast as can be shown together, and each alone.
+/// Which of the added modes may stand for a period: all that are as fast as can be shown together, and each
+/// alone.
 fn modes_to_do_without<'a>(study: &Study, found: &Judged, added: &'a [String]) -> Vec<Vec<&'a String>> {
     let fastest_hz = study.dataset.records.iter().map(|r| r.sample_rate_hz).fold(0.0, f64::max);
     let limit_rad_s = AS_FAST_AS_CAN_BE_SHOWN * std::f64::consts::PI * fastest_hz;
@@ -197,7 +209,8 @@ fn left_by_straight_line(pairs: impl ExactSizeIterator<Item = (f64, f64)> + Clon
 mod tests {
     use super::*;
 
-    /// A staircase on a mode with loops, read before (0) or after (1) the drive of its row acts; and noise alone.
+    /// A staircase on a mode with loops, read before (0) or after (1) the drive of its row acts; and noise
+    /// alone.
     #[test]
     fn a_reading_that_moves_in_the_row_of_a_jump_was_taken_behind_it() {
         let noise = |k: usize| 0.002 * (k as f64 * 78.233).sin() + 0.002 * (k as f64 * 12.9898).cos();

@@ -11,7 +11,8 @@ const LIKELY_SPAN_MIN_UM: f64 = 1e-3;
 /// Sampling rate below which the unit of time is likely to be missing.
 const LIKELY_RATE_MIN_HZ: f64 = 50.0;
 
-/// Gain in um/V beyond which a unit is likely to be missing: a millimetre for a command of ten volts is the most that flexures make of a stack.
+/// Gain in um/V beyond which a unit is likely to be missing: a millimetre for a command of ten volts is the
+/// most that flexures make of a stack.
 const LIKELY_GAIN_MAX_UM_V: f64 = 100.0;
 
 /// Examines every driven record.

@@ -1,10 +1,11 @@
-//! From a servo design to the bytes that the amplifier keeps in flash: integers, guard limits, and the physical quantities beside them.
+//! From a servo design to the bytes that the amplifier keeps in flash: integers, guard limits, and the
+//! physical quantities beside them.
 //!
 //! # How it works
-//! The drive's limits are those of the identified model, which has them from its data set. The scale of the converters is the wiring's
-//! ([`FrontEnd`], a TOML file; the default is that of the firmware's wiring page). What the guard calls impossible follows from the model: no
-//! honest motion is faster than the first mode's answer to a step over the whole range, and a tracking error of a fifth of the range is no
-//! tracking.
+//! The drive's limits are those of the identified model, which has them from its data set. The scale of the
+//! converters is the wiring's ([`FrontEnd`], a TOML file; the default is that of the firmware's wiring page).
+//! What the guard calls impossible follows from the model: no honest motion is faster than the first mode's
+//! answer to a step over the whole range, and a tracking error of a fifth of the range is no tracking.
 
 use hysteron_core::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use hysteron_core::command_text::write_upload;
@@ -21,7 +22,8 @@ use crate::servo::model::{ModeModel, SAMPLING_PERIOD_S};
 
 /// Sampling rate of the target, Hz.
 pub const SAMPLE_RATE_HZ: u32 = 20_000;
-/// Of 65,536 codes of the sensor, those at either end that count as out of range; as much of the span with other bits.
+/// Of 65,536 codes of the sensor, those at either end that count as out of range; as much of the span with
+/// other bits.
 const RAIL_CODES: u32 = 16;
 
 /// Fastest slew limit that a block takes, V/s.
@@ -49,7 +51,8 @@ pub struct FrontEnd {
     pub stuck_s: f64,
     /// Time for which the tracking error may be too large, s.
     pub tracking_s: f64,
-    /// Fastest change of the drive in any mode, V/s: what the amplifier's peak current gives on the actuator's capacitance, or less.
+    /// Fastest change of the drive in any mode, V/s: what the amplifier's peak current gives on the
+    /// actuator's capacitance, or less.
     pub slew_v_s: f64,
     /// Time from the highest drive to rest, s.
     pub ramp_s: f64,
@@ -170,7 +173,8 @@ fn physical(front_end: &FrontEnd, converters: &ConverterParameters, radius: f64)
     }
 }
 
-/// The guard's limits; the largest honest change of the sensor, codes, and tracking error, um with 24 fraction bits, are the model's.
+/// The guard's limits; the largest honest change of the sensor, codes, and tracking error, um with 24
+/// fraction bits, are the model's.
 fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32, tracking_error: i32) -> GuardParameters {
     let drive_codes = converters.dac_code_max.abs_diff(converters.dac_code_min);
     let rail = (RAIL_CODES << converters.adc_bits >> 16).max(1);
@@ -190,8 +194,8 @@ fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32
 /// A block for a design.
 ///
 /// # Errors
-/// When the design is none whose eigenvalues are known, does not fit its formats, or the target would refuse the block: the drive's limits
-/// beyond the converter, or a loop that is not stable when sampled.
+/// When the design is none whose eigenvalues are known, does not fit its formats, or the target would refuse
+/// the block: the drive's limits beyond the converter, or a loop that is not stable when sampled.
 pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Result<AmplifierParameters> {
     let Some(law) = design.law() else {
         return Err(Error::new("parameter block", "is made for a law that acts one period after its reading and has sampled eigenvalues"));
@@ -215,8 +219,8 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
     Ok(parameters)
 }
 
-/// A block without a servo: with it a board knows its converters and the limits of the drive, so that it can be conditioned and recorded. What the
-/// actuator does is not known yet, so a jump of the sensor is no fault.
+/// A block without a servo: with it a board knows its converters and the limits of the drive, so that it can
+/// be conditioned and recorded. What the actuator does is not known yet, so a jump of the sensor is no fault.
 ///
 /// # Errors
 /// The drive's limits are beyond the converter, or the slew limit is below a code in a tick.

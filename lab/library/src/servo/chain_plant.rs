@@ -1,4 +1,5 @@
-//! The chain of an identified model as a plant under control: it goes from period to period, as a real one does.
+//! The chain of an identified model as a plant under control: it goes from period to period, as a real one
+//! does.
 
 use super::model::SAMPLING_PERIOD_S;
 use hysteron_sim::chain::Model;
@@ -40,8 +41,8 @@ impl<'a> ChainPlant<'a> {
     }
 }
 
-/// The stages of a chain in their order, the sensor's lag by itself: a mode takes it in, which is exact over a long interval and leaves nothing of the position that
-/// the sensor reads.
+/// The stages of a chain in their order, the sensor's lag by itself: a mode takes it in, which is exact over
+/// a long interval and leaves nothing of the position that the sensor reads.
 fn position_and_reading_apart<'a>(chain: &Model, setting: &Setting<'a>) -> Vec<(Place, Box<dyn Stage + 'a>)> {
     let stages_of = |of_the_lag: bool| {
         let mut part = chain.clone();

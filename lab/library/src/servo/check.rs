@@ -6,7 +6,8 @@ use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// Roots of a polynomial, coefficients in descending powers, by the eigenvalues of its companion matrix, sorted by real part.
+/// Roots of a polynomial, coefficients in descending powers, by the eigenvalues of its companion matrix,
+/// sorted by real part.
 #[must_use]
 pub fn roots(coefficients: &[f64]) -> Vec<Complex<f64>> {
     let Some((leading, rest)) = coefficients.split_first() else { return Vec::new() };
@@ -44,7 +45,8 @@ pub fn roots(coefficients: &[f64]) -> Vec<Complex<f64>> {
     out
 }
 
-/// Sliding surface parameter of the observer for a constant unknown input: the real root of Ch. 7, Eq. (19); the largest if there are three.
+/// Sliding surface parameter of the observer for a constant unknown input: the real root of Ch. 7, Eq. (19);
+/// the largest if there are three.
 #[must_use]
 pub fn sliding_surface_parameter(model: &NominalModel, gains: &ObserverGains) -> f64 {
     let b2 = model.b2();
@@ -84,7 +86,8 @@ pub fn observer_response(model: &NominalModel, gains: &ObserverGains, omega_rad_
     numerator / (s * s * s + s * s * (b2 * gains.d - model.a22()) + s * (b2 * gains.p) + b2 * gains.i)
 }
 
-/// Roots of Ch. 6, 3.2 (Ch. 7, Eq. 30), reachability of the controller's sliding surface, and `-m`, the sliding motion.
+/// Roots of Ch. 6, 3.2 (Ch. 7, Eq. 30), reachability of the controller's sliding surface, and `-m`, the
+/// sliding motion.
 #[must_use]
 pub fn controller_poles(model: &NominalModel, gains: &ControllerGains) -> Vec<Complex<f64>> {
     let b2 = model.b2();
@@ -93,7 +96,8 @@ pub fn controller_poles(model: &NominalModel, gains: &ControllerGains) -> Vec<Co
     out
 }
 
-/// Poles of Ch. 6, Eqs. (40)-(41): PIDSMC with the continuous alpha-beta filter; `T` is the period of the filter.
+/// Poles of Ch. 6, Eqs. (40)-(41): PIDSMC with the continuous alpha-beta filter; `T` is the period of the
+/// filter.
 #[must_use]
 pub fn alpha_beta_loop_poles(model: &NominalModel, gains: &ControllerGains, filter: &AlphaBeta, period_s: f64) -> Vec<Complex<f64>> {
     let (a21, a22, b2) = (model.a21(), model.a22(), model.b2());
@@ -124,7 +128,8 @@ pub fn unknown_input_response(model: &NominalModel, o: &ObserverGains, c: &Contr
     s * b2 * numerator / (controller * observer)
 }
 
-/// Gains in the thesis' units, and what its rules say of them: the cut-off of `G_3` and the attenuation of the unknown input, `G_6`.
+/// Gains in the thesis' units, and what its rules say of them: the cut-off of `G_3` and the attenuation of
+/// the unknown input, `G_6`.
 #[must_use]
 pub fn gains_in_words(
     nominal: &NominalModel,
@@ -247,7 +252,8 @@ mod tests {
         let gains = ObserverGains::THESIS_SLIDING;
         assert!((sliding_surface_parameter(&MODEL, &gains) - 502.82).abs() < 0.006);
         assert!(discriminant(&MODEL, &gains) < 0.0);
-        // The thesis prints -38.8 +- 5.20e3 i and -429. The roots add up to -(B2 D_o + m_o) = -506.68, so the pair is at -38.79.
+        // The thesis prints -38.8 +- 5.20e3 i and -429. The roots add up to -(B2 D_o + m_o) = -506.68, so the
+        // pair is at -38.79.
         let found = observer_reachability(&MODEL, &gains);
         close(&found, &[(-38.79, 5193.61), (-38.79, -5193.61), (-429.10, 0.0)], 0.006);
         let sum: f64 = found.iter().map(|z| z.re).sum();

@@ -1,4 +1,5 @@
-//! What `hysteron check` and `track` do (`design` is in [`super::order`]), without the command line: a chain of effects in, structs that serialise out.
+//! What `hysteron check` and `track` do (`design` is in [`super::order`]), without the command line: a chain
+//! of effects in, structs that serialise out.
 
 use super::check::{self, ContinuousConditions};
 use super::design::{Form, SCHEMA, Scheme, ServoDesign};
@@ -44,8 +45,8 @@ pub const SCHEMES: [&str; 18] = [
     "feedforward-pi-notch",
 ];
 
-/// Designs a servo for an identified chain without a recording behind it, so that an unknown mode is reckoned with everywhere
-/// ([`order::design`] takes the recording).
+/// Designs a servo for an identified chain without a recording behind it, so that an unknown mode is reckoned
+/// with everywhere ([`order::design`] takes the recording).
 ///
 /// # Errors
 /// A message that says what the model lacks, or which demand cannot be met.
@@ -54,7 +55,8 @@ pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
     order::design(chain, &Order { reference_hz, sensor_noise_um: Some(sensor_noise_um), sensitivity_peak, ..Order::default() })
 }
 
-/// Designs what was ordered and, where that is another scheme, a predictor for the same order; both follow the same sines on the model.
+/// Designs what was ordered and, where that is another scheme, a predictor for the same order; both follow
+/// the same sines on the model.
 ///
 /// # Errors
 /// As [`order::design`]; a predictor that is refused is told in the explanation.
@@ -88,8 +90,8 @@ pub struct CheckResult {
     pub schema: String,
     /// Scheme.
     pub scheme: String,
-    /// True if all sampled eigenvalues are inside the unit circle wherever the actuator may stand in its hysteresis, the period of delay
-    /// included where the design has it.
+    /// True if all sampled eigenvalues are inside the unit circle wherever the actuator may stand in its
+    /// hysteresis, the period of delay included where the design has it.
     pub stable: bool,
     /// Which criterion says that it is not, where it is judged and is not.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -285,8 +287,9 @@ fn all_inside(poles: &[Complex<f64>]) -> bool {
     poles.iter().all(|z| z.norm() < 1.0)
 }
 
-/// Gain of an actuator over the one that a design inverts, wherever the hysteresis may stand: least, that of the whole range, largest.
-/// Slopes are compared over steps of a sixteenth of the range: what a loop of that size feels.
+/// Gain of an actuator over the one that a design inverts, wherever the hysteresis may stand: least, that of
+/// the whole range, largest. Slopes are compared over steps of a sixteenth of the range: what a loop of that
+/// size feels.
 #[must_use]
 pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bool) -> [f64; 3] {
     const STEPS: usize = 16;
@@ -313,7 +316,8 @@ pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bo
     ratio
 }
 
-/// Eigenvalues and margins on an actuator, with a delay of its drive, s, and the beginning that it is run from.
+/// Eigenvalues and margins on an actuator, with a delay of its drive, s, and the beginning that it is run
+/// from.
 fn judge_law(
     law: &PredictorDesign,
     actuator: &ActuatorModel,

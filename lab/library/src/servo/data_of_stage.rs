@@ -1,7 +1,10 @@
-//! Whether data are of the stage that a model describes, and what is in the way where they do not confirm it: too little drive, or the model itself.
+//! Whether data are of the stage that a model describes, and what is in the way where they do not confirm it:
+//! too little drive, or the model itself.
 //!
-//! What hides a response in a recording is all that the model leaves of the readings: noise, and what the model does not describe. What noise alone would hide is known too
-//! ([`Recording::noise_hides_at`]). Where that is little, more drive would not help: the model is of another stage, or lacks something that this stage has.
+//! What hides a response in a recording is all that the model leaves of the readings: noise, and what the
+//! model does not describe. What noise alone would hide is known too ([`Recording::noise_hides_at`]). Where
+//! that is little, more drive would not help: the model is of another stage, or lacks something that this
+//! stage has.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use super::predictor::frequency_response;
@@ -25,8 +28,8 @@ const WRONG: f64 = 0.5;
 /// The model and not the noise hides a response where noise alone would hide less than this share of it.
 const BY_NOISE: f64 = 0.5;
 
-/// Highest line of the multisine that is recommended, Hz: a mode between it and half the sampling rate, which nothing would show, has to be
-/// stood by every servo.
+/// Highest line of the multisine that is recommended, Hz: a mode between it and half the sampling rate, which
+/// nothing would show, has to be stood by every servo.
 pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.499 / SAMPLING_PERIOD_S;
 
 /// In words, for a refusal or a recommendation.
@@ -50,7 +53,8 @@ fn not_described(recording: &Recording) -> Option<String> {
     ))
 }
 
-/// What lets a recording exclude a missing response at a frequency, Hz: more drive, or a model that describes it.
+/// What lets a recording exclude a missing response at a frequency, Hz: more drive, or a model that describes
+/// it.
 pub(super) fn how_to_exclude(recording: Option<&Recording>, hz: f64) -> String {
     let by_model = recording.filter(|r| {
         let level = r.level_at(hz).unwrap_or(f64::INFINITY);
@@ -92,7 +96,8 @@ pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Resul
     ))
 }
 
-/// Whether the data show no larger missing response than a servo is held against, where that is no small part of the model's own.
+/// Whether the data show no larger missing response than a servo is held against, where that is no small part
+/// of the model's own.
 ///
 /// # Errors
 /// Where they do, with the figures.
@@ -115,7 +120,8 @@ pub(super) fn require_described(recording: &Recording, linear: &LinearModel) -> 
     }
 }
 
-/// Whether the data are of the stage that the model describes: what the model leaves of the readings that it should give, over how far they move.
+/// Whether the data are of the stage that the model describes: what the model leaves of the readings that it
+/// should give, over how far they move.
 ///
 /// # Errors
 /// That they are not, with the figures.

@@ -1,4 +1,5 @@
-//! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains, and why.
+//! A servo design as it is written to `servo.toml`: the model it was made from, the scheme with its gains,
+//! and why.
 
 use super::disturbance_observer::{self, DisturbanceObserverGains};
 use super::gain_adaptation::AdaptationDesign;
@@ -50,8 +51,8 @@ pub enum Scheme {
         /// Notch behind it.
         notch: Option<Notch>,
     },
-    /// Feedforward through the inverse of hysteresis, linear dynamics and creep, with PI in um of force-equivalent displacement (no
-    /// gains: feedforward alone).
+    /// Feedforward through the inverse of hysteresis, linear dynamics and creep, with PI in um of
+    /// force-equivalent displacement (no gains: feedforward alone).
     Feedforward {
         /// Gains, 1 and 1/s.
         gains: PidGains,
@@ -100,11 +101,13 @@ pub struct ServoDesign {
     pub delayed: bool,
     /// Carries the DAC's rounding error on.
     pub noise_shaping: bool,
-    /// Noise of the sensor that it was designed for, um RMS, without the converter's rounding; none where nobody said it.
+    /// Noise of the sensor that it was designed for, um RMS, without the converter's rounding; none where
+    /// nobody said it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_noise_um: Option<f64>,
-    /// How late the sensor is known to read at rest, s: the reference is made as late before a reading is compared with it, so that the true position follows what
-    /// was asked for; none where the sensor is ideal or nobody knows.
+    /// How late the sensor is known to read at rest, s: the reference is made as late before a reading is
+    /// compared with it, so that the true position follows what was asked for; none where the sensor is ideal
+    /// or nobody knows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_lag_s: Option<f64>,
     /// The scheme.
@@ -120,7 +123,8 @@ pub struct ServoDesign {
     /// Bounds within which the gain of the model is corrected; none: it is not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adaptation: Option<AdaptationDesign>,
-    /// The predictor that was designed for the same order, to stand beside another scheme; none: the scheme is a predictor, or none holds.
+    /// The predictor that was designed for the same order, to stand beside another scheme; none: the scheme
+    /// is a predictor, or none holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub beside: Option<PredictorTuning>,
 }
@@ -150,7 +154,8 @@ impl ServoDesign {
 
     /// The best predictor for a model: scans the tunings and explains the choice.
     ///
-    /// Where no tuning keeps all margins the one with the smallest expected error is *not* taken silently: `None`.
+    /// Where no tuning keeps all margins the one with the smallest expected error is *not* taken silently:
+    /// `None`.
     #[must_use]
     pub fn best(model: &ActuatorModel, demands: &Demands) -> Option<Self> {
         let scan = tune(&model.linear, demands);
@@ -232,7 +237,8 @@ impl ServoDesign {
         }
     }
 
-    /// The law as it closes the loop one period after a reading, for eigenvalues and margins; none where it acts at once, or switches.
+    /// The law as it closes the loop one period after a reading, for eigenvalues and margins; none where it
+    /// acts at once, or switches.
     #[must_use]
     pub fn law(&self) -> Option<PredictorDesign> {
         if !self.delayed {

@@ -1,4 +1,5 @@
-//! A force from outside while a servo is at work, given as the displacement that it would make at rest without any servo.
+//! A force from outside while a servo is at work, given as the displacement that it would make at rest
+//! without any servo.
 
 use super::model::SAMPLING_PERIOD_S;
 use serde::Serialize;

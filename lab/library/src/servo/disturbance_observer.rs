@@ -1,14 +1,18 @@
-//! Disturbance observer: the scheme that most papers on piezo stages compare with (Ohnishi's form; thesis Ch. 2, 2.6).
+//! Disturbance observer: the scheme that most papers on piezo stages compare with (Ohnishi's form; thesis Ch.
+//! 2, 2.6).
 //!
 //! # How it works
-//! The inverse of a nominal second-order model, made proper by the low-pass filter `Q = wq^2 / (s + wq)^2`, tells which input the motion
-//! must have had; less what was applied, through the same `Q`, that is the unknown input, which is subtracted from the next command. A
-//! proportional gain on the error stands beside. The reference is fed forward as for the predictor.
+//! The inverse of a nominal second-order model, made proper by the low-pass filter `Q = wq^2 / (s + wq)^2`,
+//! tells which input the motion must have had; less what was applied, through the same `Q`, that is the
+//! unknown input, which is subtracted from the next command. A proportional gain on the error stands beside.
+//! The reference is fed forward as for the predictor.
 //!
-//! All of it is linear, so it runs in the tick as a law of the predictor's form ([`hysteron_core::predictor_law`]) whose rows are filled
-//! differently, and its margins are judged as the predictor's are. States: two of `Q / P_n` over the error, its output with the
-//! proportional gain, two of `Q` over the input and its output of the tick before. The law's own unknown input keeps what it is given at a
-//! take-over: to the disturbance observer that is one more constant disturbance, and the analysis here leaves it out.
+//! All of it is linear, so it runs in the tick as a law of the predictor's form
+//! ([`hysteron_core::predictor_law`]) whose rows are filled differently, and its margins are judged as the
+//! predictor's are. States: two of `Q / P_n` over the error, its output with the proportional gain, two of
+//! `Q` over the input and its output of the tick before. The law's own unknown input keeps what it is given
+//! at a take-over: to the disturbance observer that is one more constant disturbance, and the analysis here
+//! leaves it out.
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
 use super::predictor::{Demands, Judgement, PredictorDesign, STATES, best_of, feedforward};
@@ -64,7 +68,8 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
     PredictorDesign { a, b, c: DVector::zeros(STATES), l, k, feedforward: feedforward(&linear.sampled(SAMPLING_PERIOD_S)) }
 }
 
-/// The gains with the smallest expected error of those that keep the same margins as a predictor, with what they are worth.
+/// The gains with the smallest expected error of those that keep the same margins as a predictor, with what
+/// they are worth.
 #[must_use]
 pub fn tune(linear: &LinearModel, demands: &Demands) -> Option<(DisturbanceObserverGains, Judgement)> {
     let mut candidates = Vec::new();

@@ -1,10 +1,13 @@
-//! Whether a servo comes to rest when it begins at the lower limit of its drive: the integers of the tick on the whole model of the actuator, with the noise of its sensor.
+//! Whether a servo comes to rest when it begins at the lower limit of its drive: the integers of the tick on
+//! the whole model of the actuator, with the noise of its sensor.
 //!
 //! # Why
-//! Eigenvalues tell of a free drive, and the first harmonic of a limit ([`PredictorDesign::at_a_limit`](super::predictor::PredictorDesign::at_a_limit)) of a swinging
-//! that is there already. Whether a servo gets from its beginning to rest or into that swinging depends on how hard its own noise and the way up push it beyond the limit, and on the
-//! hysteresis that it turns back in; neither knows of these, so it is run. With the linear part of the model alone, in f64, gains came out as well, but masses up to 18 % too
-//! early (`cargo run --release -p hysteron-tests --example first_unstable`).
+//! Eigenvalues tell of a free drive, and the first harmonic of a limit
+//! ([`PredictorDesign::at_a_limit`](super::predictor::PredictorDesign::at_a_limit)) of a swinging that is
+//! there already. Whether a servo gets from its beginning to rest or into that swinging depends on how hard
+//! its own noise and the way up push it beyond the limit, and on the hysteresis that it turns back in;
+//! neither knows of these, so it is run. With the linear part of the model alone, in f64, gains came out as
+//! well, but masses up to 18 % too early (`cargo run --release -p hysteron-tests --example first_unstable`).
 
 use super::design::ServoDesign;
 use super::plant_set::Variation;
@@ -23,7 +26,8 @@ const SWINGING: f64 = 10.0;
 /// Of the reference, which does not move once it has grown: the error counts for a second.
 const FREQUENCY_HZ: f64 = 10.0;
 
-/// How a servo begins: at the lower limit of its drive, after a conditioning, from where its reference grows to the middle of the range.
+/// How a servo begins: at the lower limit of its drive, after a conditioning, from where its reference grows
+/// to the middle of the range.
 #[derive(Clone, Copy)]
 pub struct Beginning<'a> {
     /// The servo.

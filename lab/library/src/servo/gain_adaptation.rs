@@ -1,9 +1,12 @@
-//! Bounds within which a predictor corrects the gain of its model while it runs (core: [`hysteron_core::gain_adaptation`]).
+//! Bounds within which a predictor corrects the gain of its model while it runs (core:
+//! [`hysteron_core::gain_adaptation`]).
 //!
 //! # Why it stays stable
-//! What counts for the loop is the actuator's gain over the believed one. With the actuator within [`FARTHEST`] of its model and the belief within the same
-//! bounds it is between 0.8 / 1.2 and 1.2 / 0.8, wherever the belief stands; every design holds with the gain from half to one and a half.
-//! A belief moves by at most half a per cent in a tenth of a second, which is slow against every eigenvalue of a loop that is worth having.
+//! What counts for the loop is the actuator's gain over the believed one. With the actuator within
+//! [`FARTHEST`] of its model and the belief within the same bounds it is between 0.8 / 1.2 and 1.2 / 0.8,
+//! wherever the belief stands; every design holds with the gain from half to one and a half. A belief moves
+//! by at most half a per cent in a tenth of a second, which is slow against every eigenvalue of a loop that
+//! is worth having.
 
 use super::quantise::{QuantisationError, number};
 use hysteron_core::gain_adaptation::{AdaptationParameters, GAIN_FRACTION_BITS};
@@ -18,8 +21,9 @@ pub const LARGEST_STEP: f64 = 1.0 / 32.0;
 const MOST_STEP: f64 = 0.005;
 /// Errors beyond this share of the travel say more of a loop in trouble than of a gain.
 const ERROR_SHARE: f64 = 0.05;
-/// Feedforward that changes by less than this share of the travel (RMS, from one mean over 0.8 ms to the next) shows no gain: a sine of a hundredth of the
-/// travel above some 85 Hz does, one of a quarter of it above 3.5 Hz.
+/// Feedforward that changes by less than this share of the travel (RMS, from one mean over 0.8 ms to the
+/// next) shows no gain: a sine of a hundredth of the travel above some 85 Hz does, one of a quarter of it
+/// above 3.5 Hz.
 const LEAST_MOTION_SHARE: f64 = 0.003;
 
 /// Bounds of the adaptation.
@@ -100,7 +104,8 @@ mod tests {
         ] {
             assert!(broken.quantised().is_err(), "{broken:?}");
         }
-        // Wherever the belief stands, an actuator within the same bounds is within what every design holds for.
+        // Wherever the belief stands, an actuator within the same bounds is within what every design holds
+        // for.
         let [least, _] = design.over_beliefs(1.0 - FARTHEST);
         let [_, most] = design.over_beliefs(1.0 + FARTHEST);
         assert!(least > 0.5 && most <= 1.5 + 1e-12, "{least} {most}");

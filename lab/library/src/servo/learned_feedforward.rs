@@ -1,18 +1,21 @@
-//! The filters by which the correction of a periodic reference is learned (core: [`hysteron_core::learned_feedforward`]), and the proof that
-//! learning converges.
+//! The filters by which the correction of a periodic reference is learned (core:
+//! [`hysteron_core::learned_feedforward`]), and the proof that learning converges.
 //!
 //! # How it works
-//! A correction that is added to the reference reaches the motion through `T = 1 + S (P F - 1)`: `P` the sampled actuator, `F` the law's feedforward,
-//! `S` the sensitivity. From period to period an error becomes `Q (1 - L T)` times itself, so learning converges where that is below one
-//! at every frequency, and a long period makes it neither better nor worse. `T` is computed for every plant of a set (gain, modes and their
-//! damping moved) and bounded for any missing response that the recording does not exclude:
-//! `|dT| <= W |F + K| |S|^2 / (1 - W |K S|)`, `W` as in [`super::robust`].
+//! A correction that is added to the reference reaches the motion through `T = 1 + S (P F - 1)`: `P` the
+//! sampled actuator, `F` the law's feedforward, `S` the sensitivity. From period to period an error
+//! becomes `Q (1 - L T)` times itself, so learning converges where that is below one at every frequency,
+//! and a long period makes it neither better nor worse. `T` is computed for every plant of a set (gain,
+//! modes and their damping moved) and bounded for any missing response that the recording does not
+//! exclude: `|dT| <= W |F + K| |S|^2 / (1 - W |K S|)`, `W` as in [`super::robust`].
 //!
-//! * `F`: the feedforward of a law that learns, least squares of `S (P F - 1)` over the set. What cannot be learned is at least fed forward.
-//! * `L`: least squares of `1 - L T` over the set, with the bound as a weight on `L`, on taps that look as far ahead as back. Where the set's responses
-//!   disagree `L` becomes small by itself.
-//! * `Q`: as near 1 as its taps allow, and below where the worst `|1 - L T|` of the set is not well below one. What is not
-//!   learned must not grow either: `(1 - Q) / (1 - Q |1 - L T|)`, how much of the error is left for good, stays below [`MOST_LEFT`].
+//! * `F`: the feedforward of a law that learns, least squares of `S (P F - 1)` over the set. What cannot be
+//!   learned is at least fed forward.
+//! * `L`: least squares of `1 - L T` over the set, with the bound as a weight on `L`, on taps that look as
+//!   far ahead as back. Where the set's responses disagree `L` becomes small by itself.
+//! * `Q`: as near 1 as its taps allow, and below where the worst `|1 - L T|` of the set is not well below
+//!   one. What is not learned must not grow either: `(1 - Q) / (1 - Q |1 - L T|)`, how much of the error is
+//!   left for good, stays below [`MOST_LEFT`].
 //!
 //! All are rounded to the tick's integers here, and what is shown is the convergence of the rounded ones.
 
@@ -36,7 +39,8 @@ pub const LEAST_FREQUENCY_SPREAD: f64 = 0.055;
 const MOST_STEPS: f64 = 6.0;
 /// The gain of the actuator may be off by this share.
 pub const GAIN_SPREAD: f64 = 0.1;
-/// Largest sensitivity of a loop that learns: what a loop answers more sharply leaves less of the band to be learned in, and passes more noise on.
+/// Largest sensitivity of a loop that learns: what a loop answers more sharply leaves less of the band to be
+/// learned in, and passes more noise on.
 pub const SENSITIVITY_PEAK: f64 = 2.0;
 /// At a frequency of which nothing is learned the error may become this many times as large.
 pub const MOST_LEFT: f64 = 1.25;
@@ -52,18 +56,21 @@ const LARGEST_POINT_UM: f64 = 0.99;
 const PERIODS_PER_HALVING: u8 = 2;
 /// ... and then by an eighth: noise is averaged over some fifteen periods.
 const MOST_HALVINGS: u8 = 3;
-/// Weight on the taps of `L`, over the mean power of what they filter: without it they grow where the loop hardly answers, and with a third of it
-/// an error can grow slowly. Three times as much, and again, where the taps are too large.
+/// Weight on the taps of `L`, over the mean power of what they filter: without it they grow where the loop
+/// hardly answers, and with a third of it an error can grow slowly. Three times as much, and again, where the
+/// taps are too large.
 const TAP_WEIGHT: f64 = 3e-3;
 /// Largest sum of the magnitudes of `L`'s taps: the tick's format ends at 128.
 const LARGEST_SUM: f64 = 100.0;
-/// Below this, Hz, a reference is reckoned with as with this: power per frequency falls with its square, between that of steps and that of corners.
+/// Below this, Hz, a reference is reckoned with as with this: power per frequency falls with its square,
+/// between that of steps and that of corners.
 const REFERENCE_HZ: f64 = 100.0;
 /// Standard deviations in the bound on what may be missing.
 const DEVIATIONS_OF_MISSING: f64 = 3.0;
 /// Weight of rest in the feedforward, over that of all frequencies.
 const AT_REST: f64 = 1e6;
-/// Weight on the taps of the feedforward, over the mean power of what they filter; three times as much, and again, where the taps are too large.
+/// Weight on the taps of the feedforward, over the mean power of what they filter; three times as much, and
+/// again, where the taps are too large.
 const LEAST_RIDGE: f64 = 1e-9;
 /// Rounds in which weights are moved until `Q` is within what is allowed.
 const MOST_ROUNDS: usize = 400;
@@ -100,7 +107,8 @@ pub struct LearningDesign {
     pub learning: Vec<f64>,
     /// `Q` from 32 samples before (zero) to 31 after.
     pub robustness: Vec<f64>,
-    /// Feedforward over the reference window, um/um, in the place of the law's own, which ends at some 900 Hz; empty: the law's own.
+    /// Feedforward over the reference window, um/um, in the place of the law's own, which ends at some 900
+    /// Hz; empty: the law's own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub feedforward: Vec<f64>,
     /// Nothing is learned from errors beyond this, um.
@@ -154,7 +162,8 @@ fn with_feedforward(law: &PredictorDesign, feedforward: &[f64]) -> PredictorDesi
     out
 }
 
-/// Where a mode may stand, from its lowest frequency to its highest: so close together that its peak is not between two of them.
+/// Where a mode may stand, from its lowest frequency to its highest: so close together that its peak is not
+/// between two of them.
 fn positions(mode: ModeModel, spread: ModeSpread) -> Vec<ModeModel> {
     let widest = spread.frequency.max(LEAST_FREQUENCY_SPREAD);
     let damping_ratio = mode.damping_ratio * (1.0 - spread.damping);
@@ -220,8 +229,8 @@ fn met(law: &PredictorDesign, task: &Task<'_>, plants: &[(f64, LinearModel)]) ->
     })
 }
 
-/// `L`: least squares over the set, with as much weight on its taps as it takes to bring their sum below [`LARGEST_SUM`]: noise near half the sampling rate
-/// is what they would otherwise be spent on.
+/// `L`: least squares over the set, with as much weight on its taps as it takes to bring their sum below
+/// [`LARGEST_SUM`]: noise near half the sampling rate is what they would otherwise be spent on.
 fn learning_taps(met: &[Met]) -> Option<Vec<f64>> {
     let (a, b) = normal_equations(met);
     let mean = a.trace() / LEARNING_TAPS as f64;
@@ -237,11 +246,13 @@ fn of_references(hz: f64) -> f64 {
     (REFERENCE_HZ / hz.max(REFERENCE_HZ)).powi(2)
 }
 
-/// The feedforward: taps over the reference window with the least `|S (P F - 1)|^2` over the set, weighted as a reference falls. The law's own is the model's
-/// inverse up to 900 Hz and fades from there, and what lies above and is not learned is then not followed at all. What may be missing counts
-/// with its standard deviation, so that `F` is small by itself where nothing is known. Gains that are off to either side do not take part: they
-/// would make it smaller everywhere; nor do modes that are further off than a model has to be reckoned with anyway. Empty where no such taps fit the tick, or
-/// where on the model itself they would leave more of such a reference than the law's own.
+/// The feedforward: taps over the reference window with the least `|S (P F - 1)|^2` over the set, weighted as
+/// a reference falls. The law's own is the model's inverse up to 900 Hz and fades from there, and what lies
+/// above and is not learned is then not followed at all. What may be missing counts with its standard
+/// deviation, so that `F` is small by itself where nothing is known. Gains that are off to either side do not
+/// take part: they would make it smaller everywhere; nor do modes that are further off than a model has to be
+/// reckoned with anyway. Empty where no such taps fit the tick, or where on the model itself they would leave
+/// more of such a reference than the law's own.
 fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
     let one = Complex::new(1.0, 0.0);
     let near = |spread: ModeSpread| ModeSpread { frequency: LEAST_FREQUENCY_SPREAD, damping: spread.damping.min(LEAST_DAMPING_SPREAD) };
@@ -328,8 +339,8 @@ fn normal_equations(met: &[Met]) -> (DMatrix<f64>, DVector<f64>) {
     (a, b)
 }
 
-/// The least and the largest `Q` where `|1 - L T|` is at most `worst`: with them an error that is not learned becomes at most [`MOST_LEFT`] times
-/// itself, and others fall from period to period.
+/// The least and the largest `Q` where `|1 - L T|` is at most `worst`: with them an error that is not learned
+/// becomes at most [`MOST_LEFT`] times itself, and others fall from period to period.
 fn allowed(worst: f64) -> (f64, f64) {
     let converging = (CONTRACTION / worst.max(1e-9)).min(1.0);
     // (1 - Q) / (1 - |Q| worst) <= MOST_LEFT, for either sign of Q.
@@ -338,12 +349,14 @@ fn allowed(worst: f64) -> (f64, f64) {
     (-least.min(converging), largest.min(converging))
 }
 
-/// `Q`: symmetric taps with the least that is left for good, over the set and over references with corners, within what is allowed. Least squares in
-/// which every frequency that is not within its limits gets a larger weight on the nearer limit until all are.
+/// `Q`: symmetric taps with the least that is left for good, over the set and over references with corners,
+/// within what is allowed. Least squares in which every frequency that is not within its limits gets a larger
+/// weight on the nearer limit until all are.
 fn robustness_taps(judged: &[Judged]) -> Vec<f64> {
     let half = ROBUSTNESS_TAPS / 2;
     let step_hz = 0.5 / SAMPLING_PERIOD_S / POINTS as f64;
-    /// A frequency: `Q` there from the taps, what is allowed, the weight on one, and the weight on the nearer limit.
+    /// A frequency: `Q` there from the taps, what is allowed, the weight on one, and the weight on the nearer
+    /// limit.
     struct Point {
         cosines: Vec<f64>,
         limits: (f64, f64),
@@ -435,7 +448,8 @@ fn rounded(taps: &[f64], fraction_bits: u32) -> Vec<f64> {
 }
 
 impl LearningDesign {
-    /// For a law and all plants that a task leaves possible. `travel_um`: the motion over the whole drive, which limits errors and corrections.
+    /// For a law and all plants that a task leaves possible. `travel_um`: the motion over the whole drive,
+    /// which limits errors and corrections.
     ///
     /// # Errors
     /// A message that says why nothing can be learned.
@@ -522,7 +536,8 @@ impl LearningDesign {
         all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0))
     }
 
-    /// Why nothing is learned beyond [`Self::learns_to_hz`]: the first frequency at which a correction could make an error worse.
+    /// Why nothing is learned beyond [`Self::learns_to_hz`]: the first frequency at which a correction could
+    /// make an error worse.
     #[must_use]
     pub fn what_closes(&self) -> String {
         let apart_hz = 1.0 / (ROBUSTNESS_TAPS as f64 * SAMPLING_PERIOD_S);
@@ -608,7 +623,8 @@ mod tests {
         }
     }
 
-    /// Motion of the loop, sample by sample, when one sample of the reference is corrected by 1 um and nothing else is asked.
+    /// Motion of the loop, sample by sample, when one sample of the reference is corrected by 1 um and
+    /// nothing else is asked.
     fn after_one_corrected_sample(law: &PredictorDesign, plant: &SampledModel, at: usize, samples: usize) -> Vec<f64> {
         let correction = |k: i64| f64::from(u8::from(k == at as i64));
         let (mut x, mut z) = (DVector::zeros(plant.b.len()), DVector::zeros(law.b.len()));
@@ -710,7 +726,8 @@ mod tests {
         assert!(far > 1.0, "{far}");
     }
 
-    /// The bound on what may be missing against plants that have it: another mode of 5 % at a damping ratio of 0.015, wherever it stands.
+    /// The bound on what may be missing against plants that have it: another mode of 5 % at a damping ratio
+    /// of 0.015, wherever it stands.
     #[test]
     fn a_mode_that_nobody_knows_of_neither_diverges_nor_makes_an_error_much_larger() {
         let design = LearningDesign::new(&law(), &task(), 12.0).unwrap();

@@ -1,12 +1,15 @@
-//! How far a loop is from the end of its stability on an actuator: gain and phase margin, bandwidth, and the first unstable value of gain,
-//! mass, delay and of a mode that nobody knows of. All by the eigenvalues and the frequency response of the sampled loop.
+//! How far a loop is from the end of its stability on an actuator: gain and phase margin, bandwidth, and the
+//! first unstable value of gain, mass, delay and of a mode that nobody knows of. All by the eigenvalues and
+//! the frequency response of the sampled loop.
 //!
 //! # Limits of the drive
-//! Eigenvalues speak of a loop whose drive is free. A servo begins at the lower limit of its drive, and noise or a jump brings it to a limit later;
-//! a loop with a lightly damped mode, wrong gain and wrong mass may then swing between the limits for ever although its eigenvalues are
-//! stable. So every first unstable value is sought twice: with the drive free, and with any share of what is commanded acting
-//! ([`PredictorDesign::at_a_limit`]). Between the two it depends on what happens whether the loop swings; for the one beginning that every servo has, at the lower limit
-//! of its drive, the value is found by running the loop ([`super::from_rest`]).
+//! Eigenvalues speak of a loop whose drive is free. A servo begins at the lower limit of its drive, and noise
+//! or a jump brings it to a limit later; a loop with a lightly damped mode, wrong gain and wrong mass may
+//! then swing between the limits for ever although its eigenvalues are stable. So every first unstable value
+//! is sought twice: with the drive free, and with any share of what is commanded acting
+//! ([`PredictorDesign::at_a_limit`]). Between the two it depends on what happens whether the loop swings; for
+//! the one beginning that every servo has, at the lower limit of its drive, the value is found by running the
+//! loop ([`super::from_rest`]).
 
 use super::from_rest::Beginning;
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
@@ -28,7 +31,8 @@ const LONGEST_DELAY: f64 = 40.0;
 const LONGEST_DELAY_AT_A_LIMIT: f64 = 8.0;
 /// Largest share of an unknown mode that is tried.
 const LARGEST_SHARE: f64 = 0.5;
-/// Shares of what is commanded that are tried where the drive is at a limit: each this much of the one before, down to the least.
+/// Shares of what is commanded that are tried where the drive is at a limit: each this much of the one
+/// before, down to the least.
 const NEXT_SHARE: f64 = 0.8;
 /// Least of them.
 const LEAST_SHARE: f64 = 0.02;
@@ -52,7 +56,8 @@ pub struct UnstableMode {
     pub share: f64,
 }
 
-/// Values at which the loop is no longer stable; none where it still is at the largest that was tried (or where it is never stable).
+/// Values at which the loop is no longer stable; none where it still is at the largest that was tried (or
+/// where it is never stable).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FirstUnstable {
     /// Gain over that of the model, upwards.
@@ -91,7 +96,8 @@ pub struct LoopMargins {
     pub spectral_radius: [f64; 3],
     /// The worst of what was judged, in words.
     pub worst_case: String,
-    /// Factor of the gain to the end of stability, upwards; from the crossing of the open loop at -180 degrees.
+    /// Factor of the gain to the end of stability, upwards; from the crossing of the open loop at -180
+    /// degrees.
     pub gain_margin: Option<f64>,
     /// Phase to the end of stability at the least favourable crossing of gain 1, degrees.
     pub phase_margin_deg: Option<f64>,
@@ -107,11 +113,11 @@ pub struct LoopMargins {
     pub noise_transmission: f64,
     /// The first unstable values, the drive free.
     pub first_unstable: FirstUnstable,
-    /// The first values with which it may go on swinging once the drive was at a limit (a delay of at most eight
-    /// periods, the mode at the same frequency).
+    /// The first values with which it may go on swinging once the drive was at a limit (a delay of at most
+    /// eight periods, the mode at the same frequency).
     pub first_swinging: FirstUnstable,
-    /// The first values with which it swings where it begins at the lower limit of its drive, as run on this actuator; none where no beginning was said.
-    /// The mode is that of a free drive.
+    /// The first values with which it swings where it begins at the lower limit of its drive, as run on this
+    /// actuator; none where no beginning was said. The mode is that of a free drive.
     #[serde(default)]
     pub first_from_rest: Option<FirstUnstable>,
     /// The frequency response.
@@ -193,7 +199,8 @@ impl Loop<'_> {
         Some(UnstableMode { frequency_hz: hz, damping_ratio: UNKNOWN_DAMPING, share })
     }
 
-    /// The mode of the smallest share that makes the loop unstable: where `|K S|` is large, and a fine grid about it.
+    /// The mode of the smallest share that makes the loop unstable: where `|K S|` is large, and a fine grid
+    /// about it.
     fn worst_mode(&self, laws: &[PredictorDesign]) -> Option<UnstableMode> {
         let lowest_hz = self.linear.first_mode.natural_frequency_rad_s / TAU;
         let highest_hz = 0.5 / SAMPLING_PERIOD_S;
@@ -337,8 +344,9 @@ fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable, s
     }
 }
 
-/// A first unstable value with so many digits, rounded away from what is stable: with the number that is read it *is* unstable. A servo that holds with
-/// twice the mass is not told to be unstable with "2.00 times" of it.
+/// A first unstable value with so many digits, rounded away from what is stable: with the number that is read
+/// it *is* unstable. A servo that holds with twice the mass is not told to be unstable with "2.00 times" of
+/// it.
 pub(super) fn unstable_from(value: f64, digits: usize, upwards: bool) -> String {
     let scale = 10f64.powi(digits as i32);
     // A number that is as short as that already stays.

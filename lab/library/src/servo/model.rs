@@ -1,4 +1,5 @@
-//! What a servo design knows of the actuator: hysteresis surfaces, modes, bandwidths. All of it identified, or from a data sheet.
+//! What a servo design knows of the actuator: hysteresis surfaces, modes, bandwidths. All of it identified,
+//! or from a data sheet.
 
 use super::quantise;
 use hysteron_sim::chain::Model;
@@ -25,7 +26,8 @@ pub struct ModeModel {
     pub damping_ratio: f64,
 }
 
-/// The nominal model of the thesis (Ch. 6, Eq. 3; Ch. 7, Eq. 1): one mode behind a gain, everything else an unknown input.
+/// The nominal model of the thesis (Ch. 6, Eq. 3; Ch. 7, Eq. 1): one mode behind a gain, everything else an
+/// unknown input.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NominalModel {
@@ -119,7 +121,8 @@ impl LinearModel {
         modes
     }
 
-    /// Continuous-time system; states: first mode and its velocity over `wn`, second mode likewise, amplifier, sensor (those that exist).
+    /// Continuous-time system; states: first mode and its velocity over `wn`, second mode likewise,
+    /// amplifier, sensor (those that exist).
     #[must_use]
     pub fn continuous(&self) -> ContinuousSystem {
         self.continuous_with(None)
@@ -184,7 +187,8 @@ pub struct ActuatorModel {
     pub r_um: Vec<f64>,
     /// Dynamics behind the hysteresis.
     pub linear: LinearModel,
-    /// Creep behind them, as first-order terms: for the feedforward; a feedback leaves it to the unknown input.
+    /// Creep behind them, as first-order terms: for the feedforward; a feedback leaves it to the unknown
+    /// input.
     #[serde(default)]
     pub creep: Vec<CreepTerm>,
 }
@@ -214,9 +218,10 @@ impl ActuatorModel {
         out
     }
 
-    /// The same hysteresis with surfaces of the degree and size that the servo's tick evaluates (thesis Ch. 4, Eq. 15), and the largest
-    /// difference of the surfaces that this makes, um. Least squares on a grid; a model that fits the tick stays as it is. Coefficients that
-    /// are large only because they cancel are kept small by a weight on them, as little as makes them fit.
+    /// The same hysteresis with surfaces of the degree and size that the servo's tick evaluates (thesis Ch.
+    /// 4, Eq. 15), and the largest difference of the surfaces that this makes, um. Least squares on a grid; a
+    /// model that fits the tick stays as it is. Coefficients that are large only because they cancel are kept
+    /// small by a weight on them, as little as makes them fit.
     #[must_use]
     pub fn for_the_tick(&self) -> (Self, f64) {
         if quantise::hysteresis(self).is_ok() {
@@ -232,7 +237,8 @@ impl ActuatorModel {
         fitted
     }
 
-    /// Surfaces of a degree, fitted to these and what is added to them, and the largest difference that remains, um.
+    /// Surfaces of a degree, fitted to these and what is added to them, and the largest difference that
+    /// remains, um.
     fn with_surfaces_of(
         &self,
         degree: usize,
@@ -278,8 +284,8 @@ impl ActuatorModel {
         self.surfaces().loop_loss(1.0, 0.0)
     }
 
-    /// Least and largest slope of a loop's section over the whole triangle of turning points, as shares of the mean slope. Not positive:
-    /// the hysteresis cannot be inverted there.
+    /// Least and largest slope of a loop's section over the whole triangle of turning points, as shares of
+    /// the mean slope. Not positive: the hysteresis cannot be inverted there.
     #[must_use]
     pub fn slope_range(&self) -> (f64, f64) {
         const GRID: usize = 24;
@@ -305,7 +311,8 @@ impl ActuatorModel {
         self.surfaces().loop_loss(1.0, 0.0) / (self.drive_max_v - self.drive_min_v)
     }
 }
-/// Degree of the polynomial surfaces that stand for surfaces with play operators beside them, until the tick's own degree is fitted.
+/// Degree of the polynomial surfaces that stand for surfaces with play operators beside them, until the
+/// tick's own degree is fitted.
 const DEGREE_WITH_PLAYS: usize = 8;
 
 /// What a design or a check needs of a chain.

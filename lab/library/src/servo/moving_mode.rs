@@ -1,11 +1,13 @@
-//! A first mode that does not stay where it was recorded (another load, another temperature): how far up a reference is followed, and what it
-//! becomes where the mode stands elsewhere.
+//! A first mode that does not stay where it was recorded (another load, another temperature): how far up a
+//! reference is followed, and what it becomes where the mode stands elsewhere.
 //!
 //! # How it works
-//! A reference `r` becomes the motion `(1 + (P F - 1) / (1 + P K)) r`: `P` the sampled actuator, `F` the law's feedforward (the inverse of the
-//! model), `K` the law's answer to the reading. With `P = 1 / F` that is one, whatever the loop. Where the mode has moved, the inverse amplifies what
-//! stands at the new place, and only the loop's gain there, `|P K|`, brings it back towards one: bandwidth beyond a lightly damped mode that
-//! moves comes from feedforward and from gain about the mode together. [`MovingMode::deviation`] is what the choice of a tuning weighs.
+//! A reference `r` becomes the motion `(1 + (P F - 1) / (1 + P K)) r`: `P` the sampled actuator, `F` the
+//! law's feedforward (the inverse of the model), `K` the law's answer to the reading. With `P = 1 / F` that
+//! is one, whatever the loop. Where the mode has moved, the inverse amplifies what stands at the new place,
+//! and only the loop's gain there, `|P K|`, brings it back towards one: bandwidth beyond a lightly damped
+//! mode that moves comes from feedforward and from gain about the mode together. [`MovingMode::deviation`] is
+//! what the choice of a tuning weighs.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::plant_set::Variation;
@@ -64,7 +66,8 @@ impl ReferenceBand {
     }
 }
 
-/// What is the same for every tuning of a law: frequencies, the feedforward there, and the actuator with its mode at every place.
+/// What is the same for every tuning of a law: frequencies, the feedforward there, and the actuator with its
+/// mode at every place.
 pub struct MovingMode {
     followed_to_hz: f64,
     frequencies: Vec<(f64, Complex<f64>)>,
@@ -72,7 +75,8 @@ pub struct MovingMode {
 }
 
 impl MovingMode {
-    /// For a mode that moves by up to `share` of its frequency to either side, on an actuator with a known delay.
+    /// For a mode that moves by up to `share` of its frequency to either side, on an actuator with a known
+    /// delay.
     #[must_use]
     pub fn new(linear: &LinearModel, feedforward: &PredictorDesign, share: f64, delay_s: f64) -> Self {
         let followed_to_hz = FOLLOWED_TO * linear.first_mode.natural_frequency_rad_s / TAU;
@@ -91,8 +95,9 @@ impl MovingMode {
         Self { followed_to_hz, frequencies, places }
     }
 
-    /// The factor by which the magnitude of position over reference is at most too large, or up to [`FOLLOWED_TO`] times the mode too small, wherever
-    /// the mode stands; `law` is the answer of the drive to the reading at a frequency.
+    /// The factor by which the magnitude of position over reference is at most too large, or up to
+    /// [`FOLLOWED_TO`] times the mode too small, wherever the mode stands; `law` is the answer of the drive
+    /// to the reading at a frequency.
     #[must_use]
     pub fn deviation(&self, law: impl Fn(f64) -> Complex<f64>) -> f64 {
         let mut worst = 1.0f64;

@@ -1,4 +1,5 @@
-//! A servo for an identified chain: what is asked, what the recording knows, and the refusal where a servo cannot be answered for.
+//! A servo for an identified chain: what is asked, what the recording knows, and the refusal where a servo
+//! cannot be answered for.
 
 use super::amplifier_block::FrontEnd;
 use super::data_of_stage::{LARGE_RESIDUAL, first_mode_shown, how_to_exclude, require_described, require_same_stage};
@@ -30,11 +31,13 @@ pub struct Order<'a> {
     pub reference_hz: f64,
     /// Noise of the sensor, um RMS; without it that of the recording, or else [`ASSUMED_NOISE_UM`].
     pub sensor_noise_um: Option<f64>,
-    /// Bandwidth of the sensor, Hz, whose lag is undone; without it what the model and the data set know ([`sensor_lag::known`]).
+    /// Bandwidth of the sensor, Hz, whose lag is undone; without it what the model and the data set know
+    /// ([`sensor_lag::known`]).
     pub sensor_bandwidth_hz: Option<f64>,
     /// Largest sensitivity that is accepted.
     pub sensitivity_peak: f64,
-    /// The recording that the chain was identified from: it excludes modes, and shows whether the first one is a fact.
+    /// The recording that the chain was identified from: it excludes modes, and shows whether the first one
+    /// is a fact.
     pub recording: Option<&'a Dataset>,
     /// How the converters are wired; without it they fit the actuator.
     pub front_end: Option<&'a FrontEnd>,
@@ -42,7 +45,8 @@ pub struct Order<'a> {
     pub learning: bool,
     /// The gain of the model is to be corrected while it runs.
     pub adaptation: bool,
-    /// Share of its frequency by which the first mode moves to either side after it was recorded; zero where it stays.
+    /// Share of its frequency by which the first mode moves to either side after it was recorded; zero where
+    /// it stays.
     pub mode_moves: f64,
     /// The scheme.
     pub scheme: Choice,
@@ -72,13 +76,15 @@ impl Default for Order<'_> {
     }
 }
 
-/// A second mode enters the observer only if its frequency is known to this share (one standard deviation) ...
+/// A second mode enters the observer only if its frequency is known to this share (one standard deviation)
+/// ...
 const FREQUENCY_KNOWN: f64 = 0.02;
 /// ... its damping ratio to this one ...
 const DAMPING_KNOWN: f64 = 0.3;
 /// ... and the recording could not hide this share of its peak.
 const PEAK_SHOWN: f64 = 0.5;
-/// Where its resonance stays out of the observer, its share of the motion stays in if that is known to this one, ...
+/// Where its resonance stays out of the observer, its share of the motion stays in if that is known to this
+/// one, ...
 const SHARE_KNOWN: f64 = 0.3;
 /// ... at its frequency, but at most at this share of half the sampling rate.
 const HIGHEST_COMPLIANCE: f64 = 0.8;
@@ -125,8 +131,9 @@ fn with_second_mode(chain: &Model, second: Option<(f64, ModeModel)>) -> Model {
     out
 }
 
-/// What is left of a second mode whose resonance is no fact: its compliance, which the drive does show below it. Without that the model would move too late by
-/// the share of the motion that does not go through the first mode.
+/// What is left of a second mode whose resonance is no fact: its compliance, which the drive does show below
+/// it. Without that the model would move too late by the share of the motion that does not go through the
+/// first mode.
 fn without_resonance((share, mode): (f64, ModeModel)) -> (f64, ModeModel) {
     let highest = HIGHEST_COMPLIANCE * PI / SAMPLING_PERIOD_S;
     let natural_frequency_rad_s = mode.natural_frequency_rad_s.min(highest);
@@ -256,7 +263,8 @@ fn converters(order: &Order<'_>, model: &ActuatorModel) -> Result<ConverterScale
         return Ok(ConverterScale::around(model.drive_min_v, model.drive_max_v, top_um));
     };
     let span_um = front_end.sensor_max_um - front_end.sensor_min_um;
-    // The sensor is zeroed at the lowest drive, wherever it then stands: its span counts, and its zero must be inside it.
+    // The sensor is zeroed at the lowest drive, wherever it then stands: its span counts, and its zero must
+    // be inside it.
     if !(front_end.sensor_min_um <= 0.0 && front_end.sensor_max_um >= top_um) {
         return Err(format!(
             "the front end's sensor reads {} to {} um, a span of {span_um} um; the actuator goes from 0 to {top_um:.2} um",
@@ -272,7 +280,8 @@ fn converters(order: &Order<'_>, model: &ActuatorModel) -> Result<ConverterScale
     Ok(front_end.scale(model.drive_min_v, model.drive_max_v))
 }
 
-/// What the observer may know: the model with or without its second mode, the spreads of both, and the recording seen with that model.
+/// What the observer may know: the model with or without its second mode, the spreads of both, and the
+/// recording seen with that model.
 struct Known {
     model: ActuatorModel,
     first: ModeSpread,
@@ -324,7 +333,8 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
             let kept = (relative_std(chain, second_mode::ID, 0) <= SHARE_KNOWN).then(|| without_resonance((share, mode)));
             let of_it = if kept.is_some() { ", but for its share of the motion" } else { "" };
             said.push(format!("The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.", hertz(&mode)));
-            // The resonance that is left out is part of what is missing; how good the model is is judged with it.
+            // The resonance that is left out is part of what is missing; how good the model is is judged with
+            // it.
             let recording = Recording { residual_um: with.residual_um, ..Recording::of(&with_second_mode(chain, kept), dataset) };
             let mut model = model;
             model.linear.second_mode = kept;
@@ -653,7 +663,8 @@ fn where_the_mode_moves(task: &Task<'_>, chosen: &Candidate) -> String {
     )
 }
 
-/// How a predictor learns where no recording stands behind its model: an unknown mode is reckoned with everywhere from the first mode on.
+/// How a predictor learns where no recording stands behind its model: an unknown mode is reckoned with
+/// everywhere from the first mode on.
 ///
 /// # Errors
 /// If the design is another scheme, or nothing can be learned.

@@ -1,4 +1,5 @@
-//! Plants that are not the model: other mass, gain, delay, modes, as sampled systems for the eigenvalues of a loop.
+//! Plants that are not the model: other mass, gain, delay, modes, as sampled systems for the eigenvalues of a
+//! loop.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use nalgebra::{DMatrix, DVector};

@@ -1,13 +1,15 @@
-//! The observer-controller for the one-period delay (core: [`hysteron_core::predictor_law`]): gains, margins, trade-off.
+//! The observer-controller for the one-period delay (core: [`hysteron_core::predictor_law`]): gains, margins,
+//! trade-off.
 //!
 //! # How it works
-//! The states are those of the identified linear dynamics, sampled exactly, and the unknown input as an integrator (with its slope, if
-//! wanted). The observer is the stationary Kalman predictor for given sizes of the unknown input's change, of the noise of the sensor
-//! and of a white force; the surface to which the state is driven comes from the linear-quadratic problem `sum y^2 + rho v^2`. So four
-//! physical numbers, not sixteen gains, are tuned; [`tune`] scans them. A candidate is accepted when the sampled closed loop stays
-//! stable with the gain changed by +-50 %, with more mass, with half a period of additional delay and with a second mode that it does
-//! not know; of the accepted ones that with the least expected error is taken: sensor noise that it passes on, and the part of a model
-//! error in the hysteresis that it lets through.
+//! The states are those of the identified linear dynamics, sampled exactly, and the unknown input as an
+//! integrator (with its slope, if wanted). The observer is the stationary Kalman predictor for given sizes of
+//! the unknown input's change, of the noise of the sensor and of a white force; the surface to which the
+//! state is driven comes from the linear-quadratic problem `sum y^2 + rho v^2`. So four physical numbers, not
+//! sixteen gains, are tuned; [`tune`] scans them. A candidate is accepted when the sampled closed loop stays
+//! stable with the gain changed by +-50 %, with more mass, with half a period of additional delay and with a
+//! second mode that it does not know; of the accepted ones that with the least expected error is taken:
+//! sensor noise that it passes on, and the part of a model error in the hysteresis that it lets through.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::quantise::{OF_OUTPUT_ROW_MOST, OF_STATE_ROW_MOST, QuantisationError, number, row_um};
@@ -35,8 +37,9 @@ pub struct PredictorTuning {
     pub force_noise_um: f64,
     /// Noise of the sensor, um RMS.
     pub sensor_noise_um: f64,
-    /// Noise of the reading about half the sampling rate that the observer reckons with beside the white one, um RMS: the more, the less the law
-    /// answers there. Zero for none; it takes one of the law's states, and where none is free it is left out.
+    /// Noise of the reading about half the sampling rate that the observer reckons with beside the white one,
+    /// um RMS: the more, the less the law answers there. Zero for none; it takes one of the law's states, and
+    /// where none is free it is left out.
     #[serde(default)]
     pub fast_noise_um: f64,
 }
@@ -73,8 +76,9 @@ pub struct PredictorDesign {
     pub feedforward: Vec<f64>,
 }
 
-/// Stationary solution of `P = A P A' - A P c' (c P c' + r)^-1 c P A' + Q` by the doubling algorithm (Anderson 1978: each step stands for
-/// twice as many of the recursion as the one before); returns the predictor's gain `A P c / (c' P c + r)`.
+/// Stationary solution of `P = A P A' - A P c' (c P c' + r)^-1 c P A' + Q` by the doubling algorithm
+/// (Anderson 1978: each step stands for twice as many of the recursion as the one before); returns the
+/// predictor's gain `A P c / (c' P c + r)`.
 fn kalman_predictor(a: &DMatrix<f64>, c: &DVector<f64>, q: &DMatrix<f64>, r: f64) -> DVector<f64> {
     let n = a.nrows();
     let identity = DMatrix::<f64>::identity(n, n);
@@ -113,8 +117,8 @@ pub fn frequency_response(model: &SampledModel, omega_rad_s: f64) -> Complex<f64
     }
 }
 
-/// What a reference becomes on an actuator: motion over reference, from the responses of the actuator, of the feedforward and of the law's drive to
-/// the reading, all at one frequency.
+/// What a reference becomes on an actuator: motion over reference, from the responses of the actuator, of the
+/// feedforward and of the law's drive to the reading, all at one frequency.
 #[must_use]
 pub fn reference_response(plant: Complex<f64>, feedforward: Complex<f64>, law: Complex<f64>) -> Complex<f64> {
     let one = Complex::new(1.0, 0.0);
@@ -123,16 +127,20 @@ pub fn reference_response(plant: Complex<f64>, feedforward: Complex<f64>, law: C
 
 /// Taps whose magnitudes sum to less have a place in the tick, with room for a gain that is corrected.
 const LARGEST_TAPS: f64 = 0.8 * OF_OUTPUT_ROW_MOST;
-/// Where the band in which a feedforward is the model's inverse may end, Hz, where it cannot be that up to [`window_fit::BAND_HZ`].
+/// Where the band in which a feedforward is the model's inverse may end, Hz, where it cannot be that up to
+/// [`window_fit::BAND_HZ`].
 const NARROWER_BANDS_HZ: [f64; 7] = [800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0];
 /// A reference is reckoned with as evenly up to here, Hz, and from here on as one of steps.
 const EVENLY_TO_HZ: f64 = 100.0;
 
-/// Feedforward over the reference window for the period that begins one tick after now: the inverse of a sampled model.
+/// Feedforward over the reference window for the period that begins one tick after now: the inverse of a
+/// sampled model.
 ///
-/// Where two modes share the motion nothing moves between them at one frequency, and no inverse of a few taps follows there: one that was
-/// fitted to that frequency would be thousands of times too large and wrong everywhere. The band then ends in front of it: of the narrower ones whose taps
-/// the tick has room for, the one that leaves least of a reference is taken. A mode so slow that none fits is followed as far as the taps go.
+/// Where two modes share the motion nothing moves between them at one frequency, and no inverse of a few taps
+/// follows there: one that was fitted to that frequency would be thousands of times too large and wrong
+/// everywhere. The band then ends in front of it: of the narrower ones whose taps the tick has room for, the
+/// one that leaves least of a reference is taken. A mode so slow that none fits is followed as far as the
+/// taps go.
 #[must_use]
 pub fn feedforward(model: &SampledModel) -> Vec<f64> {
     let inverse = |w: f64| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(model, w);
@@ -154,14 +162,16 @@ pub fn feedforward(model: &SampledModel) -> Vec<f64> {
     found.unwrap_or(whole)
 }
 
-/// Share of a reference at a frequency, Hz, that a feedforward alone misses on the model that it was made for.
+/// Share of a reference at a frequency, Hz, that a feedforward alone misses on the model that it was made
+/// for.
 #[must_use]
 pub fn missed_of_reference(model: &SampledModel, taps: &[f64], hz: f64) -> f64 {
     let omega = std::f64::consts::TAU * hz;
     (frequency_response(model, omega) * feedforward_response(taps, hz) - 1.0).norm()
 }
 
-/// Response of taps over the reference window at a frequency, Hz: what acts, over the reference of the same instant.
+/// Response of taps over the reference window at a frequency, Hz: what acts, over the reference of the same
+/// instant.
 fn feedforward_response(taps: &[f64], hz: f64) -> Complex<f64> {
     // Computed at a tick, it acts one period later.
     let before = (WINDOW - PREVIEW_TICKS) as f64;
@@ -176,7 +186,8 @@ impl PredictorDesign {
         Self { feedforward: feedforward(&linear.sampled(SAMPLING_PERIOD_S)), ..Self::of_loop(linear, tuning) }
     }
 
-    /// What closes the loop, without a feedforward: that depends on the model alone, and many tunings are judged on one.
+    /// What closes the loop, without a feedforward: that depends on the model alone, and many tunings are
+    /// judged on one.
     pub(super) fn of_loop(linear: &LinearModel, tuning: &PredictorTuning) -> Self {
         let model = linear.sampled(SAMPLING_PERIOD_S);
         let n = model.a.nrows();
@@ -223,10 +234,12 @@ impl PredictorDesign {
         feedforward_response(&self.feedforward, hz)
     }
 
-    /// Rows of the tick, in units of the states in which they fit: as the model has them where they do, else multiplied by powers of two.
+    /// Rows of the tick, in units of the states in which they fit: as the model has them where they do, else
+    /// multiplied by powers of two.
     ///
-    /// A mode that is slow beside the sampling moves by little of its velocity over its frequency in one period: an observer that is as fast
-    /// as the sampling then has large gains, and a control small ones. Counted in smaller pieces of velocity neither is.
+    /// A mode that is slow beside the sampling moves by little of its velocity over its frequency in one
+    /// period: an observer that is as fast as the sampling then has large gains, and a control small ones.
+    /// Counted in smaller pieces of velocity neither is.
     ///
     /// # Errors
     /// If a coefficient does not fit.
@@ -247,8 +260,8 @@ impl PredictorDesign {
         }
     }
 
-    /// Powers of two, at most one so that no state leaves its range, with which the rows take least of their formats: from one on, the states' exponents one at a
-    /// time, as long as that helps.
+    /// Powers of two, at most one so that no state leaves its range, with which the rows take least of their
+    /// formats: from one on, the states' exponents one at a time, as long as that helps.
     fn multipliers(&self) -> [f64; predictor_law::STATES] {
         const LINEAR: usize = predictor_law::STATES;
         let taken = |exponents: &[i32; LINEAR]| -> f64 {
@@ -291,14 +304,15 @@ impl PredictorDesign {
             unknown_gain: number("observer gain of the unknown input", self.l[unknown], bits)?,
             slope_gain: number("observer gain of its slope", self.l[slope], bits)?,
             reading_row: row_um("reading row", self.c.as_slice())?,
-            // The last two entries of `K` belong to the unknown input and its slope, which the tick adds itself.
+            // The last two entries of `K` belong to the unknown input and its slope, which the tick adds
+            // itself.
             gain_row: row_um("control gain", self.k.as_slice())?,
             feedforward: row_um("feedforward", &self.feedforward)?,
         })
     }
 
-    /// Closed loop with an actuator of linear dynamics `plant`, its input multiplied by `gain`: states of the plant, then of the law.
-    /// `extra_delay` (0 or 1) periods are added.
+    /// Closed loop with an actuator of linear dynamics `plant`, its input multiplied by `gain`: states of the
+    /// plant, then of the law. `extra_delay` (0 or 1) periods are added.
     #[must_use]
     pub fn closed_loop(&self, plant: &SampledModel, gain: f64, extra_delay: usize) -> DMatrix<f64> {
         let n = plant.a.nrows();
@@ -329,21 +343,24 @@ impl PredictorDesign {
     #[must_use]
     pub fn spectral_radius(&self, plant: &SampledModel, gain: f64, extra_delay: usize) -> f64 {
         let closed = self.closed_loop(plant, gain, extra_delay);
-        // The iteration for eigenvalues need not come to an end on a matrix that is nearly defective, as a loop with a small share is.
+        // The iteration for eigenvalues need not come to an end on a matrix that is nearly defective, as a
+        // loop with a small share is.
         let schur = Schur::try_new(closed.clone(), f64::EPSILON, MOST_ITERATIONS);
         schur.map_or_else(|| growth(closed), |schur| schur.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max))
     }
 
-    /// The law while its drive stands at a limit for part of every cycle: only a share of what it commands acts, which it knows, as it sees what
-    /// really acts (the first harmonic of a saturation, Gelb and Vander Velde, Multiple-Input Describing Functions, 1968). A loop of which every
-    /// share is stable has no oscillation that a limit could keep up; one of which some is not may be thrown into it, although it is stable
-    /// within its limits.
+    /// The law while its drive stands at a limit for part of every cycle: only a share of what it commands
+    /// acts, which it knows, as it sees what really acts (the first harmonic of a saturation, Gelb and Vander
+    /// Velde, Multiple-Input Describing Functions, 1968). A loop of which every share is stable has no
+    /// oscillation that a limit could keep up; one of which some is not may be thrown into it, although it is
+    /// stable within its limits.
     #[must_use]
     pub fn at_a_limit(&self, share: f64) -> Self {
         Self { k: &self.k * share, ..self.clone() }
     }
 
-    /// Frequency responses of the closed loop at `omega`: from the unknown input to the true reading, and from sensor noise to it.
+    /// Frequency responses of the closed loop at `omega`: from the unknown input to the true reading, and
+    /// from sensor noise to it.
     #[must_use]
     pub fn sensitivities(&self, plant: &SampledModel, omega_rad_s: f64) -> (Complex<f64>, Complex<f64>) {
         let closed = self.closed_loop(plant, 1.0, 0);
@@ -366,7 +383,8 @@ const MOST_HALVINGS: i32 = 8;
 /// Iterations for eigenvalues; a loop of 60 states takes some hundred.
 const MOST_ITERATIONS: usize = 10_000;
 
-/// Growth of a system per step by Gelfand's formula, `|M^n|^(1/n)` with `n = 2^40`: the spectral radius without eigenvalues.
+/// Growth of a system per step by Gelfand's formula, `|M^n|^(1/n)` with `n = 2^40`: the spectral radius
+/// without eigenvalues.
 fn growth(mut matrix: DMatrix<f64>) -> f64 {
     let (mut logarithm, mut weight) = (0.0, 1.0);
     for _ in 0..40 {
@@ -387,7 +405,8 @@ fn used_eigenvalues(matrix: &DMatrix<f64>) -> Vec<Complex<f64>> {
     matrix.complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect()
 }
 
-/// Margins that a design keeps: largest eigenvalue magnitudes of the sampled closed loop in each case. Below one is stable.
+/// Margins that a design keeps: largest eigenvalue magnitudes of the sampled closed loop in each case. Below
+/// one is stable.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
     /// Nominal.
@@ -400,8 +419,9 @@ pub struct Margins {
     pub delay: f64,
     /// Twice the moving mass.
     pub mass_double: f64,
-    /// Two percent of the motion in a second mode at 6 times the first one's frequency, damping ratio 0.02, that the design does not know
-    /// (only where the model has no second mode); otherwise the known second mode 10 % lower.
+    /// Two percent of the motion in a second mode at 6 times the first one's frequency, damping ratio 0.02,
+    /// that the design does not know (only where the model has no second mode); otherwise the known second
+    /// mode 10 % lower.
     pub second_mode: f64,
     /// Largest magnitude of the sensitivity over all frequencies.
     pub sensitivity_peak: f64,
@@ -442,7 +462,8 @@ pub fn least_expected(assessments: &[Assessment]) -> Option<&Assessment> {
 pub struct Demands {
     /// Highest frequency of references, Hz.
     pub reference_hz: f64,
-    /// Error of the hysteresis model at the reference's frequency, um RMS; a third of it at three times the frequency.
+    /// Error of the hysteresis model at the reference's frequency, um RMS; a third of it at three times the
+    /// frequency.
     pub model_error_um: f64,
     /// Noise of the sensor, um RMS.
     pub sensor_noise_um: f64,
@@ -477,8 +498,9 @@ impl Judgement {
     }
 }
 
-/// Of candidate gains the one with the smallest expected error among those that keep the margins: noise passed on, and model error let
-/// through at the references' highest frequency and at a tenth of it, so that a slow integral is not taken for a good one.
+/// Of candidate gains the one with the smallest expected error among those that keep the margins: noise
+/// passed on, and model error let through at the references' highest frequency and at a tenth of it, so that
+/// a slow integral is not taken for a good one.
 #[must_use]
 pub fn best_of<G: Copy + Send + Sync>(
     candidates: Vec<G>,
@@ -584,8 +606,9 @@ pub fn tune(linear: &LinearModel, demands: &Demands) -> Vec<Assessment> {
 mod tests {
     use super::*;
 
-    /// A light stage whose mode is slow beside the sampling, read with little noise: what is asked of the observer in units of the mode has no place in the
-    /// tick, and in other units of its states has; it is the same law.
+    /// A light stage whose mode is slow beside the sampling, read with little noise: what is asked of the
+    /// observer in units of the mode has no place in the tick, and in other units of its states has; it is
+    /// the same law.
     #[test]
     fn a_law_that_does_not_fit_in_one_unit_of_its_states_fits_in_another() {
         let linear = LinearModel {
@@ -616,7 +639,8 @@ mod tests {
         assert!(multiplied.iter().all(|m| *m <= 1.0) && multiplied.iter().any(|m| *m < 1.0), "{multiplied:?}");
     }
 
-    /// Two light modes: nothing moves between them at 745 Hz, and the feedforward follows slower references all the same.
+    /// Two light modes: nothing moves between them at 745 Hz, and the feedforward follows slower references
+    /// all the same.
     #[test]
     fn a_feedforward_fits_where_nothing_moves_between_two_modes_and_where_the_mode_is_slow() {
         let of = |second: bool, first_hz: f64| LinearModel {
@@ -634,7 +658,8 @@ mod tests {
         }
     }
 
-    /// Closed forms: a Jordan block, where eigenvalues need not be found, and a turn with a radius of its own.
+    /// Closed forms: a Jordan block, where eigenvalues need not be found, and a turn with a radius of its
+    /// own.
     #[test]
     fn growth_is_the_largest_eigenvalue_without_eigenvalues() {
         let defective = DMatrix::from_fn(4, 4, |i, j| f64::from(u8::from(j == i + 1)) + if i == j { 0.99 } else { 0.0 });

@@ -1,4 +1,5 @@
-//! From f64 to the integers of the tick. A number that does not fit is an error that names it, never a clipped number.
+//! From f64 to the integers of the tick. A number that does not fit is an error that names it, never a
+//! clipped number.
 
 use super::model::{ActuatorModel, CreepTerm, SAMPLING_PERIOD_S};
 use hysteron_core::creep_inverse::{CREEP_TERMS, CreepInverseParameters};

@@ -1,15 +1,18 @@
 //! What the recording behind a model says about dynamics that the model does not have.
 //!
 //! # How it works
-//! A linear part that a model misses (a mode, a wrong damping) leaves a residual that follows the force. With `V` the spectrum of the
-//! model's force-equivalent displacement and `E` that of the residual, over half-overlapping Hann windows of all records of one rate,
+//! A linear part that a model misses (a mode, a wrong damping) leaves a residual that follows the force. With
+//! `V` the spectrum of the model's force-equivalent displacement and `E` that of the residual, over
+//! half-overlapping Hann windows of all records of one rate,
 //!
 //! * `|sum E V*| / sum |V|^2` is the missing response itself, um/um;
-//! * `3 sqrt(mean |E|^2 / sum |V|^2)` is what noise and everything else in the residual could hide of it (three standard deviations).
+//! * `3 sqrt(mean |E|^2 / sum |V|^2)` is what noise and everything else in the residual could hide of it
+//!   (three standard deviations).
 //!
-//! Their sum (the least of all rates) is the *level*: a larger missing response is excluded by the recording at that frequency, whatever a fit believed of
-//! its standard deviations (Ljung, System Identification 1999, 6.4 and 16.6: model error modelling). Where the drive has no power the level
-//! is large, and nothing is excluded. A resonance that is narrower than the window's resolution is seen too small; the level is raised
+//! Their sum (the least of all rates) is the *level*: a larger missing response is excluded by the recording
+//! at that frequency, whatever a fit believed of its standard deviations (Ljung, System Identification 1999,
+//! 6.4 and 16.6: model error modelling). Where the drive has no power the level is large, and nothing is
+//! excluded. A resonance that is narrower than the window's resolution is seen too small; the level is raised
 //! for the least damping ratio that is reckoned with.
 
 use super::model::SAMPLING_PERIOD_S;
@@ -36,7 +39,8 @@ pub const LEAST_DAMPING: f64 = 0.01;
 /// Lines over which the residual's power is averaged to either side.
 const NEIGHBOURS: usize = 6;
 
-/// A line is driven if its share of the force's power is not below this one of the strongest: weaker ones are by-products of the hysteresis.
+/// A line is driven if its share of the force's power is not below this one of the strongest: weaker ones are
+/// by-products of the hysteresis.
 const DRIVEN: f64 = 1e-5;
 /// A missing response is shown where noise alone would hide less than this share of it.
 const SHOWN: f64 = 0.2;

@@ -29,7 +29,8 @@ impl Reference {
     /// A reference through points at these times, s, in straight lines between them.
     ///
     /// # Errors
-    /// Fewer than two points, times that do not go forward, something that is no number, or more than ten minutes.
+    /// Fewer than two points, times that do not go forward, something that is no number, or more than ten
+    /// minutes.
     pub fn through(time_s: &[f64], reference_um: &[f64]) -> Result<Self, String> {
         let (Some(begin_s), Some(end_s)) = (time_s.first(), time_s.last().filter(|_| time_s.len() > 1)) else {
             return Err("one point is no reference; expected two or more".into());
@@ -54,7 +55,8 @@ impl Reference {
         Ok(Self::Points((0..=ticks).map(at).collect()))
     }
 
-    /// Samples, grown from zero, and the sample from which the error of a design counts. The first of points is reached before.
+    /// Samples, grown from zero, and the sample from which the error of a design counts. The first of points
+    /// is reached before.
     #[must_use]
     pub fn samples_um(&self, design: &ServoDesign) -> (Vec<f64>, usize) {
         match self {

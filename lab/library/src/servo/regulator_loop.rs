@@ -1,5 +1,6 @@
-//! PI and PID with a notch, seen as a law of the predictor's form: for the eigenvalues and margins of the sampled loop, and for tuning
-//! under the margins that every design keeps. What runs in the tick is [`super::thesis_schemes::regulator`].
+//! PI and PID with a notch, seen as a law of the predictor's form: for the eigenvalues and margins of the
+//! sampled loop, and for tuning under the margins that every design keeps. What runs in the tick is
+//! [`super::thesis_schemes::regulator`].
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
 use super::predictor::{Demands, Judgement, PredictorDesign, STATES, best_of};
@@ -46,7 +47,8 @@ pub fn notch_for(linear: &LinearModel) -> Notch {
     }
 }
 
-/// The PI with the smallest expected error of those that keep the margins; its output is um of force-equivalent displacement.
+/// The PI with the smallest expected error of those that keep the margins; its output is um of
+/// force-equivalent displacement.
 #[must_use]
 pub fn tune(linear: &LinearModel, demands: &Demands, notch: Option<&Notch>) -> Option<(PidGains, Judgement)> {
     let mut candidates = Vec::new();

@@ -1,22 +1,28 @@
 //! The design that holds for all plants that the recording leaves possible.
 //!
 //! # How it works
-//! Each candidate of a family of laws ([`Family`]; the tunings of [`super::predictor`] go from a few rad/s of bandwidth to beyond the first mode) must
+//! Each candidate of a family of laws ([`Family`]; the tunings of [`super::predictor`] go from a few rad/s of
+//! bandwidth to beyond the first mode) must
 //!
-//! 1. be stable by the eigenvalues of the sampled loop on every member of a set: gain -50 % to +50 %, a period more of delay, more mass, and
-//!    modes moved by three standard deviations (never less than [`LEAST_FREQUENCY_SPREAD`] and [`LEAST_DAMPING_SPREAD`], since a stated
-//!    deviation can be too small where a model lacks something);
+//! 1. be stable by the eigenvalues of the sampled loop on every member of a set: gain -50 % to +50 %, a
+//!    period more of delay, more mass, and modes moved by three standard deviations (never less than
+//!    [`LEAST_FREQUENCY_SPREAD`] and [`LEAST_DAMPING_SPREAD`], since a stated deviation can be too small
+//!    where a model lacks something);
 //! 2. keep its largest sensitivity;
-//! 3. stay stable on every member where the drive stands at a limit for part of a cycle ([`PredictorDesign::at_a_limit`]): what throws it to a
-//!    limit must not keep it there;
-//! 4. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every frequency up to half the
-//!    sampling rate (small gain, so whatever the phase and the number of modes), where `K S` is the answer of the drive to the reading and
-//!    `W` the largest missing response: the recording's level ([`Recording`]), at most the peak of an unknown mode
-//!    ([`UNKNOWN_MODE_PEAK`]), times the spread of the gain.
+//! 3. stay stable on every member where the drive stands at a limit for part of a cycle
+//!    ([`PredictorDesign::at_a_limit`]): what throws it to a limit must not keep it there;
+//! 4. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every
+//!    frequency up to half the sampling rate (small gain, so whatever the phase and the number of modes),
+//!    where `K S` is the answer of the drive to the reading and `W` the largest missing response: the
+//!    recording's level ([`Recording`]), at most the peak of an unknown mode ([`UNKNOWN_MODE_PEAK`]), times
+//!    the spread of the gain.
 //!
-//! Of those that do, and whose gains have a place in the tick's integers, the one with the least expected error is taken: noise passed on, and the error of the hysteresis model at the highest
-//! frequency of references and at a tenth of it (times what a reference becomes at worst where the first mode is said to move: [`MovingMode`]). From there the tuning is refined between the points of the scan, with the fast noise of
-//! [`PredictorTuning::fast_noise_um`] as one number more. What the fourth condition costs is found by leaving it out, and told.
+//! Of those that do, and whose gains have a place in the tick's integers, the one with the least expected
+//! error is taken: noise passed on, and the error of the hysteresis model at the highest frequency of
+//! references and at a tenth of it (times what a reference becomes at worst where the first mode is said to
+//! move: [`MovingMode`]). From there the tuning is refined between the points of the scan, with the fast
+//! noise of [`PredictorTuning::fast_noise_um`] as one number more. What the fourth condition costs is found
+//! by leaving it out, and told.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::moving_mode::MovingMode;
@@ -27,7 +33,8 @@ use crate::parallel;
 use nalgebra::{Complex, SMatrix, SVector};
 use std::f64::consts::{PI, TAU};
 
-/// Peak of an unknown mode over the static displacement: 5 % of the motion at a damping ratio of 0.015 (2 % at 0.006).
+/// Peak of an unknown mode over the static displacement: 5 % of the motion at a damping ratio of 0.015 (2 %
+/// at 0.006).
 pub const UNKNOWN_MODE_PEAK: f64 = 0.05 / (2.0 * 0.015);
 /// Spread of the gain that the fourth condition carries along.
 pub const GAIN_SPREAD: f64 = 1.2;
@@ -164,8 +171,8 @@ pub struct Task<'a> {
     pub delay_s: f64,
     /// The recording, if it is at hand.
     pub recording: Option<&'a Recording>,
-    /// Share of its frequency by which the first mode moves to either side; zero where nobody said that it does. Beside it the spread of
-    /// [`Task::first`] has to be as large.
+    /// Share of its frequency by which the first mode moves to either side; zero where nobody said that it
+    /// does. Beside it the spread of [`Task::first`] has to be as large.
     pub mode_moves: f64,
     /// What is asked.
     pub demands: Demands,
@@ -202,7 +209,8 @@ pub struct Candidate<T = PredictorTuning> {
     pub slow_um: f64,
     /// Largest sensitivity.
     pub sensitivity_peak: f64,
-    /// The factor by which a reference is at most too large or too small where the first mode moves; one where it does not.
+    /// The factor by which a reference is at most too large or too small where the first mode moves; one
+    /// where it does not.
     pub reference_deviation: f64,
     /// The first condition that it breaks; none for a good one. Conditions in the order of the module's text.
     pub broken: Option<Broken>,
@@ -219,7 +227,8 @@ impl<T> Candidate<T> {
         self.noise_um.hypot(self.disturbance_um).hypot(self.slow_um)
     }
 
-    /// What the choice goes by, the less the better: the expected error, and the reference's deviation where the mode moves.
+    /// What the choice goes by, the less the better: the expected error, and the reference's deviation where
+    /// the mode moves.
     #[must_use]
     pub fn cost_um(&self) -> f64 {
         self.expected_um() * self.reference_deviation
@@ -263,7 +272,8 @@ impl<T> Scan<T> {
     }
 }
 
-/// Frequencies at which a loop is looked at, Hz: even steps up to half the sampling rate, and close together about every mode.
+/// Frequencies at which a loop is looked at, Hz: even steps up to half the sampling rate, and close together
+/// about every mode.
 #[must_use]
 pub fn frequency_grid_hz(linear: &LinearModel) -> Vec<f64> {
     let highest = 0.5 / SAMPLING_PERIOD_S;
@@ -325,8 +335,8 @@ struct Conditions {
     demands: Demands,
 }
 
-/// Largest missing response that any servo is held against at a frequency, with the first mode at `first_hz`, um/um. Below that nothing resonates; there the
-/// model's own error counts.
+/// Largest missing response that any servo is held against at a frequency, with the first mode at `first_hz`,
+/// um/um. Below that nothing resonates; there the model's own error counts.
 #[must_use]
 pub fn most_reckoned_with(first_hz: f64, hz: f64) -> f64 {
     if hz < 0.9 * first_hz { 0.2 } else { UNKNOWN_MODE_PEAK }
@@ -439,8 +449,8 @@ fn grid<F: Family>(family: &F, conditions: &Conditions) -> Vec<Candidate<F::Tuni
     candidates
 }
 
-/// Goes from a good candidate to better ones, one or two numbers of the tuning at a time (along an edge of what is allowed two have to move
-/// together) and in ever smaller steps; all good ones on the way.
+/// Goes from a good candidate to better ones, one or two numbers of the tuning at a time (along an edge of
+/// what is allowed two have to move together) and in ever smaller steps; all good ones on the way.
 fn refined<F: Family>(
     family: &F,
     start: Candidate<F::Tuning>,
@@ -615,7 +625,8 @@ mod tests {
         for (gain, extra_delay) in [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)] {
             assert!(law.spectral_radius(&plant, gain, extra_delay) < 1.0, "{gain} {extra_delay}");
         }
-        // And by the small gain of a mode that nothing excludes: at every frequency from the first mode to half the sampling rate.
+        // And by the small gain of a mode that nothing excludes: at every frequency from the first mode to
+        // half the sampling rate.
         for hz in (1000..10_000).step_by(37).map(f64::from) {
             let p = frequency_response(&plant, TAU * hz);
             let k = law_response(&law, hz);

@@ -1,4 +1,5 @@
-//! The schemes that a design chooses among, under one set of margins, and what each does beside the predictor on the same runs.
+//! The schemes that a design chooses among, under one set of margins, and what each does beside the predictor
+//! on the same runs.
 
 use super::design::{Form, Scheme, ServoDesign};
 use super::model::{ActuatorModel, NominalModel};
@@ -55,7 +56,8 @@ impl Choice {
     }
 }
 
-/// RMS and largest deviation of the largest loop from a straight line, um: what is left to the unknown input where the hysteresis is not inverted.
+/// RMS and largest deviation of the largest loop from a straight line, um: what is left to the unknown input
+/// where the hysteresis is not inverted.
 #[must_use]
 pub fn left_without_inverse_um(model: &ActuatorModel) -> (f64, f64) {
     const GRID: usize = 40;
@@ -72,7 +74,8 @@ pub fn left_without_inverse_um(model: &ActuatorModel) -> (f64, f64) {
 /// What an inverted hysteresis leaves of itself at most, over its RMS error: three standard deviations.
 const LARGEST_OVER_RMS: f64 = 3.0;
 
-/// Bound of the unknown input, V (Ch. 6, Eq. 13): the hysteresis that is not inverted, or the error of its model, and the creep.
+/// Bound of the unknown input, V (Ch. 6, Eq. 13): the hysteresis that is not inverted, or the error of its
+/// model, and the creep.
 fn unknown_bound_v(model: &ActuatorModel, inverse: bool, demands: &Demands) -> f64 {
     let of_hysteresis_um = if inverse { LARGEST_OVER_RMS * demands.model_error_um } else { left_without_inverse_um(model).1 };
     let creep: f64 = model.creep.iter().map(|term| term.share.abs()).sum();

@@ -1,9 +1,12 @@
-//! The known lag of the sensor, by which the reference is made late too (core: [`hysteron_core::sensor_lag`]).
+//! The known lag of the sensor, by which the reference is made late too (core:
+//! [`hysteron_core::sensor_lag`]).
 //!
 //! # Which lag is known
-//! From drive and reading alone a lag of the sensor looks much like one of the amplifier, and undoing one that is the amplifier's would make the true position as late as
-//! it was early. So a lag is undone where somebody says it (the order, or a parameter of the model that is held), where the model has both lags and the data tell them
-//! apart ([`KNOWN`]), or where the data set has it from a data sheet; otherwise not, and that is said.
+//! From drive and reading alone a lag of the sensor looks much like one of the amplifier, and undoing one
+//! that is the amplifier's would make the true position as late as it was early. So a lag is undone where
+//! somebody says it (the order, or a parameter of the model that is held), where the model has both lags and
+//! the data tell them apart ([`KNOWN`]), or where the data set has it from a data sheet; otherwise not, and
+//! that is said.
 
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::{QuantisationError, number};
@@ -13,13 +16,15 @@ use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{amplifier_bandwidth, delay, sensor_bandwidth};
 use std::f64::consts::TAU;
 
-/// A bandwidth beside that of the amplifier is known where its standard deviation is at most this share of it.
+/// A bandwidth beside that of the amplifier is known where its standard deviation is at most this share of
+/// it.
 pub const KNOWN: f64 = 0.1;
 /// Slowest sensor whose lag is undone, Hz: a lag of 20 periods.
 pub const LEAST_BANDWIDTH_HZ: f64 = 1.0 / (TAU * LARGEST_LAG_S);
 /// Its lag, s.
 pub const LARGEST_LAG_S: f64 = 20.0 * SAMPLING_PERIOD_S;
-/// Of a sensor that is hardly late Tustin's rule would ring near half the sampling rate, and `a` and `b` would not fit: `a` is not below this.
+/// Of a sensor that is hardly late Tustin's rule would ring near half the sampling rate, and `a` and `b`
+/// would not fit: `a` is not below this.
 const LEAST_CARRIED: f64 = -0.33;
 
 /// What is known of the sensor's lag.

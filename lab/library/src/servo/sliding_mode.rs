@@ -1,18 +1,22 @@
 //! The sliding-mode family in predictor form: designed for the period of delay, for any identified model.
 //!
 //! # How it works
-//! The estimator gives position and velocity at the reading; the nominal mode, sampled exactly, carries them to the instant at which the new drive
-//! begins to act. There the errors `e` are taken, with the reference of that instant. The equivalent control is that of the sampled mode:
-//! `(S G)^-1 S (F - 1) e` keeps the switching function `S e` where it is, with `S = [m T, 1]` over `[e1, e2 T]`. The PID of the
-//! switching function (Ch. 6, Eq. 14) brings it to zero. The law works in um of force-equivalent displacement, so that the hysteresis
-//! can be inverted behind it; the gains are told in the thesis' units.
+//! The estimator gives position and velocity at the reading; the nominal mode, sampled exactly, carries them
+//! to the instant at which the new drive begins to act. There the errors `e` are taken, with the reference of
+//! that instant. The equivalent control is that of the sampled mode: `(S G)^-1 S (F - 1) e` keeps the
+//! switching function `S e` where it is, with `S = [m T, 1]` over `[e1, e2 T]`. The PID of the switching
+//! function (Ch. 6, Eq. 14) brings it to zero. The law works in um of force-equivalent displacement, so that
+//! the hysteresis can be inverted behind it; the gains are told in the thesis' units.
 //!
 //! # Gains
-//! They are found as poles. In continuous time the errors obey `(s + m)((1 + B2 D_c) s^2 + B2 P_c s + B2 I_c)` (Ch. 7, Eq. 30), and
-//! those of the PIDSMO `s^3 + (B2 D_o - A22) s^2 + B2 P_o s + B2 I_o` (Ch. 7, Eq. 26); [`SlidingTuning`] names the roots of both. With
-//! `m` slow and the others at the mode's own place the law leaves the mode as it is and only integrates; with all of them fast it is the thesis' own
-//! kind. The scan of [`super::robust`] weighs noise passed on (the cut-off of `G_3`, Ch. 7, Eq. 26) against the unknown input that is let
-//! through (`G_6`, Ch. 7, Eq. 34), of the sampled loop and under the margins of every design.
+//! They are found as poles. In continuous time the errors obey `(s + m)((1 + B2 D_c) s^2 + B2
+//! P_c s + B2 I_c)` (Ch. 7, Eq. 30), and those of the PIDSMO `s^3 + (B2 D_o - A22) s^2 + B2
+//! P_o s + B2 I_o` (Ch. 7, Eq. 26); [`SlidingTuning`] names the roots of both. With `m` slow
+//! and the others at the mode's own place the law leaves the mode as it is and only
+//! integrates; with all of them fast it is the thesis' own kind. The scan of [`super::robust`]
+//! weighs noise passed on (the cut-off of `G_3`, Ch. 7, Eq. 26) against the unknown input that
+//! is let through (`G_6`, Ch. 7, Eq. 34), of the sampled loop and under the margins of every
+//! design.
 
 use super::model::{LinearModel, NominalModel, SAMPLING_PERIOD_S};
 use super::predictor::{Demands, PredictorDesign, STATES, feedforward};
@@ -24,7 +28,8 @@ use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 impl SlidingModeLaw {
-    /// In predictor form, for gains in the thesis' units: what closes the loop, without what the reference needs.
+    /// In predictor form, for gains in the thesis' units: what closes the loop, without what the reference
+    /// needs.
     #[must_use]
     pub fn predicted(nominal: &NominalModel, estimator: &Estimator, gains: &ControllerGains, reaching: &ReachingGains) -> Self {
         let (t, k) = (SAMPLING_PERIOD_S, nominal.gain_um_v);
@@ -66,7 +71,8 @@ impl SlidingModeLaw {
         }
     }
 
-    /// With what the reference needs one period after now: the inverse of all linear dynamics that the model has.
+    /// With what the reference needs one period after now: the inverse of all linear dynamics that the model
+    /// has.
     #[must_use]
     pub fn following(self, linear: &LinearModel) -> Self {
         let t = SAMPLING_PERIOD_S;
@@ -74,10 +80,12 @@ impl SlidingModeLaw {
         Self { reference_drive: feedforward(&linear.sampled(t)), reference_velocity, ..self }
     }
 
-    /// The law as it closes the loop, in the form of a predictor: for eigenvalues, margins and responses. Of a boundary layer the slope at its middle,
-    /// its largest; none for a law that switches, or that acts at once.
+    /// The law as it closes the loop, in the form of a predictor: for eigenvalues, margins and responses. Of
+    /// a boundary layer the slope at its middle, its largest; none for a law that switches, or that acts at
+    /// once.
     ///
-    /// States: `x1`, `x2 T`, integral of the estimator; the last reading, the last `q T` and its sum; what acts from now on, and what acted before.
+    /// States: `x1`, `x2 T`, integral of the estimator; the last reading, the last `q T` and its sum; what
+    /// acts from now on, and what acted before.
     #[must_use]
     pub fn as_predictor(&self) -> Option<PredictorDesign> {
         let prediction = self.prediction?;
@@ -135,7 +143,8 @@ pub enum SlidingKind {
 pub struct SlidingTuning {
     /// `m`, 1/s.
     pub m: f64,
-    /// Frequency, rad/s, and damping ratio of the roots that the PID of the switching function has; of a boundary layer `B2 eta / delta`, 1/s, alone.
+    /// Frequency, rad/s, and damping ratio of the roots that the PID of the switching function has; of a
+    /// boundary layer `B2 eta / delta`, 1/s, alone.
     pub reaching: (f64, f64),
     /// Frequency, rad/s, and damping ratio of the estimator.
     pub estimator: (f64, f64),
@@ -188,7 +197,8 @@ impl SlidingFamily {
     }
 }
 
-/// Shares of a boundary layer's slope that are judged beside it: what is left of it where the switching function is outside.
+/// Shares of a boundary layer's slope that are judged beside it: what is left of it where the switching
+/// function is outside.
 const LAYER_SHARES: [f64; 3] = [0.3, 0.1, 0.03];
 
 impl Family for SlidingFamily {
@@ -289,8 +299,8 @@ mod tests {
 
     const TUNING: SlidingTuning = SlidingTuning { m: 900.0, reaching: (1500.0, 0.9), estimator: (6000.0, 0.9), unknown_rate: 500.0 };
 
-    /// Where the plant is the nominal one the poles of the controller and of the observer do not touch each other, although a period of delay lies
-    /// between reading and drive: what the prediction is for.
+    /// Where the plant is the nominal one the poles of the controller and of the observer do not touch each
+    /// other, although a period of delay lies between reading and drive: what the prediction is for.
     #[test]
     fn the_prediction_takes_the_delay_out_of_the_controller() {
         let linear = linear(850.0, 0.5);

@@ -1,9 +1,10 @@
 //! The schemes of the thesis and those they are compared with: from printed gains to the rows of the tick.
 //!
-//! Estimators are discretised exactly, with the drive held and the reading running straight between samples. The controllers are algebra in
-//! the estimates; their integral is a sum and their derivative a difference, as in the tick. [`SlidingModeLaw`] is the law in f64: what is
-//! quantised and what the sampled eigenvalues are taken of. [`SlidingModeLaw::new`] gives the printed form, which acts at once;
-//! [`super::sliding_mode`] the one that is designed for the period of delay.
+//! Estimators are discretised exactly, with the drive held and the reading running straight between samples.
+//! The controllers are algebra in the estimates; their integral is a sum and their derivative a difference,
+//! as in the tick. [`SlidingModeLaw`] is the law in f64: what is quantised and what the sampled eigenvalues
+//! are taken of. [`SlidingModeLaw::new`] gives the printed form, which acts at once; [`super::sliding_mode`]
+//! the one that is designed for the period of delay.
 
 use super::model::{CreepTerm, NominalModel, SAMPLING_PERIOD_S};
 use super::quantise::{QuantisationError, Unit, creep_inverse, number, row, row_um};
@@ -114,8 +115,8 @@ pub enum ReachingGains {
     },
 }
 
-/// A sliding-mode law in f64, over `[x1, x2 T, integral, y[k-1], y[k], u]`. What it calls a drive is V in the printed form and um of force-equivalent
-/// displacement in the other one.
+/// A sliding-mode law in f64, over `[x1, x2 T, integral, y[k-1], y[k], u]`. What it calls a drive is V in the
+/// printed form and um of force-equivalent displacement in the other one.
 #[derive(Clone, Debug)]
 pub struct SlidingModeLaw {
     /// Unit of its output.
@@ -124,7 +125,8 @@ pub struct SlidingModeLaw {
     pub reference_drive: Vec<f64>,
     /// Velocity of the reference times the period over the reference window.
     pub reference_velocity: Vec<f64>,
-    /// Carries `[x1, x2 T]` over the period of delay, over `[x1, x2 T, integral, what acts in it]`; none in the printed form.
+    /// Carries `[x1, x2 T]` over the period of delay, over `[x1, x2 T, integral, what acts in it]`; none in
+    /// the printed form.
     pub prediction: Option<[[f64; 4]; 2]>,
     /// New states of the estimator.
     pub estimator: [[f64; 6]; 3],
@@ -140,7 +142,8 @@ pub struct SlidingModeLaw {
     pub reaching: ReachingGains,
 }
 
-/// Exact discretisation over `[x1, x2, integral]` of `x' = a x + b_u u + b_y y + b_slope y'`, with the velocity then times the period.
+/// Exact discretisation over `[x1, x2, integral]` of `x' = a x + b_u u + b_y y + b_slope y'`, with the
+/// velocity then times the period.
 fn discretised(a: [[f64; 3]; 3], b_u: [f64; 3], b_y: [f64; 3], b_slope: [f64; 3]) -> [[f64; 6]; 3] {
     let t = SAMPLING_PERIOD_S;
     let mut m = DMatrix::zeros(6, 6);
@@ -176,7 +179,8 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
     match estimator {
         Estimator::Pidsmo(g) => {
             let (a21, a22, b2) = (nominal.a21(), nominal.a22(), nominal.b2());
-            // Eq. (2) with r of Eq. (14): x2' = -B2 P x1 + (A22 - B2 D) x2 - B2 J + B2 u + (A21 + B2 P) y + B2 D y'.
+            // Eq. (2) with r of Eq. (14): x2' = -B2 P x1 + (A22 - B2 D) x2 - B2 J + B2 u + (A21 + B2 P) y +
+            // B2 D y'.
             let rows = discretised(
                 [[0.0, 1.0, 0.0], [-b2 * g.p, a22 - b2 * g.d, -b2], [g.i, 0.0, 0.0]],
                 [0.0, b2, 0.0],
@@ -190,7 +194,8 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
         Estimator::AlphaBeta(f) => {
             let (xi, w) = (f.damping_ratio, f.natural_frequency_rad_s);
             if f.discrete {
-                // Eqs. (33)-(34) with (37)-(38) as printed: the residual is that of the updated position, so both equations are solved for it.
+                // Eqs. (33)-(34) with (37)-(38) as printed: the residual is that of the updated position, so
+                // both equations are solved for it.
                 let (alpha, beta) = (w * t * (2.0 * xi - w * t / 2.0), (w * t).powi(2));
                 let (kept, of_residual) = (1.0 / (1.0 + alpha), beta / (1.0 + alpha));
                 let position = [kept, kept, 0.0, 0.0, alpha * kept, 0.0];
@@ -207,7 +212,8 @@ pub fn estimator_rows(nominal: &NominalModel, estimator: &Estimator) -> ([[f64; 
                 [kappa * w * w, w * w, 0.0],
                 [0.0; 3],
             );
-            // A filter has no integral: left as it is, that state would stand in the sampled eigenvalues as a one.
+            // A filter has no integral: left as it is, that state would stand in the sampled eigenvalues as a
+            // one.
             ([position, velocity, [0.0; 6]], [0.0; 6])
         }
     }
@@ -286,18 +292,21 @@ impl SlidingModeLaw {
         })
     }
 
-    /// Transition matrix of the sampled closed loop with the nominal model as plant; `delay` periods (0 or 1) between reading and drive.
+    /// Transition matrix of the sampled closed loop with the nominal model as plant; `delay` periods (0 or 1)
+    /// between reading and drive.
     ///
-    /// States: plant `[y, y']`, estimator `[x1, x2 T, integral]`, last reading, last `q T`, sum of `q T`, drive that acts, drive before.
-    /// Only for a PID that reaches the surface: the others are not linear.
+    /// States: plant `[y, y']`, estimator `[x1, x2 T, integral]`, last reading, last `q T`, sum of `q T`,
+    /// drive that acts, drive before. Only for a PID that reaches the surface: the others are not linear.
     #[must_use]
     pub fn closed_loop(&self, plant: &NominalModel, delay: usize) -> DMatrix<f64> {
         let (a, b) = plant.sampled(SAMPLING_PERIOD_S);
         let step = |s: &[f64; 9]| -> [f64; 9] {
-            // s: y, y', x1, x2T, J, last y, last qT, sum qT, drive computed at the last tick and not yet acting / acting until now
+            // s: y, y', x1, x2T, J, last y, last qT, sum qT, drive computed at the last tick and not yet
+            // acting / acting until now
             let [y, v, x1, x2, j, last_y, last_q, sum_q, last_u] = *s;
-            // With delay: last_u acts from now on. What acted until now is in the plant's and estimator's state already: the estimator is
-            // advanced at the end of the interval, with the reading that the plant then has.
+            // With delay: last_u acts from now on. What acted until now is in the plant's and estimator's
+            // state already: the estimator is advanced at the end of the interval, with the reading that the
+            // plant then has.
             let e = [x1, x2];
             let q = self.switching_function[0] * e[0] + self.switching_function[1] * e[1];
             let sum = sum_q + q;
@@ -346,7 +355,8 @@ pub struct Feedforward<'a> {
     pub creep: &'a [CreepTerm],
 }
 
-/// PID, or PI with feedforward. `output` is what stands behind: volts, or um of force-equivalent displacement, in which the gains then are.
+/// PID, or PI with feedforward. `output` is what stands behind: volts, or um of force-equivalent
+/// displacement, in which the gains then are.
 ///
 /// # Errors
 /// If a coefficient does not fit, or creep has no stable inverse.
@@ -395,7 +405,8 @@ impl Notch {
         (back * (back * n2 + n1) + n0) / (-back * (back * d2 + d1) + 1.0)
     }
 
-    /// Biquad over `[x[k], x[k-1], x[k-2], y[k-1], y[k-2]]`: zeros and poles mapped by `z = exp(s T)`, unit static gain.
+    /// Biquad over `[x[k], x[k-1], x[k-2], y[k-1], y[k-2]]`: zeros and poles mapped by `z = exp(s T)`, unit
+    /// static gain.
     #[must_use]
     pub fn coefficients(&self) -> [f64; 5] {
         let w = std::f64::consts::TAU * self.frequency_hz;

@@ -1,8 +1,10 @@
-//! Following a reference on an identified model: the chain of effects as the plant, the integers of the tick as the controller.
+//! Following a reference on an identified model: the chain of effects as the plant, the integers of the tick
+//! as the controller.
 //!
-//! The plant is a [`ChainPlant`]. Converters are those of a board that fits the actuator: the DAC spans the drive range with a
-//! quarter of it below and half of it above, the ADC the motion with a third to spare (for the P-753 the converters of the bench). The
-//! actuator is conditioned and the sensor zeroed before it begins.
+//! The plant is a [`ChainPlant`]. Converters are those of a board that fits the actuator: the DAC spans the
+//! drive range with a quarter of it below and half of it above, the ADC the motion with a third to spare (for
+//! the P-753 the converters of the bench). The actuator is conditioned and the sensor zeroed before it
+//! begins.
 
 use super::chain_plant::ChainPlant;
 use super::design::ServoDesign;
@@ -27,12 +29,15 @@ const LOWEST_FREQUENCY_HZ: f64 = 0.01;
 
 /// Time before the error counts, s: in it a reference grows.
 const LEAD_S: f64 = 0.5;
-/// Periods of a reference whose correction is learned that pass at its full amplitude before the error counts.
+/// Periods of a reference whose correction is learned that pass at its full amplitude before the error
+/// counts.
 const LEARNED_PERIODS: f64 = 10.0;
-/// Time for the gain to be corrected, s: at half a per cent in 0.1 s the largest correction takes four, and the rest of it one.
+/// Time for the gain to be corrected, s: at half a per cent in 0.1 s the largest correction takes four, and
+/// the rest of it one.
 const ADAPTED_WITHIN_S: f64 = 6.0;
 
-/// Time before the error counts, s: longer where the correction of a reference of this frequency, or the gain, is learned.
+/// Time before the error counts, s: longer where the correction of a reference of this frequency, or the
+/// gain, is learned.
 #[must_use]
 pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
     let learns = design.learning.is_some() && period_ticks(frequency_hz).is_some_and(|ticks| ticks <= MOST_POINTS as u32);
@@ -72,8 +77,9 @@ pub struct PeriodicReference {
 }
 
 impl PeriodicReference {
-    /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers. Without an offset it stands on 1.12 times its
-    /// amplitude, which leaves room for the remnant and for creep; without a phase it begins at its lowest point.
+    /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers. Without an
+    /// offset it stands on 1.12 times its amplitude, which leaves room for the remnant and for creep; without
+    /// a phase it begins at its lowest point.
     ///
     /// # Errors
     /// A message that names the field.
@@ -115,7 +121,8 @@ impl PeriodicReference {
         })
     }
 
-    /// Samples, grown from zero, for `lead_s` and then two periods or a second; and the sample from which the error counts.
+    /// Samples, grown from zero, for `lead_s` and then two periods or a second; and the sample from which the
+    /// error counts.
     #[must_use]
     pub fn samples_um(&self, lead_s: f64) -> (Vec<f64>, usize) {
         let fs = 1.0 / SAMPLING_PERIOD_S;
@@ -195,7 +202,8 @@ pub struct TrackResult {
     pub truth: Figures,
     /// Mean error of what the sensor reads, um.
     pub steady_state_um: f64,
-    /// How late the servo takes the sensor to be, s, where it undoes that: what is read is then off what was asked for by so much of the motion.
+    /// How late the servo takes the sensor to be, s, where it undoes that: what is read is then off what was
+    /// asked for by so much of the motion.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensor_lag_s: Option<f64>,
     /// How late the sensor of the model is at rest, s, where the model has such a lag.
@@ -228,7 +236,8 @@ pub struct TrackResult {
 }
 
 impl TrackResult {
-    /// Why this is no tracking, if it is none: the drive at its limits while the error counts, or an error of the size of the reference.
+    /// Why this is no tracking, if it is none: the drive at its limits while the error counts, or an error of
+    /// the size of the reference.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         if self.saturated_ticks > 0 {
@@ -277,7 +286,8 @@ fn plant_in_words(chain: &Model, design: &ServoDesign, scale: &ConverterScale) -
     )
 }
 
-/// Follows a reference on a model; a correction is learned from the tick on at which the reference has its full amplitude.
+/// Follows a reference on a model; a correction is learned from the tick on at which the reference has its
+/// full amplitude.
 ///
 /// # Errors
 /// If the design does not fit the tick's formats.

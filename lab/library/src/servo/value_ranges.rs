@@ -1,6 +1,8 @@
-//! Ranges of the values in a servo file: what no actuator and no tuning has is refused before a loop is judged with it.
+//! Ranges of the values in a servo file: what no actuator and no tuning has is refused before a loop is
+//! judged with it.
 //!
-//! An observer for a sensor without noise, or for a mode of a negative frequency, has eigenvalues too, and they look like any others.
+//! An observer for a sensor without noise, or for a mode of a negative frequency, has eigenvalues too, and
+//! they look like any others.
 
 use super::design::{Scheme, ServoDesign};
 use super::gain_adaptation::{FARTHEST, LARGEST_STEP};

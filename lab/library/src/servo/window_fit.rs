@@ -1,4 +1,5 @@
-//! Coefficients over the reference window: least squares in the frequency domain over the band of the reference.
+//! Coefficients over the reference window: least squares in the frequency domain over the band of the
+//! reference.
 
 use hysteron_core::reference_window::{PREVIEW_TICKS, WINDOW};
 use nalgebra::{Complex, DMatrix, DVector};
@@ -12,13 +13,15 @@ const UPPER_POINTS: usize = 120;
 /// Weight above the band: keeps the coefficients small where no reference is.
 const UPPER_WEIGHT: f64 = 1e-4;
 
-/// Coefficients, oldest first, such that `sum f_i r[k + i - 7]` has the frequency response `target(omega)` relative to `r[k]`.
+/// Coefficients, oldest first, such that `sum f_i r[k + i - 7]` has the frequency response `target(omega)`
+/// relative to `r[k]`.
 #[must_use]
 pub fn fit(period_s: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
     fit_in(period_s, BAND_HZ, 0.0, target)
 }
 
-/// The same in a band that ends at `band_hz`, with a weight on the coefficients themselves that keeps them small.
+/// The same in a band that ends at `band_hz`, with a weight on the coefficients themselves that keeps them
+/// small.
 #[must_use]
 pub fn fit_in(period_s: f64, band_hz: f64, held_down: f64, target: impl Fn(f64) -> Complex<f64>) -> Vec<f64> {
     let oldest = PREVIEW_TICKS as f64 + 1.0 - WINDOW as f64;

@@ -1,8 +1,10 @@
-//! A simulated data set with known effects: the example that the project ships, and each of the cases that the diagnosis is scored on.
+//! A simulated data set with known effects: the example that the project ships, and each of the cases that
+//! the diagnosis is scored on.
 //!
-//! The plant is the chain of the reference actuator with random frequency, damping, gain and noise. It is stepped in 12.5 us, four times
-//! as finely as the fastest record, so that a model identified from the records does not share the discretisation of its truth. Its hysteresis may have
-//! another structure than the surfaces that are fitted, and it may have effects that no library knows ([`outside_library`]).
+//! The plant is the chain of the reference actuator with random frequency, damping, gain and noise. It is
+//! stepped in 12.5 us, four times as finely as the fastest record, so that a model identified from the
+//! records does not share the discretisation of its truth. Its hysteresis may have another structure than the
+//! surfaces that are fitted, and it may have effects that no library knows ([`outside_library`]).
 
 use super::drives::{DriveOfRecord, drives, manifest};
 use crate::dataset::reading_grid::rounding_noise;
@@ -63,7 +65,8 @@ pub struct Order {
     pub seed: u64,
 }
 
-/// Kinds that no library knows: a spring that presses back beyond a displacement, and a gain that flutters with time.
+/// Kinds that no library knows: a spring that presses back beyond a displacement, and a gain that flutters
+/// with time.
 pub const OUTSIDE_LIBRARY: [&str; 2] = ["outside_library_contact", "outside_library_gain_flutter"];
 
 /// An effect that no library knows, by its expressions, and its values at a strength.
@@ -121,7 +124,8 @@ pub(super) fn reference_overview(drive_max_v: f64) -> Overview {
 pub(super) fn reference_surfaces(drive_max_v: f64, factor: f64) -> Result<(Vec<f64>, Vec<f64>)> {
     let bench = Bench::reference().map_err(|e| Error::new("bench.toml", e))?;
     let surfaces = Surfaces::from_thesis_powers(&bench.hysteresis.f, &bench.hysteresis.g, drive_max_v);
-    // The surfaces are polynomials of the same space: solve for the coefficients at as many points as there are.
+    // The surfaces are polynomials of the same space: solve for the coefficients at as many points as there
+    // are.
     let terms: Vec<(usize, usize)> = loop_terms(4).collect();
     let legendre: Vec<Vec<f64>> = (0..4).map(shifted_legendre).collect();
     let p = |k: usize, v: f64| hysteron_sim::hysteresis_surface::horner(&legendre[k], v);
@@ -141,7 +145,8 @@ pub(super) fn reference_surfaces(drive_max_v: f64, factor: f64) -> Result<(Vec<f
     Ok((g.as_slice().to_vec(), r.as_slice().to_vec()))
 }
 
-/// A simulated case: its truth, and its files by name (records, `dataset.toml`, `base_effects.txt`, `truth.json`).
+/// A simulated case: its truth, and its files by name (records, `dataset.toml`, `base_effects.txt`,
+/// `truth.json`).
 #[derive(Clone, Debug)]
 pub struct SyntheticCase {
     /// What was hidden, and what an honest answer may reach.
@@ -150,7 +155,8 @@ pub struct SyntheticCase {
     pub files: BTreeMap<String, Vec<u8>>,
 }
 
-/// What belongs to the thesis' surfaces has no place beside another structure of loops, which has a first rise of its own.
+/// What belongs to the thesis' surfaces has no place beside another structure of loops, which has a first
+/// rise of its own.
 pub(super) fn belongs_to_surfaces(declaration: &Declaration) -> bool {
     declaration.place == Place::Hysteresis && declaration.modifies == Some(hysteresis::ID)
 }

@@ -5,7 +5,8 @@ use crate::parallel;
 use crate::synthetic::case::{OUTSIDE_LIBRARY, Order, SyntheticCase, Truth, belongs_to_surfaces, simulate_case};
 use hysteron_sim::effect::{Planted, by_id, creep, hysteresis, initial_curve, registry, vibration};
 
-/// Effects of which one is hidden in a case of `all`, the unknown ones and none beside; in the order of the chain.
+/// Effects of which one is hidden in a case of `all`, the unknown ones and none beside; in the order of the
+/// chain.
 fn kinds_of(wanted: impl Fn(Planted) -> bool) -> Vec<String> {
     registry().into_iter().filter(|e| wanted(e.planted())).map(|e| e.declaration().id).collect()
 }

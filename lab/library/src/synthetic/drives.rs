@@ -1,4 +1,5 @@
-//! Drives that show what there is to see: those of every simulated data set, and those that are recommended for a recording.
+//! Drives that show what there is to see: those of every simulated data set, and those that are recommended
+//! for a recording.
 
 use crate::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use crate::servo::model::SAMPLING_PERIOD_S;
@@ -38,8 +39,9 @@ fn conditioned(rate_hz: f64, peak_v: f64, seconds: f64, then: Vec<f64>) -> Vec<f
     out
 }
 
-/// Drives from 0 V to a peak that show every effect of the library, with held-out ones of other shapes: nested triangles (loops and the first
-/// rise), sine bursts of rising frequency and a multisine in repeated periods (dynamics), holds (creep and drift), rest (noise).
+/// Drives from 0 V to a peak that show every effect of the library, with held-out ones of other shapes:
+/// nested triangles (loops and the first rise), sine bursts of rising frequency and a multisine in repeated
+/// periods (dynamics), holds (creep and drift), rest (noise).
 #[must_use]
 pub fn drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
     let begun = |drive: DriveOfRecord| {
@@ -161,8 +163,9 @@ fn bare_drives(peak_v: f64, seed: u64) -> Vec<DriveOfRecord> {
 /// Length of the smooth way to where a drive begins and back to rest from where it ends, s.
 const WAY_S: f64 = 0.05;
 
-/// What a drive is in a session: after whatever came before, a cycle over the range wipes out the memory of the loops, a rest follows, and the
-/// drive begins and ends smoothly at the lower limit. What counts begins after the rest, from a state that nobody knows.
+/// What a drive is in a session: after whatever came before, a cycle over the range wipes out the memory of
+/// the loops, a rest follows, and the drive begins and ends smoothly at the lower limit. What counts begins
+/// after the rest, from a state that nobody knows.
 fn in_a_session(drive: DriveOfRecord, range_v: f64) -> DriveOfRecord {
     let rate_hz = drive.rate_hz;
     let seconds = if rate_hz > 1000.0 { 0.2 } else { 2.0 };
@@ -185,9 +188,9 @@ fn in_a_session(drive: DriveOfRecord, range_v: f64) -> DriveOfRecord {
     DriveOfRecord { drive_v, period_s, initial_state: "unknown", from_s: Some(from_s), ..drive }
 }
 
-/// Drives for a recording between two limits, in the order in which they are played: first nested triangles from a state in which nothing was
-/// driven yet, then the others, each as in [`in_a_session`], and the drive that a servo is designed from: a small multisine that goes nearly to
-/// half its sampling rate.
+/// Drives for a recording between two limits, in the order in which they are played: first nested triangles
+/// from a state in which nothing was driven yet, then the others, each as in [`in_a_session`], and the drive
+/// that a servo is designed from: a small multisine that goes nearly to half its sampling rate.
 #[must_use]
 pub fn recommended_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     let range_v = high_v - low_v;
@@ -225,9 +228,11 @@ const HOLD_TICKS: f64 = 200.0;
 /// Length of the smooth way from one level of these drives to the next, s.
 const BOARD_WAY_S: f64 = 0.1;
 
-/// Drives that a board plays and records by itself: none has more points than its wave table, 4096, or more samples than its recorder, 16383. In the
-/// order in which they are played: after a conditioning, nested triangles, then the others; each begins and ends at the lower limit, where
-/// nobody knows how much of the creep before it is left. The multisine is that of [`recommended_drives`] and repeats from its first sample.
+/// Drives that a board plays and records by itself: none has more points than its wave table, 4096, or more
+/// samples than its recorder, 16383. In the order in which they are played: after a conditioning, nested
+/// triangles, then the others; each begins and ends at the lower limit, where nobody knows how much of the
+/// creep before it is left. The multisine is that of [`recommended_drives`] and repeats from its first
+/// sample.
 #[must_use]
 pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     let range_v = high_v - low_v;
@@ -254,7 +259,8 @@ pub fn board_drives(low_v: f64, high_v: f64) -> Vec<DriveOfRecord> {
     let lines: Vec<usize> = (1..=last).step_by(3).collect();
     let wideband = waveform::multisine(WIDEBAND_PERIOD, &lines, 0.05 * range_v, 0.5 * range_v, 4, SEED);
     let period_s = WIDEBAND_PERIOD as f64 * SAMPLING_PERIOD_S;
-    // No point may be further from the one before than the slew limit of a slow amplifier leads in a few ticks.
+    // No point may be further from the one before than the slew limit of a slow amplifier leads in a few
+    // ticks.
     let way = |rate_hz: f64, from_v: f64, to_v: f64| {
         let mut way = waveform::half_cosines(rate_hz, BOARD_WAY_S, &[from_v, to_v]);
         way.pop();

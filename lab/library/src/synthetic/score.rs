@@ -31,7 +31,8 @@ pub struct CaseScore {
     pub false_discovery: bool,
     /// Held-out error after adding what was found, over the true noise.
     pub validate_over_noise: f64,
-    /// The effect still shows after a refit of the base model: the right answer is its name. Otherwise `at_floor` is right.
+    /// The effect still shows after a refit of the base model: the right answer is its name. Otherwise
+    /// `at_floor` is right.
     pub survives: bool,
     /// What the refitted base model leaves above the noise in the record where it leaves most, um.
     pub left_by_refit_um: f64,
@@ -60,9 +61,11 @@ pub struct Score {
     pub unexplained_recognised: Option<f64>,
     /// Share whose held-out error came within 1.15 times the noise, of those with a known effect.
     pub within_noise: f64,
-    /// Share of the cases with nothing missing whose least adjusted p-value is below 0.05; `None` without any.
+    /// Share of the cases with nothing missing whose least adjusted p-value is below 0.05; `None` without
+    /// any.
     pub null_share_below_5_pct: Option<f64>,
-    /// Least size of each effect, in nm of the record that it changes most, from which on 90 % of the cases are named or in the set.
+    /// Least size of each effect, in nm of the record that it changes most, from which on 90 % of the cases
+    /// are named or in the set.
     pub detected_from_nm: BTreeMap<String, f64>,
     /// Longest case.
     pub seconds_max: f64,
@@ -128,7 +131,8 @@ struct Marks {
 }
 
 impl Said<'_> {
-    /// As a sceptic counts: a name too many is wrong, an "or" among many says nothing, and where nothing is missing only `at_floor` is right.
+    /// As a sceptic counts: a name too many is wrong, an "or" among many says nothing, and where nothing is
+    /// missing only `at_floor` is right.
     fn against(&self, missing: &[String], also: &[String], survives: bool) -> Marks {
         let is_hysteresis = |id: &String| id == hysteresis::ID || by_id(id).is_some_and(|e| e.declaration().is_main());
         // Loops of whatever structure are what a model without hysteresis misses.
@@ -178,7 +182,8 @@ fn detected_from(cases: &[CaseScore]) -> BTreeMap<String, f64> {
         let (mut found, mut least) = (0, None);
         for (i, (nm, hit)) in sizes.iter().enumerate() {
             found += usize::from(*hit);
-            // A size that was missed is not one from which on effects are found, however many larger ones were.
+            // A size that was missed is not one from which on effects are found, however many larger ones
+            // were.
             if *hit && found as f64 >= 0.9 * (i + 1) as f64 {
                 least = Some(*nm);
             }

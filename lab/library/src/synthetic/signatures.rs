@@ -1,8 +1,10 @@
-//! What every effect does to the reading: its signature on the drives of the simulated data sets, and which other effects look like it there.
+//! What every effect does to the reading: its signature on the drives of the simulated data sets, and which
+//! other effects look like it there.
 //!
-//! A signature is the reading with the effect less the reading without it. What a gain and an offset would take up is projected out; of a
-//! structure of loops what remains of it beside a straight line. Two effects imitate each other where the cosine between their signatures,
-//! with every record counting alike, is large in magnitude: data like these then tell them apart by little more than the shape of what is left.
+//! A signature is the reading with the effect less the reading without it. What a gain and an offset would
+//! take up is projected out; of a structure of loops what remains of it beside a straight line. Two effects
+//! imitate each other where the cosine between their signatures, with every record counting alike, is large
+//! in magnitude: data like these then tell them apart by little more than the shape of what is left.
 
 use super::case::{reference_overview, reference_surfaces, square_force};
 use super::drives::{DriveOfRecord, drives};
@@ -16,7 +18,8 @@ use std::sync::Arc;
 const MODE: [f64; 2] = [5000.0, 0.5];
 /// Height of the drives, V.
 const DRIVE_MAX_V: f64 = 70.0;
-/// Strength at which effects are simulated, in the units of planted cases: well above noise, small against the motion.
+/// Strength at which effects are simulated, in the units of planted cases: well above noise, small against
+/// the motion.
 const STRENGTH: f64 = 3.0;
 /// Records on which signatures are taken: loops, dynamics, holds, all of them together.
 const RECORDS: [&str; 4] = ["stair", "multisine", "hold", "validation"];
@@ -93,7 +96,8 @@ pub fn signatures() -> Result<Vec<Signature>> {
     let mut found: Vec<Signature> = Vec::new();
     for effect in registry() {
         let declaration = effect.declaration();
-        // A structure of loops is seen against a straight line, and so is the mode that the others stand beside.
+        // A structure of loops is seen against a straight line, and so is the mode that the others stand
+        // beside.
         let alone = declaration.is_main() || declaration.id == vibration::ID;
         let without = if alone { &line } else { &base };
         let values = match declaration.id.as_str() {
@@ -114,8 +118,8 @@ pub fn signatures() -> Result<Vec<Signature>> {
     Ok(found)
 }
 
-/// Values with which an effect is visible: those of planted cases, else its first start, else, beside values that are fixed, two steps of every coefficient
-/// that starts at zero.
+/// Values with which an effect is visible: those of planted cases, else its first start, else, beside values
+/// that are fixed, two steps of every coefficient that starts at zero.
 fn example_values(effect: &dyn Effect, stage: &SimulatedStage) -> Vec<f64> {
     let overview = &stage.overview;
     let values = effect.values_at(STRENGTH, stage, &mut || 0.5).or_else(|| effect.starts(overview).into_iter().next()).unwrap_or_default();

@@ -1,4 +1,5 @@
-//! The files that `make.py` writes: by which library, what they hold, how they are to be read; and the ways in which they are damaged.
+//! The files that `make.py` writes: by which library, what they hold, how they are to be read; and the ways
+//! in which they are damaged.
 
 use std::path::PathBuf;
 
@@ -10,7 +11,8 @@ pub struct Written {
     pub by: &'static str,
     /// What is particular about it.
     pub holds: &'static str,
-    /// How far a number may be from the recording's, V and um: what the type of the numbers, or their digits, leave.
+    /// How far a number may be from the recording's, V and um: what the type of the numbers, or their digits,
+    /// leave.
     pub tolerance: f64,
     /// Units that a person has to say.
     pub units: Option<[&'static str; 2]>,

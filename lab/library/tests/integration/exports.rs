@@ -1,4 +1,5 @@
-//! Exports read what the program reads, to 1e-9 um: NumPy, Octave and C on the same drives; and a reader computes two models from docs/reference/effects.md alone.
+//! Exports read what the program reads, to 1e-9 um: NumPy, Octave and C on the same drives; and a reader
+//! computes two models from docs/reference/effects.md alone.
 //!
 //! Needs python3 with NumPy, octave-cli and cc: `apt-get install python3-numpy octave gcc`.
 

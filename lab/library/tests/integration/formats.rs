@@ -1,4 +1,5 @@
-//! Files that the libraries of their formats wrote (`formats/make.py`): read whole, and refused in words when damaged.
+//! Files that the libraries of their formats wrote (`formats/make.py`): read whole, and refused in words when
+//! damaged.
 
 #![cfg(all(feature = "readers", feature = "hdf5", feature = "parquet", feature = "arrow", feature = "spreadsheet"))]
 
@@ -91,7 +92,8 @@ fn every_file_that_the_script_writes_is_listed() {
     assert_eq!(there, listed);
 }
 
-/// What comes of a damaged file, as the table in docs/reference/formats.md writes it; fails where a message is none.
+/// What comes of a damaged file, as the table in docs/reference/formats.md writes it; fails where a message
+/// is none.
 fn outcome(file: &Written, whole: Option<&Record>, kind: &str, content: &[u8]) -> &'static str {
     let name = file.file;
     let dataset = match read(file, content) {
@@ -124,8 +126,8 @@ fn outcomes(file: &Written, content: &[u8]) -> Vec<&'static str> {
 fn damage_is_refused_in_words_and_never_a_panic() {
     for (file, content) in all() {
         let found = outcomes(file, &content);
-        // Formats without a check sum cannot know that a number is another; that much is missing all can know, but for text, whose rows may
-        // end anywhere.
+        // Formats without a check sum cannot know that a number is another; that much is missing all can
+        // know, but for text, whose rows may end anywhere.
         let text = file.file.ends_with(".csv") || file.file.ends_with(".txt");
         let known = if text { 4 } else { 5 };
         assert!(found[..known].iter().all(|outcome| *outcome == "x"), "{}: {found:?}", file.file);

@@ -1,4 +1,5 @@
-//! What is wrong with how a record was taken, and no missing effect: it begins in another state than was said, or a loop was closed.
+//! What is wrong with how a record was taken, and no missing effect: it begins in another state than was
+//! said, or a loop was closed.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
@@ -62,7 +63,8 @@ fn issues(d: &Diagnosis) -> Vec<(&str, Severity)> {
     d.issues.iter().map(|issue| (issue.record.as_deref().unwrap_or_default(), issue.severity)).collect()
 }
 
-/// The sensor of one of four records was not connected: noise alone stands in its column, or a random walk. Nothing is fitted.
+/// The sensor of one of four records was not connected: noise alone stands in its column, or a random walk.
+/// Nothing is fitted.
 #[test]
 fn a_disconnected_sensor_blocks_without_a_single_fit() {
     for walks in [false, true] {
@@ -87,7 +89,8 @@ fn a_disconnected_sensor_blocks_without_a_single_fit() {
     }
 }
 
-/// A sensor's zero is off by 20 nm in records that are specified to begin virgin: that is no drift, and what is missing beside it is named all the same.
+/// A sensor's zero is off by 20 nm in records that are specified to begin virgin: that is no drift, and what
+/// is missing beside it is named all the same.
 #[test]
 fn a_sensor_whose_zero_is_off_is_corrected_and_no_drift() {
     let mut dataset = recorded(&stage(false), 0);
@@ -119,7 +122,8 @@ fn a_record_that_begins_otherwise_is_said_and_nothing_is_named() {
     assert_eq!(d.verdict, Verdict::AtFloor, "{}", d.sentence);
 }
 
-/// Where records begin as was said, a missing effect is not put down to their states, and nothing is said of them.
+/// Where records begin as was said, a missing effect is not put down to their states, and nothing is said of
+/// them.
 #[test]
 fn a_missing_effect_is_no_other_state() {
     let d = explained(&recorded(&stage(true), 0), "gain,vibration").diagnosis;
@@ -128,7 +132,8 @@ fn a_missing_effect_is_no_other_state() {
     let d = explained(&recorded(&stage(false), 0), "gain").diagnosis;
     assert_eq!(d.named, ["vibration"], "{}", d.sentence);
     assert_eq!(issues(&d), [], "{:?}", d.issues);
-    // A drift from each record's first sample on is met by unknown states of creep too, which are many more values.
+    // A drift from each record's first sample on is met by unknown states of creep too, which are many more
+    // values.
     let mut drifting = stage(true);
     drifting.add(EffectInstance::new(by_id("thermal_drift").unwrap(), &Overview::without_data(0.0, 10.0), &[0.05, 0.5]));
     let d = explained(&recorded(&drifting, 0), "gain,vibration,creep").diagnosis;
@@ -136,7 +141,8 @@ fn a_missing_effect_is_no_other_state() {
     assert_eq!(issues(&d), [], "{:?}", d.issues);
 }
 
-/// The same stage in a loop with an integrating controller, whose drive was recorded: what was found stands, and the loop is said.
+/// The same stage in a loop with an integrating controller, whose drive was recorded: what was found stands,
+/// and the loop is said.
 #[test]
 fn a_loop_that_was_closed_while_recording_is_said() {
     let samples = 8000;
@@ -184,7 +190,8 @@ impl StepByStep {
     }
 }
 
-/// A smooth drive whose own row the readings follow: a mode as fast as the recording can show makes up for the period, and is not named.
+/// A smooth drive whose own row the readings follow: a mode as fast as the recording can show makes up for
+/// the period, and is not named.
 #[test]
 fn readings_of_their_own_row_are_no_mode() {
     let smooth = |k: usize, fast: f64| 5.0 - 2.5 * (k as f64 * 0.02 * fast).cos() - 1.5 * (k as f64 * 0.11 * fast).sin();
@@ -226,7 +233,8 @@ fn a_rest_that_is_too_short_is_refused() {
     assert!(refused.contains("has 10 samples inside its window"), "{refused}");
 }
 
-/// A rest in which all readings are the same is no error: of a converter with steps it shows that the noise is below a step, of one without it shows nothing.
+/// A rest in which all readings are the same is no error: of a converter with steps it shows that the noise
+/// is below a step, of one without it shows nothing.
 #[test]
 fn a_rest_without_noise_is_noted() {
     for (step_um, is_left_out) in [(Some(0.01), false), (None, true)] {

@@ -1,4 +1,5 @@
-//! Prediction bands: forty stages whose truth is known, each identified from a short recording and asked for ten times its length.
+//! Prediction bands: forty stages whose truth is known, each identified from a short recording and asked for
+//! ten times its length.
 
 use hysteron::identify::identify;
 use hysteron::model_file::{effects_named, from_toml, to_toml};
@@ -12,7 +13,8 @@ use std::f64::consts::TAU;
 const RATE_HZ: f64 = 1000.0;
 const SECONDS: f64 = 4.0;
 
-/// A stage by its equations: gain, mode, and creep by the logarithm of time as a sum of relaxations over six decades.
+/// A stage by its equations: gain, mode, and creep by the logarithm of time as a sum of relaxations over six
+/// decades.
 fn reads(i: usize, drive_v: &[f64]) -> Vec<f64> {
     let share = |k: usize| ((i * 37 + k * 61) % 100) as f64 / 100.0;
     let (gain, w, damping, creep) =
@@ -54,7 +56,8 @@ fn identified(i: usize) -> Model {
     identify(&dataset, &effects_named("gain,vibration,creep").unwrap(), &Unwatched).unwrap().model
 }
 
-/// The truth after ten times the recorded time, and everywhere before but for the twentieth part that a band of 95 % may miss.
+/// The truth after ten times the recorded time, and everywhere before but for the twentieth part that a band
+/// of 95 % may miss.
 #[test]
 fn the_truth_of_forty_stages_lies_in_the_band() {
     let mut inside = 0;
@@ -79,7 +82,8 @@ fn the_truth_of_forty_stages_lies_in_the_band() {
     assert!(inside >= 36, "{inside} of 40");
 }
 
-/// Holds of two seconds leave slow creep open: its shares stay near what stacks have instead of some tenths each.
+/// Holds of two seconds leave slow creep open: its shares stay near what stacks have instead of some tenths
+/// each.
 #[test]
 fn slow_creep_that_data_leave_open_stays_small() {
     let model = identified(0);

@@ -1,4 +1,5 @@
-//! The model that is saved holds over the whole file: twelve single recordings of stages whose equations stand here, and one that drifts.
+//! The model that is saved holds over the whole file: twelve single recordings of stages whose equations
+//! stand here, and one that drifts.
 
 use hysteron::Dataset;
 use hysteron::analyse::{Options, Outcome, Start, analyse};
@@ -10,8 +11,8 @@ use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
 use std::f64::consts::TAU;
 
-/// A stage by equations of its own: plays with free thresholds and a bend, a mode by small explicit steps, creep by the logarithm of time as a sum of many
-/// relaxations, a drift that dies out.
+/// A stage by equations of its own: plays with free thresholds and a bend, a mode by small explicit steps,
+/// creep by the logarithm of time as a sum of many relaxations, a drift that dies out.
 #[derive(Clone)]
 struct Stage {
     plays: Vec<(f64, f64)>,
@@ -122,7 +123,8 @@ fn twelve_recordings_replay_as_well_as_they_are_held_out() {
     assert!(as_good >= 10, "{as_good} of 12");
 }
 
-/// 150 nm with a time constant of 25 s, of which 65 nm come within the tape, while the drive goes on as ever: a creep of 25 s would meet that from free states.
+/// 150 nm with a time constant of 25 s, of which 65 nm come within the tape, while the drive goes on as ever:
+/// a creep of 25 s would meet that from free states.
 #[test]
 fn a_drift_within_one_tape_is_named() {
     let rate_hz = 2000.0;

@@ -1,4 +1,5 @@
-//! A sensor whose noise is the stronger the slower it is (1/f): nothing is missing where nothing is, and what is missing is found.
+//! A sensor whose noise is the stronger the slower it is (1/f): nothing is missing where nothing is, and what
+//! is missing is found.
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};

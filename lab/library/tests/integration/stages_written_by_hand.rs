@@ -1,4 +1,5 @@
-//! Stages whose equations stand here, sample by sample, and not in the simulation: what is missing beside a bare gain.
+//! Stages whose equations stand here, sample by sample, and not in the simulation: what is missing beside a
+//! bare gain.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role, folder};
@@ -21,7 +22,8 @@ fn triangles(corners_v: &[f64], slope_v_s: f64) -> Vec<f64> {
     corners_v.windows(2).flat_map(line).collect()
 }
 
-/// A fitted, a held-out and a resting record of a stage that reads so many um for drives of so many V, one after the other.
+/// A fitted, a held-out and a resting record of a stage that reads so many um for drives of so many V, one
+/// after the other.
 fn explained(reads: &mut dyn FnMut(&[f64]) -> Vec<f64>, drives: [Vec<f64>; 2]) -> Outcome {
     explained_with(NOISE_UM, reads, drives)
 }
@@ -70,7 +72,8 @@ fn usual_drives() -> [Vec<f64>; 2] {
     ]
 }
 
-/// A stage that moves on at 30 nm/s whatever the drive: the free states of creep would meet that too, and answer no drive.
+/// A stage that moves on at 30 nm/s whatever the drive: the free states of creep would meet that too, and
+/// answer no drive.
 #[test]
 fn a_straight_drift_is_not_creep_alone() {
     let mut drifting = |drive_v: &[f64]| {
@@ -83,7 +86,8 @@ fn a_straight_drift_is_not_creep_alone() {
     assert_eq!(d.findings[0].effects[0], "thermal_drift", "{}", d.sentence);
 }
 
-/// What a straight stage reads that creeps with the logarithm of time after every step, from rest: by superposition, exact.
+/// What a straight stage reads that creeps with the logarithm of time after every step, from rest: by
+/// superposition, exact.
 fn creeping_with_the_logarithm(steps: &[(f64, f64)], samples: usize) -> [Vec<f64>; 2] {
     let at = |k: usize, from_s: f64| k as f64 / RATE_HZ - from_s;
     let drive = |k| steps.iter().filter(|(from_s, _)| at(k, *from_s) >= 0.0).map(|(_, by_v)| by_v).sum();
@@ -94,7 +98,8 @@ fn creeping_with_the_logarithm(steps: &[(f64, f64)], samples: usize) -> [Vec<f64
     [(0..samples).map(drive).collect(), (0..samples).map(creeps).collect()]
 }
 
-/// Such creep goes on for longer than any record: terms that settle within it leave 0.8 nm, which looked like loops, drift or another state to begin in.
+/// Such creep goes on for longer than any record: terms that settle within it leave 0.8 nm, which looked like
+/// loops, drift or another state to begin in.
 #[test]
 fn creep_that_outlasts_its_records_is_creep_alone() {
     let [drive_v, read_um] =
@@ -127,7 +132,8 @@ fn a_slew_limit_without_inertia_behind_it_is_named() {
     assert_eq!((d.verdict, d.named.as_slice()), (Verdict::Named, ["slew_limit".to_owned()].as_slice()), "{}", d.sentence);
 }
 
-/// Twenty plays and a mode, read in the row of their own drive: a second mode would make up for the period beside the true one.
+/// Twenty plays and a mode, read in the row of their own drive: a second mode would make up for the period
+/// beside the true one.
 #[test]
 #[ignore = "open: the search ends at 1.9 times the noise, and the other timing is not tried there"]
 fn readings_of_their_own_row_are_no_second_mode_beside_a_true_one() {
@@ -189,7 +195,8 @@ fn a_drift_at_the_noise_is_named_beside_another_effect() {
     assert_eq!(named_of_case(&["creep", "thermal_drift"], three, 7139), ["creep", "thermal_drift"]);
 }
 
-/// A delay beside friction: a lag of the sensor is found first, and a second mode beside it meets the noise. One delay does as well.
+/// A delay beside friction: a lag of the sensor is found first, and a second mode beside it meets the noise.
+/// One delay does as well.
 #[test]
 #[ignore = "open: a sensor filter is named beside the delay"]
 fn a_delay_takes_the_place_of_two_that_stood_in_for_it() {
@@ -204,7 +211,8 @@ fn tones(phase: f64) -> Vec<f64> {
     (0..8000).map(|k| f64::from(k) / RATE_HZ - 0.1).map(|t_s| 40.0 + 6.0 * (t_s / 0.1).clamp(0.0, 1.0) * at(t_s)).collect()
 }
 
-/// One effect beside a gain, by its closed form, from noise of a tenth of it to one of a hundredth and less: it is named, and nothing else is.
+/// One effect beside a gain, by its closed form, from noise of a tenth of it to one of a hundredth and less:
+/// it is named, and nothing else is.
 #[test]
 fn one_effect_of_a_straight_stage_is_named_however_little_noise_there_is() {
     type Reads = fn(&[f64]) -> Vec<f64>;
@@ -241,7 +249,8 @@ fn one_effect_of_a_straight_stage_is_named_however_little_noise_there_is() {
     }
 }
 
-/// Mains that come with their multiples, as they do behind rectifiers and transformers: they are no resonance of the stage.
+/// Mains that come with their multiples, as they do behind rectifiers and transformers: they are no resonance
+/// of the stage.
 #[test]
 fn multiples_of_the_mains_are_named_beside_its_hum() {
     let line = |um: f64, hz: f64, k: usize| um * (std::f64::consts::TAU * hz * k as f64 / RATE_HZ + hz).sin();
@@ -326,8 +335,9 @@ fn played(drive_v: &[f64]) -> Vec<f64> {
     follow.collect()
 }
 
-/// Another stage of the same kind has two modes, where the model that is handed in has one that swings more slowly. Begun with that one held a second mode leaves many
-/// times the noise, and a fit of all values together from there ended at 24 to 53 nm.
+/// Another stage of the same kind has two modes, where the model that is handed in has one that swings more
+/// slowly. Begun with that one held a second mode leaves many times the noise, and a fit of all values
+/// together from there ended at 24 to 53 nm.
 #[test]
 #[ignore = "open: a delay is named beside the second mode"]
 fn a_second_mode_beside_one_that_has_moved_is_met() {
@@ -345,7 +355,8 @@ fn a_second_mode_beside_one_that_has_moved_is_met() {
     }
 }
 
-/// The electronics of a sensor behind a mode: a delay beside the mode comes near, and meets the noise nowhere.
+/// The electronics of a sensor behind a mode: a delay beside the mode comes near, and meets the noise
+/// nowhere.
 #[test]
 fn a_filter_behind_a_mode_is_no_delay() {
     let mut stage = |drive_v: &[f64]| mode_read_by(&drive_v.iter().map(|v| 0.08 * v).collect::<Vec<_>>(), Behind::Filter(1500.0));
@@ -354,8 +365,8 @@ fn a_filter_behind_a_mode_is_no_delay() {
     assert!(d.named.iter().any(|id| id == "sensor_filter") && d.named.len() == 2, "{}", d.sentence);
 }
 
-/// Lags in front of a mode and behind it make the same of the same drive: both are told, though a fit of the one from its own beginnings ends far from
-/// where the other is.
+/// Lags in front of a mode and behind it make the same of the same drive: both are told, though a fit of the
+/// one from its own beginnings ends far from where the other is.
 #[test]
 #[ignore = "open: at 100 Hz a sensor filter is named beside the lag: the quick fit of lag and mode together ends in another minimum"]
 fn a_slow_lag_beside_a_mode_is_the_amplifiers_or_the_sensors() {
@@ -372,7 +383,8 @@ fn a_slow_lag_beside_a_mode_is_the_amplifiers_or_the_sensors() {
     }
 }
 
-/// Eight plays at thresholds that no grid has: on one their kinks left 9 nm, and the verdict was that the library does not know.
+/// Eight plays at thresholds that no grid has: on one their kinks left 9 nm, and the verdict was that the
+/// library does not know.
 #[test]
 fn plays_at_thresholds_of_their_own_are_hysteresis() {
     let half_widths_v = [0.8, 2.4, 5.6, 8.8, 14.4, 20.8, 28.0, 37.6];
@@ -392,7 +404,8 @@ fn plays_at_thresholds_of_their_own_are_hysteresis() {
     assert!(left_um < 0.000_55, "{left_um}");
 }
 
-/// Readings in steps of 10 nm with noise below a step: what rounding leaves is small, and follows the drive in its way. A rest stays on one code.
+/// Readings in steps of 10 nm with noise below a step: what rounding leaves is small, and follows the drive
+/// in its way. A rest stays on one code.
 #[test]
 fn what_coarse_readings_leave_has_no_name_of_loops() {
     for noise_um in [3e-4, 1.5e-3, 3e-3] {
@@ -403,8 +416,9 @@ fn what_coarse_readings_leave_has_no_name_of_loops() {
     }
 }
 
-/// A spring that stiffens in front of a mode: surfaces are the only curve of the library there, and their loops do not open. A bent sensor behind the mode
-/// does as well where little of the motion rings, and both are told; where much does, surfaces are no name.
+/// A spring that stiffens in front of a mode: surfaces are the only curve of the library there, and their
+/// loops do not open. A bent sensor behind the mode does as well where little of the motion rings, and both
+/// are told; where much does, surfaces are no name.
 #[test]
 #[ignore = "open: the curve is told, the mode behind it is fitted and not named"]
 fn a_curve_without_loops_is_no_hysteresis() {
@@ -426,7 +440,8 @@ fn a_curve_without_loops_is_no_hysteresis() {
     }
 }
 
-/// A sensor that drifts on through two records, in each of which it begins at another rate: no creep alone, and no loops.
+/// A sensor that drifts on through two records, in each of which it begins at another rate: no creep alone,
+/// and no loops.
 #[test]
 fn a_drift_that_differs_from_record_to_record_is_no_creep_alone() {
     let mut begun = 0;
@@ -441,8 +456,8 @@ fn a_drift_that_differs_from_record_to_record_is_no_creep_alone() {
     assert!(!d.named.iter().any(|id| id == "hysteresis" || id == "initial_curve"), "{}", d.sentence);
 }
 
-/// A low-pass of first order and nothing else: in front of a straight stage or behind it, it reads the same, and no drive tells which. With little noise a fit
-/// has far to go before it shows that.
+/// A low-pass of first order and nothing else: in front of a straight stage or behind it, it reads the same,
+/// and no drive tells which. With little noise a fit has far to go before it shows that.
 #[test]
 fn a_lag_of_a_straight_stage_is_the_amplifiers_or_the_sensors() {
     for (bandwidth_hz, noise_um) in [(700.0, NOISE_UM), (150.0, 1e-4), (60.0, 1e-3), (1500.0, 1e-4)] {
@@ -466,7 +481,8 @@ fn a_lag_of_a_straight_stage_is_the_amplifiers_or_the_sensors() {
     }
 }
 
-/// A gap of 0.3 um that is crossed at every reversal, in front of a mode and in front of nothing: it was told friction, or left at four times the noise.
+/// A gap of 0.3 um that is crossed at every reversal, in front of a mode and in front of nothing: it was told
+/// friction, or left at four times the noise.
 #[test]
 fn a_gap_is_backlash_with_a_mode_behind_it_and_without() {
     let behind_a_gap = |drive_v: &[f64]| -> Vec<f64> {

@@ -1,4 +1,5 @@
-//! Text files as loggers, oscilloscopes and spreadsheets write them: the same recording in every habit is the same data set.
+//! Text files as loggers, oscilloscopes and spreadsheets write them: the same recording in every habit is the
+//! same data set.
 
 #![cfg(feature = "readers")]
 
@@ -220,7 +221,8 @@ fn two_columns_of_time() {
 
 #[test]
 fn two_columns_of_time_of_one_clock() {
-    // Seconds from the start beside those of another moment, a second or half a century before: nothing is interpolated, and no sample is lost.
+    // Seconds from the start beside those of another moment, a second or half a century before: nothing is
+    // interpolated, and no sample is lost.
     for (from_s, said) in [(1.0, "1.000000 s apart"), (1.7e9, "1700000000.000000 s apart")] {
         for header in ["t,clock,u_v,y_um", "t_s,epoch_s,u_v,y_um"] {
             let text = format!("{header}\n{}", rows(|[t, u, y]| format!("{t:.4},{:.4},{u:.6},{y:.6}", from_s + t)));
@@ -362,7 +364,8 @@ fn what_was_recorded_beside_the_drive_is_cut_with_it_where_the_displacement_begi
     assert!((force_n - 100.0 * later).abs() < 1e-3 && (temperature_c - 22.0 - 10.0 * later).abs() < 1e-3, "{force_n} N, {temperature_c}");
 }
 
-/// A delay counts from the timing that was assumed, and nothing was where the records show theirs or somebody says it.
+/// A delay counts from the timing that was assumed, and nothing was where the records show theirs or somebody
+/// says it.
 #[test]
 fn a_timing_is_assumed_only_where_nothing_shows_it() {
     let assumed = |rows: String, timing| {

@@ -1,5 +1,5 @@
-//! Invariant 5 of ARCHITECTURE.md: an effect is named only with evidence. The comparison of models on residuals made for it, and the evidence beside
-//! every name on data that end in each kind of verdict.
+//! Invariant 5 of ARCHITECTURE.md: an effect is named only with evidence. The comparison of models on
+//! residuals made for it, and the evidence beside every name on data that end in each kind of verdict.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
@@ -65,7 +65,8 @@ fn known(rms_um: Option<f64>, records: usize) -> NoiseFloor {
     }
 }
 
-/// How the second of two models fares whose residuals are so many times the noise on the fitted and on the held-out record.
+/// How the second of two models fares whose residuals are so many times the noise on the fitted and on the
+/// held-out record.
 fn fate(floor_um: Option<f64>, best: (f64, f64), other: (f64, f64)) -> Fate {
     let dataset = records();
     let study = Study::new(&dataset, Vec::new(), &known(floor_um, dataset.records.len()), Policy::default(), &Unwatched);
@@ -128,7 +129,8 @@ fn recorded(chain: &[(&str, &[f64])], noise_um: f64, lsb_um: f64, held_out: bool
     Dataset::new("recorded", 0.0, 10.0, records).unwrap()
 }
 
-/// Every name has a finding with evidence and a candidate; a verdict without names has none, and says why where nothing can be decided.
+/// Every name has a finding with evidence and a candidate; a verdict without names has none, and says why
+/// where nothing can be decided.
 fn holds_invariant_5(found: &Outcome) {
     let d = &found.diagnosis;
     for name in &d.named {

@@ -1,8 +1,8 @@
-//! A browser without a window, driven through its tools for developers: real clicks, real drops. The network is off for pages from disk;
-//! others reach 127.0.0.1 alone.
+//! A browser without a window, driven through its tools for developers: real clicks, real drops. The network
+//! is off for pages from disk; others reach 127.0.0.1 alone.
 //!
-//! The protocol (<https://chromedevtools.github.io/devtools-protocol/>) goes over two pipes, one JSON message after another with a zero
-//! behind each.
+//! The protocol (<https://chromedevtools.github.io/devtools-protocol/>) goes over two pipes, one JSON message
+//! after another with a zero behind each.
 
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};

@@ -33,7 +33,8 @@ pub fn image_named(name: &str) -> PathBuf {
     std::env::var_os("HYSTERON_IMAGES").map_or_else(built, PathBuf::from).join(name)
 }
 
-/// A servo for the reference bench that needs no identification: integral control through a mean gain, and the guard's limits.
+/// A servo for the reference bench that needs no identification: integral control through a mean gain, and
+/// the guard's limits.
 pub fn parameters() -> AmplifierParameters {
     let bench = Bench::reference().expect("the bench");
     let mut name = [0; 16];
@@ -78,7 +79,8 @@ pub fn parameters() -> AmplifierParameters {
     }
 }
 
-/// The best design for the reference bench, made from records of it: `lab/examples/reference_block.rs` wrote the file.
+/// The best design for the reference bench, made from records of it: `lab/examples/reference_block.rs` wrote
+/// the file.
 pub fn best_parameters() -> AmplifierParameters {
     read(include_bytes!("../../p753.block"), 20_000).expect("a valid block")
 }
@@ -97,8 +99,8 @@ pub fn wrong_gain(adaptation: bool) -> AmplifierParameters {
     out
 }
 
-/// Filters that need no design: a share of the error itself, seen through a Hann window in time, which ends near 600 Hz. The loop follows so far
-/// without much phase.
+/// Filters that need no design: a share of the error itself, seen through a Hann window in time, which ends
+/// near 600 Hz. The loop follows so far without much phase.
 pub fn learning(parameters: AmplifierParameters) -> AmplifierParameters {
     let mut row = [0; LEARNING_TAPS];
     row[31] = 3 << (LEARNING_FRACTION_BITS - 2);
@@ -164,7 +166,8 @@ pub fn host_run(parameters: &AmplifierParameters, world: &mut World, commands: &
         .collect()
 }
 
-/// A conditioning and a sine of the reference on the reference bench, every tick traced: what the image did, and what the host does.
+/// A conditioning and a sine of the reference on the reference bench, every tick traced: what the image did,
+/// and what the host does.
 pub struct SineRun<'a> {
     bench: &'a Bench,
     parameters: &'a AmplifierParameters,
@@ -182,7 +185,8 @@ impl<'a> SineRun<'a> {
         Self { bench, parameters, commands, ticks }
     }
 
-    /// The image with its block; what is typed on the serial port comes at the end. Largest values are counted from where the loop is closed.
+    /// The image with its block; what is typed on the serial port comes at the end. Largest values are
+    /// counted from where the loop is closed.
     pub fn on_target(&self, typed: &[u8]) -> Outcome {
         let world = World::new(self.bench, Variant::FULL, 7).shared();
         let end = u64::from(self.ticks) * 50_000;

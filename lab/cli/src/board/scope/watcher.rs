@@ -57,7 +57,8 @@ fn follow(scope: &Scope, board: &mut Board, said: &mut String) -> Result<()> {
     }
     let (mut last, mut answered): (Option<Capture>, u32) = (None, scope.stops());
     while !scope.has_ended() {
-        // With the lock, so that a stop which is counted is also sent. The board says "stopped" once, to whoever asks for an error next.
+        // With the lock, so that a stop which is counted is also sent. The board says "stopped" once, to
+        // whoever asks for an error next.
         let stops = {
             let _sent = scope.seen();
             scope.stops()
@@ -122,7 +123,8 @@ fn take_block(scope: &Scope, board: &mut Board, last: Option<&Capture>, stops: u
     Ok(Some(capture))
 }
 
-/// Ticks between the end of a block and the beginning of the next; none where the board was restarted in between.
+/// Ticks between the end of a block and the beginning of the next; none where the board was restarted in
+/// between.
 fn unseen_ticks(last: &Capture, this: &Capture) -> Option<f64> {
     let end = last.before.tick + f64::from(last.ticks_per_sample) * last.recorded.position_um.len() as f64;
     let unseen = this.before.tick - end;

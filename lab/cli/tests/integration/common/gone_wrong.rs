@@ -1,5 +1,6 @@
-//! Four recordings with something wrong about them, written as folders by equations of this file. `cargo xtask finder-sets front_ends` uses them too, so
-//! nothing here needs more than the standard library.
+//! Four recordings with something wrong about them, written as folders by equations of this file.
+//! `cargo xtask finder-sets front_ends` uses them too, so nothing here needs more than the standard
+//! library.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
@@ -49,7 +50,8 @@ impl Wrong {
     }
 }
 
-/// A stage of 0.1 um/V with a resonance, or with loops where its timing is asked for, or with creep where its states are.
+/// A stage of 0.1 um/V with a resonance, or with loops where its timing is asked for, or with creep where its
+/// states are.
 fn recorded(into: &Path, wrong: Wrong) -> std::io::Result<()> {
     std::fs::create_dir_all(into)?;
     let wave = |k: usize, fast: f64| {
@@ -136,7 +138,8 @@ fn read(drive_v: &[f64], wrong: Wrong) -> Vec<f64> {
     out
 }
 
-/// The next number between 0 and 1 of a generator that repeats itself exactly (Knuth's 64-bit linear congruence).
+/// The next number between 0 and 1 of a generator that repeats itself exactly (Knuth's 64-bit linear
+/// congruence).
 fn uniform(state: &mut u64) -> f64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     (*state >> 11) as f64 / (1_u64 << 53) as f64

@@ -50,7 +50,8 @@ pub fn says(arguments: &[&str], folder: &Path, expected: &str) {
     assert!(said.contains(expected), "{arguments:?}: expected `{expected}` in: {said}");
 }
 
-/// A folder with two records that a search has something to find in: a first-order lag behind a line, with a held-out record.
+/// A folder with two records that a search has something to find in: a first-order lag behind a line, with a
+/// held-out record.
 pub fn folder_to_search() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let mut manifest = String::from("name = \"lag\"\ndrive_min_v = 0.0\ndrive_max_v = 10.0\n");

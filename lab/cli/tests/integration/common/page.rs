@@ -65,7 +65,8 @@ impl Served {
     }
 }
 
-/// What stands behind the headers of an answer of plain letters; long ones come in pieces, each behind its length (RFC 9112, 7.1).
+/// What stands behind the headers of an answer of plain letters; long ones come in pieces, each behind its
+/// length (RFC 9112, 7.1).
 pub fn body(answer: &str) -> String {
     let (headers, mut rest) = answer.split_once("\r\n\r\n").expect("headers");
     if !headers.to_ascii_lowercase().contains("transfer-encoding: chunked") {

@@ -84,7 +84,8 @@ fn message_of(data: &[u8]) -> Option<Message<'_>> {
     root_as_message(data.get(begin..)?).ok()
 }
 
-/// The decoder reserves as much as a packed buffer claims to be: a damaged file must not ask for more than there can be.
+/// The decoder reserves as much as a packed buffer claims to be: a damaged file must not ask for more than
+/// there can be.
 fn may_be_unpacked(place: &str, message: &Message, body: &[u8]) -> Result<()> {
     let Some(batch) = message.header_as_record_batch() else { return Ok(()) };
     let Some(compression) = batch.compression() else { return Ok(()) };

@@ -1,6 +1,7 @@
 //! Text in columns: CSV of every habit, exports of loggers and oscilloscopes.
 //!
-//! The rows of numbers are found from the end of the file, where no header is; what stands above them is read as a header.
+//! The rows of numbers are found from the end of the file, where no header is; what stands above them is read
+//! as a header.
 
 use super::Hints;
 use super::dialect::{Separator, number, separator_of};
@@ -30,7 +31,8 @@ struct Form {
 /// Reads text in columns.
 ///
 /// # Errors
-/// No text, no rows of numbers, rows that are ragged or hold text or NaN: with the row, counted from 1, and the column.
+/// No text, no rows of numbers, rows that are ragged or hold text or NaN: with the row, counted from 1, and
+/// the column.
 pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
     let (text, assumed) = decode(place, bytes, super::FORMATS)?;
     let lines: Vec<Line> = text.lines().enumerate().map(|(i, line)| (i + 1, line)).skip(hints.skip_rows).collect();
@@ -92,8 +94,9 @@ impl Form {
         (!numbers.is_empty()).then_some(Self { separator, width, numbers, texts })
     }
 
-    /// The last row of a text that ends without a line end, where it has too few cells, or its last number fewer characters than that of an
-    /// earlier row: what a file that was cut off leaves looks like another number.
+    /// The last row of a text that ends without a line end, where it has too few cells, or its last number
+    /// fewer characters than that of an earlier row: what a file that was cut off leaves looks like another
+    /// number.
     fn cut_off(&self, lines: &[Line]) -> Option<usize> {
         let ((line, last), before) = lines.split_last()?;
         let cells = self.separator.cells(last);
@@ -109,7 +112,8 @@ impl Form {
         (self.numbers.last() == Some(&(self.width - 1)) && length(last)? < longest).then_some(*line)
     }
 
-    /// Rows that are written in another way than the rest stand in front of it like a header, and would be lost with it.
+    /// Rows that are written in another way than the rest stand in front of it like a header, and would be
+    /// lost with it.
     fn refuse_other_notation(&self, place: &str, above: &[Line], first_row: Option<Line>) -> Result<()> {
         let numbers_in = |text: &str| {
             let separator = separator_of(&[text]);

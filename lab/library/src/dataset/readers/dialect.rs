@@ -48,7 +48,8 @@ fn unquoted(cell: &str) -> &str {
     cell.strip_prefix('"').and_then(|c| c.strip_suffix('"')).unwrap_or(cell).trim()
 }
 
-/// A number with a decimal point, or with a comma where commas do not separate columns; a time of day in seconds.
+/// A number with a decimal point, or with a comma where commas do not separate columns; a time of day in
+/// seconds.
 pub fn number(cell: &str, separator: Separator) -> Option<f64> {
     if let Ok(value) = cell.parse() {
         return Some(value);

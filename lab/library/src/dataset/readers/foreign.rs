@@ -1,7 +1,8 @@
-//! Decoders that other people wrote: where one of them panics over damaged bytes, the file is refused like any other that is damaged.
+//! Decoders that other people wrote: where one of them panics over damaged bytes, the file is refused like
+//! any other that is damaged.
 //!
-//! Found by giving real files a few other bytes: a Parquet file with a negative offset ends in an assertion of its decoder. A program
-//! that keeps its own panic hook asks [`is_decoding`] and stays silent then.
+//! Found by giving real files a few other bytes: a Parquet file with a negative offset ends in an assertion
+//! of its decoder. A program that keeps its own panic hook asks [`is_decoding`] and stays silent then.
 
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};

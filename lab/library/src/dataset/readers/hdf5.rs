@@ -1,4 +1,5 @@
-//! HDF5, and MATLAB 7.3, which is HDF5 with the classes of its variables as attributes and cells as references.
+//! HDF5, and MATLAB 7.3, which is HDF5 with the classes of its variables as attributes and cells as
+//! references.
 
 use super::bytes::Kind;
 use super::named_arrays::{Tree, table};

@@ -1,4 +1,5 @@
-//! What stands above the numbers of a text: names, units, and what loggers and oscilloscopes say there about time.
+//! What stands above the numbers of a text: names, units, and what loggers and oscilloscopes say there about
+//! time.
 
 use super::dialect::{Separator, number};
 use crate::dataset::units::{Quantity, is_unit, split_name};
@@ -25,7 +26,8 @@ const STEP_KEYS: [&str; 6] = ["sample interval", "sampleinterval", "delta_x", "d
 /// Keys behind which the sampling rate stands.
 const RATE_KEYS: [&str; 5] = ["sample rate", "samplerate", "sampling rate", "sampling frequency", "sample_rate_hz"];
 
-/// Reads the lines above the first row of numbers. `width` is the number of cells of a row, `numbers` are those that hold numbers.
+/// Reads the lines above the first row of numbers. `width` is the number of cells of a row, `numbers` are
+/// those that hold numbers.
 ///
 /// # Errors
 /// A row of numbers of which one is none, and a header of another width.
@@ -50,7 +52,8 @@ pub fn read(place: &str, above: &[Line], separator: Separator, width: usize, num
     }
     header.take_count(&last, &counts, separator);
     let filled = last.iter().filter(|cell| !cell.is_empty()).count();
-    // LabVIEW's comments have a name and no cells; nor have start and increment, whatever empty cells stand behind either line.
+    // LabVIEW's comments have a name and no cells; nor have start and increment, whatever empty cells stand
+    // behind either line.
     if header.count.is_some() || last.len() == width || last.len() > width && last[width..].iter().all(|c| c.is_empty() || *c == "Comment")
     {
         for &c in numbers {
@@ -152,7 +155,8 @@ impl Header {
             }
         } else if key == "vertical units" {
             let units: Vec<(usize, &str)> = cells.iter().copied().enumerate().skip(1).filter(|(_, cell)| is_unit(cell)).collect();
-            // Each stands over its channel, unless what is there holds no numbers; then they come in the order of the channels.
+            // Each stands over its channel, unless what is there holds no numbers; then they come in the
+            // order of the channels.
             if units.iter().all(|(c, _)| numbers.iter().skip(1).any(|number| number == c)) {
                 units.iter().for_each(|(c, unit)| self.units[*c] = Some((*unit).to_owned()));
             } else {
@@ -165,7 +169,8 @@ impl Header {
         }
     }
 
-    /// `X,CH1,CH2,Start,Increment` over `Sequence,Volt,Volt,-1e-3,1e-6`, with or without commas at their ends: the first column counts samples.
+    /// `X,CH1,CH2,Start,Increment` over `Sequence,Volt,Volt,-1e-3,1e-6`, with or without commas at their
+    /// ends: the first column counts samples.
     fn take_count(&mut self, names: &[&str], second: &[&str], separator: Separator) {
         let below = |wanted: &str| {
             let at = names.iter().position(|name| name.eq_ignore_ascii_case(wanted))?;

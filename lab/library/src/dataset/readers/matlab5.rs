@@ -1,6 +1,7 @@
 //! MATLAB's format of versions 5 to 7, with compression, structs and cells (Simulink logs, ControlDesk).
 //!
-//! MathWorks, *MAT-File Format*, R2019b, Ch. 1. Crates that read it leave structs and cells out, where logs keep their signals.
+//! MathWorks, *MAT-File Format*, R2019b, Ch. 1. Crates that read it leave structs and cells out, where logs
+//! keep their signals.
 
 use super::bytes::{Bytes, Kind};
 use super::named_arrays::Tree;

@@ -1,4 +1,5 @@
-//! Readers: the bytes of a file in, a [`Table`] of columns out. Which format it is follows from its first bytes, then from its name.
+//! Readers: the bytes of a file in, a [`Table`] of columns out. Which format it is follows from its first
+//! bytes, then from its name.
 
 #[cfg(feature = "arrow")]
 mod arrow;

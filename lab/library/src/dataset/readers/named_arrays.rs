@@ -1,7 +1,7 @@
 //! Variables of a file in which they nest: numbers, text, structs, cells; as named columns.
 //!
-//! Logs keep a signal's name, its unit and its numbers as fields of one struct (`Name`, `Unit`, `Data` of ControlDesk; `label`, `values` of
-//! Simulink): the column is then called by that name.
+//! Logs keep a signal's name, its unit and its numbers as fields of one struct (`Name`, `Unit`, `Data` of
+//! ControlDesk; `label`, `values` of Simulink): the column is then called by that name.
 
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};

@@ -1,7 +1,7 @@
 //! TDMS, the format of LabVIEW and of National Instruments' loggers.
 //!
-//! National Instruments, *TDMS File Format Internal Structure*, 2023. Segments of metadata and raw data follow each other; a channel keeps the
-//! layout of the segment before where a new one does not change it.
+//! National Instruments, *TDMS File Format Internal Structure*, 2023. Segments of metadata and raw data
+//! follow each other; a channel keeps the layout of the segment before where a new one does not change it.
 
 use super::bytes::{Bytes, Kind};
 use crate::dataset::table::Table;

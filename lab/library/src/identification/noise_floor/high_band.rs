@@ -1,7 +1,7 @@
 //! The least that the noise can be: what readings have above everything that the drive excites.
 //!
-//! White noise has the same density everywhere. Where the drive has none, what a reading has is noise; noise that is not white has more at
-//! low frequencies, so that this is a lower bound.
+//! White noise has the same density everywhere. Where the drive has none, what a reading has is noise; noise
+//! that is not white has more at low frequencies, so that this is a lower bound.
 
 use super::{FloorEstimate, FloorEvidence};
 use crate::dataset::Record;
@@ -27,7 +27,8 @@ pub(super) fn of_record(record: &Record, gain_um_v: f64) -> Option<FloorEstimate
     free_of_drive.then(|| FloorEstimate::new(FloorEvidence::HighBand, vec![record.name.clone()], reading.sqrt(), record.window.len()))
 }
 
-/// RMS of white noise in the column of a drive that has nothing else there, V; `None` where the band is not flat.
+/// RMS of white noise in the column of a drive that has nothing else there, V; `None` where the band is not
+/// flat.
 pub(super) fn drive_noise_v(record: &Record) -> Option<f64> {
     if record.window.len() < SAMPLES_MIN {
         return None;

@@ -4,12 +4,14 @@
 //! * [`repetition`]: periods and repeated drives, which are found from the drive alone;
 //! * [`read_back`]: noise in the column of the drive, which every model passes on;
 //! * [`high_band`]: a lower bound from what readings have above everything that the drive excites;
-//! * [`random_part`]: lines, slow drift and what follows a measured force are effects, not noise, and are taken out of all of them.
+//! * [`random_part`]: lines, slow drift and what follows a measured force are effects, not noise, and are
+//!   taken out of all of them.
 //! * [`wander`]: noise that is the stronger the slower it is, carried on from a rest to longer records.
 //!
-//! A record at rest that the data set brings is taken at its word. Without one, every record has the floor that its own repetitions show, or
-//! its own hold; a record that has neither has the least of the others, since the sensor is the same. Without any evidence there is no
-//! floor, and none is made up. A coarse converter makes noise that neither rest nor repeats show; its step is read from the readings
+//! A record at rest that the data set brings is taken at its word. Without one, every record has the floor
+//! that its own repetitions show, or its own hold; a record that has neither has the least of the others,
+//! since the sensor is the same. Without any evidence there is no floor, and none is made up. A coarse
+//! converter makes noise that neither rest nor repeats show; its step is read from the readings
 //! ([`crate::dataset::reading_grid`]).
 
 mod high_band;
@@ -100,9 +102,11 @@ pub struct NoiseFloor {
     pub at_least_um: Option<f64>,
     /// All estimates, the one used first.
     pub estimates: Vec<FloorEstimate>,
-    /// Noise of the rest record that is the stronger the slower it is; `None` where it is white as far as the rest shows.
+    /// Noise of the rest record that is the stronger the slower it is; `None` where it is white as far as the
+    /// rest shows.
     pub wander: Option<Wander>,
-    /// Largest standard deviation of the RMS of such noise from one judged record to another, as a share of it.
+    /// Largest standard deviation of the RMS of such noise from one judged record to another, as a share of
+    /// it.
     pub wander_relative_std: f64,
     /// Step of a converter that is coarse enough to matter beside the rest of the noise, um.
     pub reading_step_um: Option<f64>,
@@ -123,21 +127,24 @@ pub struct NoiseFloor {
 }
 
 impl NoiseFloor {
-    /// Standard deviation of the floor as a share of it: that of the estimate that is used, as of white noise, and that of slow noise from record to record.
+    /// Standard deviation of the floor as a share of it: that of the estimate that is used, as of white
+    /// noise, and that of slow noise from record to record.
     #[must_use]
     pub fn relative_std(&self) -> f64 {
         let white = self.estimates.first().filter(|e| e.rms_um > 0.0).map_or(0.0, |e| e.std_um / e.rms_um);
         white.hypot(self.wander_relative_std)
     }
 
-    /// RMS of the readings alone over all records that are fitted or judge, um: without what the noise of the drive's column makes in a model.
+    /// RMS of the readings alone over all records that are fitted or judge, um: without what the noise of the
+    /// drive's column makes in a model.
     #[must_use]
     pub fn readings_rms_um(&self, dataset: &Dataset) -> Option<f64> {
         over_judging(dataset, &self.of_readings_um)
     }
 
-    /// The floor beside a model that leaves these errors of the records, um: what the noise of the drive's column makes in the readings of this model is part
-    /// of it. `None` where the drive stands in its column as it was commanded, or nothing speaks for noise that nobody saw.
+    /// The floor beside a model that leaves these errors of the records, um: what the noise of the drive's
+    /// column makes in the readings of this model is part of it. `None` where the drive stands in its column
+    /// as it was commanded, or nothing speaks for noise that nobody saw.
     ///
     /// `explained` times the floor is what a model leaves that explains everything.
     #[must_use]
@@ -154,7 +161,8 @@ impl NoiseFloor {
             // What the stage followed as well is no noise of the column.
             DriveNoiseEvidence::Seen => more_than_made,
             DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. } if more_than_made && speaks_for_it() => true,
-            // Of a drive that was commanded in these steps, all of it would be an effect: it is said, and the floor stays.
+            // Of a drive that was commanded in these steps, all of it would be an effect: it is said, and the
+            // floor stays.
             DriveNoiseEvidence::Steps { step_v } if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made => {
                 return Some(Self { warnings: self.warnings_and(Some(read_back::words_of_steps(step_v, made))), ..self.clone() });
             }
@@ -185,9 +193,11 @@ const SHOWS_MAINS_HZ: f64 = 150.0;
 const ROUNDING_MATTERS: f64 = 0.05;
 /// Noise in the drive's column is spoken of where it makes this share of the reading's own.
 const DRIVE_NOISE_MATTERS: f64 = 0.1;
-/// Steps of a drive are spoken of where rounding to them would make this share of the readings' noise, and a model leaves this share of that.
+/// Steps of a drive are spoken of where rounding to them would make this share of the readings' noise, and a
+/// model leaves this share of that.
 const STEPS_MATTER: f64 = 0.5;
-/// A model leaves at least this share of what the noise of its drive makes, unless the stage followed that noise as well.
+/// A model leaves at least this share of what the noise of its drive makes, unless the stage followed that
+/// noise as well.
 const LEAVES_WHAT_IT_MAKES: f64 = 0.9;
 /// A declared step may differ by this share from the one that the readings show.
 const DECLARED_STEP_TOLERANCE: f64 = 0.05;
@@ -259,14 +269,16 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         read_back,
         of_readings_um,
     };
-    // A model follows what was read of the drive; the stage followed the drive. Before there is a model, by the gain.
+    // A model follows what was read of the drive; the stage followed the drive. Before there is a model, by
+    // the gain.
     match read_back.filter(|r| r.known == DriveNoiseEvidence::Seen) {
         Some(read_back) => floor.with_drive_noise(dataset, read_back, |_| read_back.noise_v * gain_um_v.abs()),
         None => floor,
     }
 }
 
-/// The floor of one record: a rest record's, what its own repetitions show, its own hold's, or the least that any record shows.
+/// The floor of one record: a rest record's, what its own repetitions show, its own hold's, or the least that
+/// any record shows.
 fn of_record(record: &Record, estimates: &[FloorEstimate]) -> Option<f64> {
     let rest = estimates.iter().find(|e| e.evidence == FloorEvidence::RestRecord);
     let own = || estimates.iter().filter(|e| e.records.contains(&record.name));

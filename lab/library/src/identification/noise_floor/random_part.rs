@@ -1,5 +1,5 @@
-//! What of a signal is random: without drift, lines, and what follows a measured force. All kinds of evidence for the noise use it, so that
-//! they mean the same.
+//! What of a signal is random: without drift, lines, and what follows a measured force. All kinds of evidence
+//! for the noise use it, so that they mean the same.
 
 use crate::identification::fit::{dot, rms};
 use realfft::RealFftPlanner;
@@ -9,7 +9,8 @@ const FORCE_MEMORY_S: f64 = 0.004;
 /// Lines that are removed at most.
 const LINES_MAX: usize = 6;
 
-/// Adds to orthonormal columns what others have beside them: Gram-Schmidt, twice for accuracy; columns that depend on earlier ones are left out.
+/// Adds to orthonormal columns what others have beside them: Gram-Schmidt, twice for accuracy; columns that
+/// depend on earlier ones are left out.
 fn add_orthonormal(basis: &mut Vec<Vec<f64>>, columns: impl IntoIterator<Item = Vec<f64>>) {
     for mut column in columns {
         let before = dot(&column, &column).sqrt();
@@ -105,13 +106,15 @@ fn beside(signal: &[f64], sample_rate_hz: f64, columns: Vec<Vec<f64>>) -> Beside
     Beside { residual, rms, lines_hz }
 }
 
-/// How often a line's frequency is refined: to one part in 10^5 of the resolution. Of a line a thousand times as strong as the noise as much as the noise is left,
-/// since the drift beside which it is looked for has taken a part of it.
+/// How often a line's frequency is refined: to one part in 10^5 of the resolution. Of a line a thousand times
+/// as strong as the noise as much as the noise is left, since the drift beside which it is looked for has
+/// taken a part of it.
 const REFINED: usize = 20;
 /// Lines beside one that hold part of it where its frequency lies between two.
 const LEAKS_TO: usize = 3;
 
-/// Median of the lines around one, from those at five eighths of its frequency to those at eight fifths, of twelve on each side at least.
+/// Median of the lines around one, from those at five eighths of its frequency to those at eight fifths, of
+/// twelve on each side at least.
 fn median_around(power: &[f64], bin: usize) -> f64 {
     let from = (bin * 5 / 8).min(bin.saturating_sub(12)).max(1);
     let to = (bin * 8 / 5).max(bin + 12).min(power.len() - 1);

@@ -1,12 +1,14 @@
 //! A drive that was read back: noise in its column, which the stage never saw and every model passes on.
 //!
-//! What no model can meet is not that noise times the gain. A light mode amplifies white noise, a slow stage smooths it, and the model that is compared
-//! does the same: how much is found by giving it the recorded drive with as much noise once more. So the floor depends on the model, and is taken
-//! anew from what a search ends with ([`super::NoiseFloor::beside`]).
+//! What no model can meet is not that noise times the gain. A light mode amplifies white noise, a slow stage
+//! smooths it, and the model that is compared does the same: how much is found by giving it the recorded
+//! drive with as much noise once more. So the floor depends on the model, and is taken anew from what a
+//! search ends with ([`super::NoiseFloor::beside`]).
 //!
-//! Rest, holds and repeats of the drive show its noise. Where there are none, what the drive has above everything smooth may be noise, or may have been
-//! commanded, and steps of its column may be those of a converter that read it or of one that made it: then the readings decide. A model that leaves
-//! what the noise would make had no better drive to follow.
+//! Rest, holds and repeats of the drive show its noise. Where there are none, what the drive has above
+//! everything smooth may be noise, or may have been commanded, and steps of its column may be those of a
+//! converter that read it or of one that made it: then the readings decide. A model that leaves what the
+//! noise would make had no better drive to follow.
 
 use super::high_band;
 use super::rest;
@@ -39,13 +41,15 @@ pub struct ReadBack {
     pub known: DriveNoiseEvidence,
 }
 
-/// Samples of a record that are walked to see what the noise makes: light modes forget within a fraction of them.
+/// Samples of a record that are walked to see what the noise makes: light modes forget within a fraction of
+/// them.
 const SAMPLES_WALKED: usize = 20_000;
 /// Of the noise that is given once more.
 const SEED: u64 = 71;
 /// Share of moves of one size, one in every sample, by which a drive was commanded along straight lines.
 const ALIKE: f64 = 0.9;
-/// Noise of a drive's band is less than this share of what the actuator may be driven by; more of it was commanded.
+/// Noise of a drive's band is less than this share of what the actuator may be driven by; more of it was
+/// commanded.
 const NOISE_SHARE_MAX: f64 = 2e-3;
 
 impl ReadBack {
@@ -123,7 +127,8 @@ pub(super) fn words_of_steps(step_v: f64, made_um: f64) -> String {
     )
 }
 
-/// The step of a converter that read a drive, or made it, V. A triangle that is commanded sample by sample has steps of its own, all of the same size.
+/// The step of a converter that read a drive, or made it, V. A triangle that is commanded sample by sample
+/// has steps of its own, all of the same size.
 fn step_v(drive_v: &[f64]) -> Option<f64> {
     let step_v = step_of(drive_v)?;
     let moves: Vec<i64> = drive_v.windows(2).map(|w| ((w[1] - w[0]) / step_v).round().abs() as i64).filter(|steps| *steps > 0).collect();

@@ -1,8 +1,9 @@
-//! The noise between repetitions of one drive: periods inside a record, and records or parts of records with the same drive.
+//! The noise between repetitions of one drive: periods inside a record, and records or parts of records with
+//! the same drive.
 //!
-//! Both are found from the drive alone; a manifest may say so as well. What differs between two repetitions is noise, twice; in front of
-//! where it has settled it is also what the actuator remembers from before, and that part is left out. Drift and lines are taken out of the
-//! difference as they are of a record at rest.
+//! Both are found from the drive alone; a manifest may say so as well. What differs between two repetitions
+//! is noise, twice; in front of where it has settled it is also what the actuator remembers from before, and
+//! that part is left out. Drift and lines are taken out of the difference as they are of a record at rest.
 
 use super::random_part::random_part;
 use super::{FloorEstimate, FloorEvidence};
@@ -14,9 +15,11 @@ use std::ops::Range;
 
 /// Least samples of a repetition that say something of the noise.
 const SAMPLES_MIN: usize = 200;
-/// A drive repeats itself where it differs from before by less than this share of its span: less than any converter resolves.
+/// A drive repeats itself where it differs from before by less than this share of its span: less than any
+/// converter resolves.
 const SAME_DRIVE: f64 = 2e-5;
-/// A drive that was read back differs by the noise of that: by no more than this share of the actuator's span, RMS, ..
+/// A drive that was read back differs by the noise of that: by no more than this share of the actuator's
+/// span, RMS, ..
 const READ_BACK: f64 = 5e-4;
 /// .. without a pattern: no more than this share of the differences has one.
 const PATTERN_MAX: f64 = 0.5;
@@ -130,15 +133,16 @@ impl Differing {
         Self { shape, difference }
     }
 
-    /// RMS of the noise of one repetition, by the steps of the difference from sample to sample, which another size hardly has; zero below this.
+    /// RMS of the noise of one repetition, by the steps of the difference from sample to sample, which
+    /// another size hardly has; zero below this.
     fn noise(&self, samples: Range<usize>, least: f64) -> f64 {
         let steps: Vec<f64> = self.difference[samples].windows(2).map(|w| w[1] - w[0]).collect();
         let noise = 0.5 * rms(&steps);
         if noise > least { noise } else { 0.0 }
     }
 
-    /// The difference of readings without what comes of a drive that has another size the second time: an amplifier that warms up, seen below the noise with
-    /// which the drive was read back.
+    /// The difference of readings without what comes of a drive that has another size the second time: an
+    /// amplifier that warms up, seen below the noise with which the drive was read back.
     fn but_for_another_size(&self, drive: &Self, drive_noise_v: f64, samples: Range<usize>) -> Vec<f64> {
         let (shape, drive_shape) = (&self.shape[samples.clone()], &drive.shape[samples.clone()]);
         let power = dot(drive_shape, drive_shape);
@@ -181,7 +185,8 @@ fn but_for_noise(samples: Range<usize>, seen: usize, span_v: f64, drives_v: impl
     last.map_or(0, |noise_v| within(samples, READ_BACK_Z * noise_v, drives_v))
 }
 
-/// RMS of the difference between two drives over these samples, where it is so small and so irregular that it is the noise of reading them back.
+/// RMS of the difference between two drives over these samples, where it is so small and so irregular that it
+/// is the noise of reading them back.
 fn read_back_noise_v(samples: Range<usize>, span_v: f64, drives_v: impl Fn(usize) -> (f64, f64)) -> Option<f64> {
     let stride = samples.len().div_ceil(PAIRS_SEEN).max(1);
     let pairs: Vec<[(f64, f64); 2]> =
@@ -208,7 +213,8 @@ fn settled_part(difference: &[f64]) -> Option<Range<usize>> {
     let mut later: Vec<f64> = of_parts[of_parts.len() / 2..].to_vec();
     later.sort_by(f64::total_cmp);
     let limit = SETTLED * later[later.len() / 2];
-    // What is remembered may go at once, when the drive first turns further out than before: the last such part counts, not the first run.
+    // What is remembered may go at once, when the drive first turns further out than before: the last such
+    // part counts, not the first run.
     let unsettled = of_parts[..of_parts.len() / 2].iter().rposition(|r| *r > limit).map_or(0, |last| last + 1);
     let settled = unsettled * length..difference.len();
     (settled.len() >= SAMPLES_MIN / 2).then_some(settled)
@@ -241,7 +247,8 @@ fn find_periods(record: &Record, behind: usize, span_v: f64) -> Option<Periods> 
     })
 }
 
-/// A lag and its neighbours: what a signal has beside whole periods moves the peaks of its autocorrelation a little.
+/// A lag and its neighbours: what a signal has beside whole periods moves the peaks of its autocorrelation a
+/// little.
 fn nearest_first(lag: usize) -> impl Iterator<Item = usize> {
     let reach = 2 + lag / 50;
     (0..=reach).flat_map(move |by| [lag + by, lag.saturating_sub(by)]).skip(1)
@@ -268,7 +275,8 @@ mod tests {
         drive_v.iter().map(|u| 0.1 * u + noise.next_um()).collect()
     }
 
-    /// A sine that grows for a while and then stays: its equal periods are found without being named, and so is the noise.
+    /// A sine that grows for a while and then stays: its equal periods are found without being named, and so
+    /// is the noise.
     #[test]
     fn periods_are_found_from_the_drive() {
         let drive: Vec<f64> =
@@ -301,8 +309,9 @@ mod tests {
         assert!(find_periods(&Record::new("r", 1000.0, drive, reading), 0, 40.0).is_none());
     }
 
-    /// Two whole periods of a multisine that was read back with noise, the second of them held out: its window has one period, and both show the noise. A
-    /// drive that is a little larger the second time is another one.
+    /// Two whole periods of a multisine that was read back with noise, the second of them held out: its
+    /// window has one period, and both show the noise. A drive that is a little larger the second time is
+    /// another one.
     #[test]
     fn periods_of_a_drive_that_was_read_back_show_the_noise() {
         let length = 2048;

@@ -8,13 +8,15 @@ use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise};
 use crate::dataset::{Record, Role};
 use std::ops::Range;
 
-/// Noise below this share of a step leaves the reading where it is most of the time, and with it the error of rounding.
+/// Noise below this share of a step leaves the reading where it is most of the time, and with it the error of
+/// rounding.
 const HIDDEN_BY_STEP: f64 = 0.5;
 /// Least samples of a hold that say something of the noise.
 const HOLD_SAMPLES_MIN: usize = 400;
 /// Share of a hold that a ring and the first of the creep are given to die.
 const SETTLING: f64 = 0.4;
-/// Parts of a hold that are looked at by themselves: creep is no polynomial over a decade of time, but it is over a short part.
+/// Parts of a hold that are looked at by themselves: creep is no polynomial over a decade of time, but it is
+/// over a short part.
 const PARTS: usize = 4;
 
 /// What a drive that stands still lets see of the readings.
@@ -29,7 +31,8 @@ pub(super) struct AtRest {
     pub sample_rate_hz: f64,
 }
 
-/// What a record at rest shows. Noise that hardly ever leaves a step of the reading is judged by how often it does.
+/// What a record at rest shows. Noise that hardly ever leaves a step of the reading is judged by how often it
+/// does.
 pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> AtRest {
     let readings_um: Vec<f64> = record.counted().map(|k| record.displacement_um[k]).collect();
     let force_n: Option<Vec<f64>> = record.force_n.as_ref().map(|f| record.counted().map(|k| f[k]).collect());
@@ -99,7 +102,8 @@ pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<AtRest> {
 mod tests {
     use super::*;
 
-    /// Hum whose period is as long as most of a part, in holds that are no whole number of periods: it is no noise.
+    /// Hum whose period is as long as most of a part, in holds that are no whole number of periods: it is no
+    /// noise.
     #[test]
     fn hum_in_a_short_hold_is_no_noise() {
         let rate_hz = 20_000.0;

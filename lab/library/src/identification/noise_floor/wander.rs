@@ -1,25 +1,30 @@
-//! Noise that is the stronger the slower it is. The electronics of most sensors have it below some ten hertz: a white part and one whose power
-//! density falls with the frequency (1/f, flicker noise). A longer record holds more of it than a short rest, and a floor that is taken from the rest alone
-//! would call the difference a missing effect.
+//! Noise that is the stronger the slower it is. The electronics of most sensors have it below some ten hertz:
+//! a white part and one whose power density falls with the frequency (1/f, flicker noise). A longer record
+//! holds more of it than a short rest, and a floor that is taken from the rest alone would call the
+//! difference a missing effect.
 //!
-//! What a rest has left without drift and lines is fitted by `s (1 + c/f)` (Whittle's likelihood, Arkiv Mat. 2 (1953) 423-434), and the fitted density is
-//! summed over the frequencies that a record of another length can hold.
+//! What a rest has left without drift and lines is fitted by `s (1 + c/f)` (Whittle's likelihood, Arkiv Mat.
+//! 2 (1953) 423-434), and the fitted density is summed over the frequencies that a record of another length
+//! can hold.
 
 use super::random_part::periodogram;
 use crate::dataset::Record;
 use serde::Serialize;
 
-/// The first lines of the transform are what the removed drift left of them, and what it left of itself where it was no polynomial.
+/// The first lines of the transform are what the removed drift left of them, and what it left of itself where
+/// it was no polynomial.
 const FIRST_LINE: usize = 10;
-/// Least twice the logarithm of the likelihood ratio by which the noise is no longer taken for white: chance reaches it once in a million rests.
+/// Least twice the logarithm of the likelihood ratio by which the noise is no longer taken for white: chance
+/// reaches it once in a million rests.
 const BEYOND_CHANCE: f64 = 25.0;
-/// Corner frequencies that are tried between the first line and half the sampling rate, and how often the best one is halved in.
+/// Corner frequencies that are tried between the first line and half the sampling rate, and how often the
+/// best one is halved in.
 const CORNERS: usize = 40;
 const REFINEMENTS: usize = 20;
 /// How far beside the best corner, in its logarithm, the curvature of the likelihood is taken.
 const ASIDE: f64 = 0.2;
-/// `ln(2 pi) + Euler's constant - 1`: a record without its mean holds so much more of 1/f noise than the logarithm of its lines says, since what is slower than
-/// the record leaks into them.
+/// `ln(2 pi) + Euler's constant - 1`: a record without its mean holds so much more of 1/f noise than the
+/// logarithm of its lines says, since what is slower than the record leaks into them.
 const SLOWER_THAN_THE_RECORD: f64 = 1.415;
 /// Sum of `1/k^2` over all lines: the scatter of the power of 1/f noise.
 const SCATTER_OF_LINES: f64 = 1.645;
@@ -29,7 +34,8 @@ const SCATTER_OF_LINES: f64 = 1.645;
 pub struct Wander {
     /// RMS of the white part, sample by sample, um.
     pub white_um: f64,
-    /// Amplitude density of the other part at 1 Hz, um per root of a hertz; it falls with the root of the frequency.
+    /// Amplitude density of the other part at 1 Hz, um per root of a hertz; it falls with the root of the
+    /// frequency.
     pub at_1_hz_um: f64,
     /// Standard deviation of the power of that part as a share of it: a short rest has few slow lines.
     pub power_relative_std: f64,
@@ -38,7 +44,8 @@ pub struct Wander {
 }
 
 impl Wander {
-    /// The noise of a rest, from what is left of it without drift and lines; nothing where it is white as far as the rest shows.
+    /// The noise of a rest, from what is left of it without drift and lines; nothing where it is white as far
+    /// as the rest shows.
     pub(super) fn of_rest(residual_um: &[f64], sample_rate_hz: f64) -> Option<Self> {
         let n = residual_um.len();
         let power: Vec<(f64, f64)> = periodogram(residual_um)
@@ -86,7 +93,8 @@ impl Wander {
         (self.white_um.powi(2) + self.falling_um2(record.window.len() as f64 * record.dt_s())).sqrt()
     }
 
-    /// Standard deviation of that RMS as a share of it: of its estimate, and from one record to another, since few slow lines hold much of the power.
+    /// Standard deviation of that RMS as a share of it: of its estimate, and from one record to another,
+    /// since few slow lines hold much of the power.
     #[must_use]
     pub fn relative_std(&self, record: &Record) -> f64 {
         let falling_um2 = self.falling_um2(record.window.len() as f64 * record.dt_s());
@@ -143,7 +151,8 @@ mod tests {
         }
         assert!((mean(&densities) / 0.001 - 1.0).abs() < 0.1, "{}", mean(&densities));
         assert!((mean(&ratios) - 1.0).abs() < 0.04, "{}", mean(&ratios));
-        // As far apart as is said: of twenty, two may be beyond two standard deviations, none beyond three and a half.
+        // As far apart as is said: of twenty, two may be beyond two standard deviations, none beyond three
+        // and a half.
         let of_one = |seed: u64| {
             let found = Wander::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it wanders");
             found.relative_std(&Record::new("long", RATE_HZ, vec![0.0; 40_000], vec![0.0; 40_000]))
