@@ -27,7 +27,7 @@ const LIMITS: [(&str, u32, u32); 10] = [
     ("amplifier begins", 1_250, 1_050),
     ("amplifier follows", 1_300, 1_050),
     ("exchange", 9_800, 9_700),
-    ("swap", 3_750, 3_750),
+    ("swap", 4_400, 4_400),
 ];
 
 #[test]
