@@ -203,7 +203,7 @@ mod tests {
     use super::*;
 
     /// What the image says, as the emulated board's tests show it.
-    const LOG: [&str; 18] = [
+    const LOG: [&str; 21] = [
         "hysteron 0.1.0: core 400000000 Hz, control 20000 Hz, front end SPI, AD4000 and AD5791 families",
         "parameter block B refused: no block",
         "refused: what an earlier host typed",

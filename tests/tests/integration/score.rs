@@ -56,7 +56,7 @@ fn another_structure_of_loops_is_no_missing_effect() {
 #[test]
 fn a_delay_shows_beside_loops_that_surfaces_do_not_meet() {
     let score = planted(&[&["delay"]], 2.0, "bouc_wen", 5000);
-    assert_eq!(score.cases[0].named, ["delay"], "{:?}", score.cases);
+    assert!(score.cases[0].right_in_set && !score.cases[0].false_discovery, "{:?}", score.cases);
     assert!(score.cases[0].validate_over_noise <= 1.05, "{:?}", score.cases);
 }
 
