@@ -1,6 +1,6 @@
 //! Everything that the host computes for the tick: plain integers, `Copy`, quantised once.
 //!
-//! The formats are those of [`crate::signal`]; where a number has another one, its field says so.
+//! The formats are those of [`crate::signal`]; where a number has another one, its field gives it.
 
 use crate::codes::{DriveCode, MOST_BITS, SensorCode};
 use crate::gain_adaptation::AdaptationParameters;
