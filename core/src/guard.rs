@@ -18,7 +18,7 @@
 //! | emergency stop, interlock, amplifier not ready | a line to the board is open | ramp to rest meanwhile |
 //! | host lost | the drive is live and no command came for longer than the host's timeout | ramp to rest |
 //! | drive does not arrive | the drive's converter did not take a code | ramp to rest |
-//! | sensor is noisy, does not move, moves against the drive | [`crate::self_test`], conditioning | ramp to rest |
+//! | sensor is noisy, unmoved, moves against the drive | [`crate::self_test`], conditioning | ramp to rest |
 //! | motion is not the model's | self-test, conditioning | ramp to rest |
 //! | sensor drifts | self-test | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |
