@@ -13,12 +13,13 @@
 //! | sensor stuck | the same code for longer than noise allows | ramp to rest |
 //! | sensor jump | two codes further apart than physics allows | ramp to rest |
 //! | tracking error | larger than the limit for longer than allowed, loop closed | ramp to rest |
-//! | drive slew | the law asked for more than the amplifier's slew limit, most of the time | ramp to rest |
+//! | drive slew | in most of so many ticks the law asked for more than the slew limit | ramp to rest |
 //! | overrun | a tick was still running when the next was due | ramp to rest |
-//! | emergency stop, interlock, amplifier not ready | a line to the board is open | ramp to rest meanwhile |
+//! | emergency stop, interlock, amplifier not ready | open line to the board | ramp to rest, while open |
 //! | host lost | the drive is live and no command came for longer than the host's timeout | ramp to rest |
 //! | drive does not arrive | the drive's converter did not take a code | ramp to rest |
-//! | sensor is noisy, unmoved, moves against the drive | [`crate::self_test`], conditioning | ramp to rest |
+//! | sensor is noisy, or does not move | [`crate::self_test`], conditioning | ramp to rest |
+//! | sensor moves against the drive | self-test, conditioning | ramp to rest |
 //! | motion is not the model's | self-test, conditioning | ramp to rest |
 //! | sensor drifts | self-test | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |

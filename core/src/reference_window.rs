@@ -48,7 +48,7 @@ impl ReferenceWindow {
     }
 
     /// Begins again at rest at `position`, from where it goes to what is asked for as if that were constant
-    /// before.
+    /// until now.
     #[cold]
     #[inline(never)]
     pub fn restart(&mut self, position: i32, asked: i32) {

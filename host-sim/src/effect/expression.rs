@@ -111,7 +111,7 @@ pub fn is_given(name: &str) -> bool {
 
 /// Most combinations of the starts of all parameters: each is a direction in which the effect is looked for.
 const DIRECTIONS_MAX: usize = 256;
-/// Most parts of an interval; a faster state becomes NaN, which ends the simulation.
+/// Most parts of an interval; a faster state becomes NaN.
 const PARTS_MAX: f64 = 256.0;
 
 impl ExpressionEffect {
@@ -363,7 +363,7 @@ impl Effect for ExpressionEffect {
         };
         match parts_for(stage.rate_at_rest() * setting.dt_s) {
             Some(parts) => stage.parts = parts,
-            // NaN from the first step on: the caller can name the record there.
+            // The first step gives NaN, where the caller can name the record.
             None => stage.values[stage.states.clone()].fill(f64::NAN),
         }
         Some(Box::new(stage))

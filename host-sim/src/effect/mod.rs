@@ -296,8 +296,7 @@ pub enum Planted {
 pub struct LinesAtRest {
     /// Frequencies of lines, Hz, of every rest and hold by itself.
     pub lines_hz: Vec<f64>,
-    /// Samples of the longest of them that is read fast enough for lines of the mains: zero where there is
-    /// none.
+    /// Samples of the longest of them that is read fast enough for lines of the mains: zero without one.
     pub samples: usize,
 }
 

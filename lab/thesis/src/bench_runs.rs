@@ -103,8 +103,7 @@ pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: 
     run_repeating(bench, variant, design, reference_um, None, seed)
 }
 
-/// The same with a reference of which the servo learns, once it has grown, that it repeats after so many
-/// ticks.
+/// The same with a reference whose period, in ticks, the servo receives once it has grown.
 fn run_repeating(
     bench: &Bench,
     variant: Variant,

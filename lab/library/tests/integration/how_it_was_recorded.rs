@@ -1,5 +1,5 @@
-//! What is wrong with how a record was taken, and no missing effect: it begins in another state than was
-//! said, or a loop was closed.
+//! What is wrong with how a record was taken, and no missing effect: it begins in another state than
+//! declared, or a loop was closed.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
