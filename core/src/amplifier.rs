@@ -8,9 +8,9 @@
 //! | mode | drive |
 //! |---|---|
 //! | [`Mode::Rest`] | ramps to the rest code and stays |
-//! | [`Mode::Playing`] | an open-loop waveform within the limits: conditioning, identification; or a drive that is held |
+//! | [`Mode::Playing`] | an open-loop waveform within limits: conditioning, identification; or a held drive |
 //! | [`Mode::Closed`] | the servo |
-//! | [`Mode::Fault`] | ramps to the rest code and stays, until the fault is cleared and the sensor was healthy long enough |
+//! | [`Mode::Fault`] | ramps to rest; stays until the fault is cleared and the sensor healthy long enough |
 //!
 //! In every mode the drive changes by no more than the slew limit of the block in one tick.
 //!
@@ -78,7 +78,7 @@ pub enum Mode {
     Fault = 3,
 }
 
-/// What the amplifier can be told.
+/// Commands of the amplifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
     /// Closes the loop.
@@ -184,7 +184,7 @@ pub struct Amplifier {
     self_test: Option<SelfTest>,
     armed: bool,
     powered: bool,
-    /// What is played is this code, until something else is told.
+    /// The amplifier plays this code until another command.
     held_code: Option<DriveCode>,
     zeroed: bool,
     conditioned: bool,
@@ -295,7 +295,7 @@ impl Amplifier {
     /// # Errors
     /// [`Refusal`]; nothing has changed then.
     pub fn command(&mut self, command: Command) -> Result<(), Refusal> {
-        // A fault is said before limits.
+        // A fault is reported before limits.
         if self.mode != Mode::Fault {
             command_limits::check(&command, &self.parameters)?;
         }
@@ -827,7 +827,7 @@ mod tests {
         assert_eq!(amplifier.command(condition), Ok(()));
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotAtRest));
         run(&mut amplifier, 2500, true);
-        // A conditioning that was stopped is none.
+        // A conditioning that was stopped does not count.
         assert_eq!(amplifier.command(Command::Disable), Ok(()));
         run(&mut amplifier, 4500, true);
         assert_eq!(amplifier.command(Command::Enable), Err(Refusal::NotConditioned));
@@ -870,7 +870,7 @@ mod tests {
         }
         let mut amplifier = armed(example());
         let mut code = amplifier.parameters().guard.rest_code;
-        // What was told before a tick, and the tick.
+        // The commands before a tick, and the tick.
         let mut run = |amplifier: &mut Amplifier, ticks: u32| -> Vec<(bool, TraceSample)> {
             (0..ticks)
                 .map(|k| {
@@ -969,7 +969,7 @@ mod tests {
         assert_eq!((amplifier.command(Command::Disarm), amplifier.powered()), (Ok(()), true), "until it rests");
         assert_eq!(run(&mut amplifier, 1000, true), (false, false, Mode::Rest));
         assert!(!amplifier.conditioned());
-        // A self-test that is stopped is none, and a sensor that does not follow it is a fault.
+        // A self-test that is stopped does not count, and a sensor that does not follow it is a fault.
         assert_eq!(amplifier.command(Command::Arm { tested: true }), Ok(()));
         run(&mut amplifier, 4000, true);
         assert_eq!(amplifier.command(Command::Disable), Ok(()));

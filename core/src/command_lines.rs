@@ -3,8 +3,8 @@
 //! # How it works
 //! [`CommandLines::receive`] takes whatever has come. A complete line waits in a store of [`STORE_BYTES`]
 //! until the program has time and room for it ([`CommandLines::next`]); but a stop (`stop`, `disable`, or the
-//! single byte [`STOP_BYTE`], which needs no end of line) is told at once, and the lines that wait are marked
-//! as from before it, so that none of them moves the drive any more.
+//! single byte [`STOP_BYTE`], which needs no end of line) is reported at once, and the lines that wait are
+//! marked as from before it, so that none of them moves the drive any more.
 //!
 //! Several protocols can be read so; what a stop is called in one, and which bytes are commands without an
 //! end of line, its [`Dialect`] says.

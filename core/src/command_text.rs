@@ -2,29 +2,41 @@
 //!
 //! ```text
 //! enable | disable | clear | status
-//! arm                                          at rest: switches the amplifier on, and a step of 1.5 V shows that the sensor follows; nothing moves before
+//! arm                                          at rest: switches the amplifier on, and a step of 1.5 V shows
+//!                                              that the sensor follows; nothing moves before
 //! arm untested                                 the same without the step, by somebody who knows the stage
 //! disarm                                       to rest, and switches the amplifier off there
-//! stop                                         as disable; so does the byte 0x18 (Ctrl-X) anywhere. None of these three waits for anything
+//! stop                                         as disable; so does the byte 0x18 (Ctrl-X) anywhere. None of
+//!                                              these three waits for anything
 //! condition                                    one 10 Hz cycle over the range, 1 s of rest, zero the sensor
-//! conditioning required|waived                 whether `enable` insists on a conditioning since the start or the last fault, as it does after a start
-//! timeout MILLISECONDS                         no line for so long while the drive is live is a fault, "host lost"; 10 to 3600000, 0 for never
-//! resonance MILLIHERTZ ALARM_NM                the line that the telemetry of the closed loop listens to, and its alarm; 0 for none of either
-//! protect                                      at rest: brown-out level and watchdog into the option bytes; a restart of the supply takes them
+//! conditioning required|waived                 whether `enable` insists on a conditioning since the start or
+//!                                              the last fault, as it does after a start
+//! timeout MILLISECONDS                         no line for so long while the drive is live is a fault,
+//!                                              "host lost"; 10 to 3600000, 0 for never
+//! resonance MILLIHERTZ ALARM_NM                the line that the telemetry of the closed loop listens to,
+//!                                              and its alarm; 0 for none of either
+//! protect                                      at rest: brown-out level and watchdog into the option bytes;
+//!                                              a restart of the supply takes them
 //! reference constant NM
 //! reference sine MILLIHERTZ NM OFFSET_NM
 //! reference step NM DELAY_TICKS DURATION_TICKS
 //! play sine MILLIHERTZ MV OFFSET_MV TICKS      open loop
 //! play chirp MILLIHERTZ MILLIHERTZ MV OFFSET_MV TICKS
-//! identify TICKS                               open loop: tones over the whole range and a small sweep, traced at the full rate, for an identification
-//! trace CHANNELS DECIMATION                    channels: sum of 1 codes, 2 reference, 4 applied, 8 unknown input, 16 flags
-//! capture now|fault|closed BEFORE AFTER        every tick around an event into RAM, from BEFORE ticks before it to AFTER ticks after it
+//! identify TICKS                               open loop: tones over the whole range and a small sweep,
+//!                                              traced at the full rate, for an identification
+//! trace CHANNELS DECIMATION                    channels: sum of 1 codes, 2 reference, 4 applied,
+//!                                              8 unknown input, 16 flags
+//! capture now|fault|closed BEFORE AFTER        every tick around an event into RAM, from BEFORE ticks before
+//!                                              it to AFTER ticks after it
 //! capture send | capture off                   read it out | forget it
 //! block begin BYTES                            a new parameter block follows
 //! block data OFFSET HEX                        up to 32 bytes of it
 //! block commit                                 verify it and keep it in flash, beside the last good one
-//! block swap                                   verify it and let it take the place of the running block, without a step of the drive; it is not kept
-//! block envelope CHECKSUM                      what came is the safety envelope with this checksum (8 digits, hexadecimal): verify and keep it; only disarmed, at rest
+//! block swap                                   verify it and let it take the place of the running block,
+//!                                              without a step of the drive, in memory only
+//! block envelope CHECKSUM                      what came is the safety envelope with this checksum
+//!                                              (8 digits, hexadecimal): verify and keep it; only disarmed,
+//!                                              at rest
 //! restart                                      with the newest valid block
 //! ```
 //!

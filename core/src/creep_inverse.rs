@@ -41,7 +41,7 @@ pub struct CreepInverse {
 }
 
 impl CreepInverse {
-    /// As if it had been at a position for ever.
+    /// The state after an infinitely long rest at a position.
     #[must_use]
     pub fn at_rest(parameters: &CreepInverseParameters, position: i32, saturated: &mut u32) -> Self {
         if parameters.terms == 0 {

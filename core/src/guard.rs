@@ -13,15 +13,19 @@
 //! | sensor stuck | the same code for longer than noise allows | ramp to rest |
 //! | sensor jump | two codes further apart than physics allows | ramp to rest |
 //! | tracking error | larger than the limit for longer than allowed, loop closed | ramp to rest |
-//! | drive slew | the law asked for more than the amplifier's slew limit, which it never gets, in most of so many ticks | ramp to rest |
+//! | drive slew | in most of so many ticks the law asked for more than the slew limit | ramp to rest |
 //! | overrun | a tick was still running when the next was due | ramp to rest |
-//! | emergency stop, interlock, amplifier not ready | a line to the board is open | ramp to rest, for as long as it is |
-//! | host lost | the drive is live and no command came for longer than a time that the host chose | ramp to rest |
+//! | emergency stop, interlock, amplifier not ready | open line to the board | ramp to rest, while open |
+//! | host lost | the drive is live and no command came for longer than the host's timeout | ramp to rest |
 //! | drive does not arrive | the drive's converter did not take a code | ramp to rest |
-//! | sensor does not move, moves against the drive, motion is not the model's, drifts, is noisy | self-test or conditioning ([`crate::self_test`]) | ramp to rest |
+//! | sensor is noisy, or does not move | [`crate::self_test`], conditioning | ramp to rest |
+//! | sensor moves against the drive | self-test, conditioning | ramp to rest |
+//! | motion is not the model's | self-test, conditioning | ramp to rest |
+//! | sensor drifts | self-test | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |
-//! | drive current | the slew of the drive, RMS, is more than the envelope's current ([`crate::safety_envelope`]) | ramp to rest |
-//! | parameter block, watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
+//! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
+//! | parameter block | at start | rest |
+//! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
 use crate::codes::{DriveCode, SensorCode};
 
@@ -75,7 +79,7 @@ pub enum Fault {
     SensorDrifts = 22,
     /// The reading has more noise than the motion that is looked for.
     SensorNoisy = 23,
-    /// A conditioning ended before the drive had been at both its limits.
+    /// A conditioning ended before the drive reached both its limits.
     RangeNotReached = 24,
     /// The drive changed so much that the current into the actuator exceeds its limit, RMS.
     DriveCurrent = 25,

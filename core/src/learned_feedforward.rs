@@ -21,12 +21,13 @@
 //!
 //! | what | format |
 //! |---|---|
-//! | points | 16 bits, um with [`POINT_FRACTION_BITS`] fraction bits: +-1 um in steps of 0.03 nm; [`MOST_POINTS`] of them, 8 KiB |
+//! | points, [`MOST_POINTS`] | 16 bits, um, [`POINT_FRACTION_BITS`] of fraction: +-1 um, steps of 0.03 nm |
 //! | errors, stepped points | um with 24 fraction bits |
 //!
 //! Points stay as they are for [`SETTLING_TICKS`] after a tick at which the drive was at a limit or the error
 //! beyond
-//! [`LearningParameters::error_limit`]: until nothing of that tick is left in a row. A new reference begins with no correction.
+//! [`LearningParameters::error_limit`]: until nothing of that tick is left in a row. A new reference begins
+//! with no correction.
 
 use crate::integer_row::{Row, four};
 use crate::reference_window::PREVIEW_TICKS;

@@ -48,7 +48,7 @@ pub const EXPECTED_RESONANCE: &str = "expected a resonance from 80 Hz to 80 Hz b
 pub struct ResonanceWatch {
     /// Frequency of the resonance, mHz; 0: nothing is listened to.
     pub frequency_millihertz: u32,
-    /// An amplitude above this is told, pm; 0: none is.
+    /// An amplitude above this raises the alarm, pm; 0: no alarm.
     pub alarm_pm: u32,
 }
 
@@ -77,9 +77,9 @@ pub struct LoopFigures {
     pub resonance_pm: u32,
     /// Windows since the start, this one included.
     pub windows: u32,
-    /// Windows that were given up because samples were missing: the reader was late.
+    /// Windows without a result because samples were missing: the reader was late.
     pub torn_windows: u32,
-    /// The amplitude is above the alarm. It ends at three quarters of it, so that one event is told once.
+    /// The amplitude is above the alarm. It ends at three quarters of it, so that one event raises one alarm.
     pub alarm: bool,
 }
 

@@ -15,8 +15,8 @@
 //! The inverse walks outward over the stored extrema until it finds the section that contains the wanted
 //! output (at most one comparison for each stored pair), then takes at most [`NEWTON_STEPS`] Newton steps in
 //! the bracket of that section. All sections are monotone, so the bracket always contains the solution.
-//! Outputs below what zero drive gives (the remnant) and above the range saturate and say so (erratum of the
-//! thesis' pseudo-code, which loops for ever there).
+//! Outputs below what zero drive gives (the remnant) and above the range saturate and report it (erratum of
+//! the thesis' pseudo-code, which loops for ever there).
 //!
 //! When the stack is full the smallest loop is forgotten. The output then differs from the full model's by at
 //! most the width of that loop, which is bounded by `max |d2 G/dx dz| * height^2`;

@@ -35,7 +35,7 @@ pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
 /// Bounds of the adaptation: filters before them are longer.
 const ADAPTATION_BYTES: usize = 16;
-/// A slew limit beyond this is none, V/s: the whole range of the drive in a tick.
+/// A slew limit beyond this limits nothing, V/s: the whole range of the drive in a tick.
 const MOST_SLEW_V_S: u32 = 20_000_000;
 
 /// The physical quantities behind the integers.

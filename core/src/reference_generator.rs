@@ -2,7 +2,7 @@
 //!
 //! A phase of 32 bits per turn drives a polynomial sine (error below 2e-8 of the amplitude: far below the
 //! sensor, and far better than a fast single-precision sine). Rounded triangles are the sine's own series to
-//! its third term, the quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points from elsewhere are a
+//! its third term, the quasi-step is the thesis' quintic (Ch. 6, Eq. 44). Points that the host sends are a
 //! waveform of their own ([`crate::wave_table`]).
 
 use crate::signal::{Quantity, narrow};

@@ -47,8 +47,8 @@ impl ReferenceWindow {
         Self { positions: [position; 2 * WINDOW], oldest: 0, newest: [position; 2], offset: 0 }
     }
 
-    /// Begins again at rest at `position`, from where it goes to what is asked for as if that had been there
-    /// for ever.
+    /// Begins again at rest at `position`, from where it goes to what is asked for as if that were constant
+    /// until now.
     #[cold]
     #[inline(never)]
     pub fn restart(&mut self, position: i32, asked: i32) {

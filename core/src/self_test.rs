@@ -9,7 +9,7 @@
 //!
 //! | fault | when |
 //! |---|---|
-//! | sensor is noisier than a step of the self-test | readings at rest, peak to peak, are more than the motion that is expected |
+//! | sensor is noisier than a step of the self-test | noise, peak to peak, exceeds the expected motion |
 //! | sensor does not move with the drive | the motion is less than the readings at rest have, peak to peak |
 //! | sensor moves against the drive | the motion has the other sign |
 //! | motion is not the model's | the motion is not within [`GAIN_BAND`] of what is expected |

@@ -1,6 +1,6 @@
 //! Everything that the host computes for the tick: plain integers, `Copy`, quantised once.
 //!
-//! The formats are those of [`crate::signal`]; where a number has another one, its field says so.
+//! The formats are those of [`crate::signal`]; where a number has another one, its field gives it.
 
 use crate::codes::{DriveCode, MOST_BITS, SensorCode};
 use crate::gain_adaptation::AdaptationParameters;
@@ -36,8 +36,8 @@ pub struct ConverterParameters {
     pub dac_code_min: DriveCode,
     /// Highest DAC code within the limits of the actuator.
     pub dac_code_max: DriveCode,
-    /// Largest change of the drive in one tick, codes: the slew limit of the amplifier; [`NO_SLEW_LIMIT`] is
-    /// none.
+    /// Largest change of the drive in one tick, codes: the slew limit of the amplifier; [`NO_SLEW_LIMIT`]
+    /// limits nothing.
     pub slew_codes: u32,
     /// Bits of the ADC's codes, 8 to 20.
     pub adc_bits: u8,

@@ -14,7 +14,7 @@
 //! [`ServoTick::open_loop`], so that the memory of the hysteresis is kept.
 //!
 //! # Periodic references
-//! With [`ServoParameters::learning`] a reference whose period was told ([`ServoTick::repeat`]) gets a
+//! With [`ServoParameters::learning`] a reference whose period is known ([`ServoTick::repeat`]) gets a
 //! learned correction ([`crate::learned_feedforward`]). What the tick reports as the reference is without it.
 //!
 //! # A sensor that is late
@@ -27,7 +27,8 @@
 //! bounds ([`crate::gain_adaptation`]). The gain that was learned stays until the parameters change.
 //!
 //! # What is counted
-//! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left their format.
+//! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left
+//! their format.
 
 use crate::codes::{DriveCode, SensorCode};
 use crate::gain_adaptation::GainAdaptation;
@@ -185,7 +186,7 @@ impl ServoTick {
     }
 
     /// Changes all parameters of a running loop without a step of the drive or of the reference: the new law
-    /// goes on as if it had given the last output itself, the reference and what was learned of it stay. Only
+    /// goes on from the last output as from its own, the reference and what was learned of it stay. Only
     /// between parameters that [`crate::block_swap`] allows; call it between ticks.
     // In place: the interrupt's stack has no room for a second set of parameters.
     pub fn exchange(&mut self, parameters: &ServoParameters) {

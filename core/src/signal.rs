@@ -3,7 +3,7 @@
 //!
 //! | signal | type | unit | range | resolution |
 //! |---|---|---|---|---|
-//! | position, force-equivalent displacement, their errors and estimates | [`Micrometres`] | um | +-128 | 6e-8 |
+//! | position, force-equivalent displacement, errors, estimates | [`Micrometres`] | um | +-128 | 6e-8 |
 //! | velocity, times the sampling period | [`Micrometres`] | um per sample | +-128 | 6e-8 |
 //! | drive | [`Volts`] | V | +-512 | 2.4e-7 |
 //! | drive above its lower limit, as a share of its range | [`DriveShare`] | 1 | +-2 | 9e-10 |
@@ -28,7 +28,7 @@ pub const VOLT_FRACTION_BITS: u32 = 22;
 /// Fraction bits of [`DriveShare`].
 pub const SHARE_FRACTION_BITS: u32 = 30;
 
-/// A quantity with a unit, in the format that the tick has for it: a number of one kind is none of another.
+/// A quantity with a unit, in the format that the tick has for it: the types do not mix.
 pub trait Quantity: Copy + core::fmt::Debug + Eq {
     /// Fraction bits of its raw integer.
     const FRACTION_BITS: u32;

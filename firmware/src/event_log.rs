@@ -13,7 +13,7 @@ const MAGIC: u32 = 0x4859_4c31;
 /// A fault that was latched.
 #[derive(Clone, Copy, Default)]
 pub struct Event {
-    /// Starts of the program before it, counted since the supply was switched on.
+    /// Number of earlier starts since the supply was switched on.
     pub start: u32,
     /// The tick at which it was latched; 0 at a start.
     pub tick: u32,

@@ -26,8 +26,7 @@ use crate::task_clock;
 const MARK: u32 = 0x4859_5300;
 #[unsafe(link_section = ".uninit.restart_mark")]
 static mut RESTART_MARK: MaybeUninit<u32> = MaybeUninit::uninit();
-/// In the converter's own bits. Until a block says what rest is, none: the converter is then as it left its
-/// reset.
+/// In the converter's own bits. No code until a block gives one: the converter is then as it left its reset.
 static REST_CODE: AtomicU32 = AtomicU32::new(NO_CODE);
 const NO_CODE: u32 = u32::MAX;
 

@@ -3,7 +3,7 @@
 //! # How it works
 //! The control interrupt owns the memory while a capture is armed: it writes each sample into a ring, and
 //! after the event as many more as were asked for. Then it hands the memory over ([`State::Full`]) and never
-//! touches it again until the task that reads it out says so. [`STATE`] says whose the memory is.
+//! touches it again until the task that reads it out returns it. [`STATE`] says whose the memory is.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;

@@ -6,7 +6,7 @@
 //! | emergency stop | a closed contact to ground is fine; open, a broken wire included, stops |
 //! | interlock | the same |
 //! | amplifier ready | the same: the amplifier's output that conducts while it is ready |
-//! | enable | high from the time that somebody arms the amplifier; low at a fault once the drive has come to rest, and whenever the part does not run |
+//! | enable | high while armed; low after a fault's ramp to rest, and whenever the part does not run |
 //!
 //! Their pins are the board's ([`Platform::LINES`]).
 //!

@@ -3,9 +3,9 @@
 //! | channel | what it does |
 //! |---|---|
 //! | CH1 | high from the edge for 0.5 us: starts an external sensor converter |
-//! | CH3 | low from the edge for 0.7 us: latches the drive code that the interrupt wrote during the last period into an external converter |
+//! | CH3 | low from the edge for 0.7 us: latches the interrupt's last drive code into an external converter |
 //! | TRGO | the edge itself: triggers the chip's own converters, where they are the front end |
-//! | CH4 | compare a microsecond or two after the edge: raises the control interrupt, when the conversion is done |
+//! | CH4 | compare 1 or 2 us after the edge, when the conversion is done: raises the control interrupt |
 //!
 //! So a code computed from the sample of edge k acts at edge k+1, whatever the interrupt's latency.
 

@@ -91,7 +91,7 @@ pub fn take(reply: Reply) {
 async fn receiving(mut receiver: BufferedUartRx<'static>) {
     let mut bytes = [0; 64];
     loop {
-        // A garbled byte is a wrong line, which its sender is told of.
+        // A garbled byte makes a wrong line, which the answer reports.
         let count = receiver.read(&mut bytes).await.unwrap_or(0);
         let (received, came) = LINES.lock(|lines| {
             let mut lines = lines.borrow_mut();
@@ -160,7 +160,7 @@ async fn obeying(mut transmitter: BufferedUartTx<'static>, session: &'static mut
 /// one.
 async fn send(transmitter: &mut BufferedUartTx<'static>, piece: &[u8]) {
     for part in piece.chunks(BUFFER_BYTES) {
-        // Nobody could be told of an error of the line itself.
+        // An error of the line itself cannot be sent over it.
         let _ = transmitter.flush().await;
         let _ = transmitter.write_all(part).await;
     }
@@ -196,7 +196,7 @@ async fn submit(command: Command, stops: u32) -> Outcome {
             };
         }
         if command_port::stops() != stops {
-            // What it was told before the stop comes within a period.
+            // Commands from before the stop still arrive within a period.
             task_clock::periods(2).await;
             return Outcome::Stopped;
         }

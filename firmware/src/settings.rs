@@ -4,9 +4,9 @@
 //! A block is written by the probe to either address, or brought line by line as a command: then it is
 //! verified before anything is touched, gets a generation that counts up, goes where the block in use is not,
 //! is read back, and the other one is marked as replaced. Which of two valid blocks is in force says
-//! [`block_choice`]; where neither is marked nothing is driven. The reason why a block was refused is said; a
-//! block that the supply cut off while it was written is only unreadable ([`crate::flash_read`]). So a block
-//! that was damaged on its way or in flash leaves the last good one in force.
+//! [`block_choice`]; where neither is marked nothing is driven. The log gives the reason why a block was
+//! refused; a block that the supply cut off while it was written is only unreadable ([`crate::flash_read`]).
+//! So a block that was damaged on its way or in flash leaves the last good one in force.
 //!
 //! The envelope comes by the same lines, and is kept by a command that names its checksum. No block that
 //! exceeds it is taken, and without one nothing is.
@@ -55,8 +55,7 @@ static ENVELOPE: ThreadModeMutex<Cell<Option<SafetyEnvelope>>> = ThreadModeMutex
 /// What has become of the block that was brought last.
 static BROUGHT: ThreadModeMutex<Cell<Brought>> = ThreadModeMutex::new(Cell::new(Brought::Nothing));
 
-/// Generation of the block in use (0: it was swapped in, and is not kept), and what tells it from others;
-/// zeros without one.
+/// Generation of the block in use (0: swapped in, in memory only), and what identifies it; zeros without one.
 pub fn in_use() -> (u32, u32) {
     let swapped = SWAPPED.load(Ordering::Relaxed);
     if swapped != 0 {
@@ -218,7 +217,7 @@ pub fn keep() {
     WANTED.signal(Wanted::Keep);
 }
 
-/// Lets [`keeper`] verify what came and put it in the place of the running block; it is not kept.
+/// Lets [`keeper`] verify what came and put it in the place of the running block, in memory only.
 pub fn swap() {
     BROUGHT.lock(|brought| brought.set(Brought::Busy));
     WANTED.signal(Wanted::Swap);

@@ -3,7 +3,7 @@
 //!
 //! All of it is made in the trace task, from the samples that the control interrupt gives away: the task runs
 //! below every interrupt, and its floats are not the tick's. Where it comes so late that the queue overflows,
-//! a second has a gap and is given up, and counted.
+//! a second has a gap: the task drops it and counts it.
 
 use core::cell::{Cell, RefCell};
 

@@ -61,7 +61,7 @@ pub async fn trace(mut samples: Consumer<PackedSample, SAMPLE_QUEUE>) {
     }
 }
 
-/// Room in the log's channel that a block of the capture and what else is said meanwhile need, bytes.
+/// Room in the log's channel that a block of the capture and other messages meanwhile need, bytes.
 const BLOCK_ROOM_BYTES: u32 = 2048;
 
 /// Whether the log's channel belongs to the capture.

@@ -210,8 +210,8 @@ impl Bench {
         1.0 / self.converters.sample_rate_hz
     }
 
-    /// Bandwidth of the sensor as its data sheet gives it, Hz: the one constant that a design may be told
-    /// (within 5 %).
+    /// Bandwidth of the sensor as its data sheet gives it, Hz: the one constant that a design may use (within
+    /// 5 %).
     #[must_use]
     pub fn data_sheet_sensor_bandwidth_hz(&self) -> f64 {
         self.full.sensor_bandwidth_hz

@@ -165,7 +165,7 @@ impl<'a> Drive<'a> {
         Self { drive_v, force_n: None, auxiliary: &[], dt_s, initial_state, intersample: Intersample::Hold }
     }
 
-    /// What stages are told of the record.
+    /// Signals of the record that stages receive.
     #[must_use]
     pub fn signals(&self) -> Signals<'a> {
         Signals { drive_v: self.drive_v, force_n: self.force_n, auxiliary: self.auxiliary }
@@ -189,7 +189,7 @@ impl Model {
         Self { drive_min_v: drive_min_v + 0.0, drive_max_v: drive_max_v + 0.0, effects: Vec::new(), identified: None }
     }
 
-    /// Why what the model has for an effect is none of it, by its physics.
+    /// Why the model's values contradict the physics of an effect.
     #[must_use]
     pub fn ruled_out_because(&self, id: &str) -> Option<String> {
         let e = self.effect(id)?;
@@ -310,7 +310,7 @@ impl Model {
             || (instance.effect.declaration().place == Place::Vibration && self.effects.iter().any(follows))
     }
 
-    /// What stages of this model are told.
+    /// Settings for the stages of this model.
     pub(crate) fn setting<'a>(&self, drive: &Drive<'a>, substeps: usize) -> Setting<'a> {
         Setting {
             dt_s: drive.dt_s / substeps as f64,

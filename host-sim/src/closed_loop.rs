@@ -108,14 +108,14 @@ impl Controller for ServoTick {
     }
 }
 
-/// A servo that is told only after some ticks that its reference repeats: what grows does not repeat yet, and
-/// nothing is learned from it.
+/// A servo that receives the period of its reference only after some ticks: what grows does not repeat yet,
+/// and nothing is learned from it.
 pub struct RepeatsLater {
     /// The servo.
     pub servo: ServoTick,
     /// The period of the reference, ticks; none where it does not repeat.
     pub period_ticks: Option<u32>,
-    /// Ticks until it is told.
+    /// Ticks until it receives the period.
     pub wait_ticks: usize,
 }
 

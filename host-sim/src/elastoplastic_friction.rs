@@ -186,7 +186,7 @@ impl ElastoplasticFriction {
         self.stiffness_n_um * bend_um + self.damping_n_s_um * bend_rate_um_s
     }
 
-    /// Bend after a motion of `travel_um` that is fast or slow: the law without time, `dz = (1 - alpha z / z_s) dx`.
+    /// Bend after a motion of `travel_um`, fast or slow: the law without time, `dz = (1 - alpha z / z_s) dx`.
     ///
     /// Dahl's law and elastic travel are taken in closed form; the transition in steps that begin at a
     /// twentieth of its width.

@@ -2,12 +2,12 @@
 //! derivatives and signatures are made.
 //!
 //! # How it works
-//! The record is walked in chunks that stay in the processor's cache. The chain itself goes through all its
-//! stages; a variation (a moved value, one effect more) has stages of its own from the first one that
+//! The record is simulated in chunks that stay in the processor's cache. The chain itself goes through all
+//! its stages; a variation (a moved value, one effect more) has stages of its own from the first one that
 //! differs, and takes what the chain brings there, also from a costly part of that stage which is the same in
 //! both. What each plain coefficient of the hysteresis adds comes from one walk of all coefficients side by
-//! side, which then pass the stages behind as lanes ([`crate::effect::LinearLanes`]); a stage that does not
-//! say how it passes small changes on is tried, lane by lane.
+//! side, which then pass the stages behind as a batch ([`crate::effect::LinearLanes`]); a stage that does not
+//! say how it passes small changes on is tried with one coefficient after the other.
 //!
 //! Nothing is kept but the chunk: the caller takes what it needs of it, every sample or a few.
 
@@ -19,7 +19,7 @@ const CHUNK: usize = 2048;
 /// A small change of what comes into a stage that has to be tried, in units of a coefficient.
 const TRIAL_STEP: f64 = 1e-4;
 
-/// A model beside the one that is walked.
+/// A model beside the one that is simulated.
 #[derive(Clone, Debug)]
 pub struct Variation {
     /// The other model.
@@ -70,7 +70,7 @@ impl Sampled {
     }
 }
 
-/// Lanes of all coefficients, on their way behind the stage that has them.
+/// What all coefficients add, behind the stage that has them.
 struct CoefficientLanes<'a> {
     stage: usize,
     lanes: usize,
@@ -82,7 +82,7 @@ struct CoefficientLanes<'a> {
 
 enum Passing<'a> {
     Linear(Box<dyn LinearLanes>),
-    /// One stage for each lane, beside the chain's own.
+    /// One stage for each coefficient, beside the chain's own.
     Tried(Vec<Box<dyn Stage + 'a>>),
 }
 
@@ -107,7 +107,7 @@ struct Beside<'a> {
     sampled: Sampled,
 }
 
-/// The coefficients that [`walk`] gives lanes for, in the order of the lanes: effect and place among its
+/// The coefficients that [`walk`] perturbs, in the order of its results: effect and place among its
 /// parameters.
 #[must_use]
 pub fn coefficients(model: &Model) -> Vec<(String, usize)> {
@@ -323,7 +323,7 @@ impl CoefficientLanes<'_> {
     }
 }
 
-/// Passes every lane through a stage of its own, on top of what comes into the chain's.
+/// Passes every signal through a stage of its own, on top of what comes into the chain's.
 fn try_each(stages: &mut [Box<dyn Stage + '_>], before: &Stretch, behind: &Stretch, from: usize, parts: usize, block: &mut [f64]) {
     let lanes = stages.len();
     let rows = block.len() / lanes.max(1);

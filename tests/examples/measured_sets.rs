@@ -8,11 +8,12 @@
 //! many seconds.
 //!
 //! ```text
-//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] [--within SECONDS] [--identify EFFECTS] [--data FOLDER] [SET ...]
+//! cargo run --release -p hysteron-tests --example measured_sets -- [--subsets] [--reversed] [--trace] \
+//!     [--within SECONDS] [--identify EFFECTS] [--data FOLDER] [SET ...]
 //! ```
 //!
 //! The recordings are not part of the project (their sources are named in its documentation); without the
-//! folder it says so.
+//! folder it reports that.
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::{Dataset, folder};

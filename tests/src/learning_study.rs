@@ -222,7 +222,7 @@ pub fn learned(truth: &Truth, change: Change, design: &ServoDesign, way: Way, pe
     follow(&mut stage, &mut servo, &around, &approach);
     servo.reset_counters();
     servo.repeat(Some(PERIOD_TICKS as u32));
-    // On the target a reference counts some samples after it is told.
+    // On the target a reference counts some samples after it arrives.
     let mut told = vec![triangle[0]; PREVIEW_TICKS];
     told.extend(&triangle);
     let around = Surroundings { seed: around.seed ^ 1, ..around };

@@ -52,8 +52,8 @@ impl Kind {
     }
 }
 
-/// Effects of the library that only a piezoelectric ceramic has: none of these actuators may be told one of
-/// them.
+/// Effects of the library that only a piezoelectric ceramic has: no diagnosis of these actuators may name one
+/// of them.
 pub const OF_CERAMICS: [&str; 6] = ["creep", "initial_curve", "charge_leakage", "rate_dependence", "bipolar", "hysteresis"];
 
 /// Effects of ceramics that a kind truly imitates: friction before the slip is a hysteresis of displacement,

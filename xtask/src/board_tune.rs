@@ -13,14 +13,14 @@ use crate::toolchain;
 
 /// The true error that is accepted, over the noise of the sensor.
 const ACCEPTED: f64 = 1.3;
-/// What is told of the error from the sensor's reading is right to this share of its noise: that noise is
-/// known to some hundredths itself.
+/// The error reported from the sensor's reading is right to this share of its noise: that noise is known to
+/// some hundredths itself.
 const TOLD_WITHIN: f64 = 0.25;
 /// Position at the sensor's code 0 of the wiring that the emulated board has, um.
 const SENSOR_AT_CODE_0_UM: f64 = -1.0;
 
-/// Bandwidth that is said of the independent stage's sensor, which is ideal, Hz: that it comes to the servo
-/// is seen there, and the motion does not show it.
+/// Bandwidth that is specified for the independent stage's sensor, which is ideal, Hz: that it comes to the
+/// servo is seen there, and the motion does not show it.
 const SAID_BANDWIDTH_HZ: f64 = 1e6;
 
 /// Seed of the independent stage that the check tunes.
@@ -47,8 +47,8 @@ pub fn run_independent() -> Result<(), String> {
     independent(CHECKED_SEED)
 }
 
-/// In front of the independent stages of these seeds, every one of which is tuned before it is said which
-/// failed.
+/// In front of the independent stages of these seeds, every one of which is tuned before the error names
+/// those that failed.
 pub fn run_seeds(seeds: &[&str]) -> Result<(), String> {
     let seeds: Result<Vec<u64>, String> =
         seeds.iter().map(|seed| seed.parse().map_err(|_| format!("{seed}: expected the seed of a stage, a whole number"))).collect();

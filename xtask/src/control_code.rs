@@ -1,8 +1,8 @@
 //! Checks of the control interrupt's machine code, from the binary.
 //!
 //! # How it works
-//! Beginning at the interrupt's handler, every Thumb-2 instruction is walked (literal pools are skipped by
-//! the `$d`/`$t` mapping symbols), and every function that is called is walked in turn. The check fails on
+//! Beginning at the interrupt's handler, the check follows every Thumb-2 instruction (literal pools are
+//! skipped by the `$d`/`$t` mapping symbols), and every function that is called in turn. It fails on
 //!
 //! * an instruction of the floating-point unit (coprocessors 10 and 11);
 //! * an undefined instruction, which is what an abort compiles to, if a jump or the instruction before it
@@ -127,7 +127,7 @@ impl Walk {
     /// An instruction of 16 bits; whether the next one can follow it.
     fn narrow(&mut self, at: u64, instruction: u16, comes_here: bool) -> bool {
         if instruction & 0xFF00 == 0xDE00 {
-            // Behind code that never comes here the compiler leaves one; whether a jump leads to it is told
+            // Behind code that never comes here the compiler leaves one; whether a jump leads to it is known
             // at the end.
             if comes_here {
                 self.jumps.insert(at);

@@ -7,7 +7,7 @@
 //! run on the copy without any mutation first: a test that fails anyway says nothing.
 //!
 //! A run that does not end within [`MOST_TEST_S`] is ended; a part that only goes on restarting does that. It
-//! counts as noticed, and the table says so.
+//! counts as noticed, and the table notes that.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

@@ -49,8 +49,8 @@ fn words(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// How many words a sentence has: a hyphen joins, code in backticks is one word, the target of a link is
-/// none.
+/// How many words a sentence has: a hyphen joins, code in backticks is one word, the target of a link does
+/// not count.
 fn number_of_words(sentence: &str) -> usize {
     let (mut plain, mut in_code) = (String::new(), false);
     for part in sentence.split('`') {

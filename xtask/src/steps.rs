@@ -343,7 +343,7 @@ fn firmware_images() -> Result<(), String> {
         copy(&image.with_extension("map"), &other.with_extension("map"))?;
         copy(&image, &other)
     };
-    // All binaries of the other board; the one that is not kept is only built.
+    // All binaries of the other board; the run copies one of them, and only builds the other.
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--no-default-features", "--features", "nucleo-g474re"])?;
     keep(toolchain::g474re_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
@@ -351,9 +351,9 @@ fn firmware_images() -> Result<(), String> {
     toolchain.build(&toolchain::FIRMWARE, &folder, &[])
 }
 
-/// What the image may take; a change that needs more says so by changing these numbers. 1 KiB of it looks at
-/// what is typed before it acts, 3 KiB let another block take over the running loop, 2 KiB adapt the gain of
-/// its model. 5 KiB more, up to the memory of the NUCLEO-G474RE, are the sliding-mode law, the self-test, the
+/// What the image may take; a change that needs more has to change these numbers. 1 KiB of it looks at what
+/// is typed before it acts, 3 KiB let another block take over the running loop, 2 KiB adapt the gain of its
+/// model. 5 KiB more, up to the memory of the NUCLEO-G474RE, are the sliding-mode law, the self-test, the
 /// judgement of a conditioning, waveforms of two quantities, and the log of faults.
 const MOST_CONTROL_CODE_BYTES: u64 = 32 * 1024;
 /// 12 KiB of it are blocks, diagnosis and recorded codes over the serial port, 4 KiB the supply, the option

@@ -10,7 +10,7 @@ use std::process::Command;
 use crate::debian;
 use crate::steps::{command, root};
 
-/// A target, and how the distribution's compiler is told to build for it.
+/// A target, and how the distribution's compiler builds for it.
 pub struct Target {
     name: &'static str,
     /// Parts of the standard library that are built.
@@ -72,7 +72,7 @@ fn distribution_has_all() -> bool {
         && Path::new("/usr/bin/ld.lld-22").exists()
 }
 
-/// Finds a compiler for the target, installing one if there is none.
+/// Finds a compiler for the target, installing one if it is missing.
 pub fn for_target(target: &Target) -> Result<Toolchain, String> {
     let name = target.name;
     if rustup_has(target) {

@@ -9,7 +9,7 @@ use crate::condition::{fault_name, what_to_do};
 use crate::error::{Error, Result, meaning};
 use crate::port::{Address, Port, USUAL_BAUD};
 
-/// A board that sends no byte for so long while an answer is due is given up.
+/// A board that sends no byte for so long while an answer is due counts as lost.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 /// The same where it is not known whether anybody listens.
 const SHORT_PATIENCE: Duration = Duration::from_secs(1);
@@ -83,7 +83,7 @@ impl Board {
         self.greet(3)
     }
 
-    /// From now on the board is given up when it has sent nothing for so long while an answer is due.
+    /// From now on the board counts as lost when it has sent nothing for so long while an answer is due.
     pub fn set_patience(&mut self, patience: Duration) {
         self.patience = patience;
     }
@@ -219,7 +219,7 @@ impl Board {
         self.answer_within(self.patience, MOST_ANSWER_BYTES).map_err(|problem| Error::new(question, problem.message()))
     }
 
-    /// The values behind `=` in the lines of an answer, or the lines themselves where there is none.
+    /// The values behind `=` in the lines of an answer, or the lines themselves where no line has one.
     ///
     /// # Errors
     /// The board does not answer, or with something else.

@@ -8,7 +8,7 @@
 //! the board is, in words) and [`following`] (how well its closed loop followed).
 //!
 //! A board may be slower than its hardware, where it is emulated: nothing here reckons with the clock. What
-//! is waited for is asked for again and again; a board is given up only when not a byte has come for
+//! is waited for is asked for again and again; the client gives up a board only when not a byte has come for
 //! [`board::PATIENCE`].
 
 pub mod board;

@@ -52,7 +52,7 @@ impl Port {
     /// Opens it.
     ///
     /// # Errors
-    /// There is none, or somebody else has it.
+    /// The port does not exist, or another program has it.
     pub fn open(address: &Address) -> Result<Self> {
         match address {
             Address::Serial(name) => {

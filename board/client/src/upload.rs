@@ -20,7 +20,7 @@ pub fn upload(board: &mut Board, block: &[u8], baud: Option<u32>) -> Result<()> 
 }
 
 /// Brings a block and lets it take the place of the running one, at rest or with the loop closed, without a
-/// step of the drive. It is not kept in the flash: a restart takes the block that is.
+/// step of the drive. The board does not write it to flash: a restart takes the block in flash.
 ///
 /// # Errors
 /// The board refuses it, and says why: the running block goes on.

@@ -4,8 +4,8 @@
 //! [`glance`] asks for what is known of the last tick. [`capture`] starts the recorder and reads what it
 //! caught: every n-th tick, without a gap inside the block and with one between two blocks, as long as the
 //! reading takes. Codes come with a checksum; the reference is read as text from the recorder's first table
-//! and only while the servo is on, for there is none else. Apart from what the recorder records, nothing of
-//! the board changes.
+//! and only while the servo is on, since it has no other source. Apart from what the recorder records,
+//! nothing of the board changes.
 
 use hysteron_core::guard::Fault;
 

@@ -85,11 +85,11 @@ pub struct World {
     pub codes: Vec<(SensorCode, DriveCode)>,
     /// Whether `codes` are kept: not in a run without an end.
     pub keeps_codes: bool,
-    /// Is told of every edge: the sensor's code, the code that acts from it on, and the true position, um.
+    /// Receives every edge: the sensor's code, the code that acts from it on, and the true position, um.
     pub witness: Option<Witness>,
 }
 
-/// Who is told of every edge.
+/// Receives every edge.
 pub type Witness = Box<dyn FnMut(SensorCode, DriveCode, f64) + Send>;
 
 impl std::fmt::Debug for World {

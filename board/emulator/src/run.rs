@@ -96,7 +96,7 @@ pub struct Script {
     pub block: Option<Vec<u8>>,
     /// Another one, in the second place.
     pub second_block: Option<Vec<u8>>,
-    /// The safety envelope that the board has: that of the bench, unless something else is said.
+    /// The safety envelope that the board has: that of the bench, unless the caller specifies another.
     pub envelope: Option<Vec<u8>>,
     /// The option bytes let the watchdog start with the supply.
     pub hardware_watchdog: bool,

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use crate::serial_line::{SerialLine, SharedLine};
 
-/// How long the bridge waits for bytes from the program before it looks for bytes from the board.
+/// How long the bridge waits for bytes from the program, then it looks for bytes from the board.
 const WAIT: Duration = Duration::from_millis(1);
 
 /// Serves programs from now on, beside the run.

@@ -38,7 +38,7 @@ fn none_found() -> String {
 /// The one probe of those that are there which is meant.
 ///
 /// # Errors
-/// There is none, or more than one and nobody has said which.
+/// No probe is there, or there are several and the user has not specified which.
 fn choose<P>(mut probes: Vec<P>, name: impl Fn(&P) -> String) -> Result<P> {
     match probes.len() {
         0 => Err(none_found()),

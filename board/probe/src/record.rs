@@ -3,7 +3,7 @@
 //!
 //! # How it works
 //! The board is restarted, so that its log begins with the scale of its converters. [`Conversation`] hears
-//! every message and says what the board is to be told next; it knows nothing of probes. The log is kept in
+//! every message and gives the next command for the board; it knows nothing of probes. The log is kept in
 //! memory and written when all of it is there: a recording that failed leaves no file.
 
 use crate::log::{PAUSE, PIECE, log_table, meet, send};
@@ -32,15 +32,15 @@ enum Stage {
     Resting,
     /// The self-test of arming has been asked for, and perhaps begun.
     Arming(bool),
-    /// It was told to condition the actuator; whether it plays.
+    /// It received the command to condition the actuator; whether it plays.
     Conditioning(bool),
-    /// It was told to play the drive; whether it does.
+    /// It received the command to play the drive; whether it does.
     Identifying(bool),
     /// The drive has ended, and so many messages of its trace came since.
     Ending(u32),
 }
 
-/// What the board is told, by what it says.
+/// Chooses the commands for the board from what the board reports.
 pub struct Conversation {
     stage: Stage,
     ticks: u32,
@@ -162,7 +162,7 @@ pub fn record(path: &Path, raw: &Path, ticks: u32, selector: Option<&str>) -> Re
             Err(problem) => break Err(problem),
         }
     };
-    // The drive goes to rest whatever happened; of two problems the first is said.
+    // The drive goes to rest whatever happened; of two problems the first is reported.
     let stopped = send("stop\ntrace 31 20", &mut rtt, &mut core);
     done.and(stopped)?;
     write_whole(raw, &log)?;

@@ -8,7 +8,8 @@ pub const ONE: i64 = 1_000_000_000;
 /// Most digits that are looked at; more than 64 bits hold in any case.
 const MOST_EXPONENT: i32 = 40;
 
-/// A number of a text (`5`, `-2.25`, `1e-3`) in billionths, rounded; `None` if it is none or beyond +-9.2e9.
+/// A number of a text (`5`, `-2.25`, `1e-3`) in billionths, rounded; `None` if it is no number or beyond
+/// +-9.2e9.
 #[must_use]
 pub fn billionths(text: &str) -> Option<i64> {
     let (negative, digits) = match text.as_bytes() {

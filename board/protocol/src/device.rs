@@ -48,7 +48,7 @@ pub enum Brought {
     Busy,
     /// It is kept, and a restart takes it.
     Kept,
-    /// It has taken the place of the running one, and is not kept.
+    /// It has taken the place of the running one, in memory only.
     Swapped,
     /// It was refused for this reason.
     Refused(&'static str),
@@ -67,7 +67,7 @@ pub struct Diagnosis {
     pub overruns: u32,
     /// Samples that found no room on their way from the control tick.
     pub lost_samples: u32,
-    /// Generation of the block in use; 0: it was swapped in and is not kept, or there is none.
+    /// Generation of the block in use; 0: a swapped block, which is only in memory, or no block.
     pub block_generation: u32,
     /// Its checksum; 0 without a block.
     pub block_checksum: u32,

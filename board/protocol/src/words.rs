@@ -35,7 +35,7 @@ impl<'a> Words<'a> {
     /// The next word.
     ///
     /// # Errors
-    /// There is none.
+    /// No word is left.
     pub fn word(&mut self) -> Result<&'a str, ErrorCode> {
         self.rest.next().ok_or(ErrorCode::Missing)
     }
@@ -57,7 +57,7 @@ impl<'a> Words<'a> {
     /// A whole number.
     ///
     /// # Errors
-    /// The word is missing or is none.
+    /// The word is missing or is no whole number.
     pub fn whole(&mut self) -> Result<u32, ErrorCode> {
         whole(self.word()?).ok_or(ErrorCode::Syntax)
     }
@@ -65,7 +65,7 @@ impl<'a> Words<'a> {
     /// The next word as a whole number, if there is one.
     ///
     /// # Errors
-    /// It is none.
+    /// The word is no whole number.
     pub fn optional_whole(&mut self) -> Result<Option<u32>, ErrorCode> {
         self.optional().map(|word| whole(word).ok_or(ErrorCode::Syntax)).transpose()
     }
@@ -85,7 +85,7 @@ impl<'a> Words<'a> {
     /// A number, billionths.
     ///
     /// # Errors
-    /// The word is missing or is none.
+    /// The word is missing or is no number.
     pub fn number(&mut self) -> Result<i64, ErrorCode> {
         billionths(self.word()?).ok_or(ErrorCode::Syntax)
     }

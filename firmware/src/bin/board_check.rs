@@ -16,13 +16,13 @@
 //! | check | figure | passes |
 //! |---|---|---|
 //! | period | mean of the interrupt's period, core cycles | the nominal one within 1 |
-//! | jitter | largest less smallest period, core cycles | at most 1 us: software's, the converters' edges are hardware's |
+//! | jitter | largest less smallest period, core cycles | at most 1 us, of software; hardware times edges |
 //! | silent | readings and writes that the converters did not answer | none |
-//! | delay | ticks from a written step to the first reading that shows it | 2: it acts at the next edge and is sampled at the one after |
-//! | linearity | largest deviation of the readings over a ramp from a line, in thousandths of their span | at most 2 |
+//! | delay | ticks from a written step to its first reading | 2: acts at one edge, is sampled at the next |
+//! | linearity | largest deviation from a line over a ramp, in thousandths of the span | at most 2 |
 //! | noise | RMS of the readings at a constant drive, codes | at most 16 |
 //! | flash | a sector that holds nothing is written and reads back | it does |
-//! | bus error | an address beyond the flash, which nothing answers, is read as a damaged block would be | it is said to be unreadable, and the program goes on |
+//! | bus error | a read beyond the flash, as of a damaged block | unreadable, and the program goes on |
 #![no_std]
 #![no_main]
 

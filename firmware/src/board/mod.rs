@@ -173,9 +173,9 @@ const CRYSTAL_POLLS: u32 = 1_000;
 /// Between two of them, cycles of that oscillator: some 0.2 ms.
 const BETWEEN_POLLS_CYCLES: u32 = 10_000;
 
-/// Waits for the crystal. Without it the HAL would wait for ever, and nobody would know why; here it is said,
-/// the watchdog is fed, and nothing is driven: the power stage's line has not been set up, and the drive's
-/// converter is as it left its reset.
+/// Waits for the crystal. Without it the HAL would wait for ever, and nobody would know why; here it is
+/// reported, the watchdog is fed, and nothing is driven: the power stage's line has not been set up, and the
+/// drive's converter is as it left its reset.
 fn wait_for_crystal() {
     let mut polls = 0u32;
     while !Board::crystal_runs() {

@@ -1,6 +1,6 @@
 //! Bandwidth of the amplifier: the voltage on the piezo follows the drive as a first-order lag.
 //!
-//! The stage gives the voltage at the end of each interval; how it goes there is what stages behind are told
+//! The stage gives the voltage at the end of each interval; stages behind know how it goes there
 //! ([`super::arrival`]). In front of a slew limit, which makes another shape of it, it gives means.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};

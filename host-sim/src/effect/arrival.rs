@@ -3,10 +3,10 @@
 //!
 //! Stages hand on where their signal stands at the ends of intervals. Between two ends a held drive steps,
 //! late where it is delayed; behind an amplifier of first order it glides, `exp(-t / tau)` of the way being
-//! left. A drive that is not held between samples ([`crate::intersample::Intersample`]) runs straight. Within one
-//! interval both go one way only, so hysteresis passes either on as it comes, as far as its path is straight
-//! there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the bend of
-//! the loops alone, and two are as good as four were in which the mean of the voltage was held.
+//! left. A drive that is not held between samples ([`crate::intersample::Intersample`]) runs straight. Within
+//! one interval both go one way only, so hysteresis passes either on as it comes, as far as its path is
+//! straight there. What takes time, a mode or a sensor, is exact for either: sub-intervals are needed for the
+//! bend of the loops alone, and two are as good as four were in which the mean of the voltage was held.
 
 use super::{Setting, amplifier_bandwidth, delay, slew_limit};
 use crate::chain::Model;

@@ -171,7 +171,7 @@ impl Stage for CreepStage {
     }
 }
 
-/// The terms with a state for each lane.
+/// The terms with a state for each signal.
 struct CreepLanes {
     terms: Vec<(Term, Vec<f64>)>,
     inputs: Vec<f64>,

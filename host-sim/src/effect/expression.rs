@@ -6,7 +6,7 @@
 //! place = "sensor_nonlinearity"          # a place in the chain
 //! output = "x - stiffness * max(x - gap_um, 0)"
 //! one_sided = true                       # only the direction of the start values makes sense
-//! auxiliary = ["temperature_c"]          # optional: signals that were recorded beside drive and displacement
+//! auxiliary = ["temperature_c"]          # optional: signals recorded beside drive and displacement
 //! [[parameter]]
 //! name = "stiffness"
 //! unit = "1"
@@ -111,7 +111,7 @@ pub fn is_given(name: &str) -> bool {
 
 /// Most combinations of the starts of all parameters: each is a direction in which the effect is looked for.
 const DIRECTIONS_MAX: usize = 256;
-/// Most parts of an interval; a state that is faster yet is given up.
+/// Most parts of an interval; a faster state becomes NaN.
 const PARTS_MAX: f64 = 256.0;
 
 impl ExpressionEffect {
@@ -363,7 +363,7 @@ impl Effect for ExpressionEffect {
         };
         match parts_for(stage.rate_at_rest() * setting.dt_s) {
             Some(parts) => stage.parts = parts,
-            // Given up at the first step, where the record can be named.
+            // The first step gives NaN, where the caller can name the record.
             None => stage.values[stage.states.clone()].fill(f64::NAN),
         }
         Some(Box::new(stage))

@@ -42,8 +42,8 @@ pub trait RestoringForce: Send {
     fn stiffening(&self, memory: f64, swing_um: f64) -> f64;
 }
 
-/// The forces of a model, in the order of its effects, and the friction of its guide among them; none where
-/// there is none but friction.
+/// The forces of a model, in the order of its effects, and the friction of its guide among them; empty where
+/// friction is the only force.
 pub(super) fn forces_of(model: &Model, setting: &Setting) -> Vec<Box<dyn RestoringForce>> {
     let mut forces: Vec<Box<dyn RestoringForce>> =
         model.effects.iter().filter_map(|e| e.effect.restoring_force(model, &e.values(), setting)).collect();

@@ -33,7 +33,7 @@ pub(super) struct HeldMass {
     way: Way,
 }
 
-/// How an interval is walked.
+/// How an interval is simulated.
 enum Way {
     /// The mode is too fast to be followed in it: the bristle balances and the mode comes behind.
     Balanced(Propagator),
@@ -384,7 +384,7 @@ mod tests {
             };
             let along = |s: [f64; 4], d: [f64; 4], t: f64| std::array::from_fn(|i| s[i] + t * d[i]);
             for _ in 0..steps {
-                // A bristle that is short against the way of a step is walked in shorter ones.
+                // A bristle that is short against the way of a step is simulated in shorter steps.
                 let parts = (state[1].abs() * h / (0.2 * sliding_bend)).ceil().clamp(1.0, 200.0);
                 let h = h / parts;
                 for _ in 0..parts as usize {

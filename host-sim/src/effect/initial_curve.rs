@@ -1,5 +1,4 @@
-//! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop takes
-//! back.
+//! The initial ascending curve: the first rise to a new maximum leaves a remnant that no later loop removes.
 
 use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
 use crate::chain::Model;

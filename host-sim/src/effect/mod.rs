@@ -296,8 +296,7 @@ pub enum Planted {
 pub struct LinesAtRest {
     /// Frequencies of lines, Hz, of every rest and hold by itself.
     pub lines_hz: Vec<f64>,
-    /// Samples of the longest of them that is read fast enough for lines of the mains: zero where there is
-    /// none.
+    /// Samples of the longest of them that is read fast enough for lines of the mains: zero without one.
     pub samples: usize,
 }
 
@@ -361,7 +360,7 @@ pub struct Signals<'a> {
     pub auxiliary: &'a [AuxiliarySignal],
 }
 
-/// What a stage is told about the record on which it runs.
+/// What a stage knows of the record on which it runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
     /// Length of one interval of the chain, s.
@@ -381,7 +380,7 @@ pub struct Setting<'a> {
 
 impl Setting<'_> {
     /// Value of a signal of the record on an interval of the chain: held from each sample to the next, 0
-    /// where there is none.
+    /// without such a signal.
     #[must_use]
     pub fn held(&self, signal: &[f64], interval: usize) -> f64 {
         signal.get(interval / self.substeps).copied().unwrap_or(0.0)
@@ -408,8 +407,8 @@ fn lag_starts(overview: &Overview) -> Vec<Vec<f64>> {
 }
 
 /// The bandwidth of a first-order lag, within what the fastest record can show: a lag of much less than its
-/// sampling period cannot be told from how precisely the instants of sampling and of writing the drive are
-/// known.
+/// sampling period cannot be distinguished from how precisely the instants of sampling and of writing the
+/// drive are known.
 fn lag_parameters(overview: &Overview) -> Vec<Parameter> {
     vec![Parameter::logarithmic("bandwidth_hz", "Hz", 1e-4 * overview.sample_rate_max_hz, 0.5 * overview.sample_rate_max_hz)]
 }
@@ -471,16 +470,16 @@ pub trait Stage: Send {
 }
 
 /// Many signals that pass a linear stage side by side. A block holds a row for every interval, with one value
-/// for each lane.
+/// for each signal.
 pub trait LinearLanes: Send {
-    /// Puts all lanes at rest for constant inputs, one for each, and leaves the outputs in their place.
+    /// Puts all signals at rest for constant inputs, one for each, and leaves the outputs in their place.
     fn settle(&mut self, row: &mut [f64]);
 
     /// Runs over a block in place.
     fn run(&mut self, block: &mut [f64]);
 }
 
-/// Lanes of a stage that passes changes of its input on as they are.
+/// A stage that passes changes of its input on as they are.
 pub struct PassedOn;
 
 impl LinearLanes for PassedOn {

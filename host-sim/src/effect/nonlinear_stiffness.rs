@@ -68,7 +68,7 @@ impl RestoringForce for Spring {
         let inside = deflection.clamp(self.low_um, self.high_um);
         let [second, third, fifth] = self.powers;
         let square = inside * inside;
-        // Beyond, the straight spring's rise is taken back.
+        // Beyond, the straight spring's rise is subtracted.
         (square * (second + inside * (third + fifth * square)) - (deflection - inside), 0.0)
     }
     fn stiffening(&self, _memory: f64, swing_um: f64) -> f64 {

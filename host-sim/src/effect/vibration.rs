@@ -557,7 +557,7 @@ impl Stage for VibrationStage {
     }
 }
 
-/// A mode with a state for each lane.
+/// A mode with a state for each signal.
 struct ModeLanes {
     mode: Propagator,
     displacement: Vec<f64>,
@@ -617,7 +617,7 @@ impl ModeLanes {
     }
 }
 
-/// The modes that share the motion, with a state for each lane.
+/// The modes that share the motion, with a state for each signal.
 struct VibrationLanes {
     first: Option<ModeLanes>,
     second: Option<(f64, ModeLanes)>,

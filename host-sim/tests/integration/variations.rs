@@ -104,7 +104,7 @@ fn with_a_moved_value() {
     }
 }
 
-/// Friction is left out of the lanes: it is followed by the steps of a fit, not by its derivatives.
+/// Friction is left out of the batch: it is followed by the steps of a fit, not by its derivatives.
 #[test]
 fn with_more_of_a_coefficient() {
     for ids in MODELS.iter().filter(|ids| !ids.contains(&"friction")) {

@@ -1,4 +1,4 @@
-//! What the page is told.
+//! Answers to the page.
 
 use crate::recording::{ColumnChoice, Recording};
 use hysteron::analyse::Outcome;

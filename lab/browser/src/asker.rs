@@ -3,7 +3,7 @@
 use crate::answers;
 use hysteron::watch::{Event, Watch};
 
-/// Who asked: is told every step of a search as JSON, and may take the question back.
+/// Who asked: receives every step of a search as JSON, and may cancel the question.
 pub trait Asker: Sync {
     /// A step, as JSON.
     fn tell(&self, step: &str);

@@ -1,6 +1,6 @@
 //! The functions that the worker calls, over linear memory: `hysteron_reserve` makes room for a question,
 //! `hysteron_ask` answers it and says how long the answer is, `hysteron_answer` says where it stands. While a
-//! search goes on, the import `progress` is told every step.
+//! search goes on, the import `progress` receives every step.
 //!
 //! Unsafe code is confined to this file: three names that are exported and one function that is imported.
 #![allow(unsafe_code)]

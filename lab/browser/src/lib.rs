@@ -6,10 +6,10 @@
 //! * [`session`]: the data, the model and the last explanation, and what is asked of them;
 //! * [`recording`]: a data set from whatever files were dropped, with the roles that a person gave its
 //!   records;
-//! * [`answers`]: what the page is told, as plain structs;
+//! * [`answers`]: answers to the page, as plain structs;
 //! * `servo`: design, margins and a reference followed, of the model at hand;
-//! * [`asker`]: who is told of every step and may take a question back; [`served`]: the data set that a
-//!   program was started with;
+//! * [`asker`]: who receives every step and may cancel a question; [`served`]: the data set that a program
+//!   was started with;
 //! * `exports` (WebAssembly only): four functions over linear memory. No other file of the workspace exports
 //!   any;
 //! * `server` (elsewhere): the same questions over HTTP, for `hysteron lab`; `local_server`: a page for this

@@ -57,7 +57,7 @@ impl LocalServer {
         format!("http://{}/?token={}", self.host, self.token)
     }
 
-    /// The next request; `None` where there is none after all.
+    /// The next request; `None` if none came after all.
     #[must_use]
     pub fn receive(&self) -> Option<Request> {
         self.http.recv().ok()
@@ -71,8 +71,8 @@ impl LocalServer {
     /// Answers a request from the page by `route`, any other with a refusal.
     pub fn answer(&self, mut request: Request, route: impl FnOnce(&mut Request) -> Reply) {
         if request.body_length().is_some_and(|bytes| bytes > MOST_BODY_BYTES) {
-            // tiny_http 0.12 sets as much memory aside as a request announces when it is dropped, and where
-            // there is none the program ends. One connection that is never closed is the lesser evil.
+            // tiny_http 0.12 sets as much memory aside as a request announces when it is dropped, and without
+            // that memory the program ends. One connection that is never closed is the lesser evil.
             std::mem::forget(request);
             return;
         }

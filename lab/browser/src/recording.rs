@@ -2,9 +2,9 @@
 //!
 //! With a `dataset.toml` among them the manifest says what is what. One file alone is cut by what its drive
 //! does, as on the command line. Several files without a manifest are taken as whole records of one actuator:
-//! those at rest show the noise, the last that moves is held out, the others are fitted; the manifest that
-//! says so is written here, so that the command line comes to the same data set. An amplifier's image with
-//! its log is decoded as `hysteron capture` does.
+//! those at rest show the noise, the last that moves is held out, the others are fitted; the manifest for
+//! that is written here, so that the command line comes to the same data set. An amplifier's image with its
+//! log is decoded as `hysteron capture` does.
 
 use hysteron::capture::capture;
 use hysteron::dataset::manifest::{IntersampleEntry, PerColumn};

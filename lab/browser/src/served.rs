@@ -33,7 +33,7 @@ impl Served for OnDisk {
     fn read(&self, said: &Said) -> Result<Recording> {
         use hysteron::dataset::reading::Instructions;
         use hysteron::dataset::{folder, readers};
-        // What is said in the page goes before what the command line said.
+        // Entries of the page override those of the command line.
         let (in_page, typed) = (said.instructions(), self.instructions.wanted.clone());
         let instructions = Instructions {
             wanted: in_page.before(typed),

@@ -1,8 +1,8 @@
 //! The native engine behind the lab page: the page itself and a session for every page that is open, on
 //! 127.0.0.1.
 //!
-//! Every question has a thread; those of one page wait for each other. A search is watched and taken back by
-//! requests beside it.
+//! Every question has a thread; those of one page wait for each other. Requests beside a search watch it and
+//! cancel it.
 
 use crate::Session;
 use crate::answers::Answer;
@@ -42,7 +42,7 @@ impl Asker for Desk {
     }
 }
 
-/// Serves the lab page until it is told to end.
+/// Serves the lab page until somebody ends it.
 pub struct Server {
     local: LocalServer,
     page: String,

@@ -14,7 +14,7 @@ use hysteron_sim::chain::Model;
 use serde::Deserialize;
 use serde_json::json;
 
-/// Share of the travel that a reference goes over where nothing is said.
+/// Share of the travel that a reference goes over by default.
 const SHOWN_SHARE: f64 = 0.35;
 
 /// What is asked about a servo.
@@ -54,7 +54,7 @@ fn order(dataset: &Dataset, reference_hz: f64) -> Order<'_> {
 /// Answers a question about a servo; `servo` is the one at hand.
 ///
 /// # Errors
-/// Why there can be none, or that there is none yet.
+/// Why no servo is possible, or that no servo is designed yet.
 pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: &Model, dataset: &Dataset) -> Result<Answer> {
     let at_hand = |servo: &Option<ServoDesign>| servo.clone().ok_or_else(|| refused("there is none yet; design one first".into()));
     match *question {

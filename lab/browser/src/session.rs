@@ -94,7 +94,7 @@ enum Question {
     Figures { seconds: f64, of_search: bool },
     /// The page of the last explanation, or of the model as it is.
     Report { of_search: bool },
-    /// What a page is told first: all effects, and what the program was started with.
+    /// The first question of a page: all effects, and what the program was started with.
     Begin {},
 }
 
@@ -115,7 +115,7 @@ pub struct Session {
     served: Option<Arc<dyn Served>>,
 }
 
-/// Of work that was taken back nothing is kept: data and model stay as they were.
+/// Cancelled work changes nothing: data and model stay as they were.
 fn unless_taken_back<T>(found: T, asker: &dyn Asker) -> Result<T> {
     if asker.has_left() { Err(Error::Stopped) } else { Ok(found) }
 }

@@ -408,7 +408,8 @@ function keep() {
     lab.text = (await ask({ ask: "save" })).json.text;
     lab.ofSearch = false;
     forgetServo();
-    // What a search starts from stays the list of effects; only a model from a file is searched from as it is.
+    // What a search starts from stays the list of effects; only a model from a file is searched from as it
+    // is.
   });
 }
 

@@ -1,4 +1,5 @@
-// Questions and answers as bytes: the length of a JSON text, the text, what stands behind it. Numbers are little-endian.
+// Questions and answers as bytes: the length of a JSON text, the text, what stands behind it. Numbers are
+// little-endian.
 "use strict";
 
 /** What a question ends with when somebody took it back. */

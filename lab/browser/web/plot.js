@@ -1,4 +1,5 @@
-// Curves on a canvas. From the true samples: where several fall on one pixel their least and greatest are drawn, else every sample.
+// Curves on a canvas. From the true samples: where several fall on one pixel their least and greatest are
+// drawn, else every sample.
 
 /** Round numbers between two limits. */
 function ticks(low, high, about) {

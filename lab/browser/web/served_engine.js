@@ -1,4 +1,5 @@
-// The engine of a page that `hysteron lab` serves: the program itself, asked over HTTP, questions one after the other.
+// The engine of a page that `hysteron lab` serves: the program itself, asked over HTTP, questions one after
+// the other.
 
 /** How often a search is asked how far it is, ms. */
 const LOOK_EVERY_MS = 200;
@@ -34,7 +35,7 @@ class ServedEngine {
       const { json, columns } = answerOf(await (await this.send("ask", questionBytes(question, files))).arrayBuffer());
       if (json.knows_nothing) this.knowsNothing = true;
       if (json.error) throw new Error(json.error);
-      // Answered in the moment in which it was taken back: what the program has now is not what the page shows.
+      // Answered in the moment of the cancellation: what the program has now is not what the page shows.
       if (cancelled !== this.cancelled) this.knowsNothing = true;
       return { json, columns };
     } finally {

@@ -1,6 +1,7 @@
 // The engine of a page from disk: the library in its worker, questions one after the other.
 //
-// Both engines have `ask`, `cancel`, `example`, `onprogress`, and `knowsNothing` where data and model must be handed to them again.
+// Both engines have `ask`, `cancel`, `example`, `onprogress`, and `knowsNothing` where data and model must be
+// handed to them again.
 
 class WorkerEngine {
   /** @param {ArrayBuffer} module the library */

@@ -255,7 +255,7 @@ pub fn run(words: &[OsString]) -> ExitCode {
     let arguments = match BoardArguments::try_parse_from(words) {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Nobody is left to be told where printing fails.
+            // Where printing fails, no way is left to report it.
             let _ = error.print();
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }
@@ -333,7 +333,7 @@ fn say_own_help(words: &[OsString]) -> bool {
     let mut whole = BoardArguments::command();
     whole.build();
     let command = words.first().and_then(|word| word.to_str()).and_then(|name| whole.find_subcommand_mut(name));
-    // Nobody is left to be told where printing fails.
+    // Where printing fails, no way is left to report it.
     command.map(|command| command.print_long_help()).is_some()
 }
 

@@ -70,7 +70,7 @@ fn seconds(given: &str) -> std::result::Result<Duration, String> {
     seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).ok_or_else(|| "expected a time in seconds above zero".to_owned())
 }
 
-/// What a servo's design is told of the sensor.
+/// What the user specifies of the sensor for a servo's design.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct SensorSaid {
     /// Bandwidth of the sensor, whose lag is undone [default: what the model or the data set knows of it]
@@ -147,7 +147,7 @@ pub fn as_typed() -> String {
     std::iter::once("hysteron".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
 
-/// What `plant` is told.
+/// Arguments of `plant`.
 #[derive(clap::Args)]
 pub struct PlantArguments {
     /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every

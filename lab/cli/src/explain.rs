@@ -18,7 +18,7 @@ pub struct ExplainRequest<'a> {
     pub from: &'a str,
     /// Effects of the user's own.
     pub own: &'a str,
-    /// Every step is told.
+    /// Every step is reported.
     pub verbose: bool,
     /// How long it may take.
     pub time: TimeArguments,

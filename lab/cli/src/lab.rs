@@ -13,7 +13,7 @@ use std::sync::Arc;
 pub fn lab(dataset: Option<PathBuf>, no_open: bool, reading: &ReadArguments) -> Result<bool> {
     let instructions = reading.instructions()?;
     let served = dataset.map(|path| Arc::new(OnDisk { path, instructions }) as Arc<dyn Served>);
-    // What cannot be read is said here, not in a page that has to be opened first.
+    // What cannot be read is reported here, not in a page that has to be opened first.
     served.as_ref().map_or(Ok(()), |served| served.read(&Said::default()).map(drop))?;
     let server = Arc::new(Server::bind(served)?);
     let at_end = Arc::clone(&server);

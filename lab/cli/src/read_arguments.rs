@@ -38,7 +38,7 @@ pub struct ReadArguments {
 }
 
 impl ReadArguments {
-    /// The same as they are typed behind a data set, each with a space before it, for a command that is told.
+    /// The same as they are typed behind a data set, each with a space before it, for a suggested command.
     pub fn as_typed(&self) -> String {
         let rate = self.sample_rate_hz.map(|rate| rate.to_string());
         let rows = self.skip_rows.map(|rows| rows.to_string());

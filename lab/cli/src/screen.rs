@@ -35,7 +35,7 @@ pub fn say(line: Arguments) {
     note(written);
 }
 
-/// What was said has arrived, or nobody wanted it any more.
+/// The output has arrived, or nobody wanted it any more.
 pub fn has_arrived() -> bool {
     note(stdout().flush());
     !FAILED.load(Ordering::Relaxed)

@@ -53,7 +53,7 @@ pub struct ParameterFigures {
 pub struct StepFigures {
     /// What was added.
     pub added: Option<String>,
-    /// What was taken back.
+    /// What was removed.
     pub removed: Vec<String>,
     /// Why.
     pub why: String,

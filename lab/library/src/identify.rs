@@ -90,8 +90,8 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     finished(steps, floor, &study)
 }
 
-/// A new fit of all values lowers the error, fitted and held out, by at least this share of it before the
-/// values of the effect alone are given up for it.
+/// A new fit of all values lowers the error, fitted and held out, by at least this share of it before it
+/// replaces the values of the effect alone.
 const WORTH_MOVING: f64 = 0.05;
 
 /// Everything fitted again around an effect that was found alone; its own values move along only where that

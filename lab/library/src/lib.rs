@@ -17,8 +17,11 @@
 //! use hysteron::outcome::Verdict;
 //! use hysteron::{Dataset, Record, Role, model_file::effects_named, watch::Unwatched};
 //!
-//! // Two recordings at 1 kHz of a stage that is linear but for a lag of its sensor; the second one only judges.
-//! let drive_v = |hz: f64| -> Vec<f64> { (0..2000).map(|k| 5.0 - 5.0 * (0.002 * std::f64::consts::PI * hz * f64::from(k)).cos()).collect() };
+//! // Two recordings at 1 kHz of a stage that is linear but for a lag of its sensor; the second only judges.
+//! let drive_v = |hz: f64| -> Vec<f64> {
+//!     let turn = 0.002 * std::f64::consts::PI * hz;
+//!     (0..2000).map(|k| 5.0 - 5.0 * (turn * f64::from(k)).cos()).collect()
+//! };
 //! let lagging_um = |drive_v: &[f64]| -> Vec<f64> {
 //!     let mut reading_um = 0.0;
 //!     let readings = drive_v.iter().enumerate().map(|(k, u)| {
@@ -28,13 +31,16 @@
 //!     });
 //!     readings.collect()
 //! };
-//! let record = |name: &str, hz: f64| Record::new(name, 1000.0, drive_v(hz), lagging_um(&drive_v(hz))).from_virgin_state();
+//! let record = |name: &str, hz: f64| {
+//!     Record::new(name, 1000.0, drive_v(hz), lagging_um(&drive_v(hz))).from_virgin_state()
+//! };
 //! let records = vec![record("fitted", 20.0), record("judging", 33.0).with_role(Role::Validate)];
 //! let dataset = Dataset::new("my stage", 0.0, 10.0, records)?;
 //!
 //! let found = analyse(&dataset, Start::Effects(&effects_named("gain")?), &Options::default(), &Unwatched)?;
 //! // The equal periods of the drives show the noise, and the lag brings the error down to it.
-//! assert!(matches!(found.diagnosis.verdict, Verdict::Named | Verdict::Ambiguous), "{}", found.diagnosis.sentence);
+//! let diagnosis = &found.diagnosis;
+//! assert!(matches!(diagnosis.verdict, Verdict::Named | Verdict::Ambiguous), "{}", diagnosis.sentence);
 //! assert!(found.last().error_um() < 0.01 * found.steps[0].judged.error_um());
 //! # Ok::<(), hysteron::Error>(())
 //! ```

@@ -9,7 +9,7 @@ pub fn largest(signal: &[f64]) -> f64 {
 }
 
 /// Least and largest value; infinite the wrong way round without any. Zero has no sign: a file's `-0.0` would
-/// be told as a limit of "-0".
+/// be printed as a limit of "-0".
 #[must_use]
 pub fn extremes(signal: &[f64]) -> (f64, f64) {
     let (low, high) = signal.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));

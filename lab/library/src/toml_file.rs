@@ -14,8 +14,8 @@ pub fn with_schema<T: DeserializeOwned>(text: &str, place: &str, schema: &str) -
     if let Some(other) = said.filter(|said| *said != schema) {
         return Err(Error::new(place, format!("schema = \"{other}\"; expected \"{schema}\"")));
     }
-    // Text of another kind altogether, as a recording in the place of a model, is told what it should have
-    // been.
+    // For text of another kind altogether, as a recording in the place of a model, the error gives what was
+    // expected.
     let expected = if table.is_none() { format!("; expected a TOML file that says schema = \"{schema}\"") } else { String::new() };
     toml::from_str(text).map_err(|e| Error::new(format!("{place}: line {}", line_of(text, e.span())), format!("{}{expected}", e.message())))
 }

@@ -29,21 +29,26 @@ class Record:
     displacement_um: ArrayLike
     #: External force, N, where it was measured.
     force_n: ArrayLike | None = None
-    #: Further signals that own effects take part of, by the name that those call them by (``{"temperature_c": ...}``).
+    #: Further signals for own effects, by the name that those call them by (``{"temperature_c": ...}``).
     auxiliary: Mapping[str, ArrayLike] = field(default_factory=dict)
-    #: "identify" is fitted, "validate" only judges, "noise" is at rest and shows the noise, "test" takes part in nothing.
+    #: "identify" is fitted, "validate" only judges, "noise" is at rest and shows the noise,
+    #: "test" takes part in nothing.
     role: Literal["identify", "validate", "noise", "test"] = "identify"
-    #: State at the first sample: "virgin" (all states zero), "settled" (at rest at the first drive after a longer history) or "unknown".
+    #: State at the first sample: "virgin" (all states zero), "settled" (at rest at the first drive
+    #: after a longer history) or "unknown".
     initial_state: Literal["virgin", "settled", "unknown"] = "unknown"
-    #: First sample that counts, and the one behind the last; all without it. What lies before still drives the model.
+    #: First sample that counts, and the one behind the last; all without it. What lies before
+    #: still drives the model.
     window: tuple[int, int] | None = None
-    #: Samples inside the window that do not count, first and behind the last of each stretch: no reading of the displacement, or another part of a tape.
+    #: Samples inside the window that do not count, first and behind the last of each stretch:
+    #: no reading of the displacement, or another part of a tape.
     left_out: list[tuple[int, int]] = field(default_factory=list)
     #: Steady-state periods: first sample, samples of a period, whole periods.
     periods: tuple[int, int, int] | None = None
     #: Name of the record with the same drive.
     repeat_of: str | None = None
-    #: "fit" estimates a constant of the sensor for this record, "zero" does not; by itself "zero" for a virgin state.
+    #: "fit" estimates a constant of the sensor for this record, "zero" does not;
+    #: by itself "zero" for a virgin state.
     offset: Literal["fit", "zero"] | None = None
 
     def _parts(self) -> dict[str, Any]:

@@ -44,8 +44,8 @@ impl Watch for Told {
 /// Does a piece of work.
 ///
 /// # Errors
-/// What was raised on the way (the work then ends at its next step, and what it had so far is given up), else
-/// the error of the work itself.
+/// What was raised on the way (the work then ends at its next step, without a result), else the error of the
+/// work itself.
 pub fn at_work<T: Send>(
     py: Python<'_>,
     progress: Option<Py<PyAny>>,

@@ -134,7 +134,7 @@ enum Column {
     Name(String),
 }
 
-/// What is said by signal, `t`, `u`, `y` or `force`.
+/// What is specified by signal, `t`, `u`, `y` or `force`.
 fn by_signal<T, U>(argument: &str, said: BTreeMap<String, T>, value: impl Fn(T) -> U) -> PyResult<PerColumn<U>> {
     let mut found = PerColumn::default();
     for (signal, said) in said {

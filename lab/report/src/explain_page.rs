@@ -252,7 +252,7 @@ fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f6
             .filter_map(|(feature, cell)| cell.map(|c| (feature, c)))
             .filter(|(_, cell)| floor_um.is_none_or(|floor_um| stands_out(cell.rms / floor_um, cell.samples)))
             .max_by(|a, b| a.1.rms.total_cmp(&b.1.rms));
-        // One cell for each record: neighbours tell the same story.
+        // One cell for each record: neighbours add nothing.
         if let Some((feature, cell)) = largest {
             cells.push((cell.rms, format!("{}, {} ({})", record.name, feature.label, feature.group)));
         }

@@ -16,7 +16,7 @@ pub struct ExplainReport {
     pub verdict: String,
     /// The verdict as one sentence in plain words.
     pub sentence: String,
-    /// Effects that the verdict names; all those it cannot tell apart if it is `ambiguous`.
+    /// Effects that the verdict names; all those it cannot distinguish if it is `ambiguous`.
     pub named: Vec<String>,
     /// The records in the order of the data set.
     pub records: Vec<RecordReport>,
@@ -76,7 +76,7 @@ pub struct RecordReport {
     pub rms_um: f64,
     /// Largest magnitude of the last residual, um.
     pub max_um: f64,
-    /// RMS of the last model's replay over the whole file, um; zero where there is none.
+    /// RMS of the last model's replay over the whole file, um; zero without a replay.
     #[serde(default)]
     pub replay_rms_um: f64,
 }

@@ -17,12 +17,11 @@
 //!         text: "Both plots share their time axis.".into(),
 //!         blocks: vec![
 //!             Block::Plot(
-//!                 Plot::new("Reference").x_axis("time", "s").y_axis("displacement", "um").link("time").with(Series::line(
-//!                     "reference",
-//!                     Role::Drive,
-//!                     t_s.clone(),
-//!                     reference,
-//!                 )),
+//!                 Plot::new("Reference")
+//!                     .x_axis("time", "s")
+//!                     .y_axis("displacement", "um")
+//!                     .link("time")
+//!                     .with(Series::line("reference", Role::Drive, t_s.clone(), reference)),
 //!             ),
 //!             Block::Plot(
 //!                 Plot::new("Error")

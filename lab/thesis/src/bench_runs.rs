@@ -1,4 +1,4 @@
-//! Servos on the reference bench: references of the thesis, one run, and what is said of it.
+//! Servos on the reference bench: references of the thesis, one run, and the figures of it.
 //!
 //! Every run is a conditioning cycle, zeroing of the sensor, and the reference of the thesis with the bench's
 //! offset. Errors are of what the sensor reads, noise removed, after the first part of the run, with the true
@@ -103,8 +103,7 @@ pub fn run(bench: &Bench, variant: Variant, design: &ServoDesign, reference_um: 
     run_repeating(bench, variant, design, reference_um, None, seed)
 }
 
-/// The same with a reference of which the servo is told, once it has grown, that it repeats after so many
-/// ticks.
+/// The same with a reference whose period, in ticks, the servo receives once it has grown.
 fn run_repeating(
     bench: &Bench,
     variant: Variant,

@@ -26,7 +26,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 const STEPS: usize = 10;
 /// Samples before anything counts.
 const SETTLING: usize = 400;
-/// Frequency at which the lag is told, Hz.
+/// Frequency at which the lag is given, Hz.
 const LAG_HZ: f64 = 100.0;
 
 /// Ranks of `C B` and `B` of the nominal model: an unknown input can be decoupled from the state estimate
@@ -40,7 +40,7 @@ pub fn matching_ranks(model: &NominalModel) -> (usize, usize) {
     (rank(&(&c * &b)), rank(&b))
 }
 
-/// An unknown-input observer for the nominal model, or why there is none.
+/// An unknown-input observer for the nominal model, or why none exists.
 ///
 /// # Errors
 /// If the matching condition is not met.

@@ -291,7 +291,7 @@ fn what_a_first_file_does_not_say_can_be_said_in_the_page() {
     page.drop_files(&[file]);
     page.wait_for(&format!("document.documentElement.dataset.error.includes('--units y=5um/V') && {LEFT_ALONE}"));
     assert_eq!(page.value("document.querySelector('#otherwise').hidden"), false);
-    // A unit that is none: refused again, with what was said still there.
+    // An unknown unit: refused again, with the entries still there.
     page.type_into("#otherwise [name=unit-y]", "5furlong/V");
     page.click("#otherwise button");
     page.wait_for(&format!("document.documentElement.dataset.error.includes('furlong') && {LEFT_ALONE}"));
@@ -301,7 +301,7 @@ fn what_a_first_file_does_not_say_can_be_said_in_the_page() {
     assert_eq!(page.value("document.querySelector('#otherwise').hidden"), true);
     let range_um = page.value("Math.max(...lab.data.records.map((record) => record.range_um))");
     assert!(range_um.as_f64().is_some_and(|um| (um - 6.0).abs() < 0.1), "{range_um}");
-    // What was said stays to be changed.
+    // The entry stays, so that the user can change it.
     assert_eq!(page.value("document.querySelector('#columns [name=unit-y]').value"), "5um/V");
     assert!(page.failures.is_empty(), "{:?}", page.failures);
     server.end();

@@ -110,7 +110,7 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     let followed = |name: &str, work: Work| follow(chain, design, &Reference::named(name).unwrap(), name, &work).unwrap();
     let error_um = |scheme: Option<&str>| followed("triangle:100:2:4", Work { scheme, ..Work::default() }).truth.rms_um;
     assert!(error_um(None) < 0.6 * error_um(Some("predictor")), "{} {}", error_um(None), error_um(Some("predictor")));
-    // The noise is the one that the servo was designed for, unless another is said; the error counts ten
+    // The noise is the one that the servo was designed for, unless another is specified; the error counts ten
     // periods after the reference has grown.
     let noise_um = |sensor_noise_um: Option<f64>| followed("triangle:20:2:4", Work { sensor_noise_um, ..Work::default() }).noise_um;
     assert_eq!((Some(noise_um(None)), noise_um(Some(0.004))), (design.sensor_noise_um, 0.004));

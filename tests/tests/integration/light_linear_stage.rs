@@ -1,7 +1,7 @@
 //! A stage without hysteresis, by the closed forms of a held mode and of one creep term: equations of this
 //! file, not of host-sim.
 //!
-//! What is said of it must be what it has, however its drive came into the file: as it was commanded, or read
+//! The diagnosis must match the stage, however its drive came into the file: as it was commanded, or read
 //! back with noise or by a coarse converter, which a light mode amplifies and every model passes on; and
 //! wherever the time constant of its creep lies.
 

@@ -1,7 +1,7 @@
 //! The main job on real input: planted cases, measured recordings, and the example that the project ships.
 //!
-//! Measured and planted data lie beside the project and are never copied into it; without them a test says so
-//! and passes.
+//! Measured and planted data lie beside the project and are never copied into it; without them a test reports
+//! that and passes.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::folder;
@@ -218,7 +218,7 @@ fn readings_that_end_say_nothing_of_the_rest() {
 }
 
 /// A Butterworth filter in the sensor's electronics is the same equation as a resonance; its damping tells
-/// which it is, and the headline says so although nothing else is confusable with it.
+/// which it is, and the headline names it although nothing else is confusable with it.
 #[test]
 fn a_filter_in_the_electronics_is_told_from_a_resonance_by_its_damping() {
     let (rate_hz, cut_off_hz, fine) = (10_000.0, 400.0, 40);

@@ -141,7 +141,7 @@ fn loops_of_a_real_stage_stay_in_the_place_of_a_gain() {
     }
 }
 
-/// Far above the noise what lowers every error stays in the model, and how much stays unexplained is told
+/// Far above the noise what lowers every error stays in the model, and how much stays unexplained is reported
 /// beside the names. All that vibration explains here is one ring, which by blocks of the record is no
 /// evidence; asked for it, the search ended at 17 nm.
 #[test]

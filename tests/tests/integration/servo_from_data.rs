@@ -183,7 +183,7 @@ fn what_cannot_be_meant_is_refused() {
     let narrow = hysteron::servo::amplifier_block::FrontEnd { sensor_min_um: 3.0, sensor_max_um: 14.0, ..Default::default() };
     let reason = order::design(&chain, &Order { front_end: Some(&narrow), ..Order::default() }).unwrap_err();
     assert!(reason.contains("3 to 14 um"), "{reason}");
-    // Without a recording a second mode is no fact, and no creep is said.
+    // Without a recording a second mode is no fact, and the explanation mentions the missing creep.
     let mut without = chain.clone();
     without.effects.retain(|e| e.id != "creep");
     let design = order::design(&without, &Order::default()).unwrap();

@@ -105,7 +105,7 @@ fn a_second_of_a_designed_loop_is_told_as_it_was() {
         println!("{seed}: {said:?}, {expected:.3?}, true error {true_nm:.3} nm, noise {:.3}", 1e3 * truth.noise_um);
         agree(&said, expected);
         assert!(!said.alarm && said.torn_windows == 0);
-        // What is told is the reading's error: the loop follows noise a little, so it is near the root of
+        // The reported error is the reading's: the loop follows noise a little, so it is near the root of
         // both squares.
         let both = true_nm.hypot(1e3 * truth.noise_um);
         assert!((f64::from(said.error_rms_pm) / 1e3 / both - 1.0).abs() < 0.25, "{both}");
@@ -227,7 +227,7 @@ fn the_block_from_another_recording_takes_over_without_a_step() {
             assert!(f64::from(step) <= 1.5 * f64::from(own_step.max(new_step)), "{step} {own_step} {new_step}");
             assert!(behind_nm < 1.5 * old_nm.max(new_nm) + 1e3 * truth.noise_um, "{behind_nm} {old_nm} {new_nm}");
             assert_eq!(running.amplifier.mode(), Mode::Closed);
-            // And the loop goes on as if it had had the block all along.
+            // And the loop goes on as it does with the block from the start.
             running.run(SECOND);
             let (_, later_nm) = followed(&mut running, 4000);
             let (_, along_nm) = followed(&mut all_along, 4000);

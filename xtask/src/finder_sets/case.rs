@@ -68,7 +68,7 @@ pub fn answered(program: &Path, arguments: &[&str], json: &Path) -> Result<(Valu
     Ok((serde_json::from_str(&text).map_err(|e| format!("{path}: {e}"))?, seconds, processor_s))
 }
 
-/// Seconds of processor of all children so far, from `/proc`; 0 where there is none, and the results say so.
+/// Seconds of processor of all children so far, from `/proc`; 0 without it, and the results note that.
 fn of_children_s() -> f64 {
     const TICKS_PER_S: f64 = 100.0;
     let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();

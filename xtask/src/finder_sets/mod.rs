@@ -121,7 +121,7 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
         for set in SETS.iter().filter(|set| asked.is_empty() || asked.iter().any(|name| name == set.name)) {
             match (set.cases)(&context, sample) {
                 Ok(cases) => run_set(&context, set, &cases, &mut results)?,
-                // A set whose data are not here says so; the others run.
+                // A set whose data are not here reports that; the others run.
                 Err(problem) => println!("{:<12} not run: {problem}", set.name),
             }
         }

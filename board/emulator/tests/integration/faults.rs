@@ -334,7 +334,8 @@ fn a_program_that_hangs_is_restarted_by_the_watchdog() {
     assert_eq!(outcome.resets, 1);
 }
 
-/// Acknowledges the sample clock's interrupt and returns: `mov.w r0, #0x40000000; mvn.w r1, #16; str r1, [r0, #16]; bx lr`.
+/// Acknowledges the sample clock's interrupt and returns:
+/// `mov.w r0, #0x40000000; mvn.w r1, #16; str r1, [r0, #16]; bx lr`.
 const ACKNOWLEDGE_AND_RETURN: [u16; 6] = [0xF04F, 0x4080, 0xF06F, 0x0110, 0x6101, 0x4770];
 
 #[test]

@@ -16,7 +16,7 @@ const RESET_CLOCK_HZ: u64 = 64_000_000;
 /// converters. `exchange` is what the servo does, once, when a block with another hysteresis takes over,
 /// `swap` all that the interrupt does when the same block does; both stand before the tick of that period.
 /// How much of `exchange` the compiler lays in line changes it by a tenth; a period has 20,000. A change that
-/// needs more says so here.
+/// needs more raises the limit here.
 const LIMITS: [(&str, u32, u32); 10] = [
     ("follow", 1_000, 800),
     ("learn", 1_500, 1_400),

@@ -2,8 +2,8 @@
 //!
 //! | signal | pin | timing |
 //! |---|---|---|
-//! | sensor | PA0 (ADC1_IN1, Arduino's A0), 0..3.3 V | sampled at the edge: TIM2's update is the regular conversion's trigger; ready 0.6 us later |
-//! | drive | PA4 (DAC1_OUT1, Arduino's A2), 0..3.3 V | the code written before is latched at the edge by the same trigger |
+//! | sensor | PA0 (ADC1_IN1, Arduino's A0), 0..3.3 V | TIM2 samples at the edge; ready 0.6 us later |
+//! | drive | PA4 (DAC1_OUT1, Arduino's A2), 0..3.3 V | TIM2 latches the earlier code at the edge |
 //!
 //! The sensor's twelve bits are the upper ones of its code, which so goes in steps of 16 over the whole of
 //! its range. The drive's codes are 12 bits wide: the block's front end says `drive_bits = 12`. From a reset

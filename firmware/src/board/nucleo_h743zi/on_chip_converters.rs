@@ -3,7 +3,7 @@
 //!
 //! | signal | pin | timing |
 //! |---|---|---|
-//! | sensor | PA3 (ADC1_INP15), 0..3.3 V | sampled at the edge: TIM2's update is the regular conversion's trigger; ready 1 us later |
+//! | sensor | PA3 (ADC1_INP15), 0..3.3 V | TIM2's update samples it at the edge; ready 1 us later |
 //! | drive | PA4 (DAC1_OUT1), 0..3.3 V | the code written before is latched at the edge by the same trigger |
 //!
 //! The drive's codes are 12 bits wide: the block's front end says `drive_bits = 12`. Without a rest code the

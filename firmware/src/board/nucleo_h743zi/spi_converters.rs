@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | sensor SCK, SDO | PA5, PA6 (SPI1, frames of the block's bits, 32 MHz) | read by the control interrupt |
 //! | sensor CNV | PA0 (TIM2_CH1) | rises at the edge: the sample is taken there; low before the read |
-//! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 32 MHz) | written by the control interrupt |
+//! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 32 MHz) | the interrupt writes it |
 //! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
 //!
 //! The DAC leaves power-up, and its RESET pin (wired to NRST), with its output clamped to ground and an empty

@@ -37,7 +37,7 @@ pub fn record(words: &[OsString], program: impl Fn(&[OsString]) -> ExitCode) -> 
     let words = match Words::try_parse_from(words) {
         Ok(words) => words,
         Err(error) => {
-            // Nobody is left to be told where printing fails.
+            // Where printing fails, no way is left to report it.
             let _ = error.print();
             return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
         }

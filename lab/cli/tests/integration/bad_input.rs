@@ -190,7 +190,7 @@ fn models_that_were_edited_wrongly() {
     }
     says(&["add", "gain", "m.toml", ".", "--out", "m2.toml"], folder.path(), "is in the model already");
     says(&["explain", ".", "--from", "nowhere.txt"], folder.path(), "nowhere.txt: does not exist");
-    // A model in the place of a servo is told so, and not which field a servo would have.
+    // For a model in the place of a servo the message names the schema, not a missing field.
     says(&["check", "m.toml", "--model", "m.toml"], folder.path(), "schema = \"hysteron.model/1\"; expected \"hysteron.servo/");
     std::fs::write(folder.path().join("servo.toml"), "schema = \"hysteron.servo/1\"\ndelayed = true\n").unwrap();
     says(&["compare", "servo.toml", "."], folder.path(), "schema = \"hysteron.servo/1\"; expected \"hysteron.model/");
@@ -231,7 +231,7 @@ fn a_board_that_is_not_there_or_not_told_enough() {
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "-5"], "-5 is not above"),
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "150"], "front end"),
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "80"], nobody),
-        // All that can be known without the board is said without it.
+        // All that can be known without the board is reported without it.
         (&["tune", "out", "--tcp", nobody, "--drive-max-v", "80", "--reference-hz", "15000"], "--reference-hz"),
         (
             &["tune", "out", "--tcp", nobody, "--drive-max-v", "80", "--sensor-bandwidth-hz=50"],
@@ -326,7 +326,7 @@ fn what_another_program_does_is_told_without_it() {
 }
 
 /// Nobody said when the drive of a row acts: a delay that is found says from where it counts, and is silent
-/// once that was said.
+/// once that was specified.
 #[test]
 fn a_delay_says_from_which_drive_it_counts() {
     let folder = tempfile::tempdir().unwrap();
@@ -353,7 +353,7 @@ fn a_delay_says_from_which_drive_it_counts() {
 }
 
 /// A recording whose header says no units, with time in microseconds or the reading in metres: what is odd
-/// about it is said, and nothing panics.
+/// about it is reported, and nothing panics.
 #[test]
 fn units_that_nobody_said_are_doubted() {
     let folder = tempfile::tempdir().unwrap();

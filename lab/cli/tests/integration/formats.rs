@@ -9,7 +9,7 @@ mod written;
 use std::path::Path;
 use written::{FILES, Written, damaged, folder};
 
-/// Exit status and what was said.
+/// Exit status and messages.
 fn read(file: &Written, folder: &Path) -> (Option<i32>, String) {
     let units = file.units.map(|[u, y]| format!("u={u},y={y}"));
     let mut arguments = vec!["identify", file.file, "--effects", "gain"];

@@ -54,7 +54,7 @@ fn another_file_that_exists_needs_force() {
     assert!(hysteron(&[&simulate[..], &["--force"]].concat(), folder.path()).status.success());
 }
 
-/// `--verbose` tells every step of the work: of work that has not begun there is none.
+/// `--verbose` tells every step of the work: work that has not begun has no step.
 #[test]
 fn a_target_that_cannot_be_written_is_known_before_the_work_begins() {
     let folder = folder_with_model();

@@ -1,5 +1,5 @@
-//! `hysteron board scope` in front of a board that is none: what its page is told, what strangers are told,
-//! and what the board is told.
+//! `hysteron board scope` in front of a simulated board: what its page receives, what strangers receive, and
+//! what the board receives.
 #![cfg(unix)]
 
 use crate::common;
@@ -16,13 +16,13 @@ use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-/// The sine of the board that is none.
+/// The sine of the simulated board.
 const SINE_HZ: f64 = 750.0;
 const RATE_HZ: f64 = 20_000.0;
 /// Its sensor: 15 um over 65,536 codes from -1 um; its drive: 140 V from -20 V.
 const SPANS: [f64; 4] = [-1.0, 15.0, -20.0, 140.0];
 
-/// What the board is like, and what it was told.
+/// What the board is like, and what it received.
 #[derive(Default)]
 struct Like {
     mode: u8,
@@ -275,7 +275,7 @@ fn only_this_machine_is_served_and_ctrl_c_ends_it() {
     let folder = tempfile::tempdir().unwrap();
     common::says(&["board", "scope", "--no-open", "--tcp", "127.0.0.1:1", "--listen", "0.0.0.0:0"], folder.path(), "other machines");
     common::says(&["board", "scope", "--no-open", "--tcp", "127.0.0.1:1", "--listen", "here"], folder.path(), "--listen");
-    // No board is there at all: the page says so, and STOP that it was not sent.
+    // No board is there at all: the page reports it, and STOP that it was not sent.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let free = listener.local_addr().unwrap().port();
     drop(listener);

@@ -80,7 +80,7 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
         let arguments = ["design", "m.toml", "--data", &example, "--learning", "--reference-hz", hz, "--out", "no.toml"];
         says(&arguments, folder, expected);
     }
-    // Slower than that nothing is said of it where nothing is learned.
+    // Slower than that, and without learning, no message mentions it.
     done(&["design", "m.toml", "--data", &example, "--reference-hz", "4", "--out", "slow.toml"], folder);
 
     // A recording of a stage with ten times the gain.
@@ -106,7 +106,7 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
     let [left_nm, noise_nm, ..] = numbers(refused.split("it leaves").nth(1).unwrap_or_default())[..] else { panic!("{refused}") };
     assert!(left_nm > 5.0 * noise_nm && noise_nm > 0.5, "{refused}");
 
-    // A bandwidth of the sensor that is said is undone, and told beside the errors.
+    // A specified bandwidth of the sensor is undone, and reported beside the errors.
     let late = done(&["design", "m.toml", "--data", &example, "--sensor-bandwidth-hz", "10000", "--out", "late.toml"], folder);
     assert!(late.contains("15.9 us late"), "{late}");
     let tracked = done(&["track", "m.toml", "late.toml", "--reference", "sine:50:3"], folder);
@@ -129,7 +129,7 @@ fn what_a_design_says_is_so_and_what_it_cannot_do_is_refused() {
     assert!(true_nm[0] < 5.0 && (true_nm[1] - 13.3).abs() < 3.0, "{true_nm:?}");
     let tracked = done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
     assert!(!tracked.contains(" us late"), "{tracked}");
-    // A recording is read as it was said when the model was made, and what is told next can be typed.
+    // A recording is read as specified when the model was made, and the suggested command can be typed.
     says(&["design", "m.toml", "--data", &example, "--timing", "sideways", "--out", "no.toml"], folder, "hold_after_sample");
     std::fs::copy(Path::new(example.as_ref()).join("validation.csv"), folder.join("my data.csv")).unwrap();
     let read_as = ["--timing", "hold_after_sample"];

@@ -45,8 +45,8 @@ fn columns_that_are_not_there_are_told_under_the_key_that_names_them() {
     assert!(hysteron(&["identify", ".", "--effects", "gain"], folder.path()).status.success());
     std::fs::write(folder.path().join("dataset.toml"), MANIFEST).unwrap();
     std::fs::write(folder.path().join("a.csv"), good_rows(400).replace("t_s,u_v,y_um", "when,what,which")).unwrap();
-    // Names that say nothing: the columns are recognised by what they do, and that is said with how to say it
-    // otherwise.
+    // Names that say nothing: the columns are recognised by what they do, and a note reports that and how to
+    // specify them.
     let recognised = hysteron(&["explain", "."], folder.path());
     let said = String::from_utf8_lossy(&recognised.stdout).into_owned();
     assert!(recognised.status.success() && said.contains("u = column `what`") && said.contains("--columns t=1,u=2,y=3"), "{said}");

@@ -15,8 +15,8 @@ const STRETCH_RMS_MAX: f64 = 1.5;
 /// Means of two stretches are the same where they differ by less than so many of their standard deviations.
 const SAME_MEAN: f64 = 5.0;
 
-/// Noise of a drive that was read back is below this share of its range; a multisine to nearly half the
-/// sampling rate looks like noise too, and is the motion.
+/// Noise of a measured drive is below this share of its range; a multisine to nearly half the sampling rate
+/// looks like noise too, and is the motion.
 const NOISE_SHARE_MAX: f64 = 0.02;
 
 /// A stage answers within so many samples.

@@ -98,7 +98,7 @@ pub enum ColumnName {
     Name(String),
 }
 
-/// One value for each signal of a record, where it is said.
+/// One value for each signal of a record, where it is specified.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct PerColumn<T> {
@@ -119,7 +119,7 @@ impl<T> Default for PerColumn<T> {
 }
 
 impl<T> PerColumn<T> {
-    /// What is said about a signal.
+    /// What is specified for a signal.
     #[must_use]
     pub fn get(&self, quantity: Quantity) -> Option<&T> {
         match quantity {
@@ -130,7 +130,7 @@ impl<T> PerColumn<T> {
         }
     }
 
-    /// The place of what is said about a signal, by its key `t`, `u`, `y` or `force`.
+    /// The place of what is specified for a signal, by its key `t`, `u`, `y` or `force`.
     pub fn by_key(&mut self, key: &str) -> Option<&mut Option<T>> {
         match key {
             "t" => Some(&mut self.t),
@@ -141,7 +141,7 @@ impl<T> PerColumn<T> {
         }
     }
 
-    /// The same, with what is said here before what is said there.
+    /// The same, with values of `self` before those of `other`.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self { t: self.t.or(other.t), u: self.u.or(other.u), y: self.y.or(other.y), force: self.force.or(other.force) }
@@ -198,7 +198,7 @@ pub struct RecordEntry {
 }
 
 impl RecordEntry {
-    /// What is said about the columns of the file.
+    /// What the entry specifies for the columns of the file.
     #[must_use]
     pub fn wanted(&self) -> ColumnRules {
         ColumnRules { columns: self.columns.clone(), unit: self.unit.clone(), scale: self.scale.clone(), auxiliary: self.auxiliary.clone() }

@@ -1,7 +1,7 @@
 //! Data sets: records of drive and displacement with what is known about them.
 //!
 //! * [`Record`] holds the signals of one recording, [`Dataset`] the records of one actuator; [`Dataset::new`]
-//!   checks them, and whatever is wrong is told with record and sample;
+//!   checks them, and reports whatever is wrong with record and sample;
 //! * [`readers`]: the bytes of one file of numbers as a [`table`] of named columns; [`recognise`]: which
 //!   column is what, by names, [`units`] and [`behaviour`]; [`time_axis`]: even samples from stamps that need
 //!   not be even; [`timing`]: when a drive acts; [`manifest`]: the `dataset.toml` of a folder;
@@ -142,7 +142,7 @@ impl Dataset {
 
     /// Checks what only the whole can show, and notes what is doubtful.
     fn checked(mut self) -> Result<Self> {
-        // Zero has no sign: a limit of -0.0 would be told as "-0 V".
+        // Zero has no sign: a limit of -0.0 would be printed as "-0 V".
         (self.drive_min_v, self.drive_max_v) = (self.drive_min_v + 0.0, self.drive_max_v + 0.0);
         self.check_names()?;
         for record in &self.records {

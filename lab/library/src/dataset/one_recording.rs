@@ -28,7 +28,7 @@ const JUMPS_MAX: usize = 2;
 /// A hold begins or ends a recording where so small a part of it is before or behind.
 const BEGINNING: usize = 50;
 
-/// The parts of one recording, and what is said of them.
+/// The parts of one recording, and the notes on them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parts {
     /// Samples of each part, and what it is for.
@@ -141,7 +141,8 @@ fn other(role: Role) -> Role {
     if role == Role::Identify { Role::Validate } else { Role::Identify }
 }
 
-/// Windows in which drive and reading move and that are long enough; what is none belongs to its neighbour.
+/// Windows in which drive and reading move and that are long enough; any other window belongs to its
+/// neighbour.
 fn that_move(cut: Vec<(Role, Range<usize>)>, drive_v: &[f64], reading_um: &[f64], motion: Range<usize>) -> Vec<(Role, Range<usize>)> {
     let is_part = |w: &Range<usize>| w.len() >= SAMPLES_MIN && moves(&drive_v[w.clone()]) && moves(&reading_um[w.clone()]);
     let mut windows: Vec<(Role, Range<usize>)> = Vec::new();
@@ -363,7 +364,7 @@ mod tests {
         has_on_both_sides(&parts, &(5000..6000));
         let late = [held(0.0, 9500), triangles(50.0, 125, 2)].concat();
         every_part_moves(&late, &parts_of(&late));
-        // Steps that cannot be on both sides are fitted, and that is said.
+        // Steps that cannot be on both sides are fitted, and a note reports it.
         for drive in [[held(0.0, 1000), held(50.0, 9000)].concat(), [held(0.0, 100), held(50.0, 9000)].concat()] {
             let parts = parts_of(&drive);
             every_part_moves(&drive, &parts);

@@ -56,7 +56,7 @@ pub struct Instructions {
 }
 
 impl Instructions {
-    /// What is said here, and where nothing is what is said there.
+    /// Values of `self`, and where it has no value those of the other.
     #[must_use]
     pub fn before(&self, wanted: ColumnRules) -> ColumnRules {
         let own = self.wanted.clone();

@@ -1,5 +1,5 @@
-//! Which column is what: as it was said, else by names and units, else by behaviour; whatever was assumed is
-//! said.
+//! Which column is what: as specified, else by names and units, else by behaviour; a note reports every
+//! assumption.
 
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
 use super::manifest::{ColumnName, Columns, PerColumn};
@@ -66,8 +66,8 @@ const CHANNELS_IN_TURN: f64 = 2.0;
 /// The signals of a record.
 ///
 /// # Errors
-/// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be told
-/// apart.
+/// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be
+/// distinguished.
 pub fn signals(table: &Table, wanted: &ColumnRules) -> Result<Signals> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
     for (name, column) in &wanted.auxiliary {
@@ -143,7 +143,7 @@ impl Choice<'_> {
         self.auxiliary.contains(&at) || self.found.iter().flatten().any(|found| found.at == at)
     }
 
-    /// What was said about a column.
+    /// What was specified for a column.
     fn said(&self, quantity: Quantity, wanted: Option<&ColumnName>) -> Result<Option<Found>> {
         let key = quantity.key();
         let Some(wanted) = wanted else { return Ok(None) };
@@ -497,7 +497,7 @@ impl Choice<'_> {
                 })
                 .collect();
             let by_number: Vec<String> = taken.iter().map(|(q, found)| format!("{}={}", q.key(), self.column(found.at).number)).collect();
-            // What is told is what was recognised, so that a line that is copied changes nothing.
+            // The note gives what was recognised, so that a line that is copied changes nothing.
             self.notes.push(format!(
                 "columns: {}; to say it otherwise: --columns {} (and --units, as u=V,y=um), or columns and unit in dataset.toml",
                 parts.join("; "),

@@ -1,4 +1,4 @@
-//! One file of numbers as columns, whatever format it had.
+//! One file of numbers as columns, whatever its format.
 
 use super::units::split_name;
 use crate::error::{Error, Result};

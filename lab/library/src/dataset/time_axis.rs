@@ -51,7 +51,7 @@ pub struct StampContext<'a> {
     pub place: &'a str,
     /// Line of a row.
     pub line_of: &'a dyn Fn(usize) -> usize,
-    /// Sampling rate, if it was said.
+    /// Sampling rate, if it was specified.
     pub sample_rate_hz: Option<f64>,
     /// Whether uneven stamps may be mended: whatever the gaps, never, or as far as is safe.
     pub resample: Option<bool>,
@@ -146,7 +146,7 @@ impl StampContext<'_> {
 /// The period of stamps that are even as they are.
 ///
 /// # Errors
-/// Where they are even at another rate than was said.
+/// Where they are even at another rate than the specified one.
 fn even_period(t_s: &[f64], known: &StampContext) -> Result<Option<f64>> {
     let mean_s = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1).max(1) as f64;
     let is_even = |period_s: f64| t_s.windows(2).all(|w| (w[1] - w[0] - period_s).abs() <= UNEVEN * period_s + 1e-9);
@@ -223,7 +223,7 @@ fn once(t_s: &[f64], known: &StampContext) -> Result<(Vec<usize>, Option<String>
     Ok((kept, Some(note)))
 }
 
-/// The period of stamps that jitter or miss samples, and what is said of it.
+/// The period of stamps that jitter or miss samples, and the note on it.
 fn irregularities(t_s: &[f64], known: &StampContext) -> Result<(f64, String)> {
     let force = known.resample == Some(true);
     let usual_s = known.sample_rate_hz.map_or_else(|| median_step(t_s), f64::recip);

@@ -68,7 +68,7 @@ impl Dataset {
         out
     }
 
-    /// The same readings, taken to follow the drive of their own row.
+    /// The same readings, with same-sample timing (`hold_before_sample`).
     #[must_use]
     pub fn in_own_rows(&self) -> Self {
         let mut out = self.clone();

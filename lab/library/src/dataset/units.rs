@@ -336,7 +336,7 @@ pub fn is_unit(text: &str) -> bool {
     entry(text).is_some()
 }
 
-/// Whether a unit says that a column is none of the signals of a record: a temperature, a current.
+/// Whether a unit shows that a column is no signal of a record: a temperature, a current.
 #[must_use]
 pub fn is_of_something_else(unit: Option<&str>) -> bool {
     matches!(unit.and_then(dimension_of), Some(Dimension::Other | Dimension::Current))

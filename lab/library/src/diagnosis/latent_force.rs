@@ -3,9 +3,9 @@
 //!
 //! A missing effect usually acts in front of the mechanics, and the residual then shows it blurred by the
 //! vibration. The way back through the mode amplifies noise without bound, so each frequency is weighed by
-//! how much of its power is more than noise (Wiener's filter); what cannot be told from noise is left out
-//! rather than guessed. The force is given as the displacement that it would cause at rest (force divided by
-//! stiffness), in nm.
+//! how much of its power is more than noise (Wiener's filter); what cannot be distinguished from noise is
+//! left out rather than guessed. The force is given as the displacement that it would cause at rest (force
+//! divided by stiffness), in nm.
 
 use crate::identification::noise_floor::periodogram;
 use crate::statistics::mean;

@@ -55,7 +55,7 @@ pub struct Proposal {
 
 /// Most samples of a proposed drive.
 const SAMPLES_MAX: f64 = 60_000.0;
-/// Two explanations are told apart where they differ by so many standard errors.
+/// Two explanations are distinguished where they differ by so many standard errors.
 const DECIDED: f64 = 5.0;
 /// Two models of the same stage differ by so much of the noise through what each leaves of it, and through
 /// how finely it is simulated.

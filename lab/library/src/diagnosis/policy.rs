@@ -1,10 +1,11 @@
 //! Every threshold of the decision, with the reason for its value.
 
-/// When a search goes on, when an effect is admitted, when two explanations are told apart.
+/// When a search goes on, when an effect is admitted, when two explanations are distinguished.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Policy {
-    /// Samples of the fitted records that are walked while searching, at most: every set of effects walks
-    /// them some thirty times. Longer records are searched on their beginnings and fitted whole at the end.
+    /// Samples of the fitted records that are simulated while searching, at most: every set of effects
+    /// simulates them some thirty times. Longer records are searched on their beginnings and fitted whole at
+    /// the end.
     pub walked_samples: usize,
     /// Samples of all fitted and judging records on which everything is decided, at most: with as many, an
     /// error is known to a thousandth. Of longer recordings the beginnings decide, and the last model is
@@ -39,7 +40,7 @@ pub struct Policy {
     /// was fitted is worth half.
     pub held_out_weight: f64,
     /// Least fall of the rank (a mean of the logarithms of fitted and held-out error) in a round after which
-    /// the search goes on: what brings less is taken back in the end more often than not.
+    /// the search goes on: an effect that brings less is removed in the end more often than not.
     pub least_gain: f64,
     /// An extension is not tried where the signatures promise that more than this share of the squares stays.
     pub promises_nothing: f64,
@@ -106,14 +107,14 @@ pub struct Policy {
     pub met: f64,
     /// A verdict explains a data set where fitted and held-out error are below this times the floor.
     pub explained: f64,
-    /// A model from elsewhere that leaves less than this times the floor after a simple story was at the
-    /// floor at home: more is looked for.
+    /// A prior model whose residual after a simple explanation is below this times the noise level reached
+    /// the noise on its own data: the search goes on.
     pub near_the_noise: f64,
     /// Errors within this of the floor, held out and fitted, count as the floor.
     pub at_floor: f64,
     /// Standard deviations of the floor itself by which they may be further from it: a short rest shows the
     /// noise to some per cent only. With two, 5 of 190 stages at the noise, each with half a second of rest,
-    /// were told unexplained.
+    /// were diagnosed as unexplained.
     pub floor_z: f64,
     /// A floor below so many times what rounding leaves is rounding for the most part (half of its squares),
     /// and an error below it no contradiction.
@@ -122,7 +123,7 @@ pub struct Policy {
     pub contradiction: f64,
     /// Signatures more alike than this are confusable.
     pub alike: f64,
-    /// A rival is looked at where it explains this share of what the effect in its place does.
+    /// A competing model is examined where it explains this share of what the effect in its place does.
     pub rival: f64,
 }
 

@@ -142,7 +142,7 @@ impl<'s, 'a> Pool<'s, 'a> {
         out
     }
 
-    /// The best entry of which no effect is excluded by its own physics; where there is none, the best.
+    /// The best entry of which no effect is excluded by its own physics; without such an entry, the best.
     #[must_use]
     pub fn best(&self) -> &Entry {
         let ranked = self.ranked();

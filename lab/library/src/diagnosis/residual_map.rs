@@ -42,7 +42,7 @@ pub fn drive_features(drive_min_v: f64, drive_max_v: f64) -> Vec<DriveFeature> {
     let mut features: Vec<_> = (0..LEVELS)
         .map(|i| {
             let from_v = drive_min_v + step_v * i as f64;
-            // Zero has no sign: a limit a little below it would be told as "-0".
+            // Zero has no sign: a limit a little below it would be printed as "-0".
             let [from, to] = [from_v, from_v + step_v].map(|volts| volts.round() + 0.0);
             let label = format!("{from} to {to}");
             column("drive level, V", label)

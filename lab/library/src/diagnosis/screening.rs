@@ -202,7 +202,7 @@ pub fn screen(
 }
 
 /// Screens candidates for a search on what a model leaves of some records and, apart from that, on what it
-/// leaves of all, along which it is walked once. `some` are records of `all` with the same samples.
+/// leaves of all, along which it is simulated once. `some` are records of `all` with the same samples.
 ///
 /// # Errors
 /// As [`screen`].
@@ -513,7 +513,7 @@ fn line_directions(starts: &[Vec<f64>], lines_hz: &[Vec<f64>], records: usize, c
     out
 }
 
-/// Variations that are walked beside one walk of the chain.
+/// Variations that are simulated beside one pass of the chain.
 const BESIDE: usize = 32;
 
 fn columns_of_record(
@@ -834,7 +834,7 @@ mod tests {
         let (candidates, patterns, repeats) = (6, 400, 300);
         let mut below = 0;
         for _ in 0..repeats {
-            // Columns of one common and one own part: strongly dependent statistics.
+            // Every other column is the common one, the rest are independent: strongly dependent statistics.
             let mut draw = || {
                 let common: f64 = random.random();
                 (0..candidates).map(|i| if i % 2 == 0 { common } else { random.random() }).collect::<Vec<f64>>()

@@ -66,15 +66,15 @@ pub struct Study<'a> {
 /// How far a fit goes to see whether a set of effects can compete.
 const QUICK: Effort = Effort { iterations: 6, tolerance: 0.5, relative: 0.003, looks_again: false };
 /// Steps after which a quick fit is looked at, and how far behind what it extends it may be then: of 369 such
-/// fits on the recorded stage 75 were given up so, a sixth of the time, and one of them would have come to a
-/// gain, of 0.04.
+/// fits on the recorded stage 75 ended so, a sixth of the time, and one of them would have come to a gain, of
+/// 0.04.
 const LOOKED_AT_AFTER: usize = 3;
 const PLAINLY_BEHIND: f64 = 0.2;
 /// A fit that two steps lowered by as much, as a logarithm, is on its way, and neither looked at nor ended.
 const FALLS_FAST: f64 = 0.5;
 /// The same where it is compared with one that is near the noise: from a hundred times as much a few steps
-/// more bring it there, and one that is given up is told apart by mistake. Of a straight stage with a lag of
-/// 150 Hz, read to 0.1 nm, a lag on the other side was given up at 28 nm.
+/// more bring it there, and one that ends early is wrongly distinguished. Of a straight stage with a lag of
+/// 150 Hz, read to 0.1 nm, a lag on the other side ended at 28 nm.
 const FALLS_TO_THE_NOISE: f64 = 0.1;
 /// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it
 /// belongs.
@@ -289,7 +289,7 @@ impl<'a> Study<'a> {
             if progress.taken >= QUICK.iterations && !at_the_noise {
                 return false;
             }
-            // Beside nothing it is behind nothing, and held-out records are not simulated to say so.
+            // Beside nothing it is behind nothing, and held-out records are not simulated to find that.
             let is_looked_at = of.is_finite() && progress.taken >= LOOKED_AT_AFTER && !looked_at.replace(true);
             !is_looked_at || self.merit(&self.judged_quickly(progress.model.clone())) - of < behind
         };
@@ -413,7 +413,8 @@ impl<'a> Study<'a> {
         let place = |e: &EffectInstance| e.effect.declaration().place;
         let orphaned = |e: &EffectInstance| {
             let d = e.effect.declaration();
-            // What modifies the effect that went stands in its place; a second mode without a first is none.
+            // What modifies the effect that went stands in its place; a second mode without a first has no
+            // meaning.
             d.modifies == Some(id) && model.effect(id).is_some_and(|of| place(of) == d.place)
         };
         let gone: Vec<String> = out.effects.iter().filter(|e| orphaned(e)).map(|e| e.id.clone()).collect();
@@ -479,7 +480,7 @@ impl<'a> Study<'a> {
         let mut order: Vec<Arc<dyn Effect>> = effects.to_vec();
         order.sort_by_key(|e| (e.fitting_rank(), e.declaration().place, e.declaration().id));
         let mut judged = self.one_after_the_other(&order)?;
-        // What was seated before the others had been begun again may stand in for what they lacked then, and
+        // An effect that was fitted before the others began again may stand in for what they lacked then, and
         // keeps them there: each in turn comes last, behind the others built without it.
         let seated = |e: &&Arc<dyn Effect>| !e.declaration().is_main() && !e.starts_combine() && e.starts(&self.overview).len() > 1;
         let in_turn: Vec<Arc<dyn Effect>> = order.iter().rev().filter(seated).cloned().collect();

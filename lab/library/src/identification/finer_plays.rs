@@ -14,7 +14,7 @@ use std::sync::Arc;
 const ELEMENTS_MAX: usize = 79;
 /// Thresholds are set free where no more elements than these are left.
 const FREE_ELEMENTS_MAX: usize = 20;
-/// An element that has less than this share of all weights is none.
+/// An element with less than this share of all weights does not count.
 const WEIGHT_MIN: f64 = 1e-3;
 /// How far a free threshold may go, in distances of the grid that it comes from.
 const REACH: f64 = 3.0;

@@ -8,7 +8,7 @@
 //!   one part in 10^4 of one sample.
 //! * The derivatives by the coefficients of the hysteresis change little while the other values move little;
 //!   they are kept until those have moved far enough. Every step is judged by the true sum of squares.
-//! * Where a trial step fails, the coefficients of the hysteresis follow it before it is given up, by the
+//! * Where a trial step fails, the coefficients of the hysteresis follow it before the fit rejects it, by the
 //!   derivatives that led to the step: exact ones cost as much as a step, and brought a fall in one of twelve
 //!   cases where those did not.
 
@@ -23,7 +23,7 @@ use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Parameter, Scale};
 use nalgebra::{DMatrix, DVector};
 
-/// Inner product, in four lanes so that the compiler can keep them busy.
+/// Inner product, with four partial sums so that the compiler can vectorise it.
 #[must_use]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let n = a.len().min(b.len());

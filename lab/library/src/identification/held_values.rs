@@ -2,7 +2,7 @@
 
 use hysteron_sim::chain::Model;
 
-/// The model with every value held for which `holds` says so, by the effect and the place of the value in it;
+/// The model with every value held for which `holds` is true, by the effect and the place of the value in it;
 /// others stay as free as they are.
 #[must_use]
 pub fn holding(model: &Model, holds: impl Fn(&str, usize) -> bool) -> Model {

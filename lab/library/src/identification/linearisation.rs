@@ -140,7 +140,7 @@ impl LinearCoefficients {
         Self(coefficients(model))
     }
 
-    /// The lane of a parameter, if it is one of them.
+    /// The position of a parameter among them, if it is one.
     #[must_use]
     pub fn lane(&self, model: &Model, index: ParameterIndex) -> Option<usize> {
         let id = &model.effects[index.effect].id;
@@ -163,8 +163,8 @@ pub fn residual_at(model: &Model, record: &Record, samples: &Samples) -> DVector
     residual_beside(model, record, samples, None)
 }
 
-/// The same near a model that was linearised: what the record has of its own is made of what it had there as
-/// far as that serves.
+/// The same near a model that was linearised: the record's nuisance terms are built from those there as far
+/// as they serve.
 #[must_use]
 pub fn residual_near(model: &Model, record: &Record, samples: &Samples, near: &Linearised) -> DVector<f64> {
     residual_beside(model, record, samples, Some(&near.own))
@@ -269,7 +269,7 @@ pub fn linearise_reusing(
 struct Assembling<'a> {
     model: &'a Model,
     free: &'a [ParameterIndex],
-    /// The lane of each free value that is a coefficient.
+    /// The position of each free value among the coefficients, if it is one.
     lanes: &'a [Option<usize>],
     /// Places of the others, by walk.
     groups: &'a [&'a [usize]],
@@ -342,8 +342,7 @@ struct Moved {
     variation: Variation,
 }
 
-/// Residual at the samples, with some coordinates moved too, and what each coefficient adds where lanes are
-/// given.
+/// Residual at the samples, with some coordinates moved too, and what each coefficient adds, if asked for.
 fn walk_part(
     model: &Model,
     record: &Record,

@@ -86,8 +86,8 @@ fn factor_of(covariance: &DMatrix<f64>) -> Vec<Vec<f64>> {
         let both = scale[i] * scale[j];
         if both > 0.0 { covariance[(i, j)] / both } else { 0.0 }
     });
-    // Of values that depend on one another exactly rounding leaves a matrix that is none of a covariance: a
-    // little on the diagonal mends it.
+    // Of values that depend on one another exactly rounding leaves a matrix that is no covariance: a little
+    // on the diagonal mends it.
     let factor = (0..8).find_map(|k| {
         let jitter = if k == 0 { 0.0 } else { 1e-14 * 100f64.powi(k) };
         (correlation.clone() + DMatrix::identity(p, p) * jitter).cholesky().map(|c| c.l())

@@ -29,8 +29,8 @@ const JUMP: f64 = 8.0;
 const MEDIAN_REACHES: usize = 2;
 /// Samples at the beginning of a record in which a jump of the drive counts for those before it too.
 const AT_AN_END: usize = 4;
-/// A corner of the drive makes a corner of the readings: what stands out by less than so many times what a
-/// straight stage would read there is none.
+/// A corner of the drive makes a corner of the readings: a reading is no outlier if it stands out by less
+/// than so many times what a straight stage would read there.
 const AS_THE_DRIVE: f64 = 3.0;
 /// Steps of a converter by which rounding and a noise below one step put a reading beside the mean of two
 /// others.

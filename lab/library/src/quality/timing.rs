@@ -22,7 +22,7 @@ const AS_FAST_AS_CAN_BE_SHOWN: f64 = 0.6;
 const AS_WELL: f64 = 0.03;
 /// Where no model reached the noise, the other timing is taken where its cost is lower by so much.
 const MUCH_BETTER: f64 = 0.2;
-/// The same of a model from elsewhere as it is: half of the error, as a logarithm.
+/// The same of a prior model as it is: half of the error, as a logarithm.
 const LEAVES_HALF: f64 = std::f64::consts::LN_2;
 /// What is worse by more than this than what was found does not come to it, however long it is fitted.
 const MAY_COME_TO_IT: f64 = 0.5;
@@ -60,7 +60,7 @@ const ANSWERED_OF_NEXT: f64 = 0.2;
 /// Share of all jumps that are answered in their row.
 const MOST_JUMPS: f64 = 0.8;
 
-/// How many jumps of the drive the displacement answers in their own row, where it does so with nearly all: a
+/// How many jumps of the drive the displacement answers in the same row, where it does so with nearly all: a
 /// reading that was taken before the drive acts knows nothing of it, however fast the stage is. Loops, which
 /// hide the timing of a drive that moves smoothly, hide none of that.
 #[cfg(feature = "readers")]

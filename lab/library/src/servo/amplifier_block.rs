@@ -194,8 +194,8 @@ fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32
 /// A block for a design.
 ///
 /// # Errors
-/// When the design is none whose eigenvalues are known, does not fit its formats, or the target would refuse
-/// the block: the drive's limits beyond the converter, or a loop that is not stable when sampled.
+/// When the design has no known eigenvalues, does not fit its formats, or the target would refuse the block:
+/// the drive's limits beyond the converter, or a loop that is not stable when sampled.
 pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Result<AmplifierParameters> {
     let Some(law) = design.law() else {
         return Err(Error::new("parameter block", "is made for a law that acts one period after its reading and has sampled eigenvalues"));

@@ -59,7 +59,7 @@ pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
 /// the same sines on the model.
 ///
 /// # Errors
-/// As [`order::design`]; a predictor that is refused is told in the explanation.
+/// As [`order::design`]; the explanation reports a refused predictor.
 pub fn design_beside_predictor(chain: &Model, order: &Order<'_>) -> Result<(ServoDesign, Vec<AtWork>), String> {
     let mut design = order::design(chain, order)?;
     if order.scheme == Choice::Predictor {
@@ -107,7 +107,7 @@ pub struct CheckResult {
 }
 
 impl CheckResult {
-    /// A criterion that is not met; the first of them is what is said.
+    /// A criterion that is not met; the result reports the first of them.
     fn fails(&mut self, because: String) {
         self.stable = false;
         self.unstable_because.get_or_insert(because);
@@ -160,7 +160,7 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
     };
     let delay_s = order::known_delay_s(chain);
     let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
-    // What both reach: a reference is told in um, whatever the servo's own model believes.
+    // What both reach: a reference is given in um, whatever the servo's own model has as its reach.
     let travel_um = model.reach_um().min(design.model.reach_um());
     let judged_with = (delay_s, Beginning { design, chain, travel_um, noise_um });
     match &design.scheme {
@@ -332,7 +332,7 @@ fn judge_law(
     out.stable = true;
     out.judge_poles(&poles, "with the mean gain");
     let places = ["smallest", "mean", "largest"].into_iter().zip(ratio.into_iter().zip(margins.spectral_radius));
-    // The mean is what the eigenvalues are of; where only it fails that is said already.
+    // The mean is what the eigenvalues are of; where only it fails that is reported already.
     for (place, (gain, radius)) in places.filter(|(_, (_, radius))| radius.is_nan() || *radius >= 1.0) {
         out.fails(format!(
             "where the actuator's gain is the {place}, {gain:.2} times the one that the law inverts, the largest eigenvalue is {radius:.4}"

@@ -58,7 +58,7 @@ impl AdaptationDesign {
         [ratio / (1.0 + self.farthest), ratio / (1.0 - self.farthest)]
     }
 
-    /// What is said of it.
+    /// The adaptation in words.
     #[must_use]
     pub fn in_words(&self) -> String {
         format!(

@@ -117,7 +117,7 @@ pub struct LoopMargins {
     /// eight periods, the mode at the same frequency).
     pub first_swinging: FirstUnstable,
     /// The first values with which it swings where it begins at the lower limit of its drive, as run on this
-    /// actuator; none where no beginning was said. The mode is that of a free drive.
+    /// actuator; none where no beginning was given. The mode is that of a free drive.
     #[serde(default)]
     pub first_from_rest: Option<FirstUnstable>,
     /// The frequency response.

@@ -612,7 +612,7 @@ fn without_integers(error: &QuantisationError) -> String {
     )
 }
 
-/// A feedforward that leaves more of a reference than this is told; from all of it on, no servo follows.
+/// A feedforward that leaves more of a reference than this is reported; from all of it on, no servo follows.
 const MISSED_TOLD: f64 = 0.01;
 const MISSED_MOST: f64 = 1.0;
 
@@ -690,7 +690,8 @@ mod tests {
     use super::*;
     use crate::servo::model::LinearModel;
 
-    /// What a servo cannot follow is refused by what the user asked for, and what it follows badly is told.
+    /// What a servo cannot follow is refused by what the user asked for, and what it follows badly is
+    /// reported.
     #[test]
     fn a_reference_beyond_what_the_feedforward_can_do_is_refused_with_one_that_it_can() {
         let missed = |first_hz: f64, second: bool, reference_hz: f64| {

@@ -6,7 +6,7 @@
 //! that is the amplifier's would make the true position as late as it was early. So a lag is undone where
 //! somebody says it (the order, or a parameter of the model that is held), where the model has both lags and
 //! the data tell them apart ([`KNOWN`]), or where the data set has it from a data sheet; otherwise not, and
-//! that is said.
+//! the explanation reports that.
 
 use super::model::SAMPLING_PERIOD_S;
 use super::quantise::{QuantisationError, number};

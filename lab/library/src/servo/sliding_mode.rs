@@ -6,7 +6,7 @@
 //! that instant. The equivalent control is that of the sampled mode: `(S G)^-1 S (F - 1) e` keeps the
 //! switching function `S e` where it is, with `S = [m T, 1]` over `[e1, e2 T]`. The PID of the switching
 //! function (Ch. 6, Eq. 14) brings it to zero. The law works in um of force-equivalent displacement, so that
-//! the hysteresis can be inverted behind it; the gains are told in the thesis' units.
+//! the hysteresis can be inverted behind it; the gains are given in the thesis' units.
 //!
 //! # Gains
 //! They are found as poles. In continuous time the errors obey `(s + m)((1 + B2 D_c) s^2 + B2

@@ -45,7 +45,7 @@ pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
     if learns { lead_s.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz) } else { lead_s }
 }
 
-/// The servo of a design that is told, once its reference has grown, after how many ticks that repeats.
+/// The servo of a design; it receives the period of its reference, in ticks, once that has grown.
 #[must_use]
 pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>) -> RepeatsLater {
     RepeatsLater { servo, period_ticks, wait_ticks: waveform::samples_in(1.0 / SAMPLING_PERIOD_S, waveform::GROWN_WITHIN_S) }
@@ -236,8 +236,8 @@ pub struct TrackResult {
 }
 
 impl TrackResult {
-    /// Why this is no tracking, if it is none: the drive at its limits while the error counts, or an error of
-    /// the size of the reference.
+    /// Why this is no tracking, if so: the drive at its limits while the error counts, or an error of the
+    /// size of the reference.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         if self.saturated_ticks > 0 {

@@ -2,8 +2,8 @@
 
 use super::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
 
-/// What a lag of the sensor does to the errors that are told: the lag that the servo undoes and the one that
-/// the actuator's sensor has, s.
+/// What a lag of the sensor does to the reported errors: the lag that the servo undoes and the one that the
+/// actuator's sensor has, s.
 #[must_use]
 pub fn sensor_lag(undone_s: Option<f64>, of_sensor_s: Option<f64>) -> Option<String> {
     let us = |lag_s: f64| format!("{:.1} us", 1e6 * lag_s);

@@ -40,7 +40,7 @@ pub fn kinds(wanted: &str) -> Option<Vec<Vec<String>>> {
     }
 }
 
-/// What the user of a synthetic case has modelled, if nothing else is said.
+/// What the user of a synthetic case has modelled, by default.
 const USUAL: [&str; 3] = [hysteresis::ID, initial_curve::ID, vibration::ID];
 
 /// What the user of a case already models: the usual three, creep in every second case, never what is hidden.
@@ -96,7 +96,7 @@ impl SetOrder {
     }
 }
 
-/// Simulates all cases of a set, on all cores; `done` is told of each with its name.
+/// Simulates all cases of a set, on all cores; `done` receives each with its name.
 ///
 /// # Errors
 /// As [`simulate_case`], and those of `done`.

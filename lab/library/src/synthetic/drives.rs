@@ -361,7 +361,7 @@ mod tests {
                 assert!(drive.name.starts_with("hold") || jump < 0.1 * (high - low), "{} jumps by {jump} V", drive.name);
                 if let Some((period_s, from_s)) = drive.period_s {
                     let (period, from) = ((period_s * drive.rate_hz).round() as usize, (from_s * drive.rate_hz).round() as usize);
-                    // What is left of a period at the end, the way back to rest, is none.
+                    // The rest of a period at the end, the way back to rest, does not count.
                     let whole = (drive.drive_v.len() - from) / period * period;
                     let repeats = (from..from + whole - period).all(|k| (drive.drive_v[k] - drive.drive_v[k + period]).abs() < 1e-9);
                     assert!(repeats && whole > 3 * period, "{}: {whole} samples of whole periods", drive.name);

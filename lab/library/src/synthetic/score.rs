@@ -69,7 +69,7 @@ pub struct Score {
     pub detected_from_nm: BTreeMap<String, f64>,
     /// Longest case.
     pub seconds_max: f64,
-    /// Rows: hidden; columns: what was said first.
+    /// Rows: hidden; columns: what the diagnosis names first.
     pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
     /// Every case.
     pub cases: Vec<CaseScore>,
@@ -116,9 +116,9 @@ const SET_MAX: usize = 3;
 /// What a diagnosis claims.
 struct Said<'a> {
     verdict: Verdict,
-    /// Effects that are said to be missing; more than one where it says "or".
+    /// Effects that the diagnosis reports as missing; more than one where it says "or".
     sets: &'a [Vec<String>],
-    /// Values of effects that are there are said to have changed.
+    /// The diagnosis reports changed values of effects that are there.
     others_changed: bool,
 }
 

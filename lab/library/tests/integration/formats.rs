@@ -93,7 +93,7 @@ fn every_file_that_the_script_writes_is_listed() {
 }
 
 /// What comes of a damaged file, as the table in docs/reference/formats.md writes it; fails where a message
-/// is none.
+/// is too poor to help.
 fn outcome(file: &Written, whole: Option<&Record>, kind: &str, content: &[u8]) -> &'static str {
     let name = file.file;
     let dataset = match read(file, content) {

@@ -1,5 +1,5 @@
-//! What is wrong with how a record was taken, and no missing effect: it begins in another state than was
-//! said, or a loop was closed.
+//! What is wrong with how a record was taken, and no missing effect: it begins in another state than
+//! declared, or a loop was closed.
 
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
@@ -24,7 +24,7 @@ fn stage(creep: bool) -> Model {
     model
 }
 
-/// Records that are said to begin virgin; of the second one the first samples are cut away.
+/// Records declared to begin virgin; of the second one the first samples are cut away.
 fn recorded(model: &Model, cut_samples: usize) -> Dataset {
     let lines: Vec<usize> = (1..=150).step_by(4).collect();
     let drives = [
@@ -122,7 +122,7 @@ fn a_record_that_begins_otherwise_is_said_and_nothing_is_named() {
     assert_eq!(d.verdict, Verdict::AtFloor, "{}", d.sentence);
 }
 
-/// Where records begin as was said, a missing effect is not put down to their states, and nothing is said of
+/// Where records begin as declared, a missing effect is not put down to their states, and no issue mentions
 /// them.
 #[test]
 fn a_missing_effect_is_no_other_state() {
@@ -142,7 +142,7 @@ fn a_missing_effect_is_no_other_state() {
 }
 
 /// The same stage in a loop with an integrating controller, whose drive was recorded: what was found stands,
-/// and the loop is said.
+/// and an issue reports the loop.
 #[test]
 fn a_loop_that_was_closed_while_recording_is_said() {
     let samples = 8000;
@@ -190,8 +190,8 @@ impl StepByStep {
     }
 }
 
-/// A smooth drive whose own row the readings follow: a mode as fast as the recording can show makes up for
-/// the period, and is not named.
+/// A smooth drive with same-sample timing: a mode as fast as the recording can show makes up for the period,
+/// and is not named.
 #[test]
 fn readings_of_their_own_row_are_no_mode() {
     let smooth = |k: usize, fast: f64| 5.0 - 2.5 * (k as f64 * 0.02 * fast).cos() - 1.5 * (k as f64 * 0.11 * fast).sin();
@@ -207,7 +207,7 @@ fn readings_of_their_own_row_are_no_mode() {
     dataset.timing_is_assumed = true;
     let gain = effects_named("gain").unwrap();
     let run = |dataset: &Dataset| analyse(dataset, Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
-    // The answer is of the recording as it was timed, and says so.
+    // The answer is of the recording as it was timed, and reports that timing.
     let found = run(&dataset);
     let timed = found.corrected.as_ref().expect("the timing that the readings show");
     let is_timing = |i: &hysteron::quality::Issue| matches!(i.kind, Kind::SameSampleTiming { .. }) && i.severity == Severity::Corrects;

@@ -365,7 +365,7 @@ fn a_filter_behind_a_mode_is_no_delay() {
     assert!(d.named.iter().any(|id| id == "sensor_filter") && d.named.len() == 2, "{}", d.sentence);
 }
 
-/// Lags in front of a mode and behind it make the same of the same drive: both are told, though a fit of the
+/// Lags in front of a mode and behind it make the same of the same drive: both are named, though a fit of the
 /// one from its own beginnings ends far from where the other is.
 #[test]
 #[ignore = "open: at 100 Hz a sensor filter is named beside the lag: the quick fit of lag and mode together ends in another minimum"]
@@ -418,7 +418,7 @@ fn what_coarse_readings_leave_has_no_name_of_loops() {
 
 /// A spring that stiffens in front of a mode: surfaces are the only curve of the library there, and their
 /// loops do not open. A bent sensor behind the mode does as well where little of the motion rings, and both
-/// are told; where much does, surfaces are no name.
+/// are named; where much does, surfaces are no name.
 #[test]
 #[ignore = "open: the curve is told, the mode behind it is fitted and not named"]
 fn a_curve_without_loops_is_no_hysteresis() {
@@ -481,8 +481,8 @@ fn a_lag_of_a_straight_stage_is_the_amplifiers_or_the_sensors() {
     }
 }
 
-/// A gap of 0.3 um that is crossed at every reversal, in front of a mode and in front of nothing: it was told
-/// friction, or left at four times the noise.
+/// A gap of 0.3 um that is crossed at every reversal, in front of a mode and in front of nothing: it is
+/// easily taken for friction, or left at four times the noise.
 #[test]
 fn a_gap_is_backlash_with_a_mode_behind_it_and_without() {
     let behind_a_gap = |drive_v: &[f64]| -> Vec<f64> {

@@ -220,7 +220,7 @@ fn beside_a_prior_model_an_effect_that_alone_explains_it_is_named() {
     let lagging = recorded(&[("gain", &[0.1]), MODE, ("sensor_bandwidth", &[120.0])], 0.002, 0.0, true, true);
     let found = analyse(&lagging, Start::Model(model), &Options::default(), &Unwatched).unwrap();
     holds_invariant_5(&found);
-    // A lag in front of a mode does the same as one behind it: both are said.
+    // A lag in front of a mode does the same as one behind it: both are named.
     assert!(found.diagnosis.named.contains(&"sensor_bandwidth".to_owned()), "{}", found.diagnosis.sentence);
     assert!(found.diagnosis.findings[0].effects.contains(&"sensor_bandwidth".to_owned()));
 }

@@ -1,7 +1,8 @@
 // Draws the figures of a page from the data at its end. No dependencies, no network.
 //
-// A figure is redrawn whole into an SVG string: a few thousand points take a few milliseconds, and what is on screen is a function of the data, the choices in the
-// bar (`chosen`) and the figure's own view (zoom, hidden series), nothing else.
+// A figure is redrawn whole into an SVG string: a few thousand points take a few milliseconds, and what is on
+// screen is a function of the data, the choices in the bar (`chosen`) and the figure's own view (zoom, hidden
+// series), nothing else.
 "use strict";
 (() => {
 const page = JSON.parse(document.getElementById("page-data").textContent);
@@ -33,7 +34,7 @@ function column(index) {
   return decoded[index] = values;
 }
 
-// ---- text -------------------------------------------------------------------------------------------------------------------------------------------------------
+// ---- text -------------------------------------------------------------------------------------------------
 const escapes = { "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" };
 const safe = text => String(text).replace(/[&<>"]/g, c => escapes[c]);
 const minus = text => text.replace("-", "\u2212");
@@ -48,7 +49,7 @@ function number(value, digits = 4) {
 const withUnit = (text, unit) => unit ? text + "\u202f" + unit : text;
 const axisTitle = axis => axis.label + (axis.unit ? ", " + axis.unit.replace("rtHz", "\u221aHz") : "");
 
-// ---- choices ----------------------------------------------------------------------------------------------------------------------------------------------------
+// ---- choices ----------------------------------------------------------------------------------------------
 const chosen = {};
 let holdScales = false;
 const stepSelectors = new Set(page.selectors.filter(s => s.steps).map(s => s.id));
@@ -119,7 +120,7 @@ function buildBar() {
   }
 }
 
-// ---- axes -------------------------------------------------------------------------------------------------------------------------------------------------------
+// ---- axes -------------------------------------------------------------------------------------------------
 /** Maps values to pixels; `log` keeps to positive values. */
 function scale(low, high, from, to, log) {
   const f = log ? Math.log10 : v => v, a = f(low), b = f(high);
@@ -162,7 +163,7 @@ function lowerBound(values, value) {
   return low;
 }
 
-// ---- plots ------------------------------------------------------------------------------------------------------------------------------------------------------
+// ---- plots ------------------------------------------------------------------------------------------------
 const links = {};
 const margin = { left: 58, right: 14, top: 8, bottom: 38 };
 let clips = 0;
@@ -365,7 +366,7 @@ class Plot {
   }
 }
 
-// ---- the falling error --------------------------------------------------------------------------------------------------------------------------------------------
+// ---- the falling error ------------------------------------------------------------------------------------
 function waterfall(frame, spec) {
   const drawing = frame.querySelector(".drawing");
   const draw = () => {
@@ -402,7 +403,7 @@ function waterfall(frame, spec) {
   draw();
 }
 
-// ---- coloured cells -----------------------------------------------------------------------------------------------------------------------------------------------
+// ---- coloured cells ---------------------------------------------------------------------------------------
 function heatMap(frame, spec) {
   const drawing = frame.querySelector(".drawing");
   const all = spec.layers.flatMap(layer => layer.values.flat()).filter(v => v > 0);

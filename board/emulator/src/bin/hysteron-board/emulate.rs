@@ -21,7 +21,7 @@ const SEED: u64 = 1;
 /// Noise of the sensor in front of a stage from a file, um RMS.
 const STAGE_NOISE_UM: f64 = 0.002;
 
-/// What `emulate` is told.
+/// Arguments of `emulate`.
 #[derive(Debug, PartialEq)]
 pub struct Options {
     address: SocketAddr,

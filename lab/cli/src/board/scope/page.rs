@@ -78,7 +78,7 @@ pub fn route(scope: &Scope, page: &str, request: &mut Request) -> Reply {
 /// The one command: the drive goes to rest. It waits for nothing, not even for who watches.
 fn stop(scope: &Scope) -> Reply {
     let mut seen = scope.seen();
-    // Counted before it is sent: who is told "stopped" by the board knows why.
+    // Counted before it is sent: who reads "stopped" from the board knows why.
     scope.stops.fetch_add(1, Ordering::SeqCst);
     let sent = match seen.stopper.as_mut() {
         Some(stopper) => stopper.stop().map_err(|problem| problem.to_string()),

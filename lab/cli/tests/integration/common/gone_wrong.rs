@@ -74,7 +74,7 @@ fn recorded(into: &Path, wrong: Wrong) -> std::io::Result<()> {
             })
             .collect();
         let mut readings = read(&drive_v, wrong);
-        // Of a record that is said to begin virgin the beginning is cut away.
+        // A record declared to begin virgin loses its beginning.
         let from = if wrong == Wrong::InitialState && role == "identify" { 1000 } else { 0 };
         readings.iter_mut().for_each(|y| {
             if wrong == Wrong::Disconnected && role != "noise" {

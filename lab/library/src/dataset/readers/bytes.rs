@@ -43,7 +43,7 @@ impl<'a> Bytes<'a> {
         Err(Error::new(self.place, format!("byte {}: {what}", self.at)))
     }
 
-    /// The next bytes; `what` they are is told where the file ends before them.
+    /// The next bytes; the error names them by `what` where the file ends before them.
     pub fn take(&mut self, count: usize, what: &str) -> Result<&'a [u8]> {
         if count > self.left() {
             return self.wrong(format!("{what} of {count} bytes, but the file ends after {}; is it cut off?", self.left()));

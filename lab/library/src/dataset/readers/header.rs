@@ -30,7 +30,7 @@ const RATE_KEYS: [&str; 5] = ["sample rate", "samplerate", "sampling rate", "sam
 /// those that hold numbers.
 ///
 /// # Errors
-/// A row of numbers of which one is none, and a header of another width.
+/// A row of numbers with a word that is no number, and a header of another width.
 pub fn read(place: &str, above: &[Line], separator: Separator, width: usize, numbers: &[usize]) -> Result<Header> {
     let lines: Vec<Line> = above.iter().copied().filter(|(_, text)| !bare(text).is_empty()).collect();
     let mut header = Header { names: vec![String::new(); width], units: vec![None; width], ..Header::default() };

@@ -87,7 +87,7 @@ fn format_of(place: &str, bytes: &[u8]) -> Format {
         [0x1f, 0x8b, ..] => Format::Refused("compressed by gzip; unpack it first"),
         _ if hdf5_at(0) || hdf5_at(512) || hdf5_at(1024) || hdf5_at(2048) => Format::Hdf5,
         _ if matlab5::is_matlab5(bytes) => Format::Matlab5,
-        // What is damaged at its first bytes is told by the reader of its name.
+        // The reader of a file's name reports damaged first bytes.
         _ => match extension.as_str() {
             "npy" => Format::Npy,
             "npz" => Format::Npz,

@@ -1,7 +1,7 @@
 //! Pages of a Parquet column that Zstandard compressed, without its C library.
 //!
-//! The reader of pages is told that nothing is compressed and hands out their bytes as they stand in the
-//! file; what is compressed of them is unpacked here.
+//! For the reader of pages nothing is compressed: it hands out their bytes as they stand in the file; what is
+//! compressed of them is unpacked here.
 
 use ::bytes::Bytes;
 use parquet::basic::Compression;

@@ -102,8 +102,7 @@ pub struct NoiseFloor {
     pub at_least_um: Option<f64>,
     /// All estimates, the one used first.
     pub estimates: Vec<FloorEstimate>,
-    /// Noise of the rest record that is the stronger the slower it is; `None` where it is white as far as the
-    /// rest shows.
+    /// 1/f noise of the rest record; `None` where the noise is white as far as the rest shows.
     pub wander: Option<Wander>,
     /// Largest standard deviation of the RMS of such noise from one judged record to another, as a share of
     /// it.
@@ -121,7 +120,7 @@ pub struct NoiseFloor {
     /// RMS of each record without what that noise makes, um.
     #[serde(skip)]
     pub of_readings_um: Vec<Option<f64>>,
-    /// Where estimates disagree, without what is said of that noise.
+    /// Where estimates disagree, without the warnings on that noise.
     #[serde(skip)]
     pub of_readings_warnings: Vec<String>,
 }
@@ -161,8 +160,8 @@ impl NoiseFloor {
             // What the stage followed as well is no noise of the column.
             DriveNoiseEvidence::Seen => more_than_made,
             DriveNoiseEvidence::InItsBand | DriveNoiseEvidence::Steps { .. } if more_than_made && speaks_for_it() => true,
-            // Of a drive that was commanded in these steps, all of it would be an effect: it is said, and the
-            // floor stays.
+            // Of a drive that was commanded in these steps, all of it would be an effect: a warning reports
+            // it, and the floor stays.
             DriveNoiseEvidence::Steps { step_v } if made > STEPS_MATTER * readings.unwrap_or(0.0) && left > STEPS_MATTER * made => {
                 return Some(Self { warnings: self.warnings_and(Some(read_back::words_of_steps(step_v, made))), ..self.clone() });
             }
@@ -201,7 +200,7 @@ const STEPS_MATTER: f64 = 0.5;
 const LEAVES_WHAT_IT_MAKES: f64 = 0.9;
 /// A declared step may differ by this share from the one that the readings show.
 const DECLARED_STEP_TOLERANCE: f64 = 0.05;
-/// Two estimates whose ratio is larger are said to disagree.
+/// Two estimates whose ratio is larger disagree.
 const AGREEMENT: f64 = 1.15;
 
 /// Estimates the floor of a data set.

@@ -1,4 +1,4 @@
-//! A drive that was read back: noise in its column, which the stage never saw and every model passes on.
+//! A measured drive: noise in its column, which the stage never saw and every model passes on.
 //!
 //! What no model can meet is not that noise times the gain. A light mode amplifies white noise, a slow stage
 //! smooths it, and the model that is compared does the same: how much is found by giving it the recorded
@@ -41,8 +41,8 @@ pub struct ReadBack {
     pub known: DriveNoiseEvidence,
 }
 
-/// Samples of a record that are walked to see what the noise makes: light modes forget within a fraction of
-/// them.
+/// Samples of a record that are simulated to see what the noise makes: light modes forget within a fraction
+/// of them.
 const SAMPLES_WALKED: usize = 20_000;
 /// Of the noise that is given once more.
 const SEED: u64 = 71;

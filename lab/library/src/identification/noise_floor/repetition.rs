@@ -1,9 +1,10 @@
 //! The noise between repetitions of one drive: periods inside a record, and records or parts of records with
 //! the same drive.
 //!
-//! Both are found from the drive alone; a manifest may say so as well. What differs between two repetitions
-//! is noise, twice; in front of where it has settled it is also what the actuator remembers from before, and
-//! that part is left out. Drift and lines are taken out of the difference as they are of a record at rest.
+//! Both are found from the drive alone; a manifest may declare them as well. What differs between two
+//! repetitions is noise, twice; in front of where it has settled it is also what the actuator remembers from
+//! before, and that part is left out. Drift and lines are taken out of the difference as they are of a record
+//! at rest.
 
 use super::random_part::random_part;
 use super::{FloorEstimate, FloorEvidence};
@@ -18,8 +19,7 @@ const SAMPLES_MIN: usize = 200;
 /// A drive repeats itself where it differs from before by less than this share of its span: less than any
 /// converter resolves.
 const SAME_DRIVE: f64 = 2e-5;
-/// A drive that was read back differs by the noise of that: by no more than this share of the actuator's
-/// span, RMS, ..
+/// A measured drive differs by its noise: by no more than this share of the actuator's span, RMS, ..
 const READ_BACK: f64 = 5e-4;
 /// .. without a pattern: no more than this share of the differences has one.
 const PATTERN_MAX: f64 = 0.5;

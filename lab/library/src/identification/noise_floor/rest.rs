@@ -22,7 +22,7 @@ const PARTS: usize = 4;
 /// What a drive that stands still lets see of the readings.
 pub(super) struct AtRest {
     pub estimate: FloorEstimate,
-    /// How the noise wanders, where that shows.
+    /// The 1/f noise, where it shows.
     pub wander: Option<Wander>,
     /// Lines beside the noise, Hz.
     pub lines_hz: Vec<f64>,

@@ -151,7 +151,7 @@ mod tests {
         }
         assert!((mean(&densities) / 0.001 - 1.0).abs() < 0.1, "{}", mean(&densities));
         assert!((mean(&ratios) - 1.0).abs() < 0.04, "{}", mean(&ratios));
-        // As far apart as is said: of twenty, two may be beyond two standard deviations, none beyond three
+        // As far apart as reported: of twenty, two may be beyond two standard deviations, none beyond three
         // and a half.
         let of_one = |seed: u64| {
             let found = Wander::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it wanders");
