@@ -1,5 +1,4 @@
-//! `cargo run --release -p hysteron --example arrays_to_servo`: from arrays to the verdict, a better model
-//! and a servo. The recordings are simulated here; yours come from wherever you keep them.
+//! From arrays to verdict, model and servo: `cargo run --release -p hysteron --example arrays_to_servo`.
 
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::servo::{commands::design, predictor::Demands};
