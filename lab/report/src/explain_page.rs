@@ -289,7 +289,7 @@ fn evidence(report: &ExplainReport) -> Option<Section> {
     }
     let names: Vec<_> = report.evidence.iter().map(|e| effect_words(&e.effect)).collect();
     Some(Section {
-        heading: format!("The evidence for {}", names.join(" or ")),
+        heading: format!("The evidence: {}", names.join(", ")),
         text: "Dots: what the residual does, averaged over the samples that share an abscissa. Line: what the effect's signature predicts. From both, everything that the \
                parameters of the model before could have absorbed has been taken out, so a wrong parameter cannot pose as this effect. Records are ordered by how much \
                the signature moves in them."
