@@ -54,7 +54,7 @@ class Fleet(unittest.TestCase):
                 usual = {"gain": 1.0 + 0.01 * rng.standard_normal(), "lag": 1.0 + 0.01 * rng.standard_normal()}
                 rows = recording(rng, **{**usual, **unlike.get(number, {})})
                 broken = {5: "", 42: "nothing but words\n", 73: re.sub("\n0.5000,[^,]*", "\n0.5000,NaN", text(rows)), 111: text(rows)[:800]}
-                broken |= {150: text(rows * [1, 1, 0]), 199: text(rows).replace("y_um", "y [V]")}
+                broken |= {150: text(rows * [1, 1, 0]), 199: text(rows).replace("y_um", "y [turns]")}
                 (folder / f"{number:03}.csv").write_text(broken.get(number, text(rows)))
             names = {f"{number:03}.csv" for number in broken}
             recordings, file = fleet.recordings_in(folder), out / "fleet.parquet"
