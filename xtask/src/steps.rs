@@ -359,9 +359,9 @@ const MOST_CONTROL_CODE_BYTES: u64 = 32 * 1024;
 /// 12 KiB of it are blocks, diagnosis and recorded codes over the serial port, 4 KiB the supply, the option
 /// bytes and the host that is missed, 4 KiB the figures of the closed loop and the alarm of its resonance, 5
 /// KiB the block that takes over, 3 KiB the gain that is adapted, 2 KiB codes of up to 20 bits: how many the
-/// block says, frames as long as they are, samples that are packed and unpacked. 49 KiB more are the safety
+/// block says, frames as long as they are, samples that are packed and unpacked. 50 KiB more are the safety
 /// envelope, arming, the self-test, the sliding-mode law and the log of faults over both channels.
-const MOST_FLASH_BYTES: u64 = 243 * 1024;
+const MOST_FLASH_BYTES: u64 = 244 * 1024;
 /// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors,
 /// 1 of its filters, twice; 1 KiB is a block that waits to take over. 2 KiB are the log of faults and the
 /// sliding-mode law's parameters and state.
