@@ -420,9 +420,10 @@ pub(super) struct RestingPlace {
 }
 
 impl RestingPlace {
-    /// Of one force alone.
-    pub(super) fn of(force: Box<dyn RestoringForce>) -> Self {
-        Self { balance: Balance::new(vec![force], 1.0), displacement_um: 0.0 }
+    /// The stage of one force alone; none in a model with inertia, where the force holds the moving mass.
+    pub(super) fn without_inertia<'a>(model: &Model, force: impl FnOnce() -> Box<dyn RestoringForce>) -> Option<Box<dyn Stage + 'a>> {
+        let alone = || Self { balance: Balance::new(vec![force()], 1.0), displacement_um: 0.0 };
+        model.effect(super::vibration::ID).is_none().then(|| Box::new(alone()) as Box<dyn Stage>)
     }
 }
 

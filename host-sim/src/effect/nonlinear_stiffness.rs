@@ -129,8 +129,7 @@ interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three 
         Some(Self::spring(model, values, setting))
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        // With inertia in the model the spring holds the moving mass.
-        model.effect(vibration::ID).is_none().then(|| Box::new(RestingPlace::of(Self::spring(model, values, setting))) as Box<dyn Stage>)
+        RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
     }
     fn planted(&self) -> Planted {
         // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.

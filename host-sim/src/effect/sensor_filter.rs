@@ -133,8 +133,6 @@ impl Effect for SensorFilter {
             place: Place::SensorBandwidth,
             modifies: Some(super::vibration::ID),
             experiment: "multisines up to a third of the sampling rate".into(),
-            // Not looked for by itself: beside other lags it ties with them on most data, and a mode with
-            // such a damping is reported as one. Beside a mode it is tried in the place of another lag.
             candidate: true,
             one_sided: true,
         }

@@ -745,7 +745,7 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
     ));
     rows.push(Row::new("ch4.rd.surface_order", orders.surface as f64, "1", "order of G by prediction of left-out heights; thesis 6"));
     let mut rate_blocks = drives_of_the_rates(fs);
-    let rate_note = "one step: every sample of all nine rates with the rate that it had; one cubic in the rate for creep at the slow end and for the mode's lag at the fast one";
+    let rate_note = "one step: every sample of all nine rates at its own rate; one cubic in the rate for creep at the slow end and for the mode's lag at the fast one";
     for hz in FIGURE_10_HZ {
         let drive = waveform::half_cosines(fs, 0.5 / hz, &FIGURE_10_V);
         let verification = bench.record(variant, Start::Virgin, &drive, 43);
@@ -782,7 +782,7 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
         }
     }
     let text = "Rounded triangles of 100 to 35000 V/s, fourteen heights each. Estimated as printed in two steps the surfaces belong to nominal rates that the rounded \
-             drive does not have at its peaks; estimated in one step every sample carries the rate that it had. At a reversal the rate is zero, so G need vanish on alpha = beta only there: \
+             drive does not have at its peaks; estimated in one step every sample carries its own rate. At a reversal the rate is zero, so G need vanish on alpha = beta only there: \
              at a rate it carries the lag of the actuator. Either way one cubic in the rate has to follow creep at 100 V/s and the mode's lag at 35000 V/s, which costs accuracy at both ends. \
              The orders of the estimation in one step are those that predict left-out heights best.";
     Ok((rows, section("Chapter 4: rate-dependent one-sided hysteresis", text, rate_blocks)))

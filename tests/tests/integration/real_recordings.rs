@@ -91,8 +91,7 @@ fn lagging(clean: &Dataset, cutoff_hz: f64) -> Dataset {
 }
 
 /// At the two speeds that are fitted creep, friction and charge leakage together do what a lag does, and what
-/// the fitted records are left with shows none. Where held-out records were not asked what is missing, the
-/// search ended at 119 nm, without a lag.
+/// remains of the fitted records shows no lag. The held-out records show it.
 #[test]
 fn a_lag_that_a_model_has_taken_in_is_seen_in_held_out_records() {
     let Some(data) = beside("measured") else { return };
@@ -142,8 +141,7 @@ fn loops_of_a_real_stage_stay_in_the_place_of_a_gain() {
 }
 
 /// Far above the noise what lowers every error stays in the model, and how much stays unexplained is reported
-/// beside the names. All that vibration explains here is one ring, which by blocks of the record is no
-/// evidence; asked for it, the search ended at 17 nm.
+/// beside the names. Vibration explains one ring here, which by blocks of the record is no evidence.
 #[test]
 fn what_lowers_the_errors_of_a_real_stage_stays_with_a_remainder() {
     let Some(data) = beside("measured") else { return };

@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::{best_parameters, block, host_run, image, lines, samples};
+use common::{assert_same_bits, best_parameters, block, host_run, image, lines, samples};
 use hysteron_emulator::board::{NucleoBoard, ONE_INSTRUCTION_PER_CYCLE};
 use hysteron_emulator::converters::World;
 use hysteron_emulator::run::{MILLISECOND, Script, run};
@@ -64,12 +64,7 @@ fn sines_agree_with_the_host_to_the_last_bit() {
 
     let mut twin = World::new(&bench, Variant::FULL, 7);
     let host = host_run(&parameters, &mut twin, &commands, ticks as usize);
-    // The trace begins when its command arrived.
-    let full_rate: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < ticks).collect();
-    assert_eq!(full_rate.len(), (ticks - 100) as usize);
-    for (ours, theirs) in full_rate.iter().zip(&host[100..]) {
-        assert_eq!(**ours, *theirs);
-    }
+    assert_same_bits(&target, &host);
 
     // And it is a servo: steady tracking error of what the sensor reads, over the last half of each sine.
     for (nth, millihertz) in (0..).zip(SINES_MHZ) {

@@ -1,7 +1,7 @@
 //! The unmodified image runs a PIDSMOC in predictor form: what it reads and drives over 100 000 ticks is what
 //! the host's simulation of the same core and plant gives, to the last bit.
 
-use crate::common::{best_parameters, block, host_run, image, lines, samples};
+use crate::common::{assert_same_bits, best_parameters, block, host_run, image, lines, samples};
 
 use hysteron::servo::model::{LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::sliding_mode::{SlidingFamily, SlidingKind, SlidingTuning};
@@ -71,11 +71,7 @@ fn a_pidsmoc_agrees_with_the_host_to_the_last_bit() {
     assert_eq!((lost, outcome.malformed, outcome.resets), (0, 0, 0));
     let mut twin = World::new(&bench, Variant::FULL, 7);
     let host = host_run(&parameters, &mut twin, &commands, ticks as usize);
-    let full_rate: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < ticks).collect();
-    assert_eq!(full_rate.len(), (ticks - 100) as usize);
-    for (ours, theirs) in full_rate.iter().zip(&host[100..]) {
-        assert_eq!(**ours, *theirs);
-    }
+    assert_same_bits(&target, &host);
     let status = outcome.texts_with("status").last().expect("a status").to_string();
     let number = |name: &str| -> u64 {
         let rest = status.split(&format!("{name}: ")).nth(1).unwrap_or_default();

@@ -32,9 +32,8 @@ pub struct Policy {
     /// together are proposed as a pair.
     pub rounds_without_gain: usize,
     /// The same far above the noise, or where nobody knows it: there several effects are missing, and each
-    /// may need another beside it. On the recorded stage two sets of eight came further in a fourth such
-    /// round than in a third when that was chosen (one from 18.4 / 34.0 to 14.7 / 22.6 nm); near the noise a
-    /// second one made surfaces of degree 8 of a contact.
+    /// may need another beside it. A fourth such round lowers two of eight recorded sets, one
+    /// from 18.4 / 34.0 to 14.7 / 22.6 nm.
     pub rounds_without_gain_far_above: usize,
     /// Weight of the held-out error beside the fitted one where models are ranked: what is only met where it
     /// was fitted is worth half.
@@ -70,8 +69,8 @@ pub struct Policy {
     pub closures_max: usize,
     /// Others that are fitted in the place of an effect, at most.
     pub rivals: usize,
-    /// A rival's signature is at least so much like that of the effect: what acts in quite another way is
-    /// found by the search itself.
+    /// What takes the place of an effect has a signature at least this similar to that of the effect. The search
+    /// itself finds what acts in another way.
     pub rival_similarity: f64,
     /// Initial guesses from which the most promising effects are begun.
     pub guesses: usize,

@@ -73,8 +73,7 @@ const PLAINLY_BEHIND: f64 = 0.2;
 /// A fit that two steps lowered by as much, as a logarithm, is on its way, and neither looked at nor ended.
 const FALLS_FAST: f64 = 0.5;
 /// The same where it is compared with one that is near the noise: from a hundred times as much a few steps
-/// more bring it there, and one that ends early is wrongly distinguished. Of a straight stage with a lag of
-/// 150 Hz, read to 0.1 nm, a lag on the other side ended at 28 nm.
+/// more bring it there, and a fit that ends early would be rejected by mistake.
 const FALLS_TO_THE_NOISE: f64 = 0.1;
 /// What is still so far behind once what was added was fitted by itself is not begun anywhere near where it
 /// belongs.

@@ -334,7 +334,11 @@ impl<'a> Said<'a> {
         };
         let excluded = d.candidates.iter().filter(|c| c.standing == Standing::Excluded && c.unlikely_because.is_some());
         let none = excluded.map(|c| {
-            format!(" {} lowers the errors and is none: {}.", capital(&spoken(&c.effect)), c.unlikely_because.clone().unwrap_or_default())
+            format!(
+                " {} lowers the errors but is excluded: {}.",
+                capital(&spoken(&c.effect)),
+                c.unlikely_because.clone().unwrap_or_default()
+            )
         });
         d.findings.iter().filter_map(of).chain(none).collect()
     }

@@ -336,8 +336,7 @@ fn played(drive_v: &[f64]) -> Vec<f64> {
 }
 
 /// Another stage of the same kind has two modes, where the model that is handed in has one that swings more
-/// slowly. Begun with that one held a second mode leaves many times the noise, and a fit of all values
-/// together from there ended at 24 to 53 nm.
+/// slowly. A second mode beside that one leaves many times the noise until all values begin again.
 #[test]
 #[ignore = "open: a delay is named beside the second mode"]
 fn a_second_mode_beside_one_that_has_moved_is_met() {
@@ -420,7 +419,7 @@ fn what_coarse_readings_leave_has_no_name_of_loops() {
 /// loops do not open. A bent sensor behind the mode does as well where little of the motion rings, and both
 /// are named; where much does, surfaces are no name.
 #[test]
-#[ignore = "open: the curve is told, the mode behind it is fitted and not named"]
+#[ignore = "open: the curve is named; the mode behind it is in the model and has no name"]
 fn a_curve_without_loops_is_no_hysteresis() {
     for (drives, told_beside) in [(usual_drives(), true), ([tones(0.3), tones(1.0)], false)] {
         let mut stage =

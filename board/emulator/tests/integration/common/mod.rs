@@ -145,6 +145,16 @@ pub fn samples(outcome: &Outcome) -> (Vec<TraceSample>, u32) {
     (samples, lost)
 }
 
+/// Asserts that image and host agree in every sample from where the trace runs at full rate, tick 100.
+pub fn assert_same_bits(target: &[TraceSample], host: &[TraceSample]) {
+    let ticks = host.len() as u32;
+    let full_rate: Vec<_> = target.iter().filter(|sample| sample.tick >= 100 && sample.tick < ticks).collect();
+    assert_eq!(full_rate.len(), (ticks - 100) as usize);
+    for (ours, theirs) in full_rate.iter().zip(&host[100..]) {
+        assert_eq!(**ours, *theirs);
+    }
+}
+
 /// The same amplifier on the host, with commands at their ticks: what the target must have done, bit by bit.
 pub fn host_run(parameters: &AmplifierParameters, world: &mut World, commands: &[(u32, &str)], ticks: usize) -> Vec<TraceSample> {
     let mut amplifier = Amplifier::new(*parameters);
