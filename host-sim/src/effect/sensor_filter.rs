@@ -155,10 +155,6 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
         by_data_sheet.into_iter().chain(elsewhere).map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2]).collect()
     }
-    fn ruled_out_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
-        // Beyond the critical damping it is two lags, and the slower one is a bandwidth.
-        (values[1] > 1.0).then(|| format!("with a damping ratio of {:.2} it is two lags", values[1]))
-    }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         if taken_in_by_modes(model).is_some() {
             return None;

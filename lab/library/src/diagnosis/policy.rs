@@ -152,7 +152,7 @@ impl Default for Policy {
             compared_of_a_level: 4,
             closed_around: 1,
             closures_max: 4,
-            rivals: 5,
+            rivals: 3,
             rival_similarity: 0.6,
             guesses: 2,
             prior_guesses: 3,
