@@ -5,6 +5,7 @@ use core::sync::atomic::AtomicI32;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
+use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
@@ -101,6 +102,14 @@ impl Device for Target {
 
     fn swap_block(&mut self) {
         settings::swap();
+    }
+
+    fn kept_settings(&self) -> Option<KeptSettings> {
+        settings::kept_settings()
+    }
+
+    fn keep_settings(&mut self, settings: &KeptSettings) -> Result<(), Moving> {
+        if control::drive_rests() && !settings::is_keeping() { Ok(settings::keep_settings(settings)) } else { Err(Moving) }
     }
 
     fn brought(&self) -> Brought {
