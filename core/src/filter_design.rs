@@ -31,8 +31,7 @@ pub const NARROWEST_MILLIHERTZ: u32 = 1_000;
 const USUAL_WIDTH: u32 = 10;
 
 /// What was expected of a frequency or a width.
-pub const EXPECTED_FILTER: &str =
-    "expected a frequency from 10 Hz to 0.45 of the sampling rate, or 0 for none, and a notch at least 1 Hz wide and no wider than 0.45 of the sampling rate";
+pub const EXPECTED_FILTER: &str = "expected a frequency from 10 Hz to 0.45 of the sampling rate, or 0 for none, and a notch at least 1 Hz wide and no wider than 0.45 of the sampling rate";
 
 /// A notch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -205,8 +204,7 @@ mod tests {
     #[test]
     fn what_is_beyond_the_limits_is_refused() {
         let with = |frequency_millihertz, width_millihertz, low_pass_millihertz| {
-            let setting =
-                FilterSetting { notches: [Notch { frequency_millihertz, width_millihertz }, Notch::OFF], low_pass_millihertz };
+            let setting = FilterSetting { notches: [Notch { frequency_millihertz, width_millihertz }, Notch::OFF], low_pass_millihertz };
             (setting.row(Place::Notch1, 20_000).is_ok(), setting.row(Place::LowPass, 20_000).is_ok())
         };
         assert_eq!(with(735_000, 0, 1_000_000), (true, true));

@@ -115,12 +115,27 @@ enum Pending {
     DiagnosisHelp(usize),
     Events(u32),
     Recorded(DataArray),
-    Codes { first: u32, count: u32 },
+    Codes {
+        first: u32,
+        count: u32,
+    },
     Wave(DataArray),
-    Build { table: usize, at: usize, segment: Segment, done: u32 },
-    Commands { first: Command, then: Option<Command>, meaning: Meaning },
+    Build {
+        table: usize,
+        at: usize,
+        segment: Segment,
+        done: u32,
+    },
+    Commands {
+        first: Command,
+        then: Option<Command>,
+        meaning: Meaning,
+    },
     /// Filters that the amplifier is given section by section: a bit for each that is left.
-    Filters { left: u8, new: [FilterSetting; 2] },
+    Filters {
+        left: u8,
+        new: [FilterSetting; 2],
+    },
 }
 
 /// Whether the wave generator runs.

@@ -946,7 +946,10 @@ fn filters_are_tuned_while_the_axis_moves_without_a_step() {
         assert!(behind <= before + 40, "{line}: {behind} codes a tick, {before} before");
     }
     assert_eq!(table.value("SPA? 1 0x7F000021"), 40.0);
-    assert_eq!((table.value("SPA? 1 0x7F000020"), table.value("SPA? 1 0x7F000022"), table.value("SPA? 1 0x7F000024")), (0.0, 900.0, 3000.0));
+    assert_eq!(
+        (table.value("SPA? 1 0x7F000020"), table.value("SPA? 1 0x7F000022"), table.value("SPA? 1 0x7F000024")),
+        (0.0, 900.0, 3000.0)
+    );
     table.run(4000);
     assert_eq!(table.ask("ONT?"), "1=1\n");
     // Beyond the limits nothing of a line acts.
@@ -961,7 +964,9 @@ fn settings_are_kept_at_rest_and_come_back() {
     let mut table = Table::ready();
     table.tell("WPA 100", 93);
     let mut table = Table::new();
-    for line in ["VEL 1 250", "SPA 1 0x07000900 0.05", "SPA 1 0x7F000006 2", "SPA 1 0x7F000007 735", "SPA 1 0x7F000030 735 1 0x7F000034 4000"] {
+    for line in
+        ["VEL 1 250", "SPA 1 0x07000900 0.05", "SPA 1 0x7F000006 2", "SPA 1 0x7F000007 735", "SPA 1 0x7F000030 735 1 0x7F000034 4000"]
+    {
         table.tell(line, 0);
     }
     table.tell("WPA 99", 17);
@@ -974,7 +979,8 @@ fn settings_are_kept_at_rest_and_come_back() {
         table.rig.0.borrow_mut().kept = kept.map(|kept| KeptSettings { stage, ..kept });
         let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(0)).collect();
         table.session = Session::new(table.rig.clone(), parameters(), Box::leak(waves.into_boxed_slice()));
-        ["VEL? 1", "SPA? 1 0x07000900", "SPA? 1 0x7F000006", "SPA? 1 0x7F000007", "SPA? 1 0x7F000030", "SPA? 1 0x7F000034"].map(|line| table.value(line))
+        ["VEL? 1", "SPA? 1 0x07000900", "SPA? 1 0x7F000006", "SPA? 1 0x7F000007", "SPA? 1 0x7F000030", "SPA? 1 0x7F000034"]
+            .map(|line| table.value(line))
     };
     assert_eq!(again(parameters().physical.name), [250.0, 0.05, 2.0, 735.0, 735.0, 4000.0]);
     // Another stage begins as a new one: ten times its span in a second, a thousandth of it.

@@ -127,7 +127,11 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
     println!(
         "  register of the drive's converter {}, output of the amplifier {}",
         if envelope.drive_reads_back { "read back" } else { "not read back" },
-        if envelope.monitor_span_uv > 0 { format!("watched to {:.3} V", 1e-3 * f64::from(envelope.monitor_tolerance_mv)) } else { "not watched".into() }
+        if envelope.monitor_span_uv > 0 {
+            format!("watched to {:.3} V", 1e-3 * f64::from(envelope.monitor_tolerance_mv))
+        } else {
+            "not watched".into()
+        }
     );
     println!("  checksum {name}");
     match checksum {
@@ -177,5 +181,22 @@ mod tests {
         let wrong = |from: &str, to: &str| bytes_of(&FILE.replace(from, to), Path::new("bench.toml")).is_err();
         assert!(wrong("drive_bits = 20", "drive_bits = 30") && wrong("drive_max_v = 20.0", "drive_max_v = -5.0"));
         assert!(wrong("current_ma = 20.0", "current_ma = 0.0") && wrong("rest_v", "rset_v"));
+        assert_eq!((envelope.drive_reads_back, envelope.monitor_span_uv), (false, 0), "nothing is watched unless the file has it");
+    }
+
+    #[test]
+    fn a_monitor_must_see_the_whole_drive_and_a_dead_amplifier() {
+        let with = |lowest_v: f64, tolerance_v: f64| {
+            let monitor = format!(
+                "drive_reads_back = true\n[monitor]\ndrive_at_lowest_code_v = {lowest_v}\ndrive_beyond_highest_code_v = 150.0\ntolerance_v = {tolerance_v}\nlag_s = 0.002\n"
+            );
+            bytes_of(&format!("{FILE}{monitor}"), Path::new("bench.toml"))
+        };
+        let (envelope, _) = with(-30.0, 0.5).expect("an envelope");
+        assert!(envelope.drive_reads_back);
+        assert_eq!((envelope.monitor_at_code_0_uv, envelope.monitor_span_uv), (-30_000_000, 180_000_000));
+        assert_eq!((envelope.monitor_tolerance_mv, envelope.monitor_lag_us), (500, 2_000));
+        assert!(with(0.0, 0.5).is_err(), "0 V would be an open cable");
+        assert!(with(-30.0, 1.5).is_err(), "the step of the self-test would not show a dead amplifier");
     }
 }
