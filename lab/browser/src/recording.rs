@@ -7,7 +7,7 @@
 //! log is decoded as `hysteron capture` does.
 
 use hysteron::capture::capture;
-use hysteron::dataset::manifest::{IntersampleEntry, PerColumn};
+use hysteron::dataset::{column_rules::PerColumn, manifest::IntersampleEntry};
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::reading::{Instructions, from_file_as, from_manifest_as};
 use hysteron::dataset::recognise::{self, ColumnRules};
@@ -43,7 +43,7 @@ impl Said {
     /// The same in the words of the library.
     #[must_use]
     pub fn instructions(&self) -> Instructions {
-        use hysteron::dataset::manifest::ColumnName;
+        use hysteron::dataset::column_rules::ColumnName;
         let column = |text: &Option<String>| {
             let text = text.as_deref()?;
             Some(text.parse().map_or_else(|_| ColumnName::Name(text.to_owned()), ColumnName::Number))

@@ -1,6 +1,6 @@
 //! `check`.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use crate::desk::{Desk, wrong};
 use hysteron::servo::commands::{self, CheckResult};
 use hysteron::servo::design::{SCHEMA, ServoDesign};

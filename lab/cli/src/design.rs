@@ -1,6 +1,6 @@
 //! `design`.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use crate::desk::{Desk, as_argument, wrong};
 use crate::read_arguments::ReadArguments;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};

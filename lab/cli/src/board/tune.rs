@@ -2,7 +2,7 @@
 
 use super::record::{bring_wiring, names, play_all, require_room, write};
 use super::{LineArguments, WiringArguments, of_board};
-use crate::command_line::as_typed;
+use crate::arguments::as_typed;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;

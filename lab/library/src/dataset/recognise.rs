@@ -2,25 +2,12 @@
 //! assumption.
 
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
-use super::manifest::{ColumnName, Columns, PerColumn};
+use super::column_rules::{ColumnName, ColumnRules};
 use super::table::{Column, Table};
 use super::units::{Quantity, SignalUnits, factor, has_own_unit, is_of_counts, is_of_something_else, is_voltage, own_unit};
 use crate::error::{Error, Result, nearest};
 use hysteron_sim::effect::AuxiliarySignal;
 use std::collections::BTreeMap;
-
-/// What is known about the columns of a file beside what it says itself.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ColumnRules {
-    /// Which column is what.
-    pub columns: Columns,
-    /// Units by signal: `mV`, or a sensitivity `5 um/V`.
-    pub unit: PerColumn<String>,
-    /// Factors by signal, beside that of the unit.
-    pub scale: PerColumn<f64>,
-    /// Columns of further signals, by the name that effects of the user's own call them by.
-    pub auxiliary: BTreeMap<String, ColumnName>,
-}
 
 /// The signals of a record in the program's units.
 #[derive(Clone, Debug)]
