@@ -3,15 +3,14 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
+use crate::arguments::{Outputs, RecordingOutputs, SensorSaid, StudyOutputs, TimeArguments};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
 use crate::capture;
-use crate::arguments::{Outputs, RecordingOutputs, SensorSaid, StudyOutputs, TimeArguments};
-use crate::desk::Desk;
-use crate::plant::PlantArguments;
 #[cfg(feature = "lab")]
 use crate::lab;
+use crate::plant::PlantArguments;
 use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
@@ -301,7 +300,7 @@ enum Command {
     },
     /// Diagnose a folder of planted cases and compare with their truth
     #[command(after_help = "Example:\n  hysteron score cases --json score.json")]
-    Score {
+    SetScore {
         /// Folder with truth.json and one folder per case
         dir: PathBuf,
         #[command(flatten)]
@@ -439,8 +438,13 @@ fn dispatch(command: Command) -> Result<bool> {
                 scheme,
                 no_inverse,
             };
-            let files =
-                design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
+            let files = design::DesignFiles {
+                model: &model,
+                data: data.as_deref(),
+                out: &out,
+                block: block.as_deref(),
+                front_end: front_end.as_deref(),
+            };
             design::design(&files, &wanted, &reading, &outputs)
         }
         Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
@@ -458,7 +462,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
-        Command::Score { dir, outputs } => score::score(&dir, &outputs),
+        Command::SetScore { dir, outputs } => score::score(&dir, &outputs),
         Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {

@@ -2,7 +2,7 @@
 
 use crate::desk::{Desk, as_argument, wrong};
 use crate::progress::Progress;
-use hysteron::synthetic::case::{Order, SyntheticCase, simulate_case, truths_json};
+use hysteron::synthetic::case::{CaseOrder, SyntheticCase, simulate_case, truths_json};
 use hysteron::synthetic::case_set::{SetOrder, kinds, simulate_set};
 use hysteron::{Error, Result, model_file};
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ pub fn plant(wanted: &PlantArguments) -> Result<bool> {
         return plant_many(&SetOrder { hidden, strengths, cases: wanted.cases, hysteresis, seed: wanted.seed }, wanted);
     }
     let base: Vec<String> = model_file::effects_named(&wanted.base)?.iter().map(|e| e.declaration().id).collect();
-    let order = Order { hidden: parse_hidden(&wanted.effects)?, base, hysteresis, seed: wanted.seed };
+    let order = CaseOrder { hidden: parse_hidden(&wanted.effects)?, base, hysteresis, seed: wanted.seed };
     if let Some((id, _)) = order.hidden.iter().find(|(id, _)| order.base.contains(id)) {
         return Err(Error::new("effects", format!("{id} is to be hidden, but --base models it")));
     }
