@@ -52,7 +52,8 @@ impl Identification {
 /// use hysteron::{Dataset, Record, Unwatched, effects_named, identify};
 ///
 /// let drive_v: Vec<f64> = (0..2000).map(|k| 5.0 - 5.0 * (0.1 * f64::from(k)).cos()).collect();
-/// let reading_um: Vec<f64> = drive_v.iter().map(|u| 0.1 * u).collect();
+/// // A reading is taken before the drive of its row acts.
+/// let reading_um: Vec<f64> = [0.0].into_iter().chain(drive_v.iter().map(|u| 0.1 * u)).take(2000).collect();
 /// let record = Record::new("stage", 1000.0, drive_v, reading_um).from_virgin_state();
 /// let dataset = Dataset::new("my stage", 0.0, 10.0, vec![record])?;
 /// let found = identify(&dataset, &effects_named("gain")?, &Unwatched)?;
@@ -76,13 +77,14 @@ pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watc
 /// use hysteron::{Dataset, Record, Unwatched, add, effect_named, effects_named, identify};
 ///
 /// let drive_v: Vec<f64> = (0..2000).map(|k| 5.0 - 5.0 * (0.1 * f64::from(k)).cos()).collect();
-/// let reading_um: Vec<f64> = drive_v.iter().map(|u| 0.1 * u).collect();
+/// // A reading is taken before the drive of its row acts.
+/// let reading_um: Vec<f64> = [0.0].into_iter().chain(drive_v.iter().map(|u| 0.1 * u)).take(2000).collect();
 /// let record = Record::new("stage", 1000.0, drive_v, reading_um).from_virgin_state();
 /// let dataset = Dataset::new("my stage", 0.0, 10.0, vec![record])?;
 ///
 /// let straight = identify(&dataset, &effects_named("gain")?, &Unwatched)?.model;
 /// let lagging = add(&effect_named("sensor_bandwidth")?, straight.clone(), &dataset, &Unwatched)?.model;
-/// assert!(lagging.effect_ids().contains(&"sensor_bandwidth"));
+/// assert!(lagging.effect_ids().iter().any(|id| id == "sensor_bandwidth"));
 /// // It is there once: a second time is an error with a message.
 /// assert!(add(&effect_named("sensor_bandwidth")?, lagging, &dataset, &Unwatched).is_err());
 /// # Ok::<(), hysteron::Error>(())

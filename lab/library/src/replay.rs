@@ -106,7 +106,8 @@ fn words_nm(um: f64) -> String {
 /// use hysteron::{Dataset, Record, Unwatched, effects_named, identify, replays};
 ///
 /// let drive_v: Vec<f64> = (0..2000).map(|k| 5.0 - 5.0 * (0.1 * f64::from(k)).cos()).collect();
-/// let reading_um: Vec<f64> = drive_v.iter().map(|u| 0.1 * u).collect();
+/// // A reading is taken before the drive of its row acts.
+/// let reading_um: Vec<f64> = [0.0].into_iter().chain(drive_v.iter().map(|u| 0.1 * u)).take(2000).collect();
 /// let record = Record::new("stage", 1000.0, drive_v, reading_um).from_virgin_state();
 /// let dataset = Dataset::new("my stage", 0.0, 10.0, vec![record])?;
 /// let model = identify(&dataset, &effects_named("gain")?, &Unwatched)?.model;

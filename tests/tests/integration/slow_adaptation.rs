@@ -129,10 +129,10 @@ fn a_gain_is_corrected_while_a_periodic_correction_is_learned() {
             let worst = (20..periods - 1).map(|period| found.percent(period)).fold(0.0, f64::max);
             (worst, 100.0 * found.at_last.rms_um / found.stroke_um)
         };
-        let every_tick = learning_study::AdaptationWay::EveryTick;
+        let every_tick = learning_study::LearningWay::EveryTick;
         let [(worst, with), (worst_alone, alone)] = [&both, &learning].map(|design| percent(design, every_tick));
         // With `Nothing` the period is learned by nobody, and the gain as before.
-        let (_, gain) = percent(&both, learning_study::AdaptationWay::Nothing);
+        let (_, gain) = percent(&both, learning_study::LearningWay::Nothing);
         println!(
             "gain {gain_ratio}: {with:.4} % with both ({worst:.4} in the worst period), {alone:.4} % with the correction alone ({worst_alone:.4}), {gain:.4} % with the gain alone"
         );

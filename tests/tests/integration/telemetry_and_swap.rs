@@ -7,7 +7,7 @@ use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
 use hysteron::watch::Unwatched;
 use hysteron_core::amplifier::{Command, Mode};
-use hysteron_core::integer_row::ChapterRow;
+use hysteron_core::integer_row::Row;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, verify};
 use hysteron_core::pid_regulator::PidParameters;
@@ -126,11 +126,11 @@ fn slow_integral(truth: &StageTruth, mode: &TrueMode, share: f64) -> AmplifierPa
         micrometres_per_volt: (f64::from(1 << 28) * gain_um_v) as i32,
     };
     out.servo.law = LawParameters::Regulator(PidParameters {
-        proportional_derivative: ChapterRow { coefficients: [0, 0] },
+        proportional_derivative: Row { coefficients: [0, 0] },
         integral: (share * most * f64::from(1 << 26)) as i32,
-        feedforward: ChapterRow::default(),
+        feedforward: Row::default(),
         creep: Default::default(),
-        notch: ChapterRow { coefficients: [1 << 28, 0, 0, 0, 0] },
+        notch: Row { coefficients: [1 << 28, 0, 0, 0, 0] },
     });
     assert_eq!(verify(&out, 20_000), Ok(()));
     out

@@ -14,8 +14,8 @@
 //! }
 //! let servo = design(&stage, &Demands { sensor_noise_um: 0.004, ..Demands::default() })?;
 //! assert!(check(&servo, &stage)?.stable);
-//! let reference = Reference::named("sine:10:5")?;
-//! let track = follow(&stage, &servo, &reference, "sine:10:5", &Work::default())?;
+//! let reference = Reference::named("sine:10:4")?;
+//! let track = follow(&stage, &servo, &reference, "sine:10:4", &Work::default())?;
 //! assert!(track.truth.rms_um < 0.02);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -175,7 +175,7 @@ pub(super) fn belongs_to_surfaces(declaration: &Declaration) -> bool {
 ///     seed: 1,
 /// };
 /// let case = simulate_case(&order, "stage")?;
-/// assert!(case.dataset.records.len() > 1);
+/// assert!(case.files.len() > 1);
 /// # Ok::<(), hysteron::Error>(())
 /// ```
 pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
