@@ -3,7 +3,7 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
-use crate::arguments::{Outputs, RecordingOutputs, SensorSaid, StudyOutputs, TimeArguments};
+use crate::arguments::{Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
@@ -43,9 +43,8 @@ enum Command {
         /// Effects to start from, comma-separated (default: gain), or a file that lists them
         #[arg(long, default_value = "gain")]
         from: String,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         /// Tell every step of the search, with its error
         #[arg(long, short)]
         verbose: bool,
@@ -94,9 +93,8 @@ enum Command {
         model: PathBuf,
         /// Data set
         dataset: PathBuf,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         #[command(flatten)]
         time: TimeArguments,
         #[command(flatten)]
@@ -300,7 +298,7 @@ enum Command {
     },
     /// Diagnose a folder of planted cases and compare with their truth
     #[command(after_help = "Example:\n  hysteron score cases --json score.json")]
-    SetScore {
+    Score {
         /// Folder with truth.json and one folder per case
         dir: PathBuf,
         #[command(flatten)]
@@ -385,16 +383,16 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<bool> {
     match command {
-        Command::Explain { dataset, from, own, verbose, time, animation, reading, outputs } => {
-            let wanted = explain::ExplainRequest { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
+        Command::Explain { dataset, from, search, verbose, time, animation, reading, outputs } => {
+            let wanted = explain::ExplainRequest { from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
             identify::identify(&dataset, &effects, hysteresis.as_deref(), &reading, &outputs)
         }
         Command::Compare { model, dataset, reading, outputs } => compare::compare(&model, &dataset, &reading, &outputs),
-        Command::Diagnose { model, dataset, own, time, reading, outputs } => {
-            diagnose::diagnose(&model, &dataset, &own, time, &reading, &outputs)
+        Command::Diagnose { model, dataset, search, time, reading, outputs } => {
+            diagnose::diagnose(&model, &dataset, &search, time, &reading, &outputs)
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
@@ -462,7 +460,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
-        Command::SetScore { dir, outputs } => score::score(&dir, &outputs),
+        Command::Score { dir, outputs } => score::score(&dir, &outputs),
         Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {

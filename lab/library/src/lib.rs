@@ -71,6 +71,7 @@ pub mod identify;
 pub mod model_file;
 #[doc(hidden)]
 pub mod outcome;
+#[doc(hidden)]
 mod parallel;
 #[doc(hidden)]
 pub mod prediction;

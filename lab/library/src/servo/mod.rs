@@ -74,6 +74,7 @@ pub mod sliding_mode;
 pub mod thesis_schemes;
 #[doc(hidden)]
 pub mod track;
+#[doc(hidden)]
 mod value_ranges;
 #[doc(hidden)]
 pub mod window_fit;
