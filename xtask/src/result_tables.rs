@@ -1,7 +1,7 @@
 //! Tables of the documents, made from `benchmarks/results/*.csv`.
 //!
-//! A page holds `<!-- table: NAME ARGUMENTS -->`, the table, and `<!-- end of table -->`. `cargo xtask tables`
-//! writes what is between, and the check fails where it is stale.
+//! A page holds `<!-- table: NAME ARGUMENTS -->`, the table, and `<!-- end of table -->`. `cargo xtask
+//! tables` writes what is between, and the check fails where it is stale.
 //!
 //! * `csv FILE [COLUMN ..]`: a results file, all columns or these;
 //! * `finder SET ..`: cases of the finder's sets; `finder-counts SET ..`: how many of each mark;

@@ -1,7 +1,7 @@
 //! Servo design: from an identified model to the integers of the control tick, proved for the sampled loop.
 //!
-//! [`design()`] makes a [`ServoDesign`] for a model or refuses with the reason, [`check()`] proves it on the model
-//! and [`follow`] shows it at work.
+//! [`design()`] makes a [`ServoDesign`] for a model or refuses with the reason, [`check()`] proves it on
+//! the model and [`follow`] shows it at work.
 //!
 //! ```
 //! use hysteron::servo::{Demands, Reference, Work, check, design, follow};
