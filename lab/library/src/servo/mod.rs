@@ -30,6 +30,7 @@ pub mod amplifier_block;
 pub mod chain_plant;
 pub mod check;
 pub mod commands;
+pub mod creep;
 pub mod data_of_stage;
 pub mod design;
 pub mod disturbance;
