@@ -16,7 +16,7 @@ use crate::reproduce;
 use crate::{
     add, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate, track,
 };
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use hysteron::watch::{Deadline, Watch};
 use hysteron::{Dataset, Error, Result, series};
@@ -30,6 +30,17 @@ use std::time::Duration;
 struct Arguments {
     #[command(subcommand)]
     command: Command,
+}
+
+/// Benches on which chapters 4 to 7 are played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Benches {
+    /// Both; the bench of domains decides
+    Both,
+    /// The thesis' equations
+    Reference,
+    /// Other equations: switching domains, modes of a structure, nonlinear creep, coloured noise
+    Domains,
 }
 
 /// Files that a command may write.
@@ -435,11 +446,14 @@ enum Command {
         #[command(flatten)]
         outputs: Outputs,
     },
-    /// Play the thesis' experiments on the simulated bench and stand ours beside its figures
+    /// Play the thesis' experiments on simulated benches and stand ours beside its figures
     #[command(after_help = "Example:\n  hysteron reproduce 5 6 --report thesis.html")]
     Reproduce {
         /// Chapters: 3, 4, 5, 6, 7 (default: all)
         chapters: Vec<u32>,
+        /// Benches of chapters 4 to 7
+        #[arg(long, value_enum, default_value_t = Benches::Both)]
+        bench: Benches,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -599,7 +613,7 @@ fn dispatch(command: Command) -> Result<bool> {
             track::track(&model, &servo, &wanted, &outputs)
         }
         #[cfg(feature = "thesis")]
-        Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
+        Command::Reproduce { chapters, bench, outputs } => reproduce::reproduce(&chapters, bench, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),

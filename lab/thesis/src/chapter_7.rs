@@ -142,17 +142,14 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
 }
 
 /// Chapter 7 for the program.
-///
-/// # Errors
-/// If the built-in bench cannot be read.
-pub fn reproduce(progress: Progress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
-    let commissioned = commission_all(&bench, progress);
-    let mut rows = rows_of_chapter_7(&bench, &commissioned, progress);
+#[must_use]
+pub fn reproduce(bench: &Bench, progress: Progress) -> Chapter {
+    let commissioned = commission_all(bench, progress);
+    let mut rows = rows_of_chapter_7(bench, &commissioned, progress);
     progress("schemes designed under one set of margins");
-    rows.extend(comparison::rows_of_designed_schemes(&bench, &commissioned));
+    rows.extend(comparison::rows_of_designed_schemes(bench, &commissioned));
     progress("other schemes on the full bench");
-    rows.extend(comparison::rows_of_other_schemes(&bench, &commissioned));
+    rows.extend(comparison::rows_of_other_schemes(bench, &commissioned));
     progress("robustness");
     let robust = robustness::design();
     rows.extend(robust.iter().flat_map(robustness::rows));
@@ -160,10 +157,10 @@ pub fn reproduce(progress: Progress) -> Result<Chapter, String> {
     rows.extend(rows_of_the_printed_gains());
     rows.extend(reduction(&rows));
     progress("estimators that the thesis argues against");
-    rows.extend(estimators::rows());
-    let sections = figures::chapter_7(&bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
+    rows.extend(estimators::rows(bench));
+    let sections = figures::chapter_7(bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
     let choices = vec![choice(), robustness::choice()];
-    Ok(Chapter { number: 7, rows, sections, choices })
+    Chapter { number: 7, rows, sections, choices }
 }
 
 /// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one
