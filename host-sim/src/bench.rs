@@ -281,10 +281,7 @@ impl Bench {
         let substeps = substeps.max(1);
         let dt_s = self.sampling_period_s() / substeps as f64;
         let full = variant.completeness == Completeness::Full;
-        // More mass on the same spring: frequency and damping ratio fall with the square root of the mass
-        // (thesis Ch. 5, Eq. 12).
-        let mass_factor =
-            if variant.loaded { (END_EFFECTOR_MASS_KG / (END_EFFECTOR_MASS_KG + self.full.load_mass_kg)).sqrt() } else { 1.0 };
+        let mass_factor = if variant.loaded { self.loaded_mode_factor() } else { 1.0 };
         let lag = |bandwidth_hz: f64| {
             ContinuousSystem::from_transfer_function(&[1.0], &[1.0 / (TAU * bandwidth_hz), 1.0])
                 .and_then(|system| FixedSystem::new(&system.discretise(dt_s)))
@@ -346,6 +343,13 @@ impl Bench {
             plant.tick(self.drive_after_converter_v(drive_v));
         }
         plant.sensor_um()
+    }
+
+    /// What the load's mass on the end-effector makes of natural frequency and damping ratio of a mode: more
+    /// mass on the same spring (thesis Ch. 5, Eq. 12).
+    #[must_use]
+    pub fn loaded_mode_factor(&self) -> f64 {
+        (END_EFFECTOR_MASS_KG / (END_EFFECTOR_MASS_KG + self.full.load_mass_kg)).sqrt()
     }
 
     /// What the sensor adds beside its white noise; none on a bench that has only that.

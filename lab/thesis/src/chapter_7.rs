@@ -18,10 +18,10 @@ use crate::float_twin::integer_difference_um;
 use crate::robustness;
 use hysteron::servo::check::{observer_reachability, sliding_surface_parameter};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
-use hysteron::servo::model::NominalModel;
+use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::schemes::{Choice, observer_cutoff_hz};
 use hysteron::servo::sensor_lag::lag_s;
-use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, estimator_rows};
+use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, SlidingModeLaw, estimator_rows};
 use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
 use hysteron_core::predictor_law::PredictorLaw;
 use hysteron_core::reference_window::ReferenceWindow;
@@ -155,6 +155,7 @@ pub fn reproduce(bench: &Bench, progress: Progress) -> Chapter {
     rows.extend(robust.iter().flat_map(robustness::rows));
     rows.extend(robustness::rows_as_printed());
     rows.extend(rows_of_the_printed_gains());
+    rows.extend(least_damping_of_the_printed_gains(bench));
     rows.extend(reduction(&rows));
     progress("estimators that the thesis argues against");
     rows.extend(estimators::rows(bench));
@@ -271,6 +272,32 @@ fn rows_of_the_printed_gains() -> Vec<Row> {
     for (nth, root) in roots.iter().enumerate() {
         rows.push(Row::new(format!("ch7.root.{}.re", nth + 1), root.re, "1/s", "roots of Eq. (21)"));
         rows.push(Row::new(format!("ch7.root.{}.im", nth + 1), root.im, "1/s", "roots of Eq. (21)"));
+    }
+    rows
+}
+
+/// The least damping ratio among the poles of the sampled loop that the thesis' gains close around its nominal
+/// model, with and without the load's mass: below zero the loop is unstable.
+fn least_damping_of_the_printed_gains(bench: &Bench) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab")] {
+        let Some(Scheme::SlidingMode { nominal, estimator, controller, reaching, .. }) = thesis_scheme(name) else { continue };
+        let law = SlidingModeLaw::new(&nominal, &estimator, &controller, &reaching);
+        for (load, factor) in [("none", 1.0), ("load", bench.loaded_mode_factor())] {
+            let plant = NominalModel {
+                natural_frequency_rad_s: nominal.natural_frequency_rad_s * factor,
+                damping_ratio: nominal.damping_ratio * factor,
+                ..nominal
+            };
+            let poles = law.closed_loop(&plant, 0).complex_eigenvalues();
+            // What a pole at zero stands for is over within a period.
+            let poles = poles.iter().filter(|z| z.norm() > 1e-6).map(|z| z.ln() / SAMPLING_PERIOD_S);
+            let Some((damping, hz)) = poles.map(|s| (-s.re / s.norm(), s.norm() / TAU)).min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                continue;
+            };
+            let note = format!("of the poles of the sampled loop with the nominal model, {load}, thesis gains, no delay; at {hz:.0} Hz");
+            rows.push(Row::new(format!("ch7.{id}.{load}.least_damping"), damping, "1", note));
+        }
     }
     rows
 }
