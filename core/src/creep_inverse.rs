@@ -85,7 +85,7 @@ impl CreepInverse {
             return Self::default();
         }
         let mut states = [Integrating::default(); CREEP_TERMS];
-        for (state, threshold) in states.iter_mut().zip(&parameters.thresholds) {
+        for (state, threshold) in states.iter_mut().zip(&parameters.thresholds).take(usize::from(parameters.terms)) {
             *state = Integrating::at(beyond(applied, *threshold));
         }
         Self { states, pair: [Integrating::at(applied), Integrating::default()] }

@@ -146,6 +146,9 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
 /// If there are more terms than the tick has, a coefficient does not fit, or the inverse would not be stable.
 pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>) -> Result<CreepInverseParameters, QuantisationError> {
     let used: Vec<&CreepTerm> = terms.iter().filter(|t| t.share.abs() > 1e-9).collect();
+    if used.is_empty() && pair.is_none() {
+        return Ok(CreepInverseParameters::default());
+    }
     if used.len() > CREEP_TERMS {
         return Err(creep::too_many(used.len()));
     }
