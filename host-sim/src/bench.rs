@@ -21,7 +21,7 @@
 
 use crate::converter_scale::ConverterScale;
 use crate::domain_stage::{ColouredNoise, DomainStage, DomainTruth};
-use crate::effect::vibration::Mode;
+use crate::effect::vibration::VibrationMode;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use crate::linear_system::{ContinuousSystem, FixedSystem};
 use crate::noise::WhiteNoise;
@@ -291,14 +291,17 @@ impl Bench {
             let surfaces = Surfaces::from_thesis_powers(&self.hysteresis.f, &self.hysteresis.g, range_v);
             SurfaceStage {
                 hysteresis: OneSidedHysteresis::virgin(surfaces, self.drive_min_v, range_v),
-                first_mode: Mode::new(
+                first_mode: VibrationMode::new(
                     self.vibration.natural_frequency_rad_s * mass_factor,
                     self.vibration.damping_ratio * mass_factor,
                     dt_s,
                 ),
                 second_mode: full.then(|| {
                     let frequency_rad_s = TAU * self.full.second_mode_hz * mass_factor;
-                    (self.full.second_mode_share, Mode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s))
+                    (
+                        self.full.second_mode_share,
+                        VibrationMode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s),
+                    )
                 }),
                 creep: ContinuousSystem::from_transfer_function(&self.creep.numerator, &self.creep.denominator)
                     .and_then(|g2| FixedSystem::new(&g2.discretise(dt_s))),
@@ -420,8 +423,8 @@ impl Sensor {
 #[derive(Clone, Debug)]
 struct SurfaceStage {
     hysteresis: OneSidedHysteresis,
-    first_mode: Mode,
-    second_mode: Option<(f64, Mode)>,
+    first_mode: VibrationMode,
+    second_mode: Option<(f64, VibrationMode)>,
     creep: Option<FixedSystem<CREEP_POLES>>,
 }
 

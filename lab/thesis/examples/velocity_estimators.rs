@@ -8,14 +8,14 @@
 //! The bench of domains is the plant that is not the model. Each estimator has one number that makes it faster;
 //! it is chosen by the least error on another record of the same bench.
 
-use hysteron_thesis::{PlayedOn, Row, estimators};
+use hysteron_thesis::{ChapterRow, PlayedOn, estimators};
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
 /// Estimators in the order of the table.
 const ESTIMATORS: [&str; 6] = ["pidsmo_thesis", "pidsmo", "alpha_beta", "high_gain", "super_twisting", "ekf"];
 
-fn figure<'a>(rows: &'a [Row], estimator: &str, what: &str) -> Option<&'a Row> {
+fn figure<'a>(rows: &'a [ChapterRow], estimator: &str, what: &str) -> Option<&'a ChapterRow> {
     rows.iter().find(|row| row.id == format!("ch7.estimator.{estimator}.{what}"))
 }
 

@@ -2,7 +2,7 @@
 
 use crate::chapter::Chapter;
 use crate::scoreboard::{ScoreRow, Value, counts, met_on_reference, totals};
-use hysteron_report::{Block, Page, Section, Table, Tone};
+use hysteron_report::{Page, PageBlock, Section, Table, Tone};
 use serde::Serialize;
 
 /// What `hysteron reproduce --json` writes.
@@ -133,7 +133,7 @@ pub fn page(chapters: &[Chapter], rows: &[ScoreRow]) -> Page {
     let of_thesis = tables(rows).into_iter().map(|table| {
         let columns: Vec<String> =
             ["algorithm", "condition", "quantity"].iter().chain(&NUMBERS).chain(&["unit", "reason"]).map(|c| (*c).to_owned()).collect();
-        Block::Table(Table {
+        PageBlock::Table(Table {
             title: table.title,
             columns,
             highlighted_rows: table.lines.iter().enumerate().filter(|(_, line)| !line.met).map(|(k, _)| k).collect(),
@@ -158,8 +158,11 @@ pub fn page(chapters: &[Chapter], rows: &[ScoreRow]) -> Page {
     for row in rows.iter().filter(|row| row.thesis.is_none()) {
         others.rows.push(vec![row.id.clone(), value(row.ours), number(row.sensor), row.unit.clone(), row.algorithm.clone()]);
     }
-    let scoreboard =
-        Section { heading: "The printed results".into(), text: String::new(), blocks: of_thesis.chain([Block::Table(others)]).collect() };
+    let scoreboard = Section {
+        heading: "The printed results".into(),
+        text: String::new(),
+        blocks: of_thesis.chain([PageBlock::Table(others)]).collect(),
+    };
     let sections: Vec<Section> = std::iter::once(scoreboard).chain(chapters.iter().flat_map(|c| c.sections.clone())).collect();
     Page {
         title: "Hysteron: the thesis reproduced".into(),
@@ -175,13 +178,13 @@ pub fn page(chapters: &[Chapter], rows: &[ScoreRow]) -> Page {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chapter::Row;
+    use crate::chapter::ChapterRow;
     use crate::scoreboard::{cells, score};
 
     #[test]
     fn a_missed_result_is_set_off_with_its_reason() {
         let of = |ours: f64| {
-            let rows = vec![Row::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
+            let rows = vec![ChapterRow::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
             let cells: Vec<_> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.pid.10hz.rms").collect();
             tables(&score(&[Chapter { number: 6, rows, ..Chapter::default() }], &cells))
         };
