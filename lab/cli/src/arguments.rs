@@ -6,6 +6,17 @@ use hysteron::{Dataset, Options, Policy, Result, series};
 use std::path::PathBuf;
 use std::time::Duration;
 
+/// Benches on which chapters 4 to 7 are played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Benches {
+    /// Both; the bench of domains decides
+    Both,
+    /// The thesis' equations
+    Reference,
+    /// Other equations: switching domains, modes of a structure, nonlinear creep, coloured noise
+    Domains,
+}
+
 /// Files that a command may write.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Outputs {

@@ -3,7 +3,7 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
-use crate::arguments::{Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments};
+use crate::arguments::{Benches, Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
@@ -288,11 +288,14 @@ enum Command {
         #[command(flatten)]
         outputs: Outputs,
     },
-    /// Play the thesis' experiments on the simulated bench and stand ours beside its figures
+    /// Play the thesis' experiments on simulated benches and stand ours beside its figures
     #[command(after_help = "Example:\n  hysteron reproduce 5 6 --report thesis.html")]
     Reproduce {
         /// Chapters: 3, 4, 5, 6, 7 (default: all)
         chapters: Vec<u32>,
+        /// Benches of chapters 4 to 7
+        #[arg(long, value_enum, default_value_t = Benches::Both)]
+        bench: Benches,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -457,7 +460,7 @@ fn dispatch(command: Command) -> Result<bool> {
             track::track(&model, &servo, &wanted, &outputs)
         }
         #[cfg(feature = "thesis")]
-        Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
+        Command::Reproduce { chapters, bench, outputs } => reproduce::reproduce(&chapters, bench, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),

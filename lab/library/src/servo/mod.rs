@@ -29,6 +29,8 @@ pub mod check;
 #[doc(hidden)]
 pub mod commands;
 #[doc(hidden)]
+pub mod creep;
+#[doc(hidden)]
 pub mod data_of_stage;
 #[doc(hidden)]
 pub mod design;
