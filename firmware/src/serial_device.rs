@@ -9,7 +9,7 @@ use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Event, Moving, View};
+use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, View};
 use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
@@ -95,9 +95,9 @@ impl Device for Target {
         settings::envelope()
     }
 
-    fn event(&self, before_last: u32) -> Option<Event> {
+    fn event(&self, before_last: u32) -> Option<DeviceEvent> {
         let event = event_log::event(before_last)?;
-        Some(Event { start: event.start, tick: event.tick, fault: Fault::from_number(event.fault as u8)? })
+        Some(DeviceEvent { start: event.start, tick: event.tick, fault: Fault::from_number(event.fault as u8)? })
     }
 
     fn swap_block(&mut self) {
@@ -136,10 +136,10 @@ impl Device for Target {
         serial_port::set_baud(baud);
     }
 
-    fn diagnosis(&self) -> Diagnosis {
+    fn diagnosis(&self) -> DeviceDiagnosis {
         let (railed_ticks, limited_ticks) = telemetry::railed_and_limited_ticks();
         let (block_generation, block_checksum) = settings::in_use();
-        Diagnosis {
+        DeviceDiagnosis {
             railed_ticks,
             limited_ticks,
             saturated_values: control::saturated_values(),

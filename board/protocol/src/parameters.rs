@@ -17,7 +17,7 @@ pub enum FilterItem {
 
 /// A parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Parameter {
+pub enum DeviceParameter {
     /// Lowest position, um.
     RangeMinimum,
     /// Highest position, um.
@@ -75,7 +75,7 @@ pub enum Parameter {
 use FilterItem::{LowPass, NotchFrequency, NotchWidth};
 use FilteredSignal::{Sensor, SetPoint};
 
-impl Parameter {
+impl DeviceParameter {
     /// Every one with its number, its type, and what it is.
     pub const ALL: [(Self, u32, &'static str, &'static str); 35] = [
         (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),
