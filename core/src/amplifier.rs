@@ -309,8 +309,8 @@ impl Amplifier {
         self.output = Some(monitor);
     }
 
-    /// Takes what the voltage monitor read during the last period (`None`: its converter did not answer), 65,536
-    /// codes. Call it before the tick.
+    /// Takes what the voltage monitor read during the last period (`None`: its converter did not answer),
+    /// 65,536 codes. Call it before the tick.
     #[inline]
     pub fn inspect_output(&mut self, code: Option<u16>) {
         let (drive, powered) = (self.servo.drive().to_bits(), self.powered);

@@ -1,16 +1,17 @@
-//! What a frequency in mHz makes of the sections of [`crate::signal_filter`]: integers, in integers, so that the
-//! board and the host give the same bits. Not for the tick.
+//! What a frequency in mHz makes of the sections of [`crate::signal_filter`]: integers, in integers, so
+//! that the board and the host give the same bits. Not for the tick.
 //!
 //! # How it works
-//! With `t = tan(pi f / f_s)`, bilinear transform (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1):
+//! With `t = tan(pi f / f_s)`, bilinear transform (Oppenheim and Schafer, Discrete-Time Signal Processing,
+//! 7.1):
 //!
 //! * notch at `f` with the width `B` between its -3 dB points: `b = 1 / (1 + tan(pi B / f_s))`,
 //!   `c = (1 - t^2) / (1 + t^2)`, numerator `b [1, -2c, 1]`, denominator `[1, -2bc, 2b - 1]`;
 //! * low-pass (Butterworth, second order): `n = 1 / (1 + sqrt(2) t + t^2)`, numerator `n t^2 [1, 2, 1]`,
 //!   denominator `[1, 2 n (t^2 - 1), n (1 - sqrt(2) t + t^2)]`.
 //!
-//! The integers of a notch have a gain of one at rest whatever is rounded; of the low-pass the middle one of the
-//! numerator is what makes it so. Sine and cosine are sums of their series with 60 fraction bits.
+//! The integers of a notch have a gain of one at rest whatever is rounded; of the low-pass the middle one
+//! of the numerator is what makes it so. Sine and cosine are sums of their series with 60 fraction bits.
 
 use crate::signal_filter::{PASSES, Place, SECTION_FRACTION_BITS, SectionRow};
 

@@ -24,8 +24,8 @@
 //! | sensor drifts | self-test | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |
 //! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
-//! | output of the amplifier is not the drive, voltage monitor out of range | [`crate::output_monitor`] | power stage off at once |
-//! | drive's converter holds another code | its register, read back | power stage off at once |
+//! | output is not the drive, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
+//! | drive's converter holds another code | its register, read back | power off at once |
 //! | parameter block | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
@@ -132,8 +132,8 @@ impl Fault {
         (Self::DriveNotHeld, "drive's converter holds another code"),
     ];
 
-    /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the power
-    /// stage goes off at once.
+    /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the
+    /// power stage goes off at once.
     #[inline]
     #[must_use]
     pub fn is_of_output(self) -> bool {

@@ -1,8 +1,8 @@
 //! What an operator has set and asked to keep: bytes that the board keeps in flash beside the blocks.
 //!
-//! None of it makes a drive safe or unsafe: what is damaged, or kept for another stage, is left aside, and the
-//! board begins as a new one does. As bytes it looks as the safety envelope does: a magic, a version, the fields in
-//! their order, a checksum.
+//! None of it makes a drive safe or unsafe: what is damaged, or kept for another stage, is left aside, and
+//! the board begins as a new one does. As bytes it looks as the safety envelope does: a magic, a version,
+//! the fields in their order, a checksum.
 
 use crate::checksum::crc32;
 use crate::filter_design::{FilterSetting, Notch};

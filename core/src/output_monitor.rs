@@ -2,15 +2,15 @@
 //! power stage goes off.
 //!
 //! # How it works
-//! Amplifier and monitor follow the drive with a lag that nobody knows exactly. The board's safety envelope names
-//! the longest time constant that they may have. Two bounds follow the drive: each goes to a drive beyond it at
-//! once, and comes back from it with that time constant. An output with a first-order lag, of any shorter time
-//! constant and from anywhere between the bounds, stays between them: where it lies at the bound it moves towards
-//! the drive at least as fast as the bound does. A reading further than the tolerance outside of them is a fault:
-//! wrong gain, a dead amplifier, a block for another amplifier.
+//! Amplifier and monitor follow the drive with a lag that nobody knows exactly. The board's safety envelope
+//! names the longest time constant that they may have. Two bounds follow the drive: each goes to a drive
+//! beyond it at once, and comes back from it with that time constant. An output with a first-order lag, of
+//! any shorter time constant and from anywhere between the bounds, stays between them: where it lies at the
+//! bound it moves towards the drive at least as fast as the bound does. A reading further than the
+//! tolerance outside of them is a fault: wrong gain, a dead amplifier, a block for another amplifier.
 //!
-//! A reading within [`MARGIN`] of the converter's ends is a cable that is open or shorted: the wiring keeps honest
-//! ones away from them.
+//! A reading within [`MARGIN`] of the converter's ends is a cable that is open or shorted: the wiring keeps
+//! honest ones away from them.
 
 use crate::guard::Fault;
 use crate::signal::{narrow, volts};
@@ -31,7 +31,8 @@ pub struct MonitorParameters {
     pub tolerance: i32,
     /// What a bound loses of its distance to the drive in a tick, with 31 fraction bits.
     pub decay: u32,
-    /// Ticks behind the switching on of the power stage before the first reading counts: those of the self-test.
+    /// Ticks behind the switching on of the power stage before the first reading counts: those of the
+    /// self-test.
     pub settle_ticks: u32,
 }
 
@@ -76,8 +77,8 @@ impl OutputMonitor {
         Self { parameters, lowest: 0, highest: 0, powered_ticks: 0 }
     }
 
-    /// Takes a tick: what the monitor read during the last period (`None`: its converter did not answer), and the
-    /// drive that acts since the edge, V with 22 fraction bits. What is wrong.
+    /// Takes a tick: what the monitor read during the last period (`None`: its converter did not answer),
+    /// and the drive that acts since the edge, V with 22 fraction bits. What is wrong.
     #[inline]
     pub fn inspect(&mut self, code: Option<u16>, drive: i32, powered: bool) -> Option<Fault> {
         if !powered {
@@ -127,7 +128,8 @@ mod tests {
         (volts * f64::from(1 << 22)) as i32
     }
 
-    /// An amplifier in front of the monitor: its gain over the right one, its time constant, ms, and the drive.
+    /// An amplifier in front of the monitor: its gain over the right one, its time constant, ms, and the
+    /// drive.
     fn run(gain: f64, lag_ms: f64, drive: impl Fn(u32) -> f64, ticks: u32) -> Option<(u32, Fault)> {
         let mut monitor = OutputMonitor::new(parameters());
         let share = 1.0 - (-0.05 / lag_ms).exp();
@@ -162,8 +164,8 @@ mod tests {
     #[test]
     fn what_is_wrong_with_the_output_is_named() {
         let ramp = |tick: u32| (f64::from(tick.saturating_sub(2500)) / 200.0).min(60.0);
-        // 1.5 % too much is 0.5 V at 33 V; a dead amplifier is 0.5 V away at 0.5 V, and what the bound allows of
-        // the ramp, 2 ms of 100 V/s.
+        // 1.5 % too much is 0.5 V at 33 V; a dead amplifier is 0.5 V away at 0.5 V, and what the bound
+        // allows of the ramp, 2 ms of 100 V/s.
         let differs = |gain: f64, lag_ms: f64| run(gain, lag_ms, ramp, 20_000);
         let (at, fault) = differs(1.015, 0.1).expect("wrong gain");
         assert!(fault == Fault::OutputDiffers && (32.0..35.5).contains(&ramp(at)), "{at} {fault:?}");

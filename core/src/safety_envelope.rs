@@ -182,8 +182,8 @@ impl SafetyEnvelope {
         if self.monitor_span_uv == 0 {
             return Ok(());
         }
-        // The whole range must lie inside the monitor's honest codes, or the ends of it would be faults; and the
-        // step of the self-test must be more than the tolerance, or a dead amplifier would pass it.
+        // The whole range must lie inside the monitor's honest codes, or the ends of it would be faults;
+        // and the step of the self-test must be more than the tolerance, or a dead amplifier would pass it.
         let margin = (i64::from(self.monitor_span_uv) * i64::from(MARGIN)) >> 16;
         let (low, high) = (i64::from(self.monitor_at_code_0_uv), i64::from(self.monitor_at_code_0_uv) + i64::from(self.monitor_span_uv));
         let covers = self.drive_uv(self.drive_min) >= low + margin && self.drive_uv(self.drive_max) <= high - margin;

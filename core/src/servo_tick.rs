@@ -27,9 +27,9 @@
 //! bounds ([`crate::gain_adaptation`]). The gain that was learned stays until the parameters change.
 //!
 //! # Filters
-//! Two notches and a low-pass on the set point and on the reading ([`crate::signal_filter`]) may be changed while
-//! the loop runs ([`ServoTick::set_filter`]). They belong to the bench and not to the block: another block leaves
-//! them as they are. They begin at rest when the loop is closed.
+//! Two notches and a low-pass on the set point and on the reading ([`crate::signal_filter`]) may be changed
+//! while the loop runs ([`ServoTick::set_filter`]). They belong to the bench and not to the block: another
+//! block leaves them as they are. They begin at rest when the loop is closed.
 //!
 //! # What is counted
 //! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left

@@ -1,18 +1,19 @@
 //! Two notches and a low-pass on a signal of the tick: the set point or the sensor's reading.
 //!
 //! # How it works
-//! A [`SignalFilter`] is a chain of [`SECTIONS`] biquads in direct form I. Each section carries the fraction
-//! that its shift cuts off into the next sample, and its integers have a gain of exactly one at rest
-//! ([`crate::filter_design`]): a signal that rests passes to the last bit, whatever the section. A section that
-//! is off costs nothing.
+//! A [`SignalFilter`] is a chain of [`SECTIONS`] biquads in direct form I. Each section carries the
+//! fraction that its shift cuts off into the next sample, and its integers have a gain of exactly one at
+//! rest ([`crate::filter_design`]): a signal that rests passes to the last bit, whatever the section. A
+//! section that is off costs nothing.
 //!
 //! # Tuned while it runs
-//! [`SignalFilter::set`] changes a section between two ticks. At the next sample the new integers begin at rest at
-//! that sample, and what the old ones make of it otherwise becomes an offset behind the section, which decays by a
-//! 2^-[`OFFSET_DECAY_SHIFT`] part a tick. So the output of that sample is that of the old integers, to the last bit.
-//! The new ones begin with the right value and without the signal's speed: none of the next steps is larger than
-//! their step response and the decay make of the signal's own. Going on from the past of the old integers would let
-//! the new ones ring with all of the old lag. A section that is switched off is left when its offset has gone.
+//! [`SignalFilter::set`] changes a section between two ticks. At the next sample the new integers begin at
+//! rest at that sample, and what the old ones make of it otherwise becomes an offset behind the section,
+//! which decays by a 2^-[`OFFSET_DECAY_SHIFT`] part a tick. So the output of that sample is that of the old
+//! integers, to the last bit. The new ones begin with the right value and without the signal's speed: none
+//! of the next steps is larger than their step response and the decay make of the signal's own. Going on
+//! from the past of the old integers would let the new ones ring with all of the old lag. A section that is
+//! switched off is left when its offset has gone.
 
 use crate::integer_row::Row;
 use crate::signal::saturate_shifted;
@@ -21,8 +22,8 @@ use crate::signal::saturate_shifted;
 pub const SECTION_FRACTION_BITS: u32 = 28;
 /// Sections of a chain: two notches and a low-pass.
 pub const SECTIONS: usize = 3;
-/// The offset behind a section that was changed loses this binary fraction of itself at every sample: 13 ms at
-/// 20 kHz.
+/// The offset behind a section that was changed loses this binary fraction of itself at every sample: 13 ms
+/// at 20 kHz.
 pub const OFFSET_DECAY_SHIFT: u32 = 8;
 
 /// Integers of a section over `[x[k], x[k-1], x[k-2], y[k-1], y[k-2]]`.
@@ -139,8 +140,8 @@ impl SignalFilter {
         }
     }
 
-    /// Gives a section other integers, whose gain at rest is one ([`PASSES`] switches it off). Call it between
-    /// ticks.
+    /// Gives a section other integers, whose gain at rest is one ([`PASSES`] switches it off). Call it
+    /// between ticks.
     pub fn set(&mut self, place: Place, row: &SectionRow) {
         if let Some(section) = self.sections.get_mut(place as usize) {
             // Several changes between two ticks: the last output was made by the oldest one.
@@ -232,8 +233,8 @@ mod tests {
             prop_assert_eq!(saturated, 0);
         }
 
-        /// The sample at which a section changes leaves as if it had not; and the steps behind it are those of
-        /// the two filters beside each other, and what the offset loses in a tick.
+        /// The sample at which a section changes leaves as if it had not; and the steps behind it are those
+        /// of the two filters beside each other, and what the offset loses in a tick.
         #[test]
         fn a_change_in_motion_makes_no_step([old, new] in prop::array::uniform2(setting()), hz in 1.0f64..200.0, at in 100u32..4000) {
             let (mut filter, mut saturated) = (SignalFilter::OFF, 0);
@@ -249,9 +250,10 @@ mod tests {
             prop_assert_eq!(filter.step(sine(hz, at), &mut saturated), unchanged.step(sine(hz, at), &mut saturated), "after {}", last);
         }
 
-        /// Behind the change the signal goes over to the new filter without a jump, and ends on what the new filter
-        /// alone gives. Step responses of three sections overshoot by at most a quarter, and the offset of their
-        /// lag, some 70 ticks, loses another quarter of a step a tick: no step is twice the sine's largest.
+        /// Behind the change the signal goes over to the new filter without a jump, and ends on what the
+        /// new filter alone gives. Step responses of three sections overshoot by at most a quarter, and the
+        /// offset of their lag, some 70 ticks, loses another quarter of a step a tick: no step is twice the
+        /// sine's largest.
         #[test]
         fn a_filter_goes_over_to_another_smoothly([old, new] in prop::array::uniform2(gentle()), hz in 1.0f64..50.0, at in 2000u32..6000) {
             let (mut filter, mut alone, mut saturated) = (SignalFilter::OFF, SignalFilter::OFF, 0);
@@ -287,8 +289,8 @@ mod tests {
             .prop_map(|(one, two, low_pass_millihertz)| FilterSetting { notches: [one, two], low_pass_millihertz })
     }
 
-    /// A massless stage of 1/7 um/V in front of the example's regulator, which follows a sine of 2 um; filters of
-    /// both signals change at `at`. Codes of every tick.
+    /// A massless stage of 1/7 um/V in front of the example's regulator, which follows a sine of 2 um;
+    /// filters of both signals change at `at`. Codes of every tick.
     fn closed_loop(old: [FilterSetting; 2], new: Option<[FilterSetting; 2]>, hz: f64, at: u32, ticks: u32) -> Vec<i64> {
         let mut parameters = example();
         parameters.guard.stuck_ticks = 0;
@@ -332,8 +334,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
-        /// In the closed loop, both filters at once: the code of the tick of the change is the one without it, and
-        /// no later step is more than [`MOST_CODES`] larger than the largest one of the sine before.
+        /// In the closed loop, both filters at once: the code of the tick of the change is the one without
+        /// it, and no later step is more than [`MOST_CODES`] larger than the largest one of the sine
+        /// before.
         #[test]
         fn filters_change_in_the_closed_loop_without_a_step_of_the_drive(
             old in prop::array::uniform2(gentle()),

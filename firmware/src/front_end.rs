@@ -78,14 +78,15 @@ pub trait FrontEnd {
     /// take that. The code that it was given last is in its register.
     #[allow(dead_code)] // not every image that has a front end keeps it so long
     fn renew(&mut self) -> bool;
-    /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next conversion.
-    /// `None` if its converter did not answer, or there is none.
+    /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next
+    /// conversion. `None` if its converter did not answer, or there is none.
     #[inline(always)]
+    #[allow(dead_code)] // the board check drives no amplifier
     fn monitor(&mut self) -> Option<u16> {
         None
     }
-    /// Whether the register of the drive's converter held the code that was written last when the one behind it was
-    /// written; where it cannot be read back it counts as held.
+    /// Whether the register of the drive's converter held the code that was written last when the one
+    /// behind it was written; where it cannot be read back it counts as held.
     #[inline(always)]
     #[allow(dead_code)] // the board check sees the drive over its wire
     fn holds(&self) -> bool {

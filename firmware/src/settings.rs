@@ -8,8 +8,8 @@
 //! refused; a block that the supply cut off while it was written is only unreadable ([`crate::flash_read`]).
 //! So a block that was damaged on its way or in flash leaves the last good one in force.
 //!
-//! What the operator asks to keep (`WPA`) stands in a sector of its own. Where it is damaged the board begins with what
-//! a new one has: nothing of it is a matter of safety.
+//! What the operator asks to keep (`WPA`) stands in a sector of its own. Where it is damaged the board
+//! begins with what a new one has: nothing of it is a matter of safety.
 //!
 //! The envelope comes by the same lines, and is kept by a command that names its checksum. No block that
 //! exceeds it is taken, and without one nothing is.

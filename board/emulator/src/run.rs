@@ -66,8 +66,9 @@ pub fn bench_envelope() -> SafetyEnvelope {
     }
 }
 
-/// The same bench with the drive's SDO and the amplifier's voltage monitor wired: -30..150 V over the part's 3.3 V.
-/// The part's inputs have whole millivolts, 55 mV of the drive, and the bench sets them once a period.
+/// The same bench with the drive's SDO and the amplifier's voltage monitor wired: -30..150 V over the
+/// part's 3.3 V. The part's inputs have whole millivolts, 55 mV of the drive, and the bench sets them once
+/// a period.
 #[must_use]
 pub fn watched_envelope() -> SafetyEnvelope {
     SafetyEnvelope {
@@ -442,7 +443,8 @@ pub(crate) struct Prepared {
     pub(crate) control_block: ControlBlock,
 }
 
-/// Puts image, parameter blocks, safety envelope, kept settings and serial line on a board; the run first stops at `first_stop_ns`.
+/// Puts image, parameter blocks, safety envelope, kept settings and serial line on a board; the run first
+/// stops at `first_stop_ns`.
 pub(crate) fn prepare(
     elf: &Path,
     mut board: NucleoBoard,

@@ -156,8 +156,8 @@ pub trait Device {
     /// What the operator asked to keep, as it was at the start; `None` where nothing is kept.
     fn kept_settings(&self) -> Option<KeptSettings>;
 
-    /// Lets settings be kept from the next start on, which takes seconds; [`Device::brought`] says what has become
-    /// of them.
+    /// Lets settings be kept from the next start on, which takes seconds; [`Device::brought`] says what has
+    /// become of them.
     ///
     /// # Errors
     /// The drive does not rest, or something is being kept.

@@ -18,7 +18,8 @@
 //! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one
 //!   that is defined with the servo off is one of drives, V, and is played from rest with the servo off, and
 //!   goes to rest when it has ended.
-//! * `SPA` of a filter acts in any mode, without a step; `WPA 100` keeps the settings at rest (`BLK?` says when).
+//! * `SPA` of a filter acts in any mode, without a step; `WPA 100` keeps the settings at rest (`BLK?` says
+//!   when).
 //! * The data recorder writes all its tables at the same ticks; `DRC` chooses what is read from each.
 
 mod amplifier_state;

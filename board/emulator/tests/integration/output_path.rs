@@ -1,6 +1,6 @@
-//! The output path is closed: the amplifier's voltage monitor and the register of the drive's converter are compared
-//! with the code at every tick, and what differs switches the power stage off at once. And filters: the loop with all of
-//! it on gives the host's bits.
+//! The output path is closed: the amplifier's voltage monitor and the register of the drive's converter are
+//! compared with the code at every tick, and what differs switches the power stage off at once. And
+//! filters: the loop with all of it on gives the host's bits.
 
 use crate::common;
 
@@ -38,7 +38,8 @@ fn played(world: &SharedWorld) -> Outcome {
     run(&image(), NucleoBoard::with_plant(world).expect("a board"), script).expect("a run")
 }
 
-/// That the fault is named, and the power stage off within 2 ms of the trouble: a look at it every millisecond.
+/// That the fault is named, and the power stage off within 2 ms of the trouble: a look at it every
+/// millisecond.
 fn assert_switched_off(world: &SharedWorld, outcome: &Outcome, fault: &str) {
     let named = format!("mode fault: {fault}");
     assert_eq!(outcome.texts_with(&named).count(), 1, "{:?}", texts(outcome));
@@ -105,8 +106,8 @@ fn kept(stage: [u8; 16]) -> Vec<u8> {
     bytes.to_vec()
 }
 
-/// Most instructions of guard, reference, filters, servo and sample with everything on, and on the mean: those of
-/// `closed_loop` and six sections.
+/// Most instructions of guard, reference, filters, servo and sample with everything on, and on the mean:
+/// those of `closed_loop` and six sections.
 const MOST_TICK_INSTRUCTIONS: u64 = 1_500;
 
 #[test]

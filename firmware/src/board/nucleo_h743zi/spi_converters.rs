@@ -6,7 +6,7 @@
 //! | sensor SCK, SDO | PA5, PA6 (SPI1, frames of the block's bits, 32 MHz) | read by the control interrupt |
 //! | sensor CNV | PA0 (TIM2_CH1) | rises at the edge: the sample is taken there; low before the read |
 //! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 32 MHz) | the interrupt writes it |
-//! | drive SDO | PC11 (SPI3) | where the safety envelope has it wired: frames at 16 MHz, which is what a register may be read at (AD5791, table 3) |
+//! | drive SDO | PC11 (SPI3) | where the envelope has it wired; frames at 16 MHz (AD5791, table 3) |
 //! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
 //!
 //! The DAC leaves power-up, and its RESET pin (wired to NRST), with its output clamped to ground and an empty
@@ -16,8 +16,8 @@
 //! between frames.
 //!
 //! # Read back
-//! A frame that asks for the register goes out while the sensor's word comes in; the next frame, which writes the new
-//! code, brings the register's content. It must be the code that was written before.
+//! A frame that asks for the register goes out while the sensor's word comes in; the next frame, which
+//! writes the new code, brings the register's content. It must be the code that was written before.
 
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};

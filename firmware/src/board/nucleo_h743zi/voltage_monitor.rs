@@ -1,11 +1,11 @@
 //! The amplifier's voltage monitor on PC0 (A1), ADC3 channel 10, 16 bits over 0..3.3 V: read once a period.
 //!
-//! A conversion is started when the one before it is read, a few microseconds behind the edge of the sample clock, and
-//! has the rest of the period: nobody waits for it. ADC3 is not the converter of the on-chip front end, whose trigger
-//! and calibration stay its own.
+//! A conversion is started when the one before it is read, a few microseconds behind the edge of the sample
+//! clock, and has the rest of the period: nobody waits for it. ADC3 is not the converter of the on-chip
+//! front end, whose trigger and calibration stay its own.
 //!
-//! Clock: that of the AHB divided by 4, 25 MHz on revision V (RM0433, 25.4.3); 64.5 cycles of sampling, for a divider
-//! of some kilohms in front of the pin, and 8.5 of conversion are 3 us.
+//! Clock: that of the AHB divided by 4, 25 MHz on revision V (RM0433, 25.4.3); 64.5 cycles of sampling, for
+//! a divider of some kilohms in front of the pin, and 8.5 of conversion are 3 us.
 
 use embassy_stm32::pac::adc::vals::{Boost, Exten, Ovrmod, Pcsel, Res, SampleTime};
 use embassy_stm32::pac::adccommon::vals::Ckmode;
