@@ -80,7 +80,8 @@ impl Section {
         (saturate_shifted::<SECTION_FRACTION_BITS>(total, saturated), cut)
     }
 
-    #[inline]
+    // Not inlined: six copies would not fit the memory of the control interrupt's code on the smaller board.
+    #[inline(never)]
     fn step(&mut self, sample: i32, saturated: &mut u32) -> i32 {
         if !self.runs || self.before.is_some() {
             self.take_over(sample, saturated);
