@@ -220,7 +220,7 @@ fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
         Plot::new("Robustness (Ch. 7, Fig. 12): xi, wn and K +50 %, unknown input, 0.05 um noise")
             .x_axis("time", "s")
             .y_axis("displacement", "um")
-            .with(Series::line("desired", Role::Drive, time.clone(), reference[shown.clone()].to_vec()))
+            .with(Series::line("desired", Role::Reference, time.clone(), reference[shown.clone()].to_vec()))
             .with(Series::line("reached", Role::Measured, time.clone(), reached[shown].to_vec()))
             .with(Series::line("error", Role::Residual, time, error)),
     )
@@ -315,7 +315,7 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
         blocks.push(Block::Plot(errors_at_100_hz(bench, c, Variant::FULL)));
         blocks
             .extend(hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(Block::Plot));
-        blocks.push(Block::Plot(hysteron_report::trade_off(&c.design.trade_off)));
+        blocks.push(Block::Plot(hysteron_report::trade_off(&c.design)));
         blocks.push(Block::Plot(noise_shaped(bench, &c.design)));
     }
     blocks.extend([

@@ -215,7 +215,7 @@ fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequ
     for line in &design.explanation {
         println!("  {line}");
     }
-    let check = commands::check(&design, &found.model).map_err(|problem| Error::new("check", problem))?;
+    let check = commands::check_with(&design, &found.model, Some(&dataset)).map_err(|problem| Error::new("check", problem))?;
     let block = block(&amplifier_parameters(&design, front_end)?)?;
     let (lowest_um, highest_um) = dataset
         .records
@@ -328,7 +328,7 @@ fn plots(name: &str, followed: &Followed) -> [Block; 2] {
             Plot::new(name)
                 .x_axis("time", "s")
                 .y_axis("position", "um")
-                .with(Series::line("reference", Role::Drive, time.clone(), followed.reference_um.clone()))
+                .with(Series::line("reference", Role::Reference, time.clone(), followed.reference_um.clone()))
                 .with(Series::line("sensor", Role::Measured, time.clone(), followed.position_um.clone())),
         ),
         Block::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
@@ -353,11 +353,7 @@ fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdic
             text: "Read by the sensor, its noise included; recorded by the board while the loop was closed.".into(),
             blocks: plots("On a reference", on_reference).into_iter().chain(plots("On a sine", on_sine)).collect(),
         },
-        Section {
-            heading: "Why this servo".into(),
-            text: design.explanation.join("\n\n"),
-            blocks: vec![Block::Plot(trade_off(&design.trade_off))],
-        },
+        Section { heading: "Why this servo".into(), text: design.explanation.join("\n\n"), blocks: vec![Block::Plot(trade_off(design))] },
         Section {
             heading: "The loop, checked on the model".into(),
             text: said.iter().chain(&check.remarks).cloned().collect::<Vec<_>>().join("\n\n"),

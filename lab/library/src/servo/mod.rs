@@ -38,6 +38,7 @@ pub mod from_rest;
 pub mod gain_adaptation;
 pub mod learned_feedforward;
 pub mod loop_margins;
+pub mod members;
 pub mod model;
 pub mod moving_mode;
 pub mod order;
