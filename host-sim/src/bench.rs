@@ -16,7 +16,7 @@
 //! Identification and design work from records. They never read the constants of the bench.
 
 use crate::converter_scale::ConverterScale;
-use crate::effect::vibration::Mode;
+use crate::effect::vibration::VibrationMode;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use crate::linear_system::{ContinuousSystem, FixedSystem};
 use crate::noise::WhiteNoise;
@@ -272,10 +272,14 @@ impl Bench {
             substeps,
             amplifier: if full { lag(self.full.amplifier_bandwidth_hz) } else { None },
             hysteresis: OneSidedHysteresis::virgin(surfaces, self.drive_min_v, range_v),
-            first_mode: Mode::new(self.vibration.natural_frequency_rad_s * mass_factor, self.vibration.damping_ratio * mass_factor, dt_s),
+            first_mode: VibrationMode::new(
+                self.vibration.natural_frequency_rad_s * mass_factor,
+                self.vibration.damping_ratio * mass_factor,
+                dt_s,
+            ),
             second_mode: full.then(|| {
                 let frequency_rad_s = TAU * self.full.second_mode_hz * mass_factor;
-                (self.full.second_mode_share, Mode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s))
+                (self.full.second_mode_share, VibrationMode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s))
             }),
             creep: ContinuousSystem::from_transfer_function(&self.creep.numerator, &self.creep.denominator)
                 .and_then(|g2| FixedSystem::new(&g2.discretise(dt_s))),
@@ -371,8 +375,8 @@ pub struct Plant {
     substeps: usize,
     amplifier: Option<FixedSystem<1>>,
     hysteresis: OneSidedHysteresis,
-    first_mode: Mode,
-    second_mode: Option<(f64, Mode)>,
+    first_mode: VibrationMode,
+    second_mode: Option<(f64, VibrationMode)>,
     creep: Option<FixedSystem<CREEP_POLES>>,
     sensor: Option<FixedSystem<1>>,
     /// Where the mean of the voltage over a step lies between its two ends.

@@ -14,11 +14,11 @@ use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron_sim::bench::Bench;
-use hysteron_tests::independent_stage::Truth;
+use hysteron_tests::independent_stage::StageTruth;
 use hysteron_tests::learning_study::{
-    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, Way, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
+    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
 };
-use hysteron_tests::servo_study::{Recording, kept_model, record};
+use hysteron_tests::servo_study::{StudyRecording, kept_model, record};
 
 /// Periods that are followed.
 const PERIODS: usize = 40;
@@ -95,9 +95,9 @@ fn main() {
         }
         let mut largest_percent = 0.0_f64;
         for (sign, change) in [("less", FIVE_PERCENT_LESS), ("more", FIVE_PERCENT_MORE)] {
-            for way in [Way::Nothing, Way::EveryTick, Way::WholePeriods, Way::Harmonics] {
+            for way in [LearningWay::Nothing, LearningWay::EveryTick, LearningWay::WholePeriods, LearningWay::Harmonics] {
                 let found = learned(&truth, change, &design, way, PERIODS);
-                if way == Way::EveryTick {
+                if way == LearningWay::EveryTick {
                     largest_percent = largest_percent.max(found.percent(9));
                 }
                 let nm = |period: usize| format!("{:.1}", 1e3 * found.periods[period - 1].rms_um);

@@ -1,6 +1,6 @@
 //! `check`.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use crate::desk::{Desk, wrong};
 use crate::read_arguments::ReadArguments;
 use hysteron::servo::commands::{self, CheckResult, Work};

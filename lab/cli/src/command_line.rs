@@ -3,13 +3,14 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
+use crate::arguments::{Outputs, RecordingOutputs, SensorSaid, StudyOutputs, TimeArguments};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
 use crate::capture;
-use crate::desk::Desk;
 #[cfg(feature = "lab")]
 use crate::lab;
+use crate::plant::PlantArguments;
 use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
@@ -25,7 +26,6 @@ use hysteron::watch::{Deadline, Watch};
 use hysteron::{Dataset, Error, Result, series};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 /// From the measurement of a piezoelectric actuator to what its model misses, and to its controller.
 #[derive(Parser)]
@@ -33,150 +33,6 @@ use std::time::Duration;
 struct Arguments {
     #[command(subcommand)]
     command: Command,
-}
-
-/// Files that a command may write.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct Outputs {
-    /// Write every figure as JSON
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Write a page to look at, one HTML file that opens offline
-    #[arg(long, value_name = "FILE")]
-    pub report: Option<PathBuf>,
-    /// Replace files that exist
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// How long an answer may take.
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
-pub struct TimeArguments {
-    /// Answer within about so many seconds: the search for effects ends early (without it, once nothing more
-    /// is found)
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    within: Option<Duration>,
-}
-
-impl TimeArguments {
-    /// Does what is watched in that time.
-    pub fn beside<T>(self, watch: &dyn Watch, watched: impl FnOnce(&dyn Watch) -> T) -> T {
-        match self.within {
-            Some(within) => watched(&Deadline::new(watch, within)),
-            None => watched(watch),
-        }
-    }
-}
-
-fn seconds(given: &str) -> std::result::Result<Duration, String> {
-    let seconds = given.parse().ok().filter(|seconds: &f64| *seconds > 0.0);
-    seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).ok_or_else(|| "expected a time in seconds above zero".to_owned())
-}
-
-/// What the user specifies of the sensor for a servo's design.
-#[derive(clap::Args, Clone, Copy, Debug)]
-pub struct SensorSaid {
-    /// Bandwidth of the sensor, whose lag is undone [default: what the model or the data set knows of it]
-    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
-    pub sensor_bandwidth_hz: Option<f64>,
-}
-
-impl Outputs {
-    /// Takes the files as targets.
-    pub fn check(&self, desk: &Desk) -> Result<()> {
-        desk.target(self.json.as_deref())?;
-        desk.target(self.report.as_deref())
-    }
-
-    /// Where the drive that would decide between two explanations is written: beside the other outputs, if
-    /// there are any.
-    pub fn next_drive(&self) -> Option<PathBuf> {
-        self.report.as_ref().or(self.json.as_ref()).map(|beside| beside.with_extension("next_drive.csv"))
-    }
-}
-
-/// Files that a command which holds a model against recordings may write.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct RecordingOutputs {
-    /// Write what was measured and what the model says, one CSV file for each record
-    #[arg(long, value_name = "DIR")]
-    pub series: Option<PathBuf>,
-    /// The others
-    #[command(flatten)]
-    pub files: Outputs,
-}
-
-impl RecordingOutputs {
-    /// Takes the files as targets.
-    pub fn check(&self, desk: &Desk, dataset: &Dataset) -> Result<()> {
-        let names: Vec<String> = dataset.records.iter().map(series::file_name).collect();
-        self.series.as_ref().map_or(Ok(()), |folder| desk.folder(folder, &names))?;
-        self.files.check(desk)
-    }
-
-    /// Writes the signals, if they are wanted, beside those of models by name.
-    pub fn write_series(&self, desk: &Desk, dataset: &Dataset, models: &[series::Named]) -> Result<()> {
-        let Some(folder) = &self.series else { return Ok(()) };
-        for record in &dataset.records {
-            desk.write(&folder.join(series::file_name(record)), series::csv(record, models).as_bytes())?;
-        }
-        println!("Signals of {} records: {}", dataset.records.len(), folder.display());
-        Ok(())
-    }
-}
-
-/// Files that a command which makes a model may write.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct StudyOutputs {
-    /// Write the model
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// The others
-    #[command(flatten)]
-    pub recordings: RecordingOutputs,
-}
-
-impl StudyOutputs {
-    /// Takes the files as targets.
-    pub fn check(&self, desk: &Desk, dataset: &Dataset) -> Result<()> {
-        desk.target(self.out.as_deref())?;
-        self.recordings.check(desk, dataset)
-    }
-}
-
-/// The command line as it was typed, for pages.
-pub fn as_typed() -> String {
-    let words = std::env::args().skip(1);
-    std::iter::once("hysteron".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
-}
-
-/// Arguments of `plant`.
-#[derive(clap::Args)]
-pub struct PlantArguments {
-    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every
-    /// kind; `pairs`, `triples`: of every two, three that are hidden together
-    pub effects: String,
-    /// Folder to write
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Replace files that exist
-    #[arg(long)]
-    pub force: bool,
-    /// Seed of noise and parameters
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Effects that the user of a single case already models, comma-separated
-    #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
-    pub base: String,
-    /// Structure of the hysteresis: hysteresis (the thesis' surfaces), prandtl_ishlinskii, bouc_wen, ...
-    #[arg(long, default_value = "hysteresis")]
-    pub hysteresis: String,
-    /// Cases of each kind and strength; more than one makes a folder of cases
-    #[arg(long, default_value_t = 1)]
-    pub cases: usize,
-    /// Strengths of a set, comma-separated [default: 1]; makes a folder of cases
-    #[arg(long, value_delimiter = ',')]
-    pub strengths: Vec<String>,
 }
 
 #[derive(Subcommand)]
@@ -461,7 +317,7 @@ enum Command {
     },
     /// Diagnose a folder of planted cases and compare with their truth
     #[command(after_help = "Example:\n  hysteron score cases --json score.json")]
-    Score {
+    SetScore {
         /// Folder with truth.json and one folder per case
         dir: PathBuf,
         #[command(flatten)]
@@ -611,8 +467,13 @@ fn dispatch(command: Command) -> Result<bool> {
                 scheme,
                 no_inverse,
             };
-            let files =
-                design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
+            let files = design::DesignFiles {
+                model: &model,
+                data: data.as_deref(),
+                out: &out,
+                block: block.as_deref(),
+                front_end: front_end.as_deref(),
+            };
             design::design(&files, &wanted, &reading, &outputs)
         }
         Command::Check { files, model, data, reading, scheme, outputs } => {
@@ -640,7 +501,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
-        Command::Score { dir, outputs } => score::score(&dir, &outputs),
+        Command::SetScore { dir, outputs } => score::score(&dir, &outputs),
         Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {

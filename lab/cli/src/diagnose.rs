@@ -1,6 +1,6 @@
 //! `diagnose`.
 
-use crate::command_line::{RecordingOutputs, TimeArguments, as_typed};
+use crate::arguments::{RecordingOutputs, TimeArguments, as_typed};
 use crate::desk::Desk;
 use crate::explain::write_next_experiment;
 use crate::progress::Progress;

@@ -1,6 +1,6 @@
 //! `explain`.
 
-use crate::command_line::{Outputs, StudyOutputs, TimeArguments, as_typed};
+use crate::arguments::{Outputs, StudyOutputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;

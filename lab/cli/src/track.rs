@@ -1,7 +1,7 @@
 //! `track`.
 
+use crate::arguments::Outputs;
 use crate::check::read_design;
-use crate::command_line::Outputs;
 use crate::desk::{Desk, wrong};
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::servo::commands::{self, Work};

@@ -10,7 +10,7 @@
 //! samples.
 
 use crate::bench_runs::row_um;
-use crate::chapter::Row;
+use crate::chapter::ChapterRow;
 use crate::chapter_7::equation_35_v;
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::thesis_schemes::ObserverGains;
@@ -175,7 +175,7 @@ fn harmonic(signal: &[f64]) -> Complex<f64> {
 
 /// Velocity estimates of every estimator on the bench: error, phase lag and noise gain.
 #[must_use]
-pub fn rows() -> Vec<Row> {
+pub fn rows() -> Vec<ChapterRow> {
     let Ok(bench) = Bench::reference() else { return Vec::new() };
     let fs = bench.converters.sample_rate_hz;
     // The plain bench's sensor is not late, so that what it reads is the position.
@@ -204,12 +204,12 @@ pub fn rows() -> Vec<Row> {
         let note = format!("{kind:?}, plain bench, chosen on another record");
         let id = format!("ch7.estimator.{id}");
         [
-            Row::new(format!("{id}.velocity.rms"), error, "um/s", &note).on("Eq. (35)", 31),
-            Row::new(format!("{id}.lag"), -lag.arg().to_degrees(), "deg", format!("{note}; of the velocity at {LAG_HZ} Hz")),
-            Row::new(format!("{id}.noise_gain"), gain, "1/s", format!("{note}; RMS velocity per RMS noise of the reading")),
+            ChapterRow::new(format!("{id}.velocity.rms"), error, "um/s", &note).on("Eq. (35)", 31),
+            ChapterRow::new(format!("{id}.lag"), -lag.arg().to_degrees(), "deg", format!("{note}; of the velocity at {LAG_HZ} Hz")),
+            ChapterRow::new(format!("{id}.noise_gain"), gain, "1/s", format!("{note}; RMS velocity per RMS noise of the reading")),
         ]
     });
-    let mut rows: Vec<Row> = rows.collect();
+    let mut rows: Vec<ChapterRow> = rows.collect();
     let refusal = unknown_input_observer(&NominalModel::THESIS).err();
     rows.push(row_um("ch7.estimator.unknown_input_observer.refused", f64::from(u8::from(refusal.is_some())), refusal.unwrap_or_default()));
     rows

@@ -29,7 +29,7 @@ pub mod scoreboard;
 pub mod surface_fit;
 
 pub use bench_runs::{commission, run, sine_reference_um};
-pub use chapter::{Chapter, ErrorPair, Progress, Row, RunKey};
+pub use chapter::{Chapter, ChapterProgress, ChapterRow, ErrorPair, RunKey};
 
 /// Chapters that can be reproduced here.
 pub const CHAPTERS: [u32; 5] = [3, 4, 5, 6, 7];
@@ -38,7 +38,7 @@ pub const CHAPTERS: [u32; 5] = [3, 4, 5, 6, 7];
 ///
 /// # Errors
 /// A message if the chapter is not known or an identification fails.
-pub fn chapter(number: u32, progress: Progress) -> Result<Chapter, String> {
+pub fn chapter(number: u32, progress: ChapterProgress) -> Result<Chapter, String> {
     match number {
         3 => chapter_3::reproduce(progress),
         4 => chapter_4::reproduce(progress),

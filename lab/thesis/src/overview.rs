@@ -1,8 +1,8 @@
 //! The report of a reproduction: every printed result with ours beside it, then the figures of every chapter.
 
 use crate::chapter::Chapter;
-use crate::scoreboard::{Cell, ScoreRow, Value, counts, score, totals};
-use hysteron_report::{Block, Page, Section, Table, Tone};
+use crate::scoreboard::{ScoreRow, ScoreboardCell, Value, counts, score, totals};
+use hysteron_report::{Page, PageBlock, Section, Table, Tone};
 use serde::Serialize;
 
 /// What `hysteron reproduce --json` writes.
@@ -17,7 +17,7 @@ pub struct ReproduceFile {
 impl ReproduceFile {
     /// The rows of some chapters.
     #[must_use]
-    pub fn of(chapters: &[Chapter], cells: &[Cell]) -> Self {
+    pub fn of(chapters: &[Chapter], cells: &[ScoreboardCell]) -> Self {
         Self { schema: "hysteron.reproduce/1".into(), rows: score(chapters, cells) }
     }
 }
@@ -125,13 +125,13 @@ pub fn totals_in_words(rows: &[ScoreRow]) -> String {
 
 /// The page with every figure of the chapters.
 #[must_use]
-pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
+pub fn page(chapters: Vec<Chapter>, cells: &[ScoreboardCell]) -> Page {
     let rows = score(&chapters, cells);
     let (_, _, missed) = totals(&rows);
     let of_thesis = tables(&rows).into_iter().map(|table| {
         let columns: Vec<String> =
             ["algorithm", "condition", "quantity"].iter().chain(&NUMBERS).chain(&["unit", "reason"]).map(|c| (*c).to_owned()).collect();
-        Block::Table(Table {
+        PageBlock::Table(Table {
             title: table.title,
             columns,
             highlighted_rows: table.lines.iter().enumerate().filter(|(_, line)| !line.met).map(|(k, _)| k).collect(),
@@ -156,8 +156,11 @@ pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
     for row in rows.iter().filter(|row| row.thesis.is_none()) {
         others.rows.push(vec![row.id.clone(), value(row.ours), number(row.sensor), row.unit.clone(), row.algorithm.clone()]);
     }
-    let scoreboard =
-        Section { heading: "The printed results".into(), text: String::new(), blocks: of_thesis.chain([Block::Table(others)]).collect() };
+    let scoreboard = Section {
+        heading: "The printed results".into(),
+        text: String::new(),
+        blocks: of_thesis.chain([PageBlock::Table(others)]).collect(),
+    };
     let sections: Vec<Section> = std::iter::once(scoreboard).chain(chapters.iter().flat_map(|c| c.sections.clone())).collect();
     Page {
         title: "Hysteron: the thesis reproduced".into(),
@@ -173,13 +176,13 @@ pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chapter::Row;
+    use crate::chapter::ChapterRow;
     use crate::scoreboard::cells;
 
     #[test]
     fn a_missed_result_is_set_off_with_its_reason() {
         let of = |ours: f64| {
-            let rows = vec![Row::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
+            let rows = vec![ChapterRow::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
             let cells: Vec<_> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.pid.10hz.rms").collect();
             tables(&score(&[Chapter { number: 6, rows, ..Chapter::default() }], &cells))
         };

@@ -7,7 +7,7 @@
 //! each for the others. Errors of a servo are those of the true displacement; what the sensor reads stands
 //! beside.
 
-use crate::chapter::{Chapter, Row};
+use crate::chapter::{Chapter, ChapterRow};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
@@ -53,7 +53,7 @@ pub enum Judge {
 /// A printed result.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Cell {
+pub struct ScoreboardCell {
     /// Identifier.
     pub id: String,
     /// Chapter.
@@ -96,14 +96,14 @@ pub struct Cell {
 
 #[derive(Deserialize)]
 struct Cells {
-    cell: Vec<Cell>,
+    cell: Vec<ScoreboardCell>,
 }
 
 /// The printed results.
 ///
 /// # Errors
 /// If the built-in file cannot be read, which a test excludes.
-pub fn cells() -> Result<Vec<Cell>, toml::de::Error> {
+pub fn cells() -> Result<Vec<ScoreboardCell>, toml::de::Error> {
     Ok(toml::from_str::<Cells>(include_str!("../printed.toml"))?.cell)
 }
 
@@ -155,7 +155,7 @@ struct Figure<'a> {
 
 /// All figures by their identifiers; the largest error of a run has that of its RMS error with another
 /// ending.
-struct Figures<'a>(HashMap<&'a str, &'a Row>);
+struct Figures<'a>(HashMap<&'a str, &'a ChapterRow>);
 
 impl<'a> Figures<'a> {
     fn of(chapters: &'a [Chapter]) -> Self {
@@ -182,7 +182,7 @@ impl<'a> Figures<'a> {
     }
 }
 
-impl Cell {
+impl ScoreboardCell {
     fn is_met(&self, value: Value) -> bool {
         let (ours, printed) = (value.number(), self.value.number());
         match self.judge {
@@ -250,9 +250,9 @@ impl Cell {
 
 /// The rows of some chapters: every printed result, and every other figure.
 #[must_use]
-pub fn score(chapters: &[Chapter], cells: &[Cell]) -> Vec<ScoreRow> {
+pub fn score(chapters: &[Chapter], cells: &[ScoreboardCell]) -> Vec<ScoreRow> {
     let figures = Figures::of(chapters);
-    let here = |cell: &&Cell| chapters.iter().any(|c| c.number == cell.chapter);
+    let here = |cell: &&ScoreboardCell| chapters.iter().any(|c| c.number == cell.chapter);
     let mut out: Vec<ScoreRow> = cells.iter().filter(here).flat_map(|cell| cell.rows(&figures)).collect();
     for row in chapters.iter().flat_map(|c| &c.rows) {
         let Some(found) = figures.get(&row.id) else { continue };
@@ -298,7 +298,7 @@ pub fn totals(rows: &[ScoreRow]) -> (usize, usize, usize) {
 mod tests {
     use super::*;
 
-    fn chapter(rows: Vec<Row>) -> Chapter {
+    fn chapter(rows: Vec<ChapterRow>) -> Chapter {
         Chapter { number: 6, rows, ..Chapter::default() }
     }
 
@@ -317,10 +317,12 @@ mod tests {
 
     #[test]
     fn only_the_algorithm_as_printed_meets_a_printed_result() {
-        let cells: Vec<Cell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
+        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
         let run = |as_printed: f64, tuned: f64| {
-            let rows =
-                vec![Row::new("ch6.sm_ab_thesis.10hz.rms", as_printed, "um", ""), Row::new("ch6.sm_ab.10hz.rms", tuned, "um", "tuned")];
+            let rows = vec![
+                ChapterRow::new("ch6.sm_ab_thesis.10hz.rms", as_printed, "um", ""),
+                ChapterRow::new("ch6.sm_ab.10hz.rms", tuned, "um", "tuned"),
+            ];
             score(&[chapter(rows)], &cells)
         };
         let missed = run(0.9, 0.1);
@@ -332,11 +334,11 @@ mod tests {
 
     #[test]
     fn the_true_error_counts_and_a_largest_error_is_found_beside_its_rms() {
-        let cells: Vec<Cell> = cells().unwrap().into_iter().filter(|c| c.id.starts_with("ch6.table1.pidsm_ab.10hz.")).collect();
-        let row = Row {
+        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id.starts_with("ch6.table1.pidsm_ab.10hz.")).collect();
+        let row = ChapterRow {
             truth: Some(0.1),
             max: Some(ErrorPair { truth: 0.05, sensor: 0.2 }),
-            ..Row::new("ch6.pidsm_ab.10hz.rms", 0.001, "um", "")
+            ..ChapterRow::new("ch6.pidsm_ab.10hz.rms", 0.001, "um", "")
         };
         let rows = score(&[chapter(vec![row])], &cells);
         assert_eq!((rows[0].printed_algorithm, rows[0].sensor, rows[0].met), (Some(Value::Number(0.1)), Some(0.001), Some(false)));

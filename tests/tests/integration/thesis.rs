@@ -2,10 +2,10 @@
 //! schemes. Slow: run in release mode.
 
 use hysteron_thesis::scoreboard::{ScoreRow, Value, cells, counts, score, totals};
-use hysteron_thesis::{Chapter, Row, chapter};
+use hysteron_thesis::{Chapter, ChapterRow, chapter};
 use std::collections::BTreeSet;
 
-fn figure(rows: &[Row], id: &str) -> f64 {
+fn figure(rows: &[ChapterRow], id: &str) -> f64 {
     rows.iter().find(|r| r.id == id).unwrap_or_else(|| panic!("{id} is missing")).ours
 }
 

@@ -24,7 +24,7 @@ mod table;
 mod table_of_numbers;
 
 use crate::steps::{built, root};
-use case::Case;
+use case::SetCase;
 use results::Results;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ pub struct Set {
     /// What is asked of it.
     pub asked: &'static str,
     /// All its cases, or some of them.
-    cases: fn(&Context, Option<usize>) -> Result<Vec<Case>, String>,
+    cases: fn(&Context, Option<usize>) -> Result<Vec<SetCase>, String>,
 }
 
 /// All sets, in the order of the table.
@@ -130,7 +130,7 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     Ok(())
 }
 
-fn run_set(context: &Context, set: &Set, cases: &[Case], results: &mut Results) -> Result<(), String> {
+fn run_set(context: &Context, set: &Set, cases: &[SetCase], results: &mut Results) -> Result<(), String> {
     for case in cases {
         if results.has(set.name, &case.name) {
             continue;

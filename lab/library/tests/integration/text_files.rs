@@ -4,9 +4,9 @@
 #![cfg(feature = "readers")]
 
 use hysteron::Dataset;
-use hysteron::dataset::manifest::{ColumnName, PerColumn};
+use hysteron::dataset::column_rules::ColumnRules;
+use hysteron::dataset::column_rules::{ColumnName, PerColumn};
 use hysteron::dataset::reading::{Instructions, from_file, from_file_as, from_manifest};
-use hysteron::dataset::recognise::ColumnRules;
 use hysteron::dataset::timing::Timing;
 use std::collections::BTreeMap;
 use std::fmt::Write;
