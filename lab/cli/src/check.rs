@@ -9,7 +9,7 @@ use hysteron::servo::track::TrackResult;
 use hysteron::servo::words;
 use hysteron::toml_file::with_schema;
 use hysteron::{Error, Result};
-use hysteron_report::{Block, Page, Section, nyquist, sensitivity, step_section};
+use hysteron_report::{Page, PageBlock, Section, nyquist, sensitivity, step_section};
 use std::path::Path;
 
 /// Reads a servo file.
@@ -78,7 +78,7 @@ pub fn check(wanted: &CheckRequest, reading: &ReadArguments, outputs: &Outputs) 
 fn page(found: &CheckResult, step: Option<&TrackResult>) -> Page {
     let mut words = found.margins.as_ref().map(words::margins).unwrap_or_default();
     words.extend(found.on_plants.as_ref().map(words::on_plants));
-    let blocks = found.margins.as_ref().map(|m| vec![Block::Plot(sensitivity(m)), Block::Plot(nyquist(m))]);
+    let blocks = found.margins.as_ref().map(|m| vec![PageBlock::Plot(sensitivity(m)), PageBlock::Plot(nyquist(m))]);
     Page {
         title: format!("Check of {}", found.scheme),
         lead_sentence: format!("{} on this actuator: {}.", found.scheme, found.verdict()),

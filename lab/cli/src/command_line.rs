@@ -22,8 +22,7 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::servo::commands::SCHEMES;
 use hysteron::servo::schemes::Choice;
-use hysteron::watch::{Deadline, Watch};
-use hysteron::{Dataset, Error, Result, series};
+use hysteron::{Error, Result};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

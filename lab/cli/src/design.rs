@@ -114,7 +114,7 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
         sections: vec![Section {
             heading: "Why this one".into(),
             text: design.explanation.join("\n\n"),
-            blocks: std::iter::once(trade_off(&design)).chain(design.learning.as_ref().map(convergence)).map(Block::Plot).collect(),
+            blocks: std::iter::once(trade_off(&design)).chain(design.learning.as_ref().map(convergence)).map(PageBlock::Plot).collect(),
         }],
         ..Page::default()
     };

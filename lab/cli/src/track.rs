@@ -6,7 +6,7 @@ use crate::desk::{Desk, wrong};
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::servo::commands::{self, Work};
 use hysteron::servo::disturbance::Disturbance;
-use hysteron::servo::members::Band;
+use hysteron::servo::members::PlantBand;
 use hysteron::servo::reference::Reference;
 use hysteron::servo::track::{DriveFigures, SETTLED, TrackResult};
 use hysteron::servo::words;
@@ -61,7 +61,7 @@ struct TrackFigures<'a> {
     #[serde(flatten)]
     found: &'a TrackResult,
     /// The same on the plants that may stand in the place of the model.
-    band: &'a Band,
+    band: &'a PlantBand,
 }
 
 /// Least and largest of a value, nm.
@@ -70,7 +70,7 @@ fn range_nm([least, most]: [f64; 2]) -> String {
 }
 
 /// What the servo does on other plants.
-fn tell_band(band: &Band) {
+fn tell_band(band: &PlantBand) {
     let [rms, max] = [band.rms_um(), band.max_um()].map(range_nm);
     println!("  band    true RMS {rms}, max {max}, over {} plants", band.members.len());
     if let Some(worst) = band.worst() {

@@ -2,7 +2,7 @@
 //! glance.
 
 use crate::explain_report::ExplainReport;
-use crate::page::{Block, Plot, Role, Section, Series, Style};
+use crate::page::{CurveRole, PageBlock, Plot, Section, Series, Style};
 use std::ops::Range;
 
 /// A turn of the drive counts where it comes back by this share of the range.
@@ -14,7 +14,7 @@ const SAMPLES_DRAWN: usize = 400;
 /// Both ends of a loop are the same to this share of its height.
 const CLOSED: f64 = 0.1;
 /// Loops that are drawn, each in its colour.
-const COLOURS: [Role; 4] = [Role::Other1, Role::Other2, Role::Other3, Role::Other4];
+const COLOURS: [CurveRole; 4] = [CurveRole::Other1, CurveRole::Other2, CurveRole::Other3, CurveRole::Other4];
 
 /// One closed loop of a record.
 struct Loop {
@@ -135,7 +135,7 @@ pub(crate) fn loops_section(report: &ExplainReport) -> Option<Section> {
     Some(Section {
         heading: "Loops over each other".to_owned(),
         text: "The closed loops of all records that differ most in height and speed, by the last model.".to_owned(),
-        blocks: vec![Block::Plot(over_each_other), Block::Plot(opened)],
+        blocks: vec![PageBlock::Plot(over_each_other), PageBlock::Plot(opened)],
     })
 }
 
@@ -168,7 +168,7 @@ mod tests {
         names.sort_unstable();
         assert_eq!(names, ["fast", "slow", "small"]);
         let section = loops_section(&report).expect("loops");
-        let Block::Plot(plot) = &section.blocks[1] else { panic!("a plot") };
+        let PageBlock::Plot(plot) = &section.blocks[1] else { panic!("a plot") };
         assert!(plot.series.iter().flat_map(|s| &s.y).all(|y| y.abs() < 1e-6), "a straight line has no loop");
     }
 }

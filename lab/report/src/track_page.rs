@@ -1,9 +1,9 @@
 //! The page of a servo at work: its last periods, the spectrum of its error, a step, other plants, and what
 //! it asks of the amplifier.
 
-use crate::page::{Block, Page, Plot, Role, Section, Series, Table, Tone, Width};
+use crate::page::{CurveRole, Page, PageBlock, Plot, Section, Series, Table, Tone, Width};
 use crate::text::figure;
-use hysteron::servo::members::Band;
+use hysteron::servo::members::PlantBand;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::track::{SETTLED, TrackResult};
 use hysteron::spectrum::amplitude_density;
@@ -28,7 +28,7 @@ pub struct TrackPage<'a> {
     /// Period of the reference, s, where it has one.
     pub period_s: Option<f64>,
     /// The same on other plants.
-    pub band: Option<&'a Band>,
+    pub band: Option<&'a PlantBand>,
     /// A step on the model; the servo's own where its reference is one.
     pub step: Option<&'a TrackResult>,
     /// Capacitance of the actuator, uF, where it is stated.
@@ -72,15 +72,15 @@ impl Stretch<'_> {
         let motion = self
             .plot(title, "displacement", "um")
             .link(link)
-            .with(Series::line("read", Role::Measured, time.clone(), self.of(&run.reading_um)))
-            .with(Series::line("true", Role::Model, time.clone(), self.of(&run.displacement_um)))
-            .with(Series::line("reference", Role::Reference, time.clone(), self.of(&run.reference_um)));
+            .with(Series::line("read", CurveRole::Measured, time.clone(), self.of(&run.reading_um)))
+            .with(Series::line("true", CurveRole::Model, time.clone(), self.of(&run.displacement_um)))
+            .with(Series::line("reference", CurveRole::Reference, time.clone(), self.of(&run.reference_um)));
         let error = self
             .plot("Error there", "off the reference", "nm")
             .link(link)
             .percentiles()
-            .with(Series::line("read", Role::Measured, time.clone(), self.off_nm(&run.reading_um)))
-            .with(Series::line("true", Role::Model, time, self.off_nm(&run.displacement_um)));
+            .with(Series::line("read", CurveRole::Measured, time.clone(), self.off_nm(&run.reading_um)))
+            .with(Series::line("true", CurveRole::Model, time, self.off_nm(&run.displacement_um)));
         [motion, error]
     }
 }
@@ -99,7 +99,7 @@ impl<'a> TrackPage<'a> {
         if let Some(settling_s) = self.step.and_then(|s| s.step).and_then(|s| s.settling_s) {
             facts.push(("Settling of a step".to_owned(), format!("{} ms to {:.0} %", figure(1e3 * settling_s), 100.0 * SETTLED)));
         }
-        let worst = self.band.and_then(Band::worst);
+        let worst = self.band.and_then(PlantBand::worst);
         let over = worst.map(|worst| format!("; up to {} on other plants ({})", nm(worst.truth.rms_um), worst.plant)).unwrap_or_default();
         let trouble = found.trouble();
         Page {
@@ -139,7 +139,7 @@ impl<'a> TrackPage<'a> {
         let [motion, error] = stretch.motion(title, "work");
         let counted = run.counts_from.min(run.time_s.len())..run.time_s.len();
         let whole = Stretch { run, ticks: counted, zero: 0 };
-        let density = |values_um: &[f64], label: &str, role: Role| {
+        let density = |values_um: &[f64], label: &str, role: CurveRole| {
             let density = amplitude_density(&whole.off_nm(values_um), 1.0 / SAMPLING_PERIOD_S);
             Series::line(label, role, density.frequency_hz, density.density)
         };
@@ -148,10 +148,10 @@ impl<'a> TrackPage<'a> {
             .y_axis("amplitude density", "nm/rtHz")
             .log(true, true)
             .caption("While the error counts. What stands out at multiples of the reference is hysteresis or creep that is let through; the rest is noise.")
-            .with(density(&run.reading_um, "read", Role::Measured))
-            .with(density(&run.displacement_um, "true", Role::Model));
+            .with(density(&run.reading_um, "read", CurveRole::Measured))
+            .with(density(&run.displacement_um, "true", CurveRole::Model));
         let all = Stretch { run, ticks: 0..run.time_s.len(), zero: 0 };
-        let rms = |values_um: &[f64], label: &str, role: Role| {
+        let rms = |values_um: &[f64], label: &str, role: CurveRole| {
             let off_nm = all.off_nm(values_um);
             let windows = off_nm.chunks(ticks(WINDOW_S)).enumerate();
             let (x, y) =
@@ -163,8 +163,8 @@ impl<'a> TrackPage<'a> {
             .y_axis("error", "nm")
             .percentiles()
             .caption(format!("The error counts from {:.2} s on.", run.counts_from as f64 * SAMPLING_PERIOD_S))
-            .with(rms(&run.reading_um, "read", Role::Measured))
-            .with(rms(&run.displacement_um, "true", Role::Model));
+            .with(rms(&run.reading_um, "read", CurveRole::Measured))
+            .with(rms(&run.displacement_um, "true", CurveRole::Model));
         Section {
             heading: "At work".into(),
             text: format!(
@@ -172,7 +172,7 @@ impl<'a> TrackPage<'a> {
                 run.plant,
                 nm(run.noise_um)
             ),
-            blocks: [motion, error, course, spectrum].into_iter().map(Block::Plot).collect(),
+            blocks: [motion, error, course, spectrum].into_iter().map(PageBlock::Plot).collect(),
         }
     }
 
@@ -199,7 +199,7 @@ impl<'a> TrackPage<'a> {
                 "The same servo, reference and noise on plants that may stand in the place of the model{}.",
                 if band.with_covariance { "" } else { "; its file has no covariance of its values, so none are drawn" }
             ),
-            blocks: vec![Block::Table(Table {
+            blocks: vec![PageBlock::Table(Table {
                 columns: columns.into_iter().map(str::to_owned).collect(),
                 rows: rows.collect(),
                 highlighted_rows: band
@@ -221,8 +221,8 @@ impl<'a> TrackPage<'a> {
             stretch.ticks.clone().map(|k| 1e-3 * (run.drive_v[k] - run.drive_v[k.saturating_sub(1)]) / SAMPLING_PERIOD_S).collect();
         let line = |title: &str, label: &str, unit: &str, values: Vec<f64>| {
             let width = if self.capacitance_uf.is_some() { Width::Third } else { Width::Half };
-            let series = Series::line(label, Role::Drive, time.clone(), values).style(crate::page::Style::Steps);
-            Block::Plot(stretch.plot(title, label, unit).link("work").percentiles().width(width).with(series))
+            let series = Series::line(label, CurveRole::Drive, time.clone(), values).style(crate::page::Style::Steps);
+            PageBlock::Plot(stretch.plot(title, label, unit).link("work").percentiles().width(width).with(series))
         };
         let mut blocks = vec![
             line("Drive", "drive", "V", stretch.of(&run.drive_v)),
@@ -280,6 +280,6 @@ pub fn step_section(run: Option<&TrackResult>) -> Option<Section> {
             run.reference,
             100.0 * step.overshoot
         ),
-        blocks: vec![Block::Plot(motion), Block::Plot(error)],
+        blocks: vec![PageBlock::Plot(motion), PageBlock::Plot(error)],
     })
 }

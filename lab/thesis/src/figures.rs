@@ -228,9 +228,9 @@ fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
         Plot::new("Robustness (Ch. 7, Fig. 12): xi, wn and K +50 %, unknown input, 0.05 um noise")
             .x_axis("time", "s")
             .y_axis("displacement", "um")
-            .with(Series::line("desired", Role::Reference, time.clone(), reference[shown.clone()].to_vec()))
-            .with(Series::line("reached", Role::Measured, time.clone(), reached[shown].to_vec()))
-            .with(Series::line("error", Role::Residual, time, error)),
+            .with(Series::line("desired", CurveRole::Reference, time.clone(), reference[shown.clone()].to_vec()))
+            .with(Series::line("reached", CurveRole::Measured, time.clone(), reached[shown].to_vec()))
+            .with(Series::line("error", CurveRole::Residual, time, error)),
     )
 }
 
@@ -321,11 +321,12 @@ pub fn chapter_7(bench: &Bench, rows: &[ChapterRow], full: Option<&Commissioned>
         ],
     ))];
     if let Some(c) = full {
-        blocks.push(Block::Plot(errors_at_100_hz(bench, c, Variant::FULL)));
-        blocks
-            .extend(hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(Block::Plot));
-        blocks.push(Block::Plot(hysteron_report::trade_off(&c.design)));
-        blocks.push(Block::Plot(noise_shaped(bench, &c.design)));
+        blocks.push(PageBlock::Plot(errors_at_100_hz(bench, c, Variant::FULL)));
+        blocks.extend(
+            hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(PageBlock::Plot),
+        );
+        blocks.push(PageBlock::Plot(hysteron_report::trade_off(&c.design)));
+        blocks.push(PageBlock::Plot(noise_shaped(bench, &c.design)));
     }
     blocks.extend([
         PageBlock::Plot(portrait_of_the_observer()),

@@ -330,8 +330,8 @@ fn plots(name: &str, followed: &Followed) -> [PageBlock; 2] {
             Plot::new(name)
                 .x_axis("time", "s")
                 .y_axis("position", "um")
-                .with(Series::line("reference", Role::Reference, time.clone(), followed.reference_um.clone()))
-                .with(Series::line("sensor", Role::Measured, time.clone(), followed.position_um.clone())),
+                .with(Series::line("reference", CurveRole::Reference, time.clone(), followed.reference_um.clone()))
+                .with(Series::line("sensor", CurveRole::Measured, time.clone(), followed.position_um.clone())),
         ),
         PageBlock::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
             "sensor minus reference",
@@ -355,7 +355,11 @@ fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdic
             text: "Read by the sensor, its noise included; recorded by the board while the loop was closed.".into(),
             blocks: plots("On a reference", on_reference).into_iter().chain(plots("On a sine", on_sine)).collect(),
         },
-        Section { heading: "Why this servo".into(), text: design.explanation.join("\n\n"), blocks: vec![Block::Plot(trade_off(design))] },
+        Section {
+            heading: "Why this servo".into(),
+            text: design.explanation.join("\n\n"),
+            blocks: vec![PageBlock::Plot(trade_off(design))],
+        },
         Section {
             heading: "The loop, checked on the model".into(),
             text: said.iter().chain(&check.remarks).cloned().collect::<Vec<_>>().join("\n\n"),

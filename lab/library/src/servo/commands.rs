@@ -8,7 +8,7 @@ use super::disturbance_observer;
 use super::from_rest::{Beginning, varied};
 use super::gain_adaptation::AdaptationDesign;
 use super::loop_margins::{Loop, LoopMargins};
-use super::members::{self, Band};
+use super::members::{self, PlantBand};
 use super::model::{ActuatorModel, NominalModel, actuator_model, required_model};
 use super::order::{self, ASSUMED_NOISE_UM, OnPlants, Order, Reckoned};
 use super::plant_set::Variation;
@@ -451,7 +451,7 @@ pub fn follow_on_members(
     reference: &Reference,
     work: &Work,
     found: &TrackResult,
-) -> Result<Band, String> {
+) -> Result<PlantBand, String> {
     let Prepared { chain, design, circumstances } = prepared(chain, design, reference, work)?;
     members::band(&chain, &design, reference, circumstances, found).map_err(|e| e.to_string())
 }

@@ -62,14 +62,14 @@ impl OnMember {
 
 /// The model and the plants in its place, each with what the servo did on it.
 #[derive(Clone, Debug, Serialize)]
-pub struct Band {
+pub struct PlantBand {
     /// The model itself first.
     pub members: Vec<OnMember>,
     /// The model's file has the covariance of its values.
     pub with_covariance: bool,
 }
 
-impl Band {
+impl PlantBand {
     /// Least and largest RMS of the true error, um.
     #[must_use]
     pub fn rms_um(&self) -> [f64; 2] {
@@ -169,7 +169,7 @@ pub fn band(
     reference: &Reference,
     circumstances: Circumstances,
     nominal: &TrackResult,
-) -> Result<Band, QuantisationError> {
+) -> Result<PlantBand, QuantisationError> {
     let run = |member: &Member| {
         let found = track_on(&member.chain, member.change, design, reference, "", circumstances)?;
         Ok(OnMember::of(member.name.clone(), &found))
@@ -177,7 +177,7 @@ pub fn band(
     let others: Result<Vec<OnMember>, QuantisationError> = parallel::map(&members(chain), run).into_iter().collect();
     let mut members = vec![OnMember::of("the model itself".to_owned(), nominal)];
     members.extend(others?);
-    Ok(Band { members, with_covariance: chain.identified.is_some() })
+    Ok(PlantBand { members, with_covariance: chain.identified.is_some() })
 }
 
 #[cfg(test)]
