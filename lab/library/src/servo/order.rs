@@ -710,9 +710,11 @@ impl Reckoned {
             Broken::Limit(name) => format!("with {name} it could go on swinging between the limits of the drive"),
             Broken::Sensitivity | Broken::Integers => "its sensitivity is not finite".to_owned(),
             Broken::Unknown { hz } => format!(
-                "a mode near {hz:.0} Hz, which {}, could make it unstable; {}",
-                if recording.is_some() { "the recording does not exclude" } else { "nothing excludes without --data" },
-                how_to_exclude(recording.as_ref(), hz, found.unknown.0)
+                "a mode near {hz:.0} Hz could make it unstable; {}",
+                match recording {
+                    Some(_) => format!("the recording does not exclude it: {}", how_to_exclude(recording.as_ref(), hz, found.unknown.0)),
+                    None => "nothing excludes it without --data: name the recording that the model was identified from".to_owned(),
+                }
             ),
         });
         OnPlants { plants, broken, missing_response: found.unknown }
