@@ -229,8 +229,8 @@ enum Command {
         data: Option<PathBuf>,
         #[command(flatten)]
         reading: ReadArguments,
-        /// Largest sensitivity that is accepted [default: 1.8 with a gain margin of 8 dB and a phase margin of
-        /// 35 degrees where that costs less than a third of the error, at most 2.5]
+        /// Largest sensitivity that is accepted [default: 1.8 with a gain margin of 8 dB and a phase margin
+        /// of 35 degrees where that costs less than a third of the error, at most 2.5]
         #[arg(long)]
         sensitivity_peak: Option<f64>,
         /// Share of its frequency by which the first mode moves after it was recorded, such as 0.2 for a load
@@ -284,8 +284,8 @@ enum Command {
         /// Servo file
         servo: PathBuf,
         /// `sine:HZ:UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, `step:UM[:FROM_UM]`,
-        /// `random:HZ:UM[:OFFSET_UM[:SEED]]` (up to a frequency), or a file with a column of time in s and one
-        /// of um
+        /// `random:HZ:UM[:OFFSET_UM[:SEED]]` (up to a frequency), or a file with a column of time in s and
+        /// one of um
         #[arg(long)]
         reference: String,
         /// Another scheme, designed for the servo's model without a recording

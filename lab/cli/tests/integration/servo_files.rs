@@ -44,7 +44,7 @@ fn a_servo_is_judged_on_the_model_that_is_named() {
     assert!(margins(&own).is_some() && margins(&own) != margins(&other), "{own}\n{other}");
 
     let followed = done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
-    // A model and a servo are told apart by what is in them, for both commands.
+    // What a file is stands in it, so their order does not matter.
     assert_eq!(followed, done(&["track", "s.toml", "m.toml", "--reference", "sine:50:3"], folder));
     for files in [["m.toml", "s.toml"], ["s.toml", "m.toml"]] {
         assert_eq!(own.lines().next(), done(&["check", files[0], files[1]], folder).lines().next());
@@ -260,7 +260,7 @@ fn behind(text: &str, word: &str) -> f64 {
 
 /// What a servo does on other plants than its model, on references that do not repeat, and what it takes.
 #[test]
-fn a_servo_is_told_with_a_band_over_plants_and_its_worst() {
+fn a_servo_prints_a_band_over_plants_and_the_worst() {
     let folder = folder();
     let folder = folder.path();
     let track = |more: &[&str]| done(&[&["track", "m.toml", "s.toml"], more].concat(), folder);

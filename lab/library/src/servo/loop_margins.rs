@@ -140,7 +140,7 @@ pub struct Loop<'a> {
     pub delay_s: f64,
     /// How the servo begins, where it is to be run from there.
     pub beginning: Option<Beginning<'a>>,
-    /// The recording, if it is at hand: an unknown mode that it excludes is none.
+    /// The recording, if it is at hand: an unknown mode that it excludes does not count.
     pub recording: Option<&'a Recording>,
 }
 

@@ -41,8 +41,8 @@ pub const NAMES: &str =
 const LONGEST_S: f64 = 600.0;
 
 impl Reference {
-    /// One by its name: `sine:` and `triangle:` ([`PeriodicReference::parse`]), `step:UM[:FROM_UM]` (a jump by
-    /// so much), or `random:HZ:UM[:OFFSET_UM[:SEED]]` (equal sines of random phase up to a frequency, within
+    /// One by its name: `sine:` and `triangle:` ([`PeriodicReference::parse`]), `step:UM[:FROM_UM]` (a jump
+    /// by so much), or `random:HZ:UM[:OFFSET_UM[:SEED]]` (equal sines of random phase up to a frequency, within
     /// an amplitude).
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl Reference {
         let number = |field: &str| field.parse::<f64>().ok().filter(|v| v.is_finite());
         let numbers: Option<Vec<f64>> = rest.split(':').map(number).collect();
         match (kind, numbers.as_deref()) {
-            ("step", Some([by_um] | [by_um, _])) if *by_um == 0.0 => Err(format!("reference `{text}`: a step of zero is none")),
+            ("step", Some([by_um] | [by_um, _])) if *by_um == 0.0 => Err(format!("reference `{text}`: a step of zero moves nothing")),
             ("step", Some([by_um])) => Ok(Self::Step { from_um: ROOM * by_um.abs() + (-by_um).max(0.0), by_um: *by_um }),
             ("step", Some([by_um, from_um])) => Ok(Self::Step { from_um: *from_um, by_um: *by_um }),
             ("random", Some([hz, um])) => Self::random(text, *hz, *um, (1.0 + ROOM) * um, 1.0),

@@ -19,8 +19,8 @@
 //!
 //! Of those that do, and whose gains have a place in the tick's integers, the one with the least expected
 //! error is taken, among those with the usual margins ([`Candidate::keeps_usual_margins`]) where that costs
-//! less than a third of the error: noise passed on, and the error of the hysteresis model at the highest frequency of
-//! references and at a tenth of it (times what a reference becomes at worst where the order lets the first
+//! less than a third of the error: noise passed on, and the error of the hysteresis model at the highest
+//! frequency of references and at a tenth of it (times what a reference becomes at worst where the order lets the first
 //! mode move: [`MovingMode`]). From there the tuning is refined between the points of the scan, with the fast
 //! noise of [`PredictorTuning::fast_noise_um`] as one number more. What the fourth condition costs is found
 //! by leaving it out, and told.

@@ -92,7 +92,7 @@ fn a_drive_to_the_commanded_limit_is_simulated() {
 }
 
 #[test]
-fn a_value_that_moved_is_told_once_and_in_its_unit() {
+fn a_value_that_moved_has_its_name_once_and_its_unit() {
     let moved = |effect: &str, parameter: &str, from: f64, to: f64| {
         changed(&[ChangedValue { effect: effect.into(), parameter: parameter.into(), from, to }])
     };
