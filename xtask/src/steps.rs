@@ -14,8 +14,8 @@ use std::time::Instant;
 
 use crate::test_programs::{self, TestProgram};
 use crate::{
-    board, board_tune, browser, control_code, debian, house, lab_page, library_alone, mutate, packages, pipython, prose, python_package,
-    toolchain, virtual_environment, whole_circle,
+    board, board_tune, browser, control_code, debian, house, lab_page, library_alone, mutate, packages, pipython, prose, public_items,
+    python_package, result_tables, toolchain, virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -95,7 +95,9 @@ pub fn host() -> Vec<CheckStep> {
         CheckStep { name: "format", action: format },
         CheckStep { name: "lints", action: lints },
         CheckStep { name: "documentation", action: documentation },
+        CheckStep { name: "what the library shows", action: public_items::check },
         CheckStep { name: "prose", action: || prose::report(&[]) },
+        CheckStep { name: "tables of results", action: result_tables::check },
         CheckStep { name: "host tests (release)", action: host_tests },
         CheckStep { name: "examples in the documentation", action: documentation_tests },
     ]
@@ -367,8 +369,8 @@ const MOST_CONTROL_CODE_BYTES: u64 = 32 * 1024;
 const MOST_FLASH_BYTES: u64 = 244 * 1024;
 /// 10 KiB of it are what a periodic reference learns: 8 of points (4.9 Hz at 20 kHz), 1 of the newest errors,
 /// 1 of its filters, twice; 1 KiB is a block that waits to take over. 2 KiB are the log of faults and the
-/// sliding-mode law's parameters and state.
-const MOST_RAM_BYTES: u64 = 73 * 1024;
+/// sliding-mode law's parameters and state. 1 KiB more is the creep that the tick follows, 88 bytes.
+const MOST_RAM_BYTES: u64 = 74 * 1024;
 /// Of the 76 KiB of the NUCLEO-G474RE: what is left for the stack is 1.7 KiB more than the same program uses
 /// of the other board's. 0.7 KiB of it are the gain that is adapted: the coefficients that depend on it,
 /// twice.

@@ -2,9 +2,20 @@
 
 use crate::desk::Desk;
 use hysteron::watch::{Deadline, Watch};
-use hysteron::{Dataset, Result, series};
+use hysteron::{Dataset, Options, Policy, Result, series};
 use std::path::PathBuf;
 use std::time::Duration;
+
+/// Benches on which chapters 4 to 7 are played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Benches {
+    /// Both; the bench of domains decides
+    Both,
+    /// The thesis' equations
+    Reference,
+    /// Other equations: switching domains, modes of a structure, nonlinear creep, coloured noise
+    Domains,
+}
 
 /// Files that a command may write.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -18,6 +29,28 @@ pub struct Outputs {
     /// Replace files that exist
     #[arg(long)]
     pub force: bool,
+}
+
+/// How the search for effects goes.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct SearchArguments {
+    /// Effects of your own that take part, as .toml files
+    #[arg(long, value_name = "FILES", default_value = "")]
+    own: String,
+    /// Other thresholds than those of the method, as TOML: a line `family_wise = 0.01`
+    #[arg(long, value_name = "FILE")]
+    policy: Option<PathBuf>,
+}
+
+impl SearchArguments {
+    /// What the search is asked.
+    pub fn options(&self, desk: &Desk) -> Result<Options> {
+        let policy = self.policy.as_ref().map_or_else(
+            || Ok(Policy::default()),
+            |path| Policy::from_toml(&desk.text(path, "thresholds as TOML")?, &path.display().to_string()),
+        )?;
+        Ok(Options { own: desk.effects(&self.own)?, policy })
+    }
 }
 
 /// How long an answer may take.

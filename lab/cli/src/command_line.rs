@@ -3,7 +3,7 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
-use crate::arguments::{Outputs, RecordingOutputs, SensorSaid, StudyOutputs, TimeArguments};
+use crate::arguments::{Benches, Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
@@ -46,9 +46,8 @@ enum Command {
         /// Effects to start from, comma-separated (default: gain), or a file that lists them
         #[arg(long, default_value = "gain")]
         from: String,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         /// Tell every step of the search, with its error
         #[arg(long, short)]
         verbose: bool,
@@ -97,9 +96,8 @@ enum Command {
         model: PathBuf,
         /// Data set
         dataset: PathBuf,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         #[command(flatten)]
         time: TimeArguments,
         #[command(flatten)]
@@ -306,17 +304,20 @@ enum Command {
         #[command(flatten)]
         outputs: Outputs,
     },
-    /// Play the thesis' experiments on the simulated bench and stand ours beside its figures
+    /// Play the thesis' experiments on simulated benches and stand ours beside its figures
     #[command(after_help = "Example:\n  hysteron reproduce 5 6 --report thesis.html")]
     Reproduce {
         /// Chapters: 3, 4, 5, 6, 7 (default: all)
         chapters: Vec<u32>,
+        /// Benches of chapters 4 to 7
+        #[arg(long, value_enum, default_value_t = Benches::Both)]
+        bench: Benches,
         #[command(flatten)]
         outputs: Outputs,
     },
     /// Diagnose a folder of planted cases and compare with their truth
     #[command(after_help = "Example:\n  hysteron score cases --json score.json")]
-    SetScore {
+    Score {
         /// Folder with truth.json and one folder per case
         dir: PathBuf,
         #[command(flatten)]
@@ -413,16 +414,16 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<bool> {
     match command {
-        Command::Explain { dataset, from, own, verbose, time, animation, reading, outputs } => {
-            let wanted = explain::ExplainRequest { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
+        Command::Explain { dataset, from, search, verbose, time, animation, reading, outputs } => {
+            let wanted = explain::ExplainRequest { from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
             identify::identify(&dataset, &effects, hysteresis.as_deref(), &reading, &outputs)
         }
         Command::Compare { model, dataset, reading, outputs } => compare::compare(&model, &dataset, &reading, &outputs),
-        Command::Diagnose { model, dataset, own, time, reading, outputs } => {
-            diagnose::diagnose(&model, &dataset, &own, time, &reading, &outputs)
+        Command::Diagnose { model, dataset, search, time, reading, outputs } => {
+            diagnose::diagnose(&model, &dataset, &search, time, &reading, &outputs)
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
@@ -497,10 +498,10 @@ fn dispatch(command: Command) -> Result<bool> {
             track::track(model, servo, &wanted, &outputs)
         }
         #[cfg(feature = "thesis")]
-        Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
+        Command::Reproduce { chapters, bench, outputs } => reproduce::reproduce(&chapters, bench, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
-        Command::SetScore { dir, outputs } => score::score(&dir, &outputs),
+        Command::Score { dir, outputs } => score::score(&dir, &outputs),
         Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {

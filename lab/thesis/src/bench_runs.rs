@@ -137,6 +137,7 @@ pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
             sensor_bandwidth_hz: None,
         },
         creep: Vec::new(),
+        creep_pair: None,
     };
     ServoDesign::new(scheme, &model, false)
 }

@@ -887,23 +887,22 @@ fn inverse_with_pi(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Ch
 }
 
 /// Plays, identifies and validates the models of chapter 4.
-pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
+pub(super) fn reproduce(bench: &Bench, progress: ChapterProgress) -> Result<Chapter, String> {
     let variant = Variant::PLAIN;
 
     progress("chapter 4: rate-independent model from triangles at 200 V/s");
-    let RateIndependentResult { mut rows, section: rate_independent, surfaces: one_sided, orders } = rate_independent(&bench, variant)?;
+    let RateIndependentResult { mut rows, section: rate_independent, surfaces: one_sided, orders } = rate_independent(bench, variant)?;
     progress("chapter 4: bipolar drive");
-    let (more, bipolar) = bipolar(&bench, variant, orders).ok_or("the surfaces of the bipolar actuator could not be fitted")?;
+    let (more, bipolar) = bipolar(bench, variant, orders).ok_or("the surfaces of the bipolar actuator could not be fitted")?;
     rows.extend(more);
     progress("chapter 4: rate-dependent model from rounded triangles of 100 to 35000 V/s");
-    let (more, rate_dependent) = rate_dependent(&bench, variant)?;
+    let (more, rate_dependent) = rate_dependent(bench, variant)?;
     rows.extend(more);
     progress("chapter 4: inverse in open loop (Fig. 12)");
-    let (more, open_loop) = inverse_in_open_loop(&one_sided, &bench, variant);
+    let (more, open_loop) = inverse_in_open_loop(&one_sided, bench, variant);
     rows.extend(more);
     progress("chapter 4: feedforward with PI on a chirp (Fig. 14)");
-    let (row, feedback) = inverse_with_pi(&one_sided, &bench, variant);
+    let (row, feedback) = inverse_with_pi(&one_sided, bench, variant);
     rows.push(row);
 
     let text = "The printed inversion searches the whole model and can loop for ever below the remnant; here the walk goes over the stored extrema, and what cannot be reached saturates.";

@@ -696,17 +696,16 @@ fn notes() -> Notes {
 }
 
 /// Plays, identifies and validates the comprehensive model.
-pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
+pub(super) fn reproduce(bench: &Bench, progress: ChapterProgress) -> Result<Chapter, String> {
     let fs = bench.converters.sample_rate_hz;
     let mut rows = Vec::new();
 
     progress("chapter 5: phase response of the mode");
-    let (mode, figure_6) = mode_by_phase(&bench, &mut rows)?;
+    let (mode, figure_6) = mode_by_phase(bench, &mut rows)?;
 
     progress("chapter 5: hysteresis surfaces from displacement and derivatives");
     let chain_with = |how: Derivatives| -> Result<ThesisChain, String> {
-        let surfaces = surfaces_by_force(&bench, mode.0, mode.1, how).ok_or("F and G could not be fitted")?;
+        let surfaces = surfaces_by_force(bench, mode.0, mode.1, how).ok_or("F and G could not be fitted")?;
         Ok(ThesisChain { surfaces, natural_frequency_rad_s: mode.0, damping_ratio: mode.1, creep: None })
     };
     let mut filter_chain = chain_with(Derivatives::AlphaBetaGamma)?;
@@ -714,30 +713,30 @@ pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
 
     progress("chapter 5: creep from a step to 30 V over 30 s");
     let step = bench.record(Variant::FULL, Start::Virgin, &waveform::hold(fs, 30.0, 30.0), 550);
-    let creep = identify_creep(&bench, &chain, &step.reading_um, &step.drive_v).ok_or("creep could not be fitted")?;
+    let creep = identify_creep(bench, &chain, &step.reading_um, &step.drive_v).ok_or("creep could not be fitted")?;
     chain.creep = creep.system.clone();
     filter_chain.creep = creep.system.clone();
     let figure_7 = creep_after_a_step(&creep, &mut rows);
 
     progress("chapter 5: the same with the thesis' noise");
-    let noisy_bench = with_printed_noise(&bench);
+    let noisy_bench = with_printed_noise(bench);
     let noisy_chain = chain_as_printed(&noisy_bench).ok_or("the thesis' chain could not be identified with its noise")?;
 
     progress("chapter 5: joint fit of the whole chain");
-    let data = dataset(&bench, joint_records(&bench, (&step.drive_v, &step.reading_um)))?;
+    let data = dataset(bench, joint_records(bench, (&step.drive_v, &step.reading_um)))?;
     let sensor_bandwidth_hz = DATA_SHEET_ERROR * bench.data_sheet_sensor_bandwidth_hz();
     let joint = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Signed, progress)?;
     let positive = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Positive, progress)?;
     rows_of_joint_fits(&data, &joint, &positive, &mut rows);
     let identified =
         Identified { noisy_chain: &noisy_chain, chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
-    let (table, figures_9) = validation(&bench, &identified, &mut rows);
+    let (table, figures_9) = validation(bench, &identified, &mut rows);
 
     progress("chapter 5: timing of a full identification of 100,000 samples");
-    rows.push(timing(&bench)?);
+    rows.push(timing(bench)?);
 
     progress("chapter 5: standard deviations against the truth over 100 noise seeds");
-    rows.push(coverage(&bench)?);
+    rows.push(coverage(bench)?);
 
     let figures = [figure_6, figure_7, drive_of_validation(fs)].map(PageBlock::Plot);
     let sections = vec![Section {

@@ -134,15 +134,12 @@ pub fn rows_of_chapter_6(bench: &Bench, schemes: &[NamedScheme]) -> Vec<ChapterR
 }
 
 /// Chapter 6 for the program.
-///
-/// # Errors
-/// If the built-in bench cannot be read.
-pub fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
+#[must_use]
+pub fn reproduce(bench: &Bench, progress: ChapterProgress) -> Chapter {
     progress("following references with the schemes of chapter 6");
-    let schemes = schemes_of_chapter_6(&bench);
-    let mut rows = rows_of_chapter_6(&bench, &schemes);
+    let schemes = schemes_of_chapter_6(bench);
+    let mut rows = rows_of_chapter_6(bench, &schemes);
     rows.extend(rows_of_the_printed_gains());
-    let sections = figures::chapter_6(&bench, &rows, &schemes);
-    Ok(Chapter { number: 6, rows, sections, choices: vec![choice()] })
+    let sections = figures::chapter_6(bench, &rows, &schemes);
+    Chapter { number: 6, rows, sections, choices: vec![choice()] }
 }

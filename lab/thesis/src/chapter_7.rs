@@ -18,10 +18,10 @@ use crate::float_twin::integer_difference_um;
 use crate::robustness;
 use hysteron::servo::check::{observer_reachability, sliding_surface_parameter};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
-use hysteron::servo::model::NominalModel;
+use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::schemes::{Choice, observer_cutoff_hz};
 use hysteron::servo::sensor_lag::lag_s;
-use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, estimator_rows};
+use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, SlidingModeLaw, estimator_rows};
 use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
 use hysteron_core::predictor_law::PredictorLaw;
 use hysteron_core::reference_window::ReferenceWindow;
@@ -142,28 +142,26 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
 }
 
 /// Chapter 7 for the program.
-///
-/// # Errors
-/// If the built-in bench cannot be read.
-pub fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
-    let commissioned = commission_all(&bench, progress);
-    let mut rows = rows_of_chapter_7(&bench, &commissioned, progress);
+#[must_use]
+pub fn reproduce(bench: &Bench, progress: ChapterProgress) -> Chapter {
+    let commissioned = commission_all(bench, progress);
+    let mut rows = rows_of_chapter_7(bench, &commissioned, progress);
     progress("schemes designed under one set of margins");
-    rows.extend(comparison::rows_of_designed_schemes(&bench, &commissioned));
+    rows.extend(comparison::rows_of_designed_schemes(bench, &commissioned));
     progress("other schemes on the full bench");
-    rows.extend(comparison::rows_of_other_schemes(&bench, &commissioned));
+    rows.extend(comparison::rows_of_other_schemes(bench, &commissioned));
     progress("robustness");
     let robust = robustness::design();
     rows.extend(robust.iter().flat_map(robustness::rows));
     rows.extend(robustness::rows_as_printed());
     rows.extend(rows_of_the_printed_gains());
+    rows.extend(least_damping_of_the_printed_gains(bench));
     rows.extend(reduction(&rows));
     progress("estimators that the thesis argues against");
-    rows.extend(estimators::rows());
-    let sections = figures::chapter_7(&bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
+    rows.extend(estimators::rows(bench));
+    let sections = figures::chapter_7(bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
     let choices = vec![choice(), robustness::choice()];
-    Ok(Chapter { number: 7, rows, sections, choices })
+    Chapter { number: 7, rows, sections, choices }
 }
 
 /// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one
@@ -279,6 +277,32 @@ fn rows_of_the_printed_gains() -> Vec<ChapterRow> {
     for (nth, root) in roots.iter().enumerate() {
         rows.push(ChapterRow::new(format!("ch7.root.{}.re", nth + 1), root.re, "1/s", "roots of Eq. (21)"));
         rows.push(ChapterRow::new(format!("ch7.root.{}.im", nth + 1), root.im, "1/s", "roots of Eq. (21)"));
+    }
+    rows
+}
+
+/// The least damping ratio among the poles of the sampled loop that the thesis' gains close around its nominal
+/// model, with and without the load's mass: below zero the loop is unstable.
+fn least_damping_of_the_printed_gains(bench: &Bench) -> Vec<ChapterRow> {
+    let mut rows = Vec::new();
+    for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab")] {
+        let Some(Scheme::SlidingMode { nominal, estimator, controller, reaching, .. }) = thesis_scheme(name) else { continue };
+        let law = SlidingModeLaw::new(&nominal, &estimator, &controller, &reaching);
+        for (load, factor) in [("none", 1.0), ("load", bench.loaded_mode_factor())] {
+            let plant = NominalModel {
+                natural_frequency_rad_s: nominal.natural_frequency_rad_s * factor,
+                damping_ratio: nominal.damping_ratio * factor,
+                ..nominal
+            };
+            let poles = law.closed_loop(&plant, 0).complex_eigenvalues();
+            // What a pole at zero stands for is over within a period.
+            let poles = poles.iter().filter(|z| z.norm() > 1e-6).map(|z| z.ln() / SAMPLING_PERIOD_S);
+            let Some((damping, hz)) = poles.map(|s| (-s.re / s.norm(), s.norm() / TAU)).min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                continue;
+            };
+            let note = format!("of the poles of the sampled loop with the nominal model, {load}, thesis gains, no delay; at {hz:.0} Hz");
+            rows.push(ChapterRow::new(format!("ch7.{id}.{load}.least_damping"), damping, "1", note));
+        }
     }
     rows
 }

@@ -173,12 +173,11 @@ fn harmonic(signal: &[f64]) -> Complex<f64> {
     (from..end).map(|k| Complex::from_polar(signal[k], -TAU * LAG_HZ * k as f64 * SAMPLING_PERIOD_S)).sum()
 }
 
-/// Velocity estimates of every estimator on the bench: error, phase lag and noise gain.
+/// Velocity estimates of every estimator on a bench: error, phase lag and noise gain.
 #[must_use]
-pub fn rows() -> Vec<ChapterRow> {
-    let Ok(bench) = Bench::reference() else { return Vec::new() };
+pub fn rows(bench: &Bench) -> Vec<ChapterRow> {
     let fs = bench.converters.sample_rate_hz;
-    // The plain bench's sensor is not late, so that what it reads is the position.
+    // The sensor of a plain bench is not late, so that what it reads is the position.
     let play = |drive: &[f64], seed: u64| bench.record(Variant::PLAIN, Start::Conditioned, drive, seed);
     let chosen_on = play(&waveform::multisine(8000, &(1..=60).step_by(3).collect::<Vec<_>>(), 20.0, 40.0, 1, 13), 131);
     let judged_on = play(&equation_35_v(fs, 0.5), 31);

@@ -120,6 +120,7 @@ fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
             sensor_bandwidth_hz: None,
         },
         creep: Vec::new(),
+        creep_pair: None,
     };
     model.drive_min_v = 0.0;
     ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: false }, &model, true)

@@ -2,7 +2,7 @@
 //! schemes. Slow: run in release mode.
 
 use hysteron_thesis::scoreboard::{ScoreRow, Value, cells, counts, score, totals};
-use hysteron_thesis::{Chapter, ChapterRow, chapter};
+use hysteron_thesis::{Chapter, ChapterRow, PlayedOn, chapter};
 use std::collections::BTreeSet;
 
 fn figure(rows: &[ChapterRow], id: &str) -> f64 {
@@ -12,7 +12,7 @@ fn figure(rows: &[ChapterRow], id: &str) -> f64 {
 /// Every printed result of the chapter that is listed has a figure, every miss a reason, and nothing is
 /// judged on a run that chose anything.
 fn reproduced(number: u32) -> (Chapter, Vec<ScoreRow>) {
-    let chapter = chapter(number, &|_| ()).unwrap();
+    let chapter = chapter(number, PlayedOn::Reference, &|_| ()).unwrap();
     let rows = score(std::slice::from_ref(&chapter), &cells().unwrap());
     for row in rows.iter().filter(|row| counts(row)) {
         let found = row.printed_algorithm.unwrap_or_else(|| panic!("{} has no figure", row.id));

@@ -1,7 +1,7 @@
 //! Servo design: from an identified model to the integers of the control tick, proved for the sampled loop.
 //!
-//! [`design()`] makes a [`ServoDesign`] for a model or refuses with the reason, [`check()`] proves it on the model
-//! and [`follow`] shows it at work.
+//! [`design()`] makes a [`ServoDesign`] for a model or refuses with the reason, [`check()`] proves it on
+//! the model and [`follow`] shows it at work.
 //!
 //! ```
 //! use hysteron::servo::{Demands, Reference, Work, check, design, follow};
@@ -28,6 +28,8 @@ pub mod chain_plant;
 pub mod check;
 #[doc(hidden)]
 pub mod commands;
+#[doc(hidden)]
+pub mod creep;
 #[doc(hidden)]
 pub mod data_of_stage;
 #[doc(hidden)]
@@ -76,6 +78,7 @@ pub mod sliding_mode;
 pub mod thesis_schemes;
 #[doc(hidden)]
 pub mod track;
+#[doc(hidden)]
 mod value_ranges;
 #[doc(hidden)]
 pub mod window_fit;
