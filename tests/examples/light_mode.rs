@@ -55,7 +55,9 @@ fn main() {
             "| servo | bandwidth, Hz (largest amplification) | mode 20 % lower | 20 % higher | noise | stable, mode times | errors, nm |"
         );
         println!("|---|---|---|---|---|---|---|");
-        let designed = |mode_moves: f64| order::design(&chain, &Order { recording: Some(&dataset), mode_moves, ..Order::default() });
+        let designed = |mode_moves: f64| {
+            order::design(&chain, &Order { recording: Some(&dataset), mode_moves, usual_margins: false, ..Order::default() })
+        };
         match designed(0.0) {
             Err(reason) => println!("| usual design | refused: {reason} |"),
             Ok(usual) => {

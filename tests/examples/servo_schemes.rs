@@ -43,7 +43,7 @@ fn main() {
         let mut cells = Vec::new();
         let mut errors = Vec::new();
         for (nth, (scheme, inverse)) in SCHEMES.into_iter().enumerate() {
-            let order = Order { recording: Some(&dataset), scheme, inverse, ..Order::default() };
+            let order = Order { recording: Some(&dataset), scheme, inverse, usual_margins: false, ..Order::default() };
             match order::design(&chain, &order) {
                 Err(reason) => {
                     refused[nth] += 1;

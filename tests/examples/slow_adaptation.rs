@@ -28,7 +28,7 @@ fn design_of(truth: &StageTruth) -> Result<ServoDesign, String> {
             chain
         }
     };
-    order::design(&chain, &Order { recording: Some(&dataset), ..Order::default() })
+    order::design(&chain, &Order { recording: Some(&dataset), usual_margins: false, ..Order::default() })
 }
 
 fn nm(um: f64) -> String {

@@ -298,7 +298,7 @@ pub fn designed_on_bench(bench: &Bench) -> Result<ServoDesign, String> {
         .map_err(|e| e.to_string())?;
     let dataset = Dataset { sensor_bandwidth_hz: Some(bench.data_sheet_sensor_bandwidth_hz()), ..dataset };
     let chain = identify(&dataset, &effects, &Unwatched).map_err(|e| e.to_string())?.model;
-    order::design(&chain, &Order { recording: Some(&dataset), learning: true, ..Order::default() })
+    order::design(&chain, &Order { recording: Some(&dataset), learning: true, usual_margins: false, ..Order::default() })
 }
 
 /// What a sine on the bench misses, % of its amplitude RMS: from the true position on: 2 um about 5.6 um.

@@ -15,7 +15,8 @@ fn references_are_followed_beyond_a_light_mode_that_moves() {
     let dataset = record(&truth, StudyRecording::Wideband);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
     let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).unwrap().model;
-    let designed = |mode_moves: f64| order::design(&chain, &Order { recording: Some(&dataset), mode_moves, ..Order::default() });
+    let designed =
+        |mode_moves: f64| order::design(&chain, &Order { recording: Some(&dataset), mode_moves, usual_margins: false, ..Order::default() });
     let (usual, moving) = (designed(0.0).unwrap(), designed(0.2).unwrap());
     assert!(moving.explanation.iter().any(|said| said.contains("may move by 20 %")), "{:?}", moving.explanation);
     let response = reference_response(&truth, &moving);

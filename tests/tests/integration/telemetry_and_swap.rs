@@ -25,7 +25,7 @@ fn designed(truth: &StageTruth, recording: StudyRecording) -> ServoDesign {
     let dataset = record(truth, recording);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
     let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).unwrap().model;
-    order::design(&chain, &Order { recording: Some(&dataset), ..Order::default() }).unwrap()
+    order::design(&chain, &Order { recording: Some(&dataset), usual_margins: false, ..Order::default() }).unwrap()
 }
 
 fn block(design: &ServoDesign) -> AmplifierParameters {

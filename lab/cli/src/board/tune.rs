@@ -217,7 +217,7 @@ fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequ
     for line in &design.explanation {
         println!("  {line}");
     }
-    let check = commands::check(&design, &found.model).map_err(|problem| Error::new("check", problem))?;
+    let check = commands::check_with(&design, &found.model, Some(&dataset)).map_err(|problem| Error::new("check", problem))?;
     let block = block(&amplifier_parameters(&design, front_end)?)?;
     let (lowest_um, highest_um) = dataset
         .records
@@ -330,7 +330,7 @@ fn plots(name: &str, followed: &Followed) -> [PageBlock; 2] {
             Plot::new(name)
                 .x_axis("time", "s")
                 .y_axis("position", "um")
-                .with(Series::line("reference", CurveRole::Drive, time.clone(), followed.reference_um.clone()))
+                .with(Series::line("reference", CurveRole::Reference, time.clone(), followed.reference_um.clone()))
                 .with(Series::line("sensor", CurveRole::Measured, time.clone(), followed.position_um.clone())),
         ),
         PageBlock::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
@@ -358,7 +358,7 @@ fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdic
         Section {
             heading: "Why this servo".into(),
             text: design.explanation.join("\n\n"),
-            blocks: vec![PageBlock::Plot(trade_off(&design.trade_off))],
+            blocks: vec![PageBlock::Plot(trade_off(design))],
         },
         Section {
             heading: "The loop, checked on the model".into(),

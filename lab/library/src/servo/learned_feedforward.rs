@@ -671,8 +671,7 @@ mod tests {
             missing: vec![0.0; level.len()],
             level,
             frequency_hz: lines,
-            noise_um: None,
-            residual_um: 0.0,
+            ..Recording::default()
         };
         let design = LearningDesign::new(&plain, &Task { recording: Some(&recording), ..known }, 12.0).unwrap();
         let wide = design.of(&plain);

@@ -16,7 +16,8 @@ use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::moving_mode::ReferenceBand;
 use super::plant_set::Variation;
 use super::predictor::{PredictorDesign, frequency_response};
-use super::robust::{frequency_grid_hz, law_response};
+use super::recording::Recording;
+use super::robust::{decibels, frequency_grid_hz, law_response};
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -120,6 +121,9 @@ pub struct LoopMargins {
     /// actuator; none where no beginning was given. The mode is that of a free drive.
     #[serde(default)]
     pub first_from_rest: Option<FirstUnstable>,
+    /// An unknown mode was sought among those alone that a recording leaves possible.
+    #[serde(default)]
+    pub with_recording: bool,
     /// The frequency response.
     pub response: Vec<LoopPoint>,
 }
@@ -136,6 +140,8 @@ pub struct Loop<'a> {
     pub delay_s: f64,
     /// How the servo begins, where it is to be run from there.
     pub beginning: Option<Beginning<'a>>,
+    /// The recording, if it is at hand: an unknown mode that it excludes does not count.
+    pub recording: Option<&'a Recording>,
 }
 
 impl Loop<'_> {
@@ -206,7 +212,9 @@ impl Loop<'_> {
         let highest_hz = 0.5 / SAMPLING_PERIOD_S;
         let mut worst: Option<UnstableMode> = None;
         let mut look = |hz: f64| {
-            let limit = worst.map_or(LARGEST_SHARE, |w| w.share);
+            // A mode of this damping has a peak of its share over twice the damping ratio.
+            let excluded = self.recording.and_then(|r| r.level_at(hz)).map_or(f64::INFINITY, |level| 2.0 * UNKNOWN_DAMPING * level);
+            let limit = worst.map_or(LARGEST_SHARE, |w| w.share).min(excluded);
             if let Some(found) = self.unstable_share(laws, hz, limit).filter(|found| worst.is_none_or(|w| found.share < w.share)) {
                 worst = Some(found);
             }
@@ -254,7 +262,7 @@ impl Loop<'_> {
             spectral_radius,
             worst_case: worst_case(&self.gain_ratio, &spectral_radius, &first_unstable, &first_swinging),
             gain_margin: first_unstable.gain_up,
-            phase_margin_deg: phase_margin_deg(&response),
+            phase_margin_deg: phase_margin_deg(&response.iter().map(|p| Complex::new(p.open[0], p.open[1])).collect::<Vec<_>>()),
             bandwidth_hz: response.iter().find(|p| p.sensitivity > 0.5f64.sqrt()).map(|p| p.hz),
             reference_bandwidth_hz: (!self.law.feedforward.is_empty())
                 .then(|| ReferenceBand::of(self.law, &self.plant(&Variation::NONE), self.gain_ratio[1]).bandwidth_hz),
@@ -264,6 +272,7 @@ impl Loop<'_> {
             first_unstable,
             first_swinging,
             first_from_rest,
+            with_recording: self.recording.is_some(),
             response,
         }
     }
@@ -303,10 +312,9 @@ fn first_from_rest(beginning: &Beginning<'_>, free: &FirstUnstable, limited: &Fi
 }
 
 /// Phase to -180 degrees at the crossings of gain 1; the least.
-fn phase_margin_deg(response: &[LoopPoint]) -> Option<f64> {
-    let open = |p: &LoopPoint| Complex::new(p.open[0], p.open[1]);
-    let crossings = response.windows(2).filter_map(|pair| {
-        let (a, b) = (open(&pair[0]), open(&pair[1]));
+pub(super) fn phase_margin_deg(open: &[Complex<f64>]) -> Option<f64> {
+    let crossings = open.windows(2).filter_map(|pair| {
+        let (a, b) = (pair[0], pair[1]);
         let crosses = (a.norm() - 1.0) * (b.norm() - 1.0) <= 0.0 && a.norm() != b.norm();
         crosses.then(|| {
             // The distance of the phase from -180 degrees, whichever way round.
@@ -365,8 +373,11 @@ fn least_reserve(first: &FirstUnstable) -> Option<(f64, String)> {
     let mut cases: Vec<(f64, String)> = Vec::new();
     let mut add = |reserve: Option<f64>, text: String| cases.extend(reserve.map(|r| (r, text)));
     let from = |value: Option<f64>, digits: usize, upwards: bool| unstable_from(value.unwrap_or(f64::NAN), digits, upwards);
-    add(first.gain_up, format!("{} times the gain", from(first.gain_up, 2, true)));
-    add(first.gain_down.map(|g| 1.0 / g), format!("{} times the gain", from(first.gain_down, 2, false)));
+    let gain = |gain: Option<f64>, upwards: bool| {
+        format!("{} times the gain ({:.1} dB)", from(gain, 2, upwards), decibels(gain.unwrap_or(f64::NAN)))
+    };
+    add(first.gain_up, gain(first.gain_up, true));
+    add(first.gain_down.map(|g| 1.0 / g), gain(first.gain_down, false));
     add(first.mass_up, format!("{} times the mass", from(first.mass_up, 2, true)));
     add(first.mass_down.map(|m| 1.0 / m), format!("{} times the mass", from(first.mass_down, 2, false)));
     let delay_us = first.delay_s.map(|d| 1e6 * d);

@@ -47,6 +47,8 @@ pub mod learned_feedforward;
 #[doc(hidden)]
 pub mod loop_margins;
 #[doc(hidden)]
+pub mod members;
+#[doc(hidden)]
 pub mod model;
 #[doc(hidden)]
 pub mod moving_mode;

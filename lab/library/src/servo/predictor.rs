@@ -450,12 +450,6 @@ impl Assessment {
     }
 }
 
-/// Of tunings the one with the smallest expected error.
-#[must_use]
-pub fn least_expected(assessments: &[Assessment]) -> Option<&Assessment> {
-    assessments.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um()))
-}
-
 /// What the scan designs for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -469,11 +463,15 @@ pub struct Demands {
     pub sensor_noise_um: f64,
     /// Largest sensitivity that is accepted.
     pub sensitivity_peak: f64,
+    /// The usual margins are kept where that costs less than a third of the error ([`super::robust`]; the
+    /// plain scan of [`tune`] has no such preference).
+    #[serde(default)]
+    pub usual_margins: bool,
 }
 
 impl Default for Demands {
     fn default() -> Self {
-        Self { reference_hz: 150.0, model_error_um: 0.02, sensor_noise_um: 0.001, sensitivity_peak: 2.5 }
+        Self { reference_hz: 150.0, model_error_um: 0.02, sensor_noise_um: 0.001, sensitivity_peak: 2.5, usual_margins: true }
     }
 }
 
