@@ -134,7 +134,8 @@ impl SignalFilter {
     #[inline(never)]
     pub fn restart(&mut self) {
         for (nth, section) in self.sections.iter_mut().enumerate() {
-            *section = Section { row: section.row, ..Section::OFF };
+            // The past begins anew where a section does not run.
+            (section.before, section.runs, section.offset) = (None, false, 0);
             if section.row == PASSES {
                 self.on &= !(1 << nth);
             }
