@@ -1,8 +1,8 @@
 //! NUCLEO-H743ZI2: STM32H743ZI at 400 MHz, precision converters on SPI or the part's own.
 //!
 //! Crystal: the 8 MHz that the NUCLEO's debugger feeds to OSC_IN. PLL1 makes 400 MHz for the core (voltage
-//! scale 1), 200 MHz for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 have the internal 64
-//! MHz. Memory: `memory.x` of the repository's root.
+//! scale 1), 200 MHz for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 and the voltage monitor
+//! have the internal 64 MHz. Memory: `memory.x` of the repository's root.
 
 mod flash;
 #[cfg(feature = "on-chip-converters")]
@@ -17,7 +17,7 @@ use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac::iwdg::Iwdg;
 use embassy_stm32::pac::{EXTI, FLASH, GPIOE, IWDG1, PWR, RCC, USART3 as USART3_REGISTERS};
 use embassy_stm32::peripherals::USART3;
-use embassy_stm32::rcc::mux::Saisel;
+use embassy_stm32::rcc::mux::{Adcsel, Saisel};
 use embassy_stm32::rcc::{AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as SerialConfig, ConfigError};
@@ -101,6 +101,7 @@ impl Platform for NucleoH743zi {
         // clock that has died (RM0433, 8.5.8), and a lost crystal takes the PLL with it. When a sample is
         // taken and a code acts is the timer's business.
         c.mux.spi123sel = Saisel::PER;
+        c.mux.adcsel = Adcsel::PER;
         // The cycle counter counts while the core sleeps only with this bit (RM0433, 60.5.8).
         config.enable_debug_during_sleep = true;
         config

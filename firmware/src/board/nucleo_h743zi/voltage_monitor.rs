@@ -4,17 +4,18 @@
 //! clock, and has the rest of the period: nobody waits for it. ADC3 is not the converter of the on-chip
 //! front end, whose trigger and calibration stay its own.
 //!
-//! Clock: that of the AHB divided by 4, 25 MHz on revision V (RM0433, 25.4.3); 64.5 cycles of sampling, for
-//! a divider of some kilohms in front of the pin, and 8.5 of conversion are 3 us.
+//! Clock: the internal oscillator's 64 MHz, which a lost crystal does not take along, divided by 2, and by 2
+//! once more on revision V: 16 MHz (RM0433, 25.4.3). 64.5 cycles of sampling, for a divider of some kilohms in
+//! front of the pin, and 8.5 of conversion are 4.6 us.
 
 use embassy_stm32::pac::adc::vals::{Boost, Exten, Ovrmod, Pcsel, Res, SampleTime};
-use embassy_stm32::pac::adccommon::vals::Ckmode;
+use embassy_stm32::pac::adccommon::vals::{Ckmode, Presc};
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC3, ADC3_COMMON, GPIOC, RCC};
 
 const CHANNEL: u8 = 10;
 const PIN: usize = 0;
-/// The slowest step of the start is the linearity calibration: 165010 cycles of 25 MHz.
+/// The slowest step of the start is the linearity calibration: 165010 cycles of 16 MHz.
 const MOST_START_US: u32 = 20_000;
 const CYCLES_PER_US: u32 = 400;
 
@@ -37,7 +38,10 @@ pub fn start() {
     let _ = RCC.ahb4enr().read();
     cortex_m::asm::dsb();
     GPIOC.moder().modify(|w| w.set_moder(PIN, Moder::ANALOG));
-    ADC3_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
+    ADC3_COMMON.ccr().modify(|w| {
+        w.set_ckmode(Ckmode::ASYNCHRONOUS);
+        w.set_presc(Presc::DIV2);
+    });
     ADC3.cr().modify(|w| w.set_deeppwd(false));
     ADC3.cr().modify(|w| {
         w.set_boost(Boost::LT25);
