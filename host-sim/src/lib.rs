@@ -27,6 +27,7 @@ pub mod intersample;
 pub mod linear_system;
 pub mod noise;
 pub mod rate_dependent_hysteresis;
+pub mod several_axes;
 pub mod stick_slip;
 pub mod variations;
 pub mod waveform;

@@ -66,6 +66,7 @@ pub mod replay;
 pub mod response;
 pub mod series;
 pub mod servo;
+pub mod several_axes;
 pub mod simulate;
 pub mod spectrum;
 pub mod statistics;
