@@ -1,19 +1,17 @@
 //! From arrays to verdict, model and servo: `cargo run --release -p hysteron --example arrays_to_servo`.
 
-use hysteron::analyse::{Options, Start, analyse};
-use hysteron::servo::{commands::design, predictor::Demands};
-use hysteron::{Dataset, Record, Role, diagnosis::words::nm, model_file, watch::Unwatched};
-use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
-use hysteron_sim::{effect, noise::WhiteNoise, waveform};
+use hysteron::servo::{Demands, design};
+use hysteron::{Dataset, Drive, EffectInstance, InitialState, Model, Options, Overview, Record, Role, Start, Unwatched, WhiteNoise};
+use hysteron::{analyse, effect_named, effects_named, waveform};
 
 const RATE_HZ: f64 = 20_000.0;
 
 /// What the sensor of an actuator with loops, one mode and a delay reads, um.
 fn measured_um(drive_v: &[f64], seed: u64) -> Vec<f64> {
     let mut actuator = Model::new(0.0, 70.0);
-    let overview = effect::Overview::without_data(0.0, 70.0);
+    let overview = Overview::without_data(0.0, 70.0);
     for (id, values) in [("hysteresis", &[10.0, 1.2, -1.2][..]), ("vibration", &[4000.0, 0.4]), ("delay", &[180e-6])] {
-        actuator.add(EffectInstance::new(effect::by_id(id).expect("a built-in effect"), &overview, values));
+        actuator.add(EffectInstance::new(effect_named(id).expect("a built-in effect"), &overview, values));
     }
     let drive = Drive::held(drive_v, 1.0 / RATE_HZ, InitialState::Virgin);
     let mut noise = WhiteNoise::new(0.004, seed);
@@ -33,11 +31,11 @@ pub(crate) fn arrays_to_servo() -> Result<String, Box<dyn std::error::Error>> {
         Record::new(name, RATE_HZ, drive_v, displacement_um).from_virgin_state().with_role(role)
     };
     let dataset = Dataset::new("my stage", 0.0, 70.0, (0..).zip(drives).map(record).collect())?;
-    let found = analyse(&dataset, Start::Effects(&model_file::effects_named("hysteresis,vibration")?), &Options::default(), &Unwatched)?;
+    let found = analyse(&dataset, Start::Effects(&effects_named("hysteresis,vibration")?), &Options::default(), &Unwatched)?;
     let servo = design(&found.model, &Demands { sensor_noise_um: 0.004, ..Demands::default() })?;
-    let (verdict, error_nm, effects) = (&found.diagnosis.sentence, nm(found.last().error_um()), found.model.effect_ids().join(", "));
+    let (verdict, error_nm, effects) = (&found.diagnosis.sentence, 1e3 * found.last().error_um(), found.model.effect_ids().join(", "));
     Ok(format!(
-        "{verdict}\nThe model: {effects}; held out {error_nm} nm.\nThe servo ({}):\n{}",
+        "{verdict}\nThe model: {effects}; held out {error_nm:.2} nm.\nThe servo ({}):\n{}",
         servo.scheme_name(),
         servo.explanation.join("\n")
     ))

@@ -9,7 +9,7 @@ use std::vec::Vec;
 
 use crate::amplifier::{Amplifier, Command};
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
-use crate::creep_inverse::CreepInverseParameters;
+use crate::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use crate::gain_adaptation::{AdaptationParameters, LARGEST_STEP, MOST};
 use crate::guard::GuardParameters;
 use crate::integer_row::Row;
@@ -40,9 +40,22 @@ fn row<const N: usize, const Q: u32>() -> impl Strategy<Value = Row<N, Q>> {
 }
 
 fn law() -> impl Strategy<Value = LawParameters> {
-    let regulator = (row::<2, 20>(), number(), row::<16, 20>(), row::<5, 28>(), row::<8, 26>(), prop::array::uniform8(number()), 0u8..9);
-    let regulator = regulator.prop_map(|(proportional_derivative, integral, feedforward, notch, shares, rates, terms)| {
-        let creep = CreepInverseParameters { terms, shares, rates, at_rest: 1 << 28 };
+    let numbers = || prop::array::uniform::<_, CREEP_TERMS>(number());
+    let thresholds = numbers().prop_map(|raw| raw.map(|number| number.saturating_abs()));
+    let pair = (any::<bool>(), row(), prop::array::uniform4(number()));
+    let creep = (0..=CREEP_TERMS as u8, row(), numbers(), thresholds, pair);
+    let creep = creep.prop_map(|(terms, shares, rates, thresholds, (pair, pair_shares, pair_rates))| CreepInverseParameters {
+        terms,
+        pair,
+        shares,
+        rates,
+        thresholds,
+        pair_shares,
+        pair_rates,
+        at_rest: 1 << 28,
+    });
+    let regulator = (row::<2, 20>(), number(), row::<16, 20>(), row::<5, 28>(), creep);
+    let regulator = regulator.prop_map(|(proportional_derivative, integral, feedforward, notch, creep)| {
         LawParameters::Regulator(PidParameters { proportional_derivative, integral, feedforward, creep, notch })
     });
     let reaching = prop_oneof![

@@ -29,7 +29,7 @@ use crate::state_estimator::EstimatorParameters;
 /// First bytes of a block.
 pub const MAGIC: [u8; 4] = *b"HYST";
 /// Version of the layout.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 /// Bytes of the largest block.
 pub const BLOCK_BYTES: usize = 2048;
 const HEADER_BYTES: usize = 12;
@@ -282,7 +282,7 @@ wire_struct!(ConverterParameters {
     dac_bits,
     noise_shaping
 });
-wire_struct!(CreepInverseParameters { terms, shares, rates, at_rest });
+wire_struct!(CreepInverseParameters { terms, pair, shares, rates, thresholds, pair_shares, pair_rates, at_rest });
 wire_struct!(PidParameters { proportional_derivative, integral, feedforward, creep, notch });
 wire_struct!(EstimatorParameters { rows, unknown_input });
 wire_struct!(Prediction { rows });
@@ -587,6 +587,8 @@ impl LawParameters {
                     && bounded(&p.feedforward)
                     && bounded(&p.notch)
                     && bounded(&p.creep.shares)
+                    && bounded(&p.creep.pair_shares)
+                    && p.creep.thresholds.iter().all(|threshold| *threshold >= 0)
                     && usize::from(p.creep.terms) <= CREEP_TERMS
             }
             Self::SlidingMode { estimator, controller: p } => {

@@ -11,7 +11,7 @@
 //! law's integrating state is set so that its first output is that drive, and a difference between reference
 //! and position becomes a decaying offset. [`ServoTick::exchange`] lets another law of a running loop go on
 //! from where the last one was, in motion too. Every drive that is applied while the servo is off must pass
-//! [`ServoTick::open_loop`], so that the memory of the hysteresis is kept.
+//! [`ServoTick::open_loop`], so that the memory of the hysteresis and the creep are kept.
 //!
 //! # Periodic references
 //! With [`ServoParameters::learning`] a reference whose period is known ([`ServoTick::repeat`]) gets a
@@ -31,6 +31,7 @@
 //! their format.
 
 use crate::codes::{DriveCode, SensorCode};
+use crate::creep_inverse::CreepInverse;
 use crate::gain_adaptation::GainAdaptation;
 use crate::learned_feedforward::LearnedFeedforward;
 use crate::one_sided_hysteresis::OneSidedHysteresis;
@@ -89,6 +90,8 @@ pub struct ServoTick {
     law: LawState,
     parameters: ServoParameters,
     hysteresis: Option<OneSidedHysteresis>,
+    /// Creep of everything that was applied, for a law that undoes it.
+    creep: CreepInverse,
     adaptation: GainAdaptation,
     learner: LearnedFeedforward,
 }
@@ -108,6 +111,7 @@ impl ServoTick {
             learner: LearnedFeedforward::off(),
             adaptation: GainAdaptation::off(),
             hysteresis,
+            creep: CreepInverse::default(),
             code: parameters.converters.dac_code_min,
             drive: 0,
             applied: 0,
@@ -120,7 +124,8 @@ impl ServoTick {
             counters: Counters::default(),
         };
         this.begin_adaptation();
-        this.open_loop(parameters.converters.dac_code_min);
+        this.note(parameters.converters.dac_code_min);
+        this.begin_creep();
         this
     }
 
@@ -129,7 +134,32 @@ impl ServoTick {
     pub fn open_loop(&mut self, code: DriveCode) -> DriveCode {
         self.law = LawState::Off;
         self.note(code.max(self.parameters.converters.dac_code_min).min(self.parameters.converters.dac_code_max));
+        self.creep_on();
         self.code
+    }
+
+    /// Creep as if what is applied had been for ever.
+    fn begin_creep(&mut self) {
+        if let LawParameters::Regulator(law) = &self.parameters.law {
+            self.creep = CreepInverse::applied_for_ever(&law.creep, self.applied);
+        }
+    }
+
+    /// One period of creep under what is applied: it stands then where the next code begins to act.
+    #[inline]
+    fn creep_on(&mut self) {
+        if let LawParameters::Regulator(law) = &self.parameters.law {
+            self.creep.follow(&law.creep, self.applied, &mut self.counters.saturated_values);
+        }
+    }
+
+    /// Whether a law undoes the creep that the present one follows.
+    fn follows_creep_of(&self, law: &LawParameters) -> bool {
+        match (&self.parameters.law, law) {
+            (LawParameters::Regulator(before), LawParameters::Regulator(after)) => before.creep == after.creep,
+            (_, LawParameters::Regulator(after)) => after.creep.is_off(),
+            _ => true,
+        }
     }
 
     /// Lets the law take over at the next tick, from the drive and the position that it finds.
@@ -177,9 +207,13 @@ impl ServoTick {
             };
         }
         let running = !matches!(self.law, LawState::Off);
+        let same_creep = self.follows_creep_of(&parameters.law);
         self.parameters = parameters;
         self.begin_adaptation();
         self.note(self.code);
+        if !same_creep {
+            self.begin_creep();
+        }
         if running {
             self.enable();
         }
@@ -202,11 +236,16 @@ impl ServoTick {
         self.note(self.code);
         self.applied_before = before;
         let shift = self.applied.saturating_sub(was);
+        let same_creep = self.follows_creep_of(&parameters.law);
+        if let (false, LawParameters::Regulator(law)) = (same_creep, &parameters.law) {
+            self.creep = CreepInverse::applied_for_ever(&law.creep, self.applied);
+        }
         let (saturated, window) = (&mut self.counters.saturated_values, &self.window);
         match (&mut self.law, &mut self.parameters.law, &parameters.law) {
             (LawState::Off, ..) => {}
             (LawState::Regulator(law), LawParameters::Regulator(before), LawParameters::Regulator(after)) => {
-                law.go_on(before, after, window, shift, saturated);
+                let creep = self.creep.creep(&after.creep, saturated);
+                law.go_on(before, after, window, shift, creep, saturated);
             }
             (LawState::Predictor(law), LawParameters::Predictor(before), LawParameters::Predictor(after)) => {
                 // Dynamics are compared as the blocks have them.
@@ -278,12 +317,14 @@ impl ServoTick {
             self.window.restart(reading, ahead);
         }
         self.window.push(&self.parameters.sensor_lag, ahead, correction);
-        let Some(command) = self.run_law(reading) else {
-            self.note(self.code);
-            return self.code;
-        };
-        let (drive, unreachable) = self.drive_for(command);
-        self.convert(drive, unreachable);
+        match self.run_law(reading) {
+            None => self.note(self.code),
+            Some(command) => {
+                let (drive, unreachable) = self.drive_for(command);
+                self.convert(drive, unreachable);
+            }
+        }
+        self.creep_on();
         self.code
     }
 
@@ -294,7 +335,8 @@ impl ServoTick {
         match (&self.parameters.law, &mut self.law) {
             (LawParameters::Hold, _) | (_, LawState::Off) => None,
             (LawParameters::Regulator(parameters), LawState::Regulator(regulator)) => {
-                Some(regulator.output(parameters, reading, &self.window, self.limited, saturated))
+                let creep = self.creep.creep(&parameters.creep, saturated);
+                Some(regulator.output(parameters, reading, &self.window, self.limited, creep, saturated))
             }
             (LawParameters::SlidingMode { estimator, controller }, LawState::SlidingMode(states, law)) => {
                 let acted = if self.parameters.delayed { self.applied_before } else { self.applied };
@@ -305,7 +347,7 @@ impl ServoTick {
                 Some(law.output(parameters, reading, self.applied, &self.window, saturated))
             }
             (parameters, _) => {
-                self.law = begin(parameters, reading, self.applied, &self.window, saturated);
+                self.law = begin(parameters, reading, self.applied, &self.creep, &self.window, saturated);
                 None
             }
         }
@@ -494,11 +536,19 @@ impl ServoTick {
 }
 
 /// A law that takes over: at this tick it leaves the drive as it is, at the next it begins.
-fn begin(parameters: &LawParameters, reading: i32, applied: i32, window: &ReferenceWindow, saturated: &mut u32) -> LawState {
+fn begin(
+    parameters: &LawParameters,
+    reading: i32,
+    applied: i32,
+    creep: &CreepInverse,
+    window: &ReferenceWindow,
+    saturated: &mut u32,
+) -> LawState {
     match parameters {
         LawParameters::Hold => LawState::Off,
         LawParameters::Regulator(parameters) => {
-            LawState::Regulator(PidRegulator::take_over(parameters, reading, window, applied, saturated))
+            let creep = creep.creep(&parameters.creep, saturated);
+            LawState::Regulator(PidRegulator::take_over(parameters, reading, window, applied, creep, saturated))
         }
         LawParameters::SlidingMode { controller, .. } => {
             // At rest the equivalent control of a position is minus the drive that holds it, and what is

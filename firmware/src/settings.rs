@@ -249,7 +249,7 @@ pub async fn keeper(sample_rate_hz: u32) {
                 Brought::Kept
             }),
             Wanted::Swap => upload.swap(sample_rate_hz).await.map(|()| {
-                defmt::info!("block swapped in; it is not kept");
+                defmt::info!("block swapped in; the flash keeps the old one");
                 Brought::Swapped
             }),
         };

@@ -10,13 +10,18 @@
 //! experimenter would see beside the truth.
 //!
 //! A *plain* bench has only what the thesis' nominal model has; the *full* one also the second mode and the
-//! bandwidths that the nominal model leaves out. A *loaded* bench carries the additional mass, which lowers
-//! both modes.
+//! bandwidths that the nominal model leaves out (the bench of domains has all its modes in both). A *loaded*
+//! bench carries the additional mass, which lowers both modes.
+//!
+//! [`Bench::domains`] is a second bench of the same size and interface whose actuator follows other equations
+//! ([`crate::domain_stage`]): what was developed on the reference bench is judged there on a plant that is
+//! not its model.
 //!
 //! Identification and design work from records. They never read the constants of the bench.
 
 use crate::converter_scale::ConverterScale;
-use crate::effect::vibration::Mode;
+use crate::domain_stage::{ColouredNoise, DomainStage, DomainTruth};
+use crate::effect::vibration::VibrationMode;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use crate::linear_system::{ContinuousSystem, FixedSystem};
 use crate::noise::WhiteNoise;
@@ -52,12 +57,18 @@ pub struct Bench {
     pub conditioning: String,
     /// Offset of references, um.
     pub reference_offset_um: f64,
-    /// Hysteresis surfaces.
+    /// Hysteresis surfaces; empty on a bench of domains.
+    #[serde(default)]
     pub hysteresis: HysteresisTruth,
-    /// First mode.
+    /// First mode; zero on a bench of domains.
+    #[serde(default)]
     pub vibration: VibrationTruth,
-    /// Creep transfer function.
+    /// Creep transfer function; empty on a bench of domains.
+    #[serde(default)]
     pub creep: CreepTruth,
+    /// An actuator of domains, in the place of hysteresis, vibration and creep.
+    #[serde(default)]
+    pub domains: Option<DomainTruth>,
     /// Converters.
     pub converters: Converters,
     /// What the nominal model leaves out.
@@ -65,7 +76,7 @@ pub struct Bench {
 }
 
 /// Hysteresis of the bench (thesis Ch. 5 Table 1, repaired).
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HysteresisTruth {
     /// `b_0..b_4` of `F`, um/V^k.
@@ -75,7 +86,7 @@ pub struct HysteresisTruth {
 }
 
 /// First mode of the bench.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VibrationTruth {
     /// Natural frequency, rad/s.
@@ -85,7 +96,7 @@ pub struct VibrationTruth {
 }
 
 /// Creep of the bench: displacement = x1 + G2 x1 (thesis Ch. 5 Eq. 17).
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CreepTruth {
     /// Numerator of `G2`, descending powers of s.
@@ -192,14 +203,26 @@ impl Bench {
         Self::from_toml(include_str!("../bench.toml"))
     }
 
+    /// The second bench, of domains.
+    ///
+    /// # Errors
+    /// As [`Self::reference`].
+    pub fn domains() -> Result<Self, toml::de::Error> {
+        Self::from_toml(include_str!("../bench_domains.toml"))
+    }
+
     /// A bench from the text of a file like `bench.toml`.
     ///
     /// # Errors
-    /// If keys are missing, unknown, or of the wrong type, or creep has more poles than the bench simulates.
+    /// If keys are missing, unknown, or of the wrong type, there is no actuator, or creep has more poles than
+    /// the bench simulates.
     pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
         let bench: Self = toml::from_str(text)?;
         if bench.creep.denominator.len() > CREEP_POLES + 1 {
             return Err(serde::de::Error::custom(format!("creep.denominator: at most {CREEP_POLES} poles")));
+        }
+        if bench.domains.is_none() && (bench.hysteresis.f.is_empty() || bench.vibration.natural_frequency_rad_s <= 0.0) {
+            return Err(serde::de::Error::custom("a bench needs [hysteresis] and [vibration], or [domains]"));
         }
         Ok(bench)
     }
@@ -258,27 +281,42 @@ impl Bench {
         let substeps = substeps.max(1);
         let dt_s = self.sampling_period_s() / substeps as f64;
         let full = variant.completeness == Completeness::Full;
-        // More mass on the same spring: frequency and damping ratio fall with the square root of the mass
-        // (thesis Ch. 5, Eq. 12).
-        let mass_factor =
-            if variant.loaded { (END_EFFECTOR_MASS_KG / (END_EFFECTOR_MASS_KG + self.full.load_mass_kg)).sqrt() } else { 1.0 };
-        let range_v = self.drive_max_v - self.drive_min_v;
-        let surfaces = Surfaces::from_thesis_powers(&self.hysteresis.f, &self.hysteresis.g, range_v);
+        let mass_factor = if variant.loaded { self.loaded_mode_factor() } else { 1.0 };
         let lag = |bandwidth_hz: f64| {
             ContinuousSystem::from_transfer_function(&[1.0], &[1.0 / (TAU * bandwidth_hz), 1.0])
                 .and_then(|system| FixedSystem::new(&system.discretise(dt_s)))
         };
+        let surfaces = || {
+            let range_v = self.drive_max_v - self.drive_min_v;
+            let surfaces = Surfaces::from_thesis_powers(&self.hysteresis.f, &self.hysteresis.g, range_v);
+            SurfaceStage {
+                hysteresis: OneSidedHysteresis::virgin(surfaces, self.drive_min_v, range_v),
+                first_mode: VibrationMode::new(
+                    self.vibration.natural_frequency_rad_s * mass_factor,
+                    self.vibration.damping_ratio * mass_factor,
+                    dt_s,
+                ),
+                second_mode: full.then(|| {
+                    let frequency_rad_s = TAU * self.full.second_mode_hz * mass_factor;
+                    (
+                        self.full.second_mode_share,
+                        VibrationMode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s),
+                    )
+                }),
+                creep: ContinuousSystem::from_transfer_function(&self.creep.numerator, &self.creep.denominator)
+                    .and_then(|g2| FixedSystem::new(&g2.discretise(dt_s))),
+            }
+        };
+        let load_kg = if variant.loaded { self.full.load_mass_kg } else { 0.0 };
+        let limits_v = (self.drive_min_v, self.drive_max_v);
         Plant {
             substeps,
             amplifier: if full { lag(self.full.amplifier_bandwidth_hz) } else { None },
-            hysteresis: OneSidedHysteresis::virgin(surfaces, self.drive_min_v, range_v),
-            first_mode: Mode::new(self.vibration.natural_frequency_rad_s * mass_factor, self.vibration.damping_ratio * mass_factor, dt_s),
-            second_mode: full.then(|| {
-                let frequency_rad_s = TAU * self.full.second_mode_hz * mass_factor;
-                (self.full.second_mode_share, Mode::new(frequency_rad_s, self.full.second_mode_damping_ratio * mass_factor, dt_s))
-            }),
-            creep: ContinuousSystem::from_transfer_function(&self.creep.numerator, &self.creep.denominator)
-                .and_then(|g2| FixedSystem::new(&g2.discretise(dt_s))),
+            stage: match &self.domains {
+                Some(truth) => Actuator::Domains(DomainStage::virgin(truth, limits_v, load_kg, dt_s)),
+                None => Actuator::Surfaces(surfaces()),
+            },
+            coloured: self.coloured_noise(0),
             sensor: if full { lag(self.full.sensor_bandwidth_hz) } else { None },
             mean_weight: {
                 let step = TAU * self.full.amplifier_bandwidth_hz * dt_s;
@@ -308,6 +346,19 @@ impl Bench {
             plant.tick(self.drive_after_converter_v(drive_v));
         }
         plant.sensor_um()
+    }
+
+    /// What the load's mass on the end-effector makes of natural frequency and damping ratio of a mode: more
+    /// mass on the same spring (thesis Ch. 5, Eq. 12).
+    #[must_use]
+    pub fn loaded_mode_factor(&self) -> f64 {
+        (END_EFFECTOR_MASS_KG / (END_EFFECTOR_MASS_KG + self.full.load_mass_kg)).sqrt()
+    }
+
+    /// What the sensor adds beside its white noise; none on a bench that has only that.
+    #[must_use]
+    pub fn coloured_noise(&self, seed: u64) -> Option<ColouredNoise> {
+        Some(ColouredNoise::new(&self.domains.as_ref()?.sensor, self.converters.sample_rate_hz, seed))
     }
 
     /// Plays a drive and returns what is seen and what is true. The same seed gives the same noise.
@@ -344,13 +395,15 @@ pub struct Sensor {
     scale: ConverterScale,
     zero_um: f64,
     noise: WhiteNoise,
+    coloured: Option<ColouredNoise>,
 }
 
 impl Sensor {
     /// A sensor that reads zero at the position `zero_um`.
     #[must_use]
     pub fn new(bench: &Bench, zero_um: f64, seed: u64) -> Self {
-        Self { scale: bench.converter_scale(), zero_um, noise: WhiteNoise::new(bench.converters.sensor_noise_um, seed) }
+        let noise = WhiteNoise::new(bench.converters.sensor_noise_um, seed);
+        Self { scale: bench.converter_scale(), zero_um, noise, coloured: bench.coloured_noise(seed) }
     }
 
     /// Reads the plant now, um.
@@ -361,7 +414,53 @@ impl Sensor {
 
     /// Reads the plant now, as the converter's code (which knows no zero).
     pub fn read_code(&mut self, plant: &Plant) -> SensorCode {
-        self.scale.adc_code(plant.sensor_um() + self.noise.next_um())
+        let coloured_um = self.coloured.as_mut().map_or(0.0, ColouredNoise::next_um);
+        self.scale.adc_code(plant.sensor_um() + self.noise.next_um() + coloured_um)
+    }
+}
+
+/// The actuator of the reference bench between the voltage on the piezo and the displacement.
+#[derive(Clone, Debug)]
+struct SurfaceStage {
+    hysteresis: OneSidedHysteresis,
+    first_mode: VibrationMode,
+    second_mode: Option<(f64, VibrationMode)>,
+    creep: Option<FixedSystem<CREEP_POLES>>,
+}
+
+impl SurfaceStage {
+    fn move_by(&mut self, force_um: f64) -> f64 {
+        let first_um = self.first_mode.step(force_um);
+        let moved_um = match &mut self.second_mode {
+            Some((share, mode)) => first_um + *share * (mode.step(force_um) - first_um),
+            None => first_um,
+        };
+        moved_um + self.creep.as_mut().map_or(0.0, |g2| g2.step_straight(moved_um))
+    }
+}
+
+/// One actuator or the other.
+#[derive(Clone, Debug)]
+enum Actuator {
+    Surfaces(SurfaceStage),
+    Domains(DomainStage),
+}
+
+impl Actuator {
+    /// The force of the piezo at a voltage, as the displacement that it makes at rest, um.
+    fn force_um(&mut self, piezo_v: f64) -> f64 {
+        match self {
+            Self::Surfaces(stage) => stage.hysteresis.step(piezo_v),
+            Self::Domains(stage) => stage.domains.step(piezo_v),
+        }
+    }
+
+    /// One step under a force; the displacement at its end, um.
+    fn move_by(&mut self, force_um: f64) -> f64 {
+        match self {
+            Self::Surfaces(stage) => stage.move_by(force_um),
+            Self::Domains(stage) => stage.move_by(force_um),
+        }
     }
 }
 
@@ -370,10 +469,9 @@ impl Sensor {
 pub struct Plant {
     substeps: usize,
     amplifier: Option<FixedSystem<1>>,
-    hysteresis: OneSidedHysteresis,
-    first_mode: Mode,
-    second_mode: Option<(f64, Mode)>,
-    creep: Option<FixedSystem<CREEP_POLES>>,
+    stage: Actuator,
+    /// What a sensor adds in a closed loop beside white noise.
+    coloured: Option<ColouredNoise>,
     sensor: Option<FixedSystem<1>>,
     /// Where the mean of the voltage over a step lies between its two ends.
     mean_weight: f64,
@@ -395,27 +493,21 @@ impl Plant {
         if self.amplifier.is_none() {
             // The piezo has the drive's voltage at once and for the whole period.
             self.piezo_v = drive_v;
-            self.force_equivalent_um = self.hysteresis.step(drive_v);
+            self.force_equivalent_um = self.stage.force_um(drive_v);
         }
         for _ in 0..self.substeps {
             let piezo_um = match &mut self.amplifier {
                 // The voltage moves within the step as an exponential: so does, to first order, its force.
                 Some(amplifier) => {
                     self.piezo_v = amplifier.step_held(drive_v);
-                    let end_um = self.hysteresis.step(self.piezo_v);
+                    let end_um = self.stage.force_um(self.piezo_v);
                     let mean_um = self.force_equivalent_um + self.mean_weight * (end_um - self.force_equivalent_um);
                     self.force_equivalent_um = end_um;
                     mean_um
                 }
                 None => self.force_equivalent_um,
             };
-            let force_um = piezo_um + external_um;
-            let first_um = self.first_mode.step(force_um);
-            let moved_um = match &mut self.second_mode {
-                Some((share, mode)) => first_um + *share * (mode.step(force_um) - first_um),
-                None => first_um,
-            };
-            self.displacement_um = moved_um + self.creep.as_mut().map_or(0.0, |g2| g2.step_straight(moved_um));
+            self.displacement_um = self.stage.move_by(piezo_um + external_um);
             self.sensor_um = self.sensor.as_mut().map_or(self.displacement_um, |lag| lag.step_straight(self.displacement_um));
         }
     }
@@ -430,6 +522,16 @@ impl Plant {
     #[must_use]
     pub fn sensor_um(&self) -> f64 {
         self.sensor_um
+    }
+
+    /// Gives what the sensor adds beside its white noise another seed.
+    pub fn seed_sensor(&mut self, bench: &Bench, seed: u64) {
+        self.coloured = bench.coloured_noise(seed);
+    }
+
+    /// The next value of what the sensor adds beside its white noise, um.
+    pub fn next_coloured_um(&mut self) -> f64 {
+        self.coloured.as_mut().map_or(0.0, ColouredNoise::next_um)
     }
 
     /// Voltage on the piezo now, V.
@@ -503,6 +605,22 @@ mod tests {
         assert!((noise - 0.001).abs() < 1e-4, "{noise}");
         assert!(a.drive_v.iter().all(|u| (-0.002..=80.002).contains(u)));
         assert!(a.noise_free_um[0].abs() < 1e-12);
+    }
+
+    /// The second bench is an actuator of the same size: first rise, remnant and loops of the reference bench
+    /// within a twentieth of the range.
+    #[test]
+    fn the_second_bench_is_of_the_same_size() {
+        let (reference, domains) = (Bench::reference().unwrap(), Bench::domains().unwrap());
+        let fs = reference.converters.sample_rate_hz;
+        let drive = waveform::half_cosines(fs, 0.02, &[0.0, 80.0, 0.0, 60.0, 20.0, 70.0, 0.0]);
+        let [a, b] = [&reference, &domains].map(|bench| bench.record(Variant::FULL, Start::Virgin, &drive, 3));
+        assert!(rms_difference(&a.noise_free_um, &b.noise_free_um) < 0.5, "{}", rms_difference(&a.noise_free_um, &b.noise_free_um));
+        assert!(rms_difference(&a.noise_free_um, &b.noise_free_um) > 0.05);
+        // Its noise is not white: slow parts and lines stand above the sum of what the reference has.
+        let added: Vec<f64> = b.reading_um.iter().zip(&b.noise_free_um).map(|(read, free)| read - free).collect();
+        let rms_um = (added.iter().map(|n| n * n).sum::<f64>() / added.len() as f64).sqrt();
+        assert!((0.001..0.003).contains(&rms_um), "{rms_um}");
     }
 
     #[test]

@@ -401,11 +401,18 @@ fn carry<'a>(stages: impl IntoIterator<Item = WalkStage<'a>>, mut carried: Carri
 }
 
 impl Model {
+    /// The drive at which an actuator that was never driven rests, V: the lower limit, or zero where its
+    /// hysteresis counts from there to both sides.
+    #[must_use]
+    pub fn virgin_drive_v(&self) -> f64 {
+        if self.effect(crate::effect::two_sided::ID).is_some() { 0.0 } else { self.drive_min_v }
+    }
+
     /// The drive at which the actuator rests before the first sample, V.
     #[must_use]
     pub fn resting_drive_v(&self, drive: &Drive) -> f64 {
         match drive.initial_state {
-            InitialState::Virgin => self.drive_min_v,
+            InitialState::Virgin => self.virgin_drive_v(),
             InitialState::Settled | InitialState::Unknown => drive.drive_v.first().copied().unwrap_or(self.drive_min_v),
         }
     }

@@ -27,6 +27,11 @@ pub trait Plant {
 
     /// What the sensor would read now without noise and converter, um.
     fn sensor_um(&self) -> f64;
+
+    /// What the sensor adds at the next reading beside its white noise, um: 1/f noise, lines.
+    fn next_coloured_um(&mut self) -> f64 {
+        0.0
+    }
 }
 
 impl Plant for bench::Plant {
@@ -40,6 +45,10 @@ impl Plant for bench::Plant {
 
     fn sensor_um(&self) -> f64 {
         bench::Plant::sensor_um(self)
+    }
+
+    fn next_coloured_um(&mut self) -> f64 {
+        bench::Plant::next_coloured_um(self)
     }
 }
 
@@ -272,7 +281,8 @@ pub fn follow(plant: &mut impl Plant, controller: &mut impl Controller, around: 
         trace.sensor_um.push(plant.sensor_um() - around.sensor_zero_um);
         trace.displacement_um.push(plant.displacement_um() - around.displacement_zero_um);
         let ahead_um = reference_um.get(k + PREVIEW_TICKS).or(reference_um.last()).copied().unwrap_or(0.0);
-        let adc_code = around.scale.adc_code(plant.sensor_um() - around.sensor_zero_um + noise.next_um());
+        let noise_um = noise.next_um() + plant.next_coloured_um();
+        let adc_code = around.scale.adc_code(plant.sensor_um() - around.sensor_zero_um + noise_um);
         let code = controller.tick(adc_code, ahead_um);
         let computed_v = around.scale.drive_v(code);
         trace.adc_codes.push(adc_code);
@@ -349,6 +359,7 @@ impl<'a> Experiment<'a> {
             sensor_zero_um: zero_um,
             displacement_zero_um: zero_um,
         };
+        plant.seed_sensor(self.bench, self.seed);
         follow(&mut plant, &mut controller, &around, reference_um)
     }
 }

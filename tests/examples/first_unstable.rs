@@ -13,9 +13,9 @@
 use hysteron::servo::commands::check;
 use hysteron::servo::design::ServoDesign;
 use hysteron_sim::chain::Model;
-use hysteron_tests::independent_stage::{Change, TrueMode, Truth};
+use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};
 use hysteron_tests::servo_study::{
-    LIMIT_CYCLE, Recording, designed, designed_with_the_truth, kept_model, record, rest_after_slow_change_um, rest_um,
+    LIMIT_CYCLE, StudyRecording, designed, designed_with_the_truth, kept_model, record, rest_after_slow_change_um, rest_um,
 };
 
 /// Shares of a prediction between which the true value is looked for.
@@ -38,13 +38,13 @@ fn turn(oscillates: &dyn Fn(f64) -> bool, downwards: bool) -> Result<f64, &'stat
 }
 
 /// One cell for each first unstable value.
-fn cells(truth: &Truth, chain: &Model, design: &ServoDesign) -> Vec<String> {
+fn cells(truth: &StageTruth, chain: &Model, design: &ServoDesign) -> Vec<String> {
     let Some(margins) = check(design, chain).ok().and_then(|c| c.margins) else { return vec!["-".into(); 6] };
     let (first, swinging) = (margins.first_unstable, margins.first_swinging);
     let limit_um = LIMIT_CYCLE * truth.noise_um;
     let from_rest = margins.first_from_rest.unwrap_or(first);
     let cell =
-        |[free, begun, limited]: [Option<f64>; 3], scale: f64, downwards: bool, comes_slowly: bool, change: &dyn Fn(f64) -> Change| {
+        |[free, begun, limited]: [Option<f64>; 3], scale: f64, downwards: bool, comes_slowly: bool, change: &dyn Fn(f64) -> StageChange| {
             let Some(value) = free else { return "none".to_owned() };
             let from_the_limit = |share: f64| rest_um(truth, change(share * value), design) > limit_um;
             let in_the_middle = |share: f64| rest_after_slow_change_um(truth, change(share * value), design) > limit_um;
@@ -53,12 +53,12 @@ fn cells(truth: &Truth, chain: &Model, design: &ServoDesign) -> Vec<String> {
             let [begun, swings] = [begun, limited].map(|limited| limited.map_or("-".into(), |limited| format!("{:.3}", limited / value)));
             format!("{:.3}: {} / {slowly} / {begun} / {swings}", scale * value, words(turn(&from_the_limit, downwards)))
         };
-    let gain = |gain_ratio: f64| Change { gain_ratio, ..Change::NONE };
-    let mass = |mass_ratio: f64| Change { mass_ratio, ..Change::NONE };
-    let delay = |delay_s: f64| Change { delay_s, ..Change::NONE };
-    let mode = |share: f64| Change {
+    let gain = |gain_ratio: f64| StageChange { gain_ratio, ..StageChange::NONE };
+    let mass = |mass_ratio: f64| StageChange { mass_ratio, ..StageChange::NONE };
+    let delay = |delay_s: f64| StageChange { delay_s, ..StageChange::NONE };
+    let mode = |share: f64| StageChange {
         mode: first.mode.map(|m| TrueMode { frequency_hz: m.frequency_hz, damping_ratio: m.damping_ratio, share }),
-        ..Change::NONE
+        ..StageChange::NONE
     };
     vec![
         cell([first.gain_up, from_rest.gain_up, swinging.gain_up], 1.0, false, true, &gain),
@@ -76,9 +76,9 @@ fn main() {
     println!("| stage | servo | gain up | gain down | mass up | mass down | delay, us | mode, % |");
     println!("|---|---|---|---|---|---|---|---|");
     for seed in first..first + stages {
-        let truth = Truth::drawn(seed);
-        let dataset = record(&truth, Recording::Wideband);
-        let chain = kept_model(&truth, Recording::Wideband, &dataset);
+        let truth = StageTruth::drawn(seed);
+        let dataset = record(&truth, StudyRecording::Wideband);
+        let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);
         let servos = [("with the truth", designed_with_the_truth(&truth, &chain)), ("from the recording", designed(&chain, &dataset).ok())];
         for (name, design) in servos {
             if let Some(design) = design {

@@ -14,11 +14,11 @@ use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron_sim::bench::Bench;
-use hysteron_tests::independent_stage::Truth;
+use hysteron_tests::independent_stage::StageTruth;
 use hysteron_tests::learning_study::{
-    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, Way, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
+    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
 };
-use hysteron_tests::servo_study::{Recording, kept_model, record};
+use hysteron_tests::servo_study::{StudyRecording, kept_model, record};
 
 /// Periods that are followed.
 const PERIODS: usize = 40;
@@ -78,9 +78,9 @@ fn main() {
     println!("|---|---|---|---|---|---|---|---|---|---|");
     let mut met = 0;
     for seed in first..first + stages {
-        let truth = Truth::drawn(seed);
-        let dataset = record(&truth, Recording::Wideband);
-        let chain = kept_model(&truth, Recording::Wideband, &dataset);
+        let truth = StageTruth::drawn(seed);
+        let dataset = record(&truth, StudyRecording::Wideband);
+        let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);
         let design = match order::design(&chain, &Order { recording: Some(&dataset), learning: true, ..Order::default() }) {
             Ok(design) => design,
             Err(reason) => {
@@ -94,9 +94,9 @@ fn main() {
         }
         let mut largest_percent = 0.0_f64;
         for (sign, change) in [("less", FIVE_PERCENT_LESS), ("more", FIVE_PERCENT_MORE)] {
-            for way in [Way::Nothing, Way::EveryTick, Way::WholePeriods, Way::Harmonics] {
+            for way in [LearningWay::Nothing, LearningWay::EveryTick, LearningWay::WholePeriods, LearningWay::Harmonics] {
                 let found = learned(&truth, change, &design, way, PERIODS);
-                if way == Way::EveryTick {
+                if way == LearningWay::EveryTick {
                     largest_percent = largest_percent.max(found.percent(9));
                 }
                 let nm = |period: usize| format!("{:.1}", 1e3 * found.periods[period - 1].rms_um);

@@ -8,17 +8,17 @@
 use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
-use hysteron_tests::independent_stage::{Change, Truth};
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::light_mode_study::{MODE_HZ, bandwidth_hz, moved, peak, reference_response, stable_range, with_first_mode};
-use hysteron_tests::servo_study::{Recording, at_work, kept_model, record};
+use hysteron_tests::servo_study::{StudyRecording, at_work, kept_model, record};
 
 /// One line of the table.
-fn line(name: &str, truth: &Truth, design: &ServoDesign) -> String {
+fn line(name: &str, truth: &StageTruth, design: &ServoDesign) -> String {
     let followed = |factor: f64| {
         let response = reference_response(&moved(truth, factor), design);
         format!("{:.0} ({:.1})", bandwidth_hz(&response), peak(&response))
     };
-    let work = at_work(truth, Change::NONE, design);
+    let work = at_work(truth, StageChange::NONE, design);
     if work.unstable {
         return format!("| {name} | unstable | | | | | |");
     }
@@ -41,8 +41,8 @@ fn main() {
     }
     for seed in seeds {
         let truth = with_first_mode(seed, MODE_HZ);
-        let dataset = record(&truth, Recording::Wideband);
-        let chain = kept_model(&truth, Recording::Wideband, &dataset);
+        let dataset = record(&truth, StudyRecording::Wideband);
+        let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);
         let second = truth.second_mode.expect("has one");
         println!(
             "\nStage {seed}: first mode {:.0} Hz, damping ratio {:.4}; second mode {:.0} Hz, {:.1} %\n",

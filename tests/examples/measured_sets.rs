@@ -22,7 +22,7 @@ use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::watch::{Deadline, Unwatched, Watch};
 use hysteron_sim::chain::Model;
-use hysteron_tests::measured::{Trace, flag, folder as folder_of_recordings, value_of};
+use hysteron_tests::measured::{MeasuredTrace, flag, folder as folder_of_recordings, value_of};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -127,7 +127,7 @@ fn main() {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let subsets = flag(&mut arguments, "--subsets");
     let reversed = flag(&mut arguments, "--reversed");
-    let trace = Trace::default();
+    let trace = MeasuredTrace::default();
     let watch: &dyn Watch = if flag(&mut arguments, "--trace") { &trace } else { &Unwatched };
     let Some(data) = folder_of_recordings(&mut arguments) else { return };
     let only = value_of(&mut arguments, "--identify");

@@ -6,10 +6,12 @@
 //! Models are kept in target/servo_from_data and used again: a design is then judged in seconds. Delete them
 //! to identify anew.
 
-use hysteron_tests::independent_stage::{Change, Truth};
-use hysteron_tests::servo_study::{AtWork, FREQUENCIES_HZ, Recording, at_work, designed, designed_with_the_truth, kept_model, record};
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
+use hysteron_tests::servo_study::{
+    FREQUENCIES_HZ, StudyAtWork, StudyRecording, at_work, designed, designed_with_the_truth, kept_model, record,
+};
 
-fn nm(work: &AtWork) -> String {
+fn nm(work: &StudyAtWork) -> String {
     work.errors.iter().map(|e| format!("{:.1}", 1e3 * e.rms_um)).collect::<Vec<_>>().join(" / ")
 }
 
@@ -35,14 +37,14 @@ fn main() {
     println!("|---|---|---|---|---|---|---|---|");
     let (mut stable, mut refused, mut unstable) = (0, 0, 0);
     // Of each kind of recording, nm; and of the wideband one over the best with the truth.
-    let mut errors_nm: [Largest; Recording::ALL.len()] = Default::default();
+    let mut errors_nm: [Largest; StudyRecording::ALL.len()] = Default::default();
     let mut ratio = Largest::default();
     for seed in first..first + stages {
-        let truth = Truth::drawn(seed);
+        let truth = StageTruth::drawn(seed);
         let second = truth.second_mode.expect("has one");
         let mut cells = Vec::new();
         let mut best = String::new();
-        for (recording, error_nm) in Recording::ALL.into_iter().zip(&mut errors_nm) {
+        for (recording, error_nm) in StudyRecording::ALL.into_iter().zip(&mut errors_nm) {
             let mut wideband = None;
             let dataset = record(&truth, recording);
             let chain = kept_model(&truth, recording, &dataset);
@@ -53,7 +55,7 @@ fn main() {
                     "refused".into()
                 }
                 Ok(design) => {
-                    let work = at_work(&truth, Change::NONE, &design);
+                    let work = at_work(&truth, StageChange::NONE, &design);
                     *(if work.unstable { &mut unstable } else { &mut stable }) += 1;
                     eprintln!("{seed} {}: {}", recording.name(), design.explanation.join(" "));
                     for (hz, error) in FREQUENCIES_HZ.iter().zip(&work.errors) {
@@ -65,8 +67,8 @@ fn main() {
                 }
             };
             cells.push(cell);
-            if recording == Recording::Wideband {
-                let known = designed_with_the_truth(&truth, &chain).map(|d| at_work(&truth, Change::NONE, &d));
+            if recording == StudyRecording::Wideband {
+                let known = designed_with_the_truth(&truth, &chain).map(|d| at_work(&truth, StageChange::NONE, &d));
                 if let (Some(known), Some(work)) = (&known, &wideband) {
                     for ((hz, of_work), of_known) in FREQUENCIES_HZ.iter().zip(&work.errors).zip(&known.errors) {
                         ratio.take(of_work.rms_um / of_known.rms_um, || format!("stage {seed} at {hz} Hz"));
@@ -87,7 +89,7 @@ fn main() {
         );
     }
     println!("\n{stable} stable, {refused} refused, {unstable} unstable");
-    for (recording, largest) in Recording::ALL.iter().zip(&errors_nm) {
+    for (recording, largest) in StudyRecording::ALL.iter().zip(&errors_nm) {
         println!("{}: at most {:.1} nm ({})", recording.name(), largest.value, largest.place);
     }
     println!("wideband over the best with the truth: at most {:.2} ({})", ratio.value, ratio.place);

@@ -10,8 +10,8 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::order::{self, Order};
 use hysteron::servo::schemes::Choice;
 use hysteron::watch::Unwatched;
-use hysteron_tests::independent_stage::{Change, Truth};
-use hysteron_tests::servo_study::{FREQUENCIES_HZ, Recording, at_work, record};
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
+use hysteron_tests::servo_study::{FREQUENCIES_HZ, StudyRecording, at_work, record};
 
 /// Schemes with and without the hysteresis inverted.
 const SCHEMES: [(Choice, bool); 7] = [
@@ -36,8 +36,8 @@ fn main() {
     println!("|---|---|---|{}", "---|".repeat(SCHEMES.len()));
     let (mut unstable, mut refused, mut worse) = ([0; SCHEMES.len()], [0; SCHEMES.len()], Vec::new());
     for seed in first..first + stages {
-        let truth = Truth::drawn(seed);
-        let dataset = record(&truth, Recording::Wideband);
+        let truth = StageTruth::drawn(seed);
+        let dataset = record(&truth, StudyRecording::Wideband);
         let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").expect("known effects");
         let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).expect("finite").model;
         let mut cells = Vec::new();
@@ -52,7 +52,7 @@ fn main() {
                     errors.push(None);
                 }
                 Ok(design) => {
-                    let work = at_work(&truth, Change::NONE, &design);
+                    let work = at_work(&truth, StageChange::NONE, &design);
                     let nm = work.errors.iter().map(|e| format!("{:.1}", 1e3 * e.rms_um)).collect::<Vec<_>>().join(" / ");
                     unstable[nth] += u32::from(work.unstable);
                     cells.push(format!("{nm}{}", if work.unstable { " UNSTABLE" } else { "" }));

@@ -9,13 +9,13 @@ use hysteron::model_file::{effects_named, from_toml, to_toml};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::order::{self, Order};
 use hysteron::watch::Unwatched;
-use hysteron_tests::adaptation_study::{Drift, Way, adapted, sine_um};
-use hysteron_tests::independent_stage::Truth;
-use hysteron_tests::servo_study::{Recording, record};
+use hysteron_tests::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
+use hysteron_tests::independent_stage::StageTruth;
+use hysteron_tests::servo_study::{StudyRecording, record};
 use std::path::PathBuf;
 
-fn design_of(truth: &Truth) -> Result<ServoDesign, String> {
-    let dataset = record(truth, Recording::Wideband);
+fn design_of(truth: &StageTruth) -> Result<ServoDesign, String> {
+    let dataset = record(truth, StudyRecording::Wideband);
     let folder = PathBuf::from("target/slow_adaptation");
     let file = folder.join(format!("{}.toml", truth.seed));
     let chain = match std::fs::read_to_string(&file) {
@@ -40,10 +40,10 @@ fn main() {
     let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(0));
     println!(
         "| stage | gain | Hz | {} | gain believed at the end, in the order of the ways |",
-        Way::ALL.map(|w| format!("{w:?}")).join(" | ")
+        AdaptationWay::ALL.map(|w| format!("{w:?}")).join(" | ")
     );
     for seed in first..first + stages {
-        let truth = Truth::drawn(seed);
+        let truth = StageTruth::drawn(seed);
         let design = match design_of(&truth) {
             Ok(design) => design,
             Err(reason) => {
@@ -51,11 +51,15 @@ fn main() {
                 continue;
             }
         };
-        let drifts = [0.8, 0.9, 1.0, 1.1, 1.2].map(Drift::none).into_iter().chain([Drift { from: 1.15, to: 0.85, lasts_s: 12.0 }]);
+        let drifts = [0.8, 0.9, 1.0, 1.1, 1.2].map(AdaptationDrift::none).into_iter().chain([AdaptationDrift {
+            from: 1.15,
+            to: 0.85,
+            lasts_s: 12.0,
+        }]);
         for drift in drifts {
             for hz in [10.0, 50.0, 150.0] {
                 let reference = sine_um(&truth, hz, if drift.lasts_s > 0.0 { 12.0 } else { 7.0 });
-                let found = Way::ALL.map(|way| adapted(&truth, drift, &design, way, &reference));
+                let found = AdaptationWay::ALL.map(|way| adapted(&truth, drift, &design, way, &reference));
                 println!(
                     "| {seed} | {} to {} | {hz} | {} | {} |",
                     drift.from,
@@ -68,7 +72,9 @@ fn main() {
         for times in [0.0, 1.0, 3.0] {
             let mut other = truth.clone();
             other.creep.iter_mut().for_each(|term| term.0 *= times);
-            let error = |hz: f64| nm(adapted(&other, Drift::none(1.0), &design, Way::Nothing, &sine_um(&truth, hz, 7.0)).at_last.rms_um);
+            let error = |hz: f64| {
+                nm(adapted(&other, AdaptationDrift::none(1.0), &design, AdaptationWay::Nothing, &sine_um(&truth, hz, 7.0)).at_last.rms_um)
+            };
             println!("| {seed} | creep times {times} | 1, 10, 50, 150 | {} |", [1.0, 10.0, 50.0, 150.0].map(error).join(" / "));
         }
     }

@@ -1,7 +1,7 @@
 //! A stage on [`IndependentStage`] whose gain is another one than when it was recorded, and drifts; the
 //! servo's model of it corrected in several ways: what the slow adaptation is judged by.
 
-use crate::independent_stage::{Change, IndependentStage, Truth};
+use crate::independent_stage::{IndependentStage, StageChange, StageTruth};
 use crate::servo_study::{RATE_HZ, prepared};
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::gain_adaptation::AdaptationDesign;
@@ -19,7 +19,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// How the gain of the model is corrected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum AdaptationWay {
     /// Not at all: the unknown input carries all of it.
     Nothing,
     /// In the tick, in integers, from the unknown input that moves with the feedforward: the scheme.
@@ -33,14 +33,14 @@ pub enum Way {
     Known,
 }
 
-impl Way {
+impl AdaptationWay {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Nothing, Self::InTheTick, Self::WithTheDrive, Self::FromTheError, Self::Known];
 }
 
 /// A stage whose gain drifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drift {
+pub struct AdaptationDrift {
     /// Gain over the recorded one at the beginning.
     pub from: f64,
     /// At the end, reached in a straight line.
@@ -49,7 +49,7 @@ pub struct Drift {
     pub lasts_s: f64,
 }
 
-impl Drift {
+impl AdaptationDrift {
     /// A gain that stays.
     #[must_use]
     pub fn none(gain: f64) -> Self {
@@ -64,14 +64,14 @@ impl Drift {
 
 struct Drifting {
     stage: IndependentStage,
-    drift: Drift,
+    drift: AdaptationDrift,
     periods: usize,
 }
 
 impl Plant for Drifting {
     fn advance(&mut self, drive_v: f64, external_um: f64) {
         let gain_ratio = self.drift.at(self.periods as f64 * SAMPLING_PERIOD_S);
-        self.stage.change_to(Change { gain_ratio, ..Change::NONE });
+        self.stage.change_to(StageChange { gain_ratio, ..StageChange::NONE });
         self.periods += 1;
         self.stage.advance(drive_v, external_um);
     }
@@ -100,7 +100,7 @@ pub fn adaptive(design: &ServoDesign) -> ServoDesign {
 /// A tick whose block is exchanged for one with another gain, window by window, all in f64.
 struct Around {
     servo: ServoTick,
-    way: Way,
+    way: AdaptationWay,
     design: ServoDesign,
     bounds: AdaptationDesign,
     converters: ConverterParameters,
@@ -117,7 +117,7 @@ struct Around {
 }
 
 impl Around {
-    fn new(servo: ServoTick, way: Way, design: &ServoDesign) -> Self {
+    fn new(servo: ServoTick, way: AdaptationWay, design: &ServoDesign) -> Self {
         let Scheme::Predictor { tuning, .. } = &design.scheme else { unreachable!("a predictor") };
         let law = PredictorDesign::new(&design.model.linear, tuning);
         let at_rad_s = TAU * 50.0;
@@ -145,8 +145,8 @@ impl Around {
         let newest = self.references_um.len().saturating_sub(WINDOW);
         let fed: f64 = self.references_um[newest..].iter().zip(&self.feedforward).map(|(r, c)| r * c).sum();
         let error_um = um(self.servo.reference().to_bits()) - um(self.servo.reading().to_bits());
-        let moving = if self.way == Way::WithTheDrive { um(self.servo.applied().to_bits()) } else { fed };
-        let carried = if self.way == Way::FromTheError { error_um } else { um(self.servo.unknown_input()) };
+        let moving = if self.way == AdaptationWay::WithTheDrive { um(self.servo.applied().to_bits()) } else { fed };
+        let carried = if self.way == AdaptationWay::FromTheError { error_um } else { um(self.servo.unknown_input()) };
         self.ticks += 1;
         if self.ticks <= SETTLING_TICKS {
             return;
@@ -158,7 +158,7 @@ impl Around {
             if let Some(before) = self.before.replace(means) {
                 let change = means[1] - before[1];
                 // An error that is late by a time has the size of a change already.
-                let carried = if self.way == Way::FromTheError { -means[0] / self.lateness_blocks } else { means[0] - before[0] };
+                let carried = if self.way == AdaptationWay::FromTheError { -means[0] / self.lateness_blocks } else { means[0] - before[0] };
                 self.product += carried * change;
                 self.square += change * change;
             }
@@ -202,7 +202,7 @@ impl Controller for Around {
     fn tick(&mut self, adc_code: SensorCode, ahead_um: f64) -> DriveCode {
         self.references_um.push(ahead_um);
         let code = Controller::tick(&mut self.servo, adc_code, ahead_um);
-        if matches!(self.way, Way::WithTheDrive | Way::FromTheError) {
+        if matches!(self.way, AdaptationWay::WithTheDrive | AdaptationWay::FromTheError) {
             self.watch();
         }
         code
@@ -233,7 +233,7 @@ pub struct Adapted {
 /// A sine that grows from zero, um: from 15 to 65 % of the travel, where neither a gain a fifth too small nor
 /// much creep brings the drive to a limit.
 #[must_use]
-pub fn sine_um(truth: &Truth, hz: f64, duration_s: f64) -> Vec<f64> {
+pub fn sine_um(truth: &StageTruth, hz: f64, duration_s: f64) -> Vec<f64> {
     let amplitude_um = 0.25 * truth.travel_um;
     let mut reference = waveform::sine(RATE_HZ, hz, amplitude_um, 0.4 * truth.travel_um, -FRAC_PI_2, duration_s);
     waveform::grow_from_zero(&mut reference, RATE_HZ);
@@ -245,13 +245,13 @@ pub fn sine_um(truth: &Truth, hz: f64, duration_s: f64) -> Vec<f64> {
 /// # Panics
 /// If the design is no predictor or does not fit the tick's formats.
 #[must_use]
-pub fn adapted(truth: &Truth, drift: Drift, design: &ServoDesign, way: Way, reference_um: &[f64]) -> Adapted {
+pub fn adapted(truth: &StageTruth, drift: AdaptationDrift, design: &ServoDesign, way: AdaptationWay, reference_um: &[f64]) -> Adapted {
     let used = match way {
-        Way::InTheTick => adaptive(design),
-        Way::Known => with_gain(design, drift.to),
+        AdaptationWay::InTheTick => adaptive(design),
+        AdaptationWay::Known => with_gain(design, drift.to),
         _ => design.clone(),
     };
-    let change = Change { gain_ratio: drift.from, ..Change::NONE };
+    let change = StageChange { gain_ratio: drift.from, ..StageChange::NONE };
     let (stage, servo, around) = prepared(truth, change, &used, 0xada7);
     let mut drifting = Drifting { stage, drift, periods: 0 };
     let mut controller = Around::new(servo, way, &used);
@@ -259,7 +259,7 @@ pub fn adapted(truth: &Truth, drift: Drift, design: &ServoDesign, way: Way, refe
     let from = trace.reference_um.len() - waveform::samples_in(RATE_HZ, 1.0);
     let gain = match (controller.servo.adaptation(), way) {
         (Some(adaptation), _) => f64::from(adaptation.gain()) / f64::from(ONE),
-        (None, Way::Known) => drift.to,
+        (None, AdaptationWay::Known) => drift.to,
         _ => controller.gain,
     };
     Adapted { at_last: trace.true_error(from), gain, counters: trace.counters, trace }

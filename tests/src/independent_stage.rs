@@ -14,8 +14,8 @@
 //!   noise and the steps of its converter. Converters have 16 bits ([`ConverterScale::around`]). A code acts
 //!   one period after the reading that it came from.
 //!
-//! A [`Truth`] is drawn from a seed. Every third stage has a lightly damped first mode, and every stage has a
-//! second mode between 1.2 times the first one and 9.5 kHz.
+//! A [`StageTruth`] is drawn from a seed. Every third stage has a lightly damped first mode, and every
+//! stage has a second mode between 1.2 times the first one and 9.5 kHz.
 
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::converter_scale::ConverterScale;
@@ -42,7 +42,7 @@ pub struct TrueMode {
 
 /// What a stage is made of.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Truth {
+pub struct StageTruth {
     /// Seed it was drawn from.
     pub seed: u64,
     /// Highest drive, V; the lowest is 0.
@@ -65,7 +65,7 @@ pub struct Truth {
     pub noise_um: f64,
 }
 
-impl Truth {
+impl StageTruth {
     /// The stage of a seed.
     #[must_use]
     pub fn drawn(seed: u64) -> Self {
@@ -131,7 +131,7 @@ impl Oscillator {
 
 /// Changes of a stage after it was recorded: what a loop has to stand.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Change {
+pub struct StageChange {
     /// Moving mass over the recorded one.
     pub mass_ratio: f64,
     /// Force over the recorded one.
@@ -142,7 +142,7 @@ pub struct Change {
     pub mode: Option<TrueMode>,
 }
 
-impl Change {
+impl StageChange {
     /// As it was recorded.
     pub const NONE: Self = Self { mass_ratio: 1.0, gain_ratio: 1.0, delay_s: 0.0, mode: None };
 }
@@ -150,8 +150,8 @@ impl Change {
 /// The stage with its state.
 #[derive(Clone, Debug)]
 pub struct IndependentStage {
-    truth: Truth,
-    change: Change,
+    truth: StageTruth,
+    change: StageChange,
     plays: Vec<Play>,
     highest_v: f64,
     oscillators: Vec<Oscillator>,
@@ -164,7 +164,7 @@ pub struct IndependentStage {
 impl IndependentStage {
     /// At rest, never driven.
     #[must_use]
-    pub fn virgin(truth: &Truth, change: Change) -> Self {
+    pub fn virgin(truth: &StageTruth, change: StageChange) -> Self {
         let total: f64 = (0..PLAYS).map(|i| (-3.0 * i as f64 / PLAYS as f64).exp()).sum();
         let plays = (0..PLAYS).map(|i| {
             let at = (i as f64 + 0.5) / PLAYS as f64;
@@ -206,14 +206,14 @@ impl IndependentStage {
     }
 
     /// Goes over to another change while it runs. A mode cannot come or go.
-    pub fn change_to(&mut self, change: Change) {
+    pub fn change_to(&mut self, change: StageChange) {
         let slower = change.mass_ratio.powf(-0.5);
         let recorded = std::iter::once(&self.truth.first_mode).chain(&self.truth.second_mode);
         for (oscillator, mode) in self.oscillators.iter_mut().zip(recorded) {
             oscillator.omega_rad_s = std::f64::consts::TAU * mode.frequency_hz * slower;
             oscillator.damping_ratio = mode.damping_ratio * slower;
         }
-        self.change = Change { mode: self.change.mode, ..change };
+        self.change = StageChange { mode: self.change.mode, ..change };
     }
 
     /// Force-equivalent displacement of a drive, um.
@@ -287,15 +287,15 @@ impl Plant for IndependentStage {
 mod tests {
     use super::*;
 
-    fn damped(frequency_hz: f64, damping_ratio: f64) -> Truth {
+    fn damped(frequency_hz: f64, damping_ratio: f64) -> StageTruth {
         let first_mode = TrueMode { frequency_hz, damping_ratio, share: 1.0 };
-        Truth { first_mode, second_mode: None, creep: [(0.0, 1.0); 4], first_rise_share: 0.0, ..Truth::drawn(1) }
+        StageTruth { first_mode, second_mode: None, creep: [(0.0, 1.0); 4], first_rise_share: 0.0, ..StageTruth::drawn(1) }
     }
 
     #[test]
     fn a_mode_rings_down_as_the_closed_form_says() {
         let (hz, xi) = (6000.0, 0.02);
-        let mut stage = IndependentStage::virgin(&damped(hz, xi), Change::NONE);
+        let mut stage = IndependentStage::virgin(&damped(hz, xi), StageChange::NONE);
         let (w, drive_v) = (std::f64::consts::TAU * hz, 40.0);
         let rest_um = stage.hysteresis_um(drive_v);
         let root = (1.0 - xi * xi).sqrt();
@@ -310,7 +310,7 @@ mod tests {
     #[test]
     fn a_delay_of_a_period_is_a_period() {
         let run = |delay_s: f64| {
-            let mut stage = IndependentStage::virgin(&damped(900.0, 0.3), Change { delay_s, ..Change::NONE });
+            let mut stage = IndependentStage::virgin(&damped(900.0, 0.3), StageChange { delay_s, ..StageChange::NONE });
             let step = |k: i32| if k < 5 { 0.0 } else { 40.0 };
             (0..40).map(|k| (stage.advance(step(k), 0.0), stage.displacement_um()).1).collect::<Vec<f64>>()
         };
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn the_hysteresis_closes_its_loops_and_keeps_what_it_should() {
-        let mut stage = IndependentStage::virgin(&damped(900.0, 0.3), Change::NONE);
+        let mut stage = IndependentStage::virgin(&damped(900.0, 0.3), StageChange::NONE);
         let first = stage.hysteresis_um(50.0);
         stage.hysteresis_um(80.0);
         let falling = stage.hysteresis_um(50.0);

@@ -1,7 +1,7 @@
 //! A periodic reference on [`IndependentStage`](crate::independent_stage::IndependentStage), its correction
 //! learned in several ways: what the learned feedforward is judged by.
 
-use crate::independent_stage::{Change, Truth};
+use crate::independent_stage::{StageChange, StageTruth};
 use crate::servo_study::{RATE_HZ, prepared};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identify::identify;
@@ -27,13 +27,13 @@ pub const PERIOD_TICKS: usize = 200;
 
 /// The stage is 5 % less stiff in gain and all its modes are 5 % slower than the model that was identified
 /// before.
-pub const FIVE_PERCENT_LESS: Change = Change { gain_ratio: 0.95, mass_ratio: 1.0 / (0.95 * 0.95), ..Change::NONE };
+pub const FIVE_PERCENT_LESS: StageChange = StageChange { gain_ratio: 0.95, mass_ratio: 1.0 / (0.95 * 0.95), ..StageChange::NONE };
 /// The other way round.
-pub const FIVE_PERCENT_MORE: Change = Change { gain_ratio: 1.05, mass_ratio: 1.0 / (1.05 * 1.05), ..Change::NONE };
+pub const FIVE_PERCENT_MORE: StageChange = StageChange { gain_ratio: 1.05, mass_ratio: 1.0 / (1.05 * 1.05), ..StageChange::NONE };
 
 /// How a correction is learned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum LearningWay {
     /// Not at all.
     Nothing,
     /// In the tick, point by point, in integers: the scheme.
@@ -70,7 +70,7 @@ impl Learned {
 
 /// Periods of a triangle with sharp corners over six tenths of the travel, about its middle, um.
 #[must_use]
-pub fn triangle_um(truth: &Truth, periods: usize) -> Vec<f64> {
+pub fn triangle_um(truth: &StageTruth, periods: usize) -> Vec<f64> {
     let half = PERIOD_TICKS / 2;
     let height = |k: usize| 1.0 - (k % PERIOD_TICKS).abs_diff(half) as f64 / half as f64;
     (0..PERIOD_TICKS * periods).map(|k| truth.travel_um * (0.2 + 0.6 * height(k))).collect()
@@ -79,7 +79,7 @@ pub fn triangle_um(truth: &Truth, periods: usize) -> Vec<f64> {
 /// A tick with another way of learning around it, in f64: it sees what the tick's own sees.
 struct Around {
     servo: ServoTick,
-    way: Way,
+    way: LearningWay,
     design: LearningDesign,
     /// `1 / T` of the model at every harmonic.
     inverse: Vec<(f64, f64)>,
@@ -105,7 +105,7 @@ impl Around {
     fn update(&mut self, updates: usize) {
         let share = self.share(updates);
         let wanted: Vec<f64> = match self.way {
-            Way::WholePeriods => {
+            LearningWay::WholePeriods => {
                 let step = filtered(&self.design.learning, 31, &self.errors_um);
                 let stepped: Vec<f64> = self.correction_um.iter().zip(&step).map(|(f, s)| f + s).collect();
                 filtered(&self.design.robustness, 32, &stepped)
@@ -170,7 +170,7 @@ impl Controller for Around {
             let now = k - PREVIEW_TICKS;
             self.errors_um[now % PERIOD_TICKS] = self.asked_um[now] - self.servo.reading().to_num::<f64>();
             let (periods, ended) = ((now + 1) / PERIOD_TICKS, (now + 1).is_multiple_of(PERIOD_TICKS));
-            let every = if self.way == Way::WholePeriods { 2 } else { 1 };
+            let every = if self.way == LearningWay::WholePeriods { 2 } else { 1 };
             // As the tick does, the first period is let by.
             if ended && periods >= 2 && (periods - 2).is_multiple_of(every) {
                 self.update((periods - 2) / every);
@@ -209,10 +209,10 @@ fn inverse_answers(design: &ServoDesign) -> Vec<(f64, f64)> {
 /// # Panics
 /// If the design has no filters to learn with or does not fit the tick's formats.
 #[must_use]
-pub fn learned(truth: &Truth, change: Change, design: &ServoDesign, way: Way, periods: usize) -> Learned {
+pub fn learned(truth: &StageTruth, change: StageChange, design: &ServoDesign, way: LearningWay, periods: usize) -> Learned {
     let filters = design.learning.clone().expect("a design that learns");
     let mut used = design.clone();
-    if way != Way::EveryTick {
+    if way != LearningWay::EveryTick {
         used.learning = None;
     }
     let (mut stage, mut servo, around) = prepared(truth, change, &used, 0x1ea1);
@@ -226,7 +226,7 @@ pub fn learned(truth: &Truth, change: Change, design: &ServoDesign, way: Way, pe
     let mut told = vec![triangle[0]; PREVIEW_TICKS];
     told.extend(&triangle);
     let around = Surroundings { seed: around.seed ^ 1, ..around };
-    let mut trace = if matches!(way, Way::Nothing | Way::EveryTick) {
+    let mut trace = if matches!(way, LearningWay::Nothing | LearningWay::EveryTick) {
         follow(&mut stage, &mut servo, &around, &told)
     } else {
         let nothing = vec![0.0; PERIOD_TICKS];

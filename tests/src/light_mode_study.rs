@@ -2,7 +2,7 @@
 //! becomes motion, and how far the mode may move, on
 //! [`IndependentStage`](crate::independent_stage::IndependentStage).
 
-use crate::independent_stage::{Change, TrueMode, Truth};
+use crate::independent_stage::{StageChange, StageTruth, TrueMode};
 use crate::servo_study::{LIMIT_CYCLE, RATE_HZ, rest_um, run};
 use hysteron::servo::design::ServoDesign;
 use hysteron_sim::waveform;
@@ -28,14 +28,14 @@ const REFERENCE_UM: f64 = 0.1;
 /// The stage of a seed with its first mode at another frequency. Its seed is another one, so that its model
 /// is kept under a name of its own.
 #[must_use]
-pub fn with_first_mode(seed: u64, frequency_hz: f64) -> Truth {
-    let drawn = Truth::drawn(seed);
-    Truth { seed: drawn.seed + OWN_SEEDS, first_mode: TrueMode { frequency_hz, ..drawn.first_mode }, ..drawn }
+pub fn with_first_mode(seed: u64, frequency_hz: f64) -> StageTruth {
+    let drawn = StageTruth::drawn(seed);
+    StageTruth { seed: drawn.seed + OWN_SEEDS, first_mode: TrueMode { frequency_hz, ..drawn.first_mode }, ..drawn }
 }
 
 /// Magnitude of the true position over the reference, by frequency, Hz.
 #[must_use]
-pub fn reference_response(truth: &Truth, design: &ServoDesign) -> Vec<(f64, f64)> {
+pub fn reference_response(truth: &StageTruth, design: &ServoDesign) -> Vec<(f64, f64)> {
     let line_hz = RATE_HZ / PERIOD_TICKS as f64;
     let lines: Vec<usize> = (1..=(HIGHEST_HZ / line_hz) as usize).collect();
     let middle_um = 0.5 * truth.travel_um;
@@ -49,7 +49,7 @@ pub fn reference_response(truth: &Truth, design: &ServoDesign) -> Vec<(f64, f64)
     // From nothing to its full size over the first periods.
     let grown = 4 * PERIOD_TICKS;
     reference.extend(small.iter().enumerate().map(|(k, r)| middle_um + r * (k as f64 / grown as f64).min(1.0)));
-    let trace = run(truth, Change::NONE, design, &reference);
+    let trace = run(truth, StageChange::NONE, design, &reference);
     let from = begin + PERIODS.0 * PERIOD_TICKS;
     let window = from..from + PERIODS.1 * PERIOD_TICKS;
     let at = |signal: &[f64], line: usize| {
@@ -78,21 +78,21 @@ pub fn peak(response: &[(f64, f64)]) -> f64 {
 
 /// The stage with its first mode at a multiple of its frequency.
 #[must_use]
-pub fn moved(truth: &Truth, factor: f64) -> Truth {
+pub fn moved(truth: &StageTruth, factor: f64) -> StageTruth {
     let first_mode = TrueMode { frequency_hz: factor * truth.first_mode.frequency_hz, ..truth.first_mode };
-    Truth { first_mode, ..truth.clone() }
+    StageTruth { first_mode, ..truth.clone() }
 }
 
 /// Whether a servo oscillates by itself where the first mode stands elsewhere.
 #[must_use]
-pub fn oscillates_with_mode_at(truth: &Truth, factor: f64, design: &ServoDesign) -> bool {
-    let rest_um = rest_um(&moved(truth, factor), Change::NONE, design);
+pub fn oscillates_with_mode_at(truth: &StageTruth, factor: f64, design: &ServoDesign) -> bool {
+    let rest_um = rest_um(&moved(truth, factor), StageChange::NONE, design);
     rest_um.is_nan() || rest_um > LIMIT_CYCLE * truth.noise_um
 }
 
 /// Factors of the first mode's frequency between which the servo is stable, in steps of 2.5 % up to 50 %.
 #[must_use]
-pub fn stable_range(truth: &Truth, design: &ServoDesign) -> (f64, f64) {
+pub fn stable_range(truth: &StageTruth, design: &ServoDesign) -> (f64, f64) {
     let reach =
         |up: f64| (1..=20).map(|i| 1.0 + up * 0.025 * f64::from(i)).take_while(|f| !oscillates_with_mode_at(truth, *f, design)).last();
     if oscillates_with_mode_at(truth, 1.0, design) {

@@ -1,7 +1,7 @@
 //! Recordings of real stages, which lie beside the project and are never copied into it.
 
 use hysteron::dataset::{Dataset, Record, Role};
-use hysteron::watch::{Event, Watch};
+use hysteron::watch::{Watch, WatchEvent};
 use std::path::{Path, PathBuf};
 
 /// Takes a flag out of the arguments of an example; whether it was there.
@@ -50,19 +50,19 @@ pub fn stage(records: Vec<Record>) -> Dataset {
 }
 
 /// Prints what a search does, with the seconds since it was made: for `--trace` of an example.
-pub struct Trace(std::time::Instant);
+pub struct MeasuredTrace(std::time::Instant);
 
-impl Default for Trace {
+impl Default for MeasuredTrace {
     fn default() -> Self {
         Self(std::time::Instant::now())
     }
 }
 
-impl Watch for Trace {
-    fn event(&self, event: &Event<'_>) {
+impl Watch for MeasuredTrace {
+    fn event(&self, event: &WatchEvent<'_>) {
         let seconds = self.0.elapsed().as_secs_f64();
         match event {
-            Event::Tried { added, identify_rms_um, validate_rms_um, best } => eprintln!(
+            WatchEvent::Tried { added, identify_rms_um, validate_rms_um, best } => eprintln!(
                 "    {seconds:>6.1} s {:>7.1} / {:>7.1} nm {} {}",
                 1e3 * identify_rms_um,
                 1e3 * validate_rms_um.unwrap_or(f64::NAN),

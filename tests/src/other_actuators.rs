@@ -4,13 +4,13 @@
 //! [`STEP_S`], with the drive held between samples, and read by a sensor with white noise. All are drawn from
 //! a seed.
 //!
-//! * *Voice coil* ([`Kind::VoiceCoil`]): a coil with resistance, inductance and back
+//! * *Voice coil* ([`ActuatorKind::VoiceCoil`]): a coil with resistance, inductance and back
 //!   electromotive force, on flexures, in a field that is weaker off its middle: `L i' = u - R
 //!   i - K(x) v`, `m v' = K(x) i - d v - k x`, `K(x) = K0 (1 - (x / w)^2)`.
-//! * *Motor stage* ([`Kind::MotorStage`]): a current-controlled motor on a screw with Stribeck friction whose
-//!   bristles give before they slip (LuGre, Canudas de Wit et al. 1995), inside its own position loop (PI on
-//!   velocity, P on position); its drive is the commanded position. An encoder counts.
-//! * *Reluctance actuator* ([`Kind::Reluctance`]): a biased magnet pulls a leaf spring across a gap,
+//! * *Motor stage* ([`ActuatorKind::MotorStage`]): a current-controlled motor on a screw with Stribeck
+//!   friction whose bristles give before they slip (LuGre, Canudas de Wit et al. 1995), inside its own
+//!   position loop (PI on velocity, P on position); its drive is the commanded position. An encoder counts.
+//! * *Reluctance actuator* ([`ActuatorKind::Reluctance`]): a biased magnet pulls a leaf spring across a gap,
 //!   `F = c (I0 + i)^2 / (g - x)^2`, driven by a current amplifier of first order, with eddy currents
 //!   as a second lag of the field.
 
@@ -28,7 +28,7 @@ pub const DRIVE_MAX_V: f64 = 10.0;
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ActuatorKind {
     /// A coil in a magnet's gap, on flexures.
     VoiceCoil,
     /// A motor with a screw, inside its position loop.
@@ -38,9 +38,9 @@ pub enum Kind {
 }
 
 /// All kinds.
-pub const KINDS: [Kind; 3] = [Kind::VoiceCoil, Kind::MotorStage, Kind::Reluctance];
+pub const KINDS: [ActuatorKind; 3] = [ActuatorKind::VoiceCoil, ActuatorKind::MotorStage, ActuatorKind::Reluctance];
 
-impl Kind {
+impl ActuatorKind {
     /// Its name in tables.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -59,8 +59,8 @@ pub const OF_CERAMICS: [&str; 6] = ["creep", "initial_curve", "charge_leakage", 
 /// Effects of ceramics that a kind truly imitates: friction before the slip is a hysteresis of displacement,
 /// and the play operators describe it.
 #[must_use]
-pub fn imitated(kind: Kind) -> &'static [&'static str] {
-    if kind == Kind::MotorStage { &["hysteresis"] } else { &[] }
+pub fn imitated(kind: ActuatorKind) -> &'static [&'static str] {
+    if kind == ActuatorKind::MotorStage { &["hysteresis"] } else { &[] }
 }
 
 type State = [f64; 4];
@@ -217,16 +217,16 @@ fn drives(seed: u64) -> Vec<(&'static str, Role, Vec<f64>)> {
 /// # Panics
 /// Where they make no data set.
 #[must_use]
-pub fn recorded(kind: Kind, seed: u64) -> Dataset {
+pub fn recorded(kind: ActuatorKind, seed: u64) -> Dataset {
     let mut random = Pcg64Mcg::seed_from_u64(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let records = drives(seed).into_iter().map(|(name, role, drive_v)| {
         // The same actuator in every record, from rest.
         let mut values = Pcg64Mcg::seed_from_u64(seed);
         let mut between = |low: f64, high: f64| low + (high - low) * values.random::<f64>();
         let mut actuator = match kind {
-            Kind::VoiceCoil => voice_coil(&mut between),
-            Kind::MotorStage => motor_stage(&mut between),
-            Kind::Reluctance => reluctance(&mut between),
+            ActuatorKind::VoiceCoil => voice_coil(&mut between),
+            ActuatorKind::MotorStage => motor_stage(&mut between),
+            ActuatorKind::Reluctance => reluctance(&mut between),
         };
         let readings = actuator.record(&drive_v, &mut random);
         Record::new(name, SAMPLE_RATE_HZ, drive_v, readings).with_role(role)

@@ -1,7 +1,7 @@
 //! The amplifier (guard, modes, servo) in front of [`IndependentStage`]: what the target's interrupt runs, on
 //! a stage that the simulation does not share.
 
-use crate::independent_stage::{Change, IndependentStage, Truth};
+use crate::independent_stage::{IndependentStage, StageChange, StageTruth};
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -47,10 +47,10 @@ impl RunningAmplifier {
     /// # Panics
     /// If it does not come there.
     #[must_use]
-    pub fn conditioned(truth: &Truth, parameters: &AmplifierParameters) -> Self {
+    pub fn conditioned(truth: &StageTruth, parameters: &AmplifierParameters) -> Self {
         let rest = parameters.guard.rest_code;
         let mut this = Self {
-            stage: IndependentStage::virgin(truth, Change::NONE),
+            stage: IndependentStage::virgin(truth, StageChange::NONE),
             scale: front_end().scale(0.0, truth.drive_max_v),
             noise: WhiteNoise::new(truth.noise_um, truth.seed ^ 0x7e1e),
             codes: [rest; 2],

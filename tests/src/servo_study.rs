@@ -1,7 +1,7 @@
 //! From a recording to a servo at work on the stage that was recorded: the way of a user, on
 //! [`IndependentStage`].
 
-use crate::independent_stage::{Change, IndependentStage, PERIOD_S, TrueMode, Truth};
+use crate::independent_stage::{IndependentStage, PERIOD_S, StageChange, StageTruth, TrueMode};
 use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::model_file::effects_named;
@@ -28,7 +28,7 @@ pub const RATE_HZ: f64 = 1.0 / PERIOD_S;
 
 /// How people record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Recording {
+pub enum StudyRecording {
     /// Triangles, sines, a step, and a multisine to 1.5 kHz.
     Usual,
     /// What the target's `identify` plays: three tones over the whole range and a small sweep to nearly half
@@ -38,7 +38,7 @@ pub enum Recording {
     Wideband,
 }
 
-impl Recording {
+impl StudyRecording {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Usual, Self::TargetsOwn, Self::Wideband];
 
@@ -65,10 +65,10 @@ fn identification_drive_v(top_v: f64, samples: usize) -> Vec<f64> {
 }
 
 /// One record of a virgin stage, sampled every `every` periods of the loop.
-fn played(truth: &Truth, name: &str, every: usize, drive_v: Vec<f64>) -> Record {
+fn played(truth: &StageTruth, name: &str, every: usize, drive_v: Vec<f64>) -> Record {
     // Every record has noise of its own.
     let seed = name.bytes().fold(truth.seed, |h, b| h.wrapping_mul(31).wrapping_add(u64::from(b)));
-    let mut stage = IndependentStage::virgin(truth, Change::NONE);
+    let mut stage = IndependentStage::virgin(truth, StageChange::NONE);
     let readings_um = stage.record(&drive_v, every, &mut WhiteNoise::new(truth.noise_um, seed));
     Record::new(name, RATE_HZ / every as f64, drive_v, readings_um).from_virgin_state()
 }
@@ -78,17 +78,17 @@ fn played(truth: &Truth, name: &str, every: usize, drive_v: Vec<f64>) -> Record 
 /// # Panics
 /// Never: the drives are within the limits.
 #[must_use]
-pub fn record(truth: &Truth, recording: Recording) -> Dataset {
+pub fn record(truth: &StageTruth, recording: StudyRecording) -> Dataset {
     let top_v = truth.drive_max_v;
     let rest = played(truth, "rest", 1, vec![0.0; 8000]).with_role(Role::Noise);
     let records = match recording {
-        Recording::TargetsOwn => {
+        StudyRecording::TargetsOwn => {
             let samples = 100_000;
             let whole = played(truth, "run", 1, identification_drive_v(top_v, samples));
             let half = |name: &str, role, window| Record { name: name.into(), role, window, ..whole.clone() };
             vec![half("run_identify", Role::Identify, 0..samples / 2), half("run_validate", Role::Validate, samples / 2..samples), rest]
         }
-        Recording::Usual | Recording::Wideband => {
+        StudyRecording::Usual | StudyRecording::Wideband => {
             let stairs = |vertices: &[f64]| {
                 let scaled: Vec<f64> = vertices.iter().map(|v| v * top_v / 70.0).collect();
                 waveform::triangles(2000.0, 200.0, &scaled)
@@ -100,7 +100,7 @@ pub fn record(truth: &Truth, recording: Recording) -> Dataset {
                 let amplitude_v = top_v * if hz < 60.0 { 0.42 } else { 0.17 };
                 sines.extend(waveform::sine_burst(RATE_HZ, hz, amplitude_v, 0.45 * top_v, (3.0 / hz).clamp(0.03, 0.25)));
             }
-            let highest_hz = if recording == Recording::Usual { 1500.0 } else { RECOMMENDED_MULTISINE_HZ };
+            let highest_hz = if recording == StudyRecording::Usual { 1500.0 } else { RECOMMENDED_MULTISINE_HZ };
             let period = 4000;
             let line_hz = RATE_HZ / f64::from(period);
             let lines: Vec<usize> = (1..=(highest_hz / line_hz) as usize).step_by(3).collect();
@@ -138,7 +138,7 @@ pub fn explained(dataset: &Dataset) -> Outcome {
 /// # Panics
 /// If the folder cannot be written, or a kept file is no model.
 #[must_use]
-pub fn kept_model(truth: &Truth, recording: Recording, dataset: &Dataset) -> Model {
+pub fn kept_model(truth: &StageTruth, recording: StudyRecording, dataset: &Dataset) -> Model {
     let folder = PathBuf::from("target/servo_from_data");
     let kept = folder.join(format!("{}_{}.toml", truth.seed, recording.name().replace(' ', "_").replace('\'', "")));
     if let Ok(text) = std::fs::read_to_string(&kept) {
@@ -165,7 +165,12 @@ fn sine_um(frequency_hz: f64, amplitude_um: f64) -> (Vec<f64>, usize) {
 /// # Panics
 /// If the design does not fit the tick's formats, which is what designing has to see to.
 #[must_use]
-pub fn prepared(truth: &Truth, change: Change, design: &ServoDesign, seed: u64) -> (IndependentStage, ServoTick, Surroundings<'static>) {
+pub fn prepared(
+    truth: &StageTruth,
+    change: StageChange,
+    design: &ServoDesign,
+    seed: u64,
+) -> (IndependentStage, ServoTick, Surroundings<'static>) {
     let scale = truth.converters();
     let mut stage = IndependentStage::virgin(truth, change);
     let mut servo = ServoTick::new(design.parameters(scale.parameters()).expect("fits"));
@@ -189,14 +194,14 @@ pub fn prepared(truth: &Truth, change: Change, design: &ServoDesign, seed: u64) 
 /// # Panics
 /// As [`prepared`].
 #[must_use]
-pub fn run(truth: &Truth, change: Change, design: &ServoDesign, reference_um: &[f64]) -> Trace {
+pub fn run(truth: &StageTruth, change: StageChange, design: &ServoDesign, reference_um: &[f64]) -> Trace {
     let (mut stage, mut servo, around) = prepared(truth, change, design, 0x5e70);
     follow(&mut stage, &mut servo, &around, reference_um)
 }
 
 /// What a servo does on the stage.
 #[derive(Clone, Debug)]
-pub struct AtWork {
+pub struct StudyAtWork {
     /// Error of the true position at each frequency of [`FREQUENCIES_HZ`], um.
     pub errors: Vec<ErrorFigures>,
     /// RMS motion at rest, mean removed, um.
@@ -206,7 +211,7 @@ pub struct AtWork {
     pub unstable: bool,
 }
 
-impl AtWork {
+impl StudyAtWork {
     /// Largest RMS error over the frequencies, um.
     #[must_use]
     pub fn worst_um(&self) -> f64 {
@@ -222,7 +227,7 @@ pub const LIMIT_CYCLE: f64 = 10.0;
 
 /// Puts a servo to work: sines of a quarter of the travel's height, and rest in the middle of the range.
 #[must_use]
-pub fn at_work(truth: &Truth, change: Change, design: &ServoDesign) -> AtWork {
+pub fn at_work(truth: &StageTruth, change: StageChange, design: &ServoDesign) -> StudyAtWork {
     let amplitude_um = 0.3 * truth.travel_um;
     let errors: Vec<ErrorFigures> = FREQUENCIES_HZ
         .iter()
@@ -233,13 +238,13 @@ pub fn at_work(truth: &Truth, change: Change, design: &ServoDesign) -> AtWork {
         .collect();
     let rest_um = rest_um(truth, change, design);
     let unstable = rest_um > LIMIT_CYCLE * truth.noise_um || errors.iter().any(|e| e.rms_um > 0.1 * amplitude_um);
-    AtWork { errors, rest_um, unstable }
+    StudyAtWork { errors, rest_um, unstable }
 }
 
 /// A stage whose change comes slowly while it runs.
 struct Changing {
     stage: IndependentStage,
-    change: Change,
+    change: StageChange,
     periods: usize,
 }
 
@@ -251,9 +256,13 @@ impl Plant for Changing {
         let (from_s, lasts_s) = SLOW_CHANGE_S;
         let share = ((self.periods as f64 * PERIOD_S - from_s) / lasts_s).clamp(0.0, 1.0);
         self.periods += 1;
-        let Change { mass_ratio, gain_ratio, delay_s, .. } = self.change;
-        let change =
-            Change { mass_ratio: mass_ratio.powf(share), gain_ratio: gain_ratio.powf(share), delay_s: delay_s * share, ..Change::NONE };
+        let StageChange { mass_ratio, gain_ratio, delay_s, .. } = self.change;
+        let change = StageChange {
+            mass_ratio: mass_ratio.powf(share),
+            gain_ratio: gain_ratio.powf(share),
+            delay_s: delay_s * share,
+            ..StageChange::NONE
+        };
         self.stage.change_to(change);
         self.stage.advance(drive_v, external_um);
     }
@@ -270,17 +279,17 @@ impl Plant for Changing {
 /// As [`rest_um`], but the stage is as it was recorded until it rests in the middle of its range, and changes
 /// slowly there: the drive is at no limit.
 #[must_use]
-pub fn rest_after_slow_change_um(truth: &Truth, change: Change, design: &ServoDesign) -> f64 {
+pub fn rest_after_slow_change_um(truth: &StageTruth, change: StageChange, design: &ServoDesign) -> f64 {
     let mut reference = vec![0.5 * truth.travel_um; waveform::samples_in(RATE_HZ, SLOW_CHANGE_S.0 + SLOW_CHANGE_S.1 + 0.6)];
     waveform::grow_from_zero(&mut reference, RATE_HZ);
-    let (stage, mut servo, around) = prepared(truth, Change::NONE, design, 0x5e70);
+    let (stage, mut servo, around) = prepared(truth, StageChange::NONE, design, 0x5e70);
     let trace = follow(&mut Changing { stage, change, periods: 0 }, &mut servo, &around, &reference);
     motion_at_the_end_um(&trace)
 }
 
 /// RMS motion at rest in the middle of the range over the last 0.2 s of 1.2 s, mean removed, um.
 #[must_use]
-pub fn rest_um(truth: &Truth, change: Change, design: &ServoDesign) -> f64 {
+pub fn rest_um(truth: &StageTruth, change: StageChange, design: &ServoDesign) -> f64 {
     let mut reference = vec![0.5 * truth.travel_um; waveform::samples_in(RATE_HZ, 1.2)];
     waveform::grow_from_zero(&mut reference, RATE_HZ);
     motion_at_the_end_um(&run(truth, change, design, &reference))
@@ -297,7 +306,7 @@ fn motion_at_the_end_um(trace: &Trace) -> f64 {
 /// identified, nothing unknown to be reckoned with, and of the best tunings on the grid and between its
 /// points the one that does better on the stage itself.
 #[must_use]
-pub fn designed_with_the_truth(truth: &Truth, chain: &Model) -> Option<ServoDesign> {
+pub fn designed_with_the_truth(truth: &StageTruth, chain: &Model) -> Option<ServoDesign> {
     let (mut model, _) = actuator_model(chain)?.for_the_tick();
     let mode = |m: &TrueMode| ModeModel { natural_frequency_rad_s: TAU * m.frequency_hz, damping_ratio: m.damping_ratio };
     model.linear.first_mode = mode(&truth.first_mode);
@@ -312,7 +321,7 @@ pub fn designed_with_the_truth(truth: &Truth, chain: &Model) -> Option<ServoDesi
     };
     let designs: Vec<ServoDesign> =
         [task.coarse_scan(), task.scan()].iter().filter_map(|scan| scan.best_if_recorded()).map(|c| design(c.tuning)).collect();
-    let worst_um = |design: &ServoDesign| at_work(truth, Change::NONE, design).worst_um();
+    let worst_um = |design: &ServoDesign| at_work(truth, StageChange::NONE, design).worst_um();
     designs.into_iter().min_by(|a, b| worst_um(a).total_cmp(&worst_um(b)))
 }
 

@@ -22,7 +22,7 @@ const HANDLER: &str = "TIM2";
 const SECTION: &str = ".control_code";
 
 /// What the check found.
-pub struct Figures {
+pub struct CodeFigures {
     /// Bytes of code that the interrupt can reach.
     pub control_code_bytes: u64,
     /// Functions among them.
@@ -192,7 +192,7 @@ impl Walk {
 }
 
 /// Walks the interrupt's code in the image.
-pub fn check(elf: &Path) -> Result<Figures, String> {
+pub fn check(elf: &Path) -> Result<CodeFigures, String> {
     let bytes = std::fs::read(elf).map_err(|error| format!("{}: {error}", elf.display()))?;
     let file = object::File::parse(&*bytes).map_err(|error| format!("{}: {error}", elf.display()))?;
     let code = Code::read(&file, elf)?;
@@ -223,7 +223,7 @@ pub fn check(elf: &Path) -> Result<Figures, String> {
         return Err(format!("the control interrupt's code is not clean:\n  {}", complaints.join("\n  ")));
     }
     let size_of = |wanted: &[&str]| -> u64 { wanted.iter().filter_map(|name| file.section_by_name(name)).map(|s| s.size()).sum() };
-    Ok(Figures {
+    Ok(CodeFigures {
         control_code_bytes: seen.iter().filter_map(|start| code.functions.get(start)).map(|(size, _)| size).sum(),
         control_functions: seen.len(),
         impossible_cases,

@@ -56,7 +56,7 @@ pub enum Brought {
 
 /// Counts since the start, and the block in use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Diagnosis {
+pub struct DeviceDiagnosis {
     /// Ticks at which the sensor's code was at or beyond the limits of the sensor.
     pub railed_ticks: u32,
     /// Ticks of the closed loop at which the drive was at a limit.
@@ -81,7 +81,7 @@ pub struct Diagnosis {
 
 /// A fault of the past.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Event {
+pub struct DeviceEvent {
     /// The start of the program in which it was, counted since the supply was switched on.
     pub start: u32,
     /// The tick at which it was latched.
@@ -150,7 +150,7 @@ pub trait Device {
     fn envelope(&self) -> Option<SafetyEnvelope>;
 
     /// The fault so many before the last one that was latched; `None` beyond the oldest that is kept.
-    fn event(&self, before_last: u32) -> Option<Event>;
+    fn event(&self, before_last: u32) -> Option<DeviceEvent>;
 
     /// What has become of it.
     fn brought(&self) -> Brought;
@@ -174,7 +174,7 @@ pub trait Device {
     fn set_baud(&mut self, baud: u32);
 
     /// Counts since the start, and the block in use.
-    fn diagnosis(&self) -> Diagnosis;
+    fn diagnosis(&self) -> DeviceDiagnosis;
 
     /// How well the closed loop followed over the last whole window of [`hysteron_core::loop_telemetry`].
     fn loop_figures(&self) -> LoopFigures;

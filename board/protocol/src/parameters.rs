@@ -4,7 +4,7 @@
 
 /// A parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Parameter {
+pub enum DeviceParameter {
     /// Lowest position, um.
     RangeMinimum,
     /// Highest position, um.
@@ -57,7 +57,7 @@ pub enum Parameter {
     RecorderTables,
 }
 
-impl Parameter {
+impl DeviceParameter {
     /// Every one with its number, its type, and what it is.
     pub const ALL: [(Self, u32, &'static str, &'static str); 25] = [
         (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),

@@ -43,7 +43,7 @@ use crate::data_array::{DataArray, MOST_COLUMNS};
 use crate::decimal::{Decimal, from_fixed, to_fixed};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
-use crate::parameters::Parameter;
+use crate::parameters::DeviceParameter;
 use crate::waveform::Segment;
 use crate::words::Words;
 use crate::{IS_GENERATING, IS_MOVING, IS_READY, help};
@@ -335,7 +335,7 @@ impl<D: Device + 'static> Session<D> {
                 self.sent(written, if nth > 0 && entry.is_none() { Pending::Nothing } else { Pending::Help(nth + 1) })
             }
             Pending::ParameterHelp(nth) => {
-                let entry = nth.checked_sub(1).and_then(|nth| Parameter::ALL.get(nth));
+                let entry = nth.checked_sub(1).and_then(|nth| DeviceParameter::ALL.get(nth));
                 let written = match (nth, entry) {
                     (0, _) => writeln!(piece, "{} ", help::PARAMETERS),
                     (_, Some((_, number, kind, what))) => writeln!(piece, "{number:#x}=\t0\t1\t{kind}\tHysteron\t{what} "),

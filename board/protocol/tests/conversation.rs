@@ -14,7 +14,7 @@ use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, wri
 use hysteron_core::safety_envelope::{self, SafetyEnvelope};
 use hysteron_core::servo_parameters::LawParameters;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Event, Moving, View};
+use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, View};
 use hysteron_protocol::session::{Outcome, Piece, Session, Step, WAVE_TABLES};
 use hysteron_protocol::{DIALECT, Lines};
 use hysteron_sim::bench::{Bench, Plant, Sensor, Variant};
@@ -42,7 +42,7 @@ struct Rig {
     /// Ticks that have gone by without being simulated.
     skipped: u64,
     envelope: Option<SafetyEnvelope>,
-    events: Vec<Event>,
+    events: Vec<DeviceEvent>,
 }
 
 const ROOM: u32 = 3000;
@@ -152,7 +152,7 @@ impl Device for Shared {
     fn envelope(&self) -> Option<SafetyEnvelope> {
         self.0.borrow().envelope
     }
-    fn event(&self, before_last: u32) -> Option<Event> {
+    fn event(&self, before_last: u32) -> Option<DeviceEvent> {
         self.0.borrow().events.iter().rev().nth(before_last as usize).copied()
     }
     fn swap_block(&mut self) {
@@ -180,8 +180,8 @@ impl Device for Shared {
     fn set_baud(&mut self, baud: u32) {
         self.0.borrow_mut().baud = baud;
     }
-    fn diagnosis(&self) -> Diagnosis {
-        Diagnosis { railed_ticks: 7, block_checksum: 0xdead_beef, adapted_gain_millionths: 1_050_000, ..Diagnosis::default() }
+    fn diagnosis(&self) -> DeviceDiagnosis {
+        DeviceDiagnosis { railed_ticks: 7, block_checksum: 0xdead_beef, adapted_gain_millionths: 1_050_000, ..DeviceDiagnosis::default() }
     }
     fn loop_figures(&self) -> LoopFigures {
         self.0.borrow().telemetry.figures()
@@ -894,7 +894,7 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
     assert_eq!(table.ask("BLK?"), "KEPT\n");
     let said = table.ask("ENV?");
     assert!(said.contains(&format!("CHECKSUM={checksum:#010x}")) && said.contains("DRIVE=0.000 20.000 V"), "{said}");
-    let event = |tick, fault| Event { start: 3, tick, fault };
+    let event = |tick, fault| DeviceEvent { start: 3, tick, fault };
     table.rig.0.borrow_mut().events = vec![event(7, Fault::Watchdog), event(900, Fault::Interlock)];
     assert_eq!(table.ask("LOG?"), "START=3 TICK=900 FAULT=14 interlock \nSTART=3 TICK=7 FAULT=9 watchdog\n");
 }

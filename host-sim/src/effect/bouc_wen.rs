@@ -1,12 +1,13 @@
 //! Bouc-Wen hysteresis: one state that follows the drive and saturates.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
 use crate::block::Block;
 use crate::chain::Model;
 
 /// Linear displacement less a Bouc-Wen state.
 pub struct BoucWen;
 
+#[derive(Clone)]
 struct BoucWenStage {
     gain_um: f64,
     alpha_um: f64,
@@ -16,6 +17,21 @@ struct BoucWenStage {
     last: f64,
     lower_limit_v: f64,
     range_v: f64,
+}
+
+impl BoucWenStage {
+    fn new(model: &Model, values: &[f64]) -> Self {
+        Self {
+            gain_um: values[0],
+            alpha_um: values[1],
+            beta: values[2],
+            gamma: values[3],
+            state: 0.0,
+            last: 0.0,
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+        }
+    }
 }
 
 impl Stage for BoucWenStage {
@@ -47,6 +63,18 @@ impl Stage for BoucWenStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+}
+
+impl Loops for BoucWenStage {
+    fn boxed(&self) -> Box<dyn Loops> {
+        Box::new(self.clone())
+    }
+    fn go_to(&mut self, drive_v: f64) -> f64 {
+        self.step(0, drive_v)
+    }
+    fn bends_v(&self, _rising: bool) -> Vec<f64> {
+        Vec::new()
     }
 }
 
@@ -86,16 +114,10 @@ The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|),
         super::loops::closed_because(model)
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(BoucWenStage {
-            gain_um: values[0],
-            alpha_um: values[1],
-            beta: values[2],
-            gamma: values[3],
-            state: 0.0,
-            last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
-        }))
+        Some(Box::new(BoucWenStage::new(model, values)))
+    }
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(BoucWenStage::new(model, values)))
     }
     fn fitting_rank(&self) -> usize {
         1

@@ -2,9 +2,10 @@
 //! step.
 //!
 //! A sum of first-order terms with time constants spread evenly over the logarithm of time; they stay fixed,
-//! their shares are estimated, which makes the logarithmic law without a start time as a parameter. The
-//! rational form of the thesis (Ch. 5, Eq. 17) is
-//! [`crate::linear_system::ContinuousSystem::from_transfer_function`].
+//! their shares are estimated, which makes the logarithmic law without a start time as a parameter. Beside it
+//! stand [`super::creep_pole_pair`], which makes it the rational form of the thesis (Ch. 5, Eq. 17),
+//! [`super::logarithmic_creep`], the same law in two parameters, and [`super::creep_operators`], whose
+//! equilibrium has hysteresis.
 
 use super::{
     Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage,
@@ -211,6 +212,11 @@ impl Creep {
         let n = self.terms.max(1);
         (0..n).map(|i| shortest * (longest / shortest).powf(if n == 1 { 1.0 } else { i as f64 / (n - 1) as f64 })).collect()
     }
+}
+
+/// The stage of terms, each a share and a time constant, s, one after the other.
+pub(super) fn stage_of_terms(values: &[f64], dt_s: f64) -> Box<dyn Stage> {
+    Box::new(CreepStage::new(values, dt_s))
 }
 
 /// Creep with fixed time constants whose shares may have either sign, each starting at 0.01.

@@ -1,12 +1,13 @@
 //! Duhem hysteresis: the slope of the displacement depends on the direction of the drive.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
 use crate::block::Block;
 use crate::chain::Model;
 
 /// Coleman-Hodgdon form of the Duhem model.
 pub struct Duhem;
 
+#[derive(Clone)]
 struct DuhemStage {
     approach: f64,
     slope_um: f64,
@@ -15,6 +16,20 @@ struct DuhemStage {
     last: f64,
     lower_limit_v: f64,
     range_v: f64,
+}
+
+impl DuhemStage {
+    fn new(model: &Model, values: &[f64]) -> Self {
+        Self {
+            approach: values[0],
+            slope_um: values[1],
+            elastic_um: values[2],
+            output: 0.0,
+            last: 0.0,
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+        }
+    }
 }
 
 impl Stage for DuhemStage {
@@ -45,6 +60,18 @@ impl Stage for DuhemStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+}
+
+impl Loops for DuhemStage {
+    fn boxed(&self) -> Box<dyn Loops> {
+        Box::new(self.clone())
+    }
+    fn go_to(&mut self, drive_v: f64) -> f64 {
+        self.step(0, drive_v)
+    }
+    fn bends_v(&self, _rising: bool) -> Vec<f64> {
+        Vec::new()
     }
 }
 
@@ -83,15 +110,10 @@ Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) s
         super::loops::closed_because(model)
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(DuhemStage {
-            approach: values[0],
-            slope_um: values[1],
-            elastic_um: values[2],
-            output: 0.0,
-            last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
-        }))
+        Some(Box::new(DuhemStage::new(model, values)))
+    }
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(DuhemStage::new(model, values)))
     }
     fn fitting_rank(&self) -> usize {
         1

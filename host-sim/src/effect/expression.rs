@@ -125,7 +125,7 @@ impl ExpressionEffect {
             .iter()
             .find(|(name, _)| *name == file.place)
             .map(|(_, place)| *place)
-            .ok_or_else(|| format!("place: \"{}\" is none of {}", file.place, Place::NAMES.map(|(name, _)| name).join(", ")))?;
+            .ok_or_else(|| format!("place: \"{}\"; expected one of {}", file.place, Place::NAMES.map(|(name, _)| name).join(", ")))?;
         let mut characters = file.id.chars();
         let begins = characters.next().is_some_and(|c| c.is_alphabetic() || c == '_');
         if !begins || characters.any(|c| !(c.is_alphanumeric() || c == '_')) {
@@ -396,7 +396,7 @@ mod tests {
             }
         }
         let mut stage = effect.stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1)).unwrap();
-        assert!(stage.step(0, 1.0).is_nan(), "a state that cannot be followed is given up, not followed wrongly");
+        assert!(stage.step(0, 1.0).is_nan(), "a state that cannot be followed is abandoned, not followed wrongly");
     }
 
     #[test]

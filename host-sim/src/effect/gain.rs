@@ -1,6 +1,6 @@
 //! Proportional response: the least that a model can be.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
 use crate::block::Block;
 use crate::chain::Model;
 
@@ -10,6 +10,7 @@ pub const ID: &str = "gain";
 /// Displacement proportional to the drive above its lower limit.
 pub struct Gain;
 
+#[derive(Clone)]
 struct GainStage {
     gain_um_v: f64,
     lower_limit_v: f64,
@@ -24,6 +25,18 @@ impl Stage for GainStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+}
+
+impl Loops for GainStage {
+    fn boxed(&self) -> Box<dyn Loops> {
+        Box::new(self.clone())
+    }
+    fn go_to(&mut self, drive_v: f64) -> f64 {
+        self.step(0, drive_v)
+    }
+    fn bends_v(&self, _rising: bool) -> Vec<f64> {
+        Vec::new()
     }
 }
 
@@ -50,6 +63,9 @@ impl Effect for Gain {
         vec![vec![overview.gain_um_v]]
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
+    }
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
     }
     fn fitting_rank(&self) -> usize {

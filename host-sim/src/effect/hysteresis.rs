@@ -1,12 +1,15 @@
 //! Rate-independent hysteresis with memory: the classical Preisach model and, with the initial ascending
 //! curve, the one-sided model.
 //!
-//! The stage holds the surfaces of [`crate::hysteresis_surface`]. `initial_curve`, `rate_dependence` and
-//! `bipolar` are properties of this stage: it reads their values from the model.
+//! The stage holds the surfaces of [`crate::hysteresis_surface`]. `initial_curve`, `rate_dependence`,
+//! `rate_dependent_surfaces`, `bipolar` and `two_sided` are properties of this stage: it reads their values
+//! from the model.
 
 use super::play_operators::PlayOperators;
+use super::rate_dependent_surfaces::RateOrders;
+use super::two_sided::TwoSidedMemory;
 use super::{
-    Against, CoefficientWalker, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, Stage, bipolar, rate_dependence,
+    Against, CoefficientWalker, Declaration, Effect, Loops, Overview, Parameter, Picture, Place, Setting, Stage, bipolar, rate_dependence,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -32,7 +35,7 @@ impl Default for Hysteresis {
 
 /// Number of coefficients of a loop surface.
 #[must_use]
-pub fn coefficient_count(degree: usize) -> usize {
+pub const fn coefficient_count(degree: usize) -> usize {
     degree * (degree + 1) / 2
 }
 
@@ -42,18 +45,26 @@ pub fn degree_of(coefficients: usize) -> usize {
     (1..).find(|d| coefficient_count(*d) >= coefficients).unwrap_or(1)
 }
 
+#[derive(Clone)]
 struct HysteresisStage {
     operator: OneSidedHysteresis,
     plays: Option<PlayOperators>,
+    rate_orders: Option<RateOrders>,
+    two_sided: Option<TwoSidedMemory>,
+    /// What operator and plays give where the memory begins, um.
+    zero_um: f64,
     drive: HeldDrive,
     output_um: f64,
 }
 
 /// The drive as the hysteresis sees it: where it stands, and how fast it got there.
+#[derive(Clone)]
 struct HeldDrive {
     lower_limit_v: f64,
     range_v: f64,
     rate: Option<rate_dependence::RateLaw>,
+    /// Something beside that law asks for the rate.
+    by_rate: bool,
     last_drive_v: f64,
     dt_s: f64,
     /// Intervals in a sampling period, and how many have passed since the drive changed.
@@ -68,6 +79,7 @@ impl HeldDrive {
             lower_limit_v,
             range_v: model.drive_max_v - lower_limit_v,
             rate: rate_dependence::RateLaw::of(model),
+            by_rate: model.effect(super::rate_dependent_surfaces::ID).is_some(),
             last_drive_v: lower_limit_v,
             dt_s: setting.dt_s,
             substeps: setting.substeps,
@@ -75,9 +87,18 @@ impl HeldDrive {
         }
     }
 
+    fn asks_rate(&self) -> bool {
+        self.rate.is_some() || self.by_rate
+    }
+
     /// In units of the drive range above its lower limit.
     fn normalised(&self, drive_v: f64) -> f64 {
         (drive_v - self.lower_limit_v) / self.range_v
+    }
+
+    /// The drive at an input in those units, V.
+    fn at(&self, x: f64) -> f64 {
+        self.lower_limit_v + self.range_v * x
     }
 
     /// Takes the drive of the next interval and returns its rate in V/s, or `None` if the output stays what
@@ -86,7 +107,7 @@ impl HeldDrive {
         if drive_v == self.last_drive_v {
             self.unchanged += 1;
             // A held drive has the rate of its sample until the next one.
-            if self.rate.is_none() || self.unchanged < self.substeps {
+            if !self.asks_rate() || self.unchanged < self.substeps {
                 return None;
             }
         }
@@ -114,12 +135,16 @@ impl Stage for HysteresisStage {
             if let Some(law) = self.drive.rate {
                 self.output_um = law.apply(self.output_um, self.curve_at_maximum_um(), rate_v_s);
             }
+            if let Some(orders) = &mut self.rate_orders {
+                self.output_um += orders.step(self.drive.normalised(input), rate_v_s);
+            }
         }
         self.output_um
     }
     fn run(&mut self, from: usize, signal: &mut [f64]) {
         // A rate is one of every step.
-        let Some(last_v) = signal.last().copied().filter(|_| self.drive.rate.is_none()) else {
+        let plain = !self.drive.asks_rate() && self.two_sided.is_none();
+        let Some(last_v) = signal.last().copied().filter(|_| plain) else {
             signal.iter_mut().enumerate().for_each(|(k, value)| *value = self.step(from + k, *value));
             return;
         };
@@ -133,6 +158,9 @@ impl Stage for HysteresisStage {
         self.output_um = signal[signal.len() - 1];
     }
     fn blocks(&self) -> Option<Vec<Block>> {
+        if self.two_sided.is_some() || self.rate_orders.is_some() {
+            return None; // no block has their surfaces
+        }
         let surfaces = self.operator.surfaces();
         let drive = &self.drive;
         Some(vec![Block::Loops {
@@ -147,14 +175,56 @@ impl Stage for HysteresisStage {
     fn settle(&mut self, input: f64) -> f64 {
         self.drive.settle(input);
         self.output_um = self.rate_independent(input);
+        if let Some(orders) = &mut self.rate_orders {
+            orders.step(self.drive.normalised(input), 0.0);
+        }
         self.output_um
     }
 }
 
+impl Loops for HysteresisStage {
+    fn boxed(&self) -> Box<dyn Loops> {
+        Box::new(self.clone())
+    }
+    fn go_to(&mut self, drive_v: f64) -> f64 {
+        self.step(0, drive_v)
+    }
+    fn bends_v(&self, rising: bool) -> Vec<f64> {
+        let stack = self.operator.stack();
+        let remembered = stack.pairs().iter().map(|pair| if rising { pair.maximum } else { pair.minimum });
+        let open = stack.open_maximum().filter(|_| rising);
+        let bends = remembered.chain(open).chain(self.plays.iter().flat_map(|plays| plays.bends(rising)));
+        bends.chain(self.two_sided.iter().map(|memory| memory.extremum(rising))).map(|x| self.drive.at(x)).collect()
+    }
+}
+
 impl HysteresisStage {
+    fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
+        let remnant = model.values(super::initial_curve::ID).unwrap_or_default();
+        let surfaces = Surfaces::from_legendre(degree_of(values.len()), values, &remnant);
+        let drive = HeldDrive::of(model, setting);
+        let mut stage = Self {
+            two_sided: TwoSidedMemory::of(model, &surfaces),
+            operator: OneSidedHysteresis::virgin(surfaces, drive.lower_limit_v, drive.range_v),
+            plays: PlayOperators::of(model),
+            rate_orders: RateOrders::of(model),
+            drive,
+            zero_um: 0.0,
+            output_um: 0.0,
+        };
+        if stage.two_sided.is_some() {
+            stage.zero_um = stage.rate_independent(model.virgin_drive_v());
+        }
+        stage
+    }
+
     fn rate_independent(&mut self, drive_v: f64) -> f64 {
         let x = self.drive.normalised(drive_v);
-        self.operator.step(drive_v) + self.plays.as_mut().map_or(0.0, |plays| plays.step(x))
+        let loops_um = self.operator.step(drive_v) + self.plays.as_mut().map_or(0.0, |plays| plays.step(x));
+        match &mut self.two_sided {
+            Some(memory) => loops_um - self.zero_um + memory.step(x),
+            None => loops_um,
+        }
     }
 
     /// Where the initial ascending curve was left, or is.
@@ -250,17 +320,15 @@ At rest the memory is that of one rise from 0 to `X`. The output is a force-equi
         &[super::initial_curve::ID]
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let remnant = model.values(super::initial_curve::ID).unwrap_or_default();
-        let surfaces = Surfaces::from_legendre(degree_of(values.len()), values, &remnant);
-        let drive = HeldDrive::of(model, setting);
-        Some(Box::new(HysteresisStage {
-            operator: OneSidedHysteresis::virgin(surfaces, drive.lower_limit_v, drive.range_v),
-            plays: PlayOperators::of(model),
-            drive,
-            output_um: 0.0,
-        }))
+        Some(Box::new(HysteresisStage::new(model, values, setting)))
+    }
+    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(HysteresisStage::new(model, values, setting)))
     }
     fn coefficient_walker(&self, model: &Model, setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
+        if model.effect(super::two_sided::ID).is_some() {
+            return None; // the surfaces act through the virgin part as well
+        }
         let count = |id: &str| model.effect(id).map_or(0, |e| e.parameters.len());
         let (loops, curve) = (count(ID), count(super::initial_curve::ID));
         // Of each play operator its weight, the first of its two values.

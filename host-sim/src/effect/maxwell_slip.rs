@@ -1,6 +1,6 @@
 //! Maxwell slip hysteresis: elastic-plastic elements in parallel hold back an otherwise linear piezo.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
 use crate::block::{Block, Play};
 use crate::chain::Model;
 
@@ -10,6 +10,12 @@ const ELEMENTS: usize = 8;
 /// Linear spring less a sum of elasto-slide elements.
 pub struct MaxwellSlip;
 
+/// Stretch at which element `i` slips, in units of the drive range.
+fn limit(i: usize) -> f64 {
+    0.5 * (i + 1) as f64 / ELEMENTS as f64
+}
+
+#[derive(Clone)]
 struct SlipStage {
     gain_um: f64,
     stiffness_um: Vec<f64>,
@@ -19,13 +25,25 @@ struct SlipStage {
     range_v: f64,
 }
 
+impl SlipStage {
+    fn new(model: &Model, values: &[f64]) -> Self {
+        Self {
+            gain_um: values[0],
+            stiffness_um: values[1..].to_vec(),
+            stretch: vec![0.0; values.len() - 1],
+            last: 0.0,
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+        }
+    }
+}
+
 impl Stage for SlipStage {
     fn step(&mut self, _k: usize, input: f64) -> f64 {
         let x = (input - self.lower_limit_v) / self.range_v;
         let mut held = 0.0;
         for (i, (stiffness, stretch)) in self.stiffness_um.iter().zip(&mut self.stretch).enumerate() {
-            let limit = 0.5 * (i + 1) as f64 / ELEMENTS as f64;
-            *stretch = (*stretch + x - self.last).clamp(-limit, limit);
+            *stretch = (*stretch + x - self.last).clamp(-limit(i), limit(i));
             held += stiffness * *stretch;
         }
         self.last = x;
@@ -38,6 +56,20 @@ impl Stage for SlipStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+}
+
+impl Loops for SlipStage {
+    fn boxed(&self) -> Box<dyn Loops> {
+        Box::new(self.clone())
+    }
+    fn go_to(&mut self, drive_v: f64) -> f64 {
+        self.step(0, drive_v)
+    }
+    fn bends_v(&self, rising: bool) -> Vec<f64> {
+        // Where an element begins to slip.
+        let left = |(i, stretch): (usize, &f64)| if rising { limit(i) - stretch } else { -limit(i) - stretch };
+        self.stretch.iter().enumerate().map(|element| self.lower_limit_v + self.range_v * (self.last + left(element))).collect()
     }
 }
 
@@ -74,14 +106,10 @@ At rest the elements follow `X` once from 0."
         super::loops::closed_because(model)
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SlipStage {
-            gain_um: values[0],
-            stiffness_um: values[1..].to_vec(),
-            stretch: vec![0.0; values.len() - 1],
-            last: 0.0,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
-        }))
+        Some(Box::new(SlipStage::new(model, values)))
+    }
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(SlipStage::new(model, values)))
     }
     fn fitting_rank(&self) -> usize {
         1

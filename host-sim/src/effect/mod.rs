@@ -15,6 +15,8 @@ pub mod bipolar;
 pub mod bouc_wen;
 pub mod charge_leakage;
 pub mod creep;
+pub mod creep_operators;
+pub mod creep_pole_pair;
 pub mod delay;
 pub mod duhem;
 pub mod expression;
@@ -27,7 +29,9 @@ pub mod hum_harmonics;
 pub mod hysteresis;
 pub mod hysteretic_stiffness;
 pub mod initial_curve;
+pub mod inverse_preisach;
 pub mod load_force;
+pub mod logarithmic_creep;
 mod loops;
 pub mod mains_hum;
 pub mod mass_change;
@@ -35,9 +39,12 @@ pub mod maxwell_slip;
 pub mod nonlinear_damping;
 pub mod nonlinear_stiffness;
 pub mod play_operators;
+pub mod polynomial_loop;
 pub mod prandtl_ishlinskii;
 pub mod quantisation;
 pub mod rate_dependence;
+pub mod rate_dependent_prandtl_ishlinskii;
+pub mod rate_dependent_surfaces;
 pub mod saturation;
 pub mod second_mode;
 pub mod sensor_bandwidth;
@@ -45,6 +52,7 @@ pub mod sensor_filter;
 pub mod sensor_nonlinearity;
 pub mod slew_limit;
 pub mod thermal_drift;
+pub mod two_sided;
 pub mod vibration;
 
 use crate::block::Block;
@@ -469,6 +477,20 @@ pub trait Stage: Send {
     }
 }
 
+/// Loops of a structure that can be tried: what a drive would give, without going there. For
+/// [`crate::loop_inverse`].
+pub trait Loops: Send {
+    /// The same loops with the same memory.
+    fn boxed(&self) -> Box<dyn Loops>;
+
+    /// Takes the next drive, V, and returns the force-equivalent displacement, um.
+    fn go_to(&mut self, drive_v: f64) -> f64;
+
+    /// Drives at which the output bends on the way up, or down, from where the drive stands, V, in any order;
+    /// those behind it may be among them.
+    fn bends_v(&self, rising: bool) -> Vec<f64>;
+}
+
 /// Many signals that pass a linear stage side by side. A block holds a row for every interval, with one value
 /// for each signal.
 pub trait LinearLanes: Send {
@@ -629,6 +651,17 @@ pub trait Effect: Send + Sync {
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
 
+    /// Whether its loops are tried in the place of another structure's: one without memory, or that only adds
+    /// parameters to another, is not.
+    fn is_tried_for_loops(&self) -> bool {
+        self.declaration().is_main()
+    }
+
+    /// The loops of a structure that has an inverse.
+    fn loops(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        None
+    }
+
     /// What the effect adds to the force balance of the moving mass, which the vibration stage takes in.
     fn restoring_force(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
         None
@@ -703,12 +736,17 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(initial_curve::InitialCurve::default()),
         Arc::new(play_operators::PlayOperatorsBeside::default()),
         Arc::new(rate_dependence::RateDependence),
+        Arc::new(rate_dependent_surfaces::RateDependentSurfaces::default()),
         Arc::new(bipolar::Bipolar),
+        Arc::new(two_sided::TwoSided),
         Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: false }),
         Arc::new(prandtl_ishlinskii::PrandtlIshlinskii { one_sided_dead_zones: true }),
+        Arc::new(rate_dependent_prandtl_ishlinskii::RateDependentPrandtlIshlinskii),
         Arc::new(maxwell_slip::MaxwellSlip),
         Arc::new(bouc_wen::BoucWen),
         Arc::new(duhem::Duhem),
+        Arc::new(polynomial_loop::PolynomialLoop),
+        Arc::new(inverse_preisach::InversePreisach),
         Arc::new(load_force::LoadForce),
         Arc::new(backlash::Backlash),
         Arc::new(friction::Friction),
@@ -719,6 +757,9 @@ pub fn registry() -> Vec<Arc<dyn Effect>> {
         Arc::new(second_mode::SecondMode),
         Arc::new(mass_change::MassChange),
         Arc::new(creep::Creep::default()),
+        Arc::new(creep_pole_pair::CreepPolePair),
+        Arc::new(logarithmic_creep::LogarithmicCreep),
+        Arc::new(creep_operators::CreepOperators::default()),
         Arc::new(thermal_drift::ThermalDrift),
         Arc::new(sensor_nonlinearity::SensorNonlinearity),
         Arc::new(sensor_bandwidth::SensorBandwidth),

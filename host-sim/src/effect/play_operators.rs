@@ -93,6 +93,11 @@ impl PlayOperators {
         self.each(|_, _, play| play)
     }
 
+    /// Inputs at which an element begins to move, on the way up or down.
+    pub(super) fn bends(&self, rising: bool) -> impl Iterator<Item = f64> {
+        self.each(move |threshold, _, play| if rising { play + threshold } else { play - threshold })
+    }
+
     /// What the first rise to `x` gives.
     pub(super) fn initial_ascending_curve(&self, x: f64) -> f64 {
         self.each(|threshold, weight, _| weight * rise(x, threshold)).sum()

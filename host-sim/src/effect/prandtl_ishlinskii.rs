@@ -2,7 +2,7 @@
 //! behind.
 
 use super::play_operators::PlayOperators;
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
 use crate::block::{Block, Play};
 use crate::chain::Model;
 
@@ -17,12 +17,29 @@ pub struct PrandtlIshlinskii {
     pub one_sided_dead_zones: bool,
 }
 
+#[derive(Clone)]
 struct PlayStage {
     operators: PlayOperators,
     dead_zones: Vec<f64>,
     span_um: f64,
     lower_limit_v: f64,
     range_v: f64,
+}
+
+impl PlayStage {
+    fn new(model: &Model, values: &[f64]) -> Self {
+        let (weights, rest) = values.split_at(PLAYS.min(values.len()));
+        let (dead_zones, span_um) = rest.split_last().map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
+        Self {
+            operators: PlayOperators::new(
+                &weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>(),
+            ),
+            dead_zones: dead_zones.to_vec(),
+            span_um,
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+        }
+    }
 }
 
 impl Stage for PlayStage {
@@ -43,6 +60,19 @@ impl Stage for PlayStage {
     }
     fn settle(&mut self, input: f64) -> f64 {
         self.step(0, input)
+    }
+}
+
+impl Loops for PlayStage {
+    fn boxed(&self) -> Box<dyn Loops> {
+        Box::new(self.clone())
+    }
+    fn go_to(&mut self, drive_v: f64) -> f64 {
+        self.step(0, drive_v)
+    }
+    fn bends_v(&self, rising: bool) -> Vec<f64> {
+        // Where a dead zone ends the search finds by itself.
+        self.operators.bends(rising).map(|x| self.lower_limit_v + self.range_v * x).collect()
     }
 }
 
@@ -89,17 +119,10 @@ impl Effect for PrandtlIshlinskii {
         super::loops::closed_because(model)
     }
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        let (weights, rest) = values.split_at(PLAYS.min(values.len()));
-        let (dead_zones, span_um) = rest.split_last().map_or((&[][..], 0.0), |(span, zones)| (zones, *span));
-        Some(Box::new(PlayStage {
-            operators: PlayOperators::new(
-                &weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>(),
-            ),
-            dead_zones: dead_zones.to_vec(),
-            span_um,
-            lower_limit_v: model.drive_min_v,
-            range_v: model.drive_max_v - model.drive_min_v,
-        }))
+        Some(Box::new(PlayStage::new(model, values)))
+    }
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(PlayStage::new(model, values)))
     }
     fn fitting_rank(&self) -> usize {
         1

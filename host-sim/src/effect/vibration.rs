@@ -121,7 +121,7 @@ impl FilterPropagator {
 
 /// One mode of unit static gain, exact for an input that is held over an interval.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Mode {
+pub struct VibrationMode {
     propagator: Propagator,
     motion: Motion,
     /// The filter that reads it, with its reading and rate.
@@ -273,7 +273,7 @@ impl Propagator {
     }
 }
 
-impl Mode {
+impl VibrationMode {
     /// `omega^2 / (s^2 + 2 xi omega s + omega^2)`, thesis Ch. 5, Eq. 12.
     #[must_use]
     pub fn new(natural_frequency_rad_s: f64, damping_ratio: f64, dt_s: f64) -> Self {
@@ -389,7 +389,7 @@ impl Mode {
 
 /// The first mode: its mass free, held by a bristle, or against other forces.
 enum First {
-    Free(Box<Mode>),
+    Free(Box<VibrationMode>),
     Held(Box<HeldMass>),
     Balanced(BalancedMass),
 }
@@ -397,11 +397,11 @@ enum First {
 /// The modes that share the motion.
 pub(super) struct VibrationStage {
     first: Option<First>,
-    second: Option<(f64, Mode)>,
+    second: Option<(f64, VibrationMode)>,
     /// Inputs of the whole intervals by which the input is late.
     late: VecDeque<f64>,
     /// The first mode over a whole interval, without a bristle: what passes small changes on.
-    whole_interval: Option<Mode>,
+    whole_interval: Option<VibrationMode>,
     /// What a first mode whose mass is held read over the last signal, where others take it: it takes most of
     /// the time, and a second mode does not change it.
     by_held: Option<Vec<f64>>,
@@ -431,10 +431,10 @@ impl VibrationStage {
         let first = first_law.map(|first| match Bristle::of(model) {
             _ if balanced => First::Balanced(BalancedMass::new(&first, forces, mass_factor, dt_s, arrival, model.drive_min_v)),
             Some(bristle) => First::Held(Box::new(HeldMass::new(bristle, &first, dt_s, arrival, model.drive_min_v))),
-            None => First::Free(Box::new(Mode::read(&first, dt_s, arrival))),
+            None => First::Free(Box::new(VibrationMode::read(&first, dt_s, arrival))),
         });
-        let second = model.values(super::second_mode::ID).map(|v| (v[0], Mode::read(&law(v[1], v[2]), dt_s, arrival)));
-        let whole_interval = first_law.map(|first| Mode::read(&first, dt_s, arrival));
+        let second = model.values(super::second_mode::ID).map(|v| (v[0], VibrationMode::read(&law(v[1], v[2]), dt_s, arrival)));
+        let whole_interval = first_law.map(|first| VibrationMode::read(&first, dt_s, arrival));
         let late = std::iter::repeat_n(model.drive_min_v, late_intervals as usize).collect();
         Self { first, second, late, whole_interval, by_held: None }
     }
@@ -568,7 +568,7 @@ struct ModeLanes {
 }
 
 impl ModeLanes {
-    fn new(Mode { propagator: mode, filter, .. }: Mode, lanes: usize) -> Self {
+    fn new(VibrationMode { propagator: mode, filter, .. }: VibrationMode, lanes: usize) -> Self {
         let zeros = || vec![0.0; lanes];
         let filter = filter.map(|(filter, _)| (filter, vec![[0.0; 2]; lanes]));
         Self { mode, displacement: zeros(), velocity: zeros(), reading: zeros(), before: zeros(), filter }

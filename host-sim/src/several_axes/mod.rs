@@ -21,7 +21,7 @@ mod drive_path;
 mod modal_motion;
 
 pub use drive_path::{DrivePath, DriveRun, Held};
-pub use modal_motion::{ModalMotion, Mode, ModeFriction};
+pub use modal_motion::{ModalMotion, StageMode, ModeFriction};
 
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +33,14 @@ pub struct SensorPath {
     pub lag_s: f64,
 }
 
+impl SensorPath {
+    /// What it gives for a motion, a period after it gave `output` for `input`.
+    #[must_use]
+    pub fn after(&self, input: f64, output: f64, now: f64, dt_s: f64) -> f64 {
+        Lag::of(self, dt_s).map_or(now, |lag| Lag { input, output, ..lag }.step(now))
+    }
+}
+
 /// A stage of several drives and sensors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -41,7 +49,7 @@ pub struct ModalStage {
     pub drives: Vec<DrivePath>,
     /// One for each mode.
     #[serde(default)]
-    pub modes: Vec<Mode>,
+    pub modes: Vec<StageMode>,
     /// One for each sensor.
     pub sensors: Vec<SensorPath>,
     /// For each sensor what each drive moves at once.
@@ -210,8 +218,8 @@ mod tests {
 
     fn stage() -> ModalStage {
         let mut stage = ModalStage::at_rest(2, 2);
-        stage.modes.push(Mode { of_drives: vec![1.0, 0.3], of_sensors: vec![0.1, 0.02], ..Mode::linear(210.0, 0.03, 2, 2) });
-        stage.modes.push(Mode { of_drives: vec![0.0, 1.0], of_sensors: vec![0.0, 0.2], ..Mode::linear(330.0, 0.02, 2, 2) });
+        stage.modes.push(StageMode { of_drives: vec![1.0, 0.3], of_sensors: vec![0.1, 0.02], ..StageMode::linear(210.0, 0.03, 2, 2) });
+        stage.modes.push(StageMode { of_drives: vec![0.0, 1.0], of_sensors: vec![0.0, 0.2], ..StageMode::linear(330.0, 0.02, 2, 2) });
         stage
     }
 

@@ -17,7 +17,7 @@ pub struct ModeFriction {
 /// One mode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Mode {
+pub struct StageMode {
     /// Natural frequency, Hz.
     pub frequency_hz: f64,
     /// Damping ratio, below 1.
@@ -37,7 +37,7 @@ pub struct Mode {
     pub cubic: f64,
 }
 
-impl Mode {
+impl StageMode {
     /// A linear mode in which no drive and no sensor takes part.
     #[must_use]
     pub fn linear(frequency_hz: f64, damping_ratio: f64, drives: usize, sensors: usize) -> Self {
@@ -79,7 +79,7 @@ fn after_step(frequency_rad_s: f64, damping: f64, time_s: f64) -> [f64; 2] {
 /// A mode that is stepped.
 #[derive(Clone, Debug)]
 pub struct ModalMotion {
-    mode: Mode,
+    mode: StageMode,
     steps: usize,
     transition: [[f64; 2]; 2],
     /// For each drive: the step inside the period in which it changes, and what early and late part give there.
@@ -96,7 +96,7 @@ pub struct ModalMotion {
 impl ModalMotion {
     /// At rest; `switching` has the share of a period after which each drive changes.
     #[must_use]
-    pub fn new(mode: &Mode, switching: &[f64], dt_s: f64) -> Self {
+    pub fn new(mode: &StageMode, switching: &[f64], dt_s: f64) -> Self {
         let frequency = std::f64::consts::TAU * mode.frequency_hz;
         let damping = mode.damping_ratio.clamp(0.0, 0.99);
         let stiffer = mode.friction.map_or(1.0, |f| 1.0 + f.force.abs() / f.bend.max(1e-12));
@@ -146,6 +146,18 @@ impl ModalMotion {
     #[must_use]
     pub fn position(&self) -> f64 {
         self.state[0]
+    }
+
+    /// Its coordinate and velocity now.
+    #[must_use]
+    pub fn state(&self) -> [f64; 2] {
+        self.state
+    }
+
+    /// Puts it somewhere, with its friction unloaded.
+    pub fn put(&mut self, state: [f64; 2]) {
+        (self.state, self.bend) = (state, 0.0);
+        self.force = self.force_at(state[0], 0.0);
     }
 
     /// Comes to rest under what the drives give now; friction is unloaded there.

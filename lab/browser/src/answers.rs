@@ -1,6 +1,6 @@
 //! Answers to the page.
 
-use crate::recording::{ColumnChoice, Recording};
+use crate::recording::{ColumnChoice, UploadedRecording};
 use hysteron::analyse::Outcome;
 use hysteron::diagnosis::residual_map::{drive_features, residual_by_feature};
 use hysteron::diagnosis::words;
@@ -8,7 +8,7 @@ use hysteron::figures::FitFigures;
 use hysteron::identification::linearisation::fill_left_out;
 use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::quality;
-use hysteron::watch::Event;
+use hysteron::watch::WatchEvent;
 use hysteron::{Dataset, Record};
 use hysteron_report::explain_report;
 use hysteron_sim::chain::Model;
@@ -62,8 +62,8 @@ struct RecordLine<'a> {
 
 /// A data set as it was read.
 #[must_use]
-pub fn recording(recording: &Recording, floor: &NoiseFloor) -> Value {
-    let Recording { dataset, manifest, columns } = recording;
+pub fn recording(recording: &UploadedRecording, floor: &NoiseFloor) -> Value {
+    let UploadedRecording { dataset, manifest, columns } = recording;
     let line = |r: &Record| {
         json!(RecordLine {
             name: &r.name,
@@ -136,10 +136,10 @@ pub fn map_row(dataset: &Dataset, record: &Record, residual_um: &[f64]) -> Value
 
 /// What happens in a search.
 #[must_use]
-pub fn event(event: &Event<'_>) -> Value {
+pub fn event(event: &WatchEvent<'_>) -> Value {
     let text = event.to_string();
     match event {
-        Event::Tried { added, identify_rms_um, validate_rms_um, best } => {
+        WatchEvent::Tried { added, identify_rms_um, validate_rms_um, best } => {
             json!({ "text": text, "added": added, "fitted_um": identify_rms_um, "held_out_um": validate_rms_um, "best": best })
         }
         _ => json!({ "text": text }),

@@ -1,7 +1,7 @@
 //! Who asks a question that takes long: a page, whether its engine is in it or behind it.
 
 use crate::answers;
-use hysteron::watch::{Event, Watch};
+use hysteron::watch::{Watch, WatchEvent};
 
 /// Who asked: receives every step of a search as JSON, and may cancel the question.
 pub trait Asker: Sync {
@@ -24,7 +24,7 @@ impl<F: Fn(&str) + Sync> Asker for F {
 pub struct Teller<'a>(pub &'a dyn Asker);
 
 impl Watch for Teller<'_> {
-    fn event(&self, event: &Event<'_>) {
+    fn event(&self, event: &WatchEvent<'_>) {
         self.0.tell(&answers::event(event).to_string());
     }
 

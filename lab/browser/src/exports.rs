@@ -5,12 +5,12 @@
 //! Unsafe code is confined to this file: three names that are exported and one function that is imported.
 #![allow(unsafe_code)]
 
-use crate::session::Session;
+use crate::session::LabSession;
 use std::cell::RefCell;
 
 #[derive(Default)]
 struct Desk {
-    session: Session,
+    session: LabSession,
     question: Vec<u8>,
     answer: Vec<u8>,
 }

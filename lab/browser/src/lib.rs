@@ -1,7 +1,7 @@
 //! The lab as one page: what a browser's worker may ask of the library.
 //!
 //! A question is JSON with bytes behind it (the files that somebody dropped); an answer is JSON with columns
-//! of numbers behind it. The same [`Session`] answers in a test on the host and in the browser:
+//! of numbers behind it. The same [`LabSession`] answers in a test on the host and in the browser:
 //!
 //! * [`session`]: the data, the model and the last explanation, and what is asked of them;
 //! * [`recording`]: a data set from whatever files were dropped, with the roles that a person gave its
@@ -30,4 +30,4 @@ pub mod server;
 mod servo;
 pub mod session;
 
-pub use session::Session;
+pub use session::LabSession;

@@ -7,12 +7,13 @@
 //! log is decoded as `hysteron capture` does.
 
 use hysteron::capture::capture;
-use hysteron::dataset::manifest::{IntersampleEntry, PerColumn};
+use hysteron::dataset::column_rules::ColumnRules;
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::dataset::reading::{Instructions, from_file_as, from_manifest_as};
-use hysteron::dataset::recognise::{self, ColumnRules};
+use hysteron::dataset::recognise;
 use hysteron::dataset::table::Table;
 use hysteron::dataset::timing::Timing;
+use hysteron::dataset::{column_rules::PerColumn, manifest::IntersampleEntry};
 use hysteron::statistics::extremes;
 use hysteron::{Dataset, Error, Result, Role};
 use serde::{Deserialize, Serialize};
@@ -43,7 +44,7 @@ impl Said {
     /// The same in the words of the library.
     #[must_use]
     pub fn instructions(&self) -> Instructions {
-        use hysteron::dataset::manifest::ColumnName;
+        use hysteron::dataset::column_rules::ColumnName;
         let column = |text: &Option<String>| {
             let text = text.as_deref()?;
             Some(text.parse().map_or_else(|_| ColumnName::Name(text.to_owned()), ColumnName::Number))
@@ -72,7 +73,7 @@ pub struct ColumnChoice {
 }
 
 /// A data set with what the page shows of its files.
-pub struct Recording {
+pub struct UploadedRecording {
     /// The data set.
     pub dataset: Dataset,
     /// The manifest that was written for files without one.
@@ -81,7 +82,7 @@ pub struct Recording {
     pub columns: Vec<ColumnChoice>,
 }
 
-impl Recording {
+impl UploadedRecording {
     /// A data set that was read, with the roles that a person gave its records and the first of its tables.
     ///
     /// # Errors
@@ -101,7 +102,7 @@ fn base_name(path: &str) -> &str {
 ///
 /// # Errors
 /// One message with file, row or field, and what was expected.
-pub fn read(files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Recording> {
+pub fn read(files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<UploadedRecording> {
     if let Some((image, log)) = trace_of(files)? {
         return from_trace(image, log, said);
     }
@@ -130,7 +131,7 @@ pub fn read(files: &BTreeMap<String, Vec<u8>>, said: &Said) -> Result<Recording>
             (from_manifest_as(&text, "dataset.toml", files, &instructions)?, Some(text), Some(table))
         }
     };
-    Recording::of(dataset, written, shown.as_ref(), said)
+    UploadedRecording::of(dataset, written, shown.as_ref(), said)
 }
 
 /// First bytes of an executable image.
@@ -150,7 +151,7 @@ fn trace_of(files: &BTreeMap<String, Vec<u8>>) -> Result<Option<(&[u8], &[u8])>>
 }
 
 /// The trace in a log as a data set.
-fn from_trace(image: &[u8], log: &[u8], said: &Said) -> Result<Recording> {
+fn from_trace(image: &[u8], log: &[u8], said: &Said) -> Result<UploadedRecording> {
     let (found, files) = capture(image, log)?;
     let mut recording = read(&files.into_iter().collect(), said)?;
     recording.dataset.notes.push(format!(

@@ -1,6 +1,6 @@
 //! What the program was started with: a data set that is at hand before anything is dropped.
 
-use crate::recording::{Recording, Said};
+use crate::recording::{Said, UploadedRecording};
 use hysteron::Result;
 
 /// A data set that is at hand before anything is dropped.
@@ -9,7 +9,7 @@ pub trait Served: Send + Sync {
     ///
     /// # Errors
     /// One message with file, row or field, and what was expected.
-    fn read(&self, said: &Said) -> Result<Recording>;
+    fn read(&self, said: &Said) -> Result<UploadedRecording>;
 
     /// Its name.
     fn name(&self) -> String;
@@ -30,7 +30,7 @@ pub struct OnDisk {
 
 #[cfg(not(target_family = "wasm"))]
 impl Served for OnDisk {
-    fn read(&self, said: &Said) -> Result<Recording> {
+    fn read(&self, said: &Said) -> Result<UploadedRecording> {
         use hysteron::dataset::reading::Instructions;
         use hysteron::dataset::{folder, readers};
         // Entries of the page override those of the command line.
@@ -47,7 +47,7 @@ impl Served for OnDisk {
         let hints = readers::Hints { skip_rows: instructions.skip_rows.unwrap_or(0) };
         let table =
             first.map(|source| readers::read(&source, &folder::bytes(source.as_ref(), "the file of a record")?, hints)).transpose()?;
-        Recording::of(dataset, None, table.as_ref(), said)
+        UploadedRecording::of(dataset, None, table.as_ref(), said)
     }
 
     fn name(&self) -> String {

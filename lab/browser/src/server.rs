@@ -4,7 +4,7 @@
 //! Every question has a thread; those of one page wait for each other. Requests beside a search watch it and
 //! cancel it.
 
-use crate::Session;
+use crate::LabSession;
 use crate::answers::Answer;
 use crate::asker::Asker;
 use crate::local_server::{ANY_PORT, JSON, LocalServer, PAGE, Reply, TEXT, parameter};
@@ -27,7 +27,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// One page that is open.
 #[derive(Default)]
 struct Desk {
-    session: Mutex<Session>,
+    session: Mutex<LabSession>,
     steps: Mutex<Vec<String>>,
     taken_back: AtomicBool,
 }
@@ -129,7 +129,7 @@ impl Server {
         // A defect ends one question, not the lab: the page hands data and model to a new session.
         let answered = catch_unwind(AssertUnwindSafe(|| session.answer(question, &*desk)));
         answered.unwrap_or_else(|_| {
-            *session = Session::serving(self.served.clone());
+            *session = LabSession::serving(self.served.clone());
             let what = "The computation broke off. Please report this, with what `hysteron lab` has written in its window.";
             Answer::of(json!({ "error": what, "knows_nothing": true })).bytes()
         })
@@ -146,7 +146,7 @@ impl Server {
     }
 
     fn new_desk(&self, page: &str) -> Arc<Desk> {
-        let desk = Arc::new(Desk { session: Mutex::new(Session::serving(self.served.clone())), ..Desk::default() });
+        let desk = Arc::new(Desk { session: Mutex::new(LabSession::serving(self.served.clone())), ..Desk::default() });
         let mut desks = locked(&self.desks);
         if desks.len() >= PAGES_MAX {
             desks.remove(0);

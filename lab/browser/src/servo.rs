@@ -56,7 +56,7 @@ fn order(dataset: &Dataset, reference_hz: f64) -> Order<'_> {
 /// # Errors
 /// Why no servo is possible, or that no servo is designed yet.
 pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: &Model, dataset: &Dataset) -> Result<Answer> {
-    let at_hand = |servo: &Option<ServoDesign>| servo.clone().ok_or_else(|| refused("there is none yet; design one first".into()));
+    let at_hand = |servo: &Option<ServoDesign>| servo.clone().ok_or_else(|| refused("no servo yet; design one first".into()));
     match *question {
         ServoQuestion::Design { reference_hz } => {
             *servo = None;

@@ -2,7 +2,7 @@
 
 use crate::answers::{self, Answer};
 use crate::asker::{Asker, Teller};
-use crate::recording::{self, Recording, Said};
+use crate::recording::{self, Said, UploadedRecording};
 use crate::served::Served;
 use crate::servo::{self, ServoQuestion};
 use hysteron::analyse::{Options, Outcome, Start, analyse};
@@ -14,7 +14,7 @@ use hysteron::identification::noise_floor::{NoiseFloor, noise_floor};
 use hysteron::identify::{Identification, add, identify};
 use hysteron::servo::design::ServoDesign;
 use hysteron::spectrum::amplitude_density;
-use hysteron::synthetic::case::{Order, simulate_case};
+use hysteron::synthetic::case::{CaseOrder, simulate_case};
 use hysteron::{Error, Record, Result, model_file, series};
 use hysteron_report::{comparison_report, explain_page, explain_report};
 use hysteron_sim::chain::Model;
@@ -100,14 +100,14 @@ enum Question {
 
 /// The data at hand.
 struct Data {
-    recording: Recording,
+    recording: UploadedRecording,
     floor: NoiseFloor,
     split: Split,
 }
 
 /// What one person has at hand.
 #[derive(Default)]
-pub struct Session {
+pub struct LabSession {
     data: Option<Data>,
     model: Option<Model>,
     found: Option<Outcome>,
@@ -128,7 +128,7 @@ fn no_model() -> Error {
     Error::new("", "there is no model yet")
 }
 
-impl Session {
+impl LabSession {
     /// For a program that was started with a data set.
     #[must_use]
     pub fn serving(served: Option<Arc<dyn Served>>) -> Self {
@@ -151,7 +151,7 @@ impl Session {
                 Ok(self.opened(recording))
             }
             Question::Plant { hidden, base, seed } => {
-                let case = simulate_case(&Order { hidden, base, hysteresis: "hysteresis".into(), seed }, "hidden")?;
+                let case = simulate_case(&CaseOrder { hidden, base, hysteresis: "hysteresis".into(), seed }, "hidden")?;
                 self.read(&case.files, &Said::default())
             }
             Question::Signals { record } => Ok(answers::signals(self.record(record)?)),
@@ -244,7 +244,7 @@ impl Session {
         Ok(self.opened(recording))
     }
 
-    fn opened(&mut self, recording: Recording) -> Answer {
+    fn opened(&mut self, recording: UploadedRecording) -> Answer {
         let (floor, split) = (noise_floor(&recording.dataset), Split::of(&recording.dataset));
         let answer = Answer::of(answers::recording(&recording, &floor));
         self.found = None;

@@ -1,10 +1,10 @@
 //! Questions as the page asks them, answered on the host.
 
-use hysteron_browser::Session;
+use hysteron_browser::LabSession;
 use serde_json::{Value, json};
 
 /// Asks, and gives the answer with its columns.
-fn ask(session: &mut Session, mut question: Value, files: &[(&str, String)]) -> (Value, Vec<Vec<f64>>) {
+fn ask(session: &mut LabSession, mut question: Value, files: &[(&str, String)]) -> (Value, Vec<Vec<f64>>) {
     if question["ask"] == "read" {
         question["files"] = files.iter().map(|(name, text)| json!({ "name": name, "bytes": text.len() })).collect();
     }
@@ -32,7 +32,7 @@ fn recording(hz: f64) -> String {
 #[test]
 fn several_files_become_a_data_set_that_the_manifest_repeats() {
     let files = [("a.csv", recording(1.0)), ("b.csv", recording(2.0)), ("rest.csv", recording(0.0))];
-    let mut session = Session::default();
+    let mut session = LabSession::default();
     let (read, _) = ask(&mut session, json!({ "ask": "read" }), &files);
     let roles = |read: &Value| -> Vec<String> {
         read["records"].as_array().unwrap().iter().map(|r| r["role"].as_str().unwrap().to_owned()).collect()
@@ -40,7 +40,7 @@ fn several_files_become_a_data_set_that_the_manifest_repeats() {
     assert_eq!(roles(&read), ["identify", "validate", "noise"], "{read}");
     let mut with_manifest = files.to_vec();
     with_manifest.push(("dataset.toml", read["manifest"].as_str().unwrap().to_owned()));
-    let (again, _) = ask(&mut Session::default(), json!({ "ask": "read" }), &with_manifest);
+    let (again, _) = ask(&mut LabSession::default(), json!({ "ask": "read" }), &with_manifest);
     assert_eq!(again["records"], read["records"]);
     let (other, _) = ask(&mut session, json!({ "ask": "read", "said": { "roles": { "a": "test", "b": "identify" } } }), &files);
     assert_eq!(roles(&other), ["test", "identify", "noise"], "{other}");
@@ -48,7 +48,7 @@ fn several_files_become_a_data_set_that_the_manifest_repeats() {
 
 #[test]
 fn a_trial_moves_the_error_and_leaves_the_model() {
-    let mut session = Session::default();
+    let mut session = LabSession::default();
     ask(&mut session, json!({ "ask": "read" }), &[("one.csv", recording(1.0))]);
     let (model, _) = ask(&mut session, json!({ "ask": "identify", "effects": "gain" }), &[]);
     let gain = model["effects"][0]["parameters"][0]["value"].as_f64().unwrap();
@@ -67,7 +67,7 @@ fn a_trial_moves_the_error_and_leaves_the_model() {
 
 #[test]
 fn what_cannot_be_answered_is_said() {
-    let mut session = Session::default();
+    let mut session = LabSession::default();
     for (question, expected) in [
         (json!({ "ask": "compare", "record": 0 }), "no recording"),
         (json!({ "ask": "dance" }), "dance"),

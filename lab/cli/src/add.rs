@@ -1,6 +1,6 @@
 //! `add`.
 
-use crate::command_line::RecordingOutputs;
+use crate::arguments::RecordingOutputs;
 use crate::compare::write_fit;
 use crate::desk::Desk;
 use crate::progress::Progress;

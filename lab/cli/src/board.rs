@@ -24,7 +24,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-use crate::command_line::SensorSaid;
+use crate::arguments::SensorSaid;
 use crate::desk::Desk;
 
 /// The line's speed over a cable unless another one is asked for, bit/s.

@@ -1,13 +1,13 @@
 //! `check`.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use crate::desk::{Desk, wrong};
 use hysteron::servo::commands::{self, CheckResult};
 use hysteron::servo::design::{SCHEMA, ServoDesign};
 use hysteron::servo::words;
 use hysteron::toml_file::with_schema;
 use hysteron::{Error, Result};
-use hysteron_report::{Block, Page, Section, nyquist, sensitivity};
+use hysteron_report::{Page, PageBlock, Section, nyquist, sensitivity};
 use std::path::Path;
 
 /// Reads a servo file.
@@ -47,7 +47,7 @@ pub fn check(servo: &Path, model: &Path, scheme: Option<&str>, outputs: &Outputs
 
 fn page(found: &CheckResult) -> Page {
     let words = found.margins.as_ref().map(words::margins).unwrap_or_default();
-    let blocks = found.margins.as_ref().map(|m| vec![Block::Plot(sensitivity(m)), Block::Plot(nyquist(m))]);
+    let blocks = found.margins.as_ref().map(|m| vec![PageBlock::Plot(sensitivity(m)), PageBlock::Plot(nyquist(m))]);
     Page {
         title: format!("Check of {}", found.scheme),
         lead_sentence: format!("{} on this actuator: {}.", found.scheme, found.verdict()),

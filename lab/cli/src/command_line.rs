@@ -3,13 +3,14 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
+use crate::arguments::{Benches, Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
 use crate::capture;
-use crate::desk::Desk;
 #[cfg(feature = "lab")]
 use crate::lab;
+use crate::plant::PlantArguments;
 use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
@@ -18,11 +19,9 @@ use crate::{
 };
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
-use hysteron::watch::{Deadline, Watch};
-use hysteron::{Dataset, Error, Result, series};
+use hysteron::{Error, Result};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 /// From the measurement of a piezoelectric actuator to what its model misses, and to its controller.
 #[derive(Parser)]
@@ -30,150 +29,6 @@ use std::time::Duration;
 struct Arguments {
     #[command(subcommand)]
     command: Command,
-}
-
-/// Files that a command may write.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct Outputs {
-    /// Write every figure as JSON
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Write a page to look at, one HTML file that opens offline
-    #[arg(long, value_name = "FILE")]
-    pub report: Option<PathBuf>,
-    /// Replace files that exist
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// How long an answer may take.
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
-pub struct TimeArguments {
-    /// Answer within about so many seconds: the search for effects ends early (without it, once nothing more
-    /// is found)
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    within: Option<Duration>,
-}
-
-impl TimeArguments {
-    /// Does what is watched in that time.
-    pub fn beside<T>(self, watch: &dyn Watch, watched: impl FnOnce(&dyn Watch) -> T) -> T {
-        match self.within {
-            Some(within) => watched(&Deadline::new(watch, within)),
-            None => watched(watch),
-        }
-    }
-}
-
-fn seconds(given: &str) -> std::result::Result<Duration, String> {
-    let seconds = given.parse().ok().filter(|seconds: &f64| *seconds > 0.0);
-    seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).ok_or_else(|| "expected a time in seconds above zero".to_owned())
-}
-
-/// What the user specifies of the sensor for a servo's design.
-#[derive(clap::Args, Clone, Copy, Debug)]
-pub struct SensorSaid {
-    /// Bandwidth of the sensor, whose lag is undone [default: what the model or the data set knows of it]
-    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
-    pub sensor_bandwidth_hz: Option<f64>,
-}
-
-impl Outputs {
-    /// Takes the files as targets.
-    pub fn check(&self, desk: &Desk) -> Result<()> {
-        desk.target(self.json.as_deref())?;
-        desk.target(self.report.as_deref())
-    }
-
-    /// Where the drive that would decide between two explanations is written: beside the other outputs, if
-    /// there are any.
-    pub fn next_drive(&self) -> Option<PathBuf> {
-        self.report.as_ref().or(self.json.as_ref()).map(|beside| beside.with_extension("next_drive.csv"))
-    }
-}
-
-/// Files that a command which holds a model against recordings may write.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct RecordingOutputs {
-    /// Write what was measured and what the model says, one CSV file for each record
-    #[arg(long, value_name = "DIR")]
-    pub series: Option<PathBuf>,
-    /// The others
-    #[command(flatten)]
-    pub files: Outputs,
-}
-
-impl RecordingOutputs {
-    /// Takes the files as targets.
-    pub fn check(&self, desk: &Desk, dataset: &Dataset) -> Result<()> {
-        let names: Vec<String> = dataset.records.iter().map(series::file_name).collect();
-        self.series.as_ref().map_or(Ok(()), |folder| desk.folder(folder, &names))?;
-        self.files.check(desk)
-    }
-
-    /// Writes the signals, if they are wanted, beside those of models by name.
-    pub fn write_series(&self, desk: &Desk, dataset: &Dataset, models: &[series::Named]) -> Result<()> {
-        let Some(folder) = &self.series else { return Ok(()) };
-        for record in &dataset.records {
-            desk.write(&folder.join(series::file_name(record)), series::csv(record, models).as_bytes())?;
-        }
-        println!("Signals of {} records: {}", dataset.records.len(), folder.display());
-        Ok(())
-    }
-}
-
-/// Files that a command which makes a model may write.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct StudyOutputs {
-    /// Write the model
-    #[arg(long, value_name = "FILE")]
-    pub out: Option<PathBuf>,
-    /// The others
-    #[command(flatten)]
-    pub recordings: RecordingOutputs,
-}
-
-impl StudyOutputs {
-    /// Takes the files as targets.
-    pub fn check(&self, desk: &Desk, dataset: &Dataset) -> Result<()> {
-        desk.target(self.out.as_deref())?;
-        self.recordings.check(desk, dataset)
-    }
-}
-
-/// The command line as it was typed, for pages.
-pub fn as_typed() -> String {
-    let words = std::env::args().skip(1);
-    std::iter::once("hysteron".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
-}
-
-/// Arguments of `plant`.
-#[derive(clap::Args)]
-pub struct PlantArguments {
-    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every
-    /// kind; `pairs`, `triples`: of every two, three that are hidden together
-    pub effects: String,
-    /// Folder to write
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Replace files that exist
-    #[arg(long)]
-    pub force: bool,
-    /// Seed of noise and parameters
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Effects that the user of a single case already models, comma-separated
-    #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
-    pub base: String,
-    /// Structure of the hysteresis: hysteresis (the thesis' surfaces), prandtl_ishlinskii, bouc_wen, ...
-    #[arg(long, default_value = "hysteresis")]
-    pub hysteresis: String,
-    /// Cases of each kind and strength; more than one makes a folder of cases
-    #[arg(long, default_value_t = 1)]
-    pub cases: usize,
-    /// Strengths of a set, comma-separated [default: 1]; makes a folder of cases
-    #[arg(long, value_delimiter = ',')]
-    pub strengths: Vec<String>,
 }
 
 #[derive(Subcommand)]
@@ -188,9 +43,8 @@ enum Command {
         /// Effects to start from, comma-separated (default: gain), or a file that lists them
         #[arg(long, default_value = "gain")]
         from: String,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         /// Tell every step of the search, with its error
         #[arg(long, short)]
         verbose: bool,
@@ -239,9 +93,8 @@ enum Command {
         model: PathBuf,
         /// Data set
         dataset: PathBuf,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         #[command(flatten)]
         time: TimeArguments,
         #[command(flatten)]
@@ -435,11 +288,14 @@ enum Command {
         #[command(flatten)]
         outputs: Outputs,
     },
-    /// Play the thesis' experiments on the simulated bench and stand ours beside its figures
+    /// Play the thesis' experiments on simulated benches and stand ours beside its figures
     #[command(after_help = "Example:\n  hysteron reproduce 5 6 --report thesis.html")]
     Reproduce {
         /// Chapters: 3, 4, 5, 6, 7 (default: all)
         chapters: Vec<u32>,
+        /// Benches of chapters 4 to 7
+        #[arg(long, value_enum, default_value_t = Benches::Both)]
+        bench: Benches,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -530,16 +386,16 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<bool> {
     match command {
-        Command::Explain { dataset, from, own, verbose, time, animation, reading, outputs } => {
-            let wanted = explain::ExplainRequest { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
+        Command::Explain { dataset, from, search, verbose, time, animation, reading, outputs } => {
+            let wanted = explain::ExplainRequest { from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
             identify::identify(&dataset, &effects, hysteresis.as_deref(), &reading, &outputs)
         }
         Command::Compare { model, dataset, reading, outputs } => compare::compare(&model, &dataset, &reading, &outputs),
-        Command::Diagnose { model, dataset, own, time, reading, outputs } => {
-            diagnose::diagnose(&model, &dataset, &own, time, &reading, &outputs)
+        Command::Diagnose { model, dataset, search, time, reading, outputs } => {
+            diagnose::diagnose(&model, &dataset, &search, time, &reading, &outputs)
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
@@ -583,8 +439,13 @@ fn dispatch(command: Command) -> Result<bool> {
                 scheme,
                 no_inverse,
             };
-            let files =
-                design::Files { model: &model, data: data.as_deref(), out: &out, block: block.as_deref(), front_end: front_end.as_deref() };
+            let files = design::DesignFiles {
+                model: &model,
+                data: data.as_deref(),
+                out: &out,
+                block: block.as_deref(),
+                front_end: front_end.as_deref(),
+            };
             design::design(&files, &wanted, &reading, &outputs)
         }
         Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
@@ -599,7 +460,7 @@ fn dispatch(command: Command) -> Result<bool> {
             track::track(&model, &servo, &wanted, &outputs)
         }
         #[cfg(feature = "thesis")]
-        Command::Reproduce { chapters, outputs } => reproduce::reproduce(&chapters, &outputs),
+        Command::Reproduce { chapters, bench, outputs } => reproduce::reproduce(&chapters, bench, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),

@@ -1,6 +1,6 @@
 //! `compare`.
 
-use crate::command_line::{RecordingOutputs, as_typed};
+use crate::arguments::{RecordingOutputs, as_typed};
 use crate::desk::Desk;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{print_notes, print_records, print_values, say_next};

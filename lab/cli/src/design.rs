@@ -1,6 +1,6 @@
 //! `design`.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use crate::desk::{Desk, as_argument, wrong};
 use crate::read_arguments::ReadArguments;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
@@ -10,7 +10,7 @@ use hysteron::servo::order::Order;
 use hysteron::servo::predictor::Assessment;
 use hysteron::servo::schemes::{AtWork, Choice};
 use hysteron::{Error, Result};
-use hysteron_report::{Block, Page, Section, learning as convergence, trade_off};
+use hysteron_report::{Page, PageBlock, Section, learning as convergence, trade_off};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,7 @@ fn beside(block: &Path) -> PathBuf {
 }
 
 /// Files of a design.
-pub struct Files<'a> {
+pub struct DesignFiles<'a> {
     /// The model.
     pub model: &'a Path,
     /// The recording behind it.
@@ -68,8 +68,8 @@ pub struct DesignRequest {
 
 /// `hysteron design MODEL --out servo.toml [--data DATASET] [--block servo.block] [--front-end
 /// front_end.toml]`.
-pub fn design(files: &Files, wanted: &DesignRequest, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
-    let Files { model, data, out, block, front_end } = *files;
+pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArguments, outputs: &Outputs) -> Result<bool> {
+    let DesignFiles { model, data, out, block, front_end } = *files;
     let desk = Desk::new(outputs.force);
     let front_end = match front_end {
         Some(path) => Some(FrontEnd::from_toml(&desk.text(path, "the wiring of the converters")?, &path.display().to_string())?),
@@ -115,7 +115,7 @@ pub fn design(files: &Files, wanted: &DesignRequest, reading: &ReadArguments, ou
             text: design.explanation.join("\n\n"),
             blocks: std::iter::once(trade_off(&design.trade_off))
                 .chain(design.learning.as_ref().map(convergence))
-                .map(Block::Plot)
+                .map(PageBlock::Plot)
                 .collect(),
         }],
         ..Page::default()

@@ -1,6 +1,6 @@
 //! `effects`.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use hysteron::Result;

@@ -1,6 +1,6 @@
 //! `identify`.
 
-use crate::command_line::StudyOutputs;
+use crate::arguments::StudyOutputs;
 use crate::compare::write_fit;
 use crate::desk::{Desk, as_argument};
 use crate::progress::Progress;

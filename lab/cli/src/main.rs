@@ -7,6 +7,7 @@ macro_rules! println {
 }
 
 mod add;
+mod arguments;
 #[cfg(feature = "board")]
 mod board;
 #[cfg(feature = "trace")]

@@ -1,12 +1,40 @@
 //! `plant`.
 
-use crate::command_line::PlantArguments;
 use crate::desk::{Desk, as_argument, wrong};
 use crate::progress::Progress;
-use hysteron::synthetic::case::{Order, SyntheticCase, simulate_case, truths_json};
+use hysteron::synthetic::case::{CaseOrder, SyntheticCase, simulate_case, truths_json};
 use hysteron::synthetic::case_set::{SetOrder, kinds, simulate_set};
 use hysteron::{Error, Result, model_file};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `plant`.
+#[derive(clap::Args)]
+pub struct PlantArguments {
+    /// Effects, comma-separated, each with an optional strength: creep=2.0,delay; `all`: a case of every
+    /// kind; `pairs`, `triples`: of every two, three that are hidden together
+    pub effects: String,
+    /// Folder to write
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Replace files that exist
+    #[arg(long)]
+    pub force: bool,
+    /// Seed of noise and parameters
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Effects that the user of a single case already models, comma-separated
+    #[arg(long, default_value = "hysteresis,initial_curve,vibration")]
+    pub base: String,
+    /// Structure of the hysteresis: hysteresis (the thesis' surfaces), prandtl_ishlinskii, bouc_wen, ...
+    #[arg(long, default_value = "hysteresis")]
+    pub hysteresis: String,
+    /// Cases of each kind and strength; more than one makes a folder of cases
+    #[arg(long, default_value_t = 1)]
+    pub cases: usize,
+    /// Strengths of a set, comma-separated [default: 1]; makes a folder of cases
+    #[arg(long, value_delimiter = ',')]
+    pub strengths: Vec<String>,
+}
 
 /// Simulates a data set with known effects, or a set of them.
 pub fn plant(wanted: &PlantArguments) -> Result<bool> {
@@ -32,7 +60,7 @@ pub fn plant(wanted: &PlantArguments) -> Result<bool> {
         return plant_many(&SetOrder { hidden, strengths, cases: wanted.cases, hysteresis, seed: wanted.seed }, wanted);
     }
     let base: Vec<String> = model_file::effects_named(&wanted.base)?.iter().map(|e| e.declaration().id).collect();
-    let order = Order { hidden: parse_hidden(&wanted.effects)?, base, hysteresis, seed: wanted.seed };
+    let order = CaseOrder { hidden: parse_hidden(&wanted.effects)?, base, hysteresis, seed: wanted.seed };
     if let Some((id, _)) = order.hidden.iter().find(|(id, _)| order.base.contains(id)) {
         return Err(Error::new("effects", format!("{id} is to be hidden, but --base models it")));
     }

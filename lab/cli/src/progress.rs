@@ -1,7 +1,7 @@
 //! A line that says what is being done, on terminals only; while a search goes on, Ctrl-C asks for the best
 //! result so far.
 
-use hysteron::watch::{Event, Watch};
+use hysteron::watch::{Watch, WatchEvent};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -58,7 +58,7 @@ impl Progress {
 }
 
 impl Watch for Progress {
-    fn event(&self, event: &Event<'_>) {
+    fn event(&self, event: &WatchEvent<'_>) {
         self.say(&event.to_string());
     }
 

@@ -1,9 +1,9 @@
 //! What a person says about the files of a data set: columns, units, sampling rate.
 
 use crate::desk::as_argument;
-use hysteron::dataset::manifest::{ColumnName, PerColumn};
+use hysteron::dataset::column_rules::ColumnRules;
+use hysteron::dataset::column_rules::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
-use hysteron::dataset::recognise::ColumnRules;
 use hysteron::dataset::timing::{Timing, intersample_named};
 use hysteron::{Error, Result};
 use std::collections::BTreeMap;

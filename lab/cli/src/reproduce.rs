@@ -1,13 +1,22 @@
 //! `reproduce`.
 
-use crate::command_line::Outputs;
+use crate::arguments::{Benches, Outputs};
 use crate::desk::Desk;
 use crate::progress::Progress;
 use hysteron::{Error, Result};
 use hysteron_thesis::overview::{NUMBERS, PrintedTable, ReproduceFile, page, tables, totals_in_words};
-use hysteron_thesis::scoreboard::{cells, score, totals};
-use hysteron_thesis::{CHAPTERS, Chapter, chapter};
+use hysteron_thesis::scoreboard::{ScoreRow, cells, score, score_both, totals};
+use hysteron_thesis::{CHAPTERS, Chapter, PlayedOn, chapter};
 use std::io::IsTerminal;
+
+/// The benches of the request, in the order of the rows' columns.
+fn played_on(benches: Benches) -> Vec<PlayedOn> {
+    match benches {
+        Benches::Both => PlayedOn::BOTH.to_vec(),
+        Benches::Reference => vec![PlayedOn::Reference],
+        Benches::Domains => vec![PlayedOn::Domains],
+    }
+}
 
 /// Columns of a printed table.
 fn print(table: &PrintedTable) {
@@ -39,8 +48,9 @@ fn print(table: &PrintedTable) {
     }
 }
 
-/// Reproduces chapters of the thesis on the bench; false if an algorithm as printed misses a printed result.
-pub fn reproduce(numbers: &[u32], outputs: &Outputs) -> Result<bool> {
+/// Reproduces chapters of the thesis on simulated benches; false if an algorithm as printed misses a printed
+/// result.
+pub fn reproduce(numbers: &[u32], benches: Benches, outputs: &Outputs) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     outputs.check(&desk)?;
     let numbers: Vec<u32> = if numbers.is_empty() { CHAPTERS.to_vec() } else { numbers.to_vec() };
@@ -48,20 +58,30 @@ pub fn reproduce(numbers: &[u32], outputs: &Outputs) -> Result<bool> {
         return Err(Error::new("chapter", format!("{unknown} has nothing to reproduce; expected some of {CHAPTERS:?}")));
     }
     let cells = cells().map_err(|e| Error::new("printed.toml", e))?;
-    let mut chapters: Vec<Chapter> = Vec::new();
+    let played_on = played_on(benches);
+    // For each bench its chapters; of one bench or of both.
+    let mut chapters: Vec<Vec<Chapter>> = vec![Vec::new(); played_on.len()];
+    let rows_of = |of: &[&[Chapter]]| -> Vec<ScoreRow> {
+        match of {
+            [reference, domains] => score_both(reference, domains, &cells),
+            one => one.iter().flat_map(|chapters| score(chapters, &cells)).collect(),
+        }
+    };
     for nth in numbers {
-        let progress = Progress::start();
-        let done = chapter(nth, &|message| progress.say(message)).map_err(|e| Error::new(format!("chapter {nth}"), e))?;
-        drop(progress);
-        chapters.push(done);
-        tables(&score(&chapters[chapters.len() - 1..], &cells)).iter().for_each(print);
+        for (on, done) in played_on.iter().zip(&mut chapters) {
+            let progress = Progress::start();
+            let say = |message: &str| progress.say(&format!("{message} ({})", on.name()));
+            done.push(chapter(nth, *on, &say).map_err(|e| Error::new(format!("chapter {nth}, bench {}", on.name()), e))?);
+        }
+        let newest: Vec<&[Chapter]> = chapters.iter().map(|done| &done[done.len() - 1..]).collect();
+        tables(&rows_of(&newest)).iter().for_each(print);
     }
-    let rows = score(&chapters, &cells);
+    let rows = rows_of(&chapters.iter().map(Vec::as_slice).collect::<Vec<_>>());
     println!("\n{}", totals_in_words(&rows));
     let (_, _, missed) = totals(&rows);
-    desk.write_json(outputs.json.as_deref(), &ReproduceFile::of(&chapters, &cells))?;
+    desk.write_json(outputs.json.as_deref(), &ReproduceFile::of(rows.clone()))?;
     if let Some(path) = &outputs.report {
-        desk.write_page(Some(path), || page(chapters, &cells))?;
+        desk.write_page(Some(path), || page(&chapters[0], &rows))?;
         println!("look at {}", path.display());
     } else {
         println!("every figure with ours drawn in: add --report FILE.html");

@@ -1,6 +1,6 @@
 //! `score`.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use crate::desk::{Desk, wrong};
 use crate::read_arguments::ReadArguments;
 use hysteron::Result;

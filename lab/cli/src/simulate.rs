@@ -3,8 +3,8 @@
 use crate::desk::Desk;
 use crate::tables::say_notes;
 use hysteron::dataset::readers::{self, Hints};
-use hysteron::dataset::recognise::{ColumnRules, time_and_drive};
 use hysteron::dataset::time_axis::{StampContext, TimeAxis};
+use hysteron::dataset::{column_rules::ColumnRules, recognise::time_and_drive};
 use hysteron::diagnosis::words::nm;
 use hysteron::{Error, Result, prediction};
 use hysteron_sim::chain::{Drive, InitialState};

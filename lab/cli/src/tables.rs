@@ -1,6 +1,6 @@
 //! Tables on the screen.
 
-use crate::command_line::Outputs;
+use crate::arguments::Outputs;
 use hysteron::diagnosis::words::{nm, why};
 use hysteron::figures::{FitFigures, StepFigures};
 use hysteron::outcome::{Diagnosis, Verdict};

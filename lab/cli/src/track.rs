@@ -1,7 +1,7 @@
 //! `track`.
 
+use crate::arguments::Outputs;
 use crate::check::read_design;
-use crate::command_line::Outputs;
 use crate::desk::{Desk, wrong};
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::servo::commands::{self, Work};
@@ -9,7 +9,7 @@ use hysteron::servo::disturbance::Disturbance;
 use hysteron::servo::reference::Reference;
 use hysteron::servo::words;
 use hysteron::{Error, Result};
-use hysteron_report::{Block, Page, Plot, Role, Section, Series};
+use hysteron_report::{CurveRole, Page, PageBlock, Plot, Section, Series};
 use std::path::Path;
 
 fn nm(um: f64) -> String {
@@ -97,23 +97,23 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
             heading: "Tracking".into(),
             text: format!("Integer servo, {} of sensor noise. Plant: {}.", nm(result.noise_um), result.plant),
             blocks: vec![
-                Block::Plot(
+                PageBlock::Plot(
                     Plot::new("Displacement")
                         .x_axis("time", "s")
                         .y_axis("displacement", "um")
                         .link("time")
-                        .with(Series::line("reference", Role::Drive, result.time_s.clone(), result.reference_um.clone()))
-                        .with(Series::line("sensor", Role::Measured, result.time_s.clone(), result.sensor_um.clone())),
+                        .with(Series::line("reference", CurveRole::Drive, result.time_s.clone(), result.reference_um.clone()))
+                        .with(Series::line("sensor", CurveRole::Measured, result.time_s.clone(), result.sensor_um.clone())),
                 ),
-                Block::Plot(Plot::new("Error").x_axis("time", "s").y_axis("error", "nm").link("time").with(Series::line(
+                PageBlock::Plot(Plot::new("Error").x_axis("time", "s").y_axis("error", "nm").link("time").with(Series::line(
                     "sensor minus reference",
-                    Role::Residual,
+                    CurveRole::Residual,
                     result.time_s.clone(),
                     error_nm,
                 ))),
-                Block::Plot(Plot::new("Drive").x_axis("time", "s").y_axis("drive", "V").link("time").with(Series::line(
+                PageBlock::Plot(Plot::new("Drive").x_axis("time", "s").y_axis("drive", "V").link("time").with(Series::line(
                     "drive",
-                    Role::Drive,
+                    CurveRole::Drive,
                     result.time_s.clone(),
                     result.drive_v.clone(),
                 ))),

@@ -6,12 +6,12 @@ use crate::diagnosis::closure::close;
 use crate::diagnosis::findings::{Weighed, weigh};
 use crate::diagnosis::judgement::{Judged, Split, require_finite, require_signals};
 use crate::diagnosis::next_experiment::{Limits, Proposal, propose};
-use crate::diagnosis::path::{self, Change, Step};
+use crate::diagnosis::path::{self, ModelChange, PathStep};
 use crate::diagnosis::policy::Policy;
 use crate::diagnosis::pool::{Entry, Move, Pool};
 use crate::diagnosis::prior;
 use crate::diagnosis::reporting::{self, Found};
-use crate::diagnosis::screening::{Evidence, Screening};
+use crate::diagnosis::screening::{Screening, ScreeningEvidence};
 use crate::diagnosis::search::{Search, structure};
 use crate::diagnosis::searched_data::for_evidence;
 use crate::diagnosis::selection::Selected;
@@ -28,7 +28,7 @@ use crate::identify::require_chain;
 use crate::outcome::{ChangedValue, Diagnosis, KeptModel, Residuals, Verdict};
 use crate::parallel;
 use crate::quality::{self, End, Issue, Moment, Severity};
-use crate::watch::{Event, Watch};
+use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Effect, Overview, gain, registry};
 use std::collections::BTreeSet;
@@ -39,7 +39,7 @@ pub struct Outcome {
     /// The final model with standard deviations.
     pub model: Model,
     /// The way to it; the first step is the start, the last the final model.
-    pub steps: Vec<Step>,
+    pub steps: Vec<PathStep>,
     /// What the simplest models that the data cannot reject have beside the start, with its evidence.
     pub weighed: Vec<Weighed>,
     /// The noise.
@@ -106,7 +106,7 @@ pub fn analyse(dataset: &Dataset, start: Start, options: &Options, watch: &dyn W
     require_signals(&options.own, dataset)?;
     let found = once(dataset, start.clone(), options, watch)?;
     let Some(corrected) = found.retry.filter(|_| !found.outcome.stopped && !watch.searched_enough()) else { return Ok(found.outcome) };
-    watch.event(&Event::Doing("once more, on the corrected data set"));
+    watch.event(&WatchEvent::Doing("once more, on the corrected data set"));
     let again = once(&corrected, start, options, watch)?.outcome;
     Ok(Outcome { corrected: Some(corrected), ..again })
 }
@@ -135,7 +135,7 @@ fn to_the_whole(dataset: &Dataset, beginnings: &Dataset, mut found: Once, watch:
         samples(dataset)
     ));
     if !outcome.stopped {
-        watch.event(&Event::Doing("fitting the whole of long records"));
+        watch.event(&WatchEvent::Doing("fitting the whole of long records"));
         let rows = Rows::thinned(dataset, &outcome.split.identify, WHOLE_SAMPLES);
         let fitted = fit_rows(&outcome.model, dataset, &rows, WHOLE).model;
         require_finite(&fitted, dataset, &outcome.split.both())?;
@@ -152,7 +152,7 @@ const WHOLE: Effort = Effort { iterations: 4, tolerance: 0.2, relative: 1e-3, lo
 /// What a search came to, however it began.
 #[derive(Default)]
 struct Grown {
-    steps: Vec<Step>,
+    steps: Vec<PathStep>,
     weighed: Vec<Weighed>,
     models: Vec<KeptModel>,
     /// The simplest kept models.
@@ -184,7 +184,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
         if !another {
             break;
         }
-        watch.event(&Event::Doing("searching again beside what the drive's own noise makes"));
+        watch.event(&WatchEvent::Doing("searching again beside what the drive's own noise makes"));
         grown = grown_from(&start, &study)?;
     }
     if grown.out_of_time {
@@ -204,7 +204,7 @@ fn decided(dataset: &Dataset, start: Start, options: &Options, watch: &dyn Watch
     let mut model = last.model.clone();
     let mut cannot_identify = Vec::new();
     if !blocked {
-        watch.event(&Event::Doing("estimating standard deviations"));
+        watch.event(&WatchEvent::Doing("estimating standard deviations"));
         cannot_identify = identifiability(&mut model, dataset, &study.split.identify);
         require_finite(&model, dataset, &study.split.both())?;
     }
@@ -276,7 +276,7 @@ fn unfitted(start: &Start, study: &Study) -> Grown {
             model
         }
     };
-    Grown { steps: vec![Step { change: Change::Start, judged: study.judged(model) }], ..Grown::default() }
+    Grown { steps: vec![PathStep { change: ModelChange::Start, judged: study.judged(model) }], ..Grown::default() }
 }
 
 fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
@@ -298,7 +298,7 @@ fn grown_from(start: &Start, study: &Study) -> Result<Grown> {
 
 /// A start at which everything ends.
 fn at(judged: Judged) -> Grown {
-    Grown { steps: vec![Step { change: Change::Start, judged }], ..Grown::default() }
+    Grown { steps: vec![PathStep { change: ModelChange::Start, judged }], ..Grown::default() }
 }
 
 fn structure_of(model: &Model) -> Option<String> {
@@ -313,7 +313,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     if study.nothing_left(base) && !study.watch.stopped() {
         // Nothing is left above the noise: only a signature that is there beyond chance is worth a search.
         let screening = study.weigh(&base.model, &study.candidates_for(&base.model), study.policy.seed)?;
-        let significant = |e: &Evidence| e.p_adjusted <= study.policy.family_wise;
+        let significant = |e: &ScreeningEvidence| e.p_adjusted <= study.policy.family_wise;
         let quiet = !screening.scores.iter().any(|s| s.evidence.as_ref().is_some_and(significant));
         beside_start = Some(screening);
         if quiet {
@@ -339,7 +339,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let (out_of_time, mut pool) = (search.out_of_time, search.pool);
     let mut weighed;
     loop {
-        study.watch.event(&Event::Doing("weighing the evidence for each effect"));
+        study.watch.event(&WatchEvent::Doing("weighing the evidence for each effect"));
         let by_chance;
         (weighed, by_chance) = weigh(&mut pool, &selected.minimal)?;
         let before = forgiven.len();
@@ -351,7 +351,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     }
     let simplest: Vec<Entry> = selected.minimal.iter().map(|k| pool.entries[k].clone()).collect();
     let end = end_of(&pool, &selected);
-    study.watch.event(&Event::Doing("fitting to the end"));
+    study.watch.event(&WatchEvent::Doing("fitting to the end"));
     let mut thorough = study.thoroughly(&end.judged.model);
     if study.searched_beginnings() {
         thorough = with_creep_of_the_whole(study, thorough);
@@ -361,7 +361,7 @@ fn grow(study: &Study, pool: Pool, base: &Judged, loops: &Option<String>) -> Res
     let added: Vec<String> = end.added().into_iter().filter(|id| !origin.contains(&Move::Added(id.clone()))).collect();
     let finer = |m: &Model| (finer_hysteresis::description(m), finer_creep::description(m));
     let steps = if added.is_empty() && finer(&base.model) == finer(&end_judged.model) {
-        vec![Step { change: Change::Start, judged: base.clone() }]
+        vec![PathStep { change: ModelChange::Start, judged: base.clone() }]
     } else {
         path::from(study, base, &added, &end_judged)?
     };
@@ -378,7 +378,7 @@ fn begin_again(pool: &mut Pool) -> Result<()> {
     if best.moves == pool.origin || study.met(&best.judged) || study.watch.stopped() || study.watch.searched_enough() {
         return Ok(());
     }
-    study.watch.event(&Event::Doing("beginning values again"));
+    study.watch.event(&WatchEvent::Doing("beginning values again"));
     let again = study.begun_again(&best.judged)?;
     pool.keep(Entry::new(study, best.moves, again, true));
     Ok(())
@@ -428,8 +428,8 @@ fn other_loops(simplest: &[Entry], end: &Model, before: &Option<String>) -> Vec<
 fn best_so_far(study: &Study, pool: &Pool, base: &Judged) -> Grown {
     let best = pool.best();
     let judged = study.judged(best.judged.model.clone());
-    let change = if best.added().is_empty() { Change::FittedAgain } else { Change::AddedUnweighed(best.added()) };
-    Grown { steps: vec![Step { change: Change::Start, judged: base.clone() }, Step { change, judged }], ..Grown::default() }
+    let change = if best.added().is_empty() { ModelChange::FittedAgain } else { ModelChange::AddedUnweighed(best.added()) };
+    Grown { steps: vec![PathStep { change: ModelChange::Start, judged: base.clone() }, PathStep { change, judged }], ..Grown::default() }
 }
 
 /// The model with its creep as fine as whole records ask for: what was searched on their beginnings did not
@@ -464,15 +464,15 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
     }
     let prior::Compared { base, refitted, mut pool, selected, .. } = compared;
     let simplest = selected.minimal.first().map(|k| pool.entries[k].clone()).filter(|e| e.held);
-    let mut steps = vec![Step { change: Change::Start, judged: base.clone() }];
+    let mut steps = vec![PathStep { change: ModelChange::Start, judged: base.clone() }];
     let (moves, mut fitted) = match &simplest {
         Some(entry) => {
             let told = study.judged(prior::all_free(&entry.judged.model, &base.model));
             let changed = entry.moves.iter().map(|m| match m {
-                Move::Added(id) => Change::Added(id.clone()),
-                Move::Freed(id) => Change::Changed(id.clone()),
+                Move::Added(id) => ModelChange::Added(id.clone()),
+                Move::Freed(id) => ModelChange::Changed(id.clone()),
             });
-            steps.extend(changed.map(|change| Step { change, judged: told.clone() }));
+            steps.extend(changed.map(|change| PathStep { change, judged: told.clone() }));
             let again = study.thoroughly(&told.model);
             // Values that this recording does not fix are better where they were identified than where its
             // noise would bring them.
@@ -480,7 +480,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
         }
         None => (Vec::new(), refitted),
     };
-    steps.push(Step { change: Change::FittedAgain, judged: fitted.clone() });
+    steps.push(PathStep { change: ModelChange::FittedAgain, judged: fitted.clone() });
     let all_freed = base.model.effects.iter().map(|e| Move::Freed(e.id.clone()));
     let mut origin: Vec<Move> = moves.iter().filter(|m| matches!(m, Move::Added(_))).cloned().chain(all_freed).collect();
     origin.sort();
@@ -523,7 +523,7 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
 
 /// Adds the converter that the readings themselves show. It explains part of the noise, not of the error:
 /// everything else is the same without it. Its identifier, where it was added.
-fn quantise(steps: &mut Vec<Step>, floor: &NoiseFloor, overview: &Overview) -> Option<String> {
+fn quantise(steps: &mut Vec<PathStep>, floor: &NoiseFloor, overview: &Overview) -> Option<String> {
     let (step_um, last) = (floor.reading_step_um?, steps.last()?);
     let (effect, values) = registry().into_iter().find_map(|e| e.values_in_readings(step_um).map(|values| (e, values)))?;
     let id = effect.declaration().id;
@@ -532,7 +532,7 @@ fn quantise(steps: &mut Vec<Step>, floor: &NoiseFloor, overview: &Overview) -> O
     }
     let mut judged = last.judged.clone();
     judged.model.add(EffectInstance::new(effect, overview, &values));
-    steps.push(Step { change: Change::Added(id.clone()), judged });
+    steps.push(PathStep { change: ModelChange::Added(id.clone()), judged });
     Some(id)
 }
 

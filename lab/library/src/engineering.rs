@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 /// Gain and width of the loop over the whole range of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct LoopFigures {
+pub struct HysteresisFigures {
     /// Height over range, um/V.
     pub gain_um_v: f64,
     /// Least slope on either branch, um/V.
@@ -27,7 +27,7 @@ const DT_S: f64 = 1.0;
 
 /// The loop of a model over the range of its drive; none without a gain or a hysteresis.
 #[must_use]
-pub fn loop_figures(model: &Model) -> Option<LoopFigures> {
+pub fn loop_figures(model: &Model) -> Option<HysteresisFigures> {
     let mut loops = model.clone();
     loops.effects.retain(|e| e.effect.declaration().place == Place::Hysteresis && e.effect.definition().is_none());
     loops.effects.iter().find(|e| e.effect.declaration().is_main())?;
@@ -46,7 +46,7 @@ pub fn loop_figures(model: &Model) -> Option<LoopFigures> {
         [&falling[..], rising].into_iter().flat_map(|branch| branch.windows(2)).map(|w| (w[1] - w[0]) * BRANCH as f64 / (to - from));
     let (least, largest) = slopes.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), slope| (a.min(slope), b.max(slope)));
     let width = falling.iter().zip(rising).map(|(down, up)| (down - up).abs()).fold(0.0, f64::max);
-    Some(LoopFigures {
+    Some(HysteresisFigures {
         gain_um_v: height / (to - from),
         least_slope_um_v: least,
         largest_slope_um_v: largest,

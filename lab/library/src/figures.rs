@@ -2,7 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::units::SignalUnits;
-use crate::diagnosis::path::Step;
+use crate::diagnosis::path::PathStep;
 use crate::diagnosis::words;
 use crate::engineering::{self, Figure};
 use crate::identification::fit::{counted_residual, rms};
@@ -171,7 +171,7 @@ pub fn fit_figures(
 
 /// Figures of the steps to a model.
 #[must_use]
-pub fn step_figures(steps: &[Step]) -> Vec<StepFigures> {
+pub fn step_figures(steps: &[PathStep]) -> Vec<StepFigures> {
     let before = std::iter::once(None).chain(steps.iter().map(|s| Some(&s.judged)));
     steps
         .iter()

@@ -2,7 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::diagnosis::judgement::{Judged, require_finite, require_signals};
-use crate::diagnosis::path::{Change, Step};
+use crate::diagnosis::path::{ModelChange, PathStep};
 use crate::diagnosis::policy::Policy;
 use crate::diagnosis::study::Study;
 use crate::error::{Error, Result};
@@ -11,7 +11,7 @@ use crate::identification::finer_hysteresis::main_effect;
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::identifiability::{CannotIdentify, identifiability};
 use crate::identification::noise_floor::{NoiseFloor, noise_floor};
-use crate::watch::{Event, Watch};
+use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Effect, gain};
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub struct Identification {
     /// The noise floor of the data.
     pub floor: NoiseFloor,
     /// The steps to it.
-    pub steps: Vec<Step>,
+    pub steps: Vec<PathStep>,
     /// What the data cannot tell.
     pub cannot_identify: Vec<CannotIdentify>,
     /// The caller wanted the best so far.
@@ -48,12 +48,24 @@ impl Identification {
 /// # Errors
 /// An effect that asks for what no record has, that has no place in the chain beside the others, or that
 /// gives something that is no number.
+/// ```
+/// use hysteron::{Dataset, Record, Unwatched, effects_named, identify};
+///
+/// let drive_v: Vec<f64> = (0..2000).map(|k| 5.0 - 5.0 * (0.1 * f64::from(k)).cos()).collect();
+/// // A reading is taken before the drive of its row acts.
+/// let reading_um: Vec<f64> = [0.0].into_iter().chain(drive_v.iter().map(|u| 0.1 * u)).take(2000).collect();
+/// let record = Record::new("stage", 1000.0, drive_v, reading_um).from_virgin_state();
+/// let dataset = Dataset::new("my stage", 0.0, 10.0, vec![record])?;
+/// let found = identify(&dataset, &effects_named("gain")?, &Unwatched)?;
+/// assert!((found.model.effects[0].parameters[0].value - 0.1).abs() < 1e-9);
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watch) -> Result<Identification> {
     require_chain(effects, dataset)?;
     let floor = noise_floor(dataset);
     let study = Study::new(dataset, Vec::new(), &floor, Policy::default(), watch);
     let judged = study.build(effects)?;
-    finished(vec![Step { change: Change::Start, judged }], floor, &study)
+    finished(vec![PathStep { change: ModelChange::Start, judged }], floor, &study)
 }
 
 /// Adds an effect to a model and fits everything again. Values that this data do not fix stay where the model
@@ -61,8 +73,24 @@ pub fn identify(dataset: &Dataset, effects: &[Arc<dyn Effect>], watch: &dyn Watc
 ///
 /// # Errors
 /// The model has it already, it has no place in the chain, or it gives something that is no number.
+/// ```
+/// use hysteron::{Dataset, Record, Unwatched, add, effect_named, effects_named, identify};
+///
+/// let drive_v: Vec<f64> = (0..2000).map(|k| 5.0 - 5.0 * (0.1 * f64::from(k)).cos()).collect();
+/// // A reading is taken before the drive of its row acts.
+/// let reading_um: Vec<f64> = [0.0].into_iter().chain(drive_v.iter().map(|u| 0.1 * u)).take(2000).collect();
+/// let record = Record::new("stage", 1000.0, drive_v, reading_um).from_virgin_state();
+/// let dataset = Dataset::new("my stage", 0.0, 10.0, vec![record])?;
+///
+/// let straight = identify(&dataset, &effects_named("gain")?, &Unwatched)?.model;
+/// let lagging = add(&effect_named("sensor_bandwidth")?, straight.clone(), &dataset, &Unwatched)?.model;
+/// assert!(lagging.effect_ids().iter().any(|id| id == "sensor_bandwidth"));
+/// // It is there once: a second time is an error with a message.
+/// assert!(add(&effect_named("sensor_bandwidth")?, lagging, &dataset, &Unwatched).is_err());
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dyn Watch) -> Result<Identification> {
-    watch.event(&Event::Fitting { effect: &effect.declaration().id });
+    watch.event(&WatchEvent::Fitting { effect: &effect.declaration().id });
     let id = effect.declaration().id;
     if model.effect(&id).is_some() {
         return Err(Error::new("effect", format!("{id} is in the model already")));
@@ -86,7 +114,7 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     }
     require_place(&begun, std::slice::from_ref(effect))?;
     let judged = fitted_around(&id, &begun, &study);
-    let steps = vec![Step { change: Change::Start, judged: before }, Step { change: Change::Added(id), judged }];
+    let steps = vec![PathStep { change: ModelChange::Start, judged: before }, PathStep { change: ModelChange::Added(id), judged }];
     finished(steps, floor, &study)
 }
 
@@ -105,7 +133,7 @@ fn fitted_around(id: &str, begun: &Model, study: &Study) -> Judged {
     if study.merit(&all) < study.merit(&around) - WORTH_MOVING { all } else { around }
 }
 
-fn finished(steps: Vec<Step>, floor: NoiseFloor, study: &Study) -> Result<Identification> {
+fn finished(steps: Vec<PathStep>, floor: NoiseFloor, study: &Study) -> Result<Identification> {
     let last = &steps[steps.len() - 1].judged;
     let floor = last.floor_beside(&floor, study.policy.explained, study.dataset).unwrap_or(floor);
     let mut model = last.model.clone();

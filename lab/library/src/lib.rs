@@ -1,21 +1,23 @@
 //! Hysteron as a library: what a model of a piezoelectric actuator misses on recordings, the better model,
 //! and the servo made from it.
 //!
-//! * [`dataset`]: records of drive and displacement; [`synthetic`]: simulated ones whose truth is known;
-//! * [`identification`]: least squares over the whole chain, the noise floor;
-//! * [`diagnosis`]: which physical effect is missing; [`analyse`](mod@analyse): the main job; [`outcome`]:
-//!   what it comes to;
-//! * [`mod@simulate`]: a model under any drive; [`servo`]: design, check and track; [`model_file`]: models as
-//!   text;
-//! * [`capture`]: the firmware's trace as a data set (feature `trace`).
+//! * [`Dataset`], [`Record`]: drive and displacement as they were recorded; [`simulate_case`]: simulated ones
+//!   whose truth is known;
+//! * [`analyse`](fn@analyse): the main job, from a model and recordings to an [`Outcome`];
+//!   [`identify`](fn@identify) and [`add`]: effects of the caller's choice;
+//! * [`Model`]: effects in the order of the chain; [`effects_named`], [`own_effect`]: [`Effect`]s by name
+//!   and of one's own; [`to_toml`], [`from_toml`]: models as text; [`export`](fn@export): as MATLAB, Python
+//!   or C;
+//! * [`simulate`](fn@simulate): a model under any drive; [`replays`]: the saved model against whole
+//!   recordings;
+//! * [`servo`]: design, check and track;
+//! * [`several_axes`]: stages with several drives and sensors.
 //!
 //! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed
-//! results.
+//! results. What is not on this page is there for the programs of the project and may change.
 //!
 //! ```
-//! use hysteron::analyse::{Options, Start, analyse};
-//! use hysteron::outcome::Verdict;
-//! use hysteron::{Dataset, Record, Role, model_file::effects_named, watch::Unwatched};
+//! use hysteron::{Dataset, Options, Record, Role, Start, Unwatched, Verdict, analyse, effects_named};
 //!
 //! // Two recordings at 1 kHz of a stage that is linear but for a lag of its sensor; the second only judges.
 //! let drive_v = |hz: f64| -> Vec<f64> {
@@ -45,34 +47,73 @@
 //! # Ok::<(), hysteron::Error>(())
 //! ```
 
+#[doc(hidden)]
 pub mod analyse;
 #[cfg(feature = "trace")]
+#[doc(hidden)]
 pub mod capture;
+#[doc(hidden)]
 pub mod dataset;
+#[doc(hidden)]
 pub mod diagnosis;
+#[doc(hidden)]
 pub mod effect_reference;
+#[doc(hidden)]
 pub mod engineering;
+#[doc(hidden)]
 pub mod error;
+#[doc(hidden)]
 pub mod export;
+#[doc(hidden)]
 pub mod figures;
+#[doc(hidden)]
 pub mod identification;
+#[doc(hidden)]
 pub mod identify;
+#[doc(hidden)]
 pub mod model_file;
+#[doc(hidden)]
 pub mod outcome;
+#[doc(hidden)]
 mod parallel;
+#[doc(hidden)]
 pub mod prediction;
+#[doc(hidden)]
 pub mod quality;
+#[doc(hidden)]
 pub mod replay;
+#[doc(hidden)]
 pub mod response;
+#[doc(hidden)]
 pub mod series;
 pub mod servo;
 pub mod several_axes;
+#[doc(hidden)]
 pub mod simulate;
+#[doc(hidden)]
 pub mod spectrum;
+#[doc(hidden)]
 pub mod statistics;
+#[doc(hidden)]
 pub mod synthetic;
+#[doc(hidden)]
 pub mod toml_file;
+#[doc(hidden)]
 pub mod watch;
 
+pub use analyse::{NextExperiment, Options, Outcome, Start, analyse};
 pub use dataset::{Dataset, Record, Role};
+pub use diagnosis::policy::Policy;
 pub use error::{Error, Result};
+pub use export::{Language, export};
+pub use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
+pub use hysteron_sim::effect::{Effect, Overview};
+pub use hysteron_sim::noise::WhiteNoise;
+pub use hysteron_sim::waveform;
+pub use identify::{Identification, add, identify};
+pub use model_file::{effect_named, effects_named, from_toml, own_effect, to_toml};
+pub use outcome::{Diagnosis, Evidence, Finding, Remainder, Verdict};
+pub use replay::{Replay, replays};
+pub use simulate::simulate;
+pub use synthetic::case::{CaseOrder, SyntheticCase, simulate_case};
+pub use watch::{Deadline, Unwatched, Watch, WatchEvent};

@@ -107,6 +107,15 @@ struct ParameterEntry {
 ///
 /// # Errors
 /// When a value is no number.
+/// ```
+/// use hysteron::{EffectInstance, Model, Overview, effect_named, from_toml, to_toml};
+///
+/// let mut model = Model::new(0.0, 100.0);
+/// model.add(EffectInstance::new(effect_named("gain")?, &Overview::without_data(0.0, 100.0), &[0.1]));
+/// let text = to_toml(&model, "my stage")?;
+/// assert_eq!(from_toml(&text, "model.toml")?.effect_ids(), ["gain"]);
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 pub fn to_toml(model: &Model, data_set: &str) -> Result<String> {
     let file = ModelFile {
         schema: SCHEMA.into(),
@@ -251,6 +260,13 @@ pub fn effect_named(id: &str) -> Result<Arc<dyn Effect>> {
 ///
 /// # Errors
 /// An unknown identifier, with the nearest known one.
+/// ```
+/// let effects = hysteron::effects_named("hysteresis, creep")?;
+/// assert_eq!(effects[1].declaration().id, "creep");
+/// let error = hysteron::effects_named("crep").err().expect("no such effect");
+/// assert!(error.to_string().contains("creep"), "{error}");
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 pub fn effects_named(list: &str) -> Result<Vec<Arc<dyn Effect>>> {
     list.split([',', '\n', ' ']).map(str::trim).filter(|item| !item.is_empty()).map(effect_named).collect()
 }

@@ -51,12 +51,12 @@ pub struct Replay {
     /// The state in which the replay begins.
     pub begins: &'static str,
     /// What the replay shows that the judged error does not.
-    pub drift: Option<Drift>,
+    pub drift: Option<ReplayDrift>,
 }
 
 /// Why a replay is worse than the judged error.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Drift {
+pub struct ReplayDrift {
     /// An effect of the model whose states drift, or `trend`, `offset`, `outside`, `unknown`.
     pub cause: String,
     /// Share of the squares that it takes.
@@ -102,6 +102,18 @@ fn words_nm(um: f64) -> String {
 
 /// The replays of a model over all files of a data set that are fitted or judge, in the order of their first
 /// records.
+/// ```
+/// use hysteron::{Dataset, Record, Unwatched, effects_named, identify, replays};
+///
+/// let drive_v: Vec<f64> = (0..2000).map(|k| 5.0 - 5.0 * (0.1 * f64::from(k)).cos()).collect();
+/// // A reading is taken before the drive of its row acts.
+/// let reading_um: Vec<f64> = [0.0].into_iter().chain(drive_v.iter().map(|u| 0.1 * u)).take(2000).collect();
+/// let record = Record::new("stage", 1000.0, drive_v, reading_um).from_virgin_state();
+/// let dataset = Dataset::new("my stage", 0.0, 10.0, vec![record])?;
+/// let model = identify(&dataset, &effects_named("gain")?, &Unwatched)?.model;
+/// assert!(replays(&model, &dataset)[0].rms_um < 1e-9);
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 #[must_use]
 pub fn replays(model: &Model, dataset: &Dataset) -> Vec<Replay> {
     let model = &*model.before_rounding();
@@ -202,7 +214,7 @@ struct Explanation {
     columns: DMatrix<f64>,
 }
 
-fn drift(model: &Model, whole: &Record, left: &[f64], parts: &[Range<usize>], replay: &Replay) -> Drift {
+fn drift(model: &Model, whole: &Record, left: &[f64], parts: &[Range<usize>], replay: &Replay) -> ReplayDrift {
     let inside: Vec<usize> = parts.iter().cloned().flatten().filter(|k| whole.counts(*k)).collect();
     let target = DVector::from_iterator(inside.len(), inside.iter().map(|k| left[*k]));
     if rms(target.as_slice()) < AS_GOOD * replay.judged_um {
@@ -226,7 +238,7 @@ fn drift(model: &Model, whole: &Record, left: &[f64], parts: &[Range<usize>], re
     };
     let (cause, share) =
         if shares[best] > TAKES { (all[best].cause.clone(), shares[best]) } else { ("unknown".to_owned(), shares[best].max(0.0)) };
-    Drift { sentence: advice(model, whole, &cause, share), cause, share }
+    ReplayDrift { sentence: advice(model, whole, &cause, share), cause, share }
 }
 
 /// The columns of each explanation at the samples that were judged.
@@ -253,7 +265,7 @@ fn explanations(model: &Model, whole: &Record, parts: &[Range<usize>], inside: &
 }
 
 /// Where the error stands outside the windows that were judged.
-fn outside(model: &Model, whole: &Record, parts: &[Range<usize>], replay: &Replay) -> Drift {
+fn outside(model: &Model, whole: &Record, parts: &[Range<usize>], replay: &Replay) -> ReplayDrift {
     let (first, last) = (parts.first().map_or(0, |p| p.start), parts.last().map_or(0, |p| p.end));
     let at = (replay.max_at_s / whole.dt_s()).round() as usize;
     let place = if at < first {
@@ -270,7 +282,7 @@ fn outside(model: &Model, whole: &Record, parts: &[Range<usize>], replay: &Repla
     } else {
         "Judge this stretch too: name the file in a dataset.toml with the times (from_s, to_s) that matter to you."
     };
-    Drift { cause: "outside".into(), share: 1.0, sentence: format!("The error stands {place}. {what}") }
+    ReplayDrift { cause: "outside".into(), share: 1.0, sentence: format!("The error stands {place}. {what}") }
 }
 
 fn advice(model: &Model, whole: &Record, cause: &str, share: f64) -> String {

@@ -14,6 +14,18 @@ const TOLERANCE: f64 = 0.5 / 4096.0;
 /// # Errors
 /// A drive that leaves the range for which the model holds, or is no number; a signal that an effect takes
 /// part of and that is not there; a model that gives something that is no number, with effect and sample.
+/// ```
+/// use hysteron::{Drive, EffectInstance, InitialState, Model, Overview, effect_named, simulate};
+///
+/// let mut model = Model::new(0.0, 100.0);
+/// model.add(EffectInstance::new(effect_named("gain")?, &Overview::without_data(0.0, 100.0), &[0.1]));
+/// let step_v = [0.0, 50.0, 50.0];
+/// let reading_um = simulate(&model, &Drive::held(&step_v, 1e-3, InitialState::Virgin), "a step")?;
+/// assert!((reading_um[2] - 5.0).abs() < 1e-12);
+/// // A drive that the model does not hold for is refused.
+/// assert!(simulate(&model, &Drive::held(&[120.0], 1e-3, InitialState::Virgin), "too high").is_err());
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 pub fn simulate(model: &Model, drive: &Drive, place: &str) -> Result<Vec<f64>> {
     let (low, high) = (model.drive_min_v, model.drive_max_v);
     let beyond_v = |u: f64| (low - u).max(u - high);

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 /// Told of every step of a search; may ask it to stop.
 pub trait Watch: Sync {
     /// Something begins, or came out.
-    fn event(&self, event: &Event<'_>);
+    fn event(&self, event: &WatchEvent<'_>);
 
     /// Whether the caller wants the best result so far.
     fn stopped(&self) -> bool {
@@ -37,7 +37,7 @@ impl<'w> Deadline<'w> {
 }
 
 impl Watch for Deadline<'_> {
-    fn event(&self, event: &Event<'_>) {
+    fn event(&self, event: &WatchEvent<'_>) {
         self.watch.event(event);
     }
 
@@ -54,12 +54,12 @@ impl Watch for Deadline<'_> {
 pub struct Unwatched;
 
 impl Watch for Unwatched {
-    fn event(&self, _event: &Event<'_>) {}
+    fn event(&self, _event: &WatchEvent<'_>) {}
 }
 
 /// What happens in a search.
 #[derive(Clone, Debug)]
-pub enum Event<'a> {
+pub enum WatchEvent<'a> {
     /// A list of effects is fitted.
     Fitting {
         /// The effect that joins now.
@@ -90,7 +90,7 @@ pub enum Event<'a> {
     ),
 }
 
-impl fmt::Display for Event<'_> {
+impl fmt::Display for WatchEvent<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |ids: &[String]| if ids.is_empty() { "the start".to_owned() } else { ids.join(", ").replace('_', " ") };
         match self {

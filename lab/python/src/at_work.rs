@@ -2,7 +2,7 @@
 //! Ctrl-C.
 
 use crate::raised;
-use hysteron::watch::{Event, Watch};
+use hysteron::watch::{Watch, WatchEvent};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,7 +30,7 @@ impl Told {
 }
 
 impl Watch for Told {
-    fn event(&self, event: &Event<'_>) {
+    fn event(&self, event: &WatchEvent<'_>) {
         if let Some(progress) = self.progress.as_ref().filter(|_| !self.stopped()) {
             self.heed(Python::attach(|py| progress.call1(py, (event.to_string(),)).map(drop)));
         }

@@ -1,9 +1,9 @@
 //! Data sets of arrays and of files.
 
 use crate::{bytes, numbers, raised, wrong};
-use hysteron::dataset::manifest::{ColumnName, PerColumn};
+use hysteron::dataset::column_rules::ColumnRules;
+use hysteron::dataset::column_rules::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;
-use hysteron::dataset::recognise::ColumnRules;
 use hysteron::dataset::timing::{Timing, intersample_named};
 use hysteron::dataset::{Periods, folder};
 use hysteron::{Record, Role};

@@ -2,7 +2,7 @@
 //! looks at first.
 
 use crate::explain_report::{ExplainReport, RecordReport};
-use crate::page::{Block, Plot, Role, Section, Series};
+use crate::page::{CurveRole, PageBlock, Plot, Section, Series};
 use hysteron::response::{Correlations, Response, correlations, frequency_response};
 
 /// The section of the record that shows most of the dynamics; none without a driven record of some hundred
@@ -25,7 +25,7 @@ pub(crate) fn dynamics(report: &ExplainReport) -> Option<Section> {
              correlations stay within the lines that 99 % of such residuals do not cross.",
             record.name
         ),
-        blocks: [bode(&measured, &model).to_vec(), correlation_plots(&lags).to_vec()].concat().into_iter().map(Block::Plot).collect(),
+        blocks: [bode(&measured, &model).to_vec(), correlation_plots(&lags).to_vec()].concat().into_iter().map(PageBlock::Plot).collect(),
     })
 }
 
@@ -50,14 +50,15 @@ fn longest_part(record: &RecordReport) -> Option<std::ops::Range<usize>> {
 
 fn bode(measured: &Response, model: &Response) -> [Plot; 3] {
     let plot = |title: &str, axis: &str, unit: &str, log: bool, of: fn(&Response) -> &Vec<f64>, both: bool| {
-        let line =
-            |label: &str, role: Role, response: &Response| Series::line(label, role, response.frequency_hz.clone(), of(response).clone());
+        let line = |label: &str, role: CurveRole, response: &Response| {
+            Series::line(label, role, response.frequency_hz.clone(), of(response).clone())
+        };
         let plot = Plot::new(title).x_axis("frequency", "Hz").y_axis(axis, unit).log(true, log).link("frequency").with(line(
             "measured",
-            Role::Measured,
+            CurveRole::Measured,
             measured,
         ));
-        if both { plot.with(line("modelled", Role::Model, model)) } else { plot }
+        if both { plot.with(line("modelled", CurveRole::Model, model)) } else { plot }
     };
     [
         plot("Gain from drive to reading", "gain", "um/V", true, |r| &r.gain, true),
@@ -72,7 +73,7 @@ fn correlation_plots(lags: &Correlations) -> [Plot; 2] {
         Plot::new(title)
             .x_axis("lag", "ms")
             .y_axis("correlation", "")
-            .with(Series::line("residual", Role::Residual, milliseconds[from..].to_vec(), values[from..].to_vec()))
+            .with(Series::line("residual", CurveRole::Residual, milliseconds[from..].to_vec(), values[from..].to_vec()))
             .level("99 %", bound)
             .level("99 %", -bound)
     };

@@ -1,6 +1,6 @@
 //! A page about every effect of the library, from what each declares and what it does to a simulated reading.
 
-use crate::page::{Block, Page, Plot, Role, Section, Series, Table};
+use crate::page::{CurveRole, Page, PageBlock, Plot, Section, Series, Table};
 use crate::text::{effect_words, figure};
 use hysteron::synthetic::signatures::{Signature, SignatureOnRecord};
 use hysteron_sim::effect::Place;
@@ -38,8 +38,8 @@ fn section(signature: &Signature) -> Section {
     let rows = signature.parameters.iter().map(|(parameter, value)| {
         vec![parameter.name.clone(), parameter.unit.clone(), figure(*value), figure(parameter.lower), figure(parameter.upper)]
     });
-    let mut blocks: Vec<Block> = signature.clearest().map(pictures).unwrap_or_default();
-    blocks.push(Block::Table(Table {
+    let mut blocks: Vec<PageBlock> = signature.clearest().map(pictures).unwrap_or_default();
+    blocks.push(PageBlock::Table(Table {
         columns: ["value", "unit", "here", "at least", "at most"].map(String::from).to_vec(),
         rows: rows.collect(),
         ..Table::default()
@@ -48,22 +48,22 @@ fn section(signature: &Signature) -> Section {
 }
 
 /// The signature over time and over the drive, in the record in which it is largest.
-fn pictures(on: &SignatureOnRecord) -> Vec<Block> {
+fn pictures(on: &SignatureOnRecord) -> Vec<PageBlock> {
     let every = on.signature_um.len().div_ceil(POINTS).max(1);
     let kept = |values: &[f64], factor: f64| values.iter().step_by(every).map(|v| factor * v).collect::<Vec<f64>>();
     let signature_nm = kept(&on.signature_um, 1e3);
     let time_s = (0..on.signature_um.len()).step_by(every).map(|k| k as f64 / on.rate_hz).collect();
     let said = |kind: &str| format!("What it adds to the reading {kind}, record {}", on.record);
     vec![
-        Block::Plot(Plot::new(said("over time")).x_axis("time", "s").y_axis("signature", "nm").with(Series::line(
+        PageBlock::Plot(Plot::new(said("over time")).x_axis("time", "s").y_axis("signature", "nm").with(Series::line(
             "signature",
-            Role::Residual,
+            CurveRole::Residual,
             time_s,
             signature_nm.clone(),
         ))),
-        Block::Plot(Plot::new(said("over the drive")).x_axis("drive", "V").y_axis("signature", "nm").with(Series::line(
+        PageBlock::Plot(Plot::new(said("over the drive")).x_axis("drive", "V").y_axis("signature", "nm").with(Series::line(
             "signature",
-            Role::Residual,
+            CurveRole::Residual,
             kept(&on.drive_v, 1.0),
             signature_nm,
         ))),

@@ -5,7 +5,7 @@
 //! away and a law stands out.
 
 use super::explain_report::{EvidenceReport, EvidenceTrace, RecordReport};
-use super::page::{Block, Plot, Role, Series, Width};
+use super::page::{CurveRole, PageBlock, Plot, Series, Width};
 use super::text::{effect_words, percent, role_words};
 use hysteron::diagnosis::residual_map::{Branch, branches};
 use hysteron::spectrum::amplitude_density;
@@ -77,7 +77,7 @@ impl View {
 }
 
 /// The plots for one effect, records in which its signature moves most first.
-pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]) -> Vec<Block> {
+pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]) -> Vec<PageBlock> {
     let view = View::of(evidence);
     let power = |trace: &EvidenceTrace| trace.predicted_um.iter().map(|p| p * p).sum::<f64>();
     let mut traces: Vec<&EvidenceTrace> = evidence.traces.iter().filter(|t| t.record < records.len() && power(t) > 0.0).collect();
@@ -110,7 +110,7 @@ pub(super) fn evidence_plots(evidence: &EvidenceReport, records: &[RecordReport]
             } else if number == 0 {
                 plot.caption.clone_from(&evidence.caption);
             }
-            Block::Plot(plot)
+            PageBlock::Plot(plot)
         })
         .collect()
 }
@@ -134,9 +134,9 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
             (spectrum.frequency_hz, density)
         };
         let (x, y) = curve(&trace.residual_um);
-        plot.series.push(Series::points("what the residual does", Role::Residual, x, y));
+        plot.series.push(Series::points("what the residual does", CurveRole::Residual, x, y));
         let (x, y) = curve(&trace.predicted_um);
-        plot.series.push(Series::line("what the signature predicts", Role::Model, x, y));
+        plot.series.push(Series::line("what the signature predicts", CurveRole::Model, x, y));
         plot.y.log = true;
         return plot.y_axis("amplitude density", "nm/rtHz");
     }
@@ -169,14 +169,14 @@ fn trace_plot(view: View, trace: &EvidenceTrace, record: &RecordReport) -> Plot 
         plot = plot.x_axis("time", "s").log(false, false);
     }
     let by_branch = matches!(view, View::Drive | View::Displacement);
-    let groups: &[(&str, &[Branch], Role, Role)] = if by_branch {
+    let groups: &[(&str, &[Branch], CurveRole, CurveRole)] = if by_branch {
         &[
-            (", first rise", &[Branch::FirstRise], Role::Other3, Role::Other3),
-            (", rising", &[Branch::Rising], Role::Other1, Role::Other1),
-            (", falling", &[Branch::Falling], Role::Other2, Role::Other2),
+            (", first rise", &[Branch::FirstRise], CurveRole::Other3, CurveRole::Other3),
+            (", rising", &[Branch::Rising], CurveRole::Other1, CurveRole::Other1),
+            (", falling", &[Branch::Falling], CurveRole::Other2, CurveRole::Other2),
         ]
     } else {
-        &[("", &[Branch::FirstRise, Branch::Rising, Branch::Falling, Branch::Held], Role::Residual, Role::Model)]
+        &[("", &[Branch::FirstRise, Branch::Rising, Branch::Falling, Branch::Held], CurveRole::Residual, CurveRole::Model)]
     };
     if view == View::TimeHeld {
         add_holds(&mut plot, trace, record, &branch, sample);
@@ -236,8 +236,8 @@ fn add_holds(plot: &mut Plot, trace: &EvidenceTrace, record: &RecordReport, bran
     for hold in holds.iter().take(MOST_HOLDS) {
         let (x, residual, predicted) = binned(hold, trace, BINS / 2);
         let x: Vec<f64> = x.iter().map(|x| 10f64.powf(*x)).collect();
-        plot.series.push(Series::points("what the residual does", Role::Residual, x.clone(), residual));
-        plot.series.push(Series::line("what the signature predicts", Role::Model, x, predicted));
+        plot.series.push(Series::points("what the residual does", CurveRole::Residual, x.clone(), residual));
+        plot.series.push(Series::line("what the signature predicts", CurveRole::Model, x, predicted));
     }
 }
 
@@ -298,7 +298,7 @@ mod tests {
             traces: vec![EvidenceTrace { residual_um: law.clone(), predicted_um: law, ..EvidenceTrace::default() }],
         };
         let plots = evidence_plots(&evidence, &[record]);
-        let Block::Plot(plot) = &plots[0] else {
+        let PageBlock::Plot(plot) = &plots[0] else {
             panic!("a plot was expected");
         };
         assert!(plot.x.log);

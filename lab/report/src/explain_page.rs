@@ -9,8 +9,8 @@ use super::decimate::extreme_indices;
 use super::evidence::evidence_plots;
 use super::explain_report::{CandidateReport, ExplainReport, StepReport};
 use super::page::{
-    Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall, WaterfallStep,
-    When, Width,
+    CurveRole, HeatMap, HeatMapLayer, Level, Notes, Page, PageBlock, Plot, Section, Selector, Series, Style, Table, Tone, Waterfall,
+    WaterfallStep, When, Width,
 };
 use super::text::{Significant, effect_words, figure, nanometres, percent, role_words};
 use hysteron::diagnosis::residual_map::{Branch, DriveFeature, branches, drive_features, residual_by_feature};
@@ -220,7 +220,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
         ),
         blocks: vec![
             hottest,
-            Block::HeatMap(HeatMap {
+            PageBlock::HeatMap(HeatMap {
                 title: "Residual over records and drive features".to_owned(),
                 caption: format!(
                     "The frequency columns split the residual's own spectrum{}. Empty cells have fewer than {CELL_SAMPLES_MIN} samples, and those of few scatter by \
@@ -240,7 +240,7 @@ fn where_it_fails(report: &ExplainReport) -> Section {
 
 /// The largest cells of the last model in words. Frequencies are left out: a band holds a share of the noise
 /// only.
-fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f64, f64), floor_um: Option<f64>) -> Block {
+fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f64, f64), floor_um: Option<f64>) -> PageBlock {
     let mut cells: Vec<(f64, String)> = Vec::new();
     for record in &report.records {
         let Some(residual_um) = record.residual_um.last() else { continue };
@@ -268,9 +268,9 @@ fn hottest_cells(report: &ExplainReport, features: &[DriveFeature], range_v: (f6
         .collect();
     if cells.is_empty() {
         let title = "With the last model nothing stands out of the noise, under any circumstance of the drive.".to_owned();
-        return Block::Notes(Notes { title, items, tone: Tone::Good });
+        return PageBlock::Notes(Notes { title, items, tone: Tone::Good });
     }
-    Block::Notes(Notes { title: "With the last model most remains in:".to_owned(), items, tone: Tone::Neutral })
+    PageBlock::Notes(Notes { title: "With the last model most remains in:".to_owned(), items, tone: Tone::Neutral })
 }
 
 /// Whether a cell is so many times the noise by more than chance and by enough to matter: the RMS of n
@@ -312,7 +312,7 @@ fn falling_error(report: &ExplainReport) -> Section {
     let held_out = report.steps.iter().all(|s| s.validate_rms_um.is_some());
     let mut blocks = Vec::new();
     if !report.steps.is_empty() {
-        blocks.push(Block::Waterfall(Waterfall {
+        blocks.push(PageBlock::Waterfall(Waterfall {
             title: "Error after each effect".to_owned(),
             caption: "Logarithmic. The outline shows what the step took away; a click on a step shows it in every plot.".to_owned(),
             steps: report
@@ -335,7 +335,7 @@ fn falling_error(report: &ExplainReport) -> Section {
             selector: Some(STEP.to_owned()),
         }));
     }
-    blocks.push(Block::Table(Table {
+    blocks.push(PageBlock::Table(Table {
         title: "Step by step".to_owned(),
         columns: ["", "Added", "Fitted, nm RMS", "Held out, nm RMS", "Why"].map(str::to_owned).to_vec(),
         rows: report
@@ -354,7 +354,7 @@ fn falling_error(report: &ExplainReport) -> Section {
             .collect(),
         ..Table::default()
     }));
-    blocks.push(Block::Table(Table {
+    blocks.push(PageBlock::Table(Table {
         title: "Last model, record by record".to_owned(),
         caption: report.replays.iter().map(|line| capital(line)).collect::<Vec<_>>().join(" "),
         columns: ["Record", "Role", "RMS, nm", "Max, nm", "RMS, % of range", "Range, \u{b5}m", "Replay of the file, nm"]
@@ -426,26 +426,26 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         let t_s = kept.pick(r, &record.t_s, 1.0);
         let u_v = kept.pick(r, &record.u_v, 1.0);
         let y_um = kept.pick(r, &record.y_um, 1.0);
-        let measured = |x: &Vec<f64>| Series::line("measured", Role::Measured, x.clone(), y_um.clone()).when(RECORD, r);
+        let measured = |x: &Vec<f64>| Series::line("measured", CurveRole::Measured, x.clone(), y_um.clone()).when(RECORD, r);
         over_time.series.push(measured(&t_s));
         loops.series.push(measured(&u_v));
-        drive.series.push(Series::line("drive", Role::Drive, t_s.clone(), u_v.clone()).style(Style::Steps).when(RECORD, r));
+        drive.series.push(Series::line("drive", CurveRole::Drive, t_s.clone(), u_v.clone()).style(Style::Steps).when(RECORD, r));
         for (step, residual_um) in record.residual_um.iter().enumerate() {
             let chosen = |series: Series| series.when(RECORD, r).when(STEP, step);
             let modelled_um: Vec<f64> = record.y_um.iter().zip(residual_um).map(|(y, e)| y - e).collect();
             let modelled_um = kept.pick(r, &modelled_um, 1.0);
             let residual_nm = kept.pick(r, residual_um, 1e3);
-            let model = |x: &Vec<f64>| chosen(Series::line("modelled", Role::Model, x.clone(), modelled_um.clone()));
+            let model = |x: &Vec<f64>| chosen(Series::line("modelled", CurveRole::Model, x.clone(), modelled_um.clone()));
             over_time.series.push(model(&t_s));
             loops.series.push(model(&u_v));
-            let error = |x: &Vec<f64>| chosen(Series::line("residual", Role::Residual, x.clone(), residual_nm.clone()));
+            let error = |x: &Vec<f64>| chosen(Series::line("residual", CurveRole::Residual, x.clone(), residual_nm.clone()));
             residual.series.push(error(&t_s));
             residual_over_drive.series.push(error(&u_v));
             let counted_um: Vec<f64> = residual_um.iter().map(|e| if e.is_finite() { *e } else { 0.0 }).collect();
             let density = amplitude_density(&counted_um, record.sample_rate_hz);
             spectrum.series.push(chosen(Series::line(
                 "residual",
-                Role::Residual,
+                CurveRole::Residual,
                 density.frequency_hz,
                 density.density.iter().map(|d| d * 1e3).collect(),
             )));
@@ -475,7 +475,7 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
             .to_owned(),
         blocks: [over_time, drive, residual, loops, residual_over_drive, spectrum]
             .into_iter()
-            .map(Block::Plot)
+            .map(PageBlock::Plot)
             .collect(),
     }
 }
@@ -507,7 +507,7 @@ fn alternatives(report: &ExplainReport) -> Option<Section> {
                residual's power above the noise, with its 90 % interval over resampled blocks; the p-value is corrected for all effects tried; the best are refitted and \
                judged on records that were not fitted."
             .to_owned(),
-        blocks: vec![Block::Table(Table {
+        blocks: vec![PageBlock::Table(Table {
             columns: [
                 "Effect",
                 "Explains",
@@ -619,12 +619,12 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
             };
             let drawn = kept.pick(r, values, scale);
             for (plot, x) in plots.iter_mut().zip(abscissae) {
-                plot.series.push(chosen(Series::points(name, Role::Residual, kept.pick(r, x, 1.0), drawn.clone())));
+                plot.series.push(chosen(Series::points(name, CurveRole::Residual, kept.pick(r, x, 1.0), drawn.clone())));
             }
             for (plot, x) in plots.iter_mut().zip(abscissae).take(3) {
                 for (label, role, wanted) in [
-                    ("mean, rising", Role::Other1, [Branch::Rising, Branch::FirstRise]),
-                    ("mean, falling", Role::Other2, [Branch::Falling, Branch::Falling]),
+                    ("mean, rising", CurveRole::Other1, [Branch::Rising, Branch::FirstRise]),
+                    ("mean, falling", CurveRole::Other2, [Branch::Falling, Branch::Falling]),
                 ] {
                     let masked: Vec<f64> =
                         values.iter().zip(&branch).map(|(e, (b, _))| if wanted.contains(b) { e * scale } else { f64::NAN }).collect();
@@ -645,7 +645,7 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
                 "The residual of the chosen record and model,"
             }
         ),
-        blocks: plots.into_iter().map(Block::Plot).collect(),
+        blocks: plots.into_iter().map(PageBlock::Plot).collect(),
     }
 }
 
@@ -656,12 +656,12 @@ fn parameters(report: &ExplainReport) -> Option<Section> {
     Some(Section {
         heading: "Parameters".to_owned(),
         text: String::new(),
-        blocks: vec![Block::Table(Table {
+        blocks: vec![PageBlock::Table(Table {
             title: "As an engineer reads them".to_owned(),
             columns: ["Effect", "", "Value"].map(str::to_owned).to_vec(),
             rows: report.values.iter().map(|value| value.to_vec()).collect(),
             ..Table::default()
-        }), Block::Table(Table {
+        }), PageBlock::Table(Table {
             title: "As the model file has them".to_owned(),
             columns: ["Effect", "Parameter", "Value", "Standard deviation", "Unit", ""]
                 .map(str::to_owned)
@@ -691,13 +691,13 @@ fn next_experiment(report: &ExplainReport) -> Option<Section> {
     let text = experiment.why.clone();
     let mut blocks = Vec::new();
     if !experiment.t_s.is_empty() {
-        blocks.push(Block::Plot(
+        blocks.push(PageBlock::Plot(
             Plot::new("Proposed drive")
                 .x_axis("time", "s")
                 .y_axis("drive", "V")
                 .width(Width::Full)
                 .height_px(200)
-                .with(Series::line("drive", Role::Drive, experiment.t_s.clone(), experiment.u_v.clone()).style(Style::Steps)),
+                .with(Series::line("drive", CurveRole::Drive, experiment.t_s.clone(), experiment.u_v.clone()).style(Style::Steps)),
         ));
     }
     Some(Section { heading: "The next experiment".to_owned(), text, blocks })
@@ -715,7 +715,7 @@ fn noise_floor(report: &ExplainReport) -> Option<Section> {
             nanometres(floor.rms_um),
             floor.basis
         ),
-        blocks: vec![Block::Table(Table {
+        blocks: vec![PageBlock::Table(Table {
             columns: ["Estimate", "nm RMS"].map(str::to_owned).to_vec(),
             rows: floor.estimates.iter().map(|(basis, rms_um)| vec![basis.clone(), figure(1e3 * rms_um)]).collect(),
             ..Table::default()
@@ -730,6 +730,6 @@ fn remarks(report: &ExplainReport) -> Option<Section> {
     Some(Section {
         heading: "Remarks".to_owned(),
         text: String::new(),
-        blocks: vec![Block::Notes(Notes { title: String::new(), items: report.warnings.clone(), tone: Tone::Attention })],
+        blocks: vec![PageBlock::Notes(Notes { title: String::new(), items: report.warnings.clone(), tone: Tone::Attention })],
     })
 }

@@ -6,7 +6,7 @@
 
 use super::decimate::extreme_indices;
 use super::encode::Columns;
-use super::page::{Block, HeatMap, Notes, Page, Plot, Section, Table, Tone, Waterfall, Width};
+use super::page::{HeatMap, Notes, Page, PageBlock, Plot, Section, Table, Tone, Waterfall, Width};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -135,9 +135,9 @@ fn write_section(body: &mut String, number: usize, section: &Section, figures: &
     body.push_str("<div class=\"blocks\">");
     for block in &section.blocks {
         match block {
-            Block::Table(table) => write_table(body, table),
-            Block::Notes(notes) => write_notes(body, notes),
-            Block::Plot(plot) => {
+            PageBlock::Table(table) => write_table(body, table),
+            PageBlock::Notes(notes) => write_notes(body, notes),
+            PageBlock::Plot(plot) => {
                 let width = match plot.width {
                     Width::Full => "full",
                     Width::Half => "half",
@@ -146,11 +146,11 @@ fn write_section(body: &mut String, number: usize, section: &Section, figures: &
                 write_frame(body, figures.len(), "plot", width, &plot.title, &plot.caption);
                 figures.push(plot_json(plot, columns));
             }
-            Block::Waterfall(waterfall) => {
+            PageBlock::Waterfall(waterfall) => {
                 write_frame(body, figures.len(), "waterfall", "full", &waterfall.title, &waterfall.caption);
                 figures.push(waterfall_json(waterfall));
             }
-            Block::HeatMap(map) => {
+            PageBlock::HeatMap(map) => {
                 write_frame(body, figures.len(), "heatmap", "full", &map.title, &map.caption);
                 figures.push(heat_map_json(map));
             }
@@ -258,7 +258,7 @@ fn heat_map_json(map: &HeatMap) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::page::{Role, Series};
+    use crate::page::{CurveRole, Series};
 
     #[test]
     fn hostile_names_stay_text() {
@@ -270,8 +270,8 @@ mod tests {
                 heading: name.into(),
                 text: name.into(),
                 blocks: vec![
-                    Block::Plot(Plot::new(name).with(Series::line(name, Role::Model, vec![0.0, 1.0], vec![f64::NAN, 2.0]))),
-                    Block::Table(Table { columns: vec![name.into()], rows: vec![vec![name.into(), "1.5".into()]], ..Table::default() }),
+                    PageBlock::Plot(Plot::new(name).with(Series::line(name, CurveRole::Model, vec![0.0, 1.0], vec![f64::NAN, 2.0]))),
+                    PageBlock::Table(Table { columns: vec![name.into()], rows: vec![vec![name.into(), "1.5".into()]], ..Table::default() }),
                 ],
             }],
             ..Page::default()

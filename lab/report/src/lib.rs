@@ -79,7 +79,7 @@ pub use explain_report::{
 pub use falling_error::falling_error_svg;
 pub use of_findings::{comparison_report, explain_report};
 pub use page::{
-    Axis, Band, Block, HeatMap, HeatMapLayer, Level, Notes, Page, Plot, Role, Section, Selector, Series, Style, Table, Tone, Waterfall,
-    WaterfallStep, When, Width,
+    Axis, Band, CurveRole, HeatMap, HeatMapLayer, Level, Notes, Page, PageBlock, Plot, Section, Selector, Series, Style, Table, Tone,
+    Waterfall, WaterfallStep, When, Width,
 };
 pub use servo_plots::{learning, nyquist, sensitivity, trade_off};

@@ -9,7 +9,7 @@ use hysteron::dataset::Dataset;
 use hysteron::dataset::reading_grid::{mean_rounding_um, rounding_noise};
 use hysteron::diagnosis::judgement::{Split, judge, noise_floor_beside};
 use hysteron::diagnosis::latent_force::latent_force_nm;
-use hysteron::diagnosis::path::Step;
+use hysteron::diagnosis::path::PathStep;
 use hysteron::diagnosis::words::{self, nm};
 use hysteron::engineering::{Figure, figures};
 use hysteron::figures::{FitFigures, StepFigures, step_figures};
@@ -56,7 +56,7 @@ pub fn explain_report(found: &Outcome, dataset: &Dataset, command: String) -> Ex
     }
 }
 
-fn step_reports(steps: &[Step]) -> Vec<StepReport> {
+fn step_reports(steps: &[PathStep]) -> Vec<StepReport> {
     let of = |s: StepFigures| StepReport {
         added: s.added,
         removed: s.removed,

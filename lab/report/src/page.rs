@@ -1,6 +1,6 @@
 //! The parts a page is made of.
 //!
-//! A [`Page`] is plain data: sections of [`Block`]s, and [`Selector`]s that a reader works. Anything that
+//! A [`Page`] is plain data: sections of [`PageBlock`]s, and [`Selector`]s that a reader works. Anything that
 //! shows only for some choice (a series for one record at one step of a model's growth) carries [`When`]
 //! conditions; the script in the page shows what matches the present choice and hides the rest. Nothing here
 //! knows about files or HTML: `encode` turns numbers into compact columns and `html` turns the whole into one
@@ -47,12 +47,12 @@ pub struct Section {
     /// Text under the heading; empty lines separate paragraphs.
     pub text: String,
     /// Plots, tables and the like, in reading order.
-    pub blocks: Vec<Block>,
+    pub blocks: Vec<PageBlock>,
 }
 
 /// Anything that stands in a section.
 #[derive(Clone, Debug)]
-pub enum Block {
+pub enum PageBlock {
     /// Curves over an axis.
     Plot(Plot),
     /// Rows of text and numbers.
@@ -131,7 +131,7 @@ pub enum Style {
 /// What a series stands for; the page gives each role its colour, the same in every plot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Role {
+pub enum CurveRole {
     /// What was measured.
     #[default]
     Measured,
@@ -163,19 +163,19 @@ pub struct Series {
     /// How it is drawn.
     pub style: Style,
     /// What it stands for.
-    pub role: Role,
+    pub role: CurveRole,
     /// Shown only under these conditions.
     pub when: Vec<When>,
 }
 
 impl Series {
     /// A line through the points (x, y).
-    pub fn line(label: impl Into<String>, role: Role, x: Vec<f64>, y: Vec<f64>) -> Self {
+    pub fn line(label: impl Into<String>, role: CurveRole, x: Vec<f64>, y: Vec<f64>) -> Self {
         Self { label: label.into(), x, y, role, ..Self::default() }
     }
 
     /// Separate dots at (x, y).
-    pub fn points(label: impl Into<String>, role: Role, x: Vec<f64>, y: Vec<f64>) -> Self {
+    pub fn points(label: impl Into<String>, role: CurveRole, x: Vec<f64>, y: Vec<f64>) -> Self {
         Self { style: Style::Points, ..Self::line(label, role, x, y) }
     }
 

@@ -1,6 +1,6 @@
 //! Pictures of a servo design.
 
-use crate::page::{Plot, Role, Series};
+use crate::page::{CurveRole, Plot, Series};
 use hysteron::servo::learned_feedforward::{ConvergencePoint, LearningDesign};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::predictor::{Assessment, least_expected};
@@ -15,10 +15,10 @@ pub fn trade_off(assessments: &[Assessment]) -> Plot {
         .x_axis("sensor noise passed on", "nm")
         .y_axis("hysteresis model error let through", "nm")
         .caption("Every point keeps all margins, and no other tuning beats it in both; the chosen one is nearest to the origin.")
-        .with(Series::line("tunings", Role::Model, x, y));
+        .with(Series::line("tunings", CurveRole::Model, x, y));
     if let Some(chosen) = least_expected(assessments) {
         let (x, y) = point(chosen);
-        plot = plot.with(Series::points("chosen", Role::Measured, vec![x], vec![y]));
+        plot = plot.with(Series::points("chosen", CurveRole::Measured, vec![x], vec![y]));
     }
     plot
 }
@@ -36,8 +36,8 @@ pub fn sensitivity(margins: &LoopMargins) -> Plot {
         .y_axis("magnitude", "dB")
         .log(true, false)
         .caption("On the actuator that was checked, at its mean gain. Above 0 dB the loop makes a disturbance larger.")
-        .with(Series::line("sensitivity", Role::Residual, hz.clone(), of(&|p| p.sensitivity)))
-        .with(Series::line("complementary sensitivity", Role::Model, hz, of(&|p| p.complementary)))
+        .with(Series::line("sensitivity", CurveRole::Residual, hz.clone(), of(&|p| p.sensitivity)))
+        .with(Series::line("complementary sensitivity", CurveRole::Model, hz, of(&|p| p.complementary)))
 }
 
 /// What an error of a periodic reference becomes from period to period, over frequency: below one the
@@ -50,9 +50,9 @@ pub fn learning(design: &LearningDesign) -> Plot {
         .x_axis("frequency", "Hz")
         .y_axis("error over that of the period before", "1")
         .caption("At worst: over the set of plants, with any missing response that the recording does not exclude. Q closes where 1 - L T is not below one.")
-        .with(Series::line("|Q (1 - L T)| at worst", Role::Residual, hz.clone(), of(ConvergencePoint::contraction)))
-        .with(Series::line("|1 - L T| at worst (cut off at 2)", Role::Measured, hz.clone(), of(|p| p.worst)))
-        .with(Series::line("Q", Role::Model, hz, of(|p| p.robustness)))
+        .with(Series::line("|Q (1 - L T)| at worst", CurveRole::Residual, hz.clone(), of(ConvergencePoint::contraction)))
+        .with(Series::line("|1 - L T| at worst (cut off at 2)", CurveRole::Measured, hz.clone(), of(|p| p.worst)))
+        .with(Series::line("Q", CurveRole::Model, hz, of(|p| p.robustness)))
 }
 
 /// The open loop in the complex plane, near the point -1.
@@ -65,6 +65,6 @@ pub fn nyquist(margins: &LoopMargins) -> Plot {
         .x_axis("real part of the open loop", "1")
         .y_axis("imaginary part", "1")
         .caption("From 0 Hz to half the sampling rate. The distance from the point -1 is one over the sensitivity.")
-        .with(Series::line("open loop", Role::Model, x, y))
-        .with(Series::points("-1", Role::Measured, vec![-1.0], vec![0.0]))
+        .with(Series::line("open loop", CurveRole::Model, x, y))
+        .with(Series::points("-1", CurveRole::Measured, vec![-1.0], vec![0.0]))
 }

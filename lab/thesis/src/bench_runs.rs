@@ -6,8 +6,8 @@
 //!
 //! Whatever is chosen by a run is chosen on [`CHOICE_HZ`] with [`CHOICE_SEED`], which no figure is judged on.
 
-use crate::chapter::{ErrorPair, Progress, Row, RunKey};
-use crate::commissioning::{Identified, on_bench};
+use crate::chapter::{ChapterProgress, ChapterRow, ErrorPair, RunKey};
+use crate::commissioning::{CommissionedStage, on_bench};
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel};
 use hysteron::servo::order::scheme_without_recording;
@@ -25,16 +25,16 @@ use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
 
 /// A figure in micrometres.
-pub fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> Row {
-    Row::new(id, ours, "um", note)
+pub fn row_um(id: impl Into<String>, ours: f64, note: impl Into<String>) -> ChapterRow {
+    ChapterRow::new(id, ours, "um", note)
 }
 
 /// The error of a run from a sample on, true and as the sensor reads it.
-fn row_of_run(id: impl Into<String>, trace: &Trace, from: usize, condition: &str, drive: String) -> Row {
+fn row_of_run(id: impl Into<String>, trace: &Trace, from: usize, condition: &str, drive: String) -> ChapterRow {
     let (truth, sensor) = (trace.true_error(from), trace.sensor_error(from));
     let max = Some(ErrorPair { truth: truth.max_um, sensor: sensor.max_um });
     let row = row_um(id, sensor.rms_um, note_of(trace, from, condition));
-    Row { truth: Some(truth.rms_um), max, ..row }.on(drive, JUDGED_SEED)
+    ChapterRow { truth: Some(truth.rms_um), max, ..row }.on(drive, JUDGED_SEED)
 }
 
 /// Seed of the noise of every run that is judged.
@@ -137,6 +137,7 @@ pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
             sensor_bandwidth_hz: None,
         },
         creep: Vec::new(),
+        creep_pair: None,
     };
     ServoDesign::new(scheme, &model, false)
 }
@@ -151,7 +152,15 @@ fn note_of(trace: &Trace, from: usize, condition: &str) -> String {
     note
 }
 
-pub fn tracking(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, hz: f64, amplitude_um: f64, condition: &str) -> Row {
+pub fn tracking(
+    bench: &Bench,
+    variant: Variant,
+    design: &ServoDesign,
+    id: &str,
+    hz: f64,
+    amplitude_um: f64,
+    condition: &str,
+) -> ChapterRow {
     let (reference, from) = sine_that_counts_after_um(bench, hz, amplitude_um, lead_s(design, hz));
     match run_repeating(bench, variant, design, &reference, period_ticks(hz), JUDGED_SEED) {
         Ok(trace) => row_of_run(id, &trace, from, condition, sine_key(hz, amplitude_um)),
@@ -198,7 +207,7 @@ fn estimator_in_words(estimator: &Estimator) -> String {
     }
 }
 
-pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, condition: &str) -> Vec<Row> {
+pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id: &str, condition: &str) -> Vec<ChapterRow> {
     let fs = bench.converters.sample_rate_hz;
     let reference = quasi_step_um(fs, 8.0);
     match run(bench, variant, design, &reference, JUDGED_SEED) {
@@ -212,8 +221,8 @@ pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id
                 row_of_run(format!("{id}.step.rms"), &trace, 0, &format!("quasi-step, 8 s, {condition}"), "quasi-step".into()),
                 row_um(format!("{id}.steady"), steady_um(&trace).abs(), format!("mean error of the last 0.5 s, {condition}"))
                     .on("quasi-step", JUDGED_SEED),
-                Row::new(format!("{id}.step.chatter"), chatter_v, "V", "RMS change of the drive from tick to tick at rest"),
-                Row::new(format!("{id}.step.settling"), 1e3 * settle, "ms", "to 10 nm after the end of the step; 7850 if never"),
+                ChapterRow::new(format!("{id}.step.chatter"), chatter_v, "V", "RMS change of the drive from tick to tick at rest"),
+                ChapterRow::new(format!("{id}.step.settling"), 1e3 * settle, "ms", "to 10 nm after the end of the step; 7850 if never"),
             ]
         }
         Err(e) => vec![row_um(format!("{id}.step.rms"), f64::NAN, e.to_string())],
@@ -224,7 +233,7 @@ pub fn quasi_step_rows(bench: &Bench, variant: Variant, design: &ServoDesign, id
 #[derive(Clone, Debug)]
 pub struct Commissioned {
     /// What was identified.
-    pub identified: Identified,
+    pub identified: CommissionedStage,
     /// The best design for it.
     pub design: ServoDesign,
 }
@@ -249,7 +258,7 @@ pub fn commission(bench: &Bench, variant: Variant) -> Option<Commissioned> {
 
 /// Commissions the plain, the full, and the full bench with load.
 #[must_use]
-pub fn commission_all(bench: &Bench, progress: Progress) -> Vec<Option<Commissioned>> {
+pub fn commission_all(bench: &Bench, progress: ChapterProgress) -> Vec<Option<Commissioned>> {
     progress("identifying three variants of the bench");
     [Variant::PLAIN, Variant::FULL, LOADED].into_par_iter().map(|v| commission(bench, v)).collect()
 }

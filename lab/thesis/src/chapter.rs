@@ -29,7 +29,7 @@ pub struct ErrorPair {
 
 /// One figure of the reproduction.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct ChapterRow {
     /// Identifier.
     pub id: String,
     /// Error of the true displacement, where `ours` is that of what the sensor reads: a sensor that is late
@@ -47,7 +47,7 @@ pub struct Row {
     pub run: Option<RunKey>,
 }
 
-impl Row {
+impl ChapterRow {
     /// A figure.
     pub fn new(id: impl Into<String>, ours: f64, unit: &str, note: impl Into<String>) -> Self {
         Self { id: id.into(), truth: None, ours, max: None, unit: unit.into(), note: note.into(), run: None }
@@ -66,7 +66,7 @@ pub struct Chapter {
     /// Number of the chapter.
     pub number: u32,
     /// Figures.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ChapterRow>,
     /// Sections of a report page, figures of the thesis with ours.
     pub sections: Vec<Section>,
     /// Runs by which gains, orders or ways of estimating were chosen.
@@ -74,7 +74,7 @@ pub struct Chapter {
 }
 
 /// Tells how far a long run is.
-pub type Progress<'a> = &'a dyn Fn(&str);
+pub type ChapterProgress<'a> = &'a dyn Fn(&str);
 
 /// A list of remarks about the printed source and what was done about each.
 #[must_use]

@@ -6,9 +6,9 @@
 //! end-effector (one saw-tooth record), as in Ch. 3, IV.B.
 
 use super::least_squares::{self, Estimate};
-use crate::chapter::{Chapter, Progress, Row, errata};
+use crate::chapter::{Chapter, ChapterProgress, ChapterRow, errata};
 use hysteron::statistics::{difference, largest, mean, rms};
-use hysteron_report::{Block, Plot, Role, Section, Series, Style, Table, Width};
+use hysteron_report::{CurveRole, PageBlock, Plot, Section, Series, Style, Table, Width};
 use hysteron_sim::elastoplastic_friction::ElastoplasticFriction;
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
@@ -229,7 +229,7 @@ fn times_s(count: usize) -> Vec<f64> {
 const CYCLES: usize = 12;
 
 /// Displacement over time at 30, 50 and 60 V (Fig. 4), with the errors of the model.
-fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, Plot) {
+fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<ChapterRow>, Plot) {
     let mut figure_4 = Plot::new("Fig. 4: end-effector at 60 Hz").x_axis("time", "s").y_axis("displacement", "um").width(Width::Full);
     let (mut rows, mut errors, mut noisy_errors) = (Vec::new(), Vec::new(), Vec::new());
     for (k, height) in [30.0, 50.0, 60.0].into_iter().enumerate() {
@@ -238,7 +238,7 @@ fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, P
         let ours = model.simulate(&drive, SAMPLE_RATE_HZ).end_effector_um;
         let reading = noisy(&truth, 330 + k as u64);
         let error = difference(&truth, &ours);
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             format!("ch3.erms.{height:.0}v"),
             rms(&error),
             "um",
@@ -248,26 +248,26 @@ fn saw_teeth(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, P
         noisy_errors.extend(difference(&reading, &ours));
         let t = times_s(truth.len());
         figure_4 = figure_4
-            .with(Series::line("measured", Role::Measured, t.clone(), reading))
-            .with(Series::line("model", Role::Model, t, ours).style(Style::Dashed));
+            .with(Series::line("measured", CurveRole::Measured, t.clone(), reading))
+            .with(Series::line("model", CurveRole::Model, t, ours).style(Style::Dashed));
     }
     rows.insert(
         0,
-        Row::new(
+        ChapterRow::new(
             "ch3.erms",
             rms(&errors),
             "um",
             "Eq. 18 over 30, 50, 60 V saw-teeth of 12 cycles; parameters from noisy records of three experiments",
         ),
     );
-    rows.push(Row::new("ch3.emax", largest(&errors), "um", "largest error of the same"));
+    rows.push(ChapterRow::new("ch3.emax", largest(&errors), "um", "largest error of the same"));
     let note = format!("the same against the readings, {:.0} nm of noise", 1e3 * SENSOR_NOISE_UM);
-    rows.push(Row::new("ch3.erms.with_noise", rms(&noisy_errors), "um", note));
+    rows.push(ChapterRow::new("ch3.erms.with_noise", rms(&noisy_errors), "um", note));
     (rows, figure_4)
 }
 
 /// Errors of the integrators against a step a hundred times finer.
-fn integrators(rig: &StickSlipActuator) -> Vec<Row> {
+fn integrators(rig: &StickSlipActuator) -> Vec<ChapterRow> {
     let mut rows = Vec::new();
     let force_um = rig.force_equivalent_um(&saw_tooth(60.0, 50.0, 3));
     let finest = rig.simulate_with(&force_um, SAMPLE_RATE_HZ, Integrator::RungeKutta, 100 * SUBSTEPS).end_effector_um;
@@ -276,7 +276,7 @@ fn integrators(rig: &StickSlipActuator) -> Vec<Row> {
         ("rosenbrock", Integrator::Rosenbrock, "two-stage L-stable Rosenbrock method of second order"),
     ] {
         let coarse = rig.simulate_with(&force_um, SAMPLE_RATE_HZ, integrator, SUBSTEPS).end_effector_um;
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             format!("ch3.integrator.{id}.max"),
             largest(&difference(&coarse, &finest)),
             "um",
@@ -287,7 +287,7 @@ fn integrators(rig: &StickSlipActuator) -> Vec<Row> {
 }
 
 /// Platform and end-effector with and without hysteresis in the model (Fig. 5).
-fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, [Plot; 2]) {
+fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<ChapterRow>, [Plot; 2]) {
     let mut rows = Vec::new();
     let mut linear = model.clone();
     let gain = model.hysteresis.initial_ascending_curve(0.5) / 0.5;
@@ -296,7 +296,7 @@ fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuato
     let platform_truth = without_end_effector(rig).platform(&platform_drive);
     let mut figure_5a = Plot::new("Fig. 5 (A): platform, 50 V, 10 Hz").x_axis("time", "s").y_axis("displacement", "um").with(Series::line(
         "measured",
-        Role::Measured,
+        CurveRole::Measured,
         times_s(platform_truth.len()),
         noisy(&platform_truth, 340),
     ));
@@ -305,18 +305,18 @@ fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuato
     let mut figure_5b = Plot::new("Fig. 5 (B): end-effector, 50 V, 20 Hz")
         .x_axis("time", "s")
         .y_axis("displacement", "um")
-        .with(Series::line("measured", Role::Measured, times_s(effector_truth.len()), noisy(&effector_truth, 341)));
-    for (name, role, candidate) in [("with hysteresis", Role::Model, model), ("without hysteresis", Role::Other1, &linear)] {
+        .with(Series::line("measured", CurveRole::Measured, times_s(effector_truth.len()), noisy(&effector_truth, 341)));
+    for (name, role, candidate) in [("with hysteresis", CurveRole::Model, model), ("without hysteresis", CurveRole::Other1, &linear)] {
         let platform_model = without_end_effector(candidate).platform(&platform_drive);
         let effector_model = candidate.simulate(&effector_drive, SAMPLE_RATE_HZ).end_effector_um;
         let key = name.replace(' ', "_");
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             format!("ch3.fig5a.{key}.rms"),
             rms(&difference(&platform_truth, &platform_model)),
             "um",
             "platform, 50 V, 10 Hz saw-tooth",
         ));
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             format!("ch3.fig5b.{key}.rms"),
             rms(&difference(&effector_truth, &effector_model)),
             "um",
@@ -329,9 +329,9 @@ fn with_and_without_hysteresis(rig: &StickSlipActuator, model: &StickSlipActuato
 }
 
 /// Speed over voltage and frequency (Figs. 6 and 7).
-fn speeds(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, [Plot; 2]) {
+fn speeds(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<ChapterRow>, [Plot; 2]) {
     let mut rows = Vec::new();
-    let roles = [Role::Other1, Role::Other2, Role::Other3, Role::Other4];
+    let roles = [CurveRole::Other1, CurveRole::Other2, CurveRole::Other3, CurveRole::Other4];
     let mut figure_6 = Plot::new("Fig. 6: speed over magnitude").x_axis("saw-tooth magnitude", "V").y_axis("average speed", "um/s");
     let mut worst_speed_pct: f64 = 0.0;
     let mut monotone = true;
@@ -357,13 +357,13 @@ fn speeds(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, [Plo
             .with(Series::points(format!("{height:.0} V, measured"), role, frequencies.clone(), measured))
             .with(Series::line(format!("{height:.0} V, model"), role, frequencies, ours));
     }
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch3.speed.worst",
         worst_speed_pct,
         "%",
         "largest speed error over Figs. 6 and 7, of the highest speed of its curve",
     ));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch3.speed.monotone",
         f64::from(u8::from(monotone)),
         "1",
@@ -373,7 +373,7 @@ fn speeds(rig: &StickSlipActuator, model: &StickSlipActuator) -> (Vec<Row>, [Plo
 }
 
 /// Contact stiffness and speed over mass (Fig. 8).
-fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<Row>, [Plot; 2]), String> {
+fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<ChapterRow>, [Plot; 2]), String> {
     let mut rows = Vec::new();
     let beta_n_kg = model.friction.coulomb_force_n / MASS_KG;
     let loaded = |base: &StickSlipActuator, mass_kg: f64, stiffness_n_um: f64, coulomb_n_kg: f64| -> StickSlipActuator {
@@ -406,13 +406,13 @@ fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<Row>, [Plot; 2]), S
     }
     let best = |speeds: &[f64]| masses.iter().zip(speeds).max_by(|a, b| a.1.total_cmp(b.1)).map_or((0.0, 0.0), |(m, s)| (*m, *s));
     let ((rig_mass, rig_speed), (our_mass, our_speed)) = (best(&measured), best(&ours));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch3.optimum_mass.measured",
         rig_mass,
         "kg",
         format!("mass of the highest speed measured at 50 V, 60 Hz: {rig_speed:.1} um/s"),
     ));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch3.optimum_mass.model",
         our_mass,
         "kg",
@@ -422,15 +422,15 @@ fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<Row>, [Plot; 2]), S
         .x_axis("end-effector mass", "kg")
         .y_axis("average speed", "um/s")
         .caption(format!("The highest speed is at {rig_mass:.3} kg as measured, {our_mass:.3} kg by the model."))
-        .with(Series::points("measured", Role::Measured, masses.clone(), measured))
-        .with(Series::line("model", Role::Model, masses.clone(), ours));
+        .with(Series::points("measured", CurveRole::Measured, masses.clone(), measured))
+        .with(Series::line("model", CurveRole::Model, masses.clone(), ours));
     let figure_stiffness = Plot::new("Contact stiffness over mass (Eqs. 19-21)")
         .x_axis("end-effector mass", "kg")
         .y_axis("contact stiffness", "N/mm")
-        .with(Series::points("identified", Role::Model, known_masses.to_vec(), stiffness.iter().map(|s| 1000.0 * s).collect()))
+        .with(Series::points("identified", CurveRole::Model, known_masses.to_vec(), stiffness.iter().map(|s| 1000.0 * s).collect()))
         .with(Series::line(
             "printed splines",
-            Role::Measured,
+            CurveRole::Measured,
             masses.clone(),
             masses.iter().map(|m| 1000.0 * hysteron_sim::stick_slip::printed_contact_stiffness_n_um(*m)).collect(),
         ));
@@ -438,7 +438,7 @@ fn speed_over_mass(model: &StickSlipActuator) -> Result<(Vec<Row>, [Plot; 2]), S
 }
 
 /// The identified friction beside the printed one (Table I).
-fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<Row>, Table) {
+fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<ChapterRow>, Table) {
     let mut rows = Vec::new();
     let deviations = friction.standard_deviations();
     let names = [
@@ -460,7 +460,7 @@ fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<Row>, 
         } else {
             (friction.values[i].abs() * scale, deviations[i] * scale)
         };
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             format!("ch3.friction.{key}"),
             value,
             unit,
@@ -472,7 +472,7 @@ fn friction_table(model: &StickSlipActuator, friction: &Estimate) -> (Vec<Row>, 
 }
 
 /// Plays, identifies and validates the stick-slip actuator.
-pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
+pub(super) fn reproduce(progress: ChapterProgress) -> Result<Chapter, String> {
     let rig = StickSlipActuator::thesis(MASS_KG);
     progress("chapter 3: hysteresis and platform from slow triangles and steps");
     let (surfaces, surface_fit) = identify_hysteresis(&rig)?;
@@ -506,10 +506,15 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     rows.extend(more);
     let (more, table) = friction_table(&model, &friction);
     rows.extend(more);
-    rows.push(Row::new("ch3.beta", model.friction.coulomb_force_n / MASS_KG, "N/kg", "identified F_c over the mass of the end-effector"));
-    rows.push(Row::new("ch3.natural_frequency", platform.values[0], "rad/s", "from steps to 50 and 100 V; printed 1526"));
-    rows.push(Row::new("ch3.damping_ratio", platform.values[1], "1", "from steps to 50 and 100 V; printed 0.7696"));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
+        "ch3.beta",
+        model.friction.coulomb_force_n / MASS_KG,
+        "N/kg",
+        "identified F_c over the mass of the end-effector",
+    ));
+    rows.push(ChapterRow::new("ch3.natural_frequency", platform.values[0], "rad/s", "from steps to 50 and 100 V; printed 1526"));
+    rows.push(ChapterRow::new("ch3.damping_ratio", platform.values[1], "1", "from steps to 50 and 100 V; printed 0.7696"));
+    rows.push(ChapterRow::new(
         "ch3.surface.terms",
         surface_fit.values.len() as f64,
         "1",
@@ -517,9 +522,9 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
     ));
 
     let plots = std::iter::once(figure_4).chain(figure_5).chain(figures_6_and_7).chain(figure_8);
-    let mut blocks: Vec<Block> = plots.map(Block::Plot).collect();
-    blocks.push(Block::Table(table));
-    blocks.push(Block::Notes(errata(&[
+    let mut blocks: Vec<PageBlock> = plots.map(PageBlock::Plot).collect();
+    blocks.push(PageBlock::Table(table));
+    blocks.push(PageBlock::Notes(errata(&[
                 "Eqs. (13) and (14) together let friction feed the motion: the relative motion is taken as platform less end-effector.",
                 "Eq. (16) does not vanish on alpha = beta (up to 1 N, 20 nm): replaced by the nearest surface that does.",
                 "Table I prints sigma_0 = 482 N/mm, Eq. (19) gives 483.2 N/mm at 0.0635 kg: the table is used there.",

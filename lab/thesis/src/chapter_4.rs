@@ -6,9 +6,9 @@
 
 use super::least_squares;
 use super::surface_fit::{self, LossPoint, SurfaceFit, add_loss_term, exponents};
-use crate::chapter::{Chapter, Progress, Row, RunKey, errata};
+use crate::chapter::{Chapter, ChapterProgress, ChapterRow, RunKey, errata};
 use hysteron::statistics::{difference, largest, mean, rms};
-use hysteron_report::{Block, Plot, Role, Section, Series, Style, Table};
+use hysteron_report::{CurveRole, PageBlock, Plot, Section, Series, Style, Table};
 use hysteron_sim::bench::{Bench, Sensor, Start, Variant};
 use hysteron_sim::hysteresis_inverse::HysteresisInverse;
 use hysteron_sim::hysteresis_surface::{OneSidedHysteresis, Surfaces};
@@ -384,7 +384,7 @@ fn over_figure_7(bench: &Bench, variant: Variant, surfaces: &Surfaces, noise_cou
 
 /// The rate-independent model by the printed points and by every reading, without noise and with the thesis'
 /// own.
-fn rows_by_way_of_estimating(bench: &Bench, variant: Variant, identified: &RateIndependent) -> Option<Vec<Row>> {
+fn rows_by_way_of_estimating(bench: &Bench, variant: Variant, identified: &RateIndependent) -> Option<Vec<ChapterRow>> {
     let noisy = with_printed_noise(bench);
     let by_noisy_points = identify_rate_independent(&noisy, variant, 610)?.by_points.one_sided();
     let cases = [
@@ -407,7 +407,7 @@ fn rows_by_way_of_estimating(bench: &Bench, variant: Variant, identified: &RateI
     let rows = cases.into_iter().flat_map(|(by, [rms_um, max_um], note)| {
         let note = format!("{note}; mean over {FIGURE_7_DRIVES} random drives in the manner of Fig. 7");
         [("rms", rms_um), ("max", max_um)]
-            .map(|(what, value)| Row::new(format!("ch4.ri.{by}.{what}"), value, "um", &note).on("Fig. 7, random", 4200))
+            .map(|(what, value)| ChapterRow::new(format!("ch4.ri.{by}.{what}"), value, "um", &note).on("Fig. 7, random", 4200))
     });
     Some(rows.collect())
 }
@@ -442,7 +442,7 @@ struct Verification {
 /// A bipolar actuator (thesis Ch. 8, future work 2): the bench's ceramic, driven from 20 V below zero; with a
 /// memory that counts from the lowest drive, and with one that counts from zero as the one-sided model of Ch.
 /// 4 does.
-fn bipolar(bench: &Bench, variant: Variant, orders: (usize, usize)) -> Option<(Vec<Row>, Section)> {
+fn bipolar(bench: &Bench, variant: Variant, orders: (usize, usize)) -> Option<(Vec<ChapterRow>, Section)> {
     const LOWEST_V: f64 = -20.0;
     let fs = bench.converters.sample_rate_hz;
     let actuator = Bench { drive_min_v: LOWEST_V, drive_max_v: bench.drive_max_v + LOWEST_V, ..bench.clone() };
@@ -473,35 +473,40 @@ fn bipolar(bench: &Bench, variant: Variant, orders: (usize, usize)) -> Option<(V
     let (played, ours, theirs, error, their_error) = shown?;
     let note = "mean over random drives of +-200 V/s between -20 and 50 V, identified from triangular waves that begin at -20 V";
     let rows = vec![
-        Row::new("ch4.bipolar.with.rms", mean(&with_errors.rms_um), "um", format!("{note}; memory that counts from the lowest drive")),
-        Row::new("ch4.bipolar.with.max", mean(&with_errors.max_um), "um", "the same"),
-        Row::new(
+        ChapterRow::new(
+            "ch4.bipolar.with.rms",
+            mean(&with_errors.rms_um),
+            "um",
+            format!("{note}; memory that counts from the lowest drive"),
+        ),
+        ChapterRow::new("ch4.bipolar.with.max", mean(&with_errors.max_um), "um", "the same"),
+        ChapterRow::new(
             "ch4.bipolar.without.rms",
             mean(&without_errors.rms_um),
             "um",
             format!("{note}; memory that counts from 0 V, surfaces of the same orders fitted to the same records"),
         ),
-        Row::new("ch4.bipolar.without.max", mean(&without_errors.max_um), "um", "the same"),
+        ChapterRow::new("ch4.bipolar.without.max", mean(&without_errors.max_um), "um", "the same"),
     ];
     let t = times_s(played.drive_v.len(), fs);
     let section = Section {
         heading: "Chapter 8, future work 2: bipolar drive".into(),
         text: "The same ceramic driven from -20 V. The one-sided model is extended by letting its memory count from the lowest drive that occurs; without the extension it counts from zero, and what happens below zero is an extremum that its surfaces have to be continued to. Creep, which neither has, is in both errors.".into(),
         blocks: vec![
-            Block::Plot(
+            PageBlock::Plot(
                 Plot::new("Bipolar drive: displacement over drive")
                     .x_axis("drive", "V")
                     .y_axis("displacement", "um")
-                    .with(Series::line("measured", Role::Measured, played.drive_v.clone(), played.reading_um.clone()))
-                    .with(Series::line("with the extension", Role::Model, played.drive_v.clone(), ours).style(Style::Dashed))
-                    .with(Series::line("without", Role::Other1, played.drive_v.clone(), theirs).style(Style::Dashed)),
+                    .with(Series::line("measured", CurveRole::Measured, played.drive_v.clone(), played.reading_um.clone()))
+                    .with(Series::line("with the extension", CurveRole::Model, played.drive_v.clone(), ours).style(Style::Dashed))
+                    .with(Series::line("without", CurveRole::Other1, played.drive_v.clone(), theirs).style(Style::Dashed)),
             ),
-            Block::Plot(
+            PageBlock::Plot(
                 Plot::new("Bipolar drive: error over time")
                     .x_axis("time", "s")
                     .y_axis("error", "um")
-                    .with(Series::line("with the extension", Role::Model, t.clone(), error))
-                    .with(Series::line("without", Role::Other1, t, their_error)),
+                    .with(Series::line("with the extension", CurveRole::Model, t.clone(), error))
+                    .with(Series::line("without", CurveRole::Other1, t, their_error)),
             ),
         ],
     };
@@ -516,7 +521,7 @@ fn times_s(count: usize, sample_rate_hz: f64) -> Vec<f64> {
     (0..count).map(|k| k as f64 / sample_rate_hz).collect()
 }
 
-fn section(heading: &str, text: &str, blocks: Vec<Block>) -> Section {
+fn section(heading: &str, text: &str, blocks: Vec<PageBlock>) -> Section {
     Section { heading: heading.into(), text: text.into(), blocks }
 }
 
@@ -540,31 +545,31 @@ fn choose(identified: &RateIndependent) -> Chosen {
 }
 
 /// Figures of the rate-independent identification itself.
-fn rows_of_identification(identified: &RateIndependent) -> Vec<Row> {
+fn rows_of_identification(identified: &RateIndependent) -> Vec<ChapterRow> {
     let fit = &identified.by_points;
     let [points_um, samples_um] = identified.left_out_um;
     vec![
-        Row::new(
+        ChapterRow::new(
             "ch4.ri.points.left_out",
             points_um,
             "um",
             "F and G from the readings at peaks and at every 5 V of the first fall, as printed: RMS error on waves that were left out",
         ),
-        Row::new(
+        ChapterRow::new(
             "ch4.ri.samples.left_out",
             samples_um,
             "um",
             "F and G from every reading of both periods: the same; the lower of the two is the model",
         ),
-        Row::new("ch4.ri.noise", identified.noise_um, "um", "RMS noise of one reading, from a second at rest"),
-        Row::new("ch4.ri.curve_order", fit.curve_order as f64, "1", "order of F by prediction of left-out heights; thesis 4"),
-        Row::new("ch4.ri.surface_order", fit.surface_order as f64, "1", "order of G by prediction of left-out heights; thesis 4"),
+        ChapterRow::new("ch4.ri.noise", identified.noise_um, "um", "RMS noise of one reading, from a second at rest"),
+        ChapterRow::new("ch4.ri.curve_order", fit.curve_order as f64, "1", "order of F by prediction of left-out heights; thesis 4"),
+        ChapterRow::new("ch4.ri.surface_order", fit.surface_order as f64, "1", "order of G by prediction of left-out heights; thesis 4"),
     ]
 }
 
 /// The rate-independent model beside the classical one on random drives, and on a long one: figures, and the
 /// plots of the first drive.
-fn verify_rate_independent(bench: &Bench, variant: Variant, chosen: &Chosen) -> Result<(Vec<Row>, Vec<Block>), String> {
+fn verify_rate_independent(bench: &Bench, variant: Variant, chosen: &Chosen) -> Result<(Vec<ChapterRow>, Vec<PageBlock>), String> {
     let fs = bench.converters.sample_rate_hz;
     let mut rows = Vec::new();
     let Chosen { one_sided, other, from } = chosen;
@@ -588,68 +593,72 @@ fn verify_rate_independent(bench: &Bench, variant: Variant, chosen: &Chosen) -> 
     let note = format!(
         "mean over {FIGURE_7_DRIVES} random drives of +-200 V/s in the manner of Fig. 7, from the virgin state, none longer than the identification's waves"
     );
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch4.ri.rms",
         mean(&verified.ours.rms_um),
         "um",
         format!("{note}; {:.4} to {:.4} um; F and G from {from}", least(&verified.ours.rms_um), largest(&verified.ours.rms_um)),
     ));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch4.ri.max",
         mean(&verified.ours.max_um),
         "um",
         format!("{note}; {:.4} to {:.4} um", least(&verified.ours.max_um), largest(&verified.ours.max_um)),
     ));
     let classical_note = "the same drives, classical Preisach model from the same data: its first rise is missing";
-    rows.push(Row::new("ch4.cp.rms", mean(&verified.preisach.rms_um), "um", classical_note));
-    rows.push(Row::new("ch4.cp.max", mean(&verified.preisach.max_um), "um", classical_note));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new("ch4.cp.rms", mean(&verified.preisach.rms_um), "um", classical_note));
+    rows.push(ChapterRow::new("ch4.cp.max", mean(&verified.preisach.max_um), "um", classical_note));
+    rows.push(ChapterRow::new(
         "ch4.cp.bias",
         mean(&verified.bias),
         "um",
         "mean error of the classical Preisach model: its loops are negatively biased",
     ));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch4.ri.other.rms",
         mean(&verified.other.rms_um),
         "um",
         "the same drives, F and G by the way of estimating that was not chosen",
     ));
-    rows.push(Row::new("ch4.ri.other.max", mean(&verified.other.max_um), "um", "the same"));
+    rows.push(ChapterRow::new("ch4.ri.other.max", mean(&verified.other.max_um), "um", "the same"));
     let long = bench.record(variant, Start::Virgin, &waveform::triangles(fs, SLOPE_V_S, &LONG_V), 46);
     let long_error = difference(&long.noise_free_um, &predict(one_sided, bench, &long.drive_v));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch4.ri.long.rms",
         rms(&long_error),
         "um",
         "twelve sections, 2.3 s: creep, which this model does not have, adds up",
     ));
-    rows.push(Row::new("ch4.ri.long.max", largest(&long_error), "um", "the same"));
+    rows.push(ChapterRow::new("ch4.ri.long.max", largest(&long_error), "um", "the same"));
 
     let t = times_s(drive.len(), fs);
     let loops = Plot::new("Fig. 8 (a, d): displacement over drive")
         .x_axis("drive", "V")
         .y_axis("displacement", "um")
-        .with(Series::line("measured", Role::Measured, verification.drive_v.clone(), verification.reading_um.clone()))
-        .with(Series::line("one-sided model", Role::Model, verification.drive_v.clone(), ours.clone()).style(Style::Dashed))
-        .with(Series::line("classical Preisach", Role::Other1, verification.drive_v.clone(), preisach.clone()).style(Style::Dashed))
+        .with(Series::line("measured", CurveRole::Measured, verification.drive_v.clone(), verification.reading_um.clone()))
+        .with(Series::line("one-sided model", CurveRole::Model, verification.drive_v.clone(), ours.clone()).style(Style::Dashed))
+        .with(Series::line("classical Preisach", CurveRole::Other1, verification.drive_v.clone(), preisach.clone()).style(Style::Dashed))
         .caption("Only the one-sided model has the first rise and the remnant that it leaves.");
     let over_time = Plot::new("Fig. 8 (b, e): displacement over time")
         .x_axis("time", "s")
         .y_axis("displacement", "um")
         .link("ri")
-        .with(Series::line("measured", Role::Measured, t.clone(), verification.reading_um.clone()))
-        .with(Series::line("one-sided model", Role::Model, t.clone(), ours).style(Style::Dashed))
-        .with(Series::line("classical Preisach", Role::Other1, t.clone(), preisach).style(Style::Dashed));
+        .with(Series::line("measured", CurveRole::Measured, t.clone(), verification.reading_um.clone()))
+        .with(Series::line("one-sided model", CurveRole::Model, t.clone(), ours).style(Style::Dashed))
+        .with(Series::line("classical Preisach", CurveRole::Other1, t.clone(), preisach).style(Style::Dashed));
     let error_plot = Plot::new("Fig. 8 (c, f): error over time")
         .x_axis("time", "s")
         .y_axis("error", "um")
         .link("ri")
-        .with(Series::line("one-sided model", Role::Model, t.clone(), error))
-        .with(Series::line("classical Preisach", Role::Other1, t.clone(), preisach_error));
-    let drive_plot =
-        Plot::new("Fig. 7: drive").x_axis("time", "s").y_axis("drive", "V").link("ri").with(Series::line("drive", Role::Drive, t, drive));
-    Ok((rows, [drive_plot, loops, over_time, error_plot].map(Block::Plot).to_vec()))
+        .with(Series::line("one-sided model", CurveRole::Model, t.clone(), error))
+        .with(Series::line("classical Preisach", CurveRole::Other1, t.clone(), preisach_error));
+    let drive_plot = Plot::new("Fig. 7: drive").x_axis("time", "s").y_axis("drive", "V").link("ri").with(Series::line(
+        "drive",
+        CurveRole::Drive,
+        t,
+        drive,
+    ));
+    Ok((rows, [drive_plot, loops, over_time, error_plot].map(PageBlock::Plot).to_vec()))
 }
 
 /// Coefficients with their standard deviations (Table 1).
@@ -671,7 +680,7 @@ fn table_1(fit: &SurfaceFit) -> Table {
 
 /// What the rate-independent experiments give.
 struct RateIndependentResult {
-    rows: Vec<Row>,
+    rows: Vec<ChapterRow>,
     section: Section,
     surfaces: Surfaces,
     /// Orders of F and G.
@@ -687,8 +696,8 @@ fn rate_independent(bench: &Bench, variant: Variant) -> Result<RateIndependentRe
     let (verified, mut blocks) = verify_rate_independent(bench, variant, &chosen)?;
     rows.extend(verified);
     rows.extend(rows_by_way_of_estimating(bench, variant, &identified).ok_or("the surfaces F and G could not be fitted")?);
-    blocks.push(Block::Table(table_1(fit)));
-    blocks.push(Block::Notes(errata(&[
+    blocks.push(PageBlock::Table(table_1(fit)));
+    blocks.push(PageBlock::Notes(errata(&[
                     "Table 1 prints F in descending order and its cubic and quartic coefficients rounded to 0.000, which loses F: identified from data here.",
                     "Table 2 prints G ten times too large, and rounded so that it does not vanish on alpha = beta; F has lost its cubic and quartic terms: identified from data here.",
                     "G is fitted as (alpha - beta) times a polynomial, so that the output does not jump at reversals.",
@@ -701,22 +710,22 @@ fn rate_independent(bench: &Bench, variant: Variant) -> Result<RateIndependentRe
 }
 
 /// The drives of the rate-dependent experiments (Figs. 9 and 10).
-fn drives_of_the_rates(fs: f64) -> Vec<Block> {
+fn drives_of_the_rates(fs: f64) -> Vec<PageBlock> {
     let nine = |k: usize| waveform::rounded_triangle(fs, RATES_V_S[k], 70.0, 0.5);
     let figure_10 = waveform::half_cosines(fs, 0.05, &FIGURE_10_V);
     vec![
-        Block::Plot(
+        PageBlock::Plot(
             Plot::new("Fig. 9: drive of the identification, 70 V")
                 .x_axis("time", "ms")
                 .y_axis("drive", "V")
-                .with(Series::line("5000 V/s", Role::Drive, milliseconds(nine(2).len(), fs), nine(2)))
-                .with(Series::line("15000 V/s", Role::Other1, milliseconds(nine(4).len(), fs), nine(4)))
-                .with(Series::line("35000 V/s", Role::Other2, milliseconds(nine(8).len(), fs), nine(8))),
+                .with(Series::line("5000 V/s", CurveRole::Drive, milliseconds(nine(2).len(), fs), nine(2)))
+                .with(Series::line("15000 V/s", CurveRole::Other1, milliseconds(nine(4).len(), fs), nine(4)))
+                .with(Series::line("35000 V/s", CurveRole::Other2, milliseconds(nine(8).len(), fs), nine(8))),
         ),
-        Block::Plot(
+        PageBlock::Plot(
             Plot::new("Fig. 10: drive of the verification, 1/T_v = 10 Hz").x_axis("time", "ms").y_axis("drive", "V").with(Series::line(
                 "drive",
-                Role::Drive,
+                CurveRole::Drive,
                 milliseconds(figure_10.len(), fs),
                 figure_10,
             )),
@@ -725,7 +734,7 @@ fn drives_of_the_rates(fs: f64) -> Vec<Block> {
 }
 
 /// Identifies the rate-dependent model in one step and in two, and verifies both.
-fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section), String> {
+fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<ChapterRow>, Section), String> {
     let (fs, range_v) = (bench.converters.sample_rate_hz, bench.drive_max_v - bench.drive_min_v);
     let mut rows = Vec::new();
     let records = play_rate_records(bench, variant);
@@ -737,13 +746,18 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
     let (orders, held_out) = rate_orders_by_evidence(&records, bench, rates).ok_or("the rate-dependent model could not be fitted")?;
     let one_step = one_step_estimation(&records.iter().collect::<Vec<_>>(), orders, range_v, fs)
         .ok_or("the rate-dependent model could not be fitted")?;
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch4.rd.rate_order",
         orders.rate as f64,
         "1",
         format!("order in the rate by prediction of left-out heights ({held_out:.3} um RMS); thesis 3"),
     ));
-    rows.push(Row::new("ch4.rd.surface_order", orders.surface as f64, "1", "order of G by prediction of left-out heights; thesis 6"));
+    rows.push(ChapterRow::new(
+        "ch4.rd.surface_order",
+        orders.surface as f64,
+        "1",
+        "order of G by prediction of left-out heights; thesis 6",
+    ));
     let mut rate_blocks = drives_of_the_rates(fs);
     let rate_note = "one step: every sample of all nine rates at its own rate; one cubic in the rate for creep at the slow end and for the mode's lag at the fast one";
     for hz in FIGURE_10_HZ {
@@ -757,27 +771,27 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
         let noisy_error = difference(&noisy_reading.reading_um, &predict_rate_dependent(&noisy_two_step, bench, &noisy_reading.drive_v));
         let mut add = |by: &str, error: &[f64], note: &str| {
             let key = format!("Fig. 10 at {hz:.0} Hz");
-            rows.push(Row::new(format!("ch4.rd.{by}.{hz:.0}hz.rms"), rms(error), "um", note).on(&key, 43));
-            rows.push(Row::new(format!("ch4.rd.{by}.{hz:.0}hz.max"), largest(error), "um", note).on(&key, 43));
+            rows.push(ChapterRow::new(format!("ch4.rd.{by}.{hz:.0}hz.rms"), rms(error), "um", note).on(&key, 43));
+            rows.push(ChapterRow::new(format!("ch4.rd.{by}.{hz:.0}hz.max"), largest(error), "um", note).on(&key, 43));
         };
         add("onestep", &error, rate_note);
         add("twostep", &printed_error, "two steps as printed: surfaces at nine nominal rates, then cubics in the nominal rate");
         add("noisy", &noisy_error, "two steps as printed, the thesis' noise in all records, error of the reading");
         if hz == 10.0 || hz == 40.0 {
             let t = times_s(drive.len(), fs);
-            rate_blocks.push(Block::Plot(
+            rate_blocks.push(PageBlock::Plot(
                 Plot::new(format!("Fig. 11: {hz:.0} Hz, displacement over drive"))
                     .x_axis("drive", "V")
                     .y_axis("displacement", "um")
-                    .with(Series::line("measured", Role::Measured, verification.drive_v.clone(), verification.reading_um.clone()))
-                    .with(Series::line("rate-dependent model", Role::Model, verification.drive_v.clone(), ours).style(Style::Dashed)),
+                    .with(Series::line("measured", CurveRole::Measured, verification.drive_v.clone(), verification.reading_um.clone()))
+                    .with(Series::line("rate-dependent model", CurveRole::Model, verification.drive_v.clone(), ours).style(Style::Dashed)),
             ));
-            rate_blocks.push(Block::Plot(
+            rate_blocks.push(PageBlock::Plot(
                 Plot::new(format!("Fig. 11: {hz:.0} Hz, error over time"))
                     .x_axis("time", "s")
                     .y_axis("error", "um")
-                    .with(Series::line("one step", Role::Model, t.clone(), error))
-                    .with(Series::line("two steps", Role::Other1, t, printed_error)),
+                    .with(Series::line("one step", CurveRole::Model, t.clone(), error))
+                    .with(Series::line("two steps", CurveRole::Other1, t, printed_error)),
             ));
         }
     }
@@ -789,7 +803,7 @@ fn rate_dependent(bench: &Bench, variant: Variant) -> Result<(Vec<Row>, Section)
 }
 
 /// The inverse alone drives the bench along straight lines (Figs. 12 and 13).
-fn inverse_in_open_loop(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Vec<Row>, [Plot; 4]) {
+fn inverse_in_open_loop(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Vec<ChapterRow>, [Plot; 4]) {
     let fs = bench.converters.sample_rate_hz;
     // Lines whose drive has slopes of about 200 V/s.
     let desired = waveform::triangles(fs, SLOPE_V_S * 9.0 / 60.0, &FIGURE_12_UM);
@@ -799,8 +813,8 @@ fn inverse_in_open_loop(one_sided: &Surfaces, bench: &Bench, variant: Variant) -
     let due: Vec<f64> = std::iter::once(0.0).chain(desired.iter().copied()).take(desired.len()).collect();
     let error = difference(&due, &tracked.noise_free_um);
     let rows = vec![
-        Row::new("ch4.openloop.max", largest(&error), "um", "straight lines in the manner of Fig. 12, drive from the inverse alone"),
-        Row::new("ch4.openloop.rms", rms(&error), "um", "the same"),
+        ChapterRow::new("ch4.openloop.max", largest(&error), "um", "straight lines in the manner of Fig. 12, drive from the inverse alone"),
+        ChapterRow::new("ch4.openloop.rms", rms(&error), "um", "the same"),
     ];
     let t = times_s(desired.len(), fs);
     let open_loop = [
@@ -808,23 +822,23 @@ fn inverse_in_open_loop(one_sided: &Surfaces, bench: &Bench, variant: Variant) -
             .x_axis("time", "s")
             .y_axis("displacement", "um")
             .link("inverse")
-            .with(Series::line("desired", Role::Drive, t.clone(), desired.clone()))
-            .with(Series::line("measured", Role::Measured, t.clone(), tracked.reading_um.clone()).style(Style::Dashed)),
+            .with(Series::line("desired", CurveRole::Drive, t.clone(), desired.clone()))
+            .with(Series::line("measured", CurveRole::Measured, t.clone(), tracked.reading_um.clone()).style(Style::Dashed)),
         Plot::new("Fig. 12 (c): error").x_axis("time", "s").y_axis("error", "um").link("inverse").with(Series::line(
             "desired less measured",
-            Role::Residual,
+            CurveRole::Residual,
             t.clone(),
             error,
         )),
         Plot::new("Fig. 12 (a): measured over desired").x_axis("desired", "um").y_axis("measured", "um").with(Series::line(
             "measured",
-            Role::Measured,
+            CurveRole::Measured,
             desired,
             tracked.reading_um,
         )),
         Plot::new("Fig. 13: drive of the inverse").x_axis("time", "s").y_axis("drive", "V").link("inverse").with(Series::line(
             "drive",
-            Role::Drive,
+            CurveRole::Drive,
             t,
             drive,
         )),
@@ -833,7 +847,7 @@ fn inverse_in_open_loop(one_sided: &Surfaces, bench: &Bench, variant: Variant) -
 }
 
 /// The inverse with a PI controller follows a chirp (Fig. 14).
-fn inverse_with_pi(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Row, [Plot; 3]) {
+fn inverse_with_pi(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (ChapterRow, [Plot; 3]) {
     let fs = bench.converters.sample_rate_hz;
     let mut reference = waveform::half_cosines(fs, 0.1, &[0.0, 5.0]);
     reference.extend(waveform::chirp(fs, 5.0, 50.0, 3.0, 5.0, 0.0, 1.0));
@@ -844,7 +858,7 @@ fn inverse_with_pi(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Ro
         last = difference(&reference, &reached);
         figures.push(rms(&last));
     }
-    let row = Row::new(
+    let row = ChapterRow::new(
         "ch4.ffpi.rms",
         mean(&figures),
         "um",
@@ -855,16 +869,16 @@ fn inverse_with_pi(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Ro
         Plot::new("Fig. 14 (a): feedforward + PI, reached over desired")
             .x_axis("desired", "um")
             .y_axis("reached", "um")
-            .with(Series::line("reached, noise removed", Role::Measured, reference.clone(), reached.clone())),
+            .with(Series::line("reached, noise removed", CurveRole::Measured, reference.clone(), reached.clone())),
         Plot::new("Fig. 14 (b): feedforward + PI")
             .x_axis("time", "s")
             .y_axis("displacement", "um")
             .link("pi")
-            .with(Series::line("desired", Role::Drive, t.clone(), reference))
-            .with(Series::line("reached, noise removed", Role::Measured, t.clone(), reached).style(Style::Dashed)),
+            .with(Series::line("desired", CurveRole::Drive, t.clone(), reference))
+            .with(Series::line("reached, noise removed", CurveRole::Measured, t.clone(), reached).style(Style::Dashed)),
         Plot::new("Fig. 14 (c): error").x_axis("time", "s").y_axis("error", "um").link("pi").with(Series::line(
             "desired less measured",
-            Role::Residual,
+            CurveRole::Residual,
             t,
             last,
         )),
@@ -873,27 +887,26 @@ fn inverse_with_pi(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Ro
 }
 
 /// Plays, identifies and validates the models of chapter 4.
-pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
+pub(super) fn reproduce(bench: &Bench, progress: ChapterProgress) -> Result<Chapter, String> {
     let variant = Variant::PLAIN;
 
     progress("chapter 4: rate-independent model from triangles at 200 V/s");
-    let RateIndependentResult { mut rows, section: rate_independent, surfaces: one_sided, orders } = rate_independent(&bench, variant)?;
+    let RateIndependentResult { mut rows, section: rate_independent, surfaces: one_sided, orders } = rate_independent(bench, variant)?;
     progress("chapter 4: bipolar drive");
-    let (more, bipolar) = bipolar(&bench, variant, orders).ok_or("the surfaces of the bipolar actuator could not be fitted")?;
+    let (more, bipolar) = bipolar(bench, variant, orders).ok_or("the surfaces of the bipolar actuator could not be fitted")?;
     rows.extend(more);
     progress("chapter 4: rate-dependent model from rounded triangles of 100 to 35000 V/s");
-    let (more, rate_dependent) = rate_dependent(&bench, variant)?;
+    let (more, rate_dependent) = rate_dependent(bench, variant)?;
     rows.extend(more);
     progress("chapter 4: inverse in open loop (Fig. 12)");
-    let (more, open_loop) = inverse_in_open_loop(&one_sided, &bench, variant);
+    let (more, open_loop) = inverse_in_open_loop(&one_sided, bench, variant);
     rows.extend(more);
     progress("chapter 4: feedforward with PI on a chirp (Fig. 14)");
-    let (row, feedback) = inverse_with_pi(&one_sided, &bench, variant);
+    let (row, feedback) = inverse_with_pi(&one_sided, bench, variant);
     rows.push(row);
 
     let text = "The printed inversion searches the whole model and can loop for ever below the remnant; here the walk goes over the stored extrema, and what cannot be reached saturates.";
-    let blocks = open_loop.into_iter().chain(feedback).map(Block::Plot).collect();
+    let blocks = open_loop.into_iter().chain(feedback).map(PageBlock::Plot).collect();
     let inverse = section("Chapter 4: inverse in open loop and with PI", text, blocks);
     // Orders and ways of estimating are chosen on waves that were left out of the identification.
     let choices = HEIGHTS_V.iter().zip(410..).map(|(height, seed)| RunKey::new(format!("triangular wave of {height} V"), seed));

@@ -9,15 +9,15 @@
 use super::chapter_4::with_printed_noise;
 use super::least_squares;
 use super::surface_fit::{self, LossPoint};
-use crate::chapter::{Chapter, Progress, Row, errata};
+use crate::chapter::{Chapter, ChapterProgress, ChapterRow, errata};
 use hysteron::dataset::{Dataset, Record};
 use hysteron::identification::fit::{Effort, fit, rms_over};
 use hysteron::statistics::{difference, largest, mean, rms};
-use hysteron_report::{Block, Notes, Plot, Role, Section, Series, Style, Table};
+use hysteron_report::{CurveRole, Notes, PageBlock, Plot, Section, Series, Style, Table};
 use hysteron_sim::bench::{Bench, Start, Variant};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::creep::with_signed_shares;
-use hysteron_sim::effect::vibration::Mode;
+use hysteron_sim::effect::vibration::VibrationMode;
 use hysteron_sim::effect::{self, Overview};
 use hysteron_sim::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 use hysteron_sim::linear_system::ContinuousSystem;
@@ -151,7 +151,7 @@ impl ThesisChain {
     fn simulate(&self, bench: &Bench, drive_v: &[f64]) -> Vec<f64> {
         let dt_s = bench.sampling_period_s();
         let mut hysteresis = OneSidedHysteresis::virgin(self.surfaces.clone(), bench.drive_min_v, bench.drive_max_v - bench.drive_min_v);
-        let mut mode = Mode::new(self.natural_frequency_rad_s, self.damping_ratio, dt_s);
+        let mut mode = VibrationMode::new(self.natural_frequency_rad_s, self.damping_ratio, dt_s);
         let mut creep = self.creep.as_ref().map(|c| c.discretise(dt_s));
         let mut output = 0.0;
         drive_v
@@ -356,7 +356,7 @@ fn joint_fit(
     (frequency, damping): (f64, f64),
     sensor_bandwidth_hz: f64,
     creep: JointCreep,
-    progress: Progress,
+    progress: ChapterProgress,
 ) -> Result<Model, String> {
     let overview = data.overview();
     let all: Vec<usize> = (0..data.records.len()).collect();
@@ -471,21 +471,21 @@ fn chain_as_printed(bench: &Bench) -> Option<ThesisChain> {
 }
 
 /// The mode from the phase response to small sines (4.B), with Fig. 6.
-fn mode_by_phase(bench: &Bench, rows: &mut Vec<Row>) -> Result<((f64, f64), Plot), String> {
+fn mode_by_phase(bench: &Bench, rows: &mut Vec<ChapterRow>) -> Result<((f64, f64), Plot), String> {
     let response = phase_response(bench);
     let residuals =
         |p: &[f64]| -> Vec<f64> { response.iter().map(|(hz, phase)| second_order_phase(*hz, p[0], p[1]) + p[2] - phase).collect() };
     let mode = least_squares::nonlinear(&residuals, &[4000.0, 0.6, 0.0], &[4000.0, 0.6, 0.1], None)
         .ok_or("the phase response could not be fitted")?;
     let (frequency, damping) = (mode.values[0], mode.values[1]);
-    rows.push(Row::new(
+    rows.push(ChapterRow::new(
         "ch5.phase.natural_frequency",
         frequency,
         "rad/s",
         "phase response to 3 V sines, Levenberg-Marquardt; bandwidths and second mode of the full bench are in it",
     ));
-    rows.push(Row::new("ch5.phase.damping_ratio", damping, "1", "the same"));
-    rows.push(Row::new(
+    rows.push(ChapterRow::new("ch5.phase.damping_ratio", damping, "1", "the same"));
+    rows.push(ChapterRow::new(
         "ch5.phase.hysteresis",
         mode.values[2].to_degrees(),
         "deg",
@@ -497,13 +497,13 @@ fn mode_by_phase(bench: &Bench, rows: &mut Vec<Row>) -> Result<((f64, f64), Plot
         .y_axis("phase", "deg")
         .with(Series::points(
             "measured",
-            Role::Measured,
+            CurveRole::Measured,
             response.iter().map(|r| r.0).collect(),
             response.iter().map(|r| r.1.to_degrees()).collect(),
         ))
         .with(Series::line(
             "second order",
-            Role::Model,
+            CurveRole::Model,
             fine.clone(),
             fine.iter().map(|hz| (second_order_phase(*hz, frequency, damping) + mode.values[2]).to_degrees()).collect(),
         ));
@@ -511,8 +511,8 @@ fn mode_by_phase(bench: &Bench, rows: &mut Vec<Row>) -> Result<((f64, f64), Plot
 }
 
 /// Fig. 7: what creeps after a step, and the model of it.
-fn creep_after_a_step(creep: &Creep, rows: &mut Vec<Row>) -> Plot {
-    rows.push(Row::new(
+fn creep_after_a_step(creep: &Creep, rows: &mut Vec<ChapterRow>) -> Plot {
+    rows.push(ChapterRow::new(
         "ch5.creep.rms",
         rms(&difference(&creep.measured_um, &creep.simulated_um)),
         "um",
@@ -520,24 +520,29 @@ fn creep_after_a_step(creep: &Creep, rows: &mut Vec<Row>) -> Plot {
     ));
     for (part, coefficients) in [("num", &creep.numerator), ("den", &creep.denominator)] {
         for (power, value) in coefficients.iter().rev().enumerate() {
-            rows.push(Row::new(format!("ch5.creep.{part}.s{power}"), *value, "1", "coefficient of the ARX creep in continuous time"));
+            rows.push(ChapterRow::new(
+                format!("ch5.creep.{part}.s{power}"),
+                *value,
+                "1",
+                "coefficient of the ARX creep in continuous time",
+            ));
         }
     }
     Plot::new("Fig. 7: creep after a step to 30 V")
         .x_axis("time", "s")
         .y_axis("creep", "um")
-        .with(Series::line("measured", Role::Measured, creep.times_s.clone(), creep.measured_um.clone()))
-        .with(Series::line("model", Role::Model, creep.times_s.clone(), creep.simulated_um.clone()).style(Style::Dashed))
+        .with(Series::line("measured", CurveRole::Measured, creep.times_s.clone(), creep.measured_um.clone()))
+        .with(Series::line("model", CurveRole::Model, creep.times_s.clone(), creep.simulated_um.clone()).style(Style::Dashed))
 }
 
 /// What is left by the two joint fits, and the values of the first beside the surfaces.
-fn rows_of_joint_fits(data: &Dataset, joint: &Model, positive: &Model, rows: &mut Vec<Row>) {
+fn rows_of_joint_fits(data: &Dataset, joint: &Model, positive: &Model, rows: &mut Vec<ChapterRow>) {
     let all: Vec<usize> = (0..data.records.len()).collect();
     for (id, model, form) in [
         ("ch5.joint.residual", &joint, "twelve terms of creep with shares of either sign"),
         ("ch5.joint_positive_creep.residual", &positive, "four terms of creep with positive shares: what limits it"),
     ] {
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             id,
             rms_over(model, data, &all),
             "um",
@@ -546,7 +551,7 @@ fn rows_of_joint_fits(data: &Dataset, joint: &Model, positive: &Model, rows: &mu
     }
     for effect in &joint.effects {
         for p in effect.parameters.iter().filter(|_| effect.id != "hysteresis" && effect.id != "initial_curve") {
-            rows.push(Row::new(format!("ch5.joint.{}.{}", effect.id, p.parameter.name), p.value, &p.parameter.unit, "joint fit"));
+            rows.push(ChapterRow::new(format!("ch5.joint.{}.{}", effect.id, p.parameter.name), p.value, &p.parameter.unit, "joint fit"));
         }
     }
 }
@@ -566,7 +571,7 @@ struct Identified<'a> {
 }
 
 /// Table 2 and Fig. 9: every identified model against half-cosines of rising frequency.
-fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -> (Table, Vec<Block>) {
+fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<ChapterRow>) -> (Table, Vec<PageBlock>) {
     let fs = bench.converters.sample_rate_hz;
     let Identified { noisy_chain, chain, filter_chain, joint, positive } = *identified;
     let noisy_bench = with_printed_noise(bench);
@@ -589,8 +594,8 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -
         let by_noisy = difference(&played.reading_um, &noisy_chain.simulate(bench, &played.drive_v));
         let mut add = |by: &str, error: &[f64], note: &str| {
             let key = format!("Fig. 8 at {hz:.0} Hz");
-            rows.push(Row::new(format!("ch5.{by}.{hz:.0}hz.rms"), rms(error), "um", note).on(&key, 570));
-            rows.push(Row::new(format!("ch5.{by}.{hz:.0}hz.max"), largest(error), "um", note).on(&key, 570));
+            rows.push(ChapterRow::new(format!("ch5.{by}.{hz:.0}hz.rms"), rms(error), "um", note).on(&key, 570));
+            rows.push(ChapterRow::new(format!("ch5.{by}.{hz:.0}hz.max"), largest(error), "um", note).on(&key, 570));
         };
         add("joint", &by_joint, "joint fit of the whole chain to noisy records: the bench's own equations");
         add("chain", &by_chain, "the thesis' identifications one after another, derivatives by local polynomials");
@@ -600,13 +605,13 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -
             "the thesis' identifications, derivatives by the alpha-beta-gamma filter (printed alpha and beta, gamma by Kalata)",
         );
         add("noisy", &by_noisy, "as printed, the thesis' noise in all records, error of the reading");
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             format!("ch5.joint.{hz:.0}hz.better"),
             rms(&by_chain) / rms(&by_joint).max(f64::MIN_POSITIVE),
             "1",
             "RMS error of the thesis' chain of identifications over that of the joint fit",
         ));
-        rows.push(Row::new(
+        rows.push(ChapterRow::new(
             format!("ch5.joint_positive_creep.{hz:.0}hz.rms"),
             rms(&by_positive),
             "um",
@@ -621,21 +626,21 @@ fn validation(bench: &Bench, identified: &Identified<'_>, rows: &mut Vec<Row>) -
         ]);
         if hz == 100.0 || hz == 500.0 {
             let t: Vec<f64> = (0..drive.len()).map(|k| 1e3 * k as f64 / fs).collect();
-            validation_blocks.push(Block::Plot(
+            validation_blocks.push(PageBlock::Plot(
                 Plot::new(format!("Fig. 9: {hz:.0} Hz"))
                     .x_axis("time", "ms")
                     .y_axis("displacement", "um")
                     .link(&format!("v{hz:.0}"))
-                    .with(Series::line("measured", Role::Measured, t.clone(), measured.reading_um.clone()))
-                    .with(Series::line("joint fit", Role::Model, t.clone(), joint_um).style(Style::Dashed)),
+                    .with(Series::line("measured", CurveRole::Measured, t.clone(), measured.reading_um.clone()))
+                    .with(Series::line("joint fit", CurveRole::Model, t.clone(), joint_um).style(Style::Dashed)),
             ));
-            validation_blocks.push(Block::Plot(
+            validation_blocks.push(PageBlock::Plot(
                 Plot::new(format!("Fig. 9: {hz:.0} Hz, error"))
                     .x_axis("time", "ms")
                     .y_axis("error", "um")
                     .link(&format!("v{hz:.0}"))
-                    .with(Series::line("joint fit", Role::Model, t.clone(), by_joint))
-                    .with(Series::line("thesis' chain", Role::Other1, t, by_chain)),
+                    .with(Series::line("joint fit", CurveRole::Model, t.clone(), by_joint))
+                    .with(Series::line("thesis' chain", CurveRole::Other1, t, by_chain)),
             ));
         }
     }
@@ -647,16 +652,16 @@ fn drive_of_validation(fs: f64) -> Plot {
     let drive = waveform::half_cosines(fs, 0.005, &FIGURE_8_V);
     Plot::new("Fig. 8: drive of the validation").x_axis("time over T_v", "1").y_axis("drive", "V").with(Series::line(
         "drive",
-        Role::Drive,
+        CurveRole::Drive,
         (0..drive.len()).map(|k| k as f64 / fs * 100.0).collect(),
         drive,
     ))
 }
 
 /// How long a full identification takes.
-fn timing(bench: &Bench) -> Result<Row, String> {
+fn timing(bench: &Bench) -> Result<ChapterRow, String> {
     let (seconds, residual) = timed_identification(bench)?;
-    Ok(Row::new(
+    Ok(ChapterRow::new(
         "ch5.full_identification.seconds",
         seconds,
         "s",
@@ -665,10 +670,10 @@ fn timing(bench: &Bench) -> Result<Row, String> {
 }
 
 /// Whether standard deviations say how far estimates are from the truth.
-fn coverage(bench: &Bench) -> Result<Row, String> {
+fn coverage(bench: &Bench) -> Result<ChapterRow, String> {
     let (truth, template) = coverage_case(bench)?;
     let covered = super::coverage::coverage(&truth, &template, bench.converters.sensor_noise_um, 100);
-    Ok(Row::new(
+    Ok(ChapterRow::new(
         "ch5.coverage.pct",
         100.0 * covered.within_three_sigma,
         "%",
@@ -691,17 +696,16 @@ fn notes() -> Notes {
 }
 
 /// Plays, identifies and validates the comprehensive model.
-pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
+pub(super) fn reproduce(bench: &Bench, progress: ChapterProgress) -> Result<Chapter, String> {
     let fs = bench.converters.sample_rate_hz;
     let mut rows = Vec::new();
 
     progress("chapter 5: phase response of the mode");
-    let (mode, figure_6) = mode_by_phase(&bench, &mut rows)?;
+    let (mode, figure_6) = mode_by_phase(bench, &mut rows)?;
 
     progress("chapter 5: hysteresis surfaces from displacement and derivatives");
     let chain_with = |how: Derivatives| -> Result<ThesisChain, String> {
-        let surfaces = surfaces_by_force(&bench, mode.0, mode.1, how).ok_or("F and G could not be fitted")?;
+        let surfaces = surfaces_by_force(bench, mode.0, mode.1, how).ok_or("F and G could not be fitted")?;
         Ok(ThesisChain { surfaces, natural_frequency_rad_s: mode.0, damping_ratio: mode.1, creep: None })
     };
     let mut filter_chain = chain_with(Derivatives::AlphaBetaGamma)?;
@@ -709,36 +713,36 @@ pub(super) fn reproduce(progress: Progress) -> Result<Chapter, String> {
 
     progress("chapter 5: creep from a step to 30 V over 30 s");
     let step = bench.record(Variant::FULL, Start::Virgin, &waveform::hold(fs, 30.0, 30.0), 550);
-    let creep = identify_creep(&bench, &chain, &step.reading_um, &step.drive_v).ok_or("creep could not be fitted")?;
+    let creep = identify_creep(bench, &chain, &step.reading_um, &step.drive_v).ok_or("creep could not be fitted")?;
     chain.creep = creep.system.clone();
     filter_chain.creep = creep.system.clone();
     let figure_7 = creep_after_a_step(&creep, &mut rows);
 
     progress("chapter 5: the same with the thesis' noise");
-    let noisy_bench = with_printed_noise(&bench);
+    let noisy_bench = with_printed_noise(bench);
     let noisy_chain = chain_as_printed(&noisy_bench).ok_or("the thesis' chain could not be identified with its noise")?;
 
     progress("chapter 5: joint fit of the whole chain");
-    let data = dataset(&bench, joint_records(&bench, (&step.drive_v, &step.reading_um)))?;
+    let data = dataset(bench, joint_records(bench, (&step.drive_v, &step.reading_um)))?;
     let sensor_bandwidth_hz = DATA_SHEET_ERROR * bench.data_sheet_sensor_bandwidth_hz();
     let joint = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Signed, progress)?;
     let positive = joint_fit(&data, mode, sensor_bandwidth_hz, JointCreep::Positive, progress)?;
     rows_of_joint_fits(&data, &joint, &positive, &mut rows);
     let identified =
         Identified { noisy_chain: &noisy_chain, chain: &chain, filter_chain: &filter_chain, joint: &joint, positive: &positive };
-    let (table, figures_9) = validation(&bench, &identified, &mut rows);
+    let (table, figures_9) = validation(bench, &identified, &mut rows);
 
     progress("chapter 5: timing of a full identification of 100,000 samples");
-    rows.push(timing(&bench)?);
+    rows.push(timing(bench)?);
 
     progress("chapter 5: standard deviations against the truth over 100 noise seeds");
-    rows.push(coverage(&bench)?);
+    rows.push(coverage(bench)?);
 
-    let figures = [figure_6, figure_7, drive_of_validation(fs)].map(Block::Plot);
+    let figures = [figure_6, figure_7, drive_of_validation(fs)].map(PageBlock::Plot);
     let sections = vec![Section {
         heading: "Chapter 5: hysteresis, vibration and creep".into(),
         text: "Full bench: a second mode and the bandwidths of amplifier and sensor are in the records. The thesis' chain of identifications stands beside the joint fit of all parameters at once.".into(),
-        blocks: figures.into_iter().chain([Block::Table(table)]).chain(figures_9).chain([Block::Notes(notes())]).collect(),
+        blocks: figures.into_iter().chain([PageBlock::Table(table)]).chain(figures_9).chain([PageBlock::Notes(notes())]).collect(),
     }];
     Ok(Chapter { number: 5, rows, sections, choices: Vec::new() })
 }

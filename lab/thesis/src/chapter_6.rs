@@ -6,7 +6,7 @@
 use crate::bench_runs::{
     CHOICE_HZ, CHOICE_SEED, choice, commission, designed, gains_of, quasi_step_rows, run, sine_reference_um, tracking, without_model,
 };
-use crate::chapter::{Chapter, Progress, Row};
+use crate::chapter::{Chapter, ChapterProgress, ChapterRow};
 use crate::figures;
 use hysteron::servo::check::alpha_beta_loop_poles;
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
@@ -88,7 +88,7 @@ pub fn schemes_of_chapter_6(bench: &Bench) -> Vec<NamedScheme> {
 }
 
 /// Poles, cut-off and rise time of 4.2, from the printed gains.
-fn rows_of_the_printed_gains() -> Vec<Row> {
+fn rows_of_the_printed_gains() -> Vec<ChapterRow> {
     let (model, filter) = (NominalModel::THESIS, AlphaBeta::THESIS_CHAPTER_6);
     let mut rows = Vec::new();
     for (section, gains) in [("4.2.1", ControllerGains::THESIS_SLIDING), ("4.2.2", ControllerGains::THESIS_CHAPTER_6)] {
@@ -97,8 +97,8 @@ fn rows_of_the_printed_gains() -> Vec<Row> {
         poles.sort_by(|a, b| a.re.total_cmp(&b.re).then(b.im.total_cmp(&a.im)));
         for (nth, pole) in poles.iter().enumerate() {
             let id = format!("ch6.poles.{section}.{}", nth + 1);
-            rows.push(Row::new(format!("{id}.re"), pole.re, "1/s", "roots of Eqs. (40), (41)"));
-            rows.push(Row::new(format!("{id}.im"), pole.im, "1/s", "roots of Eqs. (40), (41)"));
+            rows.push(ChapterRow::new(format!("{id}.re"), pole.re, "1/s", "roots of Eqs. (40), (41)"));
+            rows.push(ChapterRow::new(format!("{id}.im"), pole.im, "1/s", "roots of Eqs. (40), (41)"));
         }
     }
     // The velocity path of Eq. (36) over the derivative of the reading.
@@ -107,15 +107,15 @@ fn rows_of_the_printed_gains() -> Vec<Row> {
         (Complex::new(w * w, 0.0) / (s * s + s * (2.0 * filter.damping_ratio * w) + w * w)).norm()
     };
     let cutoff_hz = (1..=10_000).map(|k| 0.1 * f64::from(k)).find(|hz| velocity(*hz) < FRAC_1_SQRT_2).unwrap_or(f64::NAN);
-    rows.push(Row::new("ch6.filter.cutoff", cutoff_hz, "Hz", "-3 dB of the velocity path; the displacement path peaks at 1.2"));
+    rows.push(ChapterRow::new("ch6.filter.cutoff", cutoff_hz, "Hz", "-3 dB of the velocity path; the displacement path peaks at 1.2"));
     let rise_s = (0.9_f64.ln() - 0.1_f64.ln()) / ControllerGains::THESIS_CHAPTER_6.m;
-    rows.push(Row::new("ch6.rise_time", rise_s, "s", "of the sliding motion, Eq. (10)"));
+    rows.push(ChapterRow::new("ch6.rise_time", rise_s, "s", "of the sliding motion, Eq. (10)"));
     rows
 }
 
 /// Chapter 6: sines and the quasi-step with every scheme.
 #[must_use]
-pub fn rows_of_chapter_6(bench: &Bench, schemes: &[NamedScheme]) -> Vec<Row> {
+pub fn rows_of_chapter_6(bench: &Bench, schemes: &[NamedScheme]) -> Vec<ChapterRow> {
     let mut jobs: Vec<(String, ServoDesign, Option<f64>, String)> = Vec::new();
     for (id, design, gains) in schemes {
         let timing = if design.delayed { "" } else { ", no delay" };
@@ -134,15 +134,12 @@ pub fn rows_of_chapter_6(bench: &Bench, schemes: &[NamedScheme]) -> Vec<Row> {
 }
 
 /// Chapter 6 for the program.
-///
-/// # Errors
-/// If the built-in bench cannot be read.
-pub fn reproduce(progress: Progress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
+#[must_use]
+pub fn reproduce(bench: &Bench, progress: ChapterProgress) -> Chapter {
     progress("following references with the schemes of chapter 6");
-    let schemes = schemes_of_chapter_6(&bench);
-    let mut rows = rows_of_chapter_6(&bench, &schemes);
+    let schemes = schemes_of_chapter_6(bench);
+    let mut rows = rows_of_chapter_6(bench, &schemes);
     rows.extend(rows_of_the_printed_gains());
-    let sections = figures::chapter_6(&bench, &rows, &schemes);
-    Ok(Chapter { number: 6, rows, sections, choices: vec![choice()] })
+    let sections = figures::chapter_6(bench, &rows, &schemes);
+    Chapter { number: 6, rows, sections, choices: vec![choice()] }
 }

@@ -10,7 +10,7 @@ use crate::bench_runs::{
     Commissioned, FREQUENCIES_HZ, LOADED, LOADED_PLAIN, choice, commission_all, designed, quasi_step_rows, row_um, sine_reference_um,
     tracking, without_model,
 };
-use crate::chapter::{Chapter, Progress, Row};
+use crate::chapter::{Chapter, ChapterProgress, ChapterRow};
 use crate::comparison;
 use crate::estimators;
 use crate::figures;
@@ -18,10 +18,10 @@ use crate::float_twin::integer_difference_um;
 use crate::robustness;
 use hysteron::servo::check::{observer_reachability, sliding_surface_parameter};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
-use hysteron::servo::model::NominalModel;
+use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::schemes::{Choice, observer_cutoff_hz};
 use hysteron::servo::sensor_lag::lag_s;
-use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, estimator_rows};
+use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, SlidingModeLaw, estimator_rows};
 use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
 use hysteron_core::predictor_law::PredictorLaw;
 use hysteron_core::reference_window::ReferenceWindow;
@@ -35,7 +35,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Chapter 7: PIDSMOC against PIDSMC + alpha-beta, the best design, the observer, robustness.
 #[must_use]
-pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], progress: Progress) -> Vec<Row> {
+pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], progress: ChapterProgress) -> Vec<ChapterRow> {
     let mut twelve_bits = bench.clone();
     twelve_bits.converters.dac_bits = 12;
     let mut jobs: Vec<(String, &Bench, Variant, ServoDesign, f64, f64, String)> = Vec::new();
@@ -106,7 +106,7 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
         }
     }
     progress("following references");
-    let mut rows: Vec<Row> = jobs
+    let mut rows: Vec<ChapterRow> = jobs
         .par_iter()
         .map(|(id, bench, variant, design, hz, amplitude, condition)| tracking(bench, *variant, design, id, *hz, *amplitude, condition))
         .collect();
@@ -121,7 +121,7 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
         ));
     }
     progress("integers against f64");
-    let differences: Vec<Option<Row>> = [(0, Variant::PLAIN, "plain"), (1, Variant::FULL, "full"), (2, LOADED, "loaded")]
+    let differences: Vec<Option<ChapterRow>> = [(0, Variant::PLAIN, "plain"), (1, Variant::FULL, "full"), (2, LOADED, "loaded")]
         .into_par_iter()
         .flat_map_iter(|(index, variant, name)| [1.0, 50.0, 150.0, 500.0].map(|hz| (index, variant, name, hz)))
         .map(|(index, variant, name, hz): (usize, Variant, &str, f64)| {
@@ -142,28 +142,26 @@ pub fn rows_of_chapter_7(bench: &Bench, commissioned: &[Option<Commissioned>], p
 }
 
 /// Chapter 7 for the program.
-///
-/// # Errors
-/// If the built-in bench cannot be read.
-pub fn reproduce(progress: Progress) -> Result<Chapter, String> {
-    let bench = Bench::reference().map_err(|e| e.to_string())?;
-    let commissioned = commission_all(&bench, progress);
-    let mut rows = rows_of_chapter_7(&bench, &commissioned, progress);
+#[must_use]
+pub fn reproduce(bench: &Bench, progress: ChapterProgress) -> Chapter {
+    let commissioned = commission_all(bench, progress);
+    let mut rows = rows_of_chapter_7(bench, &commissioned, progress);
     progress("schemes designed under one set of margins");
-    rows.extend(comparison::rows_of_designed_schemes(&bench, &commissioned));
+    rows.extend(comparison::rows_of_designed_schemes(bench, &commissioned));
     progress("other schemes on the full bench");
-    rows.extend(comparison::rows_of_other_schemes(&bench, &commissioned));
+    rows.extend(comparison::rows_of_other_schemes(bench, &commissioned));
     progress("robustness");
     let robust = robustness::design();
     rows.extend(robust.iter().flat_map(robustness::rows));
     rows.extend(robustness::rows_as_printed());
     rows.extend(rows_of_the_printed_gains());
+    rows.extend(least_damping_of_the_printed_gains(bench));
     rows.extend(reduction(&rows));
     progress("estimators that the thesis argues against");
-    rows.extend(estimators::rows());
-    let sections = figures::chapter_7(&bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
+    rows.extend(estimators::rows(bench));
+    let sections = figures::chapter_7(bench, &rows, commissioned.get(1).and_then(Option::as_ref), robust.as_ref().map(|r| &r.0));
     let choices = vec![choice(), robustness::choice()];
-    Ok(Chapter { number: 7, rows, sections, choices })
+    Chapter { number: 7, rows, sections, choices }
 }
 
 /// The drive of Ch. 7, Eq. (35), its quintic blended to the value at which the sines begin (the printed one
@@ -194,7 +192,7 @@ pub fn equation_35_v(sample_rate_hz: f64, duration_s: f64) -> Vec<f64> {
 }
 
 /// Observer accuracy on Eq. (35): the design's own observer, and the PIDSMO with the thesis' gains.
-fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) -> Vec<Row> {
+fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) -> Vec<ChapterRow> {
     let fs = bench.converters.sample_rate_hz;
     let drive = equation_35_v(fs, 0.5);
     let record = bench.record(variant, Start::Conditioned, &drive, 31);
@@ -259,27 +257,58 @@ fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) ->
 }
 
 /// Figures that follow from the printed gains alone: matching condition, sliding surface, cut-off.
-fn rows_of_the_printed_gains() -> Vec<Row> {
+fn rows_of_the_printed_gains() -> Vec<ChapterRow> {
     let model = NominalModel::THESIS;
     let (rank_cb, rank_b) = estimators::matching_ranks(&model);
     let mut rows = vec![
-        Row::new("ch7.matching.rank_cb", rank_cb as f64, "1", "of the nominal model"),
-        Row::new("ch7.matching.rank_b", rank_b as f64, "1", "of the nominal model"),
-        Row::new("ch7.m_o", sliding_surface_parameter(&model, &ObserverGains::THESIS_SLIDING), "1/s", "real root of Eq. (19)"),
-        Row::new("ch7.observer.cutoff", observer_cutoff_hz(&model, &ObserverGains::THESIS_ESTIMATION), "Hz", "-3 dB of G_3, Eq. (26)"),
+        ChapterRow::new("ch7.matching.rank_cb", rank_cb as f64, "1", "of the nominal model"),
+        ChapterRow::new("ch7.matching.rank_b", rank_b as f64, "1", "of the nominal model"),
+        ChapterRow::new("ch7.m_o", sliding_surface_parameter(&model, &ObserverGains::THESIS_SLIDING), "1/s", "real root of Eq. (19)"),
+        ChapterRow::new(
+            "ch7.observer.cutoff",
+            observer_cutoff_hz(&model, &ObserverGains::THESIS_ESTIMATION),
+            "Hz",
+            "-3 dB of G_3, Eq. (26)",
+        ),
     ];
     let mut roots = observer_reachability(&model, &ObserverGains::THESIS_SLIDING);
     // As printed: the pair first, its upper one before the other.
     roots.sort_by(|a, b| b.im.abs().total_cmp(&a.im.abs()).then(b.im.total_cmp(&a.im)));
     for (nth, root) in roots.iter().enumerate() {
-        rows.push(Row::new(format!("ch7.root.{}.re", nth + 1), root.re, "1/s", "roots of Eq. (21)"));
-        rows.push(Row::new(format!("ch7.root.{}.im", nth + 1), root.im, "1/s", "roots of Eq. (21)"));
+        rows.push(ChapterRow::new(format!("ch7.root.{}.re", nth + 1), root.re, "1/s", "roots of Eq. (21)"));
+        rows.push(ChapterRow::new(format!("ch7.root.{}.im", nth + 1), root.im, "1/s", "roots of Eq. (21)"));
+    }
+    rows
+}
+
+/// The least damping ratio among the poles of the sampled loop that the thesis' gains close around its nominal
+/// model, with and without the load's mass: below zero the loop is unstable.
+fn least_damping_of_the_printed_gains(bench: &Bench) -> Vec<ChapterRow> {
+    let mut rows = Vec::new();
+    for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab")] {
+        let Some(Scheme::SlidingMode { nominal, estimator, controller, reaching, .. }) = thesis_scheme(name) else { continue };
+        let law = SlidingModeLaw::new(&nominal, &estimator, &controller, &reaching);
+        for (load, factor) in [("none", 1.0), ("load", bench.loaded_mode_factor())] {
+            let plant = NominalModel {
+                natural_frequency_rad_s: nominal.natural_frequency_rad_s * factor,
+                damping_ratio: nominal.damping_ratio * factor,
+                ..nominal
+            };
+            let poles = law.closed_loop(&plant, 0).complex_eigenvalues();
+            // What a pole at zero stands for is over within a period.
+            let poles = poles.iter().filter(|z| z.norm() > 1e-6).map(|z| z.ln() / SAMPLING_PERIOD_S);
+            let Some((damping, hz)) = poles.map(|s| (-s.re / s.norm(), s.norm() / TAU)).min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                continue;
+            };
+            let note = format!("of the poles of the sampled loop with the nominal model, {load}, thesis gains, no delay; at {hz:.0} Hz");
+            rows.push(ChapterRow::new(format!("ch7.{id}.{load}.least_damping"), damping, "1", note));
+        }
     }
     rows
 }
 
 /// By how much the PIDSMOC's errors are below those of PIDSMC + alpha-beta at 100 and 150 Hz, at least, %.
-fn reduction(rows: &[Row]) -> Option<Row> {
+fn reduction(rows: &[ChapterRow]) -> Option<ChapterRow> {
     let of = |scheme: &str, hz: u32, load: &str| {
         let row = rows.iter().find(|row| row.id == format!("ch7.{scheme}.{hz}hz.{load}.rms"))?;
         Some((row.truth?, row.max?.truth))
@@ -289,7 +318,7 @@ fn reduction(rows: &[Row]) -> Option<Row> {
         let (ours, theirs) = (of("pidsmoc", hz, load)?, of("pidsmc_ab", hz, load)?);
         least = least.min(100.0 * (1.0 - ours.0 / theirs.0)).min(100.0 * (1.0 - ours.1 / theirs.1));
     }
-    Some(Row::new(
+    Some(ChapterRow::new(
         "ch7.reduction_pct",
         least,
         "%",

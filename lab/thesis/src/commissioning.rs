@@ -23,7 +23,7 @@ const CREEP_TIME_CONSTANTS_S: [f64; 6] = [0.015, 0.03, 0.06, 0.12, 0.4, 1.6];
 
 /// What identification came to.
 #[derive(Clone, Debug)]
-pub struct Identified {
+pub struct CommissionedStage {
     /// For the design.
     pub model: ActuatorModel,
     /// The whole chain, creep included.
@@ -62,7 +62,7 @@ pub fn drive_v(sample_rate_hz: f64, low_v: f64, high_v: f64) -> Vec<f64> {
 
 /// Plays the experiment on a variant of the bench and identifies the model.
 #[must_use]
-pub fn on_bench(bench: &Bench, variant: Variant, seed: u64) -> Option<Identified> {
+pub fn on_bench(bench: &Bench, variant: Variant, seed: u64) -> Option<CommissionedStage> {
     let drive = drive_v(bench.converters.sample_rate_hz, bench.drive_min_v, bench.drive_max_v);
     let record = bench.record(variant, Start::Virgin, &drive, seed);
     let record = Record::new("commissioning", record.sample_rate_hz, record.drive_v, record.reading_um).from_virgin_state();
@@ -78,7 +78,7 @@ fn instance(id: &str, overview: &Overview, values: &[f64]) -> Option<EffectInsta
 
 /// Identifies the chain from a data set; `sensor_bandwidth_hz` is what the data sheet says.
 #[must_use]
-pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<Identified> {
+pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<CommissionedStage> {
     let overview = dataset.overview();
     let records: Vec<usize> = dataset.with_role(Role::Identify);
     let quick = Effort { iterations: 4, tolerance: 1.0, ..Effort::default() };
@@ -122,5 +122,5 @@ pub fn identify(dataset: &Dataset, sensor_bandwidth_hz: Option<f64>) -> Option<I
         }
     }
     let chain = best.model;
-    Some(Identified { model: actuator_model(&chain)?, chain, rms_um: best.rms_um, steps })
+    Some(CommissionedStage { model: actuator_model(&chain)?, chain, rms_um: best.rms_um, steps })
 }

@@ -2,7 +2,7 @@
 //! that a reader will ask for, on the full bench with the target's period of delay.
 
 use crate::bench_runs::{Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of, row_um, tracking};
-use crate::chapter::Row;
+use crate::chapter::ChapterRow;
 use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
@@ -21,7 +21,7 @@ struct Job<'a> {
     condition: String,
 }
 
-fn followed(jobs: &[Job<'_>]) -> Vec<Row> {
+fn followed(jobs: &[Job<'_>]) -> Vec<ChapterRow> {
     jobs.par_iter().map(|j| tracking(j.bench, j.variant, &j.design, &j.id, j.hz, 5.0, &j.condition)).collect()
 }
 
@@ -33,7 +33,7 @@ const DESIGNED: [(Choice, &str); 4] =
 /// identified of the bench and under the same margins, with the period of delay, with and without the
 /// hysteresis inverted.
 #[must_use]
-pub fn rows_of_designed_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<Row> {
+pub fn rows_of_designed_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<ChapterRow> {
     let mut cases = Vec::new();
     for (index, variant, load) in [(1, Variant::FULL, "none"), (2, LOADED, "load")] {
         let Some(c) = commissioned.get(index).and_then(Option::as_ref) else { continue };
@@ -89,7 +89,7 @@ const WRONG_GAIN: f64 = 0.9;
 
 /// Other schemes on the full bench, the best design without its second mode, and without noise shaping.
 #[must_use]
-pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<Row> {
+pub fn rows_of_other_schemes(bench: &Bench, commissioned: &[Option<Commissioned>]) -> Vec<ChapterRow> {
     let mut twelve_bits = bench.clone();
     twelve_bits.converters.dac_bits = 12;
     let mut jobs = Vec::new();

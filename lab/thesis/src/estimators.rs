@@ -10,7 +10,7 @@
 //! samples.
 
 use crate::bench_runs::row_um;
-use crate::chapter::Row;
+use crate::chapter::ChapterRow;
 use crate::chapter_7::equation_35_v;
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::thesis_schemes::ObserverGains;
@@ -173,12 +173,11 @@ fn harmonic(signal: &[f64]) -> Complex<f64> {
     (from..end).map(|k| Complex::from_polar(signal[k], -TAU * LAG_HZ * k as f64 * SAMPLING_PERIOD_S)).sum()
 }
 
-/// Velocity estimates of every estimator on the bench: error, phase lag and noise gain.
+/// Velocity estimates of every estimator on a bench: error, phase lag and noise gain.
 #[must_use]
-pub fn rows() -> Vec<Row> {
-    let Ok(bench) = Bench::reference() else { return Vec::new() };
+pub fn rows(bench: &Bench) -> Vec<ChapterRow> {
     let fs = bench.converters.sample_rate_hz;
-    // The plain bench's sensor is not late, so that what it reads is the position.
+    // The sensor of a plain bench is not late, so that what it reads is the position.
     let play = |drive: &[f64], seed: u64| bench.record(Variant::PLAIN, Start::Conditioned, drive, seed);
     let chosen_on = play(&waveform::multisine(8000, &(1..=60).step_by(3).collect::<Vec<_>>(), 20.0, 40.0, 1, 13), 131);
     let judged_on = play(&equation_35_v(fs, 0.5), 31);
@@ -204,12 +203,12 @@ pub fn rows() -> Vec<Row> {
         let note = format!("{kind:?}, plain bench, chosen on another record");
         let id = format!("ch7.estimator.{id}");
         [
-            Row::new(format!("{id}.velocity.rms"), error, "um/s", &note).on("Eq. (35)", 31),
-            Row::new(format!("{id}.lag"), -lag.arg().to_degrees(), "deg", format!("{note}; of the velocity at {LAG_HZ} Hz")),
-            Row::new(format!("{id}.noise_gain"), gain, "1/s", format!("{note}; RMS velocity per RMS noise of the reading")),
+            ChapterRow::new(format!("{id}.velocity.rms"), error, "um/s", &note).on("Eq. (35)", 31),
+            ChapterRow::new(format!("{id}.lag"), -lag.arg().to_degrees(), "deg", format!("{note}; of the velocity at {LAG_HZ} Hz")),
+            ChapterRow::new(format!("{id}.noise_gain"), gain, "1/s", format!("{note}; RMS velocity per RMS noise of the reading")),
         ]
     });
-    let mut rows: Vec<Row> = rows.collect();
+    let mut rows: Vec<ChapterRow> = rows.collect();
     let refusal = unknown_input_observer(&NominalModel::THESIS).err();
     rows.push(row_um("ch7.estimator.unknown_input_observer.refused", f64::from(u8::from(refusal.is_some())), refusal.unwrap_or_default()));
     rows

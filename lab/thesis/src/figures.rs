@@ -2,7 +2,7 @@
 //! observer and noise.
 
 use crate::bench_runs::{Commissioned, quasi_step_um, run, sine_reference_um, without_model};
-use crate::chapter::Row;
+use crate::chapter::ChapterRow;
 use crate::chapter_6::NamedScheme;
 use crate::chapter_7::equation_35_v;
 use hysteron::identification::fit::rms;
@@ -14,7 +14,7 @@ use hysteron::servo::thesis_schemes::{
 };
 use hysteron::spectrum::amplitude_density;
 use hysteron::statistics::difference;
-use hysteron_report::{Block, Plot, Role, Section, Series, Style};
+use hysteron_report::{CurveRole, PageBlock, Plot, Section, Series, Style};
 use hysteron_sim::bench::{Bench, Start, Variant};
 use hysteron_sim::waveform;
 
@@ -22,7 +22,7 @@ use hysteron_sim::waveform;
 const APART: f64 = 0.05;
 
 /// Errors over frequency: one curve for each group of rows `prefix.<hz>hz.suffix`.
-fn over_frequency(title: &str, rows: &[Row], curves: &[(&str, &str, &str, Role)]) -> Plot {
+fn over_frequency(title: &str, rows: &[ChapterRow], curves: &[(&str, &str, &str, CurveRole)]) -> Plot {
     let mut plot =
         Plot::new(title).x_axis("frequency", "Hz").y_axis("RMS error", "um").log(true, true).caption(
             "Of what the sensor reads, noise removed; where the true error is another one it is drawn, and the reading's is dashed.",
@@ -74,8 +74,8 @@ fn portrait_of_the_controller() -> Plot {
 }
 
 fn portrait(title: &str, e1: Vec<f64>, e2: Vec<f64>, m: f64, reach_um: f64) -> Plot {
-    Plot::new(title).x_axis("e1", "um").y_axis("e2", "um/s").with(Series::line("trajectory", Role::Measured, e1, e2)).with(
-        Series::line("sliding surface e2 = -m e1", Role::Model, vec![-reach_um, reach_um], vec![m * reach_um, -m * reach_um])
+    Plot::new(title).x_axis("e1", "um").y_axis("e2", "um/s").with(Series::line("trajectory", CurveRole::Measured, e1, e2)).with(
+        Series::line("sliding surface e2 = -m e1", CurveRole::Model, vec![-reach_um, reach_um], vec![m * reach_um, -m * reach_um])
             .style(Style::Dashed),
     )
 }
@@ -110,8 +110,13 @@ fn hysteresis_compensated(bench: &Bench, design: &ServoDesign, variant: Variant,
         Plot::new(title)
             .x_axis("desired", "um")
             .y_axis("measured", "um")
-            .with(Series::line("open loop, u = 6.86 w", Role::Other1, last_period(&reference[..n]), last_period(&open.noise_free_um[..n])))
-            .with(Series::line("closed loop", Role::Measured, last_period(&trace.reference_um), last_period(&trace.sensor_um))),
+            .with(Series::line(
+                "open loop, u = 6.86 w",
+                CurveRole::Other1,
+                last_period(&reference[..n]),
+                last_period(&open.noise_free_um[..n]),
+            ))
+            .with(Series::line("closed loop", CurveRole::Measured, last_period(&trace.reference_um), last_period(&trace.sensor_um))),
     )
 }
 
@@ -149,7 +154,9 @@ fn noise_suppressed(bench: &Bench) -> Plot {
         .x_axis("frequency", "Hz")
         .y_axis("amplitude density", "um/sqrt(Hz)")
         .log(true, true);
-    for (label, role, signal) in [("sensor", Role::Measured, &noise), ("estimate x1 (PIDSMO 10, 20000, 6e-6)", Role::Model, &estimate)] {
+    for (label, role, signal) in
+        [("sensor", CurveRole::Measured, &noise), ("estimate x1 (PIDSMO 10, 20000, 6e-6)", CurveRole::Model, &estimate)]
+    {
         let spectrum = amplitude_density(signal, fs);
         plot = plot.with(Series::line(label, role, spectrum.frequency_hz, spectrum.density));
     }
@@ -177,16 +184,16 @@ fn estimation(bench: &Bench, loaded: bool) -> Plot {
     Plot::new(title)
         .x_axis("time", "s")
         .y_axis("displacement, um; unknown input, 10 V", "")
-        .with(Series::line("sensor", Role::Measured, time.clone(), record.noise_free_um))
-        .with(Series::line("estimate x1", Role::Model, time.clone(), estimate))
-        .with(Series::line("estimated unknown input / 10 V", Role::Other1, time, epsilon.into_iter().map(|e| 0.1 * e).collect()))
+        .with(Series::line("sensor", CurveRole::Measured, time.clone(), record.noise_free_um))
+        .with(Series::line("estimate x1", CurveRole::Model, time.clone(), estimate))
+        .with(Series::line("estimated unknown input / 10 V", CurveRole::Other1, time, epsilon.into_iter().map(|e| 0.1 * e).collect()))
 }
 
 /// Ch. 7, Figs. 10-11: the error over two periods at 100 Hz.
 fn errors_at_100_hz(bench: &Bench, commissioned: &Commissioned, variant: Variant) -> Plot {
     let (reference, _) = sine_reference_um(bench, 100.0, 5.0);
     let mut plot = Plot::new("Error at 100 Hz (Ch. 7, Figs. 10-11)").x_axis("time", "s").y_axis("error", "um");
-    let mut add = |label: &str, role: Role, variant: Variant, design: &ServoDesign| {
+    let mut add = |label: &str, role: CurveRole, variant: Variant, design: &ServoDesign| {
         if let Ok(trace) = run(bench, variant, design, &reference, 7) {
             let from = trace.sensor_um.len().saturating_sub(400);
             let time: Vec<f64> = (from..trace.sensor_um.len()).map(|k| k as f64 * SAMPLING_PERIOD_S).collect();
@@ -200,12 +207,13 @@ fn errors_at_100_hz(bench: &Bench, commissioned: &Commissioned, variant: Variant
             }
         }
     };
-    for (label, name, role) in [("PIDSMC + alpha-beta", "pidsmc-alpha-beta", Role::Other2), ("PIDSMOC", "pidsmoc", Role::Other1)] {
+    for (label, name, role) in [("PIDSMC + alpha-beta", "pidsmc-alpha-beta", CurveRole::Other2), ("PIDSMOC", "pidsmoc", CurveRole::Other1)]
+    {
         if let Some(scheme) = thesis_scheme(name) {
             add(label, role, Variant::PLAIN, &without_model(bench, scheme));
         }
     }
-    add("best design, one period of delay", Role::Measured, variant, &commissioned.design);
+    add("best design, one period of delay", CurveRole::Measured, variant, &commissioned.design);
     plot
 }
 
@@ -220,9 +228,9 @@ fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
         Plot::new("Robustness (Ch. 7, Fig. 12): xi, wn and K +50 %, unknown input, 0.05 um noise")
             .x_axis("time", "s")
             .y_axis("displacement", "um")
-            .with(Series::line("desired", Role::Drive, time.clone(), reference[shown.clone()].to_vec()))
-            .with(Series::line("reached", Role::Measured, time.clone(), reached[shown].to_vec()))
-            .with(Series::line("error", Role::Residual, time, error)),
+            .with(Series::line("desired", CurveRole::Drive, time.clone(), reference[shown.clone()].to_vec()))
+            .with(Series::line("reached", CurveRole::Measured, time.clone(), reached[shown].to_vec()))
+            .with(Series::line("error", CurveRole::Residual, time, error)),
     )
 }
 
@@ -231,10 +239,10 @@ fn quasi_step_errors(bench: &Bench, schemes: &[NamedScheme]) -> Plot {
     let reference = quasi_step_um(1.0 / SAMPLING_PERIOD_S, 0.6);
     let mut plot = Plot::new("Error on the quasi-step of 5 um (Ch. 6, Eq. 44)").x_axis("time", "s").y_axis("error", "um");
     for (label, id, role) in [
-        ("sliding mode", "sm_ab", Role::Other2),
-        ("boundary layer", "smcbl", Role::Other3),
-        ("PID", "pid", Role::Other1),
-        ("PIDSM + alpha-beta", "pidsm_ab", Role::Measured),
+        ("sliding mode", "sm_ab", CurveRole::Other2),
+        ("boundary layer", "smcbl", CurveRole::Other3),
+        ("PID", "pid", CurveRole::Other1),
+        ("PIDSM + alpha-beta", "pidsm_ab", CurveRole::Measured),
     ] {
         let Some((_, scheme, _)) = schemes.iter().find(|s| s.0 == id) else { continue };
         if let Ok(trace) = run(bench, Variant::PLAIN, scheme, &reference, 7) {
@@ -256,7 +264,7 @@ fn noise_shaped(bench: &Bench, design: &ServoDesign) -> Plot {
         .y_axis("amplitude density", "um/sqrt(Hz)")
         .log(true, true)
         .caption("1 Hz, 5 um, full bench; steps of 34 mV, about 5 nm.");
-    for (label, noise_shaping, role) in [("rounded", false, Role::Other1), ("rounding error carried on", true, Role::Measured)] {
+    for (label, noise_shaping, role) in [("rounded", false, CurveRole::Other1), ("rounding error carried on", true, CurveRole::Measured)] {
         let design = ServoDesign { noise_shaping, ..design.clone() };
         if let Ok(trace) = run(&twelve_bits, Variant::FULL, &design, &reference, 7) {
             let error: Vec<f64> = trace.sensor_um.iter().zip(&trace.reference_um).skip(from).map(|(y, r)| y - r).collect();
@@ -269,25 +277,26 @@ fn noise_shaped(bench: &Bench, design: &ServoDesign) -> Plot {
 
 /// Sections of Chapter 6.
 #[must_use]
-pub fn chapter_6(bench: &Bench, rows: &[Row], schemes: &[NamedScheme]) -> Vec<Section> {
+pub fn chapter_6(bench: &Bench, rows: &[ChapterRow], schemes: &[NamedScheme]) -> Vec<Section> {
     let mut blocks = vec![
-        Block::Plot(over_frequency(
+        PageBlock::Plot(over_frequency(
             "Tracking error over frequency",
             rows,
             &[
-                ("PIDSM + alpha-beta", "ch6.pidsm_ab.", "hz.rms", Role::Measured),
-                ("PID", "ch6.pid.", "hz.rms", Role::Other1),
-                ("sliding mode", "ch6.sm_ab.", "hz.rms", Role::Other2),
-                ("boundary layer", "ch6.smcbl.", "hz.rms", Role::Other3),
+                ("PIDSM + alpha-beta", "ch6.pidsm_ab.", "hz.rms", CurveRole::Measured),
+                ("PID", "ch6.pid.", "hz.rms", CurveRole::Other1),
+                ("sliding mode", "ch6.sm_ab.", "hz.rms", CurveRole::Other2),
+                ("boundary layer", "ch6.smcbl.", "hz.rms", CurveRole::Other3),
             ],
         )),
-        Block::Plot(quasi_step_errors(bench, schemes)),
-        Block::Plot(portrait_of_the_controller()),
+        PageBlock::Plot(quasi_step_errors(bench, schemes)),
+        PageBlock::Plot(portrait_of_the_controller()),
     ];
-    blocks.extend(portrait_on_the_bench(bench).map(Block::Plot));
+    blocks.extend(portrait_on_the_bench(bench).map(PageBlock::Plot));
     if let Some(scheme) = thesis_scheme("pidsm-chapter-6") {
         let design = without_model(bench, scheme);
-        blocks.extend(hysteresis_compensated(bench, &design, Variant::PLAIN, "Hysteresis compensated (Ch. 6, Fig. 7)").map(Block::Plot));
+        blocks
+            .extend(hysteresis_compensated(bench, &design, Variant::PLAIN, "Hysteresis compensated (Ch. 6, Fig. 7)").map(PageBlock::Plot));
     }
     vec![Section {
         heading: "Chapter 6: PID-based sliding mode control".into(),
@@ -300,31 +309,32 @@ pub fn chapter_6(bench: &Bench, rows: &[Row], schemes: &[NamedScheme]) -> Vec<Se
 
 /// Sections of Chapter 7.
 #[must_use]
-pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robust: Option<&ServoDesign>) -> Vec<Section> {
-    let mut blocks = vec![Block::Plot(over_frequency(
+pub fn chapter_7(bench: &Bench, rows: &[ChapterRow], full: Option<&Commissioned>, robust: Option<&ServoDesign>) -> Vec<Section> {
+    let mut blocks = vec![PageBlock::Plot(over_frequency(
         "Tracking error over frequency",
         rows,
         &[
-            ("best design, full bench", "ch7.best.", "hz.none.full.rms", Role::Measured),
-            ("best design, full bench, loaded", "ch7.best.", "hz.load.full.rms", Role::Model),
-            ("PIDSMOC, thesis gains", "ch7.pidsmoc.", "hz.none.rms", Role::Other1),
-            ("PIDSMC + alpha-beta, thesis gains", "ch7.pidsmc_ab.", "hz.none.rms", Role::Other2),
+            ("best design, full bench", "ch7.best.", "hz.none.full.rms", CurveRole::Measured),
+            ("best design, full bench, loaded", "ch7.best.", "hz.load.full.rms", CurveRole::Model),
+            ("PIDSMOC, thesis gains", "ch7.pidsmoc.", "hz.none.rms", CurveRole::Other1),
+            ("PIDSMC + alpha-beta, thesis gains", "ch7.pidsmc_ab.", "hz.none.rms", CurveRole::Other2),
         ],
     ))];
     if let Some(c) = full {
-        blocks.push(Block::Plot(errors_at_100_hz(bench, c, Variant::FULL)));
-        blocks
-            .extend(hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(Block::Plot));
-        blocks.push(Block::Plot(hysteron_report::trade_off(&c.design.trade_off)));
-        blocks.push(Block::Plot(noise_shaped(bench, &c.design)));
+        blocks.push(PageBlock::Plot(errors_at_100_hz(bench, c, Variant::FULL)));
+        blocks.extend(
+            hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(PageBlock::Plot),
+        );
+        blocks.push(PageBlock::Plot(hysteron_report::trade_off(&c.design.trade_off)));
+        blocks.push(PageBlock::Plot(noise_shaped(bench, &c.design)));
     }
     blocks.extend([
-        Block::Plot(portrait_of_the_observer()),
-        Block::Plot(noise_suppressed(bench)),
-        Block::Plot(estimation(bench, false)),
-        Block::Plot(estimation(bench, true)),
+        PageBlock::Plot(portrait_of_the_observer()),
+        PageBlock::Plot(noise_suppressed(bench)),
+        PageBlock::Plot(estimation(bench, false)),
+        PageBlock::Plot(estimation(bench, true)),
     ]);
-    blocks.extend(robust.and_then(robust_tracking).map(Block::Plot));
+    blocks.extend(robust.and_then(robust_tracking).map(PageBlock::Plot));
     let mut text =
         "The thesis' schemes have the thesis' gains and no computational delay, on the plain bench. The best design has one period of \
                     delay; its model was identified from one record of the same bench."
@@ -339,28 +349,28 @@ pub fn chapter_7(bench: &Bench, rows: &[Row], full: Option<&Commissioned>, robus
                Below, schemes that others compare with, under the margins of the best design."
             .into(),
         blocks: vec![
-            Block::Plot(over_frequency(
+            PageBlock::Plot(over_frequency(
                 "Designed under one set of margins, full bench, one period of delay",
                 rows,
                 &[
-                    ("PIDSMOC", "ch7.designed.pidsmoc.", "hz.none.rms", Role::Other1),
-                    ("PIDSMC + alpha-beta", "ch7.designed.pidsmc_ab.", "hz.none.rms", Role::Other2),
-                    ("PIDSMOC, hysteresis inverted", "ch7.designed_inverse.pidsmoc.", "hz.none.rms", Role::Measured),
-                    ("PIDSMC + alpha-beta, hysteresis inverted", "ch7.designed_inverse.pidsmc_ab.", "hz.none.rms", Role::Other3),
-                    ("predictor, hysteresis inverted", "ch7.designed_inverse.predictor.", "hz.none.rms", Role::Model),
+                    ("PIDSMOC", "ch7.designed.pidsmoc.", "hz.none.rms", CurveRole::Other1),
+                    ("PIDSMC + alpha-beta", "ch7.designed.pidsmc_ab.", "hz.none.rms", CurveRole::Other2),
+                    ("PIDSMOC, hysteresis inverted", "ch7.designed_inverse.pidsmoc.", "hz.none.rms", CurveRole::Measured),
+                    ("PIDSMC + alpha-beta, hysteresis inverted", "ch7.designed_inverse.pidsmc_ab.", "hz.none.rms", CurveRole::Other3),
+                    ("predictor, hysteresis inverted", "ch7.designed_inverse.predictor.", "hz.none.rms", CurveRole::Model),
                 ],
             )),
-            Block::Plot(over_frequency(
+            PageBlock::Plot(over_frequency(
                 "Schemes on the full bench, one period of delay",
                 rows,
                 &[
-                    ("best design", "ch7.best.", "hz.none.full.rms", Role::Measured),
-                    ("correction learned", "ch7.compare.predictor-learning.", "hz.none.rms", Role::Residual),
-                    ("without hysteresis model", "ch7.compare.predictor-linear.", "hz.none.rms", Role::Model),
-                    ("disturbance observer", "ch7.compare.disturbance-observer.", "hz.none.rms", Role::Other1),
-                    ("feedforward alone", "ch7.compare.feedforward.", "hz.none.rms", Role::Other2),
-                    ("feedforward without creep", "ch7.compare.feedforward-without-creep.", "hz.none.rms", Role::Other3),
-                    ("feedforward + PI", "ch7.compare.feedforward-pi.", "hz.none.rms", Role::Other4),
+                    ("best design", "ch7.best.", "hz.none.full.rms", CurveRole::Measured),
+                    ("correction learned", "ch7.compare.predictor-learning.", "hz.none.rms", CurveRole::Residual),
+                    ("without hysteresis model", "ch7.compare.predictor-linear.", "hz.none.rms", CurveRole::Model),
+                    ("disturbance observer", "ch7.compare.disturbance-observer.", "hz.none.rms", CurveRole::Other1),
+                    ("feedforward alone", "ch7.compare.feedforward.", "hz.none.rms", CurveRole::Other2),
+                    ("feedforward without creep", "ch7.compare.feedforward-without-creep.", "hz.none.rms", CurveRole::Other3),
+                    ("feedforward + PI", "ch7.compare.feedforward-pi.", "hz.none.rms", CurveRole::Other4),
                 ],
             )),
         ],

@@ -1,8 +1,8 @@
 //! The report of a reproduction: every printed result with ours beside it, then the figures of every chapter.
 
 use crate::chapter::Chapter;
-use crate::scoreboard::{Cell, ScoreRow, Value, counts, score, totals};
-use hysteron_report::{Block, Page, Section, Table, Tone};
+use crate::scoreboard::{ScoreRow, Value, counts, met_on_reference, totals};
+use hysteron_report::{Page, PageBlock, Section, Table, Tone};
 use serde::Serialize;
 
 /// What `hysteron reproduce --json` writes.
@@ -15,10 +15,10 @@ pub struct ReproduceFile {
 }
 
 impl ReproduceFile {
-    /// The rows of some chapters.
+    /// Of these rows.
     #[must_use]
-    pub fn of(chapters: &[Chapter], cells: &[Cell]) -> Self {
-        Self { schema: "hysteron.reproduce/1".into(), rows: score(chapters, cells) }
+    pub fn of(rows: Vec<ScoreRow>) -> Self {
+        Self { schema: "hysteron.reproduce/1".into(), rows }
     }
 }
 
@@ -63,8 +63,9 @@ pub struct PrintedTable {
 pub struct TableLine {
     /// Algorithm, condition and quantity.
     pub what: [String; 3],
-    /// Printed; as printed without and with the thesis' noise; as the sensor reads it; improved; our own.
-    pub numbers: [String; 6],
+    /// Printed; as printed without and with the thesis' noise; as the sensor reads it; as printed on the bench
+    /// of domains; improved; our own.
+    pub numbers: [String; 7],
     /// Unit.
     pub unit: String,
     /// Whether the algorithm as printed reaches the printed value.
@@ -74,7 +75,7 @@ pub struct TableLine {
 }
 
 /// Headings of the numbers of a line.
-pub const NUMBERS: [&str; 6] = ["thesis", "as printed", "with noise", "sensor", "improved", "ours"];
+pub const NUMBERS: [&str; 7] = ["thesis", "as printed", "with noise", "sensor", "domains", "improved", "ours"];
 
 /// The first words of a text, up to a comma or a bracket.
 fn short(text: &str) -> String {
@@ -97,6 +98,7 @@ pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
                 value(row.printed_algorithm),
                 number(row.with_noise),
                 number(row.sensor),
+                value(row.on_domains),
                 other(row, ".improved"),
                 other(row, ".ours"),
             ],
@@ -118,20 +120,20 @@ pub fn totals_in_words(rows: &[ScoreRow]) -> String {
     let (covered, met, missed) = totals(rows);
     let improved = rows.iter().filter(|row| row.id.ends_with(".improved") && row.met == Some(true)).count();
     let ours = rows.iter().filter(|row| row.id.ends_with(".ours") && row.met == Some(true)).count();
+    let reference = met_on_reference(rows).map_or_else(String::new, |met| format!(" (on the reference bench {met})"));
     format!(
-        "Of {covered} printed results the algorithms as printed reach {met} and miss {missed}; improved procedures reach {improved}, our own {ours}."
+        "Of {covered} printed results the algorithms as printed reach {met}{reference} and miss {missed}; improved procedures reach {improved}, our own {ours}."
     )
 }
 
-/// The page with every figure of the chapters.
+/// The page with every figure of the chapters, whose rows these are.
 #[must_use]
-pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
-    let rows = score(&chapters, cells);
-    let (_, _, missed) = totals(&rows);
-    let of_thesis = tables(&rows).into_iter().map(|table| {
+pub fn page(chapters: &[Chapter], rows: &[ScoreRow]) -> Page {
+    let (_, _, missed) = totals(rows);
+    let of_thesis = tables(rows).into_iter().map(|table| {
         let columns: Vec<String> =
             ["algorithm", "condition", "quantity"].iter().chain(&NUMBERS).chain(&["unit", "reason"]).map(|c| (*c).to_owned()).collect();
-        Block::Table(Table {
+        PageBlock::Table(Table {
             title: table.title,
             columns,
             highlighted_rows: table.lines.iter().enumerate().filter(|(_, line)| !line.met).map(|(k, _)| k).collect(),
@@ -145,7 +147,7 @@ pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
                     cells
                 })
                 .collect(),
-            caption: "Rows that miss the printed value are set off. As printed: the thesis' algorithm, errors of the true displacement; with noise: the same with the thesis' sensor noise in every record, which then decides.".into(),
+            caption: "Rows that miss the printed value are set off. As printed: the thesis' algorithm, errors of the true displacement; with noise: the same with the thesis' sensor noise in every record, which then decides. Domains: the same algorithm on the bench of other equations, which decides where it was played.".into(),
         })
     });
     let mut others = Table {
@@ -156,12 +158,15 @@ pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
     for row in rows.iter().filter(|row| row.thesis.is_none()) {
         others.rows.push(vec![row.id.clone(), value(row.ours), number(row.sensor), row.unit.clone(), row.algorithm.clone()]);
     }
-    let scoreboard =
-        Section { heading: "The printed results".into(), text: String::new(), blocks: of_thesis.chain([Block::Table(others)]).collect() };
+    let scoreboard = Section {
+        heading: "The printed results".into(),
+        text: String::new(),
+        blocks: of_thesis.chain([PageBlock::Table(others)]).collect(),
+    };
     let sections: Vec<Section> = std::iter::once(scoreboard).chain(chapters.iter().flat_map(|c| c.sections.clone())).collect();
     Page {
         title: "Hysteron: the thesis reproduced".into(),
-        lead_sentence: totals_in_words(&rows),
+        lead_sentence: totals_in_words(rows),
         tone: if missed == 0 { Tone::Good } else { Tone::Attention },
         facts: vec![("Chapters".into(), chapters.iter().map(|c| c.number.to_string()).collect::<Vec<_>>().join(", "))],
         sections,
@@ -173,13 +178,13 @@ pub fn page(chapters: Vec<Chapter>, cells: &[Cell]) -> Page {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chapter::Row;
-    use crate::scoreboard::cells;
+    use crate::chapter::ChapterRow;
+    use crate::scoreboard::{cells, score};
 
     #[test]
     fn a_missed_result_is_set_off_with_its_reason() {
         let of = |ours: f64| {
-            let rows = vec![Row::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
+            let rows = vec![ChapterRow::new("ch6.pid_thesis.10hz.rms", ours, "um", "")];
             let cells: Vec<_> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.pid.10hz.rms").collect();
             tables(&score(&[Chapter { number: 6, rows, ..Chapter::default() }], &cells))
         };

@@ -2,7 +2,7 @@
 //! again as the nominal ones, an unknown input and noise, and a design made for such plants.
 
 use crate::bench_runs::{row_um, sine_key};
-use crate::chapter::{Row, RunKey};
+use crate::chapter::{ChapterRow, RunKey};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::predictor::{PredictorDesign, PredictorTuning};
@@ -10,7 +10,7 @@ use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::closed_loop::{ErrorFigures, Plant, Surroundings, Trace, follow};
 use hysteron_sim::converter_scale::ConverterScale;
-use hysteron_sim::effect::vibration::Mode;
+use hysteron_sim::effect::vibration::VibrationMode;
 use hysteron_sim::waveform;
 use nalgebra::Complex;
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ const SUBSTEPS: u32 = 10;
 /// The linear plant of Fig. 12: the nominal mode with all parameters times a factor, and an unknown input
 /// `10 sin(w t + phase) + 10` V.
 struct LinearPlant {
-    mode: Mode,
+    mode: VibrationMode,
     gain_um_v: f64,
     unknown: Option<(f64, f64)>,
     step: u32,
@@ -33,7 +33,7 @@ impl LinearPlant {
         let nominal = NominalModel::THESIS;
         let dt_s = SAMPLING_PERIOD_S / f64::from(SUBSTEPS);
         Self {
-            mode: Mode::new(nominal.natural_frequency_rad_s * factor, nominal.damping_ratio * factor, dt_s),
+            mode: VibrationMode::new(nominal.natural_frequency_rad_s * factor, nominal.damping_ratio * factor, dt_s),
             gain_um_v: nominal.gain_um_v * factor,
             unknown,
             step: 0,
@@ -63,7 +63,7 @@ impl Plant for LinearPlant {
 
 /// A reference and an unknown input.
 #[derive(Clone, Copy)]
-pub struct Case {
+pub struct RobustnessCase {
     /// Frequency of the reference, Hz.
     hz: f64,
     /// Of the unknown input `10 sin(w t + phase) + 10` V: `w` and `phase`.
@@ -73,9 +73,9 @@ pub struct Case {
 }
 
 /// The case of Fig. 12.
-pub const PRINTED: Case = Case { hz: 100.0, unknown: (150.0, 1.0), seed: 3 };
+pub const PRINTED: RobustnessCase = RobustnessCase { hz: 100.0, unknown: (150.0, 1.0), seed: 3 };
 /// The case by which a tuning is chosen: another reference, another unknown input, other noise.
-const CHOICE: Case = Case { hz: 80.0, unknown: (110.0, 0.3), seed: 103 };
+const CHOICE: RobustnessCase = RobustnessCase { hz: 80.0, unknown: (110.0, 0.3), seed: 103 };
 
 /// The run by which a tuning is chosen.
 #[must_use]
@@ -86,7 +86,7 @@ pub fn choice() -> RunKey {
 /// Tracking on the plant of Fig. 12; the simulation of the thesis has no limits: converters over -200..+200 V
 /// and +-64 um, as fine as the codes allow.
 #[must_use]
-pub fn run(design: &ServoDesign, case: Case, factor: f64, unknown: bool, noise_um: f64) -> Option<Trace> {
+pub fn run(design: &ServoDesign, case: RobustnessCase, factor: f64, unknown: bool, noise_um: f64) -> Option<Trace> {
     let scale = ConverterScale {
         adc_zero_um: -64.0,
         adc_lsb_um: 128.0 / 65_536.0,
@@ -120,13 +120,14 @@ fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
             sensor_bandwidth_hz: None,
         },
         creep: Vec::new(),
+        creep_pair: None,
     };
     model.drive_min_v = 0.0;
     ServoDesign::new(Scheme::Predictor { tuning, hysteresis_inverse: false }, &model, true)
 }
 
 /// Errors of a design on the plant of Fig. 12.
-fn figures(design: &ServoDesign, case: Case, factor: f64, unknown: bool, noise_um: f64) -> Option<ErrorFigures> {
+fn figures(design: &ServoDesign, case: RobustnessCase, factor: f64, unknown: bool, noise_um: f64) -> Option<ErrorFigures> {
     run(design, case, factor, unknown, noise_um).map(|trace| trace.true_error(4000))
 }
 
@@ -165,7 +166,7 @@ pub fn design() -> Option<(ServoDesign, PredictorTuning, f64)> {
 
 /// Fig. 12: what the design made for it does there, and what it costs when nothing is wrong.
 #[must_use]
-pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<Row> {
+pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<ChapterRow> {
     let (design, tuning, max_um) = made_for_it;
     let (tuning, max_um) = (*tuning, *max_um);
     let radius = {
@@ -181,7 +182,7 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<Row> {
         law.spectral_radius(&wrong.sampled(SAMPLING_PERIOD_S), 1.5, 0)
     };
     // Of the 10 um that the reference spans.
-    let mut rows = vec![Row::new(
+    let mut rows = vec![ChapterRow::new(
         "ch7.robust.pct",
         100.0 * max_um / 10.0,
         "%",
@@ -209,7 +210,7 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<Row> {
 
 /// Fig. 12 with the thesis' PIDSMOC, and the reference that it follows on its own model.
 #[must_use]
-pub fn rows_as_printed() -> Vec<Row> {
+pub fn rows_as_printed() -> Vec<ChapterRow> {
     let mut rows = Vec::new();
     let Some(scheme) = thesis_scheme("pidsmoc") else { return rows };
     let design = ServoDesign { scheme, delayed: false, ..nominal_predictor(PredictorTuning::START) };
@@ -218,7 +219,7 @@ pub fn rows_as_printed() -> Vec<Row> {
         let of_span = |um: f64| 100.0 * um / 10.0;
         let key = || sine_key(PRINTED.hz, 5.0);
         let track = trace.true_error(4000).max_um;
-        rows.push(Row::new("ch7.robust.pidsmoc.track_pct", of_span(track), "%", note).on(key(), PRINTED.seed));
+        rows.push(ChapterRow::new("ch7.robust.pidsmoc.track_pct", of_span(track), "%", note).on(key(), PRINTED.seed));
         // Displacement and velocity, each over its span; a velocity between samples is their difference.
         let position = trace.estimate_um.iter().zip(&trace.displacement_um).skip(4000).map(|(x, y)| (x[0] - y).abs()).fold(0.0, f64::max);
         let moved = trace.displacement_um.windows(3).map(|w| 0.5 * (w[2] - w[0]));
@@ -227,10 +228,10 @@ pub fn rows_as_printed() -> Vec<Row> {
         let estimate = of_span(position).max(100.0 * velocity / span_of_velocity);
         let both =
             format!("{note}; displacement {:.2} %, velocity {:.2} % of its span", of_span(position), 100.0 * velocity / span_of_velocity);
-        rows.push(Row::new("ch7.robust.pidsmoc.estimate_pct", estimate, "%", both).on(key(), PRINTED.seed));
+        rows.push(ChapterRow::new("ch7.robust.pidsmoc.estimate_pct", estimate, "%", both).on(key(), PRINTED.seed));
     }
     if let Some(nominal) = figures(&design, PRINTED, 1.0, true, 0.05) {
-        rows.push(Row::new("ch7.robust.pidsmoc.nominal.track_pct", 10.0 * nominal.max_um, "%", "the same on the nominal plant"));
+        rows.push(ChapterRow::new("ch7.robust.pidsmoc.nominal.track_pct", 10.0 * nominal.max_um, "%", "the same on the nominal plant"));
     }
     if let Some(trace) = run(&design, PRINTED, 1.0, false, 0.0) {
         // First harmonics of reference and motion over whole periods.
@@ -240,8 +241,8 @@ pub fn rows_as_printed() -> Vec<Row> {
             signal.iter().enumerate().skip(from).map(|(k, y)| turns(k) * *y).sum()
         };
         let g5 = harmonic(&trace.displacement_um) / harmonic(&trace.reference_um);
-        rows.push(Row::new("ch7.g5.gain_db", 20.0 * g5.norm().log10(), "dB", "sampled PIDSMOC on its own model, 100 Hz"));
-        rows.push(Row::new("ch7.g5.phase_deg", g5.arg().to_degrees(), "deg", "sampled PIDSMOC on its own model, 100 Hz"));
+        rows.push(ChapterRow::new("ch7.g5.gain_db", 20.0 * g5.norm().log10(), "dB", "sampled PIDSMOC on its own model, 100 Hz"));
+        rows.push(ChapterRow::new("ch7.g5.phase_deg", g5.arg().to_degrees(), "deg", "sampled PIDSMOC on its own model, 100 Hz"));
     }
     rows
 }

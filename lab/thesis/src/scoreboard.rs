@@ -6,8 +6,11 @@
 //! result becomes one row for the algorithm as printed, which alone decides whether it is met, and one row
 //! each for the others. Errors of a servo are those of the true displacement; what the sensor reads stands
 //! beside.
+//!
+//! Where the chapters were played on the bench of domains as well, that one decides: its plant is not the
+//! model that the algorithms assume.
 
-use crate::chapter::{Chapter, Row};
+use crate::chapter::{Chapter, ChapterRow};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 
@@ -53,7 +56,7 @@ pub enum Judge {
 /// A printed result.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Cell {
+pub struct ScoreboardCell {
     /// Identifier.
     pub id: String,
     /// Chapter.
@@ -96,14 +99,14 @@ pub struct Cell {
 
 #[derive(Deserialize)]
 struct Cells {
-    cell: Vec<Cell>,
+    cell: Vec<ScoreboardCell>,
 }
 
 /// The printed results.
 ///
 /// # Errors
 /// If the built-in file cannot be read, which a test excludes.
-pub fn cells() -> Result<Vec<Cell>, toml::de::Error> {
+pub fn cells() -> Result<Vec<ScoreboardCell>, toml::de::Error> {
     Ok(toml::from_str::<Cells>(include_str!("../printed.toml"))?.cell)
 }
 
@@ -132,8 +135,15 @@ pub struct ScoreRow {
     pub ours: Option<Value>,
     /// Unit.
     pub unit: String,
-    /// Whether the printed value is reached; none where nothing is printed.
+    /// The row's figure on the bench of domains, where that was played: what is judged then.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub on_domains: Option<Value>,
+    /// Whether the printed value is reached; none where nothing is printed. On the bench of domains, where
+    /// that was played.
     pub met: Option<bool>,
+    /// The same on the reference bench, where both were played.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub met_on_reference: Option<bool>,
     /// Why it is missed, or what has to be known although it is met.
     pub reason: Option<String>,
     /// The same error as the sensor reads it, noise removed.
@@ -155,7 +165,7 @@ struct Figure<'a> {
 
 /// All figures by their identifiers; the largest error of a run has that of its RMS error with another
 /// ending.
-struct Figures<'a>(HashMap<&'a str, &'a Row>);
+struct Figures<'a>(HashMap<&'a str, &'a ChapterRow>);
 
 impl<'a> Figures<'a> {
     fn of(chapters: &'a [Chapter]) -> Self {
@@ -182,7 +192,7 @@ impl<'a> Figures<'a> {
     }
 }
 
-impl Cell {
+impl ScoreboardCell {
     fn is_met(&self, value: Value) -> bool {
         let (ours, printed) = (value.number(), self.value.number());
         match self.judge {
@@ -216,7 +226,9 @@ impl Cell {
             printed_algorithm: None,
             ours: None,
             unit: self.unit.clone(),
+            on_domains: None,
             met: None,
+            met_on_reference: None,
             reason: None,
             sensor: None,
             with_noise: None,
@@ -250,9 +262,9 @@ impl Cell {
 
 /// The rows of some chapters: every printed result, and every other figure.
 #[must_use]
-pub fn score(chapters: &[Chapter], cells: &[Cell]) -> Vec<ScoreRow> {
+pub fn score(chapters: &[Chapter], cells: &[ScoreboardCell]) -> Vec<ScoreRow> {
     let figures = Figures::of(chapters);
-    let here = |cell: &&Cell| chapters.iter().any(|c| c.number == cell.chapter);
+    let here = |cell: &&ScoreboardCell| chapters.iter().any(|c| c.number == cell.chapter);
     let mut out: Vec<ScoreRow> = cells.iter().filter(here).flat_map(|cell| cell.rows(&figures)).collect();
     for row in chapters.iter().flat_map(|c| &c.rows) {
         let Some(found) = figures.get(&row.id) else { continue };
@@ -266,7 +278,9 @@ pub fn score(chapters: &[Chapter], cells: &[Cell]) -> Vec<ScoreRow> {
             printed_algorithm: None,
             ours: Some(Value::Number(f.value)),
             unit: f.unit.to_owned(),
+            on_domains: None,
             met: None,
+            met_on_reference: None,
             reason: None,
             sensor: f.sensor,
             with_noise: None,
@@ -278,6 +292,31 @@ pub fn score(chapters: &[Chapter], cells: &[Cell]) -> Vec<ScoreRow> {
         }
     }
     out
+}
+
+/// Why a result that is met on the reference bench may be missed on the other.
+const NOT_THE_MODEL: &str = "Met on the reference bench. The bench of domains follows other equations than the model does.";
+
+/// The rows of chapters that were played on both benches, judged on the bench of domains.
+#[must_use]
+pub fn score_both(reference: &[Chapter], domains: &[Chapter], cells: &[ScoreboardCell]) -> Vec<ScoreRow> {
+    let others: HashMap<String, ScoreRow> = score(domains, cells).into_iter().map(|row| (row.id.clone(), row)).collect();
+    let judged = |mut row: ScoreRow| {
+        let other = others.get(&row.id);
+        row.on_domains = other.and_then(|o| o.with_noise.map(Value::Number).or(if counts(o) { o.printed_algorithm } else { o.ours }));
+        if row.thesis.is_some() {
+            row.met_on_reference = row.met;
+            let met = other.and_then(|o| o.met).unwrap_or(false);
+            row.reason = match (met, row.met) {
+                (true, _) => other.and_then(|o| o.reason.clone()),
+                (false, Some(true)) => Some(NOT_THE_MODEL.into()),
+                (false, _) => row.reason.take(),
+            };
+            row.met = Some(met);
+        }
+        row
+    };
+    score(reference, cells).into_iter().map(judged).collect()
 }
 
 /// Whether a row is that of the algorithm as printed, which alone counts.
@@ -294,11 +333,18 @@ pub fn totals(rows: &[ScoreRow]) -> (usize, usize, usize) {
     (printed.len(), met, printed.len() - met)
 }
 
+/// Printed results met on the reference bench, where both were played.
+#[must_use]
+pub fn met_on_reference(rows: &[ScoreRow]) -> Option<usize> {
+    let printed: Option<Vec<bool>> = rows.iter().filter(|row| counts(row)).map(|row| row.met_on_reference).collect();
+    printed.map(|met| met.into_iter().filter(|met| *met).count())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn chapter(rows: Vec<Row>) -> Chapter {
+    fn chapter(rows: Vec<ChapterRow>) -> Chapter {
         Chapter { number: 6, rows, ..Chapter::default() }
     }
 
@@ -317,10 +363,12 @@ mod tests {
 
     #[test]
     fn only_the_algorithm_as_printed_meets_a_printed_result() {
-        let cells: Vec<Cell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
+        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
         let run = |as_printed: f64, tuned: f64| {
-            let rows =
-                vec![Row::new("ch6.sm_ab_thesis.10hz.rms", as_printed, "um", ""), Row::new("ch6.sm_ab.10hz.rms", tuned, "um", "tuned")];
+            let rows = vec![
+                ChapterRow::new("ch6.sm_ab_thesis.10hz.rms", as_printed, "um", ""),
+                ChapterRow::new("ch6.sm_ab.10hz.rms", tuned, "um", "tuned"),
+            ];
             score(&[chapter(rows)], &cells)
         };
         let missed = run(0.9, 0.1);
@@ -331,12 +379,26 @@ mod tests {
     }
 
     #[test]
+    fn the_bench_of_domains_decides_where_both_were_played() {
+        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.sm_ab.10hz.rms").collect();
+        let run = |um: f64| [chapter(vec![ChapterRow::new("ch6.sm_ab_thesis.10hz.rms", um, "um", "")])];
+        let (low, high) = (run(0.1), run(0.9));
+        let missed = score_both(&low, &high, &cells);
+        assert_eq!((missed[0].met, missed[0].met_on_reference, missed[0].on_domains), (Some(false), Some(true), Some(Value::Number(0.9))));
+        assert_eq!(missed[0].reason.as_deref(), Some(NOT_THE_MODEL));
+        assert_eq!((totals(&missed), met_on_reference(&missed)), ((1, 0, 1), Some(1)));
+        let met = score_both(&high, &low, &cells);
+        assert_eq!((met[0].met, met[0].met_on_reference, met[0].printed_algorithm), (Some(true), Some(false), Some(Value::Number(0.9))));
+        assert_eq!(met_on_reference(&score(&low, &cells)), None);
+    }
+
+    #[test]
     fn the_true_error_counts_and_a_largest_error_is_found_beside_its_rms() {
-        let cells: Vec<Cell> = cells().unwrap().into_iter().filter(|c| c.id.starts_with("ch6.table1.pidsm_ab.10hz.")).collect();
-        let row = Row {
+        let cells: Vec<ScoreboardCell> = cells().unwrap().into_iter().filter(|c| c.id.starts_with("ch6.table1.pidsm_ab.10hz.")).collect();
+        let row = ChapterRow {
             truth: Some(0.1),
             max: Some(ErrorPair { truth: 0.05, sensor: 0.2 }),
-            ..Row::new("ch6.pidsm_ab.10hz.rms", 0.001, "um", "")
+            ..ChapterRow::new("ch6.pidsm_ab.10hz.rms", 0.001, "um", "")
         };
         let rows = score(&[chapter(vec![row])], &cells);
         assert_eq!((rows[0].printed_algorithm, rows[0].sensor, rows[0].met), (Some(Value::Number(0.1)), Some(0.001), Some(false)));

@@ -11,22 +11,22 @@ use hysteron::servo::track::lead_s;
 use hysteron::watch::Unwatched;
 use hysteron_sim::bench::Bench;
 use hysteron_sim::chain::Model;
-use hysteron_tests::independent_stage::{Change, Truth};
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::learning_study::{
-    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, Way, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
+    FIVE_PERCENT_LESS, FIVE_PERCENT_MORE, LearningWay, changed_bench, designed_on_bench, learned, learned_on_bench, sine_on_bench,
 };
-use hysteron_tests::servo_study::{Recording, record};
+use hysteron_tests::servo_study::{StudyRecording, record};
 
-fn recorded(seed: u64) -> (Truth, Dataset, Model) {
-    let truth = Truth::drawn(seed);
-    let dataset = record(&truth, Recording::Wideband);
+fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {
+    let truth = StageTruth::drawn(seed);
+    let dataset = record(&truth, StudyRecording::Wideband);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
     let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).unwrap().model;
     (truth, dataset, chain)
 }
 
 /// What limits the drive: the stage moves so little that its own range is not enough.
-const TOO_WEAK: Change = Change { gain_ratio: 0.7, ..Change::NONE };
+const TOO_WEAK: StageChange = StageChange { gain_ratio: 0.7, ..StageChange::NONE };
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
@@ -38,8 +38,8 @@ fn a_triangle_of_100_hz_is_followed_to_a_twentieth_of_a_percent_within_ten_perio
     assert!(filters.convergence.iter().all(|p| p.contraction() < 1.0));
     assert!(filters.learns_to_hz() > 2000.0, "{}", filters.learns_to_hz());
     for change in [FIVE_PERCENT_LESS, FIVE_PERCENT_MORE] {
-        let without = learned(&truth, change, &design, Way::Nothing, 12);
-        let with = learned(&truth, change, &design, Way::EveryTick, 40);
+        let without = learned(&truth, change, &design, LearningWay::Nothing, 12);
+        let with = learned(&truth, change, &design, LearningWay::EveryTick, 40);
         println!("{:.4} % without, {:.4} % in period 10, {:.4} % in period 39", without.percent(9), with.percent(9), with.percent(38));
         assert!(without.percent(9) > 0.15, "three times what is asked: {}", without.percent(9));
         assert!(with.percent(9) <= 0.05, "{}", with.percent(9));
@@ -47,8 +47,8 @@ fn a_triangle_of_100_hz_is_followed_to_a_twentieth_of_a_percent_within_ten_perio
         assert_eq!((with.counters.limited_ticks, with.counters.saturated_values), (0, 0));
     }
     // Where the drive meets its limit in every period nothing is learned of those periods, and nothing grows.
-    let limited = learned(&truth, TOO_WEAK, &design, Way::EveryTick, 40);
-    let as_before = learned(&truth, TOO_WEAK, &design, Way::Nothing, 40);
+    let limited = learned(&truth, TOO_WEAK, &design, LearningWay::EveryTick, 40);
+    let as_before = learned(&truth, TOO_WEAK, &design, LearningWay::Nothing, 40);
     assert!(limited.counters.limited_ticks > 100, "{:?}", limited.counters);
     assert!(limited.percent(38) < 1.05 * as_before.percent(38), "{} {}", limited.percent(38), as_before.percent(38));
     commands_know_it(&design, &chain);
@@ -94,8 +94,8 @@ fn beyond_what_is_learned_the_corners_are_fed_forward() {
     let plain = LearningDesign { feedforward: Vec::new(), ..filters.clone() };
     assert!(!filters.feedforward.is_empty());
     for change in [FIVE_PERCENT_LESS, FIVE_PERCENT_MORE] {
-        let wide = learned(&truth, change, &design, Way::EveryTick, 12);
-        let own = learned(&truth, change, &ServoDesign { learning: Some(plain.clone()), ..design.clone() }, Way::EveryTick, 12);
+        let wide = learned(&truth, change, &design, LearningWay::EveryTick, 12);
+        let own = learned(&truth, change, &ServoDesign { learning: Some(plain.clone()), ..design.clone() }, LearningWay::EveryTick, 12);
         println!("{:.4} %, {:.4} % with the law's own feedforward", wide.percent(9), own.percent(9));
         assert!(wide.percent(9) <= 0.05 && wide.percent(9) < 0.9 * own.percent(9), "{} {}", wide.percent(9), own.percent(9));
     }

@@ -13,7 +13,7 @@ use hysteron::diagnosis::study::Study;
 use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::outcome::Verdict;
-use hysteron::quality::{self, End, Kind, Moment, Severity};
+use hysteron::quality::{self, End, IssueKind, Moment, Severity};
 use hysteron::statistics::mean;
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
@@ -191,5 +191,5 @@ fn a_missing_mode_is_no_closed_loop() {
     let study = Study::new(&dataset, Vec::new(), &gain.floor, policy, &Unwatched);
     let end = End { study: &study, noise: &gain.floor, first: &judged, last: &judged, added: &[] };
     let issues = quality::issues(&dataset, Moment::End(&end));
-    assert!(issues.iter().all(|issue| !matches!(issue.kind, Kind::ClosedLoop { .. })), "{issues:?}");
+    assert!(issues.iter().all(|issue| !matches!(issue.kind, IssueKind::ClosedLoop { .. })), "{issues:?}");
 }

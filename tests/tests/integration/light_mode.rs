@@ -4,22 +4,22 @@
 use hysteron::model_file::effects_named;
 use hysteron::servo::order::{self, Order};
 use hysteron::watch::Unwatched;
-use hysteron_tests::independent_stage::Change;
+use hysteron_tests::independent_stage::StageChange;
 use hysteron_tests::light_mode_study::{MODE_HZ, bandwidth_hz, moved, oscillates_with_mode_at, peak, reference_response, with_first_mode};
-use hysteron_tests::servo_study::{Recording, at_work, record};
+use hysteron_tests::servo_study::{StudyRecording, at_work, record};
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn references_are_followed_beyond_a_light_mode_that_moves() {
     let truth = with_first_mode(18, MODE_HZ);
-    let dataset = record(&truth, Recording::Wideband);
+    let dataset = record(&truth, StudyRecording::Wideband);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
     let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).unwrap().model;
     let designed = |mode_moves: f64| order::design(&chain, &Order { recording: Some(&dataset), mode_moves, ..Order::default() });
     let (usual, moving) = (designed(0.0).unwrap(), designed(0.2).unwrap());
     assert!(moving.explanation.iter().any(|said| said.contains("may move by 20 %")), "{:?}", moving.explanation);
     let response = reference_response(&truth, &moving);
-    let work = at_work(&truth, Change::NONE, &moving);
+    let work = at_work(&truth, StageChange::NONE, &moving);
     println!("{:.0} Hz, {:.2} of the noise, errors {:?}", bandwidth_hz(&response), work.rest_um / truth.noise_um, work.errors);
     assert!(bandwidth_hz(&response) > 1.2 * MODE_HZ && peak(&response) < 1.1);
     assert!(work.rest_um < 1.3 * truth.noise_um && !work.unstable && work.worst_um() < 0.005);

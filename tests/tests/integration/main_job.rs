@@ -10,9 +10,9 @@ use hysteron::diagnosis::words::cannot_identify;
 use hysteron::identification::fit::{residual, rms};
 use hysteron::model_file::{effects_named, own_effect};
 use hysteron::outcome::Verdict;
-use hysteron::quality::Kind;
+use hysteron::quality::IssueKind;
 use hysteron::synthetic::case::Truth;
-use hysteron::watch::{Event, Unwatched, Watch};
+use hysteron::watch::{Unwatched, Watch, WatchEvent};
 use hysteron_sim::noise::WhiteNoise;
 use hysteron_tests::{beside, root};
 use std::path::Path;
@@ -111,8 +111,8 @@ fn what_no_library_knows_is_unexplained_until_the_user_writes_it() {
 struct UntilSomethingIsAdded(std::sync::atomic::AtomicBool);
 
 impl Watch for UntilSomethingIsAdded {
-    fn event(&self, event: &Event<'_>) {
-        if matches!(event, Event::Tried { added, best: true, .. } if !added.is_empty()) {
+    fn event(&self, event: &WatchEvent<'_>) {
+        if matches!(event, WatchEvent::Tried { added, best: true, .. } if !added.is_empty()) {
             self.0.store(true, std::sync::atomic::Ordering::Relaxed);
         }
     }
@@ -211,7 +211,7 @@ fn readings_that_end_say_nothing_of_the_rest() {
     let dataset = Dataset::new(dataset.name, dataset.drive_min_v, dataset.drive_max_v, dataset.records).unwrap();
     let found = run(&dataset, "hysteresis,initial_curve,vibration");
     let issues = &found.diagnosis.issues;
-    let ends = |kind: &Kind| matches!(kind, Kind::RangeEnds { reading_um, highest: true, .. } if *reading_um == 8.0);
+    let ends = |kind: &IssueKind| matches!(kind, IssueKind::RangeEnds { reading_um, highest: true, .. } if *reading_um == 8.0);
     assert!(!issues.is_empty() && issues.iter().all(|issue| ends(&issue.kind)), "{issues:?}");
     let sentence = &found.diagnosis.sentence;
     assert_eq!((found.diagnosis.verdict, &found.diagnosis.named[..]), (Verdict::Named, &["creep".to_owned()][..]), "{sentence}");

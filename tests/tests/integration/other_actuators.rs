@@ -3,12 +3,12 @@
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::model_file::effects_named;
 use hysteron::watch::Unwatched;
-use hysteron_tests::other_actuators::{Kind, OF_CERAMICS, recorded};
+use hysteron_tests::other_actuators::{ActuatorKind, OF_CERAMICS, recorded};
 
 #[test]
 fn a_voice_coil_is_told_no_effect_of_ceramics() {
     let gain = effects_named("gain").unwrap();
-    let found = analyse(&recorded(Kind::VoiceCoil, 2), Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
+    let found = analyse(&recorded(ActuatorKind::VoiceCoil, 2), Start::Effects(&gain), &Options::default(), &Unwatched).unwrap();
     let d = &found.diagnosis;
     let of_ceramics: Vec<&String> = d.named.iter().filter(|id| OF_CERAMICS.contains(&id.as_str())).collect();
     assert!(of_ceramics.is_empty(), "{of_ceramics:?}: {}", d.sentence);

@@ -6,7 +6,7 @@ use hysteron::dataset::{Dataset, Role};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identify::{add, identify};
 use hysteron::model_file::effects_named;
-use hysteron::quality::{Kind, Severity};
+use hysteron::quality::{IssueKind, Severity};
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::delay;
@@ -182,6 +182,6 @@ fn single_disturbed_readings_of_a_real_stage_are_replaced() {
     // The sums of large sines hide two: one follows a jump of the drive, beside the other the stage moves
     // almost as sharply.
     assert_eq!(found.collect::<Vec<_>>(), [10, 10, 10, 8, 10]);
-    let replaced = mended.issues.iter().filter(|issue| matches!(issue.kind, Kind::OutliersReplaced { .. }));
+    let replaced = mended.issues.iter().filter(|issue| matches!(issue.kind, IssueKind::OutliersReplaced { .. }));
     assert_eq!(replaced.count(), names.len(), "{:?}", mended.issues);
 }

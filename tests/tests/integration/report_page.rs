@@ -200,7 +200,7 @@ fn demonstration() -> ExplainReport {
             u_v: (0..1200).map(|k| if k < 600 { 60.0 } else { 20.0 }).collect(),
         }),
         warnings: vec![
-            "Rate dependence cannot be told from vibration below 5 Hz in this data.".into(),
+            "The data cannot distinguish rate dependence from vibration below 5 Hz.".into(),
         ],
         program_version: "0.1.0".into(),
         command: "hysteron explain demonstration --report page.html".into(),

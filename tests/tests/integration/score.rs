@@ -3,10 +3,10 @@
 use hysteron::dataset::reading::from_manifest;
 use hysteron::synthetic::case::simulate_case;
 use hysteron::synthetic::case_set::SetOrder;
-use hysteron::synthetic::score::{Score, score_case, summarise};
+use hysteron::synthetic::score::{SetScore, score_case, summarise};
 
 /// Simulates one case for each list of hidden effects and scores them.
-fn planted(hidden: &[&[&str]], strength: f64, hysteresis: &str, seed: u64) -> Score {
+fn planted(hidden: &[&[&str]], strength: f64, hysteresis: &str, seed: u64) -> SetScore {
     let order = SetOrder {
         hidden: hidden.iter().map(|ids| ids.iter().map(|id| (*id).to_string()).collect()).collect(),
         strengths: vec![strength],

@@ -9,15 +9,15 @@ use hysteron::servo::order::{self, Order};
 use hysteron::servo::words;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
-use hysteron_tests::independent_stage::{Change, TrueMode, Truth};
+use hysteron_tests::independent_stage::{StageChange, StageTruth, TrueMode};
 use hysteron_tests::servo_study::{
-    LIMIT_CYCLE, Recording, at_work, designed, designed_with_the_truth, explained, record, rest_after_slow_change_um, rest_um,
+    LIMIT_CYCLE, StudyRecording, at_work, designed, designed_with_the_truth, explained, record, rest_after_slow_change_um, rest_um,
 };
 
 /// From recording to servo on one stage: stable, or a refusal that names the drive. Returns whether it was
 /// stable, with its error in um.
-fn stable_or_refused(seed: u64, recording: Recording) -> Option<f64> {
-    let truth = Truth::drawn(seed);
+fn stable_or_refused(seed: u64, recording: StudyRecording) -> Option<f64> {
+    let truth = StageTruth::drawn(seed);
     let dataset = record(&truth, recording);
     let chain = explained(&dataset).model;
     match designed(&chain, &dataset) {
@@ -26,7 +26,7 @@ fn stable_or_refused(seed: u64, recording: Recording) -> Option<f64> {
             None
         }
         Ok(design) => {
-            let work = at_work(&truth, Change::NONE, &design);
+            let work = at_work(&truth, StageChange::NONE, &design);
             assert!(!work.unstable, "{seed} {}: {work:?}", recording.name());
             Some(work.worst_um())
         }
@@ -36,7 +36,7 @@ fn stable_or_refused(seed: u64, recording: Recording) -> Option<f64> {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_servo_from_the_usual_recording_holds_on_the_stage() {
-    let worst_um = stable_or_refused(1, Recording::Usual).expect("this stage is shown well enough");
+    let worst_um = stable_or_refused(1, StudyRecording::Usual).expect("this stage is shown well enough");
     assert!(worst_um < 0.01, "{worst_um}");
 }
 
@@ -45,7 +45,7 @@ fn a_servo_from_the_usual_recording_holds_on_the_stage() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_resonance_that_is_not_shown_leaves_its_share_of_the_motion() {
-    let worst_um = stable_or_refused(14, Recording::Usual).expect("this stage is shown well enough");
+    let worst_um = stable_or_refused(14, StudyRecording::Usual).expect("this stage is shown well enough");
     assert!(worst_um < 0.005, "{worst_um}");
 }
 
@@ -54,11 +54,11 @@ fn a_resonance_that_is_not_shown_leaves_its_share_of_the_motion() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_wideband_recording_leads_to_nearly_the_best_with_the_truth() {
-    let truth = Truth::drawn(9);
-    let dataset = record(&truth, Recording::Wideband);
+    let truth = StageTruth::drawn(9);
+    let dataset = record(&truth, StudyRecording::Wideband);
     let chain = explained(&dataset).model;
     let [found, best] = [designed(&chain, &dataset).unwrap(), designed_with_the_truth(&truth, &chain).unwrap()]
-        .map(|design| at_work(&truth, Change::NONE, &design));
+        .map(|design| at_work(&truth, StageChange::NONE, &design));
     for (found, best) in found.errors.iter().zip(&best.errors) {
         assert!(found.rms_um <= 1.5 * best.rms_um, "{found:?} {best:?}");
     }
@@ -67,7 +67,7 @@ fn a_wideband_recording_leads_to_nearly_the_best_with_the_truth() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn what_the_target_plays_makes_no_unstable_servo() {
-    let worst_um = stable_or_refused(1, Recording::TargetsOwn).expect("its own record is enough");
+    let worst_um = stable_or_refused(1, StudyRecording::TargetsOwn).expect("its own record is enough");
     assert!(worst_um < 0.004, "{worst_um}");
 }
 
@@ -75,16 +75,16 @@ fn what_the_target_plays_makes_no_unstable_servo() {
 #[ignore = "72 identifications: half an hour"]
 fn no_stage_and_no_recording_makes_an_unstable_servo() {
     for seed in 0..24 {
-        for recording in Recording::ALL {
+        for recording in StudyRecording::ALL {
             stable_or_refused(seed, recording);
         }
     }
 }
 
 /// A model of a stage with the effects that it has, fitted once.
-fn identified(truth: &Truth) -> Model {
+fn identified(truth: &StageTruth) -> Model {
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
-    hysteron::identify::identify(&record(truth, Recording::Wideband), &effects, &Unwatched).unwrap().model
+    hysteron::identify::identify(&record(truth, StudyRecording::Wideband), &effects, &Unwatched).unwrap().model
 }
 
 fn margins(design: &hysteron::servo::design::ServoDesign, chain: &Model) -> LoopMargins {
@@ -94,30 +94,30 @@ fn margins(design: &hysteron::servo::design::ServoDesign, chain: &Model) -> Loop
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_loop_becomes_unstable_where_it_was_predicted() {
-    let truth = Truth::drawn(1);
+    let truth = StageTruth::drawn(1);
     let chain = identified(&truth);
     let design = designed_with_the_truth(&truth, &chain).unwrap();
     let found = margins(&design, &chain);
     assert!(found.spectral_radius.iter().all(|r| *r < 1.0));
     let limit_um = LIMIT_CYCLE * truth.noise_um;
-    let at_rest_um = rest_um(&truth, Change::NONE, &design);
+    let at_rest_um = rest_um(&truth, StageChange::NONE, &design);
     println!("as recorded: {:.1} nm at rest", 1e3 * at_rest_um);
     assert!(at_rest_um < limit_um);
     let first = found.first_unstable;
-    let turns_at = |what: &str, predicted: f64, change: &dyn Fn(f64) -> Change| {
+    let turns_at = |what: &str, predicted: f64, change: &dyn Fn(f64) -> StageChange| {
         let [before_um, beyond_um] = [0.95, 1.05].map(|share| rest_um(&truth, change(share * predicted), &design));
         println!("{what} {predicted:.4}: {:.1} nm at rest 5 % before, {:.0} nm 5 % beyond", 1e3 * before_um, 1e3 * beyond_um);
         assert!(before_um < limit_um, "{what}: already unstable 5 % before {predicted}");
         assert!(beyond_um > limit_um, "{what}: still stable 5 % beyond {predicted}");
     };
-    turns_at("gain", first.gain_up.unwrap(), &|gain_ratio| Change { gain_ratio, ..Change::NONE });
-    turns_at("mass", first.mass_up.unwrap(), &|mass_ratio| Change { mass_ratio, ..Change::NONE });
-    turns_at("delay", first.delay_s.unwrap(), &|delay_s| Change { delay_s, ..Change::NONE });
+    turns_at("gain", first.gain_up.unwrap(), &|gain_ratio| StageChange { gain_ratio, ..StageChange::NONE });
+    turns_at("mass", first.mass_up.unwrap(), &|mass_ratio| StageChange { mass_ratio, ..StageChange::NONE });
+    turns_at("delay", first.delay_s.unwrap(), &|delay_s| StageChange { delay_s, ..StageChange::NONE });
     let mode = first.mode.unwrap();
     println!("the mode: {:.0} Hz, damping ratio {}", mode.frequency_hz, mode.damping_ratio);
-    turns_at("mode", mode.share, &|share| Change {
+    turns_at("mode", mode.share, &|share| StageChange {
         mode: Some(TrueMode { frequency_hz: mode.frequency_hz, damping_ratio: mode.damping_ratio, share }),
-        ..Change::NONE
+        ..StageChange::NONE
     });
     // The same servo on an actuator with a third and with three times the gain is another loop, and said to
     // be one.
@@ -146,15 +146,15 @@ fn a_loop_becomes_unstable_where_it_was_predicted() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_limit_of_the_drive_keeps_a_loop_swinging_from_where_it_was_predicted() {
-    let truth = Truth::drawn(12);
+    let truth = StageTruth::drawn(12);
     let chain = identified(&truth);
-    let design = designed(&chain, &record(&truth, Recording::Wideband)).unwrap();
+    let design = designed(&chain, &record(&truth, StudyRecording::Wideband)).unwrap();
     let found = margins(&design, &chain);
     let (free, swinging) = (found.first_unstable.gain_up.unwrap(), found.first_swinging.gain_up.unwrap());
     let said = words::margins(&found).join(" ");
     assert!(swinging < 0.85 * free && said.contains("it may go on swinging"), "{swinging} {free}: {said}");
     let limit_um = LIMIT_CYCLE * truth.noise_um;
-    let with = |gain_ratio: f64| Change { gain_ratio, ..Change::NONE };
+    let with = |gain_ratio: f64| StageChange { gain_ratio, ..StageChange::NONE };
     let from_the_limit_um = [0.98 * swinging, 0.95 * free].map(|gain| rest_um(&truth, with(gain), &design));
     let in_the_middle_um = [0.95 * free, 1.05 * free].map(|gain| rest_after_slow_change_um(&truth, with(gain), &design));
     println!(
@@ -172,7 +172,7 @@ fn a_limit_of_the_drive_keeps_a_loop_swinging_from_where_it_was_predicted() {
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn what_cannot_be_meant_is_refused() {
-    let truth = Truth::drawn(1);
+    let truth = StageTruth::drawn(1);
     let chain = identified(&truth);
     for noise_um in [-1.0, 0.0, f64::NAN, f64::INFINITY, 5.0] {
         let order = Order { sensor_noise_um: Some(noise_um), ..Order::default() };

@@ -32,6 +32,7 @@ fn model() -> ActuatorModel {
             sensor_bandwidth_hz: None,
         },
         creep: Vec::new(),
+        creep_pair: None,
     }
 }
 
@@ -55,7 +56,7 @@ fn predictor() -> ServoDesign {
 
 /// Feedforward through the inverse of creep, PI and a notch.
 fn feedforward() -> ServoDesign {
-    let creep = vec![CreepTerm { share: 0.02, time_constant_s: 0.1 }, CreepTerm { share: 0.05, time_constant_s: 2.0 }];
+    let creep = vec![CreepTerm::linear(0.02, 0.1), CreepTerm::linear(0.05, 2.0)];
     let notch = Notch { frequency_hz: 5000.0, zero_damping_ratio: 0.05, pole_damping_ratio: 1.0 };
     ServoDesign::new(
         Scheme::Feedforward { gains: PidGains { p: 0.3, i: 800.0, d: 0.0 }, notch: Some(notch), creep_inverse: true },

@@ -13,14 +13,14 @@ use hysteron::watch::Unwatched;
 use hysteron_core::gain_adaptation::MOST;
 use hysteron_core::parameter_block;
 use hysteron_sim::chain::Model;
-use hysteron_tests::adaptation_study::{Drift, Way, adapted, sine_um};
-use hysteron_tests::independent_stage::{Change, Truth};
+use hysteron_tests::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
+use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::learning_study::{self, learned};
-use hysteron_tests::servo_study::{Recording, record};
+use hysteron_tests::servo_study::{StudyRecording, record};
 
-fn recorded(seed: u64) -> (Truth, Dataset, Model) {
-    let truth = Truth::drawn(seed);
-    let dataset = record(&truth, Recording::Wideband);
+fn recorded(seed: u64) -> (StageTruth, Dataset, Model) {
+    let truth = StageTruth::drawn(seed);
+    let dataset = record(&truth, StudyRecording::Wideband);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
     let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).unwrap().model;
     (truth, dataset, chain)
@@ -39,8 +39,8 @@ fn a_gain_that_is_a_fifth_off_costs_no_more_than_the_right_one() {
         // On the light stage what the wrong gain began with is still dying out after seven seconds.
         let reference = sine_um(&truth, 150.0, 12.0);
         for gain in [0.8, 0.9, 1.1, 1.2] {
-            let run = |way| adapted(&truth, Drift::none(gain), &without, way, &reference);
-            let [before, after, known] = [Way::Nothing, Way::InTheTick, Way::Known].map(run);
+            let run = |way| adapted(&truth, AdaptationDrift::none(gain), &without, way, &reference);
+            let [before, after, known] = [AdaptationWay::Nothing, AdaptationWay::InTheTick, AdaptationWay::Known].map(run);
             let [before_um, after_um, known_um] = [&before, &after, &known].map(|found| found.at_last.rms_um);
             println!(
                 "{seed}: gain {gain}: {:.2} nm, {:.2} adapted to {:.4}, {:.2} known",
@@ -59,7 +59,7 @@ fn a_gain_that_is_a_fifth_off_costs_no_more_than_the_right_one() {
             let mut slow_and_still = reference.clone();
             let last = *slow_and_still.last().unwrap();
             slow_and_still.extend(vec![last; 40_000]);
-            let found = adapted(&truth, Drift { from, to, lasts_s: 4.0 }, &without, Way::InTheTick, &slow_and_still);
+            let found = adapted(&truth, AdaptationDrift { from, to, lasts_s: 4.0 }, &without, AdaptationWay::InTheTick, &slow_and_still);
             println!("{seed}: {from} to {to}: {:.2} nm at rest, adapted to {:.4}", 1e3 * found.at_last.rms_um, found.gain);
             assert!(found.at_last.rms_um < 3.0 * truth.noise_um && (0.8 - 1e-6..=1.2 + 1e-6).contains(&found.gain));
         }
@@ -124,15 +124,15 @@ fn a_gain_is_corrected_while_a_periodic_correction_is_learned() {
     let periods = 400;
     for gain_ratio in [0.88, 1.12] {
         let percent = |design: &ServoDesign, way| {
-            let found = learned(&truth, Change { gain_ratio, ..Change::NONE }, design, way, periods);
+            let found = learned(&truth, StageChange { gain_ratio, ..StageChange::NONE }, design, way, periods);
             assert_eq!((found.counters.limited_ticks, found.counters.saturated_values), (0, 0));
             let worst = (20..periods - 1).map(|period| found.percent(period)).fold(0.0, f64::max);
             (worst, 100.0 * found.at_last.rms_um / found.stroke_um)
         };
-        let every_tick = learning_study::Way::EveryTick;
+        let every_tick = learning_study::LearningWay::EveryTick;
         let [(worst, with), (worst_alone, alone)] = [&both, &learning].map(|design| percent(design, every_tick));
         // With `Nothing` the period is learned by nobody, and the gain as before.
-        let (_, gain) = percent(&both, learning_study::Way::Nothing);
+        let (_, gain) = percent(&both, learning_study::LearningWay::Nothing);
         println!(
             "gain {gain_ratio}: {with:.4} % with both ({worst:.4} in the worst period), {alone:.4} % with the correction alone ({worst_alone:.4}), {gain:.4} % with the gain alone"
         );

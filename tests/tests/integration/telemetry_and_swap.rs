@@ -13,15 +13,15 @@ use hysteron_core::parameter_block::{AmplifierParameters, verify};
 use hysteron_core::pid_regulator::PidParameters;
 use hysteron_core::servo_parameters::{ActuatorParameters, LawParameters};
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_tests::independent_stage::{TrueMode, Truth};
+use hysteron_tests::independent_stage::{StageTruth, TrueMode};
 use hysteron_tests::running_amplifier::{RunningAmplifier, front_end, sine};
-use hysteron_tests::servo_study::{Recording, record};
+use hysteron_tests::servo_study::{StudyRecording, record};
 use std::f64::consts::TAU;
 
 const SECOND: usize = 20_000;
 const SEGMENT: usize = 1000;
 
-fn designed(truth: &Truth, recording: Recording) -> ServoDesign {
+fn designed(truth: &StageTruth, recording: StudyRecording) -> ServoDesign {
     let dataset = record(truth, recording);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
     let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).unwrap().model;
@@ -93,8 +93,8 @@ fn agree(said: &LoopFigures, expected: [f64; 4]) {
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_second_of_a_designed_loop_is_told_as_it_was() {
     for seed in [1, 20] {
-        let truth = Truth::drawn(seed);
-        let mut running = RunningAmplifier::conditioned(&truth, &block(&designed(&truth, Recording::Wideband)));
+        let truth = StageTruth::drawn(seed);
+        let mut running = RunningAmplifier::conditioned(&truth, &block(&designed(&truth, StudyRecording::Wideband)));
         running.tell(sine(50.0, 0.2 * truth.travel_um, 0.4 * truth.travel_um));
         running.tell(Command::Enable);
         running.run(SECOND);
@@ -116,9 +116,9 @@ fn a_second_of_a_designed_loop_is_told_as_it_was() {
 
 /// Integral control through the mean gain of a stage, a share of what its mode stands: with `k` a tick it
 /// rings by itself from `k > 2 xi w T` on.
-fn slow_integral(truth: &Truth, mode: &TrueMode, share: f64) -> AmplifierParameters {
+fn slow_integral(truth: &StageTruth, mode: &TrueMode, share: f64) -> AmplifierParameters {
     // Of the design only converters and guard are used.
-    let mut out = block(&designed(truth, Recording::TargetsOwn));
+    let mut out = block(&designed(truth, StudyRecording::TargetsOwn));
     let gain_um_v = truth.travel_um / truth.drive_max_v;
     let most = 2.0 * mode.damping_ratio * TAU * mode.frequency_hz / 20_000.0;
     out.servo.actuator = ActuatorParameters::Linear {
@@ -139,14 +139,14 @@ fn slow_integral(truth: &Truth, mode: &TrueMode, share: f64) -> AmplifierParamet
 #[test]
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_mode_that_loses_its_damping_raises_the_alarm_before_the_guard_stops_it() {
-    let damped = Truth::drawn(1);
+    let damped = StageTruth::drawn(1);
     let mode = TrueMode { frequency_hz: 740.0, damping_ratio: 0.02, share: damped.first_mode.share };
     let parameters = slow_integral(&damped, &mode, 0.6);
     let mut told: Vec<(f64, LoopFigures)> = Vec::new();
     // A step of the damping ratio changes the rate at which the loop rings up or down by 2 a second.
     for step in 0..40 {
         let damping_ratio = mode.damping_ratio - 4e-4 * f64::from(step);
-        let stage = Truth { first_mode: TrueMode { damping_ratio, ..mode }, ..damped.clone() };
+        let stage = StageTruth { first_mode: TrueMode { damping_ratio, ..mode }, ..damped.clone() };
         let mut running = RunningAmplifier::conditioned(&stage, &parameters);
         running.tell(sine(2.0, 0.05 * stage.travel_um, 0.4 * stage.travel_um));
         running.tell(Command::Enable);
@@ -197,9 +197,9 @@ fn followed(running: &mut RunningAmplifier, ticks: usize) -> (u32, f64) {
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn the_block_from_another_recording_takes_over_without_a_step() {
     for seed in [0, 1, 20] {
-        let truth = Truth::drawn(seed);
+        let truth = StageTruth::drawn(seed);
         // Other hysteresis, dynamics and gains: what another recording of the same stage shows of them.
-        let [usual, wideband] = [Recording::Usual, Recording::Wideband].map(|recording| block(&designed(&truth, recording)));
+        let [usual, wideband] = [StudyRecording::Usual, StudyRecording::Wideband].map(|recording| block(&designed(&truth, recording)));
         assert_ne!(usual.servo.law, wideband.servo.law);
         assert_ne!(usual.servo.actuator, wideband.servo.actuator);
         for (hz, old, new) in [(0.0, &usual, &wideband), (20.0, &usual, &wideband), (20.0, &wideband, &usual), (80.0, &usual, &wideband)] {

@@ -2,17 +2,17 @@
 //! schemes. Slow: run in release mode.
 
 use hysteron_thesis::scoreboard::{ScoreRow, Value, cells, counts, score, totals};
-use hysteron_thesis::{Chapter, Row, chapter};
+use hysteron_thesis::{Chapter, ChapterRow, PlayedOn, chapter};
 use std::collections::BTreeSet;
 
-fn figure(rows: &[Row], id: &str) -> f64 {
+fn figure(rows: &[ChapterRow], id: &str) -> f64 {
     rows.iter().find(|r| r.id == id).unwrap_or_else(|| panic!("{id} is missing")).ours
 }
 
 /// Every printed result of the chapter that is listed has a figure, every miss a reason, and nothing is
 /// judged on a run that chose anything.
 fn reproduced(number: u32) -> (Chapter, Vec<ScoreRow>) {
-    let chapter = chapter(number, &|_| ()).unwrap();
+    let chapter = chapter(number, PlayedOn::Reference, &|_| ()).unwrap();
     let rows = score(std::slice::from_ref(&chapter), &cells().unwrap());
     for row in rows.iter().filter(|row| counts(row)) {
         let found = row.printed_algorithm.unwrap_or_else(|| panic!("{} has no figure", row.id));

@@ -4,10 +4,10 @@
 //! each. What counts as right lists the effects that do physically what was done to the column; it was
 //! written down before anything was run.
 
-use super::case::{Case, Check, Start, model_of, own_effects};
-use super::mark::Truth;
+use super::case::{CaseCheck, CaseStart, SetCase, model_of, own_effects};
+use super::mark::CaseTruth;
 use super::recorded::{copy, write};
-use super::table_of_numbers::Table;
+use super::table_of_numbers::NumberTable;
 use super::{Context, beside, spread};
 use std::f64::consts::{SQRT_2, TAU};
 use std::fmt::Write as _;
@@ -139,7 +139,7 @@ fn dataset(folder: &Path, name: &str, alter: &dyn Fn(&mut [f64]), part: [f64; 2]
     }
     let mut manifest = format!("name = \"{name}\"\ndrive_min_v = -95.0\ndrive_max_v = 95.0\n");
     for (record, role) in RECORDS {
-        let table = Table::read(&data.join(format!("{record}.csv")))?;
+        let table = NumberTable::read(&data.join(format!("{record}.csv")))?;
         let mut readings_um = table.readings_um();
         alter(&mut readings_um);
         table.with_readings(&readings_um).write(&into.join(format!("{record}.csv")))?;
@@ -175,32 +175,38 @@ fn altered(context: &Context) -> Result<Vec<(String, PathBuf, Vec<String>)>, Str
 }
 
 /// From the model of the clean recordings.
-pub fn from_the_model(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
+pub fn from_the_model(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let clean = clean(context)?;
-    let case = |(name, data, right)| Case {
+    let case = |(name, data, right)| SetCase {
         name,
         data,
-        start: Start::ModelOf(clean.clone()),
-        check: Check::Names(Truth::Altered(right, Vec::new())),
+        start: CaseStart::ModelOf(clean.clone()),
+        check: CaseCheck::Names(CaseTruth::Altered(right, Vec::new())),
         noise_um: None,
     };
     Ok(spread(altered(context)?, most).into_iter().map(case).collect())
 }
 
 /// From a bare gain: what the clean recordings themselves need may be named beside.
-pub fn from_a_gain(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
+pub fn from_a_gain(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let own = own_effects(context, &clean(context)?)?;
-    let case = |(name, data, right)| Case::named(name, data, "gain", Truth::Altered(right, own.clone()), None);
+    let case = |(name, data, right)| SetCase::named(name, data, "gain", CaseTruth::Altered(right, own.clone()), None);
     Ok(spread(altered(context)?, most).into_iter().map(case).collect())
 }
 
 /// The clean recordings from their own model: all of them, and each half.
-pub fn unaltered(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
+pub fn unaltered(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let (folder, model) = (context.folder_of("altered")?, clean(context)?);
     let parts = [("clean", [0.0, 1.0]), ("first_half", [0.0, 0.5]), ("second_half", [0.5, 1.0])];
-    let case = |(name, part): (&str, [f64; 2])| -> Result<Case, String> {
+    let case = |(name, part): (&str, [f64; 2])| -> Result<SetCase, String> {
         let data = dataset(&folder, name, &|_| {}, part)?;
-        Ok(Case { name: name.into(), data, start: Start::ModelOf(model.clone()), check: Check::Names(Truth::Nothing), noise_um: None })
+        Ok(SetCase {
+            name: name.into(),
+            data,
+            start: CaseStart::ModelOf(model.clone()),
+            check: CaseCheck::Names(CaseTruth::Nothing),
+            noise_um: None,
+        })
     };
     Ok(spread(parts.into_iter().map(case).collect::<Result<Vec<_>, _>>()?, most))
 }

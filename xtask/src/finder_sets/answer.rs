@@ -4,7 +4,7 @@ use serde_json::Value;
 
 /// An answer, whichever finder gave it.
 #[derive(Clone, Debug, Default)]
-pub struct Answer {
+pub struct FinderAnswer {
     /// The verdict's word.
     pub verdict: String,
     /// Why it is undecidable, where the program says.
@@ -29,7 +29,7 @@ fn texts(value: &Value) -> Vec<String> {
     value.as_array().map_or_else(Vec::new, |all| all.iter().filter_map(|v| v.as_str().map(str::to_owned)).collect())
 }
 
-impl Answer {
+impl FinderAnswer {
     /// From `hysteron.fit/1` with a diagnosis, or from `hysteron.diagnosis/1`.
     pub fn of(json: &Value) -> Result<Self, String> {
         let d = json.get("diagnosis").unwrap_or(json);

@@ -1,9 +1,9 @@
 //! One case: a data set, where the search starts, what is true; and one run of the program on it.
 
 use super::Context;
-use super::answer::Answer;
-use super::mark::{Mark, Truth, mark};
-use super::results::{Results, Row};
+use super::answer::FinderAnswer;
+use super::mark::{CaseTruth, Mark, mark};
+use super::results::{ResultRow, Results};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -11,7 +11,7 @@ use std::time::Instant;
 
 /// Where a search starts.
 #[derive(Clone, Debug)]
-pub enum Start {
+pub enum CaseStart {
     /// From these effects.
     Effects(String),
     /// From the model that the program itself found on another data set.
@@ -20,9 +20,9 @@ pub enum Start {
 
 /// What is compared with what.
 #[derive(Clone, Debug)]
-pub enum Check {
+pub enum CaseCheck {
     /// The names with the truth.
-    Names(Truth),
+    Names(CaseTruth),
     /// Errors and seconds stand for themselves; samples by record weigh the errors.
     Errors(Vec<(String, f64)>),
     /// The names with those of another case of the same set, which stands before it.
@@ -33,15 +33,15 @@ pub enum Check {
 
 /// One case of a set.
 #[derive(Clone, Debug)]
-pub struct Case {
+pub struct SetCase {
     /// Its name within the set.
     pub name: String,
     /// The data set.
     pub data: PathBuf,
     /// Where the search starts.
-    pub start: Start,
+    pub start: CaseStart,
     /// What is compared.
-    pub check: Check,
+    pub check: CaseCheck,
     /// Noise of a simulated case, um.
     pub noise_um: Option<f64>,
 }
@@ -78,32 +78,34 @@ fn of_children_s() -> f64 {
     (ticks(13) + ticks(14)) / TICKS_PER_S
 }
 
-impl Case {
+impl SetCase {
     /// A case whose names are compared with the truth.
-    pub fn named(name: String, data: PathBuf, from: &str, truth: Truth, noise_um: Option<f64>) -> Self {
-        Self { name, data, start: Start::Effects(from.to_owned()), check: Check::Names(truth), noise_um }
+    pub fn named(name: String, data: PathBuf, from: &str, truth: CaseTruth, noise_um: Option<f64>) -> Self {
+        Self { name, data, start: CaseStart::Effects(from.to_owned()), check: CaseCheck::Names(truth), noise_um }
     }
 
     /// Runs it once.
-    pub fn run(&self, context: &Context, set: &'static str, results: &Results) -> Result<Row, String> {
-        if let Check::FrontEnds = self.check {
+    pub fn run(&self, context: &Context, set: &'static str, results: &Results) -> Result<ResultRow, String> {
+        if let CaseCheck::FrontEnds = self.check {
             return super::front_ends::compared(self, context, set);
         }
         let answers = context.folder_of("answers")?.join(&context.label);
         std::fs::create_dir_all(&answers).map_err(|e| format!("{}: {e}", answers.display()))?;
         let json = answers.join(format!("{set}_{}.json", self.name.replace(['/', ' '], "_")));
         let data = self.data.to_string_lossy();
+        let policy = context.policy.as_ref().map(|path| path.to_string_lossy());
+        let policy: Vec<&str> = policy.iter().flat_map(|path| ["--policy", path]).collect();
         let asked = match &self.start {
-            Start::Effects(from) => answered(&context.program, &["explain", &data, "--from", from], &json),
-            Start::ModelOf(clean) => {
+            CaseStart::Effects(from) => answered(&context.program, &[&["explain", &data, "--from", from], &policy[..]].concat(), &json),
+            CaseStart::ModelOf(clean) => {
                 let model = model_of(context, clean)?;
-                answered(&context.program, &["diagnose", &model.to_string_lossy(), &data], &json)
+                answered(&context.program, &[&["diagnose", &model.to_string_lossy(), &data], &policy[..]].concat(), &json)
             }
         };
-        let mut row = Row { set: set.into(), case: self.name.clone(), truth: self.truth(), ..Row::default() };
+        let mut row = ResultRow { set: set.into(), case: self.name.clone(), truth: self.truth(), ..ResultRow::default() };
         // A data set that the program refuses is an answer too, and no name.
         let (answer, seconds, processor_s) = match asked {
-            Ok((value, seconds, processor_s)) => (Answer::of(&value)?, seconds, processor_s),
+            Ok((value, seconds, processor_s)) => (FinderAnswer::of(&value)?, seconds, processor_s),
             Err(problem) => {
                 row.verdict = "refused".into();
                 row.mark = Mark::Missed.word().into();
@@ -113,18 +115,18 @@ impl Case {
         };
         row.fill(&answer, seconds, processor_s);
         row.mark = match &self.check {
-            Check::Names(truth) => mark(&answer, truth, || self.is_at_the_noise(context, &json))?.word().into(),
-            Check::SameAs(reference) => {
+            CaseCheck::Names(truth) => mark(&answer, truth, || self.is_at_the_noise(context, &json))?.word().into(),
+            CaseCheck::SameAs(reference) => {
                 let names = results.names_of(set, reference).ok_or_else(|| format!("{reference} stands before {}", self.name))?;
                 if names == answer.names() { "same".into() } else { format!("other than {names}") }
             }
-            Check::Errors(weights) => {
+            CaseCheck::Errors(weights) => {
                 row.ends_um = ends_um(&answer, weights);
                 "-".into()
             }
-            Check::FrontEnds => unreachable!("compared above"),
+            CaseCheck::FrontEnds => unreachable!("compared above"),
         };
-        if let Check::SameAs(_) = self.check {
+        if let CaseCheck::SameAs(_) = self.check {
         } else {
             row.names = answer.names();
         }
@@ -134,11 +136,11 @@ impl Case {
     /// What is true, as the results hold it.
     fn truth(&self) -> String {
         match &self.check {
-            Check::Names(Truth::Missing(missing, _)) => missing.join("+"),
-            Check::Names(Truth::Altered(right, _)) => right.join("|"),
-            Check::Names(Truth::Outside) => "outside".into(),
-            Check::Names(Truth::Nothing) => "nothing".into(),
-            Check::SameAs(reference) => format!("as {reference}"),
+            CaseCheck::Names(CaseTruth::Missing(missing, _)) => missing.join("+"),
+            CaseCheck::Names(CaseTruth::Altered(right, _)) => right.join("|"),
+            CaseCheck::Names(CaseTruth::Outside) => "outside".into(),
+            CaseCheck::Names(CaseTruth::Nothing) => "nothing".into(),
+            CaseCheck::SameAs(reference) => format!("as {reference}"),
             _ => String::new(),
         }
     }
@@ -146,7 +148,7 @@ impl Case {
     /// Whether the effects that were started from, fitted, leave no more than the noise in any record: five
     /// standard deviations of the mean square of as many samples of noise.
     fn is_at_the_noise(&self, context: &Context, beside: &Path) -> Result<bool, String> {
-        let (Start::Effects(from), Some(noise_um)) = (&self.start, self.noise_um) else { return Ok(true) };
+        let (CaseStart::Effects(from), Some(noise_um)) = (&self.start, self.noise_um) else { return Ok(true) };
         let json = beside.with_extension("base.json");
         let (value, ..) = answered(&context.program, &["identify", &self.data.to_string_lossy(), "--effects", from], &json)?;
         let records = value["records"].as_array().cloned().unwrap_or_default();
@@ -196,7 +198,7 @@ pub fn own_effects(context: &Context, data: &Path) -> Result<Vec<String>, String
 
 /// Geometric mean of the errors on fitted and held-out records, um, each the root of the mean square over the
 /// samples.
-fn ends_um(answer: &Answer, samples: &[(String, f64)]) -> Option<f64> {
+fn ends_um(answer: &FinderAnswer, samples: &[(String, f64)]) -> Option<f64> {
     let of = |role: &str| {
         let each = answer.records.iter().filter(|(_, r, _)| r == role);
         let (sum, count) = each.fold((0.0, 0.0), |(sum, count), (file, _, rms_um)| {

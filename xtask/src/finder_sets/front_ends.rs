@@ -1,9 +1,9 @@
 //! Four recordings with something wrong about them, asked from the command line, from the page and by
 //! `score`: the same answer.
 
-use super::answer::Answer;
-use super::case::{Case, Check, Start, answered};
-use super::results::Row;
+use super::answer::FinderAnswer;
+use super::case::{CaseCheck, CaseStart, SetCase, answered};
+use super::results::ResultRow;
 use super::{Context, page, spread};
 use gone_wrong::{CASES, Wrong};
 use serde_json::Value;
@@ -12,23 +12,29 @@ use serde_json::Value;
 mod gone_wrong;
 
 /// The four cases.
-pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
+pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let folder = context.folder_of("front_ends")?;
-    let case = |wrong: Wrong| -> Result<Case, String> {
+    let case = |wrong: Wrong| -> Result<SetCase, String> {
         let data = wrong.write(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-        Ok(Case { name: wrong.name().into(), data, start: Start::Effects(wrong.base().into()), check: Check::FrontEnds, noise_um: None })
+        Ok(SetCase {
+            name: wrong.name().into(),
+            data,
+            start: CaseStart::Effects(wrong.base().into()),
+            check: CaseCheck::FrontEnds,
+            noise_um: None,
+        })
     };
     Ok(spread(CASES.into_iter().map(case).collect::<Result<Vec<_>, _>>()?, most))
 }
 
 /// Asks all front ends and compares.
-pub fn compared(case: &Case, context: &Context, set: &str) -> Result<Row, String> {
-    let Start::Effects(from) = &case.start else { return Err("a front end starts from effects".into()) };
+pub fn compared(case: &SetCase, context: &Context, set: &str) -> Result<ResultRow, String> {
+    let CaseStart::Effects(from) = &case.start else { return Err("a front end starts from effects".into()) };
     let folder = context.folder_of("answers")?.join(&context.label);
     std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let json = folder.join(format!("{set}_{}.json", case.name));
     let (cli, seconds, processor_s) = answered(&context.program, &["explain", &case.data.to_string_lossy(), "--from", from], &json)?;
-    let answer = Answer::of(&cli)?;
+    let answer = FinderAnswer::of(&cli)?;
     let mut differs = Vec::new();
     let of_page = page::explained(&context.program, &case.data, from)?;
     differs.extend(difference(&without_times(&cli), &without_times(&of_page), "").map(|at| format!("page at {at}")));
@@ -39,7 +45,7 @@ pub fn compared(case: &Case, context: &Context, set: &str) -> Result<Row, String
     if of_score["verdict"] != cli["diagnosis"]["verdict"] || of_score["named"] != cli["diagnosis"]["named"] {
         differs.push(format!("score says {}", of_score["verdict"].as_str().unwrap_or_default()));
     }
-    let mut row = Row { set: set.into(), case: case.name.clone(), ..Row::default() };
+    let mut row = ResultRow { set: set.into(), case: case.name.clone(), ..ResultRow::default() };
     row.fill(&answer, seconds, processor_s);
     row.mark = if differs.is_empty() { "equal".into() } else { differs.join("; ").replace(',', " ") };
     Ok(row)

@@ -1,10 +1,10 @@
 //! The same recording written otherwise: the same names.
 
-use super::case::{Case, Check, Start};
-use super::mark::Truth;
+use super::case::{CaseCheck, CaseStart, SetCase};
+use super::mark::CaseTruth;
 use super::planted::of_folder;
 use super::recorded::{copy, write};
-use super::table_of_numbers::Table;
+use super::table_of_numbers::NumberTable;
 use super::{Context, beside, spread};
 use std::path::{Path, PathBuf};
 
@@ -27,12 +27,12 @@ enum Way {
 const WAYS: [(Way, &str); 4] = [(Way::Units, "units"), (Way::Rounded, "rounded"), (Way::Records, "records"), (Way::Effects, "effects")];
 
 /// Each case as it is and in every way; a sample is so many of the pairs.
-pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
+pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let folder = context.folder_of("invariance")?;
     let written = most.map_or(WRITTEN, |most| most.div_ceil(WAYS.len()).min(WRITTEN));
     let mut out = Vec::new();
     for reference in spread(of_folder(&beside("planted")?, "")?, Some(written)) {
-        let Start::Effects(from) = reference.start.clone() else { continue };
+        let CaseStart::Effects(from) = reference.start.clone() else { continue };
         for (way, name) in WAYS {
             let into =
                 folder.join(format!("{}_{name}", reference.data.file_name().map_or_else(String::new, |n| n.to_string_lossy().into())));
@@ -41,15 +41,15 @@ pub fn cases(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String
             if let Way::Effects = way {
                 effects.reverse();
             }
-            out.push(Case {
+            out.push(SetCase {
                 name: format!("{} {name}", reference.name),
                 data,
-                start: Start::Effects(effects.join(",")),
-                check: Check::SameAs(reference.name.clone()),
+                start: CaseStart::Effects(effects.join(",")),
+                check: CaseCheck::SameAs(reference.name.clone()),
                 noise_um: None,
             });
         }
-        let as_it_is = Case { check: Check::Names(Truth::Unknown), ..reference };
+        let as_it_is = SetCase { check: CaseCheck::Names(CaseTruth::Unknown), ..reference };
         out.insert(out.len() - WAYS.len(), as_it_is);
     }
     Ok(out)
@@ -67,13 +67,13 @@ fn otherwise(from: &Path, into: &Path, way: Way) -> Result<PathBuf, String> {
             Way::Records | Way::Effects => copy(&source, &target)?,
             Way::Units | Way::Rounded if target.exists() => {}
             Way::Units => {
-                let mut table = Table::read(&source)?;
+                let mut table = NumberTable::read(&source)?;
                 table.header = table.header.replacen("u_v", "u_mv", 1).replacen("y_um", "y_nm", 1);
                 table.rows.iter_mut().for_each(|row| (row[1], row[2]) = (1e3 * row[1], 1e3 * row[2]));
                 table.write(&target)?;
             }
             Way::Rounded => {
-                let table = Table::read(&source)?;
+                let table = NumberTable::read(&source)?;
                 let mut state = 1_u64;
                 let off = |y: f64| y + 1e-6 * (uniform(&mut state) - 0.5);
                 table.with_readings(&table.readings_um().into_iter().map(off).collect::<Vec<_>>()).write(&target)?;

@@ -1,6 +1,6 @@
 //! How an answer compares with what is true. A name too many is wrong, an "or" among many says nothing.
 
-use super::answer::Answer;
+use super::answer::FinderAnswer;
 
 /// An "or" of more effects than this is no answer.
 const SET_MAX: usize = 3;
@@ -9,7 +9,7 @@ const LOOPS: [&str; 6] = ["hysteresis", "prandtl_ishlinskii", "modified_prandtl_
 
 /// What is true of a case.
 #[derive(Clone, Debug)]
-pub enum Truth {
+pub enum CaseTruth {
     /// These effects are missing; the second list may be named beside them.
     Missing(Vec<String>, Vec<String>),
     /// What is missing is in no library.
@@ -63,7 +63,7 @@ fn same(said: &str, of: &str) -> bool {
 
 /// Marks an answer; `at_the_noise` says whether the fitted first model leaves no more than the noise, where
 /// that is asked.
-pub fn mark(answer: &Answer, truth: &Truth, at_the_noise: impl FnOnce() -> Result<bool, String>) -> Result<Mark, String> {
+pub fn mark(answer: &FinderAnswer, truth: &CaseTruth, at_the_noise: impl FnOnce() -> Result<bool, String>) -> Result<Mark, String> {
     let wrong_where = |is_true: &dyn Fn(&String) -> bool| {
         let false_groups: Vec<&Vec<String>> = answer.groups.iter().filter(|g| !g.iter().any(is_true)).collect();
         match false_groups.iter().map(|g| g.len()).min() {
@@ -74,19 +74,19 @@ pub fn mark(answer: &Answer, truth: &Truth, at_the_noise: impl FnOnce() -> Resul
     };
     let nothing_true = |_: &String| false;
     Ok(match truth {
-        Truth::Unknown => Mark::Unmarked,
-        Truth::Outside => match wrong_where(&nothing_true) {
+        CaseTruth::Unknown => Mark::Unmarked,
+        CaseTruth::Outside => match wrong_where(&nothing_true) {
             Some(wrong) => wrong,
             None if answer.verdict == "unexplained" => Mark::Right,
             None => Mark::Missed,
         },
-        Truth::Nothing => match wrong_where(&nothing_true) {
+        CaseTruth::Nothing => match wrong_where(&nothing_true) {
             Some(wrong) => wrong,
             None if !answer.changed.is_empty() => Mark::Wrong,
             None if answer.verdict == "at_floor" => Mark::Right,
             None => Mark::Missed,
         },
-        Truth::Missing(missing, also) => {
+        CaseTruth::Missing(missing, also) => {
             let is_true = |id: &String| missing.iter().chain(also).any(|of| same(id, of));
             let holds = |of: &String, group: &&Vec<String>| group.len() <= SET_MAX && group.iter().any(|said| same(said, of));
             let all_there = missing.iter().all(|of| answer.groups.iter().any(|group| holds(of, &group)));
@@ -98,7 +98,7 @@ pub fn mark(answer: &Answer, truth: &Truth, at_the_noise: impl FnOnce() -> Resul
                 None => Mark::Missed,
             }
         }
-        Truth::Altered(right, own) => {
+        CaseTruth::Altered(right, own) => {
             let changed = answer.changed.iter().map(|id| vec![id.clone()]);
             let groups: Vec<Vec<String>> = answer.groups.iter().cloned().chain(changed).collect();
             let is_right = |id: &String| right.contains(id);
@@ -120,14 +120,14 @@ pub fn mark(answer: &Answer, truth: &Truth, at_the_noise: impl FnOnce() -> Resul
 mod tests {
     use super::*;
 
-    fn marked(verdict: &str, groups: &[&[&str]], truth: &Truth) -> Mark {
+    fn marked(verdict: &str, groups: &[&[&str]], truth: &CaseTruth) -> Mark {
         let groups = groups.iter().map(|g| g.iter().map(|id| (*id).to_owned()).collect()).collect();
-        mark(&Answer { verdict: verdict.into(), groups, ..Answer::default() }, truth, || Ok(true)).unwrap()
+        mark(&FinderAnswer { verdict: verdict.into(), groups, ..FinderAnswer::default() }, truth, || Ok(true)).unwrap()
     }
 
     #[test]
     fn a_name_too_many_is_wrong_and_a_long_or_says_nothing() {
-        let missing = |ids: &[&str]| Truth::Missing(ids.iter().map(|id| (*id).to_owned()).collect(), Vec::new());
+        let missing = |ids: &[&str]| CaseTruth::Missing(ids.iter().map(|id| (*id).to_owned()).collect(), Vec::new());
         assert_eq!(marked("named", &[&["creep"]], &missing(&["creep"])), Mark::Right);
         assert_eq!(marked("named", &[&["bouc_wen"]], &missing(&["hysteresis"])), Mark::Right);
         assert_eq!(marked("named", &[&["creep"], &["delay"]], &missing(&["creep"])), Mark::Wrong);
@@ -136,10 +136,10 @@ mod tests {
         assert_eq!(marked("ambiguous", &[&["a", "b", "c", "creep"]], &missing(&["creep"])), Mark::Missed);
         assert_eq!(marked("named", &[&["creep"]], &missing(&["creep", "delay"])), Mark::Missed);
         assert_eq!(marked("at_floor", &[], &missing(&["creep"])), Mark::Absorbed);
-        assert_eq!(marked("at_floor", &[], &Truth::Nothing), Mark::Right);
-        assert_eq!(marked("unexplained", &[], &Truth::Nothing), Mark::Missed);
-        assert_eq!(marked("named", &[&["creep"]], &Truth::Outside), Mark::Wrong);
-        let altered = Truth::Altered(vec!["delay".into()], vec!["creep".into()]);
+        assert_eq!(marked("at_floor", &[], &CaseTruth::Nothing), Mark::Right);
+        assert_eq!(marked("unexplained", &[], &CaseTruth::Nothing), Mark::Missed);
+        assert_eq!(marked("named", &[&["creep"]], &CaseTruth::Outside), Mark::Wrong);
+        let altered = CaseTruth::Altered(vec!["delay".into()], vec!["creep".into()]);
         assert_eq!(marked("named", &[&["creep"], &["delay"]], &altered), Mark::Right);
         assert_eq!(marked("named", &[&["friction"], &["delay"]], &altered), Mark::Wrong);
         assert_eq!(marked("ambiguous", &[&["delay", "friction"]], &altered), Mark::InSet);

@@ -10,6 +10,7 @@
 //! command goes on where it was. The table at the end has one block for each label with a file there;
 //! `--table` runs nothing.
 
+pub mod ablation;
 mod altered;
 mod answer;
 mod case;
@@ -19,12 +20,12 @@ mod mark;
 mod page;
 mod planted;
 mod recorded;
-mod results;
+pub mod results;
 mod table;
 mod table_of_numbers;
 
 use crate::steps::{built, root};
-use case::Case;
+use case::SetCase;
 use results::Results;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +36,7 @@ pub struct Set {
     /// What is asked of it.
     pub asked: &'static str,
     /// All its cases, or some of them.
-    cases: fn(&Context, Option<usize>) -> Result<Vec<Case>, String>,
+    cases: fn(&Context, Option<usize>) -> Result<Vec<SetCase>, String>,
 }
 
 /// All sets, in the order of the table.
@@ -61,6 +62,8 @@ pub struct Context {
     label: String,
     /// Where data sets are made.
     folder: PathBuf,
+    /// Other thresholds, as the program reads them.
+    policy: Option<PathBuf>,
 }
 
 impl Context {
@@ -109,7 +112,7 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     if let Some(unknown) = asked.iter().find(|name| SETS.iter().all(|set| set.name != **name)) {
         return Err(format!("{unknown}: expected some of {}", SETS.map(|set| set.name).join(", ")));
     }
-    let context = Context { program, label, folder: root().join("target/finder_sets") };
+    let context = Context { program, label, folder: root().join("target/finder_sets"), policy: None };
     if let Some(folder) = write_to {
         return altered::write_all(&context, Path::new(&folder));
     }
@@ -130,7 +133,7 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     Ok(())
 }
 
-fn run_set(context: &Context, set: &Set, cases: &[Case], results: &mut Results) -> Result<(), String> {
+fn run_set(context: &Context, set: &Set, cases: &[SetCase], results: &mut Results) -> Result<(), String> {
     for case in cases {
         if results.has(set.name, &case.name) {
             continue;

@@ -1,7 +1,7 @@
 //! Recordings of real stages: where a search from a gain ends, and how long it takes.
 
-use super::case::{Case, Check, Start};
-use super::table_of_numbers::Table;
+use super::case::{CaseCheck, CaseStart, SetCase};
+use super::table_of_numbers::NumberTable;
 use super::{Context, beside, spread};
 use crate::steps::root;
 use serde::Deserialize;
@@ -40,12 +40,12 @@ fn number(text: &str, key: &str) -> Option<f64> {
 }
 
 /// The twelve sets.
-pub fn twelve(context: &Context, most: Option<usize>) -> Result<Vec<Case>, String> {
+pub fn twelve(context: &Context, most: Option<usize>) -> Result<Vec<SetCase>, String> {
     let (data, path) = (beside("measured")?, root().join("tests/manifests/recorded_sets.toml"));
     let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     let file: File = toml::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
     let folder = context.folder_of("recorded")?;
-    let case = |set: &RecordedSet| -> Result<Case, String> {
+    let case = |set: &RecordedSet| -> Result<SetCase, String> {
         let stage = file.stage.get(&set.stage).ok_or_else(|| format!("{}: no stage {}", path.display(), set.stage))?;
         let into = folder.join(set.name.replace('+', "_"));
         let mut manifest = format!("name = \"{}\"\ndrive_min_v = -{:.1}\ndrive_max_v = {:.1}\n", set.name, stage.span_v, stage.span_v);
@@ -63,24 +63,30 @@ pub fn twelve(context: &Context, most: Option<usize>) -> Result<Vec<Case>, Strin
             weights.push((name.clone(), to - from));
         }
         write(&into.join("dataset.toml"), &manifest)?;
-        Ok(Case { name: set.name.clone(), data: into, start: Start::Effects("gain".into()), check: Check::Errors(weights), noise_um: None })
+        Ok(SetCase {
+            name: set.name.clone(),
+            data: into,
+            start: CaseStart::Effects("gain".into()),
+            check: CaseCheck::Errors(weights),
+            noise_um: None,
+        })
     };
-    let all: Result<Vec<Case>, String> = file.set.iter().map(case).collect();
+    let all: Result<Vec<SetCase>, String> = file.set.iter().map(case).collect();
     Ok(spread(all?, most))
 }
 
 /// The shipped example from a gain, and the recording at 20 Hz from 1.5 s on as one file.
-pub fn speed(context: &Context, _: Option<usize>) -> Result<Vec<Case>, String> {
-    let case = |name: &str, data: PathBuf| Case {
+pub fn speed(context: &Context, _: Option<usize>) -> Result<Vec<SetCase>, String> {
+    let case = |name: &str, data: PathBuf| SetCase {
         name: name.into(),
         data,
-        start: Start::Effects("gain".into()),
-        check: Check::Errors(Vec::new()),
+        start: CaseStart::Effects("gain".into()),
+        check: CaseCheck::Errors(Vec::new()),
         noise_um: None,
     };
     let mut out = vec![case("example", root().join("examples/hidden_effect"))];
     if let Ok(data) = beside("measured/piezo_stage") {
-        let mut table = Table::read(&data.join("20_hz_no_lp.csv"))?;
+        let mut table = NumberTable::read(&data.join("20_hz_no_lp.csv"))?;
         table.rows.retain(|row| row[0] >= 1.5 - 1e-9);
         let path = context.folder_of("speed")?.join("20_hz_from_1_5_s.csv");
         table.write(&path)?;

@@ -1,6 +1,6 @@
 //! Results: one CSV for each label, one row for each case.
 
-use super::answer::Answer;
+use super::answer::FinderAnswer;
 use crate::steps::root;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -11,7 +11,7 @@ const FOLDER: &str = "benchmarks/results";
 
 /// One run.
 #[derive(Clone, Debug, Default)]
-pub struct Row {
+pub struct ResultRow {
     /// The set.
     pub set: String,
     /// The case within it.
@@ -44,9 +44,9 @@ pub struct Row {
     pub names: String,
 }
 
-impl Row {
+impl ResultRow {
     /// Takes an answer over.
-    pub fn fill(&mut self, answer: &Answer, seconds: f64, processor_s: f64) {
+    pub fn fill(&mut self, answer: &FinderAnswer, seconds: f64, processor_s: f64) {
         self.verdict.clone_from(&answer.verdict);
         self.reason.clone_from(&answer.reason);
         self.said = answer.said();
@@ -103,18 +103,22 @@ pub struct Results {
     pub label: String,
     path: PathBuf,
     /// All rows.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ResultRow>,
 }
 
 impl Results {
     /// Reads what is there.
     pub fn open(label: &str) -> Result<Self, String> {
-        let path = root().join(FOLDER).join(format!("finder_{label}.csv"));
+        Self::at(label, root().join(FOLDER).join(format!("finder_{label}.csv")))
+    }
+
+    /// The same of another file.
+    pub fn at(label: &str, path: PathBuf) -> Result<Self, String> {
         let mut rows = Vec::new();
         if path.exists() {
             let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
             for (at, line) in text.lines().enumerate().skip(1) {
-                let row = Row::parsed(line);
+                let row = ResultRow::parsed(line);
                 rows.push(row.ok_or_else(|| format!("{}, row {}: expected the columns {HEADER}", path.display(), at + 1))?);
             }
         }
@@ -142,7 +146,7 @@ impl Results {
     }
 
     /// Adds a row, in the file at once.
-    pub fn append(&mut self, row: Row) -> Result<(), String> {
+    pub fn append(&mut self, row: ResultRow) -> Result<(), String> {
         let told = |e: std::io::Error| format!("{}: {e}", self.path.display());
         std::fs::create_dir_all(root().join(FOLDER)).map_err(told)?;
         let is_new = !self.path.exists();

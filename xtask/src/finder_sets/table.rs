@@ -1,6 +1,6 @@
 //! One table of all sets, the labels beside each other.
 
-use super::results::{Results, Row};
+use super::results::{ResultRow, Results};
 use super::{SETS, Set};
 use std::fmt::Write as _;
 
@@ -12,7 +12,7 @@ pub fn print(all: &[Results]) {
     );
     for set in &SETS {
         for results in all {
-            let mut rows: Vec<&Row> = results.rows.iter().filter(|r| r.set == set.name).collect();
+            let mut rows: Vec<&ResultRow> = results.rows.iter().filter(|r| r.set == set.name).collect();
             // The references of a comparison are no cases.
             rows.retain(|r| set.name != "invariance" || r.mark != "-");
             if rows.is_empty() {
@@ -33,8 +33,8 @@ pub fn print(all: &[Results]) {
 }
 
 /// Median and most seconds, and the median of the seconds of all processors.
-fn times(rows: &[&Row]) -> (f64, f64, f64) {
-    let sorted = |of: fn(&Row) -> f64| {
+fn times(rows: &[&ResultRow]) -> (f64, f64, f64) {
+    let sorted = |of: fn(&ResultRow) -> f64| {
         let mut all: Vec<f64> = rows.iter().map(|r| of(r)).collect();
         all.sort_by(f64::total_cmp);
         all
@@ -43,7 +43,7 @@ fn times(rows: &[&Row]) -> (f64, f64, f64) {
     (wall[wall.len() / 2], wall[wall.len() - 1], processor[processor.len() / 2])
 }
 
-fn got(set: &Set, rows: &[&Row]) -> String {
+fn got(set: &Set, rows: &[&ResultRow]) -> String {
     let count = |marks: &[&str]| rows.iter().filter(|r| marks.contains(&r.mark.as_str())).count();
     match set.name {
         "recorded" | "speed" => {

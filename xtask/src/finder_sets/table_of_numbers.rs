@@ -5,14 +5,14 @@ use std::path::Path;
 
 /// A table in memory.
 #[derive(Clone, Debug)]
-pub struct Table {
+pub struct NumberTable {
     /// Names of the columns.
     pub header: String,
     /// Rows.
     pub rows: Vec<Vec<f64>>,
 }
 
-impl Table {
+impl NumberTable {
     /// Reads one.
     pub fn read(path: &Path) -> Result<Self, String> {
         let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;

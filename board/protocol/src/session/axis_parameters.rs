@@ -9,15 +9,15 @@ use crate::data_array::MOST_COLUMNS;
 use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
 use crate::device::Device;
 use crate::error_code::ErrorCode;
-use crate::parameters::Parameter;
+use crate::parameters::DeviceParameter;
 use crate::words::Words;
 
 impl<D: Device + 'static> Session<D> {
     /// A parameter of the axis named by two words.
-    pub(super) fn named_parameter(words: &mut Words<'_>) -> Result<(Parameter, u32), ErrorCode> {
+    pub(super) fn named_parameter(words: &mut Words<'_>) -> Result<(DeviceParameter, u32), ErrorCode> {
         words.axis()?;
         let number = words.whole()?;
-        Parameter::of_number(number).map(|parameter| (parameter, number)).ok_or(ErrorCode::UnknownParameter)
+        DeviceParameter::of_number(number).map(|parameter| (parameter, number)).ok_or(ErrorCode::UnknownParameter)
     }
 
     pub(super) fn set_parameter(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
@@ -25,31 +25,31 @@ impl<D: Device + 'static> Session<D> {
             let (parameter, _) = Self::named_parameter(words)?;
             let value = words.number()?;
             match parameter {
-                Parameter::Velocity => self.take_velocity(value)?,
-                Parameter::Tolerance => {
+                DeviceParameter::Velocity => self.take_velocity(value)?,
+                DeviceParameter::Tolerance => {
                     let tolerance = to_fixed(value, MICROMETRE_FRACTION_BITS).filter(|tolerance| *tolerance > 0);
                     self.tolerance = tolerance.ok_or(ErrorCode::Range)?;
                     self.device.set_tolerance(self.tolerance);
                 }
-                Parameter::SettlingTime => {
+                DeviceParameter::SettlingTime => {
                     if !(0..=10 * ONE).contains(&value) {
                         return Err(ErrorCode::Range);
                     }
                     let ticks = value / 1000 * i64::from(self.parameters.physical.sample_rate_hz) / (ONE / 1000);
                     self.settling_ticks = u32::try_from(ticks).unwrap_or(u32::MAX);
                 }
-                Parameter::HostTimeout => {
+                DeviceParameter::HostTimeout => {
                     let milliseconds = u32::try_from(value / (ONE / 1000)).map_err(|_| ErrorCode::Range)?;
                     let ticks = timeout_ticks(milliseconds, self.parameters.physical.sample_rate_hz).filter(|_| value >= 0);
                     // What is chosen and less than a millisecond is not none.
                     let ticks = ticks.filter(|ticks| *ticks > 0 || value == 0).ok_or(ErrorCode::Range)?;
                     self.device.set_host_timeout(ticks);
                 }
-                Parameter::Resonance => {
+                DeviceParameter::Resonance => {
                     let frequency_millihertz = thousandths(value)?;
                     self.listen(ResonanceWatch { frequency_millihertz, ..self.device.resonance_watch() })?;
                 }
-                Parameter::ResonanceAlarm => {
+                DeviceParameter::ResonanceAlarm => {
                     let alarm_pm = thousandths(value)?;
                     self.listen(ResonanceWatch { alarm_pm, ..self.device.resonance_watch() })?;
                 }
@@ -77,7 +77,7 @@ impl<D: Device + 'static> Session<D> {
         Ok(())
     }
 
-    pub(super) fn say_parameter(&mut self, parameter: Parameter, number: u32) -> Result<(), ErrorCode> {
+    pub(super) fn say_parameter(&mut self, parameter: DeviceParameter, number: u32) -> Result<(), ErrorCode> {
         let (lowest, highest) = self.range(&self.device.view());
         let rate = i64::from(self.parameters.physical.sample_rate_hz.max(1));
         let seconds = |ticks: u32| Decimal { billionths: i64::from(ticks) * ONE / rate, digits: 9 };
@@ -88,32 +88,32 @@ impl<D: Device + 'static> Session<D> {
         let of_millionths = |value: u32| Decimal { billionths: i64::from(value) * (ONE / 1_000_000), digits: 6 };
         let (figures, watch) = (self.device.loop_figures(), self.device.resonance_watch());
         let value = match parameter {
-            Parameter::RangeMinimum => micrometres(lowest),
-            Parameter::RangeMaximum => micrometres(highest),
-            Parameter::Velocity => self.velocity_value(),
-            Parameter::Tolerance => micrometres(self.tolerance),
-            Parameter::SettlingTime => seconds(self.settling_ticks),
-            Parameter::HostTimeout => seconds(self.device.host_timeout()),
-            Parameter::Resonance => of_thousandths(watch.frequency_millihertz),
-            Parameter::ResonanceAlarm => of_thousandths(watch.alarm_pm),
-            Parameter::ErrorRms => of_thousandths(figures.error_rms_pm),
-            Parameter::ErrorPeak => of_thousandths(figures.error_peak_pm),
-            Parameter::DriveRms => of_millionths(figures.drive_rms_uv),
-            Parameter::ResonanceAmplitude => of_thousandths(figures.resonance_pm),
-            Parameter::ServoPeriod => seconds(1),
-            Parameter::SensorAtCode0 => exact(from_fixed(self.converters(&self.device.view()).adc_zero, MICROMETRE_FRACTION_BITS)),
+            DeviceParameter::RangeMinimum => micrometres(lowest),
+            DeviceParameter::RangeMaximum => micrometres(highest),
+            DeviceParameter::Velocity => self.velocity_value(),
+            DeviceParameter::Tolerance => micrometres(self.tolerance),
+            DeviceParameter::SettlingTime => seconds(self.settling_ticks),
+            DeviceParameter::HostTimeout => seconds(self.device.host_timeout()),
+            DeviceParameter::Resonance => of_thousandths(watch.frequency_millihertz),
+            DeviceParameter::ResonanceAlarm => of_thousandths(watch.alarm_pm),
+            DeviceParameter::ErrorRms => of_thousandths(figures.error_rms_pm),
+            DeviceParameter::ErrorPeak => of_thousandths(figures.error_peak_pm),
+            DeviceParameter::DriveRms => of_millionths(figures.drive_rms_uv),
+            DeviceParameter::ResonanceAmplitude => of_thousandths(figures.resonance_pm),
+            DeviceParameter::ServoPeriod => seconds(1),
+            DeviceParameter::SensorAtCode0 => exact(from_fixed(self.converters(&self.device.view()).adc_zero, MICROMETRE_FRACTION_BITS)),
             // All codes of um with 40 fraction bits: um with 24; likewise V with 38 and 22.
-            Parameter::SensorSpan => exact(from_wide((c.adc_step << c.adc_bits) >> 16, MICROMETRE_FRACTION_BITS)),
-            Parameter::DriveAtCode0 => exact(from_fixed(c.dac_zero, VOLT_FRACTION_BITS)),
-            Parameter::DriveSpan => exact(from_wide((c.dac_step << c.dac_bits) >> 16, VOLT_FRACTION_BITS)),
-            Parameter::DriveMinimum => exact(from_fixed(c.drive(c.dac_code_min), VOLT_FRACTION_BITS)),
-            Parameter::DriveMaximum => exact(from_fixed(c.drive(c.dac_code_max), VOLT_FRACTION_BITS)),
-            Parameter::SensorBits => return self.say(format_args!("1 {number:#x}={}", c.adc_bits)),
-            Parameter::DriveBits => return self.say(format_args!("1 {number:#x}={}", c.dac_bits)),
-            Parameter::WavePoints => return self.say(format_args!("1 {number:#x}={}", self.wave_points())),
-            Parameter::WaveTables => return self.say(format_args!("1 {number:#x}={WAVE_TABLES}")),
-            Parameter::RecorderTables => return self.say(format_args!("1 {number:#x}={MOST_COLUMNS}")),
-            Parameter::RecorderPoints => {
+            DeviceParameter::SensorSpan => exact(from_wide((c.adc_step << c.adc_bits) >> 16, MICROMETRE_FRACTION_BITS)),
+            DeviceParameter::DriveAtCode0 => exact(from_fixed(c.dac_zero, VOLT_FRACTION_BITS)),
+            DeviceParameter::DriveSpan => exact(from_wide((c.dac_step << c.dac_bits) >> 16, VOLT_FRACTION_BITS)),
+            DeviceParameter::DriveMinimum => exact(from_fixed(c.drive(c.dac_code_min), VOLT_FRACTION_BITS)),
+            DeviceParameter::DriveMaximum => exact(from_fixed(c.drive(c.dac_code_max), VOLT_FRACTION_BITS)),
+            DeviceParameter::SensorBits => return self.say(format_args!("1 {number:#x}={}", c.adc_bits)),
+            DeviceParameter::DriveBits => return self.say(format_args!("1 {number:#x}={}", c.dac_bits)),
+            DeviceParameter::WavePoints => return self.say(format_args!("1 {number:#x}={}", self.wave_points())),
+            DeviceParameter::WaveTables => return self.say(format_args!("1 {number:#x}={WAVE_TABLES}")),
+            DeviceParameter::RecorderTables => return self.say(format_args!("1 {number:#x}={MOST_COLUMNS}")),
+            DeviceParameter::RecorderPoints => {
                 let points = self.device.recorder_room() * MOST_COLUMNS as u32;
                 return self.say(format_args!("1 {number:#x}={points}"));
             }
@@ -124,8 +124,8 @@ impl<D: Device + 'static> Session<D> {
     /// A line of the list of all parameters.
     pub(super) fn next_parameter(&mut self, nth: usize, piece: &mut Piece) -> Step {
         self.text.clear();
-        let Some((parameter, number, _, _)) = Parameter::ALL.get(nth) else { return Step::Done };
-        let end: &[u8] = if nth + 1 < Parameter::ALL.len() { b" \n" } else { b"\n" };
+        let Some((parameter, number, _, _)) = DeviceParameter::ALL.get(nth) else { return Step::Done };
+        let end: &[u8] = if nth + 1 < DeviceParameter::ALL.len() { b" \n" } else { b"\n" };
         let written = self.say_parameter(*parameter, *number).is_ok() && self.text.extend_from_slice(end).is_ok();
         core::mem::swap(piece, &mut self.text);
         self.sent(if written { Ok(()) } else { Err(core::fmt::Error) }, Pending::Parameters(nth + 1))

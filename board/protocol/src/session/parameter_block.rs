@@ -9,7 +9,7 @@ use core::fmt::Write;
 
 use super::{Meaning, Pending, Piece, Session, Step};
 use crate::decimal::Decimal;
-use crate::device::{Brought, Device, Event, Moving};
+use crate::device::{Brought, Device, DeviceEvent, Moving};
 use crate::error_code::ErrorCode;
 use crate::words::Words;
 
@@ -62,7 +62,7 @@ impl<D: Device + 'static> Session<D> {
     /// A line of the log of faults, the last one first.
     pub(super) fn next_event(&mut self, nth: u32, piece: &mut Piece) -> Step {
         let written = match self.device.event(nth) {
-            Some(Event { start, tick, fault }) => {
+            Some(DeviceEvent { start, tick, fault }) => {
                 let end = if self.device.event(nth + 1).is_some() { " " } else { "" };
                 writeln!(piece, "START={start} TICK={tick} FAULT={} {}{end}", fault as u8, fault.name())
             }

@@ -11,7 +11,7 @@ mod page;
 mod watcher;
 
 use super::LineArguments;
-use block::Block;
+use block::ScopeBlock;
 use hysteron::{Error, Result};
 use hysteron_browser::local_server::LocalServer;
 use hysteron_client::board::Stopper;
@@ -62,8 +62,8 @@ struct Seen {
     condition: Option<Condition>,
     /// Values of now since the board was met last, with their instants, s since the scope began.
     glances: VecDeque<(f64, Glance)>,
-    newest: VecDeque<Arc<Block>>,
-    held: VecDeque<Arc<Block>>,
+    newest: VecDeque<Arc<ScopeBlock>>,
+    held: VecDeque<Arc<ScopeBlock>>,
     /// Blocks so far.
     blocks: u64,
     window: usize,

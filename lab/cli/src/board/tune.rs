@@ -2,7 +2,7 @@
 
 use super::record::{bring_wiring, names, play_all, require_room, write};
 use super::{LineArguments, WiringArguments, of_board};
-use crate::command_line::as_typed;
+use crate::arguments::as_typed;
 use crate::desk::Desk;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
@@ -21,7 +21,9 @@ use hysteron_client::playing::{Wave, listen, play};
 use hysteron_client::scale::Scale;
 use hysteron_core::codes::SensorCode;
 use hysteron_core::reference_window::PREVIEW_TICKS;
-use hysteron_report::{Block, Page, Plot, Role, Section, Series, Tone, explain_page, explain_report, nyquist, sensitivity, trade_off};
+use hysteron_report::{
+    CurveRole, Page, PageBlock, Plot, Section, Series, Tone, explain_page, explain_report, nyquist, sensitivity, trade_off,
+};
 use serde::Serialize;
 use std::f64::consts::TAU;
 use std::fmt::Write;
@@ -320,20 +322,20 @@ fn csv(followed: &Followed) -> Result<String> {
 }
 
 /// The closed loop in two plots.
-fn plots(name: &str, followed: &Followed) -> [Block; 2] {
+fn plots(name: &str, followed: &Followed) -> [PageBlock; 2] {
     let error_nm = followed.position_um.iter().zip(&followed.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
     let time = followed.time_s.clone();
     [
-        Block::Plot(
+        PageBlock::Plot(
             Plot::new(name)
                 .x_axis("time", "s")
                 .y_axis("position", "um")
-                .with(Series::line("reference", Role::Drive, time.clone(), followed.reference_um.clone()))
-                .with(Series::line("sensor", Role::Measured, time.clone(), followed.position_um.clone())),
+                .with(Series::line("reference", CurveRole::Drive, time.clone(), followed.reference_um.clone()))
+                .with(Series::line("sensor", CurveRole::Measured, time.clone(), followed.position_um.clone())),
         ),
-        Block::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
+        PageBlock::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
             "sensor minus reference",
-            Role::Residual,
+            CurveRole::Residual,
             time,
             error_nm,
         ))),
@@ -345,7 +347,7 @@ fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdic
     let Designed { found, dataset, design, check, .. } = designed;
     let model = explain_page(&explain_report(found, dataset, as_typed()));
     let margins = check.margins.as_ref();
-    let of_loop = margins.map(|m| vec![Block::Plot(sensitivity(m)), Block::Plot(nyquist(m))]).unwrap_or_default();
+    let of_loop = margins.map(|m| vec![PageBlock::Plot(sensitivity(m)), PageBlock::Plot(nyquist(m))]).unwrap_or_default();
     let said = margins.map(words::margins).unwrap_or_default();
     let mut sections = vec![
         Section {
@@ -356,7 +358,7 @@ fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdic
         Section {
             heading: "Why this servo".into(),
             text: design.explanation.join("\n\n"),
-            blocks: vec![Block::Plot(trade_off(&design.trade_off))],
+            blocks: vec![PageBlock::Plot(trade_off(&design.trade_off))],
         },
         Section {
             heading: "The loop, checked on the model".into(),

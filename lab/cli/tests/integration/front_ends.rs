@@ -3,12 +3,12 @@
 
 use crate::common::gone_wrong::{CASES, Wrong};
 use crate::common::hysteron;
-use hysteron_browser::Session;
+use hysteron_browser::LabSession;
 use serde_json::{Value, json};
 use std::path::Path;
 
 /// Asks a session as the page does.
-fn ask(session: &mut Session, question: &Value, files: &[Vec<u8>]) -> Value {
+fn ask(session: &mut LabSession, question: &Value, files: &[Vec<u8>]) -> Value {
     let text = question.to_string();
     let mut bytes = (text.len() as u64).to_le_bytes().to_vec();
     bytes.extend(text.bytes());
@@ -25,7 +25,7 @@ fn by_the_page(data: &Path, from: &str) -> Value {
     let names = ["fitted.csv", "held_out.csv", "rest.csv", "dataset.toml"];
     let files: Vec<Vec<u8>> = names.iter().map(|name| std::fs::read(data.join(name)).unwrap()).collect();
     let entries: Vec<Value> = names.iter().zip(&files).map(|(name, file)| json!({ "name": name, "bytes": file.len() })).collect();
-    let mut session = Session::default();
+    let mut session = LabSession::default();
     ask(&mut session, &json!({ "ask": "read", "files": entries }), &files);
     ask(&mut session, &json!({ "ask": "explain", "from": from }), &[]);
     let figures = ask(&mut session, &json!({ "ask": "figures", "seconds": 0.0, "of_search": true }), &[]);

@@ -131,7 +131,7 @@ pub fn lead(a: &[f64], b: &[f64]) -> f64 {
 
 /// Which of two signals is the drive.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judgement {
+pub struct ColumnJudgement {
     /// The first is the drive, the second the response.
     pub first_is_drive: bool,
     /// Why, or why it is not sure.
@@ -142,7 +142,7 @@ pub struct Judgement {
 
 /// Judges which of two signals was commanded: the one that leads and is smooth.
 #[must_use]
-pub fn drive_among(a: &[f64], b: &[f64]) -> Judgement {
+pub fn drive_among(a: &[f64], b: &[f64]) -> ColumnJudgement {
     let lead = lead(a, b);
     let (noise_a, noise_b) = (noise_share(a), noise_share(b));
     let by_lead = (lead.abs() >= LOOP_MIN).then_some(lead > 0.0);
@@ -158,7 +158,7 @@ pub fn drive_among(a: &[f64], b: &[f64]) -> Judgement {
         (None, Some(first)) => (first, smooth, true),
         (None, None) => (true, "neither leads nor is smoother: taken in their order".into(), false),
     };
-    Judgement { first_is_drive, why, is_sure }
+    ColumnJudgement { first_is_drive, why, is_sure }
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@
 
 #[cfg(feature = "readers")]
 pub mod behaviour;
+pub mod column_rules;
 pub mod drive_variety;
 #[cfg(feature = "files")]
 pub mod folder;
@@ -89,6 +90,22 @@ impl Dataset {
     /// One message with record and sample, and what was expected: signals of different lengths, numbers that
     /// are not finite, windows outside the record, drives beyond the limits, names given twice, nothing that
     /// moves.
+    ///
+    /// ```
+    /// use hysteron::{Dataset, Record, Role};
+    ///
+    /// let drive_v: Vec<f64> = (0..2000).map(|k| 5.0 - 5.0 * (0.1 * f64::from(k)).cos()).collect();
+    /// let reading_um: Vec<f64> = drive_v.iter().map(|u| 0.1 * u).collect();
+    /// let record = |name: &str, reading_um| Record::new(name, 1000.0, drive_v.clone(), reading_um);
+    /// let held_out = record("held out", reading_um.clone()).with_role(Role::Validate);
+    /// let dataset = Dataset::new("my stage", 0.0, 10.0, vec![record("fitted", reading_um), held_out])?;
+    /// // What is wrong with a recording is one message with record and sample.
+    /// let mut torn = vec![0.5; 2000];
+    /// torn[7] = f64::NAN;
+    /// let message = Dataset::new("torn", 0.0, 10.0, vec![record("torn", torn)]).unwrap_err().to_string();
+    /// assert!(message.contains("torn"), "{message}");
+    /// # Ok::<(), hysteron::Error>(())
+    /// ```
     pub fn new(name: impl Into<String>, drive_min_v: f64, drive_max_v: f64, records: Vec<Record>) -> Result<Self> {
         Self::unchecked(name, drive_min_v, drive_max_v, records).checked()
     }

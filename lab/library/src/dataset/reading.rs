@@ -1,10 +1,11 @@
 //! Data sets from the bytes of files: a manifest with the files that it names, or one file of numbers alone.
 
 use super::behaviour::rows_between_news;
+use super::column_rules::ColumnRules;
 use super::manifest::{Manifest, Offset, RecordEntry};
 use super::one_recording;
 use super::readers::{self, Hints};
-use super::recognise::{self, ColumnRules};
+use super::recognise;
 use super::table::Table;
 use super::time_axis::{StampContext, TimeAxis};
 use super::timing::{Timing, bring_to_one_timing};

@@ -2,29 +2,15 @@
 //! assumption.
 
 use super::behaviour::{correlation, counts_samples, drive_among, is_constant, noise_share, rises_evenly};
-use super::manifest::{ColumnName, Columns, PerColumn};
+use super::column_rules::{ColumnName, ColumnRules};
 use super::table::{Column, Table};
 use super::units::{Quantity, SignalUnits, factor, has_own_unit, is_of_counts, is_of_something_else, is_voltage, own_unit};
 use crate::error::{Error, Result, nearest};
 use hysteron_sim::effect::AuxiliarySignal;
-use std::collections::BTreeMap;
-
-/// What is known about the columns of a file beside what it says itself.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ColumnRules {
-    /// Which column is what.
-    pub columns: Columns,
-    /// Units by signal: `mV`, or a sensitivity `5 um/V`.
-    pub unit: PerColumn<String>,
-    /// Factors by signal, beside that of the unit.
-    pub scale: PerColumn<f64>,
-    /// Columns of further signals, by the name that effects of the user's own call them by.
-    pub auxiliary: BTreeMap<String, ColumnName>,
-}
 
 /// The signals of a record in the program's units.
 #[derive(Clone, Debug)]
-pub struct Signals {
+pub struct RecordedSignals {
     /// Time, s.
     pub t_s: Option<Vec<f64>>,
     /// Drive, V.
@@ -68,7 +54,7 @@ const CHANNELS_IN_TURN: f64 = 2.0;
 /// # Errors
 /// A column that is not there, with the nearest name; a unit that is not known; columns that cannot be
 /// distinguished.
-pub fn signals(table: &Table, wanted: &ColumnRules) -> Result<Signals> {
+pub fn signals(table: &Table, wanted: &ColumnRules) -> Result<RecordedSignals> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
     for (name, column) in &wanted.auxiliary {
         let at = choice.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
@@ -149,11 +135,11 @@ impl Choice<'_> {
         let Some(wanted) = wanted else { return Ok(None) };
         let at = self.place_of(wanted, &format!("--columns or [record.columns] {key}"))?;
         if self.auxiliary.contains(&at) {
-            return Err(self.wrong(format!("{} is said to be both {key} and auxiliary", self.column(at).called())));
+            return Err(self.wrong(format!("{} is specified as {key} and as auxiliary; expected one of them", self.column(at).called())));
         }
         if let Some(other) = self.found.iter().position(|found| found.is_some_and(|f| f.at == at)) {
             let other = Quantity::ALL[other].key();
-            return Err(self.wrong(format!("{} is said to be both {other} and {key}", self.column(at).called())));
+            return Err(self.wrong(format!("{} is specified as {other} and as {key}; expected one of them", self.column(at).called())));
         }
         Ok(Some(Found { at, how: How::Said }))
     }
@@ -470,7 +456,7 @@ impl Choice<'_> {
     }
 
     /// Says what was assumed, and hands the signals over.
-    fn finish(mut self, wanted: &ColumnRules) -> Result<Signals> {
+    fn finish(mut self, wanted: &ColumnRules) -> Result<RecordedSignals> {
         let taken: Vec<(Quantity, Found)> = Quantity::ALL.into_iter().filter_map(|q| Some((q, self.of(q)?))).collect();
         let unit_is_open = |(quantity, found): &(Quantity, Found)| {
             let column = self.column(found.at);
@@ -521,7 +507,7 @@ impl Choice<'_> {
                 units.reading
             ));
         }
-        let signals = Signals {
+        let signals = RecordedSignals {
             auxiliary,
             units,
             u_v: self.scaled(Quantity::Drive, u.at, wanted)?,
@@ -576,7 +562,7 @@ impl Choice<'_> {
         Ok(Some(time_y))
     }
 
-    fn check_lengths(&self, signals: &Signals) -> Result<()> {
+    fn check_lengths(&self, signals: &RecordedSignals) -> Result<()> {
         let samples = signals.u_v.len();
         let lengths = [
             (Quantity::Time, signals.t_s.as_ref().map(Vec::len)),

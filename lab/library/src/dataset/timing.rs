@@ -101,7 +101,7 @@ fn moved_up(record: &mut Record) {
 #[cfg(all(test, feature = "readers"))]
 mod tests {
     use super::*;
-    use crate::quality::Kind;
+    use crate::quality::IssueKind;
 
     /// A stage that answers within a sample, read after (1) or before (0) the drive of the row acts.
     fn record(name: &str, rad_per_sample: f64, read_after: usize) -> Record {
@@ -115,7 +115,7 @@ mod tests {
     fn one_record_that_leads_speaks_for_the_slow_ones() {
         let mut records = [record("slow", 1e-3, 1), record("fast", 0.3, 1)];
         let issue = bring_to_one_timing(&mut records, None).unwrap();
-        assert_eq!((issue.record.as_deref(), &issue.kind), (Some("fast"), &Kind::TimingInReadings { jumps: None }));
+        assert_eq!((issue.record.as_deref(), &issue.kind), (Some("fast"), &IssueKind::TimingInReadings { jumps: None }));
         for record in &records {
             assert_eq!((record.drive_v.len(), record.displacement_um.len(), record.window.end), (499, 499, 499));
         }

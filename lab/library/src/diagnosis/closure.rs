@@ -4,12 +4,12 @@
 
 use super::judgement::Judged;
 use super::pool::{Entry, Move, Pool};
-use super::screening::{Score, Screening};
+use super::screening::{CandidateScore, Screening};
 use super::selection::{Selected, select};
 use super::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
 use std::collections::BTreeSet;
 
@@ -43,7 +43,7 @@ fn close_around(pool: &mut Pool, key: &str) -> Result<()> {
     if entry.held {
         return Ok(());
     }
-    study.watch.event(&Event::Doing("trying what else could do"));
+    study.watch.event(&WatchEvent::Doing("trying what else could do"));
     let dropped = drop_each(study, &entry);
     let tried = exchange_each(study, &entry, &dropped)?;
     let instead_of_two = exchange_pairs(study, &entry)?;
@@ -94,7 +94,7 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
         study.score_each(model, &study.candidates_for(model))
     });
     let screenings: Vec<Screening> = screenings.into_iter().collect::<Result<_>>()?;
-    let mut trials: Vec<(&Dropped, &Score)> = Vec::new();
+    let mut trials: Vec<(&Dropped, &CandidateScore)> = Vec::new();
     for (d, screening) in dropped.iter().zip(&screenings) {
         let doing_as = screening.doing_as(&d.id, study.policy.rival, study.policy.rival_similarity);
         let others = doing_as.into_iter().filter(|s| entry.judged.model.effect(&s.id).is_none());
@@ -109,7 +109,7 @@ fn exchange_each(study: &Study, entry: &Entry, dropped: &[Dropped]) -> Result<Ve
 
 /// One effect in the place of another, from its best two initial guesses, and from the values of the other
 /// where both are one law at two places.
-fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &Score) -> Judged {
+fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &CandidateScore) -> Judged {
     let base = &dropped.entry.judged.model;
     let begin = |start: &Vec<f64>| study.with(base, &[(score.effect.clone(), start.clone())]);
     let starts = if score.effect.starts_combine() { 1 } else { study.policy.guesses };
@@ -121,7 +121,7 @@ fn in_its_place(study: &Study, entry: &Entry, dropped: &Dropped, score: &Score) 
 }
 
 /// An effect at the values of another of the same law, as lags in front of a mode and behind it are.
-fn same_law(study: &Study, entry: &Entry, id: &str, score: &Score) -> Option<Model> {
+fn same_law(study: &Study, entry: &Entry, id: &str, score: &CandidateScore) -> Option<Model> {
     let instance = entry.judged.model.effect(id)?;
     let names =
         |effect: &dyn hysteron_sim::effect::Effect| effect.parameters(&study.overview).into_iter().map(|p| p.name).collect::<Vec<_>>();
@@ -139,7 +139,7 @@ fn exchange_pairs(study: &Study, entry: &Entry) -> Result<Vec<Entry>> {
     let pairs: Vec<[&String; 2]> = leaving.iter().enumerate().flat_map(|(i, a)| leaving[i + 1..].iter().map(move |b| [a, b])).collect();
     let without = parallel::map(&pairs, |[a, b]| study.quickly(&study.without(&study.without(&entry.judged.model, a), b)));
     let scored = parallel::map(&without, |judged| study.score_each(&judged.model, &study.candidates_for(&judged.model)));
-    let mut promising: Vec<(f64, &Judged, Score)> = Vec::new();
+    let mut promising: Vec<(f64, &Judged, CandidateScore)> = Vec::new();
     for (judged, screening) in without.iter().zip(scored) {
         let screening = screening?;
         let total = screening.total_um2().max(f64::MIN_POSITIVE);

@@ -13,16 +13,16 @@ use std::sync::Arc;
 
 /// One step of the way.
 #[derive(Clone)]
-pub struct Step {
+pub struct PathStep {
     /// What changed.
-    pub change: Change,
+    pub change: ModelChange,
     /// The model after the step.
     pub judged: Judged,
 }
 
 /// What changes in a step.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Change {
+pub enum ModelChange {
     /// The model that was started from.
     Start,
     /// An effect was added.
@@ -39,7 +39,7 @@ pub enum Change {
     Changed(String),
 }
 
-impl Change {
+impl ModelChange {
     /// The effect that was added, if one was; several with commas between.
     #[must_use]
     pub fn added(&self) -> Option<String> {
@@ -105,20 +105,20 @@ fn next_on_the_way(study: &Study, last: &Model, left: &mut [OnTheWay], end: &Mod
 ///
 /// # Errors
 /// A candidate that gives something that is no number.
-pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Result<Vec<Step>> {
-    let mut steps = vec![Step { change: Change::Start, judged: start.clone() }];
+pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Result<Vec<PathStep>> {
+    let mut steps = vec![PathStep { change: ModelChange::Start, judged: start.clone() }];
     let on_the_way = |e: &EffectInstance| OnTheWay { effect: e.effect.clone(), brought: f64::INFINITY };
     let mut left: Vec<OnTheWay> = added.iter().filter_map(|id| end.model.effect(id)).map(on_the_way).collect();
     let mut last = start.model.clone();
     // Loops of another structure first: beside the wrong one no effect shows what it does.
     if let Some(begin) = with_the_structure_of(&last, &end.model).filter(|m| !added.iter().any(|id| m.effect(id).is_some())) {
         last = study.for_comparison(&begin).model;
-        steps.push(Step { change: Change::FinerHysteresis(description(&last)), judged: study.judged(last.clone()) });
+        steps.push(PathStep { change: ModelChange::FinerHysteresis(description(&last)), judged: study.judged(last.clone()) });
     }
     while let Some((i, judged)) = next_on_the_way(study, &last, &mut left, &end.model) {
         let OnTheWay { effect, .. } = left.remove(i);
         last = study.quickly(&judged.model).model;
-        steps.push(Step { change: Change::Added(effect.declaration().id), judged: study.judged(last.clone()) });
+        steps.push(PathStep { change: ModelChange::Added(effect.declaration().id), judged: study.judged(last.clone()) });
     }
     // What the end has beside all effects: a finer description, where that brings something, and the values
     // of a fit that went as far as it goes.
@@ -134,11 +134,11 @@ pub fn from(study: &Study, start: &Judged, added: &[String], end: &Judged) -> Re
         if let Some(coarse) = coarse.filter(|coarse| study.merit(coarse) <= most) {
             end = coarse;
         } else {
-            let change = finer_hysteresis.map(Change::FinerHysteresis).or(finer_creep.map(Change::FinerCreep));
-            steps.extend(change.map(|change| Step { change, judged: end.clone() }));
+            let change = finer_hysteresis.map(ModelChange::FinerHysteresis).or(finer_creep.map(ModelChange::FinerCreep));
+            steps.extend(change.map(|change| PathStep { change, judged: end.clone() }));
         }
     }
-    if let Some(step) = steps.last_mut().filter(|s| s.change != Change::Start) {
+    if let Some(step) = steps.last_mut().filter(|s| s.change != ModelChange::Start) {
         step.judged = end;
     }
     Ok(steps)

@@ -5,7 +5,7 @@ use super::selection::Losses;
 use super::study::Study;
 use crate::identification::{finer_creep, finer_hysteresis};
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
 use std::collections::BTreeMap;
 
@@ -155,7 +155,7 @@ impl<'s, 'a> Pool<'s, 'a> {
             return;
         }
         let best = self.rank(&entry) < self.rank(self.best());
-        self.study.watch.event(&Event::Tried {
+        self.study.watch.event(&WatchEvent::Tried {
             added: &entry.added(),
             identify_rms_um: entry.judged.identify_rms_um,
             validate_rms_um: entry.judged.validate_rms_um,

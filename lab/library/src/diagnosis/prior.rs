@@ -16,7 +16,7 @@ use crate::identification::linearisation::{Rows, measured};
 use crate::identification::own_part::{columns, orthonormalised, project_out_of};
 use crate::outcome::ChangedValue;
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::Place;
 use std::collections::BTreeSet;
@@ -40,7 +40,7 @@ pub struct Compared<'s, 'a> {
 /// # Errors
 /// A candidate that gives something that is no number.
 pub fn compare<'s, 'a>(study: &'s Study<'a>, base: Judged) -> Result<Compared<'s, 'a>> {
-    study.watch.event(&Event::Doing("fitting the model to this recording"));
+    study.watch.event(&WatchEvent::Doing("fitting the model to this recording"));
     let refitted = study.thoroughly(&base.model);
     let mut pool = Pool::of(study, &holding(&base.model, |_, _| true));
     pool.entries.values_mut().for_each(|root| root.held = true);
@@ -114,7 +114,7 @@ fn try_all(study: &Study, entry: &Entry, prior: &Model) -> Result<Vec<Entry>> {
         trials.push((Move::Freed(e.id.clone()), begin));
     }
     let fitted = parallel::map(&trials, |(by, begin)| {
-        study.watch.event(&Event::Fitting { effect: by.effect() });
+        study.watch.event(&WatchEvent::Fitting { effect: by.effect() });
         let moves = entry.moves.iter().cloned().chain([by.clone()]).collect();
         Entry { held: true, ..Entry::new(study, moves, study.for_comparison(begin), true) }
     });

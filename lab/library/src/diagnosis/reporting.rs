@@ -4,7 +4,7 @@ use super::findings::{Weighed, unlikely};
 use super::judgement::Judged;
 use super::pool::Entry;
 use super::residual_map::{drive_features, residual_by_feature};
-use super::screening::{Score, Screening};
+use super::screening::{CandidateScore, Screening};
 use super::study::Study;
 use super::words;
 use crate::dataset::Dataset;
@@ -161,7 +161,13 @@ fn candidate_figures(found: &Found, floor: &NoiseFloor, study: &Study) -> Vec<Ca
     out
 }
 
-fn plain(score: &Score, screening: &Screening, before_um: Option<f64>, in_place_of: Option<String>, study: &Study) -> CandidateFigures {
+fn plain(
+    score: &CandidateScore,
+    screening: &Screening,
+    before_um: Option<f64>,
+    in_place_of: Option<String>,
+    study: &Study,
+) -> CandidateFigures {
     let evidence = score.evidence.as_ref();
     let p_value = evidence.map(|e| e.p_adjusted);
     let alike = screening.scores.iter().filter(|o| o.id != score.id && screening.similarity(o, score) > study.policy.alike);
@@ -183,7 +189,7 @@ fn plain(score: &Score, screening: &Screening, before_um: Option<f64>, in_place_
 }
 
 /// A candidate in the place of what the simplest kept models have.
-fn of_a_slot(score: &Score, screening: &Screening, weighed: &Weighed, found: &Found, study: &Study) -> CandidateFigures {
+fn of_a_slot(score: &CandidateScore, screening: &Screening, weighed: &Weighed, found: &Found, study: &Study) -> CandidateFigures {
     let effects = weighed.slot.effects();
     let mut out = plain(score, screening, weighed.without.validate_rms_um, effects.first().cloned(), study);
     if let Some(entry) = found.simplest.iter().find(|e| effects.contains(&score.id) && e.added().contains(&score.id)) {

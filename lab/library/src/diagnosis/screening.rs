@@ -16,15 +16,16 @@
 //! projections, products with the residual and random signs are products of matrices. The same products say
 //! what two candidates would explain together ([`Screening::together`]).
 //!
-//! The null distribution ([`Evidence`]) comes from the data: under no effect the sign of each block of the
-//! residual is a toss-up, so the products of residual and signature, summed by blocks, are given random signs
-//! and the best start of each candidate is taken again. That accounts for coloured residuals and for having
-//! looked at many starts; what the fit took out of the residual in each block is given back first (its
-//! leverage), or noise would look smaller than it is. Over all candidates the same sign patterns give the
-//! distribution of the least p-value of any candidate under no effect; p-values are adjusted by it, stepping
-//! down (Westfall and Young, Resampling-Based Multiple Testing, 1993, Algorithm 2.8). Where nothing is
-//! missing, anything is called significant in one of twenty data sets, however alike the candidates are: the
-//! false discovery rate is controlled with it, and no power is lost to a bound that ignores their likeness.
+//! The null distribution ([`ScreeningEvidence`]) comes from the data: under no effect the sign of each
+//! block of the residual is a toss-up, so the products of residual and signature, summed by blocks, are
+//! given random signs and the best start of each candidate is taken again. That accounts for coloured
+//! residuals and for having looked at many starts; what the fit took out of the residual in each block is
+//! given back first (its leverage), or noise would look smaller than it is. Over all candidates the same
+//! sign patterns give the distribution of the least p-value of any candidate under no effect; p-values are
+//! adjusted by it, stepping down (Westfall and Young, Resampling-Based Multiple Testing, 1993, Algorithm
+//! 2.8). Where nothing is missing, anything is called significant in one of twenty data sets, however alike
+//! the candidates are: the false discovery rate is controlled with it, and no power is lost to a bound that
+//! ignores their likeness.
 
 use super::resonances::resonances;
 use crate::dataset::{Dataset, Record};
@@ -60,7 +61,7 @@ const LEFT_OF_SIGNATURE: f64 = 1e-8;
 
 /// Evidence for a candidate.
 #[derive(Clone, Debug)]
-pub struct Evidence {
+pub struct ScreeningEvidence {
     /// p-value of the candidate alone.
     pub p_value: f64,
     /// p-value after control of false discoveries over all candidates.
@@ -73,7 +74,7 @@ pub struct Evidence {
 
 /// How a candidate does on a residual.
 #[derive(Clone)]
-pub struct Score {
+pub struct CandidateScore {
     /// The effect.
     pub effect: Arc<dyn Effect>,
     /// Its identifier.
@@ -85,7 +86,7 @@ pub struct Score {
     /// Share of what is above the floor (of the whole residual without one), 0..1.
     pub share: f64,
     /// Weighed against chance, where that was asked for.
-    pub evidence: Option<Evidence>,
+    pub evidence: Option<ScreeningEvidence>,
     /// The directions that belong to it, best first.
     directions: Vec<usize>,
 }
@@ -94,7 +95,7 @@ pub struct Score {
 #[derive(Clone)]
 pub struct Screening {
     /// Scores, best first.
-    pub scores: Vec<Score>,
+    pub scores: Vec<CandidateScore>,
     /// Samples of each record, in the order of [`Screening::records`].
     pub samples: Vec<Samples>,
     /// The records.
@@ -582,7 +583,7 @@ impl Screening {
             directions.retain(|(_, d)| visible(*d));
             let Some(&(explained_um2, _)) = directions.first() else { continue };
             let starts = directions.iter().map(|(_, d)| self.directions[*d].starts[0].clone()).collect();
-            self.scores.push(Score {
+            self.scores.push(CandidateScore {
                 effect: effect.clone(),
                 id: effect.declaration().id,
                 starts,
@@ -609,15 +610,15 @@ impl Screening {
 
     /// What the best directions of two candidates explain together, um^2.
     #[must_use]
-    pub fn together(&self, a: &Score, b: &Score) -> f64 {
-        let columns_of = |s: &Score| s.directions.first().map_or(0..0, |d| self.directions[*d].columns.clone());
+    pub fn together(&self, a: &CandidateScore, b: &CandidateScore) -> f64 {
+        let columns_of = |s: &CandidateScore| s.directions.first().map_or(0..0, |d| self.directions[*d].columns.clone());
         let columns: Vec<usize> = columns_of(a).chain(columns_of(b)).collect();
         self.explained(&columns).0
     }
 
     /// Cosine between what two candidates do on this data.
     #[must_use]
-    pub fn similarity(&self, a: &Score, b: &Score) -> f64 {
+    pub fn similarity(&self, a: &CandidateScore, b: &CandidateScore) -> f64 {
         let (sa, sb) = (self.stacked_signature(a), self.stacked_signature(b));
         let norms = sa.norm() * sb.norm();
         if norms > 0.0 { (sa.dot(&sb) / norms).abs() } else { 0.0 }
@@ -626,16 +627,16 @@ impl Screening {
     /// Candidates other than one that explain at least a share of what it does, by signatures at least so
     /// much alike; those most alike first.
     #[must_use]
-    pub fn doing_as(&self, id: &str, least_share: f64, least_similarity: f64) -> Vec<&Score> {
+    pub fn doing_as(&self, id: &str, least_share: f64, least_similarity: f64) -> Vec<&CandidateScore> {
         let Some(own) = self.scores.iter().find(|s| s.id == id) else { return Vec::new() };
-        let other = |s: &&Score| s.id != id && s.explained_um2 > least_share * own.explained_um2;
-        let mut out: Vec<(f64, &Score)> = self.scores.iter().filter(other).map(|s| (self.similarity(own, s), s)).collect();
+        let other = |s: &&CandidateScore| s.id != id && s.explained_um2 > least_share * own.explained_um2;
+        let mut out: Vec<(f64, &CandidateScore)> = self.scores.iter().filter(other).map(|s| (self.similarity(own, s), s)).collect();
         out.retain(|(similarity, _)| *similarity > least_similarity);
         out.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.id.cmp(&b.1.id)));
         out.into_iter().map(|(_, s)| s).collect()
     }
 
-    fn stacked_signature(&self, score: &Score) -> DVector<f64> {
+    fn stacked_signature(&self, score: &CandidateScore) -> DVector<f64> {
         let Some(&d) = score.directions.first() else { return DVector::zeros(self.residual.len()) };
         let columns: Vec<usize> = self.directions[d].columns.clone().collect();
         let (_, weights) = self.explained(&columns);
@@ -648,7 +649,7 @@ impl Screening {
 
     /// What a candidate explains in each record, scaled to the residual, um.
     #[must_use]
-    pub fn signature(&self, score: &Score) -> Vec<Vec<f64>> {
+    pub fn signature(&self, score: &CandidateScore) -> Vec<Vec<f64>> {
         self.by_record(&self.stacked_signature(score))
     }
 
@@ -693,7 +694,7 @@ impl Screening {
         for (i, score) in self.scores.iter_mut().enumerate() {
             let mut of_floor: Vec<f64> = shares[i].iter().map(|um2| (um2 / self.above_floor_um2).clamp(0.0, 1.0)).collect();
             of_floor.sort_by(f64::total_cmp);
-            score.evidence = Some(Evidence {
+            score.evidence = Some(ScreeningEvidence {
                 p_value: null_p[i][0],
                 p_adjusted: adjusted[i],
                 share_interval: (of_floor[RESAMPLES / 20], of_floor[RESAMPLES - 1 - RESAMPLES / 20]),

@@ -13,12 +13,12 @@
 //! kind that comes near the best has a beam of its own.
 
 use super::pool::{Entry, Move, Pool, key};
-use super::screening::{Score, Screening};
+use super::screening::{CandidateScore, Screening};
 use super::study::Study;
 use crate::error::Result;
 use crate::identification::finer_hysteresis;
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::{gain, hysteresis};
 use std::collections::BTreeSet;
@@ -170,7 +170,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let screenings = parallel::map(&extended, |(_, entry)| {
             let model = &entry.judged.model;
             let candidates = study.candidates_for(model);
-            study.watch.event(&Event::Scoring { candidates: candidates.len(), beside: &entry.added() });
+            study.watch.event(&WatchEvent::Scoring { candidates: candidates.len(), beside: &entry.added() });
             if far_above && study.fails_held_out(&entry.judged) {
                 let [fitted, on_all] = study.score_on_fitted_and_all(model, &candidates)?;
                 return Ok((fitted, Some(on_all)));
@@ -219,7 +219,7 @@ impl<'s, 'a> Search<'s, 'a> {
                 self.offer(entry, &[score], begin, left, out);
             }
         }
-        let mut pairs: Vec<(f64, [&Score; 2])> = Vec::new();
+        let mut pairs: Vec<(f64, [&CandidateScore; 2])> = Vec::new();
         let paired = &scores[..scores.len().min(if room > 1 { policy.paired } else { 0 })];
         for (i, a) in paired.iter().enumerate() {
             for b in &paired[i + 1..] {
@@ -242,7 +242,7 @@ impl<'s, 'a> Search<'s, 'a> {
         finer.into_iter().for_each(|begin| self.offer(entry, &[], begin, left, out));
     }
 
-    fn offer(&self, entry: &Entry, scores: &[&Score], begin: Model, left: f64, out: &mut Vec<Proposal>) {
+    fn offer(&self, entry: &Entry, scores: &[&CandidateScore], begin: Model, left: f64, out: &mut Vec<Proposal>) {
         if left > self.study.policy.promises_nothing {
             return;
         }

@@ -3,16 +3,16 @@
 
 use super::judgement::{Judged, Split, judge_fit, judge_rows};
 use super::policy::Policy;
-use super::screening::{Score, Screening, Weighing, screen, screen_some_and_all};
+use super::screening::{CandidateScore, Screening, Weighing, screen, screen_some_and_all};
 use super::searched_data::for_search;
 use crate::dataset::Dataset;
 use crate::error::Result;
-use crate::identification::fit::{Effort, Fit, Progress, fit_rows, fit_while, rms};
+use crate::identification::fit::{Effort, Fit, FitProgress, fit_rows, fit_while, rms};
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::Rows;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::identification::{finer_creep, finer_hysteresis, finer_plays};
-use crate::watch::{Event, Watch};
+use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::gain::Gain;
 use hysteron_sim::effect::{Effect, LinesAtRest, Overview};
@@ -281,7 +281,7 @@ impl<'a> Study<'a> {
         // At the noise all that an effect can bring is less than what ends a quick fit.
         let at_the_noise = self.merit_is_at_the_noise(of);
         let fast = if self.merit_is_within(self.policy.near_the_noise, of) { FALLS_TO_THE_NOISE } else { FALLS_FAST };
-        let goes_on = |progress: &Progress| {
+        let goes_on = |progress: &FitProgress| {
             if progress.fell > fast {
                 return true;
             }
@@ -384,7 +384,7 @@ impl<'a> Study<'a> {
 
     /// The noise is known, and an effect explains more of it than chance does.
     #[must_use]
-    pub fn seen_in_the_noise(&self, score: &Score) -> bool {
+    pub fn seen_in_the_noise(&self, score: &CandidateScore) -> bool {
         self.floor_um.is_some_and(|floor_um| score.explained_um2 > self.policy.seen_in_the_noise * floor_um * floor_um)
     }
 
@@ -456,7 +456,7 @@ impl<'a> Study<'a> {
             if best.model.effects.iter().any(builds_on) {
                 continue;
             }
-            self.watch.event(&Event::Fitting { effect: &id });
+            self.watch.event(&WatchEvent::Fitting { effect: &id });
             let seated = self.seated(&self.without(&best.model, &id), &effect, 1, self.merit(&best))?;
             if self.merit(&seated) > self.merit(&best) + CANNOT_CATCH_UP {
                 continue;
@@ -513,7 +513,7 @@ impl<'a> Study<'a> {
         }
         let mut several = 0;
         for effect in order {
-            self.watch.event(&Event::Fitting { effect: &effect.declaration().id });
+            self.watch.event(&WatchEvent::Fitting { effect: &effect.declaration().id });
             let one_start = effect.starts_combine() || effect.starts(&self.overview).len() <= 1;
             let plain = one_start || model.effects.is_empty() || self.watch.stopped();
             model = if plain {
@@ -523,7 +523,7 @@ impl<'a> Study<'a> {
                 self.seated(&model, effect, 3, f64::INFINITY)?.model
             };
         }
-        self.watch.event(&Event::Doing("fitting all effects together"));
+        self.watch.event(&WatchEvent::Doing("fitting all effects together"));
         let mut judged = self.for_comparison(&model);
         if !self.watch.stopped() && several > 0 && model.effects.len() > 2 && !self.met(&judged) {
             judged = self.begun_again(&judged)?;

@@ -1,7 +1,7 @@
 //! What was found, in words: the one place where typed results become sentences.
 
 use super::judgement::Judged;
-use super::path::Change;
+use super::path::ModelChange;
 use super::study::Study;
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::rounding_noise;
@@ -56,7 +56,7 @@ pub fn figure(value: f64) -> String {
 
 /// What a step changed, and why.
 #[must_use]
-pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> String {
+pub fn why_step(change: &ModelChange, before: Option<&Judged>, after: &Judged) -> String {
     let fall = before.map_or_else(String::new, |b| match (b.validate_rms_um, after.validate_rms_um) {
         (x, y) if nm(b.identify_rms_um) == nm(after.identify_rms_um) && x.map(nm) == y.map(nm) => "; no error falls".to_owned(),
         (Some(x), Some(y)) if y > x && after.identify_rms_um < b.identify_rms_um => format!(
@@ -70,17 +70,17 @@ pub fn why_step(change: &Change, before: Option<&Judged>, after: &Judged) -> Str
         _ => format!("; error {} to {} nm", nm(b.identify_rms_um), nm(after.identify_rms_um)),
     });
     match change {
-        Change::Start => "the model that was started from".into(),
-        Change::Added(id) => {
+        ModelChange::Start => "the model that was started from".into(),
+        ModelChange::Added(id) => {
             let physics = || after.model.effect(id).map_or_else(String::new, |e| e.effect.declaration().physics);
             let physics = after.model.ruled_out_because(id).unwrap_or_else(physics);
             format!("{}{fall}", physics.trim_end_matches('.'))
         }
-        Change::AddedUnweighed(ids) => format!("{}: added until the search was stopped, and not weighed{fall}", list(ids, "and")),
-        Change::FinerCreep(how) => format!("creep of {how}: the same effect, described better{fall}"),
-        Change::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described better{fall}"),
-        Change::FittedAgain => format!("all values fitted again, to this recording{fall}"),
-        Change::Changed(id) => format!("{} has other values here, all others held{fall}", spoken(id)),
+        ModelChange::AddedUnweighed(ids) => format!("{}: added until the search was stopped, and not weighed{fall}", list(ids, "and")),
+        ModelChange::FinerCreep(how) => format!("creep of {how}: the same effect, described better{fall}"),
+        ModelChange::FinerHysteresis(how) => format!("hysteresis {how}: the same effect, described better{fall}"),
+        ModelChange::FittedAgain => format!("all values fitted again, to this recording{fall}"),
+        ModelChange::Changed(id) => format!("{} has other values here, all others held{fall}", spoken(id)),
     }
 }
 

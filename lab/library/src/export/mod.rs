@@ -58,6 +58,14 @@ impl Language {
 ///
 /// # Errors
 /// A rate that is no positive number; an effect that no block describes.
+/// ```
+/// use hysteron::{EffectInstance, Language, Model, Overview, effect_named, export};
+///
+/// let mut model = Model::new(0.0, 100.0);
+/// model.add(EffectInstance::new(effect_named("gain")?, &Overview::without_data(0.0, 100.0), &[0.1]));
+/// assert!(export(&model, Language::Python, 20_000.0, "stage")?.contains("def "));
+/// # Ok::<(), hysteron::Error>(())
+/// ```
 pub fn export(model: &Model, language: Language, sample_rate_hz: f64, name: &str) -> Result<String> {
     if !(sample_rate_hz.is_finite() && sample_rate_hz > 0.0) {
         return Err(Error::new("--rate-hz", format!("{sample_rate_hz}; expected a positive number")));

@@ -57,7 +57,7 @@ pub fn of_other_structures(model: &Model, overview: &Overview) -> Vec<Model> {
     let has_others = model.effect(hysteresis::ID).is_none() && model.effect(gain::ID).is_none();
     let others = registry().into_iter().filter(|e| {
         let d = e.declaration();
-        d.is_main() && ![hysteresis::ID, gain::ID].contains(&d.id.as_str()) && model.effect(&d.id).is_none()
+        e.is_tried_for_loops() && ![hysteresis::ID, gain::ID].contains(&d.id.as_str()) && model.effect(&d.id).is_none()
     });
     let others = others.map(|effect| with_loops(model, EffectInstance::new(effect, overview, &[])));
     others.chain(has_others.then(surfaces).flatten()).collect()

@@ -146,7 +146,7 @@ pub fn fit_rows(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort) -
 }
 
 /// How far a fit has come.
-pub struct Progress<'m> {
+pub struct FitProgress<'m> {
     /// Steps that were taken.
     pub taken: usize,
     /// By how much the last two lowered the residual, as a logarithm: one that is taken with older
@@ -158,7 +158,7 @@ pub struct Progress<'m> {
 
 /// The same as long as its progress is worth it, which is asked after every step.
 #[must_use]
-pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, goes_on: impl Fn(&Progress) -> bool) -> Fit {
+pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, goes_on: impl Fn(&FitProgress) -> bool) -> Fit {
     let free = free_parameters(model);
     let mut model = model.clone();
     let mut lambda = 1e-6;
@@ -176,7 +176,7 @@ pub fn fit_while(model: &Model, dataset: &Dataset, rows: &Rows, effort: Effort, 
         let (g, cost, n) = along_residual(&parts);
         let fell = if cost > 0.0 { 0.5 * (costs_before[0] / cost).ln() } else { 0.0 };
         costs_before = [costs_before[1], cost];
-        if taken > 0 && !goes_on(&Progress { taken, fell, model: &model }) {
+        if taken > 0 && !goes_on(&FitProgress { taken, fell, model: &model }) {
             break;
         }
         if free.is_empty() || n == 0 {

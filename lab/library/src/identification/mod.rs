@@ -7,7 +7,8 @@
 //!   [`identifiability`]: what they leave open;
 //! * [`noise_floor`]: what remains random, and on which evidence;
 //! * [`finer_creep`], [`finer_hysteresis`], [`finer_plays`]: more terms and more flexible surfaces, so that a
-//!   coarse description cannot pose as a missing effect.
+//!   coarse description cannot pose as a missing effect;
+//! * [`rate_surfaces`]: rate-dependent hysteresis by the thesis' procedure in two steps.
 
 pub mod finer_creep;
 pub mod finer_hysteresis;
@@ -18,4 +19,5 @@ pub mod identifiability;
 pub mod linearisation;
 pub mod noise_floor;
 pub mod own_part;
+pub mod rate_surfaces;
 pub mod uncertainty;

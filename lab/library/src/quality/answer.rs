@@ -11,7 +11,7 @@
 //! Electroacoust. 21, 1973): a random walk is judged as white noise is. No model is needed, and nothing is
 //! fitted.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::identification::fit::rms;
 use crate::parallel;
@@ -60,7 +60,7 @@ fn of_record(record: &Record) -> Option<Issue> {
         }
     }
     let (chance, coherence, by_chance) = clearest?;
-    let kind = Kind::NotAnswered { moves_um: rms(&without_line(&readings)), coherence, by_chance };
+    let kind = IssueKind::NotAnswered { moves_um: rms(&without_line(&readings)), coherence, by_chance };
     (chance > BY_CHANCE).then(|| Issue::of(&record.name, Severity::Blocks, kind))
 }
 
@@ -160,7 +160,7 @@ mod tests {
                 ];
                 for issues in each {
                     assert!(issues.len() == 1 && issues[0].severity == Severity::Blocks, "{seed} {issues:?}");
-                    let Kind::NotAnswered { coherence, by_chance, .. } = issues[0].kind else { panic!("{issues:?}") };
+                    let IssueKind::NotAnswered { coherence, by_chance, .. } = issues[0].kind else { panic!("{issues:?}") };
                     assert!(coherence < by_chance, "{issues:?}");
                 }
             }

@@ -2,7 +2,7 @@
 //! same, that a record is at rest. The noise is estimated from that, and a wrong specification takes motion
 //! for noise.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::statistics::{mean, pattern_rms, peak_to_peak, rms};
 
@@ -27,33 +27,33 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         found.into_iter().flatten().map(|kind| Issue::of(&record.name, Severity::Blocks, kind)).collect::<Vec<_>>()
     };
     let judges = dataset.records.iter().any(|r| r.role == Role::Identify);
-    let nothing_judges = (!judges).then(|| Issue::of_all(Severity::Notes, Kind::NothingJudges {}));
+    let nothing_judges = (!judges).then(|| Issue::of_all(Severity::Notes, IssueKind::NothingJudges {}));
     dataset.records.iter().flat_map(of_record).chain(nothing_judges).collect()
 }
 
-fn rest(record: &Record, span_v: f64) -> Option<Kind> {
+fn rest(record: &Record, span_v: f64) -> Option<IssueKind> {
     if record.role != Role::Noise {
         return None;
     }
     let drive_v = &record.drive_v[record.window.clone()];
     let means_v: Vec<f64> = drive_v.chunks(drive_v.len().div_ceil(PARTS)).map(mean).collect();
     let moves_v = peak_to_peak(&means_v);
-    (moves_v > RESTS * span_v).then_some(Kind::NotAtRest { moves_v })
+    (moves_v > RESTS * span_v).then_some(IssueKind::NotAtRest { moves_v })
 }
 
-fn periods(record: &Record) -> Option<Kind> {
+fn periods(record: &Record) -> Option<IssueKind> {
     let p = record.periods.filter(|p| p.count >= 2)?;
     let whole = p.from..p.from + p.count * p.length;
     let pairs = (p.from..whole.end - p.length).map(|k| (record.drive_v[k], record.drive_v[k + p.length]));
     let (drive_v, differs_v) = differing(pairs, &record.drive_v[whole])?;
-    Some(Kind::PeriodsDiffer { period_s: p.length as f64 * record.dt_s(), drive_v, differs_v })
+    Some(IssueKind::PeriodsDiffer { period_s: p.length as f64 * record.dt_s(), drive_v, differs_v })
 }
 
-fn repeat(record: &Record, other: &Record) -> Option<Kind> {
+fn repeat(record: &Record, other: &Record) -> Option<IssueKind> {
     let both = record.window.start.max(other.window.start)..record.window.end.min(other.window.end);
     let pairs = both.clone().map(|k| (record.drive_v[k], other.drive_v[k]));
     let (drive_v, differs_v) = differing(pairs, &record.drive_v[both.clone()])?;
-    Some(Kind::RepeatDiffers { repeat_of: other.name.clone(), drive_v, differs_v })
+    Some(IssueKind::RepeatDiffers { repeat_of: other.name.clone(), drive_v, differs_v })
 }
 
 /// How much a drive moves and by how much it differs, V RMS, if that is more than noise.

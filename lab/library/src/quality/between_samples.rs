@@ -5,11 +5,11 @@
 //! the library makes up for that. At the end of a search a model with a mode is refitted with each other way
 //! of the drive, where nobody specified one.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::{FAR_BEHIND, Study};
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::effect::vibration;
 use hysteron_sim::intersample::Intersample;
 
@@ -35,7 +35,7 @@ fn compare(study: &Study, found: &Judged) -> Option<Issue> {
     if found.model.effect(vibration::ID).is_none() || study.watch.stopped() {
         return None;
     }
-    study.watch.event(&Event::Doing("trying a drive that is not held between its samples"));
+    study.watch.event(&WatchEvent::Doing("trying a drive that is not held between its samples"));
     let ways = [Intersample::Linear, Intersample::BandLimited];
     let fitted = parallel::map(&ways, |way| {
         let dataset = study.dataset.running_on(*way);
@@ -44,6 +44,6 @@ fn compare(study: &Study, found: &Judged) -> Option<Issue> {
         (other.merit(&judged), judged.error_um())
     });
     let (way, (merit, runs_on_um)) = ways.into_iter().zip(fitted).min_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
-    let kind = Kind::RunsOnBetweenSamples { intersample: way.name().to_owned(), held_um: found.error_um(), runs_on_um };
+    let kind = IssueKind::RunsOnBetweenSamples { intersample: way.name().to_owned(), held_um: found.error_um(), runs_on_um };
     (study.merit(found) - merit > MUCH_BETTER).then(|| Issue::of_all(Severity::Blocks, kind))
 }

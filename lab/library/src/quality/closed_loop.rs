@@ -12,7 +12,7 @@
 //! Two things look alike and are excluded: a residual that follows the drive, which is a missing effect (a
 //! smooth drive is known before it comes), and a residual that consists of the noise of a measured drive.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Dataset, Record};
 use crate::diagnosis::judgement::Judged;
 use crate::identification::fit::{dot, rms};
@@ -69,7 +69,7 @@ fn followed(dataset: &Dataset, judged: &Judged, floor: &NoiseFloor, near_the_noi
     parallel::map(&near, issue).into_iter().flatten().collect()
 }
 
-fn of_record(record: &Record, left: &[f64]) -> Option<Kind> {
+fn of_record(record: &Record, left: &[f64]) -> Option<IssueKind> {
     let from = record.window.start;
     let to = record.window.end.min(from + SAMPLES_MAX);
     // What is left out says nothing of the noise: no residual stands there.
@@ -87,7 +87,7 @@ fn of_record(record: &Record, left: &[f64]) -> Option<Kind> {
     let follows = |later: usize| dot(&drive[..drive.len() - later], &noise[later..]).abs() / power;
     let missing = (1..=ANSWERS_WITHIN).map(follows).fold(0.0, f64::max);
     let answered = -correlation > LEAST.max(BEYOND_CHANCE * by_chance).max(BEYOND_WHAT_FOLLOWS * missing);
-    answered.then_some(Kind::ClosedLoop { later_samples, correlation, by_chance })
+    answered.then_some(IssueKind::ClosedLoop { later_samples, correlation, by_chance })
 }
 
 /// What the samples before each one do not predict of it, by least squares; nothing where a signal is
@@ -180,7 +180,7 @@ mod tests {
         for gain in [0.3, 2.0] {
             let found = followed(&dataset(closed_loop(gain, &noise), &noise), &left(&noise), None);
             assert_eq!(found.len(), 1, "{gain}");
-            let Kind::ClosedLoop { later_samples, correlation, by_chance } = found[0].kind else { panic!("{found:?}") };
+            let IssueKind::ClosedLoop { later_samples, correlation, by_chance } = found[0].kind else { panic!("{found:?}") };
             assert!(later_samples == 1 && correlation < -0.5 && by_chance < 0.1, "{found:?}");
             // With a noise of 0.1 nm something else than noise is what is left.
             assert_eq!(followed(&dataset(closed_loop(gain, &noise), &noise), &left(&noise), Some(1e-4)), []);

@@ -1,6 +1,6 @@
 //! Records that hold the same readings as one before them.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 
 /// Compares every driven record with those before it.
@@ -17,7 +17,7 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     };
     let before = |(i, record): (usize, &&Record)| {
         let earlier = driven[..i].iter().find(|earlier| same(earlier, record))?;
-        Some(Issue::of(&record.name, Severity::Notes, Kind::GivenTwice { same_as: earlier.name.clone() }))
+        Some(Issue::of(&record.name, Severity::Notes, IssueKind::GivenTwice { same_as: earlier.name.clone() }))
     };
     driven.iter().enumerate().filter_map(before).collect()
 }
@@ -39,7 +39,7 @@ mod tests {
             let dataset = Dataset::unchecked("d", 0.0, 100.0, vec![record("one", one), record("two", two)]);
             check(&Subject { dataset: &dataset, moment: Moment::Made })
         };
-        assert_eq!(issues([0..3000, 0..3000]), [Issue::of("two", Severity::Notes, Kind::GivenTwice { same_as: "one".into() })]);
+        assert_eq!(issues([0..3000, 0..3000]), [Issue::of("two", Severity::Notes, IssueKind::GivenTwice { same_as: "one".into() })]);
         assert_eq!(issues([0..1500, 1500..3000]), []);
     }
 }

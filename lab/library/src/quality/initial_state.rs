@@ -6,13 +6,13 @@
 //! states of all records unknown, reach the noise, and no single effect does as well from the specified
 //! states.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::Dataset;
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::Study;
 use crate::identification::fit::rms;
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::chain::InitialState;
 
 /// States are suspected where the error without them is below this share of that with them.
@@ -39,7 +39,7 @@ fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
     if study.floor_um.is_none() || explains(fitted) || !both.iter().any(|i| specified(&i)) || study.watch.stopped() {
         return None;
     }
-    study.watch.event(&Event::Doing("asking the states in which records begin"));
+    study.watch.event(&WatchEvent::Doing("asking the states in which records begin"));
     let unknown = unknown_states(study.dataset);
     let other = study.of(&unknown);
     let lower = |before: &Judged, after: &Judged| other.merit(after) < study.merit(before) + SUSPECTED.ln();
@@ -55,7 +55,7 @@ fn compare(study: &Study, fitted: &Judged) -> Option<Vec<Issue>> {
     let as_specified = study.judged(without.model.clone());
     let issue = |i: &usize| {
         let (specified_um, unknown_um) = (rms(&as_specified.residuals[*i]), rms(&without.residuals[*i]));
-        let kind = Kind::InitialState { specified_um, unknown_um };
+        let kind = IssueKind::InitialState { specified_um, unknown_um };
         let record = &study.dataset.records[*i];
         // A state that nobody specified is estimated instead, by another search.
         let severity = if record.state_is_assumed { Severity::Notes } else { Severity::Blocks };

@@ -144,21 +144,21 @@ fn apply(dataset: &mut Dataset, issue: &Issue) {
     let Dataset { records, .. } = dataset;
     let of_the_issue = records.iter_mut().find(|r| Some(&r.name) == issue.record.as_ref());
     match (&issue.kind, of_the_issue) {
-        (Kind::RestWithoutNoise { in_steps: false }, _) => records.retain(|r| Some(&r.name) != issue.record.as_ref()),
-        (Kind::OutliersReplaced { .. }, Some(record)) => {
+        (IssueKind::RestWithoutNoise { in_steps: false }, _) => records.retain(|r| Some(&r.name) != issue.record.as_ref()),
+        (IssueKind::OutliersReplaced { .. }, Some(record)) => {
             outliers::interpolate(record, &issue.samples);
             record.leave_out(issue.samples.iter().cloned());
         }
-        (Kind::RangeEnds { .. } | Kind::OutliersLeftOut { .. }, Some(record)) => record.leave_out(issue.samples.iter().cloned()),
-        (Kind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
+        (IssueKind::RangeEnds { .. } | IssueKind::OutliersLeftOut { .. }, Some(record)) => record.leave_out(issue.samples.iter().cloned()),
+        (IssueKind::SensorOffset { .. }, Some(record)) => record.offset_is_fitted = true,
         // All records of the tape begin in the same state.
-        (Kind::InitialState { .. }, Some(record)) => {
+        (IssueKind::InitialState { .. }, Some(record)) => {
             let source = record.source.clone();
             let of_the_tape = records.iter_mut().filter(|r| r.state_is_assumed && r.source == source);
             of_the_tape.for_each(|r| r.initial_state = InitialState::Unknown);
         }
-        (Kind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
-        (Kind::RunsOnBetweenSamples { intersample, .. }, _) => *dataset = dataset.running_on(between_samples::named(intersample)),
+        (IssueKind::SameSampleTiming { .. }, _) => *dataset = dataset.in_own_rows(),
+        (IssueKind::RunsOnBetweenSamples { intersample, .. }, _) => *dataset = dataset.running_on(between_samples::named(intersample)),
         _ => {}
     }
 }
@@ -184,7 +184,7 @@ pub struct Issue {
     pub record: Option<String>,
     /// What it is, with the figures that show it.
     #[serde(flatten)]
-    pub kind: Kind,
+    pub kind: IssueKind,
     /// What follows from it.
     pub severity: Severity,
     /// The samples that it is about, which a correction leaves out.
@@ -195,7 +195,7 @@ pub struct Issue {
 /// Kinds of issues, each with its evidence.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", content = "evidence", rename_all = "snake_case")]
-pub enum Kind {
+pub enum IssueKind {
     /// The readings do not answer the drive.
     NotAnswered {
         /// RMS of the readings beside a drift, um.
@@ -373,13 +373,13 @@ pub enum Reason {
 impl Issue {
     /// An issue of one record.
     #[must_use]
-    pub fn of(record: impl Into<String>, severity: Severity, kind: Kind) -> Self {
+    pub fn of(record: impl Into<String>, severity: Severity, kind: IssueKind) -> Self {
         Self { record: Some(record.into()), kind, severity, samples: Vec::new() }
     }
 
     /// An issue of the data set.
     #[must_use]
-    pub fn of_all(severity: Severity, kind: Kind) -> Self {
+    pub fn of_all(severity: Severity, kind: IssueKind) -> Self {
         Self { record: None, kind, severity, samples: Vec::new() }
     }
 
@@ -392,11 +392,11 @@ impl Issue {
     #[must_use]
     pub fn asks_for_another_search(&self) -> bool {
         match self.kind {
-            Kind::SameSampleTiming { .. } | Kind::SensorOffset { .. } | Kind::RunsOnBetweenSamples { .. } => {
+            IssueKind::SameSampleTiming { .. } | IssueKind::SensorOffset { .. } | IssueKind::RunsOnBetweenSamples { .. } => {
                 self.severity != Severity::Corrects
             }
             // A state that somebody specified is not changed.
-            Kind::InitialState { .. } => self.severity == Severity::Notes,
+            IssueKind::InitialState { .. } => self.severity == Severity::Notes,
             _ => false,
         }
     }
@@ -405,10 +405,10 @@ impl Issue {
     #[must_use]
     pub fn reason(&self) -> Option<Reason> {
         let reason = match self.kind {
-            Kind::NotAnswered { .. } => Reason::NotAnswered,
-            Kind::InitialState { .. } => Reason::InitialState,
-            Kind::SameSampleTiming { .. } => Reason::SameSampleTiming,
-            Kind::RunsOnBetweenSamples { .. } => Reason::RunsOnBetweenSamples,
+            IssueKind::NotAnswered { .. } => Reason::NotAnswered,
+            IssueKind::InitialState { .. } => Reason::InitialState,
+            IssueKind::SameSampleTiming { .. } => Reason::SameSampleTiming,
+            IssueKind::RunsOnBetweenSamples { .. } => Reason::RunsOnBetweenSamples,
             _ => return None,
         };
         (self.severity == Severity::Blocks).then_some(reason)
@@ -420,10 +420,10 @@ impl Issue {
     pub fn effect_um(&self) -> Option<f64> {
         let fall = |before_um: f64, after_um: f64| (before_um * before_um - after_um * after_um).max(0.0).sqrt();
         match self.kind {
-            Kind::SensorOffset { specified_um, fitted_um } => Some(fall(specified_um, fitted_um)),
-            Kind::InitialState { specified_um, unknown_um } => Some(fall(specified_um, unknown_um)),
-            Kind::SameSampleTiming { assumed_um, same_sample_um, .. } => Some(fall(assumed_um, same_sample_um)),
-            Kind::RunsOnBetweenSamples { held_um, runs_on_um, .. } => Some(fall(held_um, runs_on_um)),
+            IssueKind::SensorOffset { specified_um, fitted_um } => Some(fall(specified_um, fitted_um)),
+            IssueKind::InitialState { specified_um, unknown_um } => Some(fall(specified_um, unknown_um)),
+            IssueKind::SameSampleTiming { assumed_um, same_sample_um, .. } => Some(fall(assumed_um, same_sample_um)),
+            IssueKind::RunsOnBetweenSamples { held_um, runs_on_um, .. } => Some(fall(held_um, runs_on_um)),
             _ => None,
         }
     }

@@ -8,7 +8,7 @@
 //! beside it are small. After a jump of the drive nothing is taken for an outlier: the first overshoot of a
 //! fast mode is as narrow.
 
-use super::{Issue, Kind, Moment, Severity, Subject, range};
+use super::{Issue, IssueKind, Moment, Severity, Subject, range};
 use crate::dataset::Record;
 use crate::dataset::reading_grid::levels;
 use crate::statistics::{extremes, mean, peak_to_peak};
@@ -64,7 +64,7 @@ pub(super) fn single(subject: &Subject) -> Vec<Issue> {
         interpolate(&mut mended, &samples);
         let apart_um = |k: &usize| (record.displacement_um[*k] - mended.displacement_um[*k]).abs();
         let farthest_um = single.iter().map(apart_um).fold(0.0, f64::max);
-        let kind = Kind::OutliersReplaced { samples: single.len(), first_sample, farthest_um };
+        let kind = IssueKind::OutliersReplaced { samples: single.len(), first_sample, farthest_um };
         Some(Issue::of(&record.name, Severity::Corrects, kind).with_samples(samples))
     })
 }
@@ -81,7 +81,7 @@ pub(super) fn together(subject: &Subject) -> Vec<Issue> {
         if let Some(kept) = too_many(record, samples, first.start + 1) {
             return Some(kept);
         }
-        let kind = Kind::OutliersLeftOut { samples, places: groups.len(), first_sample: first.start + 1, last_sample: first.end };
+        let kind = IssueKind::OutliersLeftOut { samples, places: groups.len(), first_sample: first.start + 1, last_sample: first.end };
         Some(Issue::of(&record.name, Severity::Corrects, kind).with_samples(groups))
     })
 }
@@ -98,7 +98,7 @@ fn of_all(subject: &Subject, of_record: impl Fn(&Record, &[f64]) -> Option<Issue
 /// So many readings stand out that they are no disturbances.
 fn too_many(record: &Record, samples: usize, first_sample: usize) -> Option<Issue> {
     let is_so = samples as f64 > SHARE_MAX * record.window.len() as f64;
-    is_so.then(|| Issue::of(&record.name, Severity::Notes, Kind::OutliersKept { samples, first_sample }))
+    is_so.then(|| Issue::of(&record.name, Severity::Notes, IssueKind::OutliersKept { samples, first_sample }))
 }
 
 /// Puts what its neighbours say in the place of each of these readings.
@@ -204,7 +204,7 @@ mod tests {
     use hysteron_sim::noise::WhiteNoise;
 
     /// What the check finds in a record whose readings end there, corrected.
-    fn checked(check: fn(&Subject) -> Vec<Issue>, record: &mut Record) -> Option<Kind> {
+    fn checked(check: fn(&Subject) -> Vec<Issue>, record: &mut Record) -> Option<IssueKind> {
         let mut dataset = Dataset::unchecked("d", 0.0, 100.0, vec![record.clone()]);
         let issue = check(&Subject { dataset: &dataset, moment: Moment::Made }).into_iter().next()?;
         crate::quality::apply(&mut dataset, &issue);
@@ -242,7 +242,7 @@ mod tests {
         }
         assert_eq!(outliers(&record, &[]), Outliers { single: disturbed.to_vec(), beside_others: Vec::new() });
         let found = checked(single, &mut record).unwrap();
-        assert!(matches!(found, Kind::OutliersReplaced { samples: 8, first_sample: 1, .. }), "{found:?}");
+        assert!(matches!(found, IssueKind::OutliersReplaced { samples: 8, first_sample: 1, .. }), "{found:?}");
         for k in disturbed {
             assert!(!record.counts(k));
             assert!((record.displacement_um[k] - clean.displacement_um[k]).abs() < 0.03, "{k}");
@@ -284,7 +284,7 @@ mod tests {
         let mut record = record();
         (3100..7900).step_by(20).for_each(|k| record.displacement_um[k] += 2.0);
         let before = record.displacement_um.clone();
-        assert_eq!(checked(single, &mut record), Some(Kind::OutliersKept { samples: 240, first_sample: 3101 }));
+        assert_eq!(checked(single, &mut record), Some(IssueKind::OutliersKept { samples: 240, first_sample: 3101 }));
         assert_eq!(record.displacement_um, before);
     }
 
@@ -297,7 +297,7 @@ mod tests {
         let before = record.displacement_um.clone();
         assert_eq!(checked(single, &mut record), None);
         let found = checked(together, &mut record).unwrap();
-        assert!(matches!(found, Kind::OutliersLeftOut { places: 2, .. }), "{found:?}");
+        assert!(matches!(found, IssueKind::OutliersLeftOut { places: 2, .. }), "{found:?}");
         assert_eq!(record.displacement_um, before);
         assert!((4000..4003).chain(6000..6006).all(|k| !record.counts(k)), "{:?}", record.left_out);
         assert!(record.counted().count() > 8000 - 25);

@@ -5,7 +5,7 @@
 //! reads the same value, digit by digit. What it reads there says only that the displacement is beyond: such
 //! samples are left out of fits, noise and figures.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::statistics::{extremes, peak_to_peak};
 use std::ops::Range;
@@ -40,7 +40,7 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
         let ReadingLimit { record: name, reading_um, highest, samples, share } = limit;
         let there = |record: &Record| runs_of_equals(record).filter(|run| record.displacement_um[run.start] == reading_um).collect();
         let left_out = records.iter().find(|r| r.name == name).map_or_else(Vec::new, there);
-        Issue::of(name, Severity::Corrects, Kind::RangeEnds { reading_um, highest, samples, share }).with_samples(left_out)
+        Issue::of(name, Severity::Corrects, IssueKind::RangeEnds { reading_um, highest, samples, share }).with_samples(left_out)
     };
     limits_of_all(records).into_iter().map(issue).collect()
 }
@@ -116,7 +116,7 @@ mod tests {
     /// What making a data set finds.
     fn reading_limits(dataset: &Dataset) -> Vec<ReadingLimit> {
         let limit = |issue: &Issue| match (&issue.kind, &issue.record) {
-            (Kind::RangeEnds { reading_um, highest, samples, share }, Some(record)) => {
+            (IssueKind::RangeEnds { reading_um, highest, samples, share }, Some(record)) => {
                 Some(ReadingLimit { record: record.clone(), reading_um: *reading_um, highest: *highest, samples: *samples, share: *share })
             }
             _ => None,

@@ -3,7 +3,7 @@
 //! An unknown state leaves creep and modes free, but not what loops remember: that is known once the drive
 //! has been through its range.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::statistics::extremes;
 use hysteron_sim::chain::InitialState;
@@ -39,7 +39,7 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     let judges = |r: &&Record| matches!(r.role, Role::Identify | Role::Validate);
     let issue = |record: &Record| {
         let until_s = remembers_until_s(record)?;
-        Some(Issue::of(&record.name, Severity::Notes, Kind::RememberedHistory { until_s }))
+        Some(Issue::of(&record.name, Severity::Notes, IssueKind::RememberedHistory { until_s }))
     };
     subject.dataset.records.iter().filter(judges).filter_map(issue).collect()
 }

@@ -1,7 +1,7 @@
 //! Rests in which all readings are one value: of a converter with steps they show that the noise is below a
 //! step, otherwise nothing.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role, SAMPLES_MIN, reading_grid};
 
 /// Finds them; one that shows nothing is to be left out.
@@ -18,5 +18,5 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     }
     let in_steps = reading_grid::reading_step_um(subject.dataset).is_some();
     let severity = if in_steps { Severity::Notes } else { Severity::Corrects };
-    silent.into_iter().map(|r| Issue::of(&r.name, severity, Kind::RestWithoutNoise { in_steps })).collect()
+    silent.into_iter().map(|r| Issue::of(&r.name, severity, IssueKind::RestWithoutNoise { in_steps })).collect()
 }

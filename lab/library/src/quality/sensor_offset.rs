@@ -4,14 +4,14 @@
 //! nanometres off, a search finds a drift that comes at once to its end; a constant is simpler and is tried
 //! in its place.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::selection::rejects;
 use crate::diagnosis::study::Study;
 use crate::identification::finer_hysteresis::with_the_structure_of;
 use crate::identification::fit::rms;
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::thermal_drift;
 
@@ -39,7 +39,7 @@ fn compare(study: &Study, begun: &Judged, found: &Judged, added: &[String]) -> O
     if specified.is_empty() || !(drifts || misses) || study.watch.stopped() {
         return None;
     }
-    study.watch.event(&Event::Doing("asking whether a sensor's zero is off"));
+    study.watch.event(&WatchEvent::Doing("asking whether a sensor's zero is off"));
     let mut free = study.dataset.clone();
     free.records.iter_mut().for_each(|record| record.offset_is_fitted = true);
     let other = study.of(&free);
@@ -57,7 +57,7 @@ fn compare(study: &Study, begun: &Judged, found: &Judged, added: &[String]) -> O
     }
     let as_specified = study.judged(without.model.clone());
     let issue = |i: &usize| {
-        let kind = Kind::SensorOffset { specified_um: rms(&as_specified.residuals[*i]), fitted_um: rms(&without.residuals[*i]) };
+        let kind = IssueKind::SensorOffset { specified_um: rms(&as_specified.residuals[*i]), fitted_um: rms(&without.residuals[*i]) };
         Issue::of(&study.dataset.records[*i].name, Severity::Notes, kind)
     };
     Some(specified.iter().map(issue).collect())

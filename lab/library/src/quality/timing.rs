@@ -6,13 +6,13 @@
 //! was added; where nothing reached the noise, also as it is. A prior model is tried before anything of it is
 //! fitted: a fit to another logger's rows would find other values of a mode.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::{Record, Role};
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::{FAR_BEHIND, Study};
 use crate::error::Result;
 use crate::parallel;
-use crate::watch::Event;
+use crate::watch::WatchEvent;
 use hysteron_sim::intersample::Intersample;
 
 /// A mode above this share of half the sampling rate is as fast as the recording can show.
@@ -102,7 +102,7 @@ fn continued(readings_um: &[f64]) -> (f64, f64) {
 #[cfg(feature = "readers")]
 pub(crate) fn shown_by_readings(record: &Record) -> Option<Issue> {
     let jumps = if leads(record) { None } else { Some(answered_in_their_row(record)?) };
-    Some(Issue::of(&record.name, Severity::Corrects, Kind::TimingInReadings { jumps }))
+    Some(Issue::of(&record.name, Severity::Corrects, IssueKind::TimingInReadings { jumps }))
 }
 
 /// A straight line shows the timing of the same row, and another one was specified.
@@ -111,7 +111,7 @@ pub(super) fn leads_the_drive(subject: &Subject) -> Vec<Issue> {
         return Vec::new();
     }
     let driven = subject.dataset.records.iter().filter(|r| r.role != Role::Noise && r.intersample == Intersample::Hold && leads(r));
-    driven.map(|r| Issue::of(&r.name, Severity::Notes, Kind::LeadsTheDrive {})).collect()
+    driven.map(|r| Issue::of(&r.name, Severity::Notes, IssueKind::LeadsTheDrive {})).collect()
 }
 
 /// Tries the other timing beside a model, where nobody specified one.
@@ -128,7 +128,7 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
 }
 
 fn issue(not_needed: Vec<String>, assumed_um: f64, same_sample_um: f64) -> Issue {
-    Issue::of_all(Severity::Blocks, Kind::SameSampleTiming { not_needed, assumed_um, same_sample_um })
+    Issue::of_all(Severity::Blocks, IssueKind::SameSampleTiming { not_needed, assumed_um, same_sample_um })
 }
 
 /// Tries a model without the modes among the effects that were added to it, and a model that explains too
@@ -143,7 +143,7 @@ fn compare(study: &Study, found: &Judged, added: &[String]) -> Result<Option<Iss
     if asked.is_empty() || study.watch.stopped() {
         return Ok(None);
     }
-    study.watch.event(&Event::Doing("trying the timing of the same row"));
+    study.watch.event(&WatchEvent::Doing("trying the timing of the same row"));
     let shifted = study.dataset.in_own_rows();
     let other = study.of(&shifted);
     let fitted = parallel::map(&asked, |modes| {
@@ -245,6 +245,6 @@ mod tests {
         assert_eq!([0.05, 0.2, 0.4].map(smeared), [None; 3]);
         let unanswered = Record::new("noise", 5000.0, (0..4000).map(drive).collect(), (0..4000).map(noise).collect());
         assert_eq!(answered_in_their_row(&unanswered), None);
-        assert_eq!(shown_by_readings(&read(1)).unwrap().kind, Kind::TimingInReadings { jumps: Some(19) });
+        assert_eq!(shown_by_readings(&read(1)).unwrap().kind, IssueKind::TimingInReadings { jumps: Some(19) });
     }
 }

@@ -1,6 +1,6 @@
 //! Units that look doubtful: spans and rates that no piezoelectric stage has.
 
-use super::{Issue, Kind, Moment, Severity, Subject};
+use super::{Issue, IssueKind, Moment, Severity, Subject};
 use crate::dataset::units::SignalUnits;
 use crate::dataset::{Record, Role};
 
@@ -24,15 +24,16 @@ pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     let doubt = |record: &Record| {
         let span_um = record.range_um();
         let kind = if !(LIKELY_SPAN_MIN_UM..=LIKELY_SPAN_MAX_UM).contains(&span_um) {
-            Kind::DisplacementUnit { span_um }
+            IssueKind::DisplacementUnit { span_um }
         } else if record.sample_rate_hz < LIKELY_RATE_MIN_HZ {
-            Kind::TimeUnit { period_s: record.dt_s() }
+            IssueKind::TimeUnit { period_s: record.dt_s() }
         } else {
             return None;
         };
         Some(Issue::of(&record.name, Severity::Notes, kind))
     };
     let gain_um_v = subject.dataset.straight_line_gain();
-    let of_all = (!(0.0..=LIKELY_GAIN_MAX_UM_V).contains(&gain_um_v)).then(|| Issue::of_all(Severity::Notes, Kind::Gain { gain_um_v }));
+    let of_all =
+        (!(0.0..=LIKELY_GAIN_MAX_UM_V).contains(&gain_um_v)).then(|| Issue::of_all(Severity::Notes, IssueKind::Gain { gain_um_v }));
     subject.dataset.records.iter().filter(|r| r.role != Role::Noise).filter_map(doubt).chain(of_all).collect()
 }

@@ -1,6 +1,6 @@
 //! Issues in words: the one place where they become sentences.
 
-use super::{Issue, Kind};
+use super::{Issue, IssueKind};
 use crate::diagnosis::words::{figure, list, nm};
 
 /// An issue as a sentence without its full stop.
@@ -11,28 +11,28 @@ pub fn sentence(issue: &Issue) -> String {
 }
 
 /// A kind as a sentence without its full stop.
-pub(super) fn of_kind(kind: &Kind) -> String {
+pub(super) fn of_kind(kind: &IssueKind) -> String {
     match kind {
-        Kind::NotAnswered { moves_um, coherence, by_chance } => format!(
+        IssueKind::NotAnswered { moves_um, coherence, by_chance } => format!(
             "the readings do not answer the drive (coherence {coherence:.2} at most, by chance up to {by_chance:.2}; they move by {} nm RMS). Look at the \
              sensor, the amplifier and the choice of columns (--columns)",
             nm(*moves_um)
         ),
-        Kind::RangeEnds { reading_um, highest, share, .. } => format!(
+        IssueKind::RangeEnds { reading_um, highest, share, .. } => format!(
             "{:.1} % of the readings stand at exactly {} um, their {}, while the drive moves: the range of the sensor ends there. They are left out \
              of every fit and figure",
             100.0 * share,
             figure(*reading_um),
             if *highest { "highest" } else { "lowest" }
         ),
-        Kind::OutliersReplaced { samples: 1, first_sample, farthest_um } => format!(
+        IssueKind::OutliersReplaced { samples: 1, first_sample, farthest_um } => format!(
             "1 reading stands alone, {farthest_um:.3} um beside its neighbours (sample {first_sample}). It is interpolated and counts in no figure"
         ),
-        Kind::OutliersReplaced { samples, first_sample, farthest_um } => format!(
+        IssueKind::OutliersReplaced { samples, first_sample, farthest_um } => format!(
             "{samples} readings stand alone, up to {farthest_um:.3} um beside their neighbours (the first is sample {first_sample}). They are \
              interpolated and count in no figure"
         ),
-        Kind::OutliersLeftOut { samples, places, first_sample, last_sample } => {
+        IssueKind::OutliersLeftOut { samples, places, first_sample, last_sample } => {
             let where_ = if first_sample == last_sample {
                 format!("sample {first_sample}")
             } else {
@@ -45,10 +45,10 @@ pub(super) fn of_kind(kind: &Kind) -> String {
             };
             format!("readings stand out together, {where_}{more}. The {samples} there are left out of every fit and figure")
         }
-        Kind::OutliersKept { samples, first_sample } => {
+        IssueKind::OutliersKept { samples, first_sample } => {
             format!("{samples} readings stand out (the first is sample {first_sample}), too many for disturbances. They are kept")
         }
-        Kind::SameSampleTiming { not_needed, assumed_um, same_sample_um } => {
+        IssueKind::SameSampleTiming { not_needed, assumed_um, same_sample_um } => {
             let without = if not_needed.is_empty() { String::new() } else { format!(" without {}", list(not_needed, "and")) };
             format!(
                 "displacement responds to the drive of the same row, so `hold_before_sample` is used (error {} nm{without} instead of {} nm). To \
@@ -57,50 +57,50 @@ pub(super) fn of_kind(kind: &Kind) -> String {
                 nm(*assumed_um)
             )
         }
-        Kind::RunsOnBetweenSamples { intersample, held_um, runs_on_um } => format!(
+        IssueKind::RunsOnBetweenSamples { intersample, held_um, runs_on_um } => format!(
             "the drive is not held between its samples, so `{intersample}` is used (error {} nm instead of {} nm). To override: --intersample hold",
             nm(*runs_on_um),
             nm(*held_um)
         ),
-        Kind::TimingInReadings { jumps } => {
+        IssueKind::TimingInReadings { jumps } => {
             let how = match jumps {
                 None => "y[k] follows u[k] much better than u[k-1]".to_owned(),
                 Some(jumps) => format!("y[k] moves in the row in which u[k] jumps ({jumps} of them)"),
             };
             format!("{how}, so `hold_before_sample` is used. To override: timing = \"hold_after_sample\", --timing hold_after_sample")
         }
-        Kind::LeadsTheDrive {} => {
+        IssueKind::LeadsTheDrive {} => {
             "y[k] follows u[k] much better than u[k-1], but a drive acts only after the sample at its instant. If y was read after u was \
              written, specify timing = \"hold_before_sample\""
                 .into()
         }
-        Kind::DisplacementUnit { span_um } if *span_um > 1.0 => {
+        IssueKind::DisplacementUnit { span_um } if *span_um > 1.0 => {
             format!("the displacement spans {span_um:.0} um; is its column in another unit?")
         }
-        Kind::DisplacementUnit { span_um } => format!("the displacement spans {span_um:.2e} um; is its column in another unit?"),
-        Kind::Gain { gain_um_v } if *gain_um_v < 0.0 => {
+        IssueKind::DisplacementUnit { span_um } => format!("the displacement spans {span_um:.2e} um; is its column in another unit?"),
+        IssueKind::Gain { gain_um_v } if *gain_um_v < 0.0 => {
             format!("the displacement falls where the drive rises ({gain_um_v:.3} um/V). Is the sign of a column inverted?")
         }
-        Kind::Gain { gain_um_v } => {
+        IssueKind::Gain { gain_um_v } => {
             format!("the displacement changes by {gain_um_v:.0} um/V. Is drive or displacement in another unit (--units u=kV, y=nm)?")
         }
-        Kind::TimeUnit { period_s } => format!("samples come {period_s} s apart; is the column of time in another unit?"),
-        Kind::InitialState { specified_um, unknown_um } => format!(
+        IssueKind::TimeUnit { period_s } => format!("samples come {period_s} s apart; is the column of time in another unit?"),
+        IssueKind::InitialState { specified_um, unknown_um } => format!(
             "the record does not begin in the specified state: from there the error is {} nm, from an unknown state {} nm with the same effects. \
              Specify `initial_state = \"unknown\"`",
             nm(*specified_um),
             nm(*unknown_um)
         ),
-        Kind::SensorOffset { specified_um, fitted_um } => format!(
+        IssueKind::SensorOffset { specified_um, fitted_um } => format!(
             "the sensor's zero is off: the error is {} nm, with a fitted constant {} nm. Specify `offset = \"fit\"`",
             nm(*specified_um),
             nm(*fitted_um)
         ),
-        Kind::RememberedHistory { until_s } => format!(
+        IssueKind::RememberedHistory { until_s } => format!(
             "the record begins inside the range of its drive in an unknown state and has been through all of it after {until_s:.3} s. Until then its \
              loops remember what no sample shows. Begin with a cycle over the whole range, or leave that time out (from_s)"
         ),
-        Kind::ClosedLoop { later_samples, correlation, by_chance } => {
+        IssueKind::ClosedLoop { later_samples, correlation, by_chance } => {
             let later = match later_samples {
                 0 => "in the same sample".into(),
                 1 => "one sample later".into(),
@@ -111,20 +111,22 @@ pub(super) fn of_kind(kind: &Kind) -> String {
                  closed while recording, which biases the values towards its controller. Record with the loop open"
             )
         }
-        Kind::GivenTwice { same_as } => format!(
+        IssueKind::GivenTwice { same_as } => format!(
             "holds the same readings as {same_as}, sample by sample. A recording given twice shows no noise and judges nothing; leave one out"
         ),
-        Kind::RestWithoutNoise { in_steps: true } => {
+        IssueKind::RestWithoutNoise { in_steps: true } => {
             "all readings of this rest are one code of the converter: the noise is below its step".into()
         }
-        Kind::RestWithoutNoise { in_steps: false } => "all readings of this rest are the same and show no noise. It is left out".into(),
-        Kind::NothingJudges {} => "no record has role = \"identify\": those to validate are fitted, and nothing judges".into(),
-        Kind::NotAtRest { moves_v } => format!("role = \"noise\" expects a record at rest, but the drive moves by {moves_v:.3} V"),
-        Kind::PeriodsDiffer { period_s, drive_v, differs_v } => format!(
+        IssueKind::RestWithoutNoise { in_steps: false } => {
+            "all readings of this rest are the same and show no noise. It is left out".into()
+        }
+        IssueKind::NothingJudges {} => "no record has role = \"identify\": those to validate are fitted, and nothing judges".into(),
+        IssueKind::NotAtRest { moves_v } => format!("role = \"noise\" expects a record at rest, but the drive moves by {moves_v:.3} V"),
+        IssueKind::PeriodsDiffer { period_s, drive_v, differs_v } => format!(
             "period_s = {period_s} expects equal periods, but the drive, which moves by {drive_v:.3} V RMS, differs by {differs_v:.3} V RMS from one to \
              the next"
         ),
-        Kind::RepeatDiffers { repeat_of, drive_v, differs_v } => format!(
+        IssueKind::RepeatDiffers { repeat_of, drive_v, differs_v } => format!(
             "repeat_of = \"{repeat_of}\" expects the same drive, but the drive, which moves by {drive_v:.3} V RMS, differs by {differs_v:.3} V RMS \
              between them"
         ),

@@ -308,8 +308,9 @@ impl ServoDesign {
                     let notched = notch.map_or(Complex::new(1.0, 0.0), |n| n.response(w));
                     Complex::from_polar(1.0, ahead * w * SAMPLING_PERIOD_S) / (frequency_response(&sampled, w) * notched)
                 });
-                let creep = if *creep_inverse { self.model.creep.as_slice() } else { &[] };
-                let feedforward = Feedforward { window: &feedforward, creep };
+                let (creep, creep_pair) =
+                    if *creep_inverse { (self.model.creep.as_slice(), self.model.creep_pair.as_ref()) } else { (&[][..], None) };
+                let feedforward = Feedforward { window: &feedforward, creep, creep_pair };
                 (quantise::hysteresis(&self.model)?, regulator(gains, &feedforward, notch.as_ref(), Unit::Micrometre)?)
             }
         };

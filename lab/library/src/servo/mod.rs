@@ -1,58 +1,91 @@
 //! Servo design: from an identified model to the integers of the control tick, proved for the sampled loop.
 //!
-//! * [`model`]: what a design knows of the actuator, and its linear part in continuous and sampled time;
-//! * [`quantise`]: from f64 to the rows of the tick, once, with its error;
-//! * [`window_fit`]: coefficients over the reference window by least squares in the frequency domain;
-//! * [`thesis_schemes`]: the controllers of the thesis as printed, discretised exactly (Ch. 6 and 7), and the
-//!   schemes they are compared with;
-//! * [`sliding_mode`]: the sliding-mode family in predictor form, for any model and the period of delay;
-//!   [`schemes`]: the schemes that a design chooses among;
-//! * [`predictor`]: the observer-controller designed for the one-period delay, its margins and its trade-off;
-//! * [`order`]: a servo for an identified chain, or the refusal; [`recording`]: what the data exclude;
-//!   [`data_of_stage`]: whether they are of the model's stage; [`robust`]: the design for all that is left
-//!   possible; [`plant_set`]: plants that are not the model;
-//! * [`moving_mode`]: references where the first mode does not stay where it was recorded;
-//! * [`learned_feedforward`]: the filters by which a periodic reference's correction is learned, and the
-//!   proof that it converges;
-//! * [`sensor_lag`]: the known lag of the sensor, which the reference is given too;
-//! * [`gain_adaptation`]: bounds within which the gain of the model is corrected while it runs;
-//! * [`disturbance_observer`], [`regulator_loop`]: schemes it is compared with, tuned under the same margins;
-//! * [`design`]: a design as a file, and the choice of the best one; [`commands`]: check and track for an
-//!   identified chain;
-//! * `value_ranges`: what a value of a servo file may be;
-//! * [`track`]: a design at work on an identified model ([`chain_plant`]);
-//! * [`loop_margins`]: how far a loop is from the end of its stability on an actuator; [`from_rest`]: whether
-//!   it comes to rest from a limit of its drive;
-//! * [`check`]: sampled eigenvalues and the thesis' continuous conditions;
-//! * [`amplifier_block`]: a design as the target keeps it.
+//! [`design()`] makes a [`ServoDesign`] for a model or refuses with the reason, [`check()`] proves it on
+//! the model and [`follow`] shows it at work.
+//!
+//! ```
+//! use hysteron::servo::{Demands, Reference, Work, check, design, follow};
+//! use hysteron::{EffectInstance, Model, Overview, effect_named};
+//!
+//! let mut stage = Model::new(0.0, 100.0);
+//! let overview = Overview::without_data(0.0, 100.0);
+//! for (id, values) in [("gain", &[0.1][..]), ("vibration", &[4000.0, 0.4])] {
+//!     stage.add(EffectInstance::new(effect_named(id)?, &overview, values));
+//! }
+//! let servo = design(&stage, &Demands { sensor_noise_um: 0.004, ..Demands::default() })?;
+//! assert!(check(&servo, &stage)?.stable);
+//! let reference = Reference::named("sine:10:4")?;
+//! let track = follow(&stage, &servo, &reference, "sine:10:4", &Work::default())?;
+//! assert!(track.truth.rms_um < 0.02);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
+#[doc(hidden)]
 pub mod amplifier_block;
+#[doc(hidden)]
 pub mod chain_plant;
+#[doc(hidden)]
 pub mod check;
+#[doc(hidden)]
 pub mod commands;
+#[doc(hidden)]
+pub mod creep;
+#[doc(hidden)]
 pub mod data_of_stage;
+#[doc(hidden)]
 pub mod design;
+#[doc(hidden)]
 pub mod disturbance;
+#[doc(hidden)]
 pub mod disturbance_observer;
+#[doc(hidden)]
 pub mod from_rest;
+#[doc(hidden)]
 pub mod gain_adaptation;
+#[doc(hidden)]
 pub mod learned_feedforward;
+#[doc(hidden)]
 pub mod loop_margins;
+#[doc(hidden)]
 pub mod model;
+#[doc(hidden)]
 pub mod moving_mode;
+#[doc(hidden)]
 pub mod order;
+#[doc(hidden)]
 pub mod plant_set;
+#[doc(hidden)]
 pub mod predictor;
+#[doc(hidden)]
 pub mod quantise;
+#[doc(hidden)]
 pub mod recording;
+#[doc(hidden)]
 pub mod reference;
+#[doc(hidden)]
 pub mod regulator_loop;
+#[doc(hidden)]
 pub mod robust;
+#[doc(hidden)]
 pub mod schemes;
+#[doc(hidden)]
 pub mod sensor_lag;
+#[doc(hidden)]
 pub mod sliding_mode;
+#[doc(hidden)]
 pub mod thesis_schemes;
+#[doc(hidden)]
 pub mod track;
+#[doc(hidden)]
 mod value_ranges;
+#[doc(hidden)]
 pub mod window_fit;
+#[doc(hidden)]
 pub mod words;
+
+pub use commands::{CheckResult, Work, check, design, follow, with_scheme};
+pub use design::{Scheme, ServoDesign};
+pub use order::Order;
+pub use predictor::Demands;
+pub use reference::Reference;
+pub use track::TrackResult;

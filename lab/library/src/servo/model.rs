@@ -1,11 +1,13 @@
 //! What a servo design knows of the actuator: hysteresis surfaces, modes, bandwidths. All of it identified,
 //! or from a data sheet.
 
+pub use super::creep::CreepTerm;
+use super::creep::{self, CreepPair};
 use super::quantise;
-use hysteron_sim::chain::Model;
+use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{
-    amplifier_bandwidth, creep, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    Setting, Signals, amplifier_bandwidth, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
@@ -191,16 +193,9 @@ pub struct ActuatorModel {
     /// input.
     #[serde(default)]
     pub creep: Vec<CreepTerm>,
-}
-
-/// A first-order term of creep (thesis Ch. 5, Eqs. 13 and 17).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CreepTerm {
-    /// Displacement that it adds in the end, as a share of what it follows.
-    pub share: f64,
-    /// Time constant, s.
-    pub time_constant_s: f64,
+    /// Its second-order term with complex poles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub creep_pair: Option<CreepPair>,
 }
 
 impl ActuatorModel {
@@ -246,7 +241,7 @@ impl ActuatorModel {
         more_loop: impl Fn(f64, f64) -> f64,
         more_remnant: impl Fn(f64) -> f64,
     ) -> (Self, f64) {
-        const GRID: usize = 24;
+        const GRID: usize = LOOP_GRID;
         let at = |k: usize| k as f64 / GRID as f64;
         let surfaces = self.surfaces();
         let remnant = |x: f64| self.r_um.iter().rev().fold(0.0, |sum, c| sum * x + c) + more_remnant(x);
@@ -311,9 +306,11 @@ impl ActuatorModel {
         self.surfaces().loop_loss(1.0, 0.0) / (self.drive_max_v - self.drive_min_v)
     }
 }
-/// Degree of the polynomial surfaces that stand for surfaces with play operators beside them, until the
-/// tick's own degree is fitted.
-const DEGREE_WITH_PLAYS: usize = 8;
+/// Degree of the polynomial surfaces that stand for loops of another structure, until the tick's own degree
+/// is fitted.
+const DEGREE_OF_OTHERS: usize = 8;
+/// Inputs in each direction at which loops of another structure are read: those at which surfaces are fitted.
+const LOOP_GRID: usize = 24;
 
 /// What a design or a check needs of a chain.
 ///
@@ -322,27 +319,32 @@ const DEGREE_WITH_PLAYS: usize = 8;
 pub fn required_model(chain: &Model) -> Result<ActuatorModel, String> {
     actuator_model(chain).ok_or_else(|| {
         let linear = chain.effect(gain::ID).is_some();
-        let has_loops = linear || chain.effect(hysteresis::ID).is_some();
+        let has_loops = chain.effects.iter().any(|e| e.effect.declaration().is_main());
         let lacks = match (has_loops, chain.effect(vibration::ID).is_some()) {
             (true, _) => "no first mode",
             (false, true) => "neither of the first two",
             (false, false) => "none of these",
         };
         format!(
-            "a servo is computed with the effects `hysteresis` (or `gain`, for a linear stage) and `vibration`, the first mode; this model has {lacks}: identify one with --effects {},vibration,creep",
+            "a servo is computed with the effects `hysteresis` (or another structure of the loops, or `gain`, for a linear stage) and `vibration`, the first mode; this model has {lacks}: identify one with --effects {},vibration,creep",
             if linear { gain::ID } else { "hysteresis,initial_curve" }
         )
     })
 }
 
-/// What a design needs of a chain. A gain is a surface without loops.
+/// What a design needs of a chain. A gain is a surface without loops; loops of any other structure are read
+/// on their first rises and on the falls from there, and surfaces are fitted to that.
 #[must_use]
 pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
-    let of_gain = || Some(vec![chain.values(gain::ID)?.first()? * (chain.drive_max_v - chain.drive_min_v)]);
-    let g = chain.values(hysteresis::ID).or_else(of_gain)?;
+    let main = chain.effects.iter().find(|e| e.effect.declaration().is_main())?;
+    let g = match main.id.as_str() {
+        gain::ID => vec![chain.values(gain::ID)?.first()? * (chain.drive_max_v - chain.drive_min_v)],
+        hysteresis::ID => main.values(),
+        _ => vec![0.0],
+    };
     let r = chain.values(initial_curve::ID).unwrap_or_default();
     let surfaces = Surfaces::from_legendre(degree_of(g.len()), &g, &r);
-    let creep = chain.values(creep::ID).unwrap_or_default();
+    let (creep, creep_pair) = creep::of_chain(chain);
     let mode = |v: &[f64]| Some(ModeModel { natural_frequency_rad_s: *v.first()?, damping_ratio: *v.get(1)? });
     let model = ActuatorModel {
         drive_min_v: chain.drive_min_v,
@@ -355,11 +357,98 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
             amplifier_bandwidth_hz: chain.values(amplifier_bandwidth::ID).and_then(|v| v.first().copied()),
             sensor_bandwidth_hz: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()),
         },
-        creep: creep.chunks_exact(2).map(|pair| CreepTerm { share: pair[0], time_constant_s: pair[1] }).collect(),
+        creep,
+        creep_pair,
     };
+    if ![gain::ID, hysteresis::ID].contains(&main.id.as_str()) {
+        let loops = first_falls_um(main, chain)?;
+        let at = |x: f64| (x * LOOP_GRID as f64).round() as usize;
+        // On a first rise to x and down to z the output is R(x) + G(x, 0) - G(x, z).
+        let fallen = |x: f64, z: f64| loops[at(x)][at(x)] - loops[at(x)][at(z)];
+        return Some(model.with_surfaces_of(DEGREE_OF_OTHERS, 0.0, fallen, |x| loops[at(x)][0]).0);
+    }
     let Some(plays) = chain.values(play_operators::ID) else { return Some(model) };
     // An element of half-width r moves once the drive has come back by 2 r, on the first rise after r.
     let beyond = |way: f64, widths: f64| -> f64 { plays.chunks_exact(2).map(|pair| pair[0] * (way - widths * pair[1]).max(0.0)).sum() };
-    let with_plays = model.with_surfaces_of(DEGREE_WITH_PLAYS, 0.0, |x, z| beyond(x - z, 2.0), |x| beyond(x, 1.0) - beyond(x, 2.0));
+    let with_plays = model.with_surfaces_of(DEGREE_OF_OTHERS, 0.0, |x, z| beyond(x - z, 2.0), |x| beyond(x, 1.0) - beyond(x, 2.0));
     Some(with_plays.0)
+}
+
+/// Outputs on the way down from a first rise: by the input where it turned, then by the input on the way
+/// down, in steps of the grid; um above the virgin state. None where the structure cannot be stepped by
+/// itself.
+fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>> {
+    // So slow that nothing of the loops depends on the rate.
+    let setting = Setting {
+        dt_s: 1.0,
+        substeps: 1,
+        signals: Signals::default(),
+        drive_min_v: chain.drive_min_v,
+        drive_max_v: chain.drive_max_v,
+        runs_straight: false,
+    };
+    let drive_v = |k: usize| chain.drive_min_v + (chain.drive_max_v - chain.drive_min_v) * k as f64 / LOOP_GRID as f64;
+    (0..=LOOP_GRID)
+        .map(|turn| {
+            let mut loops = main.effect.loops(chain, &main.values(), &setting)?;
+            let zero_um = loops.go_to(drive_v(0));
+            (1..=turn).for_each(|k| {
+                loops.go_to(drive_v(k));
+            });
+            let mut fall: Vec<f64> = (0..turn).rev().map(|k| loops.go_to(drive_v(k)) - zero_um).collect();
+            fall.reverse();
+            let mut risen = main.effect.loops(chain, &main.values(), &setting)?;
+            let top = (0..=turn).map(|k| risen.go_to(drive_v(k))).last().unwrap_or(zero_um) - zero_um;
+            fall.push(top);
+            Some(fall)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hysteron_sim::effect::{Overview, by_id};
+
+    fn with_loops(id: &str, values: &[f64]) -> Model {
+        let overview = Overview { range_um: 10.0, gain_um_v: 0.125, ..Overview::without_data(0.0, 80.0) };
+        let mut chain = Model::new(0.0, 80.0);
+        chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
+        chain.add(EffectInstance::new(by_id("vibration").unwrap(), &overview, &[5000.0, 0.5]));
+        chain
+    }
+
+    /// Every structure of the loops gives a design its surfaces: first rise and fall of the structure itself,
+    /// within a part of the opening of its loops.
+    #[test]
+    fn any_loop_structure_gives_a_servo_its_surfaces() {
+        let plays: Vec<f64> = std::iter::once(7.0).chain([0.25; 9]).collect();
+        let slips: Vec<f64> = std::iter::once(11.0).chain([0.3; 8]).collect();
+        let structures: [(&str, &[f64], f64); 5] = [
+            ("prandtl_ishlinskii", &plays, 0.02),
+            ("maxwell_slip", &slips, 0.03),
+            ("bouc_wen", &[11.0, 4.0, 2.0, 0.5], 0.05),
+            ("duhem", &[3.0, 10.0, 7.0], 0.05),
+            ("rate_dependent_prandtl_ishlinskii", &plays, 0.02),
+        ];
+        for (id, values, tolerance_um) in structures {
+            let chain = with_loops(id, values);
+            let model = required_model(&chain).unwrap();
+            let surfaces = model.surfaces();
+            let loops = first_falls_um(&chain.effects[0], &chain).unwrap();
+            for turn in 1..=LOOP_GRID {
+                let x = turn as f64 / LOOP_GRID as f64;
+                let rise = surfaces.initial_ascending_curve(x);
+                assert!((rise - loops[turn][turn]).abs() < tolerance_um, "{id} rises to {x}: {rise} {}", loops[turn][turn]);
+                let middle = rise - surfaces.loop_loss(x, (turn / 2) as f64 / LOOP_GRID as f64);
+                assert!(
+                    (middle - loops[turn][turn / 2]).abs() < 2.0 * tolerance_um,
+                    "{id} falls from {x}: {middle} {}",
+                    loops[turn][turn / 2]
+                );
+            }
+            let (least, _) = model.for_the_tick().0.slope_range();
+            assert!(least > 0.0, "{id}: slope {least}");
+        }
+    }
 }

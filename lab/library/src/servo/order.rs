@@ -20,7 +20,7 @@ use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
 use hysteron_sim::chain::Model;
 use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
-    amplifier_bandwidth, creep, delay, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    Place, amplifier_bandwidth, delay, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -345,7 +345,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
 
 /// What the model is not, said aloud.
 fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<String>) {
-    if chain.effect(creep::ID).is_none() {
+    if chain.effects.iter().all(|e| e.effect.declaration().place != Place::Creep) {
         said.push("CAUTION: the model has no creep: slow errors are left to the integral action.".into());
     }
     if let Some((recording, noise_um)) = recording.and_then(|r| Some((r, r.noise_um?)))

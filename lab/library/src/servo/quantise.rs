@@ -1,14 +1,16 @@
 //! From f64 to the integers of the tick. A number that does not fit is an error that names it, never a
 //! clipped number.
 
-use super::model::{ActuatorModel, CreepTerm, SAMPLING_PERIOD_S};
+use super::creep::{self, CreepPair, CreepTerm};
+use super::model::{ActuatorModel, SAMPLING_PERIOD_S};
 use hysteron_core::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use hysteron_core::integer_row::Row;
 use hysteron_core::one_sided_hysteresis::{SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
 use hysteron_core::predictor_law::{OUTPUT_ROW_FRACTION_BITS, STATE_ROW_FRACTION_BITS};
 use hysteron_core::servo_parameters::ActuatorParameters;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
-use nalgebra::DMatrix;
+use hysteron_sim::linear_system::ContinuousSystem;
+use nalgebra::{DMatrix, DVector};
 
 /// The magnitudes of a row of the predictor's states sum to less.
 pub(super) const OF_STATE_ROW_MOST: f64 = (1u64 << (31 - STATE_ROW_FRACTION_BITS)) as f64;
@@ -142,30 +144,67 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
 ///
 /// # Errors
 /// If there are more terms than the tick has, a coefficient does not fit, or the inverse would not be stable.
-pub fn creep_inverse(terms: &[CreepTerm]) -> Result<CreepInverseParameters, QuantisationError> {
+pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>) -> Result<CreepInverseParameters, QuantisationError> {
     let used: Vec<&CreepTerm> = terms.iter().filter(|t| t.share.abs() > 1e-9).collect();
-    if used.is_empty() {
+    if used.is_empty() && pair.is_none() {
         return Ok(CreepInverseParameters::default());
     }
     if used.len() > CREEP_TERMS {
-        return Err(QuantisationError { what: "terms of creep".into(), value: used.len() as f64, limit: CREEP_TERMS as f64 });
+        return Err(creep::too_many(used.len()));
     }
     let rate = |t: &CreepTerm| -(-SAMPLING_PERIOD_S / t.time_constant_s.max(1e-6)).exp_m1();
-    // z+ = z + rate (x - z) with x = y - sum share z.
+    let (phi, gamma) = pair.map(pair_over_a_period).unzip();
+    // Every state goes by `rates (x - z)` beside what the pair's own motion gives, with x = y - sum share z.
+    let mut rates: Vec<f64> = used.iter().map(|t| rate(t)).collect();
+    let mut shares: Vec<f64> = used.iter().map(|t| t.share).collect();
     let n = used.len();
-    let recursion = DMatrix::from_fn(n, n, |i, j| f64::from(u8::from(i == j)) * (1.0 - rate(used[i])) - rate(used[i]) * used[j].share);
+    rates.extend(gamma.iter().flatten());
+    shares.extend(pair.iter().flat_map(|p| [p.share, p.velocity_share]));
+    let of_pair = |i: usize, j: usize| phi.map_or(0.0, |phi: [[f64; 2]; 2]| phi[i][j]);
+    let recursion = DMatrix::from_fn(rates.len(), rates.len(), |i, j| {
+        let own = if i >= n && j >= n { of_pair(i - n, j - n) } else { f64::from(u8::from(i == j)) * (1.0 - rates[i]) };
+        own - rates[i] * shares[j]
+    });
     let radius = recursion.complex_eigenvalues().iter().map(|z| z.norm()).fold(0.0, f64::max);
-    if radius >= 1.0 {
-        return Err(QuantisationError { what: "largest eigenvalue of the inverse of creep".into(), value: radius, limit: 1.0 });
+    // Between states that stand still and states that follow any mixture may move: their shares are bounded
+    // beside.
+    let of_operators: f64 = if used.iter().any(|t| t.threshold_um > 0.0) { shares.iter().map(|s| s.abs()).sum() } else { 0.0 };
+    if radius >= 1.0 || of_operators >= 1.0 {
+        return Err(QuantisationError {
+            what: "largest eigenvalue of the inverse of creep".into(),
+            value: radius.max(of_operators),
+            limit: 1.0,
+        });
     }
-    let mut out = CreepInverseParameters { terms: n as u8, ..CreepInverseParameters::default() };
-    let shares: Vec<f64> = used.iter().map(|t| t.share).collect();
-    out.shares = row_um("shares of creep", &shares)?;
-    for (to, term) in out.rates.iter_mut().zip(&used) {
-        *to = number("rate of creep", rate(term), 32)?;
+    let mut out = CreepInverseParameters { terms: n as u8, pair: pair.is_some(), ..CreepInverseParameters::default() };
+    out.shares = row_um("shares of creep", &shares[..n])?;
+    for (i, term) in used.iter().enumerate() {
+        out.rates[i] = number("rate of creep", rates[i], 32)?;
+        out.thresholds[i] = number("threshold of creep", term.threshold_um, MICROMETRE_FRACTION_BITS as i32)?;
     }
-    out.at_rest = number("1 / (1 + creep)", 1.0 / (1.0 + shares.iter().sum::<f64>()), 28)?;
+    if let (Some(phi), Some(gamma)) = (phi, gamma) {
+        out.pair_shares = row_um("shares of the second-order creep", &shares[n..])?;
+        let change = [gamma[0], phi[0][1], gamma[1], phi[1][1] - 1.0];
+        for (to, value) in out.pair_rates.iter_mut().zip(change) {
+            *to = number("rate of the second-order creep", value, 32)?;
+        }
+    }
+    out.at_rest = number("1 / (1 + creep)", 1.0 / (1.0 + creep::static_share(terms, pair)), 28)?;
     Ok(out)
+}
+
+/// Transition of displacement and velocity over the natural frequency of a pair over a period, and what a
+/// unit that is applied adds.
+fn pair_over_a_period(pair: &CreepPair) -> ([[f64; 2]; 2], [f64; 2]) {
+    let (w, xi) = (pair.natural_frequency_rad_s, pair.damping_ratio);
+    let system = ContinuousSystem {
+        a: DMatrix::from_row_slice(2, 2, &[0.0, w, -w, -2.0 * xi * w]),
+        b: DVector::from_row_slice(&[0.0, w]),
+        c: DVector::from_row_slice(&[1.0, 0.0]),
+        d: 0.0,
+    };
+    let (phi, gamma) = system.held_matrices(SAMPLING_PERIOD_S);
+    ([[phi[(0, 0)], phi[(0, 1)]], [phi[(1, 0)], phi[(1, 1)]]], [gamma[0], gamma[1]])
 }
 
 /// A linear actuator of given gain.

@@ -6,7 +6,8 @@
 //! are taken of. [`SlidingModeLaw::new`] gives the printed form, which acts at once; [`super::sliding_mode`]
 //! the one that is designed for the period of delay.
 
-use super::model::{CreepTerm, NominalModel, SAMPLING_PERIOD_S};
+use super::creep::{CreepPair, CreepTerm};
+use super::model::{NominalModel, SAMPLING_PERIOD_S};
 use super::quantise::{QuantisationError, Unit, creep_inverse, number, row, row_um};
 use super::window_fit;
 use hysteron_core::integer_row::Row;
@@ -353,6 +354,8 @@ pub struct Feedforward<'a> {
     pub window: &'a [f64],
     /// Creep that it undoes.
     pub creep: &'a [CreepTerm],
+    /// Its second-order term.
+    pub creep_pair: Option<&'a CreepPair>,
 }
 
 /// PID, or PI with feedforward. `output` is what stands behind: volts, or um of force-equivalent
@@ -373,7 +376,7 @@ pub fn regulator(
         proportional_derivative: row("P, D", &[gains.p, gains.d / t], |_| Unit::Micrometre, output)?,
         integral: number("I", gains.i * t, 26 + unit_bits)?,
         feedforward: row("feedforward", feedforward.window, |_| Unit::Micrometre, output)?,
-        creep: creep_inverse(feedforward.creep)?,
+        creep: creep_inverse(feedforward.creep, feedforward.creep_pair)?,
         notch: {
             let mut quantised = Row::default();
             for (i, value) in biquad.iter().enumerate() {

@@ -44,6 +44,13 @@ fn of_model(m: &ActuatorModel) -> Vec<Bounded<'static>> {
     for term in &m.creep {
         out.push(("share of a creep term", term.share, -10.0..=10.0));
         out.push(("time_constant_s of a creep term", term.time_constant_s, 1e-9..=1e9));
+        out.push(("threshold_um of a creep term", term.threshold_um, 0.0..=FARTHEST_UM));
+    }
+    if let Some(pair) = &m.creep_pair {
+        out.push(("share of creep_pair", pair.share, -10.0..=10.0));
+        out.push(("velocity_share of creep_pair", pair.velocity_share, -10.0..=10.0));
+        out.push(("natural_frequency_rad_s of creep_pair", pair.natural_frequency_rad_s, 1e-9..=1e5));
+        out.push(("damping_ratio of creep_pair", pair.damping_ratio, 0.0..=100.0));
     }
     out
 }
@@ -79,8 +86,9 @@ mod tests {
     fn design() -> ServoDesign {
         let first_mode = ModeModel { natural_frequency_rad_s: 5000.0, damping_ratio: 0.3 };
         let linear = LinearModel { first_mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: Some(1e4) };
-        let creep = vec![CreepTerm { share: 0.01, time_constant_s: 0.1 }];
-        let model = ActuatorModel { drive_min_v: 0.0, drive_max_v: 80.0, g_um: vec![vec![10.0]], r_um: vec![0.1], linear, creep };
+        let creep = vec![CreepTerm::linear(0.01, 0.1)];
+        let model =
+            ActuatorModel { drive_min_v: 0.0, drive_max_v: 80.0, g_um: vec![vec![10.0]], r_um: vec![0.1], linear, creep, creep_pair: None };
         ServoDesign::new(Scheme::Predictor { tuning: PredictorTuning::START, hysteresis_inverse: true }, &model, true)
     }
 

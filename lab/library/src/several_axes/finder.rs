@@ -13,12 +13,12 @@ use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
 use crate::error::{Error, Result};
 use crate::parallel;
-use crate::watch::{Event, Watch};
+use crate::watch::{WatchEvent, Watch};
 use nalgebra::{DMatrix, DVector};
 
 /// Thresholds of the search.
 #[derive(Clone, Copy, Debug)]
-pub struct Policy {
+pub struct AxesPolicy {
     /// A difference of two errors counts when the mean logarithm of their ratio over stretches is so many standard errors.
     pub standard_errors: f64,
     /// And when the RMS error changes by such a share: less is of no use to a reader of the model.
@@ -31,7 +31,7 @@ pub struct Policy {
     pub effects_max: usize,
 }
 
-impl Default for Policy {
+impl Default for AxesPolicy {
     fn default() -> Self {
         Self { standard_errors: 3.0, least_share: 0.01, at_the_noise: 1.02, fitted: 4, effects_max: 60 }
     }
@@ -52,7 +52,7 @@ pub struct Joined {
 
 /// An effect of the final model with what the data say about it.
 #[derive(Clone, Debug)]
-pub struct Finding {
+pub struct AxisFinding {
     /// The effect in its channel.
     pub effect: AxisEffect,
     /// In words.
@@ -65,13 +65,13 @@ pub struct Finding {
 
 /// What a search found.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct AxesFound {
     /// The model.
     pub model: Described,
     /// How it grew.
     pub steps: Vec<Joined>,
     /// Its effects.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<AxisFinding>,
     /// Held-out error, weighted RMS: in times the noise where the records show it.
     pub error: f64,
     /// The same on the records that were fitted.
@@ -115,7 +115,7 @@ const STEPS_OF_LAST: usize = 20;
 ///
 /// # Errors
 /// When the watch stops it.
-pub fn find(data: &AxesData, start: &Described, policy: &Policy, watch: &dyn Watch) -> Result<Found> {
+pub fn find(data: &AxesData, start: &Described, policy: &AxesPolicy, watch: &dyn Watch) -> Result<AxesFound> {
     let problem = Problem::new(data);
     let search = Search { problem: &problem, policy, watch };
     let mut model = problem.fit(start, STEPS_OF_LAST);
@@ -132,7 +132,7 @@ pub fn find(data: &AxesData, start: &Described, policy: &Policy, watch: &dyn Wat
     model = problem.fit(&model, STEPS_OF_LAST);
     let (model, findings) = search.question(model, given)?;
     let judged = problem.judged(&model.stage);
-    Ok(Found {
+    Ok(AxesFound {
         steps,
         findings,
         error: rms(&judged),
@@ -150,7 +150,7 @@ fn rms(judged: &[f64]) -> f64 {
 
 struct Search<'p> {
     problem: &'p Problem<'p>,
-    policy: &'p Policy,
+    policy: &'p AxesPolicy,
     watch: &'p dyn Watch,
 }
 
@@ -176,7 +176,7 @@ impl Search<'_> {
             return Err(Error::Stopped);
         }
         let candidates = self.candidates(model);
-        self.watch.event(&Event::Scoring { candidates: candidates.len(), beside });
+        self.watch.event(&WatchEvent::Scoring { candidates: candidates.len(), beside });
         let fitted = self.fitted(self.scored(model, &candidates), self.policy.fitted);
         let better: Vec<_> = fitted.into_iter().filter(|(_, _, with)| self.is_better(with, judged)).collect();
         let Some(lowest) = better.iter().min_by(|a, b| rms(&a.2).total_cmp(&rms(&b.2))).map(|best| best.2.clone()) else { return Ok(None) };
@@ -197,7 +197,7 @@ impl Search<'_> {
 
     /// Takes every effect out once: removes those without which the error is no larger, and finds what does as
     /// well in the place of the others.
-    fn question(&self, mut model: Described, given: usize) -> Result<(Described, Vec<Finding>)> {
+    fn question(&self, mut model: Described, given: usize) -> Result<(Described, Vec<AxisFinding>)> {
         loop {
             let judged = self.problem.judged(&model.stage);
             let effects: Vec<AxisEffect> = model.effects[given..].to_vec();
@@ -218,7 +218,7 @@ impl Search<'_> {
                     return Err(Error::Stopped);
                 }
                 let named = effect.named(&model.stage, self.problem.data);
-                findings.push(Finding { effect: *effect, named, without: rms(without), or: self.instead(*effect, &judged, &model, fitted) });
+                findings.push(AxisFinding { effect: *effect, named, without: rms(without), or: self.instead(*effect, &judged, &model, fitted) });
             }
             return Ok((model, findings));
         }

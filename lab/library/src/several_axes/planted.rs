@@ -4,21 +4,21 @@
 //! The plant is no copy of what is fitted: its hysteresis has 40 play operators with thresholds of their own
 //! where a model has 25 by seven numbers, its creep 7 terms at other times, and its readings have noise.
 
-use super::finder::{Finding, Found, Policy, find};
+use super::finder::{AxisFinding, AxesFound, AxesPolicy, find};
 use super::recordings::{AxesData, AxesRecord};
 use super::structure::{AxisEffect, Described};
 use crate::dataset::Role;
 use crate::error::{Error, Result, nearest};
 use crate::watch::Watch;
 use hysteron_sim::noise::WhiteNoise;
-use hysteron_sim::several_axes::{Mode, ModalStage, ModeFriction};
+use hysteron_sim::several_axes::{StageMode, ModalStage, ModeFriction};
 use hysteron_sim::waveform::multisine;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 /// What is planted in a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Plant {
+pub enum AxisPlant {
     /// A drive also moves the mode of another axis.
     Coupling,
     /// A mode that only one drive moves.
@@ -37,7 +37,7 @@ pub enum Plant {
     SensorCoupling,
 }
 
-impl Plant {
+impl AxisPlant {
     /// All of them.
     pub const ALL: [Self; 8] = [
         Self::Coupling,
@@ -81,7 +81,7 @@ impl Plant {
 #[derive(Clone, Debug)]
 pub struct PlantedStage {
     /// What was planted.
-    pub plant: Plant,
+    pub plant: AxisPlant,
     /// In words.
     pub truth: String,
     /// The stage itself.
@@ -116,13 +116,13 @@ const LEVELS: [(f64, Role); 4] =
 
 /// A stage from a seed.
 #[must_use]
-pub fn planted_stage(plant: Plant, seed: u64) -> PlantedStage {
+pub fn planted_stage(plant: AxisPlant, seed: u64) -> PlantedStage {
     let mut random = Pcg64Mcg::seed_from_u64(0x00a5_1e55 ^ (seed << 8) ^ plant as u64);
     let mut stage = ModalStage::at_rest(AXES, AXES);
     let first_hz = random.random_range(130.0..200.0);
     let mut frequency_hz = first_hz;
     for axis in 0..AXES {
-        let mut mode = Mode::linear(frequency_hz, random.random_range(0.01..0.04), AXES, AXES);
+        let mut mode = StageMode::linear(frequency_hz, random.random_range(0.01..0.04), AXES, AXES);
         mode.of_drives[axis] = 1.0;
         mode.of_sensors[axis] = random.random_range(0.05..0.15);
         stage.modes.push(mode);
@@ -139,13 +139,13 @@ pub fn planted_stage(plant: Plant, seed: u64) -> PlantedStage {
     let other = (drive + random.random_range(1..AXES)) % AXES;
     let mut channel = Channel { drive, mode: drive, sensor: drive };
     let truth = match plant {
-        Plant::Coupling => {
+        AxisPlant::Coupling => {
             channel.mode = other;
             stage.modes[other].of_drives[drive] = random.random_range(0.05..0.3);
             format!("drive {} moves the mode at {:.0} Hz", drive + 1, stage.modes[other].frequency_hz)
         }
-        Plant::ModeOfOneDrive => {
-            let mut mode = Mode::linear(random.random_range(550.0..950.0), random.random_range(0.01..0.03), AXES, AXES);
+        AxisPlant::ModeOfOneDrive => {
+            let mut mode = StageMode::linear(random.random_range(550.0..950.0), random.random_range(0.01..0.03), AXES, AXES);
             mode.of_drives[drive] = 1.0;
             for sensor in [drive, other] {
                 mode.of_sensors[sensor] = stage.modes[sensor].of_sensors[sensor] * random.random_range(0.03..0.2);
@@ -154,29 +154,29 @@ pub fn planted_stage(plant: Plant, seed: u64) -> PlantedStage {
             stage.modes.push(mode);
             format!("a mode at {:.0} Hz that only drive {} moves", stage.modes[AXES].frequency_hz, drive + 1)
         }
-        Plant::Friction => {
+        AxisPlant::Friction => {
             let (force, bend) = (random.random_range(0.02..0.08), random.random_range(0.02..0.1));
             stage.modes[drive].friction = Some(ModeFriction { force: force * REACH_V, bend: bend * REACH_V });
             format!("friction on the mode at {:.0} Hz", stage.modes[drive].frequency_hz)
         }
-        Plant::Delay => {
+        AxisPlant::Delay => {
             stage.drives[drive].delay_s = random.random_range(0.4..2.5) / RATE_HZ;
             format!("drive {} acts {:.2} ms later", drive + 1, 1e3 * stage.drives[drive].delay_s)
         }
-        Plant::Creep => {
+        AxisPlant::Creep => {
             let share = random.random_range(0.01..0.03);
             stage.drives[drive].creep = (0..7).map(|k| [share, 0.006 * 2.3_f64.powi(k)]).collect();
             format!("drive {} creeps", drive + 1)
         }
-        Plant::NonlinearStiffness => {
+        AxisPlant::NonlinearStiffness => {
             stage.modes[drive].cubic = random.random_range(0.03..0.15) / (REACH_V * REACH_V);
             format!("the mode at {:.0} Hz stiffens", stage.modes[drive].frequency_hz)
         }
-        Plant::SensorBandwidth => {
+        AxisPlant::SensorBandwidth => {
             stage.sensors[drive].lag_s = random.random_range(0.3..2.0) / RATE_HZ;
             format!("sensor {} lags by {:.2} ms", drive + 1, 1e3 * stage.sensors[drive].lag_s)
         }
-        Plant::SensorCoupling => {
+        AxisPlant::SensorCoupling => {
             channel = Channel { drive: other, mode: other, sensor: drive };
             stage.modes[other].of_sensors[drive] = stage.modes[other].of_sensors[other] * random.random_range(0.03..0.2);
             format!("sensor {} sees the mode at {:.0} Hz", drive + 1, stage.modes[other].frequency_hz)
@@ -208,7 +208,7 @@ fn recorded(stage: &ModalStage, seed: u64) -> AxesData {
 
 /// What a search made of a planted stage.
 #[derive(Clone, Debug)]
-pub struct Judged {
+pub struct JudgedStage {
     /// What was planted, in words.
     pub truth: String,
     /// It is among what was found.
@@ -233,7 +233,7 @@ impl PlantedStage {
     ///
     /// # Errors
     /// When the watch stops it.
-    pub fn search(&self, policy: &Policy, watch: &dyn Watch) -> Result<Judged> {
+    pub fn search(&self, policy: &AxesPolicy, watch: &dyn Watch) -> Result<JudgedStage> {
         let found = find(&self.data, &Described::empty(&self.data), policy, watch)?;
         Ok(self.judge(&found))
     }
@@ -247,7 +247,7 @@ impl PlantedStage {
 
     /// Whether an effect of a model is there.
     fn is_there(&self, found: &Described, effect: AxisEffect) -> bool {
-        let mode_has = |mode: usize, has: &dyn Fn(&Mode) -> bool| self.true_mode(found, mode).is_some_and(|r| has(&self.stage.modes[r]));
+        let mode_has = |mode: usize, has: &dyn Fn(&StageMode) -> bool| self.true_mode(found, mode).is_some_and(|r| has(&self.stage.modes[r]));
         match effect {
             AxisEffect::Vibration { mode, drive, sensor } => mode_has(mode, &|m| m.of_drives[drive] != 0.0 && m.of_sensors[sensor] != 0.0),
             AxisEffect::DriveCoupling { drive, mode } => mode_has(mode, &|m| m.of_drives[drive] != 0.0),
@@ -268,35 +268,35 @@ impl PlantedStage {
         let Channel { drive, mode, sensor } = self.channel;
         let of_mode = |m: usize| self.true_mode(found, m) == Some(mode);
         match (self.plant, effect) {
-            (Plant::Coupling, AxisEffect::DriveCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. }) => {
+            (AxisPlant::Coupling, AxisEffect::DriveCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. }) => {
                 of_mode(m) && found.stage.modes[m].of_drives[drive] != 0.0
             }
-            (Plant::ModeOfOneDrive, AxisEffect::Vibration { mode: m, .. }) => {
+            (AxisPlant::ModeOfOneDrive, AxisEffect::Vibration { mode: m, .. }) => {
                 let moves = |j: usize| found.stage.modes[m].of_drives[j] != 0.0;
                 of_mode(m) && (0..AXES).all(|j| moves(j) == (j == drive))
             }
-            (Plant::SensorCoupling, AxisEffect::SensorCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. }) => {
+            (AxisPlant::SensorCoupling, AxisEffect::SensorCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. }) => {
                 of_mode(m) && found.stage.modes[m].of_sensors[sensor] != 0.0
             }
-            (Plant::Friction, AxisEffect::Friction { mode: m }) | (Plant::NonlinearStiffness, AxisEffect::NonlinearStiffness { mode: m }) => of_mode(m),
-            (Plant::Delay, AxisEffect::Delay { drive: j }) | (Plant::Creep, AxisEffect::Creep { drive: j }) => j == drive,
-            (Plant::SensorBandwidth, AxisEffect::SensorBandwidth { sensor: i }) => i == sensor,
+            (AxisPlant::Friction, AxisEffect::Friction { mode: m }) | (AxisPlant::NonlinearStiffness, AxisEffect::NonlinearStiffness { mode: m }) => of_mode(m),
+            (AxisPlant::Delay, AxisEffect::Delay { drive: j }) | (AxisPlant::Creep, AxisEffect::Creep { drive: j }) => j == drive,
+            (AxisPlant::SensorBandwidth, AxisEffect::SensorBandwidth { sensor: i }) => i == sensor,
             _ => false,
         }
     }
 
     /// Compares what was found with what is there. An effect with an "or" is right if any of them is there.
     #[must_use]
-    pub fn judge(&self, found: &Found) -> Judged {
-        let of_finding = |finding: &Finding, is: &dyn Fn(AxisEffect) -> bool| is(finding.effect) || finding.or.iter().any(|(other, _)| is(*other));
+    pub fn judge(&self, found: &AxesFound) -> JudgedStage {
+        let of_finding = |finding: &AxisFinding, is: &dyn Fn(AxisEffect) -> bool| is(finding.effect) || finding.or.iter().any(|(other, _)| is(*other));
         let planted = |effect: AxisEffect| self.is_planted(&found.model, effect);
-        let hits: Vec<&Finding> = found.findings.iter().filter(|finding| of_finding(finding, &planted)).collect();
-        let wrong = |finding: &&Finding| !of_finding(finding, &|effect| self.is_there(&found.model, effect));
-        let words = |finding: &Finding| {
+        let hits: Vec<&AxisFinding> = found.findings.iter().filter(|finding| of_finding(finding, &planted)).collect();
+        let wrong = |finding: &&AxisFinding| !of_finding(finding, &|effect| self.is_there(&found.model, effect));
+        let words = |finding: &AxisFinding| {
             let others = finding.or.iter().map(|(_, named)| named.clone());
             std::iter::once(finding.named.clone()).chain(others).collect::<Vec<_>>().join(" or ")
         };
-        Judged {
+        JudgedStage {
             truth: self.truth.clone(),
             named: !hits.is_empty(),
             with_or: !hits.is_empty() && hits.iter().all(|finding| !finding.or.is_empty()),

@@ -6,7 +6,7 @@ use super::fit::{Problem, Signals};
 use crate::dataset::Role;
 use nalgebra::{Complex, DVector};
 use realfft::RealFftPlanner;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 /// Spectra of what counts in the records that are fitted.
 pub(super) struct ResidualSpectra {
@@ -98,16 +98,3 @@ impl ResidualSpectra {
 /// Steps of a search by halving: eight halvings end at a hundredth of a scan's spacing.
 const REFINEMENTS: usize = 24;
 const DAMPING_RANGE: [f64; 2] = [1e-3, 0.9];
-
-/// Response of a mode to a held drive at a frequency, by what it moves at rest.
-pub(super) fn held_response(frequency_hz: f64, natural_hz: f64, damping: f64, dt_s: f64) -> Complex<f64> {
-    let ratio = frequency_hz / natural_hz;
-    let half_turn = PI * frequency_hz * dt_s;
-    let sinc = if half_turn > 0.0 { half_turn.sin() / half_turn } else { 1.0 };
-    Complex::from_polar(sinc, -half_turn) / Complex::new(1.0 - ratio * ratio, 2.0 * damping * ratio)
-}
-
-/// Factor of a first-order lag, a delay at a frequency.
-pub(super) fn lag_response(frequency_hz: f64, lag_s: f64, delay_s: f64) -> Complex<f64> {
-    Complex::from_polar(1.0, -TAU * frequency_hz * delay_s) / Complex::new(1.0, TAU * frequency_hz * lag_s)
-}

@@ -1,7 +1,7 @@
 //! What a model of several axes consists of: effects, each in its channel or mode, and their parameters.
 
 use super::recordings::AxesData;
-use hysteron_sim::several_axes::{Mode, ModalStage, ModeFriction};
+use hysteron_sim::several_axes::{StageMode, ModalStage, ModeFriction};
 use serde::{Deserialize, Serialize};
 
 /// An effect in its channel or mode. Drives, sensors and modes are counted from 0.
@@ -303,7 +303,7 @@ impl Described {
         match effect {
             AxisEffect::Vibration { drive, mode, .. } => {
                 debug_assert_eq!(mode, stage.modes.len());
-                let mut mode = Mode::linear(guess[0], guess[1], stage.drives.len(), stage.sensors.len());
+                let mut mode = StageMode::linear(guess[0], guess[1], stage.drives.len(), stage.sensors.len());
                 mode.of_drives[drive] = 1.0;
                 stage.modes.push(mode);
             }

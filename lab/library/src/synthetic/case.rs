@@ -54,7 +54,7 @@ const PLANT_STEP_S: f64 = 12.5e-6;
 
 /// What is planted.
 #[derive(Clone, Debug)]
-pub struct Order {
+pub struct CaseOrder {
     /// Hidden effects with their strengths.
     pub hidden: Vec<(String, f64)>,
     /// Effects that the user already models.
@@ -165,8 +165,21 @@ pub(super) fn belongs_to_surfaces(declaration: &Declaration) -> bool {
 ///
 /// # Errors
 /// An effect that is not known.
-pub fn simulate_case(order: &Order, name: &str) -> Result<SyntheticCase> {
-    let Order { hidden, base, hysteresis, seed } = order;
+/// ```
+/// use hysteron::{CaseOrder, simulate_case};
+///
+/// let order = CaseOrder {
+///     hidden: vec![("creep".into(), 2.0)],
+///     base: vec!["hysteresis".into(), "vibration".into()],
+///     hysteresis: "hysteresis".into(),
+///     seed: 1,
+/// };
+/// let case = simulate_case(&order, "stage")?;
+/// assert!(case.files.len() > 1);
+/// # Ok::<(), hysteron::Error>(())
+/// ```
+pub fn simulate_case(order: &CaseOrder, name: &str) -> Result<SyntheticCase> {
+    let CaseOrder { hidden, base, hysteresis, seed } = order;
     let seed = *seed;
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let drive_max_v = 70.0;

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::parallel;
-use crate::synthetic::case::{OUTSIDE_LIBRARY, Order, SyntheticCase, Truth, belongs_to_surfaces, simulate_case};
+use crate::synthetic::case::{CaseOrder, OUTSIDE_LIBRARY, SyntheticCase, Truth, belongs_to_surfaces, simulate_case};
 use hysteron_sim::effect::{Planted, by_id, creep, hysteresis, initial_curve, registry, vibration};
 
 /// Effects of which one is hidden in a case of `all`, the unknown ones and none beside; in the order of the
@@ -72,8 +72,8 @@ pub struct SetOrder {
 impl SetOrder {
     /// The orders of all its cases, each with the name of the case.
     #[must_use]
-    pub fn cases(&self) -> Vec<(String, Order)> {
-        let mut orders: Vec<(String, Order)> = Vec::new();
+    pub fn cases(&self) -> Vec<(String, CaseOrder)> {
+        let mut orders: Vec<(String, CaseOrder)> = Vec::new();
         let of_surfaces = |id: &String| by_id(id).is_some_and(|e| belongs_to_surfaces(&e.declaration()));
         let can_be_hidden = |hidden: &&Vec<String>| self.hysteresis == hysteresis::ID || !hidden.iter().any(of_surfaces);
         for _ in 0..self.cases {
@@ -82,7 +82,7 @@ impl SetOrder {
                 let strengths = if hidden.is_empty() { &self.strengths[..1] } else { &self.strengths[..] };
                 for strength in strengths {
                     let number = orders.len();
-                    let order = Order {
+                    let order = CaseOrder {
                         hidden: hidden.iter().map(|id| (id.clone(), *strength)).collect(),
                         base: base_of(hidden, number),
                         hysteresis: self.hysteresis.clone(),

@@ -48,7 +48,7 @@ pub struct CaseScore {
 
 /// All cases.
 #[derive(Clone, Debug, Serialize)]
-pub struct Score {
+pub struct SetScore {
     /// `hysteron.score/1`.
     pub schema: &'static str,
     /// Share right first.
@@ -197,7 +197,7 @@ fn detected_from(cases: &[CaseScore]) -> BTreeMap<String, f64> {
 
 /// All cases in one table.
 #[must_use]
-pub fn summarise(cases: Vec<CaseScore>) -> Score {
+pub fn summarise(cases: Vec<CaseScore>) -> SetScore {
     let n = cases.len().max(1) as f64;
     let share = |test: &dyn Fn(&CaseScore) -> bool| cases.iter().filter(|c| test(c)).count() as f64 / n;
     let outside: Vec<&CaseScore> = cases.iter().filter(|c| c.hidden.starts_with("outside_library")).collect();
@@ -210,7 +210,7 @@ pub fn summarise(cases: Vec<CaseScore>) -> Score {
         let said = if case.verdict == "named" { case.named.join("+") } else { case.verdict.to_string() };
         *confusion.entry(case.hidden.clone()).or_default().entry(said).or_default() += 1;
     }
-    Score {
+    SetScore {
         schema: "hysteron.score/1",
         right_first: share(&|c| c.right_first),
         right_in_set: share(&|c| c.right_in_set),

@@ -10,9 +10,9 @@ mod between_marks;
 mod written;
 
 use between_marks::is_current;
-use hysteron::dataset::manifest::PerColumn;
+use hysteron::dataset::column_rules::ColumnRules;
+use hysteron::dataset::column_rules::PerColumn;
 use hysteron::dataset::reading::{Instructions, from_file, from_file_as};
-use hysteron::dataset::recognise::ColumnRules;
 use hysteron::{Dataset, Record};
 use proptest::prelude::*;
 use std::path::PathBuf;

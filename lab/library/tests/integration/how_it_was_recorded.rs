@@ -5,8 +5,8 @@ use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Diagnosis, Verdict};
-use hysteron::quality::{Kind, Reason, Severity};
-use hysteron::watch::{Event, Unwatched, Watch};
+use hysteron::quality::{IssueKind, Reason, Severity};
+use hysteron::watch::{Unwatched, Watch, WatchEvent};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
 use hysteron_sim::noise::WhiteNoise;
@@ -53,7 +53,7 @@ fn explained(dataset: &Dataset, from: &str) -> Outcome {
 struct Told(std::sync::Mutex<Vec<String>>);
 
 impl Watch for Told {
-    fn event(&self, event: &Event<'_>) {
+    fn event(&self, event: &WatchEvent<'_>) {
         self.0.lock().unwrap().push(event.to_string());
     }
 }
@@ -99,7 +99,7 @@ fn a_sensor_whose_zero_is_off_is_corrected_and_no_drift() {
     let d = &found.diagnosis;
     assert!(d.verdict == Verdict::Named && d.named == ["vibration"], "{}", d.sentence);
     let corrected = found.corrected.as_ref().unwrap();
-    let offsets = d.issues.iter().filter(|i| matches!(i.kind, Kind::SensorOffset { .. }) && i.severity == Severity::Corrects);
+    let offsets = d.issues.iter().filter(|i| matches!(i.kind, IssueKind::SensorOffset { .. }) && i.severity == Severity::Corrects);
     assert_eq!(offsets.count(), 3, "{:?}", d.issues);
     assert!(corrected.records[..3].iter().all(|r| r.offset_is_fitted));
 }
@@ -210,7 +210,7 @@ fn readings_of_their_own_row_are_no_mode() {
     // The answer is of the recording as it was timed, and reports that timing.
     let found = run(&dataset);
     let timed = found.corrected.as_ref().expect("the timing that the readings show");
-    let is_timing = |i: &hysteron::quality::Issue| matches!(i.kind, Kind::SameSampleTiming { .. }) && i.severity == Severity::Corrects;
+    let is_timing = |i: &hysteron::quality::Issue| matches!(i.kind, IssueKind::SameSampleTiming { .. }) && i.severity == Severity::Corrects;
     assert!(!timed.timing_is_assumed && found.diagnosis.issues.iter().any(is_timing), "{:?}", found.diagnosis.issues);
     assert_eq!(
         (found.diagnosis.verdict, found.model.effect_ids()),
@@ -220,7 +220,7 @@ fn readings_of_their_own_row_are_no_mode() {
     );
     dataset.timing_is_assumed = false;
     let issues = run(&dataset).diagnosis.issues;
-    assert!(issues.iter().all(|i| !matches!(i.kind, Kind::SameSampleTiming { .. })), "{issues:?}");
+    assert!(issues.iter().all(|i| !matches!(i.kind, IssueKind::SameSampleTiming { .. })), "{issues:?}");
 }
 
 /// A rest of which next to nothing counts is refused for that, whatever its readings.
@@ -245,6 +245,6 @@ fn a_rest_without_noise_is_noted() {
         let dataset = Dataset::new("quiet", 0.0, 80.0, vec![moves, rest]).unwrap();
         assert_eq!(dataset.with_role(Role::Noise).is_empty(), is_left_out);
         let noted = dataset.issues.iter().find(|i| i.record.as_deref() == Some("rest")).map(|i| &i.kind);
-        assert_eq!(noted, Some(&Kind::RestWithoutNoise { in_steps: step_um.is_some() }));
+        assert_eq!(noted, Some(&IssueKind::RestWithoutNoise { in_steps: step_um.is_some() }));
     }
 }

@@ -5,7 +5,7 @@ use hysteron::analyse::{Options, Outcome, Start, analyse};
 use hysteron::dataset::{Dataset, Record, Role, folder};
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Finding, Standing, Verdict};
-use hysteron::synthetic::case::{Order, simulate_case};
+use hysteron::synthetic::case::{CaseOrder, simulate_case};
 use hysteron::watch::Unwatched;
 use hysteron_sim::noise::WhiteNoise;
 
@@ -171,7 +171,7 @@ fn readings_of_their_own_row_are_no_second_mode_beside_a_true_one() {
 
 /// What is named in a case that the project simulates, from a list of effects, ascending.
 fn named_of_case(hidden: &[&str], base: &str, seed: u64) -> Vec<String> {
-    let order = Order {
+    let order = CaseOrder {
         hidden: hidden.iter().map(|id| ((*id).to_owned(), 1.0)).collect(),
         base: base.split(',').map(str::to_owned).collect(),
         hysteresis: "hysteresis".into(),

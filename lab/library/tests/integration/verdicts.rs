@@ -11,7 +11,7 @@ use hysteron::identification::noise_floor::NoiseFloor;
 use hysteron::model_file::effects_named;
 use hysteron::outcome::{Evidence, Standing, Verdict};
 use hysteron::quality::Reason;
-use hysteron::watch::{Event, Unwatched, Watch};
+use hysteron::watch::{Unwatched, Watch, WatchEvent};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Overview, by_id};
 use hysteron_sim::noise::WhiteNoise;
@@ -166,7 +166,7 @@ struct LooksAtTheClock {
 }
 
 impl Watch for LooksAtTheClock {
-    fn event(&self, _event: &Event<'_>) {}
+    fn event(&self, _event: &WatchEvent<'_>) {}
     fn searched_enough(&self) -> bool {
         self.taken.fetch_add(1, Ordering::Relaxed) >= self.most
     }

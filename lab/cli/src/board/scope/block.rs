@@ -9,7 +9,7 @@ use serde::Serialize;
 const DRAWN: f64 = 1e5;
 
 /// A block with its spectra.
-pub struct Block {
+pub struct ScopeBlock {
     /// Counts from 1.
     pub number: u64,
     /// When its reading had ended, s since the scope began.
@@ -57,7 +57,7 @@ fn rounded(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| (value * DRAWN).round() / DRAWN).collect()
 }
 
-impl Block {
+impl ScopeBlock {
     /// As a page draws it.
     pub fn drawn(&self) -> Drawn {
         let Capture { recorded, reference_um, ticks_per_sample, before, after } = &self.capture;

@@ -1,6 +1,6 @@
 //! What a page asks, and what it is answered.
 
-use super::block::{Block, Drawn};
+use super::block::{Drawn, ScopeBlock};
 use super::{HELD_BLOCKS, Scope, Seen, WINDOWS};
 use hysteron_browser::local_server::{JSON, PAGE, Reply, TEXT, parameter};
 use hysteron_client::condition::what_to_do;
@@ -91,17 +91,17 @@ fn stop(scope: &Scope) -> Reply {
 }
 
 /// Answers with a block that is still kept.
-fn found(scope: &Scope, number: Option<u64>, answer: impl FnOnce(&mut Seen, &Arc<Block>) -> Reply) -> Reply {
+fn found(scope: &Scope, number: Option<u64>, answer: impl FnOnce(&mut Seen, &Arc<ScopeBlock>) -> Reply) -> Reply {
     let mut seen = scope.seen();
     let block = seen.newest.iter().chain(&seen.held).find(|block| Some(block.number) == number).cloned();
     match block {
         Some(block) => answer(&mut seen, &block),
-        None => (404, TEXT, b"this block is not kept any more; expected block=NUMBER of one that was shown a moment ago\n".to_vec()),
+        None => (404, TEXT, b"this block has left the memory; expected block=NUMBER of one that was shown a moment ago\n".to_vec()),
     }
 }
 
 /// Keeps a block for a page that has paused on it.
-fn hold(seen: &mut Seen, block: &Arc<Block>) -> Reply {
+fn hold(seen: &mut Seen, block: &Arc<ScopeBlock>) -> Reply {
     if !seen.held.iter().any(|held| held.number == block.number) {
         seen.held.push_back(Arc::clone(block));
         while seen.held.len() > HELD_BLOCKS {

@@ -1,6 +1,6 @@
 //! The conversation with the board: block after block, and values of now in between.
 
-use super::{Block, GLANCES, NEWEST_BLOCKS, Scope, Seen, WINDOWS};
+use super::{GLANCES, NEWEST_BLOCKS, Scope, ScopeBlock, Seen, WINDOWS};
 use hysteron_client::board::Board;
 use hysteron_client::condition::Condition;
 use hysteron_client::port::Address;
@@ -109,7 +109,7 @@ fn take_block(scope: &Scope, board: &mut Board, last: Option<&Capture>, stops: u
     let mut seen = scope.seen();
     seen.sample_rate_hz = Some(scale.sample_rate_hz);
     seen.blocks += 1;
-    let block = Block {
+    let block = ScopeBlock {
         number: seen.blocks,
         at_s: scope.seconds(),
         unseen_ticks: last.and_then(|last| unseen_ticks(last, &capture)),

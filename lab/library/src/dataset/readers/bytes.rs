@@ -75,7 +75,7 @@ impl<'a> Bytes<'a> {
 
 /// Kinds of numbers in binary files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum FileKind {
     I8,
     U8,
     I16,
@@ -88,7 +88,7 @@ pub enum Kind {
     F64,
 }
 
-impl Kind {
+impl FileKind {
     /// Bytes of one.
     pub fn size(self) -> usize {
         match self {

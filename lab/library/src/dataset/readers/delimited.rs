@@ -5,7 +5,7 @@
 
 use super::Hints;
 use super::dialect::{Separator, number, separator_of};
-use super::header::{self, Header, Line};
+use super::header::{self, Header, HeaderLine};
 use super::text_encoding::decode;
 use crate::dataset::table::{Column, Table};
 use crate::error::{Error, Result};
@@ -35,8 +35,8 @@ struct Form {
 /// the column.
 pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
     let (text, assumed) = decode(place, bytes, super::FORMATS)?;
-    let lines: Vec<Line> = text.lines().enumerate().map(|(i, line)| (i + 1, line)).skip(hints.skip_rows).collect();
-    let mut filled: Vec<Line> = lines.iter().copied().filter(|(_, line)| !line.trim().is_empty()).collect();
+    let lines: Vec<HeaderLine> = text.lines().enumerate().map(|(i, line)| (i + 1, line)).skip(hints.skip_rows).collect();
+    let mut filled: Vec<HeaderLine> = lines.iter().copied().filter(|(_, line)| !line.trim().is_empty()).collect();
     if filled.is_empty() {
         let all = text.lines().count();
         return Err(Error::new(
@@ -78,7 +78,7 @@ pub fn read(place: &str, bytes: &[u8], hints: Hints) -> Result<Table> {
 
 impl Form {
     /// The form of most of the rows in the last three quarters.
-    fn of(lines: &[Line]) -> Option<Self> {
+    fn of(lines: &[HeaderLine]) -> Option<Self> {
         let late = &lines[lines.len() / 4..];
         let sample: Vec<&str> = (0..late.len().min(SAMPLE)).map(|i| late[i * late.len() / late.len().min(SAMPLE)].1).collect();
         let separator = separator_of(&sample);
@@ -97,7 +97,7 @@ impl Form {
     /// The last row of a text that ends without a line end, where it has too few cells, or its last number
     /// fewer characters than that of an earlier row: what a file that was cut off leaves looks like another
     /// number.
-    fn cut_off(&self, lines: &[Line]) -> Option<usize> {
+    fn cut_off(&self, lines: &[HeaderLine]) -> Option<usize> {
         let ((line, last), before) = lines.split_last()?;
         let cells = self.separator.cells(last);
         let needed = self.numbers.last().map_or(0, |last| last + 1);
@@ -114,14 +114,14 @@ impl Form {
 
     /// Rows that are written in another way than the rest stand in front of it like a header, and would be
     /// lost with it.
-    fn refuse_other_notation(&self, place: &str, above: &[Line], first_row: Option<Line>) -> Result<()> {
+    fn refuse_other_notation(&self, place: &str, above: &[HeaderLine], first_row: Option<HeaderLine>) -> Result<()> {
         let numbers_in = |text: &str| {
             let separator = separator_of(&[text]);
             let cells = separator.cells(text);
             let filled = cells.iter().filter(|cell| !cell.is_empty());
             if filled.clone().all(|cell| number(cell, separator).is_some()) { filled.count() } else { 0 }
         };
-        let of_numbers: Vec<Line> = above.iter().copied().filter(|(_, text)| numbers_in(text) >= 2).collect();
+        let of_numbers: Vec<HeaderLine> = above.iter().copied().filter(|(_, text)| numbers_in(text) >= 2).collect();
         let is_row = of_numbers.last().is_some_and(|(_, text)| numbers_in(text) == self.numbers.len() && self.numbers.len() > 1);
         match (of_numbers.first(), first_row) {
             (Some((line, text)), Some((row, other))) if is_row || of_numbers.len() >= NUMBERS_ABOVE_MAX => {
@@ -147,7 +147,7 @@ impl Form {
     }
 }
 
-fn rows(place: &str, lines: &[Line], form: &Form, header: &Header) -> Result<Table> {
+fn rows(place: &str, lines: &[HeaderLine], form: &Form, header: &Header) -> Result<Table> {
     let mut table = Table { place: place.to_owned(), ..Table::default() };
     table.columns = form.numbers.iter().map(|&c| column(c, header, lines.len())).collect();
     // Where a column ended before the others.

@@ -1,7 +1,7 @@
 //! HDF5, and MATLAB 7.3, which is HDF5 with the classes of its variables as attributes and cells as
 //! references.
 
-use super::bytes::Kind;
+use super::bytes::FileKind;
 use super::named_arrays::{Tree, table};
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};
@@ -119,18 +119,18 @@ impl Reader<'_> {
         let class = attribute("MATLAB_class").unwrap_or_default();
         let kind = match dataset.dtype() {
             Datatype::FixedPoint { size, signed, .. } => match (size, signed) {
-                (1, true) => Kind::I8,
-                (1, false) => Kind::U8,
-                (2, true) => Kind::I16,
-                (2, false) => Kind::U16,
-                (4, true) => Kind::I32,
-                (4, false) => Kind::U32,
-                (8, true) => Kind::I64,
-                (8, false) => Kind::U64,
+                (1, true) => FileKind::I8,
+                (1, false) => FileKind::U8,
+                (2, true) => FileKind::I16,
+                (2, false) => FileKind::U16,
+                (4, true) => FileKind::I32,
+                (4, false) => FileKind::U32,
+                (8, true) => FileKind::I64,
+                (8, false) => FileKind::U64,
                 _ => return Ok(Tree::Unread(format!("whole numbers of {size} bytes"))),
             },
-            Datatype::FloatingPoint { size: 4, .. } => Kind::F32,
-            Datatype::FloatingPoint { size: 8, .. } => Kind::F64,
+            Datatype::FloatingPoint { size: 4, .. } => FileKind::F32,
+            Datatype::FloatingPoint { size: 8, .. } => FileKind::F64,
             Datatype::Reference { .. } => return self.referred(dataset, depth),
             Datatype::Compound { .. } => return Ok(Tree::Unread("rows of several fields".into())),
             Datatype::String { .. } | Datatype::VarLen { .. } => {

@@ -6,7 +6,7 @@ use crate::dataset::units::{Quantity, is_unit, split_name};
 use crate::error::{Error, Result};
 
 /// A line with its number in the file, counted from 1.
-pub type Line<'a> = (usize, &'a str);
+pub type HeaderLine<'a> = (usize, &'a str);
 
 /// What a header says.
 #[derive(Clone, Debug, Default)]
@@ -31,8 +31,8 @@ const RATE_KEYS: [&str; 5] = ["sample rate", "samplerate", "sampling rate", "sam
 ///
 /// # Errors
 /// A row of numbers with a word that is no number, and a header of another width.
-pub fn read(place: &str, above: &[Line], separator: Separator, width: usize, numbers: &[usize]) -> Result<Header> {
-    let lines: Vec<Line> = above.iter().copied().filter(|(_, text)| !bare(text).is_empty()).collect();
+pub fn read(place: &str, above: &[HeaderLine], separator: Separator, width: usize, numbers: &[usize]) -> Result<Header> {
+    let lines: Vec<HeaderLine> = above.iter().copied().filter(|(_, text)| !bare(text).is_empty()).collect();
     let mut header = Header { names: vec![String::new(); width], units: vec![None; width], ..Header::default() };
     for (_, text) in &lines {
         header.take_keys(&separator.cells(text), numbers);
@@ -118,7 +118,7 @@ fn is_name_of_signal(cell: &str) -> bool {
 }
 
 /// The last line above the numbers may be a row of numbers of which one is damaged: that is no header.
-fn refuse_damaged_row(place: &str, lines: &[Line], separator: Separator, width: usize, numbers: &[usize]) -> Result<()> {
+fn refuse_damaged_row(place: &str, lines: &[HeaderLine], separator: Separator, width: usize, numbers: &[usize]) -> Result<()> {
     let Some((line, text)) = lines.last() else { return Ok(()) };
     let cells = separator.cells(text);
     if cells.len() != width || text.trim_start().starts_with(['#', '%']) {

@@ -3,7 +3,7 @@
 //! MathWorks, *MAT-File Format*, R2019b, Ch. 1. Crates that read it leave structs and cells out, where logs
 //! keep their signals.
 
-use super::bytes::{Bytes, Kind};
+use super::bytes::{Bytes, FileKind};
 use super::named_arrays::Tree;
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};
@@ -81,18 +81,18 @@ fn element<'a>(file: &mut Bytes<'a>) -> Result<(u32, &'a [u8])> {
     Ok((tag, data))
 }
 
-fn kind_of(file: &Bytes, mi: u32) -> Result<Kind> {
+fn kind_of(file: &Bytes, mi: u32) -> Result<FileKind> {
     Ok(match mi {
-        1 => Kind::I8,
-        2 | 16 => Kind::U8,
-        3 => Kind::I16,
-        4 | 17 => Kind::U16,
-        5 => Kind::I32,
-        6 | 18 => Kind::U32,
-        7 => Kind::F32,
-        9 => Kind::F64,
-        12 => Kind::I64,
-        13 => Kind::U64,
+        1 => FileKind::I8,
+        2 | 16 => FileKind::U8,
+        3 => FileKind::I16,
+        4 | 17 => FileKind::U16,
+        5 => FileKind::I32,
+        6 | 18 => FileKind::U32,
+        7 => FileKind::F32,
+        9 => FileKind::F64,
+        12 => FileKind::I64,
+        13 => FileKind::U64,
         _ => return file.wrong(format!("numbers of the unknown type {mi}; is the file damaged?")),
     })
 }

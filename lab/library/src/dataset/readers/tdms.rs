@@ -3,7 +3,7 @@
 //! National Instruments, *TDMS File Format Internal Structure*, 2023. Segments of metadata and raw data
 //! follow each other; a channel keeps the layout of the segment before where a new one does not change it.
 
-use super::bytes::{Bytes, Kind};
+use super::bytes::{Bytes, FileKind};
 use crate::dataset::table::Table;
 use crate::error::{Error, Result};
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ enum Property {
 
 #[derive(Clone, Copy, Debug)]
 struct Layout {
-    kind: Kind,
+    kind: FileKind,
     values: usize,
 }
 
@@ -113,18 +113,18 @@ fn string(file: &mut Bytes, what: &str) -> Result<String> {
     Ok(String::from_utf8_lossy(file.take(length, what)?).into_owned())
 }
 
-fn kind_of(code: u32) -> Option<Kind> {
+fn kind_of(code: u32) -> Option<FileKind> {
     Some(match code {
-        1 => Kind::I8,
-        2 => Kind::I16,
-        3 => Kind::I32,
-        4 => Kind::I64,
-        5 | 0x21 => Kind::U8,
-        6 => Kind::U16,
-        7 => Kind::U32,
-        8 => Kind::U64,
-        9 | 0x19 => Kind::F32,
-        10 | 0x1a => Kind::F64,
+        1 => FileKind::I8,
+        2 => FileKind::I16,
+        3 => FileKind::I32,
+        4 => FileKind::I64,
+        5 | 0x21 => FileKind::U8,
+        6 => FileKind::U16,
+        7 => FileKind::U32,
+        8 => FileKind::U64,
+        9 | 0x19 => FileKind::F32,
+        10 | 0x1a => FileKind::F64,
         _ => return None,
     })
 }
@@ -141,7 +141,8 @@ fn metadata(mut file: Bytes, channels: &mut BTreeMap<String, Channel>, names: &m
             u32::MAX => active.retain(|other| *other != path),
             0 => {
                 if channel.layout.is_none() {
-                    return file.wrong(format!("{path} has the layout of a segment before, and there is none; is the file damaged?"));
+                    return file
+                        .wrong(format!("{path} refers to the layout of an earlier segment, and this is the first; is the file damaged?"));
                 }
                 if !active.contains(&path) {
                     active.push(path.clone());

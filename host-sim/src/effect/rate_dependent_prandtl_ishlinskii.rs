@@ -1,0 +1,117 @@
+//! Rate-dependent Prandtl-Ishlinskii hysteresis: play operators whose weights change with the speed of the
+//! drive.
+
+use super::play_operators::PlayOperators;
+use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use crate::chain::Model;
+
+/// Identifier in files and on the command line.
+pub const ID: &str = "rate_dependent_prandtl_ishlinskii";
+
+/// Number of play operators.
+const PLAYS: usize = 10;
+/// Rate in which the change of a weight is expressed, V/s.
+const UNIT_RATE_V_S: f64 = 1e4;
+
+/// Sum of play operators whose weights are straight lines over the rate of the drive.
+pub struct RateDependentPrandtlIshlinskii;
+
+#[derive(Clone)]
+struct RatePlayStage {
+    /// Elements with the weights at rest, and their change by the rate.
+    operators: PlayOperators,
+    by_rate: Vec<f64>,
+    lower_limit_v: f64,
+    range_v: f64,
+    last_v: f64,
+    /// Time over which a step of the drive is its rate, s.
+    period_s: f64,
+}
+
+impl Stage for RatePlayStage {
+    fn step(&mut self, _k: usize, input: f64) -> f64 {
+        let rate = (input - self.last_v).abs() / self.period_s / UNIT_RATE_V_S;
+        self.last_v = input;
+        let slow = self.operators.step((input - self.lower_limit_v) / self.range_v);
+        slow + rate * self.operators.positions().zip(&self.by_rate).map(|(play, weight)| play * weight).sum::<f64>()
+    }
+    fn settle(&mut self, input: f64) -> f64 {
+        self.last_v = input;
+        self.step(0, input)
+    }
+}
+
+impl Loops for RatePlayStage {
+    fn boxed(&self) -> Box<dyn Loops> {
+        Box::new(self.clone())
+    }
+    fn go_to(&mut self, drive_v: f64) -> f64 {
+        self.step(0, drive_v)
+    }
+    fn bends_v(&self, rising: bool) -> Vec<f64> {
+        self.operators.bends(rising).map(|x| self.lower_limit_v + self.range_v * x).collect()
+    }
+}
+
+impl RatePlayStage {
+    fn new(model: &Model, values: &[f64], setting: &Setting) -> Self {
+        let (weights, by_rate) = values.split_at(PLAYS.min(values.len()));
+        Self {
+            operators: PlayOperators::new(
+                &weights.iter().enumerate().map(|(i, w)| (0.5 * i as f64 / PLAYS as f64, *w)).collect::<Vec<_>>(),
+            ),
+            by_rate: by_rate.to_vec(),
+            lower_limit_v: model.drive_min_v,
+            range_v: model.drive_max_v - model.drive_min_v,
+            last_v: model.drive_min_v,
+            period_s: setting.dt_s * setting.substeps as f64,
+        }
+    }
+}
+
+impl Effect for RateDependentPrandtlIshlinskii {
+    fn declaration(&self) -> Declaration {
+        Declaration {
+            id: ID.into(),
+            physics: "Many small backlash elements in parallel that give more or less the faster the drive moves.".into(),
+            reference: "thesis Ch. 2, 3.1.3; Ang, Khosla and Riviere, IEEE/ASME Trans. Mechatronics 12 (2007) 134-142".into(),
+            place: Place::Hysteresis,
+            modifies: None,
+            experiment: "the same triangles at slopes from 100 to 35000 V/s".into(),
+            candidate: false,
+            one_sided: false,
+        }
+    }
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and `v = |x[k] - x[k-1]| / T / (10^4 V/s)`, `T` that of whole periods: `y = sum_i (weight_i_um + rate_weight_i_um v) p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. At rest the plays follow `X` once from 0, with `v = 0`."
+    }
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let step = 0.01 * overview.range_um.max(1e-6);
+        let weight = (0..PLAYS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, step));
+        let by_rate = (0..PLAYS).map(|i| Parameter::linear(format!("rate_weight_{i}_um"), "um/(10^4 V/s)", -1e6, 1e6, step));
+        weight.chain(by_rate).collect()
+    }
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        let weight = |i: usize| if i == 0 { 0.8 * scale } else { 0.2 * scale / (PLAYS - 1) as f64 };
+        vec![(0..PLAYS).map(weight).chain([0.0; PLAYS]).collect()]
+    }
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(RatePlayStage::new(model, values, setting)))
+    }
+    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(RatePlayStage::new(model, values, setting)))
+    }
+    fn is_tried_for_loops(&self) -> bool {
+        false
+    }
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
+}
