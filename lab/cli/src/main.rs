@@ -7,6 +7,7 @@ macro_rules! println {
 }
 
 mod add;
+mod axes;
 mod arguments;
 #[cfg(feature = "board")]
 mod board;

@@ -55,6 +55,7 @@
 //! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture
 //!   that moves.
 
+mod axes_page;
 mod decimate;
 mod dynamics;
 mod effects_page;
@@ -69,6 +70,7 @@ mod page;
 mod servo_plots;
 mod text;
 
+pub use axes_page::axes_page;
 pub use decimate::extreme_indices;
 pub use effects_page::effects_page;
 pub use explain_page::explain_page;

@@ -186,8 +186,14 @@ pub fn planted_stage(plant: AxisPlant, seed: u64) -> PlantedStage {
     PlantedStage { plant, truth, stage, channel, data }
 }
 
-/// Recordings of a stage under a multisine of every drive, at every level with phases of its own.
 fn recorded(stage: &ModalStage, seed: u64) -> AxesData {
+    let averaged = |record: AxesRecord| record.averaged(PERIOD).expect("five periods are enough");
+    let records = periods(stage, seed).into_iter().map(averaged).collect();
+    AxesData::new("simulated stage of three axes", records).expect("its records have the same channels")
+}
+
+/// Recordings of a stage under a multisine of every drive, at every level with phases of its own.
+fn periods(stage: &ModalStage, seed: u64) -> Vec<AxesRecord> {
     let lines: Vec<usize> = (1..=(BAND_HZ / RATE_HZ * PERIOD as f64) as usize).collect();
     let record = |(n, (level, role)): (usize, &(f64, Role))| -> AxesRecord {
         let drives: Vec<Vec<f64>> = (0..stage.drives.len())
@@ -199,11 +205,9 @@ fn recorded(stage: &ModalStage, seed: u64) -> AxesData {
             let mut noise = WhiteNoise::new(NOISE * rms, seed * 7919 + (100 * n + i) as u64);
             reading.iter_mut().for_each(|y| *y += noise.next_um());
         }
-        let record = AxesRecord::new(&format!("{:.0} % of {REACH_V:.0} V", 100.0 * level), RATE_HZ, *role, drives, readings);
-        record.averaged(PERIOD).expect("five periods are enough")
+        AxesRecord::new(&format!("{:.0} % of {REACH_V:.0} V", 100.0 * level), RATE_HZ, *role, drives, readings)
     };
-    let records = LEVELS.iter().enumerate().map(record).collect();
-    AxesData::new("simulated stage of three axes", records).expect("its records have the same channels")
+    LEVELS.iter().enumerate().map(record).collect()
 }
 
 /// What a search made of a planted stage.
@@ -225,10 +229,38 @@ pub struct JudgedStage {
     pub parameters: usize,
 }
 
+impl JudgedStage {
+    /// Heads of the columns of a table of scores.
+    pub const COLUMNS: &'static str = "planted,seed,truth,named,with_or,wrong,times_noise,parameters,seconds,found";
+
+    /// Its row in such a table.
+    #[must_use]
+    pub fn row(&self, plant: AxisPlant, seed: u64, seconds: f64) -> String {
+        let quoted = |items: &[String]| format!("\"{}\"", items.join("; "));
+        format!(
+            "{},{seed},{},{},{},{},{:.3},{},{seconds:.1},{}",
+            plant.name(),
+            self.truth,
+            self.named,
+            self.with_or,
+            quoted(&self.wrong),
+            self.times_noise,
+            self.parameters,
+            quoted(&self.found)
+        )
+    }
+}
+
 /// A mode that was found is one that is there if their frequencies differ by less, relatively.
 const SAME_MODE: f64 = 0.05;
 
 impl PlantedStage {
+    /// Its recordings with all their periods, as a logger writes them.
+    #[must_use]
+    pub fn periods(&self, seed: u64) -> Vec<AxesRecord> {
+        periods(&self.stage, seed)
+    }
+
     /// Searches for everything from a stage in which nothing moves, and compares.
     ///
     /// # Errors
