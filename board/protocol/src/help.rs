@@ -27,7 +27,7 @@ pub const PARAMETERS: &str = "#Valid parameters: identifier, command level, item
 pub const COMMANDS: &str = "The following commands are valid:";
 
 /// The first line of `HDI?`.
-pub const DIAGNOSIS_HEAD: &str = "#DeviceDiagnosis: identifier and description";
+pub const DIAGNOSIS_HEAD: &str = "#Diagnosis: identifier and description";
 /// What `DIA?` answers under 1, 2, and so on.
 pub const DIAGNOSIS: [&str; 17] = [
     "mode: 0 rest, 1 open loop, 2 closed loop, 3 fault",

@@ -21,8 +21,8 @@ use hysteron::outcome::{CandidateFigures, Standing, Verdict};
 use hysteron::replay::{lines, replays};
 use hysteron::statistics::largest;
 use hysteron_sim::chain::Model;
-use hysteron_sim::effect::Effect;
 use hysteron_sim::effect::quantisation::Quantisation;
+use hysteron_sim::effect::{Physics, Presentation};
 
 /// Everything that the page of an explanation shows.
 #[must_use]

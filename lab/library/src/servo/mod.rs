@@ -47,6 +47,8 @@ pub mod learned_feedforward;
 #[doc(hidden)]
 pub mod loop_margins;
 #[doc(hidden)]
+pub mod members;
+#[doc(hidden)]
 pub mod model;
 #[doc(hidden)]
 pub mod moving_mode;
@@ -85,7 +87,7 @@ pub mod words;
 
 pub use commands::{CheckResult, Work, check, design, follow, with_scheme};
 pub use design::{Scheme, ServoDesign};
-pub use order::Order;
+pub use order::DesignOrder;
 pub use predictor::Demands;
 pub use reference::Reference;
 pub use track::TrackResult;
