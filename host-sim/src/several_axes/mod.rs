@@ -21,7 +21,7 @@ mod drive_path;
 mod modal_motion;
 
 pub use drive_path::{DrivePath, DriveRun, Held};
-pub use modal_motion::{ModalMotion, StageMode, ModeFriction};
+pub use modal_motion::{ModalMotion, ModeFriction, StageMode};
 
 use serde::{Deserialize, Serialize};
 

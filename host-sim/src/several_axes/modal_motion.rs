@@ -183,10 +183,7 @@ impl ModalMotion {
     pub fn step(&mut self, drives: &[Held]) {
         for step in 0..self.steps {
             let [q, v] = self.state;
-            let mut next = [
-                self.transition[0][0] * q + self.transition[0][1] * v,
-                self.transition[1][0] * q + self.transition[1][1] * v,
-            ];
+            let mut next = [self.transition[0][0] * q + self.transition[0][1] * v, self.transition[1][0] * q + self.transition[1][1] * v];
             for ((share, held), (at, early, late)) in self.mode.of_drives.iter().zip(drives).zip(&self.changes) {
                 if *share == 0.0 {
                     continue;

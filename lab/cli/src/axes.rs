@@ -94,7 +94,9 @@ pub enum AxesCommand {
 /// Does it.
 pub fn axes(command: AxesCommand) -> Result<bool> {
     match command {
-        AxesCommand::Explain { dataset, from, out, verbose, outputs } => explain(&dataset, from.as_deref(), out.as_deref(), verbose, &outputs),
+        AxesCommand::Explain { dataset, from, out, verbose, outputs } => {
+            explain(&dataset, from.as_deref(), out.as_deref(), verbose, &outputs)
+        }
         AxesCommand::Decouple { model, hidden_coupling, reference_hz, amplitude, outputs } => {
             decouple(&model, &Reference { hidden_coupling, hz: reference_hz, amplitude }, &outputs)
         }
@@ -171,7 +173,10 @@ pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, verbose: bo
         println!("  {:<20} {:<48} without it {:.3} {unit}{or}", effect.effect, effect.channel, effect.error_without);
     }
     for sensor in &figures.sensors {
-        println!("  {}: {:.4} {} RMS on held-out records, {:.2} %", sensor.sensor, sensor.held_out_rms, data.sensor_unit, sensor.held_out_pct);
+        println!(
+            "  {}: {:.4} {} RMS on held-out records, {:.2} %",
+            sensor.sensor, sensor.held_out_rms, data.sensor_unit, sensor.held_out_pct
+        );
     }
     println!("  error {:.3} {unit}, {} parameters, {:.0} s", figures.error, figures.parameters, figures.seconds);
     if let Some(out) = out {
@@ -222,7 +227,10 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
     }
     let hidden = with_hidden_coupling(&model.stage, reference.hidden_coupling);
     let mut all = Vec::new();
-    println!("{}, sampled at {:.0} Hz; reference {} Hz, hidden coupling {}", model.name, model.sample_rate_hz, reference.hz, reference.hidden_coupling);
+    println!(
+        "{}, sampled at {:.0} Hz; reference {} Hz, hidden coupling {}",
+        model.name, model.sample_rate_hz, reference.hz, reference.hidden_coupling
+    );
     println!("  {:<8} {:<7} {:>15} {:>11} {:>12} {:>10}", "", "stage", "spectral radius", "sensitivity", "own error %", "others %");
     for decoupling in [Decoupling::Static, Decoupling::Modal] {
         let servo = AxesServo::design(&model.stage, decoupling, 1.0 / model.sample_rate_hz)?;
@@ -236,7 +244,9 @@ fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<boo
             track_hidden: track(&hidden),
             servo,
         };
-        for (stage, check, track) in [("model", &figures.on_model, &figures.track_model), ("hidden", &figures.on_hidden, &figures.track_hidden)] {
+        for (stage, check, track) in
+            [("model", &figures.on_model, &figures.track_model), ("hidden", &figures.on_hidden, &figures.track_hidden)]
+        {
             let worst = |of: fn(&AxesTrack) -> f64| 100.0 * track.iter().map(of).fold(0.0_f64, f64::max);
             println!(
                 "  {:<8} {:<7} {:>15.5} {:>11.2} {:>12.2} {:>10.2}",

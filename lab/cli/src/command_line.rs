@@ -15,7 +15,8 @@ use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
 use crate::{
-    add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate, track,
+    add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate,
+    track,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};

@@ -7,8 +7,8 @@ macro_rules! println {
 }
 
 mod add;
-mod axes;
 mod arguments;
+mod axes;
 #[cfg(feature = "board")]
 mod board;
 #[cfg(feature = "trace")]

@@ -39,9 +39,10 @@ pub fn axes_page(figures: &AxesFigures, data: &AxesData, stage: &ModalStage, mat
 }
 
 fn effects(figures: &AxesFigures) -> Section {
-    let found = figures.named.iter().map(|effect| {
-        vec![effect.effect.replace('_', " "), effect.channel.clone(), short(effect.error_without), effect.or.join(" or ")]
-    });
+    let found = figures
+        .named
+        .iter()
+        .map(|effect| vec![effect.effect.replace('_', " "), effect.channel.clone(), short(effect.error_without), effect.or.join(" or ")]);
     let steps = figures.steps.iter().map(|step| vec![step.added.clone(), short(step.before), short(step.after)]);
     let sensors = figures.sensors.iter().map(|s| vec![s.sensor.clone(), short(s.held_out_rms), format!("{:.2}", s.held_out_pct)]);
     let table = |title: &str, columns: &[&str], rows: Vec<Vec<String>>, caption: &str| {

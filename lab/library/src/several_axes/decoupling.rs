@@ -227,12 +227,14 @@ impl AxesServo {
         let plant: Vec<(f64, Complex<f64>)> = gain_sets(stage)
             .iter()
             .flat_map(|gains| {
-                frequencies(self.dt_s).map(|hz| {
-                    let own = complex(&from_sensors.rows(channel, 1).into_owned())
-                        * response(stage, gains, hz, self.dt_s)
-                        * complex(&to_drives.columns(channel, 1).into_owned());
-                    (hz, own[(0, 0)])
-                }).collect::<Vec<_>>()
+                frequencies(self.dt_s)
+                    .map(|hz| {
+                        let own = complex(&from_sensors.rows(channel, 1).into_owned())
+                            * response(stage, gains, hz, self.dt_s)
+                            * complex(&to_drives.columns(channel, 1).into_owned());
+                        (hz, own[(0, 0)])
+                    })
+                    .collect::<Vec<_>>()
             })
             .collect();
         let controller = &mut self.channels[channel];

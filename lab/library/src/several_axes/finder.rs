@@ -13,7 +13,7 @@ use super::structure::{AxisEffect, Described, Free};
 use crate::dataset::Role;
 use crate::error::{Error, Result};
 use crate::parallel;
-use crate::watch::{WatchEvent, Watch};
+use crate::watch::{Watch, WatchEvent};
 use nalgebra::{DMatrix, DVector};
 
 /// Thresholds of the search.
@@ -182,7 +182,8 @@ impl Search<'_> {
         let Some(lowest) = better.iter().min_by(|a, b| rms(&a.2).total_cmp(&rms(&b.2))).map(|best| best.2.clone()) else { return Ok(None) };
         // Of those that are as good, the one with the fewest numbers.
         let as_good = better.into_iter().filter(|(_, _, with)| !self.is_better(&lowest, with));
-        Ok(as_good.min_by(|a, b| (a.1.parameters(), rms(&a.2)).partial_cmp(&(b.1.parameters(), rms(&b.2))).unwrap_or(std::cmp::Ordering::Equal)))
+        Ok(as_good
+            .min_by(|a, b| (a.1.parameters(), rms(&a.2)).partial_cmp(&(b.1.parameters(), rms(&b.2))).unwrap_or(std::cmp::Ordering::Equal)))
     }
 
     /// The best candidates by their linearised falls, fitted, with what judges them.
@@ -218,7 +219,12 @@ impl Search<'_> {
                     return Err(Error::Stopped);
                 }
                 let named = effect.named(&model.stage, self.problem.data);
-                findings.push(AxisFinding { effect: *effect, named, without: rms(without), or: self.instead(*effect, &judged, &model, fitted) });
+                findings.push(AxisFinding {
+                    effect: *effect,
+                    named,
+                    without: rms(without),
+                    or: self.instead(*effect, &judged, &model, fitted),
+                });
             }
             return Ok((model, findings));
         }
@@ -279,9 +285,8 @@ impl Search<'_> {
         let (from_hz, to_hz) = (SCAN_FROM_TURNS / scales.duration_s, SCAN_TO / scales.dt_s);
         let count = ((to_hz / from_hz).ln() / SCAN_APART).ceil().max(1.0) as usize;
         let frequency_hz = |f: usize| from_hz * (SCAN_APART * f as f64).exp();
-        let tried: Vec<(usize, usize, f64)> = (0..drives)
-            .flat_map(|drive| (0..count).flat_map(move |f| SCAN_DAMPING.map(|damping| (drive, f, damping))))
-            .collect();
+        let tried: Vec<(usize, usize, f64)> =
+            (0..drives).flat_map(|drive| (0..count).flat_map(move |f| SCAN_DAMPING.map(|damping| (drive, f, damping)))).collect();
         let mode = model.stage.modes.len();
         // Of each: by how much it lowers the squares of every sensor.
         let spectra = ResidualSpectra::of(problem, &signals, &residual);
@@ -313,9 +318,7 @@ impl Search<'_> {
             let columns = problem.columns_beside(&with, &signals, &new, &roles);
             let solved = Linearised::new(&gram_of_own, &rows[0].columns, &columns[0], &rows[0].residual);
             let step = damped_solution(&solved.gram, &solved.against, 1e-9)?;
-            let left = &rows[1].residual
-                - &rows[1].columns * step.rows(0, own.len())
-                - &columns[1] * step.rows(own.len(), new.len());
+            let left = &rows[1].residual - &rows[1].columns * step.rows(0, own.len()) - &columns[1] * step.rows(own.len(), new.len());
             let mut start = with;
             for (free, by) in new.iter().zip(step.rows(own.len(), new.len()).iter()) {
                 let value = free.get(&start.stage) + by;

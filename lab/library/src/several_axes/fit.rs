@@ -194,8 +194,7 @@ impl<'d> Problem<'d> {
             let (samples, sensors) = (record.counted_to - record.counted_from, record.readings.len());
             for stretch in 0..STRETCHES {
                 let (from, to) = (stretch * samples / STRETCHES, (stretch + 1) * samples / STRETCHES);
-                let squares: f64 =
-                    (0..sensors).map(|i| residual.rows(at + i * samples + from, to - from).norm_squared()).sum();
+                let squares: f64 = (0..sensors).map(|i| residual.rows(at + i * samples + from, to - from).norm_squared()).sum();
                 out.push(squares / ((to - from) * sensors) as f64);
             }
             at += samples * sensors;

@@ -75,7 +75,9 @@ impl AxesModel {
         if drives == 0 || sensors == 0 || !modes_fit || !feedthrough_fits || !(model.sample_rate_hz > 0.0) {
             return Err(Error::new(
                 place,
-                format!("its modes and its feedthrough do not fit {drives} drives and {sensors} sensors; expected a model written by `hysteron`"),
+                format!(
+                    "its modes and its feedthrough do not fit {drives} drives and {sensors} sensors; expected a model written by `hysteron`"
+                ),
             ));
         }
         Ok(model)

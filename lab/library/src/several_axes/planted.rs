@@ -4,14 +4,14 @@
 //! The plant is no copy of what is fitted: its hysteresis has 40 play operators with thresholds of their own
 //! where a model has 25 by seven numbers, its creep 7 terms at other times, and its readings have noise.
 
-use super::finder::{AxisFinding, AxesFound, AxesPolicy, find};
+use super::finder::{AxesFound, AxesPolicy, AxisFinding, find};
 use super::recordings::{AxesData, AxesRecord};
 use super::structure::{AxisEffect, Described};
 use crate::dataset::Role;
 use crate::error::{Error, Result, nearest};
 use crate::watch::Watch;
 use hysteron_sim::noise::WhiteNoise;
-use hysteron_sim::several_axes::{StageMode, ModalStage, ModeFriction};
+use hysteron_sim::several_axes::{ModalStage, ModeFriction, StageMode};
 use hysteron_sim::waveform::multisine;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -111,8 +111,7 @@ const REACH_V: f64 = 50.0;
 /// Noise of a sensor, of the RMS of its reading.
 const NOISE: f64 = 0.01;
 /// Shares of the greatest drive at which the stage is recorded, and which of the records judge.
-const LEVELS: [(f64, Role); 4] =
-    [(0.35, Role::Identify), (0.65, Role::Identify), (1.0, Role::Identify), (0.85, Role::Validate)];
+const LEVELS: [(f64, Role); 4] = [(0.35, Role::Identify), (0.65, Role::Identify), (1.0, Role::Identify), (0.85, Role::Validate)];
 
 /// A stage from a seed.
 #[must_use]
@@ -279,7 +278,8 @@ impl PlantedStage {
 
     /// Whether an effect of a model is there.
     fn is_there(&self, found: &Described, effect: AxisEffect) -> bool {
-        let mode_has = |mode: usize, has: &dyn Fn(&StageMode) -> bool| self.true_mode(found, mode).is_some_and(|r| has(&self.stage.modes[r]));
+        let mode_has =
+            |mode: usize, has: &dyn Fn(&StageMode) -> bool| self.true_mode(found, mode).is_some_and(|r| has(&self.stage.modes[r]));
         match effect {
             AxisEffect::Vibration { mode, drive, sensor } => mode_has(mode, &|m| m.of_drives[drive] != 0.0 && m.of_sensors[sensor] != 0.0),
             AxisEffect::DriveCoupling { drive, mode } => mode_has(mode, &|m| m.of_drives[drive] != 0.0),
@@ -310,7 +310,8 @@ impl PlantedStage {
             (AxisPlant::SensorCoupling, AxisEffect::SensorCoupling { mode: m, .. } | AxisEffect::Vibration { mode: m, .. }) => {
                 of_mode(m) && found.stage.modes[m].of_sensors[sensor] != 0.0
             }
-            (AxisPlant::Friction, AxisEffect::Friction { mode: m }) | (AxisPlant::NonlinearStiffness, AxisEffect::NonlinearStiffness { mode: m }) => of_mode(m),
+            (AxisPlant::Friction, AxisEffect::Friction { mode: m })
+            | (AxisPlant::NonlinearStiffness, AxisEffect::NonlinearStiffness { mode: m }) => of_mode(m),
             (AxisPlant::Delay, AxisEffect::Delay { drive: j }) | (AxisPlant::Creep, AxisEffect::Creep { drive: j }) => j == drive,
             (AxisPlant::SensorBandwidth, AxisEffect::SensorBandwidth { sensor: i }) => i == sensor,
             _ => false,
@@ -320,7 +321,8 @@ impl PlantedStage {
     /// Compares what was found with what is there. An effect with an "or" is right if any of them is there.
     #[must_use]
     pub fn judge(&self, found: &AxesFound) -> JudgedStage {
-        let of_finding = |finding: &AxisFinding, is: &dyn Fn(AxisEffect) -> bool| is(finding.effect) || finding.or.iter().any(|(other, _)| is(*other));
+        let of_finding =
+            |finding: &AxisFinding, is: &dyn Fn(AxisEffect) -> bool| is(finding.effect) || finding.or.iter().any(|(other, _)| is(*other));
         let planted = |effect: AxisEffect| self.is_planted(&found.model, effect);
         let hits: Vec<&AxisFinding> = found.findings.iter().filter(|finding| of_finding(finding, &planted)).collect();
         let wrong = |finding: &&AxisFinding| !of_finding(finding, &|effect| self.is_there(&found.model, effect));

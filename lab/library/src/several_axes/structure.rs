@@ -1,7 +1,7 @@
 //! What a model of several axes consists of: effects, each in its channel or mode, and their parameters.
 
 use super::recordings::AxesData;
-use hysteron_sim::several_axes::{StageMode, ModalStage, ModeFriction};
+use hysteron_sim::several_axes::{ModalStage, ModeFriction, StageMode};
 use serde::{Deserialize, Serialize};
 
 /// An effect in its channel or mode. Drives, sensors and modes are counted from 0.
@@ -91,7 +91,8 @@ impl AxisEffect {
     /// Where it is, in words: which drive, mode or sensor.
     #[must_use]
     pub fn place(&self, stage: &ModalStage, data: &AxesData) -> String {
-        let mode_at = |mode: usize| stage.modes.get(mode).map_or_else(|| "a mode".to_owned(), |m| format!("the mode at {:.0} Hz", m.frequency_hz));
+        let mode_at =
+            |mode: usize| stage.modes.get(mode).map_or_else(|| "a mode".to_owned(), |m| format!("the mode at {:.0} Hz", m.frequency_hz));
         match *self {
             Self::Vibration { mode, drive, sensor } => {
                 format!("{}, from {} to {}", mode_at(mode), data.drives[drive], data.sensors[sensor])
@@ -114,9 +115,10 @@ impl AxisEffect {
     /// The mode without which it means nothing.
     fn needs_mode(&self) -> Option<usize> {
         match *self {
-            Self::DriveCoupling { mode, .. } | Self::SensorCoupling { mode, .. } | Self::Friction { mode } | Self::NonlinearStiffness { mode } => {
-                Some(mode)
-            }
+            Self::DriveCoupling { mode, .. }
+            | Self::SensorCoupling { mode, .. }
+            | Self::Friction { mode }
+            | Self::NonlinearStiffness { mode } => Some(mode),
             _ => None,
         }
     }
@@ -234,8 +236,7 @@ impl Scales {
         let first = &data.records[0];
         let reach = |j: usize| data.records.iter().flat_map(|r| &r.drives[j]).fold(0.0_f64, |m, u| m.max(u.abs())).max(1e-9);
         let rms = |i: usize| {
-            let counted: Vec<f64> =
-                data.records.iter().flat_map(|r| r.readings[i][r.counted_from..r.counted_to].iter().copied()).collect();
+            let counted: Vec<f64> = data.records.iter().flat_map(|r| r.readings[i][r.counted_from..r.counted_to].iter().copied()).collect();
             let mean = counted.iter().sum::<f64>() / counted.len() as f64;
             (counted.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / counted.len() as f64).sqrt().max(1e-12)
         };
@@ -364,7 +365,9 @@ impl Described {
     /// The numbers of an effect.
     pub(super) fn free_of(&self, effect: AxisEffect) -> Vec<Free> {
         match effect {
-            AxisEffect::Vibration { mode, sensor, .. } => vec![Free::LogFrequency(mode), Free::LogDamping(mode), Free::OfSensor(mode, sensor)],
+            AxisEffect::Vibration { mode, sensor, .. } => {
+                vec![Free::LogFrequency(mode), Free::LogDamping(mode), Free::OfSensor(mode, sensor)]
+            }
             AxisEffect::DriveCoupling { drive, mode } => vec![Free::OfDrive(mode, drive)],
             AxisEffect::SensorCoupling { mode, sensor } => vec![Free::OfSensor(mode, sensor)],
             AxisEffect::Feedthrough { drive, sensor } => vec![Free::Feedthrough(sensor, drive)],
