@@ -7,6 +7,7 @@ FOLDER holds a folder for each set (README.md says which files). Sets that are n
 """
 
 import argparse
+import array
 import csv
 import json
 import pathlib
@@ -54,34 +55,56 @@ MIRROR_PERIOD = 8192
 MIRROR_PUBLISHED = "86.6, 130.9 and 168.6 nm at 100, 200 and 300 mV (M. Floren et al., ISMA-USD 2024)"
 
 
-def mirror_shape(file):
-    """Rows and columns of an NPY array, from its header."""
-    with file.open("rb") as opened:
-        start = opened.read(10)
-        if start[:6] != b"\x93NUMPY":
-            sys.exit(f"{file}: is no NPY file; expected an array of samples by three drives and three sensors")
-        length = int.from_bytes(start[8:10], "little") if start[6] == 1 else int.from_bytes(start[8:10] + opened.read(2), "little")
-        header = opened.read(length).decode("latin1")
-    shape = header.split("'shape':")[1].split("(")[1].split(")")[0]
-    return [int(size) for size in shape.split(",") if size.strip()]
+def mirror_records(u_file, y_file, folder):
+    """CSV files of the realisations of a level, from arrays of samples by channels by realisations by periods."""
+    arrays = []
+    for file in (u_file, y_file):
+        content = file.read_bytes()
+        if content[:6] != b"\x93NUMPY" or content[6] != 1:
+            sys.exit(f"{file}: is no NPY file of version 1; expected an array of samples by 3 channels by realisations by periods")
+        length = int.from_bytes(content[8:10], "little")
+        header = content[10 : 10 + length].decode("latin1")
+        shape = [int(size) for size in header.split("'shape':")[1].split("(")[1].split(")")[0].split(",") if size.strip()]
+        if "'<f8'" not in header or "'fortran_order': False" not in header or len(shape) != 4 or shape[:2] != [MIRROR_PERIOD, 3]:
+            sys.exit(f"{file}: {header.strip()}; expected 64-bit numbers, {MIRROR_PERIOD} samples by 3 channels by realisations by periods")
+        values = array.array("d")
+        values.frombytes(content[10 + length :])
+        if sys.byteorder == "big":
+            values.byteswap()
+        arrays.append((shape, values))
+    (shape, u), (other, y) = arrays
+    if shape != other:
+        sys.exit(f"{y_file}: shape {other}; expected {shape} as in {u_file.name}")
+    _, channels, realisations, periods = shape
+    for realisation in range(realisations):
+        name = f"{u_file.stem[2:]}_{realisation + 1}.csv"
+        at = lambda k, channel, period: ((k * channels + channel) * realisations + realisation) * periods + period
+        with (folder / name).open("w") as opened:
+            opened.write("u1,u2,u3,y1,y2,y3\n")
+            for period in range(periods):
+                for k in range(MIRROR_PERIOD):
+                    row = [u[at(k, c, period)] for c in range(3)] + [1e6 * y[at(k, c, period)] for c in range(3)]
+                    opened.write(",".join(f"{value:.9e}" for value in row) + "\n")
+        yield name, realisation + 1 == realisations
 
 
 def mirror(program, data, out):
     """Three drives, three sensors, all levels in one model; a row of the table, or none."""
     folder = data / MIRROR
-    files = sorted(folder.glob("*_train.npy"))
-    if not files:
-        print(f"{MIRROR}: no *_train.npy in {folder}, left out (benchmarks/public/README.md says where it comes from)")
+    files = [folder / f"u_{level}mV_train.npy" for level in (100, 200, 300)]
+    others = [file.with_name("y" + file.name[1:]) for file in files]
+    missing = [file for file in files + others if not file.exists()]
+    if missing:
+        print(f"{MIRROR}: {missing[0]} is not there, left out (benchmarks/public/README.md says where it comes from)")
         return []
-    for file in files:
-        shape = mirror_shape(file)
-        if len(shape) != 2 or 6 not in shape:
-            sys.exit(f"{file}: an array of {shape}; expected samples by six columns: three drives, three sensors")
-    text = f'name = "{MIRROR}"\n'
-    for file in files:
-        text += f'\n[[record]]\nfile = "{file.resolve()}"\nname = "{file.stem}"\nsample_rate_hz = {MIRROR_RATE_HZ}\n'
-        text += f"period_s = {MIRROR_PERIOD / MIRROR_RATE_HZ}\ncolumns = {{ u = [1, 2, 3], y = [4, 5, 6] }}\n"
     (out / MIRROR).mkdir(exist_ok=True)
+    text = f'name = "{MIRROR}"\n'
+    for u_file, y_file in zip(files, others):
+        for name, judges in mirror_records(u_file, y_file, out / MIRROR):
+            text += f'\n[[record]]\nfile = "{name}"\nsample_rate_hz = {MIRROR_RATE_HZ}\nrole = "{"validate" if judges else "identify"}"\n'
+            # The recordings begin in the steady state: both periods count.
+            text += f"period_s = {MIRROR_PERIOD / MIRROR_RATE_HZ}\nperiodic_from_s = 0.0\n"
+            text += 'columns = { u = ["u1", "u2", "u3"], y = ["y1", "y2", "y3"] }\n'
     (out / MIRROR / "dataset.toml").write_text(text)
     began = time.time()
     found = out / f"{MIRROR}.json"

@@ -1,6 +1,6 @@
 //! `axes`: stages with several drives and sensors.
 
-use crate::command_line::{Outputs, as_typed};
+use crate::command_line::{Outputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use clap::Subcommand;
@@ -39,6 +39,8 @@ pub enum AxesCommand {
         /// Tell every step of the search
         #[arg(long, short)]
         verbose: bool,
+        #[command(flatten)]
+        time: TimeArguments,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -94,9 +96,10 @@ pub enum AxesCommand {
 /// Does it.
 pub fn axes(command: AxesCommand) -> Result<bool> {
     match command {
-        AxesCommand::Explain { dataset, from, out, verbose, outputs } => {
-            explain(&dataset, from.as_deref(), out.as_deref(), verbose, &outputs)
+        AxesCommand::Explain { dataset, from, out, verbose, time, outputs } => {
+            explain(&dataset, from.as_deref(), out.as_deref(), &Manner { verbose, time }, &outputs)
         }
+
         AxesCommand::Decouple { model, hidden_coupling, reference_hz, amplitude, outputs } => {
             decouple(&model, &Reference { hidden_coupling, hz: reference_hz, amplitude }, &outputs)
         }
@@ -136,8 +139,16 @@ fn read_model(desk: &Desk, path: &Path) -> Result<AxesModel> {
     AxesModel::from_toml(&desk.text(path, "a model written by `hysteron axes explain`")?, &path.display().to_string())
 }
 
+/// How a search is done.
+pub struct Manner {
+    /// Every step is told.
+    pub verbose: bool,
+    /// How long it may take.
+    pub time: TimeArguments,
+}
+
 /// Searches a data set.
-pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, verbose: bool, outputs: &Outputs) -> Result<bool> {
+pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, manner: &Manner, outputs: &Outputs) -> Result<bool> {
     let started = Instant::now();
     let desk = Desk::new(outputs.force);
     let data = load(&desk, path)?;
@@ -162,8 +173,8 @@ pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, verbose: bo
     };
     desk.target(out)?;
     outputs.check(&desk)?;
-    let progress = Progress::of_search(verbose);
-    let found = find(&data, &start, &AxesPolicy::default(), &progress)?;
+    let progress = Progress::of_search(manner.verbose);
+    let found = manner.time.beside(&progress, |watch| find(&data, &start, &AxesPolicy::default(), watch))?;
     drop(progress);
     let figures = figures(&found, &data, started.elapsed().as_secs_f64());
     let unit = if figures.error_in == "noise" { "x the noise" } else { "of the reading" };

@@ -425,7 +425,7 @@ fn dispatch(command: Command) -> Result<bool> {
     match command {
         Command::Explain { dataset, from, search, verbose, time, animation, reading, outputs } => {
             if axes::is_of_several_axes(&dataset) {
-                return axes::explain(&dataset, None, outputs.out.as_deref(), verbose, &outputs.recordings.files);
+                return axes::explain(&dataset, None, outputs.out.as_deref(), &axes::Manner { verbose, time }, &outputs.recordings.files);
             }
             let wanted = explain::ExplainRequest { from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)

@@ -42,6 +42,7 @@ struct Entry {
     sample_rate_hz: f64,
     role: Option<Role>,
     period_s: Option<f64>,
+    periodic_from_s: Option<f64>,
     columns: Columns,
     #[serde(default)]
     unit: Units,
@@ -116,7 +117,10 @@ pub fn from_manifest(text: &str, place: &str, read: &dyn Fn(&str) -> Result<Vec<
         let name = entry.name.clone().unwrap_or_else(|| entry.file.clone());
         let record = AxesRecord::new(&name, entry.sample_rate_hz, entry.role.unwrap_or(Role::Identify), u, y);
         records.push(match entry.period_s {
-            Some(period_s) => record.averaged((period_s * entry.sample_rate_hz).round() as usize)?,
+            Some(period_s) => {
+                let samples = |seconds: f64| (seconds * entry.sample_rate_hz).round().max(0.0) as usize;
+                record.averaged(samples(period_s), samples(entry.periodic_from_s.unwrap_or(period_s)))?
+            }
             None => record,
         });
     }

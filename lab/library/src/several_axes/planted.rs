@@ -186,7 +186,7 @@ pub fn planted_stage(plant: AxisPlant, seed: u64) -> PlantedStage {
 }
 
 fn recorded(stage: &ModalStage, seed: u64) -> AxesData {
-    let averaged = |record: AxesRecord| record.averaged(PERIOD).expect("five periods are enough");
+    let averaged = |record: AxesRecord| record.averaged(PERIOD, PERIOD).expect("five periods are enough");
     let records = periods(stage, seed).into_iter().map(averaged).collect();
     AxesData::new("simulated stage of three axes", records).expect("its records have the same channels")
 }

@@ -43,21 +43,22 @@ impl AxesRecord {
         Self { name: name.into(), sample_rate_hz, role, drives, readings, counted_from, counted_to: samples, periodic: false, noise: None }
     }
 
-    /// The mean of all periods but the first, and the noise that their scatter shows.
+    /// The mean of the periods from a sample on, and the noise that their scatter shows. Before it the stage
+    /// still forgets what was before the record: a period, for a stage that begins at rest.
     ///
     /// # Errors
-    /// Fewer than two whole periods.
-    pub fn averaged(self, period: usize) -> Result<Self> {
+    /// No whole period.
+    pub fn averaged(self, period: usize, periodic_from: usize) -> Result<Self> {
         let samples = self.drives.first().map_or(0, Vec::len);
-        if period == 0 || samples < 2 * period {
+        let behind = samples.saturating_sub(periodic_from);
+        if period == 0 || behind < period {
             return Err(Error::new(
                 &self.name,
-                format!("{samples} samples hold {:.1} periods of {period}; expected two or more", samples as f64 / period.max(1) as f64),
+                format!("{behind} samples hold {:.1} periods of {period}; expected one or more", behind as f64 / period.max(1) as f64),
             ));
         }
-        // In the first period the stage still forgets what was before the record.
-        let from = samples % period + period;
-        let periods = samples / period - 1;
+        let periods = behind / period;
+        let from = samples - periods * period;
         let mean = |signal: &Vec<f64>| -> Vec<f64> {
             (0..period).map(|k| (0..periods).map(|p| signal[from + p * period + k]).sum::<f64>() / periods as f64).collect()
         };
@@ -178,7 +179,7 @@ mod tests {
     fn periods_are_averaged_and_their_scatter_is_the_noise() {
         let mut noise = hysteron_sim::noise::WhiteNoise::new(0.1, 3);
         let y: Vec<f64> = (0..6400).map(|k| (std::f64::consts::TAU * f64::from(k % 640) / 640.0).sin() + noise.next_um()).collect();
-        let record = AxesRecord::new("r", 1000.0, Role::Identify, vec![y.clone()], vec![y]).averaged(640).unwrap();
+        let record = AxesRecord::new("r", 1000.0, Role::Identify, vec![y.clone()], vec![y]).averaged(640, 640).unwrap();
         let shown = record.noise.unwrap()[0];
         // Nine periods are averaged.
         assert!((shown - 0.1 / 3.0).abs() < 0.003, "{shown}");
