@@ -1,8 +1,9 @@
 //! `design`.
 
 use crate::arguments::Outputs;
-use crate::desk::{Desk, as_argument, wrong};
+use crate::desk::{Desk, wrong};
 use crate::read_arguments::ReadArguments;
+use crate::screen::as_argument;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
 use hysteron::servo::commands::design_beside_predictor;
 use hysteron::servo::design::ServoDesign;
