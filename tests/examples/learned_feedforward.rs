@@ -11,7 +11,7 @@
 //! Models are those of `servo_from_data`, kept in target/servo_from_data.
 
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron_sim::bench::Bench;
 use hysteron_tests::independent_stage::StageTruth;
@@ -78,17 +78,19 @@ fn main() {
     println!("|---|---|---|---|---|---|---|---|---|---|");
     let mut met = 0;
     for seed in first..first + stages {
-        let truth = Truth::drawn(seed);
-        let dataset = record(&truth, Recording::Wideband);
-        let chain = kept_model(&truth, Recording::Wideband, &dataset);
-        let design =
-            match order::design(&chain, &Order { recording: Some(&dataset), learning: true, usual_margins: false, ..Order::default() }) {
-                Ok(design) => design,
-                Err(reason) => {
-                    println!("| {seed} | {reason} |");
-                    continue;
-                }
-            };
+        let truth = StageTruth::drawn(seed);
+        let dataset = record(&truth, StudyRecording::Wideband);
+        let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);
+        let design = match order::design(
+            &chain,
+            &DesignOrder { recording: Some(&dataset), learning: true, usual_margins: false, ..DesignOrder::default() },
+        ) {
+            Ok(design) => design,
+            Err(reason) => {
+                println!("| {seed} | {reason} |");
+                continue;
+            }
+        };
         let filters = design.learning.as_ref().expect("ordered");
         for point in filters.convergence.iter().step_by(10).filter(|_| std::env::var_os("CURVE").is_some()) {
             eprintln!("{seed}: {:.0} Hz: Q {:.3}, |1 - L T| {:.3}, at worst {:.3}", point.hz, point.robustness, point.nominal, point.worst);

@@ -8,7 +8,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::{ModeModel, actuator_model};
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::predictor::{Demands, PredictorTuning};
 use hysteron::servo::robust::{ModeSpread, Task};
 use hysteron::watch::Unwatched;
@@ -331,5 +331,5 @@ pub fn designed_with_the_truth(truth: &StageTruth, chain: &Model) -> Option<Serv
 /// # Errors
 /// The refusal.
 pub fn designed(chain: &Model, dataset: &Dataset) -> Result<ServoDesign, String> {
-    order::design(chain, &Order { recording: Some(dataset), usual_margins: false, ..Order::default() })
+    order::design(chain, &DesignOrder { recording: Some(dataset), usual_margins: false, ..DesignOrder::default() })
 }

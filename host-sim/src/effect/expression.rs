@@ -32,7 +32,7 @@
 //! combined, and each combination is a direction in which the effect may be found.
 
 use super::formula::Formula;
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases};
 use crate::chain::Model;
 use serde::Deserialize;
 
@@ -320,26 +320,28 @@ impl Stage for ExpressionStage<'_> {
     }
 }
 
-impl Effect for ExpressionEffect {
+impl Physics for ExpressionEffect {
     fn declaration(&self) -> Declaration {
         self.declaration.clone()
     }
+
     fn definition(&self) -> Option<&str> {
         Some(&self.text)
     }
+
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         self.parameters.clone()
     }
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        self.starts.clone()
-    }
+
     fn auxiliary(&self) -> &[String] {
         &self.auxiliary
     }
+
     fn follows_record(&self) -> bool {
         let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
         !self.auxiliary.is_empty() || self.derivatives.iter().chain([&self.output]).any(|formula| formula.uses(drive))
     }
+
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let recorded = setting.signals;
         let mut signals = vec![(3, recorded.drive_v), (4, recorded.force_n.unwrap_or(&[]))];
@@ -369,6 +371,18 @@ impl Effect for ExpressionEffect {
         Some(Box::new(stage))
     }
 }
+
+impl Estimation for ExpressionEffect {}
+
+impl SearchHints for ExpressionEffect {
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        self.starts.clone()
+    }
+}
+
+impl Presentation for ExpressionEffect {}
+
+impl SyntheticCases for ExpressionEffect {}
 
 #[cfg(test)]
 mod tests {

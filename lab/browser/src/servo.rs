@@ -5,7 +5,7 @@ use crate::answers::Answer;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, upload_lines};
 use hysteron::servo::commands::{self, Work};
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::servo::words;
 use hysteron::{Dataset, Error, Result};
@@ -46,8 +46,8 @@ fn refused(message: String) -> Error {
     Error::new("servo", message)
 }
 
-fn order(dataset: &Dataset, reference_hz: f64) -> Order<'_> {
-    Order { reference_hz, recording: Some(dataset), ..Order::default() }
+fn order(dataset: &Dataset, reference_hz: f64) -> DesignOrder<'_> {
+    DesignOrder { reference_hz, recording: Some(dataset), ..DesignOrder::default() }
 }
 
 /// Answers a question about a servo; `servo` is the one at hand.
@@ -71,7 +71,7 @@ pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: 
         }
         ServoQuestion::Block { reference_hz } => {
             let front_end = FrontEnd::default();
-            let ordered = Order { front_end: Some(&front_end), ..order(dataset, reference_hz) };
+            let ordered = DesignOrder { front_end: Some(&front_end), ..order(dataset, reference_hz) };
             let design = order::design(model, &ordered).map_err(refused)?;
             let bytes = block(&amplifier_parameters(&design, &front_end)?)?;
             Ok(Answer::of(json!({ "commands": upload_lines(&bytes)?, "bytes": bytes })))

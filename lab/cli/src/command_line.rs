@@ -21,7 +21,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 use hysteron::servo::commands::SCHEMES;
-use hysteron::servo::schemes::Choice;
+use hysteron::servo::schemes::SchemeChoice;
 use hysteron::{Error, Result};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -371,7 +371,7 @@ fn scheme_names() -> PossibleValuesParser {
 
 /// Those of them that are designed from a recording.
 fn choice_names() -> PossibleValuesParser {
-    let designed = |name: &str| Choice::ALL.iter().any(|choice| choice.name() == name);
+    let designed = |name: &str| SchemeChoice::ALL.iter().any(|choice| choice.name() == name);
     let values = SCHEMES.into_iter().filter(|(name, _)| designed(name));
     PossibleValuesParser::new(values.map(|(name, what)| PossibleValue::new(name).help(what)).collect::<Vec<_>>())
 }

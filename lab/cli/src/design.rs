@@ -1,14 +1,15 @@
 //! `design`.
 
 use crate::arguments::Outputs;
-use crate::desk::{Desk, as_argument, wrong};
+use crate::desk::{Desk, wrong};
 use crate::read_arguments::ReadArguments;
+use crate::screen::as_argument;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
 use hysteron::servo::commands::design_beside_predictor;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::Order;
+use hysteron::servo::order::DesignOrder;
 use hysteron::servo::predictor::Assessment;
-use hysteron::servo::schemes::{AtWork, Choice};
+use hysteron::servo::schemes::{AtWork, SchemeChoice};
 use hysteron::{Error, Result};
 use hysteron_report::{Page, PageBlock, Section, learning as convergence, trade_off};
 use serde::Serialize;
@@ -85,13 +86,13 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
     outputs.check(&desk)?;
     let DesignRequest { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves, .. } =
         *wanted;
-    let scheme = Choice::named(&wanted.scheme).map_err(|m| Error::new("--scheme", m))?;
+    let scheme = SchemeChoice::named(&wanted.scheme).map_err(|m| Error::new("--scheme", m))?;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
-    let order = Order {
+    let order = DesignOrder {
         reference_hz,
         sensor_noise_um,
         sensor_bandwidth_hz,
-        sensitivity_peak: sensitivity_peak.unwrap_or(Order::default().sensitivity_peak),
+        sensitivity_peak: sensitivity_peak.unwrap_or(DesignOrder::default().sensitivity_peak),
         usual_margins: sensitivity_peak.is_none(),
         recording,
         front_end: front_end_said,

@@ -9,7 +9,7 @@ use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::figures::{FitFigures, fit_figures};
 use hysteron::identify::{Identification, add as add_effect, identify as identify_effects};
 use hysteron::model_file;
-use hysteron::servo::order::{Order, design as design_servo};
+use hysteron::servo::order::{DesignOrder, design as design_servo};
 use hysteron_report::{comparison_report, explain_page, explain_report};
 use hysteron_sim::effect::Effect;
 use pyo3::prelude::*;
@@ -155,8 +155,8 @@ pub fn design(
     sensitivity_peak: Option<f64>,
 ) -> PyResult<(String, String)> {
     let recording = dataset.map(|dataset| dataset.0.as_ref());
-    let usual = Order::default();
-    let order = Order {
+    let usual = DesignOrder::default();
+    let order = DesignOrder {
         reference_hz,
         sensor_noise_um,
         sensor_bandwidth_hz,

@@ -11,7 +11,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, wiring_parameters};
 use hysteron::servo::commands::{self, CheckResult};
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::words;
 use hysteron::statistics::{extremes, mean};
 use hysteron::synthetic::drives::board_drives;
@@ -212,7 +212,8 @@ fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequ
     println!("{}", found.diagnosis.sentence);
     let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
     let TuneRequest { reference_hz, sensor_bandwidth_hz } = *wanted;
-    let order = Order { reference_hz, sensor_bandwidth_hz, recording: Some(&dataset), front_end: Some(front_end), ..Order::default() };
+    let order =
+        DesignOrder { reference_hz, sensor_bandwidth_hz, recording: Some(&dataset), front_end: Some(front_end), ..DesignOrder::default() };
     let design = order::design(&found.model, &order).map_err(|problem| Error::new("design", problem))?;
     for line in &design.explanation {
         println!("  {line}");

@@ -10,12 +10,12 @@ use super::gain_adaptation::AdaptationDesign;
 use super::loop_margins::{Loop, LoopMargins};
 use super::members::{self, PlantBand};
 use super::model::{ActuatorModel, NominalModel, actuator_model, required_model};
-use super::order::{self, ASSUMED_NOISE_UM, OnPlants, Order, Reckoned};
-use super::plant_set::Variation;
+use super::order::{self, ASSUMED_NOISE_UM, DesignOrder, OnPlants, Reckoned};
+use super::plant_set::PlantVariation;
 use super::predictor::{Demands, PredictorDesign};
 use super::reference::Reference;
 use super::regulator_loop;
-use super::schemes::{self, AtWork, Choice};
+use super::schemes::{self, AtWork, SchemeChoice};
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
 use super::track::{Beside, Circumstances, TrackResult, track};
 use crate::dataset::Dataset;
@@ -56,7 +56,7 @@ pub const SCHEMES: [(&str, &str); 18] = [
 pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
     let Demands { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, .. } = *demands;
     let sensor_noise_um = Some(sensor_noise_um);
-    order::design(chain, &Order { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, ..Order::default() })
+    order::design(chain, &DesignOrder { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, ..DesignOrder::default() })
 }
 
 /// Designs what was ordered and, where that is another scheme, a predictor for the same order; both follow
@@ -64,14 +64,14 @@ pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
 ///
 /// # Errors
 /// As [`order::design`]; the explanation reports a refused predictor.
-pub fn design_beside_predictor(chain: &Model, order: &Order<'_>) -> Result<(ServoDesign, Vec<AtWork>), String> {
+pub fn design_beside_predictor(chain: &Model, order: &DesignOrder<'_>) -> Result<(ServoDesign, Vec<AtWork>), String> {
     let mut design = order::design(chain, order)?;
-    if order.scheme == Choice::Predictor {
+    if order.scheme == SchemeChoice::Predictor {
         return Ok((design, Vec::new()));
     }
     let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
     let frequencies_hz: Vec<f64> = [1.0 / 15.0, 1.0 / 3.0, 1.0].iter().map(|share| share * order.reference_hz).collect();
-    let rows = match order::design(chain, &Order { scheme: Choice::Predictor, ..*order }) {
+    let rows = match order::design(chain, &DesignOrder { scheme: SchemeChoice::Predictor, ..*order }) {
         Ok(predictor) => {
             if let Scheme::Predictor { tuning, .. } = &predictor.scheme {
                 design.beside = Some(*tuning);
@@ -189,7 +189,7 @@ pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Datase
             out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
             let law = PredictorDesign::new(&design.model.linear, tuning);
             if let Some(adaptation) = &design.adaptation {
-                let plant = Variation { delay_s, ..Variation::NONE }.sampled(&model.linear);
+                let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&model.linear);
                 let beliefs = ratio.iter().flat_map(|gain| adaptation.over_beliefs(*gain));
                 let worst = beliefs.map(|gain| law.spectral_radius(&plant, gain, 0)).fold(0.0, f64::max);
                 if worst.is_nan() || worst >= 1.0 {
@@ -344,7 +344,7 @@ fn judge_law(
     ratio: [f64; 3],
     out: &mut CheckResult,
 ) {
-    let plant = Variation { delay_s, ..Variation::NONE }.sampled(&actuator.linear);
+    let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&actuator.linear);
     let poles: Vec<Complex<f64>> =
         law.closed_loop(&plant, ratio[1], 0).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect();
     let (beginning, recording) = (Some(beginning), reckoned.recording());
@@ -394,7 +394,7 @@ fn prepared(chain: &Model, design: &ServoDesign, reference: &Reference, work: &W
     if added_mass > 0.0 && chain.effect(vibration::ID).is_none() {
         return Err("--added-mass: the model has no vibration, so no mass that it could be added to".into());
     }
-    let chain = varied(chain, &Variation { mass_ratio: 1.0 + added_mass, ..Variation::NONE });
+    let chain = varied(chain, &PlantVariation { mass_ratio: 1.0 + added_mass, ..PlantVariation::NONE });
     let mut chosen = design.clone();
     if let Some(name) = scheme {
         chosen = with_scheme(design, name)?;
@@ -510,8 +510,8 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
         }
         _ => {
             // PID by itself: with the hysteresis inverted it is `feedforward-pi`.
-            let (family, inverse) = name.strip_suffix("-linear").map_or((name, name != Choice::Pid.name()), |family| (family, false));
-            let choice = Choice::named(family)
+            let (family, inverse) = name.strip_suffix("-linear").map_or((name, name != SchemeChoice::Pid.name()), |family| (family, false));
+            let choice = SchemeChoice::named(family)
                 .map_err(|_| format!("scheme `{name}` is not known: choose from {}", SCHEMES.map(|(name, _)| name).join(", ")))?;
             (order::scheme_without_recording(design, choice, inverse)?, true)
         }

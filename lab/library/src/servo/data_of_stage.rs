@@ -2,13 +2,13 @@
 //! too little drive, or the model itself.
 //!
 //! What hides a response in a recording is all that the model leaves of the readings: noise, and what the
-//! model does not describe. What noise alone would hide is known too ([`Recording::noise_hides_at`]). Where
+//! model does not describe. What noise alone would hide is known too ([`ServoRecording::noise_hides_at`]). Where
 //! that is little, more drive would not help: the model is of another stage, or lacks something that this
 //! stage has.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use super::predictor::frequency_response;
-use super::recording::Recording;
+use super::recording::ServoRecording;
 use super::robust::most_reckoned_with;
 use crate::dataset::{Dataset, Role};
 use crate::identification::fit::counted_residual;
@@ -34,7 +34,7 @@ pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.499 / SAMPLING_PERIOD_S;
 
 /// The drive that would show a frequency so many times better: more of the one that a record has there, or
 /// one that nothing has yet.
-fn missing_drive(recording: Option<&Recording>, hz: f64, times: f64) -> String {
+fn missing_drive(recording: Option<&ServoRecording>, hz: f64, times: f64) -> String {
     let there = recording.filter(|_| times.is_finite() && times > 1.0).and_then(|r| Some((r, r.driven_by_at(hz)?)));
     if let Some((recording, name)) = there {
         let [level, by_noise] = [recording.level_at(hz), recording.noise_hides_at(hz)].map(|v| v.unwrap_or(f64::INFINITY));
@@ -56,7 +56,7 @@ fn missing_drive(recording: Option<&Recording>, hz: f64, times: f64) -> String {
 const OTHER_DATA: &str = "name the recording that the model was identified from, or identify on this one";
 
 /// That a model does not describe its data, with the figures, if it leaves far more than the noise.
-fn not_described(recording: &Recording) -> Option<String> {
+fn not_described(recording: &ServoRecording) -> Option<String> {
     let noise_um = recording.noise_um.filter(|noise_um| recording.residual_um > LARGE_RESIDUAL * noise_um)?;
     Some(format!(
         "the model does not describe --data, which is of another stage or shows more than the model has: it leaves {:.1} nm RMS where the sensor's noise is {:.1} nm",
@@ -67,7 +67,7 @@ fn not_described(recording: &Recording) -> Option<String> {
 
 /// What lets a recording exclude a missing response at a frequency, Hz, that is so many times as large as can
 /// be stood: more drive, or a model that describes it.
-pub(super) fn how_to_exclude(recording: Option<&Recording>, hz: f64, times: f64) -> String {
+pub(super) fn how_to_exclude(recording: Option<&ServoRecording>, hz: f64, times: f64) -> String {
     let by_model = recording.filter(|r| {
         let level = r.level_at(hz).unwrap_or(f64::INFINITY);
         level.is_finite() && r.noise_hides_at(hz).is_some_and(|by_noise| by_noise < BY_NOISE * level)
@@ -82,7 +82,7 @@ pub(super) fn how_to_exclude(recording: Option<&Recording>, hz: f64, times: f64)
 ///
 /// # Errors
 /// Why not.
-pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Result<(), String> {
+pub(super) fn first_mode_shown(recording: &ServoRecording, mode: &ModeModel) -> Result<(), String> {
     let hz = mode.natural_frequency_rad_s / TAU;
     let around: Vec<f64> = if mode.damping_ratio > BROAD {
         (-10..=10).map(|i| hz * 2f64.powf(f64::from(i) / 10.0)).collect()
@@ -114,7 +114,7 @@ pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Resul
 ///
 /// # Errors
 /// Where they do, with the figures.
-pub(super) fn require_described(recording: &Recording, linear: &LinearModel) -> Result<(), String> {
+pub(super) fn require_described(recording: &ServoRecording, linear: &LinearModel) -> Result<(), String> {
     let first_hz = linear.first_mode.natural_frequency_rad_s / TAU;
     let sampled = linear.sampled(SAMPLING_PERIOD_S);
     let (hz, missing, has) = recording
@@ -170,10 +170,10 @@ mod tests {
     use super::*;
 
     /// Lines of 9.77 Hz to half the loop's rate, with one value of everything.
-    fn recording(level: f64, by_noise: f64, driven_by: Option<&str>) -> Recording {
+    fn recording(level: f64, by_noise: f64, driven_by: Option<&str>) -> ServoRecording {
         let frequency_hz: Vec<f64> = (2..1024).map(|i| f64::from(i) * 10_000.0 / 1024.0).collect();
         let all = |value: f64| vec![value; frequency_hz.len()];
-        Recording {
+        ServoRecording {
             level: all(level),
             blind: all(level),
             by_noise: all(by_noise),

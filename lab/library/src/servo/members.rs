@@ -10,7 +10,7 @@ use super::order::UNCONFIRMED;
 use super::quantise::QuantisationError;
 use super::reference::Reference;
 use super::robust::{GAIN_SPREAD, ModeSpread};
-use super::track::{Circumstances, Figures, TrackResult, track_on};
+use super::track::{Circumstances, TrackResult, TrackingFigures, track_on};
 use crate::parallel;
 use hysteron_sim::chain::{Identified, Model};
 use hysteron_sim::effect::{second_mode, vibration};
@@ -37,9 +37,9 @@ pub struct OnMember {
     pub plant: String,
     /// Error of the true position.
     #[serde(rename = "true")]
-    pub truth: Figures,
+    pub truth: TrackingFigures,
     /// Error of the readings, noise included.
-    pub as_read: Figures,
+    pub as_read: TrackingFigures,
     /// Settling time, s, where the reference is a step and it settles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settling_s: Option<f64>,

@@ -87,7 +87,7 @@ pub mod words;
 
 pub use commands::{CheckResult, Work, check, design, follow, with_scheme};
 pub use design::{Scheme, ServoDesign};
-pub use order::Order;
+pub use order::DesignOrder;
 pub use predictor::Demands;
 pub use reference::Reference;
 pub use track::TrackResult;

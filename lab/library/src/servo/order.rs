@@ -8,14 +8,14 @@ use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::{self, LearningDesign};
 use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, required_model};
 use super::moving_mode::{FARTHEST, ReferenceBand, with_first_mode_at};
-use super::plant_set::Variation;
+use super::plant_set::PlantVariation;
 use super::predictor::{Assessment, Demands, PredictorDesign, feedforward, missed_of_reference};
 use super::quantise::QuantisationError;
-use super::recording::Recording;
+use super::recording::ServoRecording;
 use super::robust::{
     Broken, Candidate, ModeSpread, Scan, Task, USUAL_GAIN_MARGIN_DB, USUAL_PEAK, USUAL_PHASE_MARGIN_DEG, decibels, within_nyquist,
 };
-use super::schemes::{self, Choice, InWords, left_without_inverse_um};
+use super::schemes::{self, InWords, SchemeChoice, left_without_inverse_um};
 use super::sensor_lag;
 use crate::dataset::Dataset;
 use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
@@ -29,7 +29,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 /// What a design is ordered with.
 #[derive(Clone, Copy)]
-pub struct Order<'a> {
+pub struct DesignOrder<'a> {
     /// Highest frequency of references, Hz.
     pub reference_hz: f64,
     /// Noise of the sensor, um RMS; without it that of the recording, or else [`ASSUMED_NOISE_UM`].
@@ -55,7 +55,7 @@ pub struct Order<'a> {
     /// it stays.
     pub mode_moves: f64,
     /// The scheme.
-    pub scheme: Choice,
+    pub scheme: SchemeChoice,
     /// True: the hysteresis is inverted behind the law; false: it is left to the unknown input.
     pub inverse: bool,
 }
@@ -63,7 +63,7 @@ pub struct Order<'a> {
 /// Noise of a sensor of which nothing is known, um RMS.
 pub const ASSUMED_NOISE_UM: f64 = 0.001;
 
-impl Default for Order<'_> {
+impl Default for DesignOrder<'_> {
     fn default() -> Self {
         let Demands { reference_hz, sensitivity_peak, usual_margins, .. } = Demands::default();
         Self {
@@ -77,7 +77,7 @@ impl Default for Order<'_> {
             learning: false,
             adaptation: false,
             mode_moves: 0.0,
-            scheme: Choice::Predictor,
+            scheme: SchemeChoice::Predictor,
             inverse: true,
         }
     }
@@ -201,7 +201,7 @@ fn period_that_is_learned(reference_hz: f64) -> Result<(), String> {
 }
 
 /// Checks what is asked.
-fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
+fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), String> {
     reasonable_frequency(order.reference_hz).map_err(|problem| format!("--reference-hz {problem}"))?;
     if order.learning {
         period_that_is_learned(order.reference_hz)?;
@@ -219,7 +219,7 @@ fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
     if !(0.0..=FARTHEST).contains(&order.mode_moves) {
         return Err(format!("--mode-moves {}; expected a share of the first mode's frequency from 0 to {FARTHEST}", order.mode_moves));
     }
-    if order.scheme != Choice::Predictor
+    if order.scheme != SchemeChoice::Predictor
         && let Some(option) = [(order.learning, "--learning"), (order.adaptation, "--adaptation"), (order.mode_moves > 0.0, "--mode-moves")]
             .into_iter()
             .find_map(|(asked, option)| asked.then_some(option))
@@ -264,7 +264,7 @@ fn formatted(model: &ActuatorModel, said: &mut Vec<String>) -> Result<ActuatorMo
 }
 
 /// The servo's converters, if the actuator is within them.
-fn converters(order: &Order<'_>, model: &ActuatorModel) -> Result<ConverterScale, String> {
+fn converters(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<ConverterScale, String> {
     let top_um = model.surfaces().initial_ascending_curve(1.0).max(model.reach_um());
     let Some(front_end) = order.front_end else {
         return Ok(ConverterScale::around(model.drive_min_v, model.drive_max_v, top_um));
@@ -293,10 +293,10 @@ struct Known {
     model: ActuatorModel,
     first: ModeSpread,
     second: Option<ModeSpread>,
-    recording: Option<Recording>,
+    recording: Option<ServoRecording>,
 }
 
-fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<String>) -> Result<Known, String> {
+fn known(chain: &Model, model: ActuatorModel, order: &DesignOrder<'_>, said: &mut Vec<String>) -> Result<Known, String> {
     let first_std = [relative_std(chain, vibration::ID, 0), relative_std(chain, vibration::ID, 1)];
     let dropped = |mut model: ActuatorModel| {
         model.linear.second_mode = None;
@@ -313,7 +313,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
         return Ok(Known { model: dropped(model), first, second: None, recording: None });
     };
     let first = ModeSpread::of(first_std[0], first_std[1]);
-    let with = Recording::of(chain, dataset);
+    let with = ServoRecording::of(chain, dataset);
     first_mode_shown(&with, &model.linear.first_mode)?;
     require_described(&with, &model.linear)?;
     let Some((share, mode)) = model.linear.second_mode else {
@@ -342,7 +342,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
             said.push(format!("The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.", hertz(&mode)));
             // The resonance that is left out is part of what is missing; how good the model is is judged with
             // it.
-            let recording = Recording { residual_um: with.residual_um, ..Recording::of(&with_second_mode(chain, kept), dataset) };
+            let recording = ServoRecording { residual_um: with.residual_um, ..ServoRecording::of(&with_second_mode(chain, kept), dataset) };
             let mut model = model;
             model.linear.second_mode = kept;
             Ok(Known { model, first, second: None, recording: Some(recording) })
@@ -351,7 +351,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
 }
 
 /// What the model is not, said aloud.
-fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<String>) {
+fn shortcomings(chain: &Model, recording: Option<&ServoRecording>, said: &mut Vec<String>) {
     if chain.effects.iter().all(|e| e.effect.declaration().place != Place::Creep) {
         said.push("CAUTION: the model has no creep: slow errors are left to the integral action.".into());
     }
@@ -367,7 +367,7 @@ fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<Str
 }
 
 /// Why no candidate is left.
-fn refusal<T>(scan: &Scan<T>, recording: Option<&Recording>) -> String {
+fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
     let in_words = |(broken, times): &(Broken, f64)| {
         match broken {
         Broken::Member(name) => format!("with {name} none of the tunings is stable"),
@@ -397,7 +397,7 @@ fn refusal<T>(scan: &Scan<T>, recording: Option<&Recording>) -> String {
 const MORE_THAN_ALL: f64 = 1.5;
 
 /// The lag of the sensor that is undone, s, and in words why, or why not.
-fn lag_to_undo(chain: &Model, order: &Order<'_>, said: &mut Vec<String>) -> Option<f64> {
+fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, said: &mut Vec<String>) -> Option<f64> {
     match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
         sensor_lag::Known::Bandwidth(hz, whose) if hz >= sensor_lag::LEAST_BANDWIDTH_HZ => {
             let lag_s = sensor_lag::lag_s(hz);
@@ -449,7 +449,7 @@ pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
 ///
 /// # Errors
 /// A message that says what the model or the recording lacks, or which demand cannot be met.
-pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
+pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, String> {
     let model = designable(chain)?;
     reasonable(order, &model)?;
     if let Some(dataset) = order.recording {
@@ -466,7 +466,7 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let sensor_noise_um = told_noise_um.unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
     let largest = if order.learning { learned_feedforward::SENSITIVITY_PEAK } else { f64::INFINITY };
     let sensitivity_peak = order.sensitivity_peak.min(largest);
-    let Order { reference_hz, usual_margins, .. } = *order;
+    let DesignOrder { reference_hz, usual_margins, .. } = *order;
     let mut demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, ..Demands::default() };
     if !order.inverse {
         demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(&model).0);
@@ -474,10 +474,10 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let delay_s = known_delay_s(chain);
     let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), mode_moves: order.mode_moves, demands, delay_s };
     // A PID alone feeds nothing forward.
-    let feeds_forward = order.scheme != Choice::Pid || order.inverse;
+    let feeds_forward = order.scheme != SchemeChoice::Pid || order.inverse;
     let missed = if feeds_forward { missed_by_feedforward(&task)? } else { None };
     let words = Words { task: &task, recording: recording.as_ref(), inverse: order.inverse };
-    let (scheme, explanation, scan) = if order.scheme == Choice::Predictor {
+    let (scheme, explanation, scan) = if order.scheme == SchemeChoice::Predictor {
         let scan = task.scan();
         let (chosen, explanation) = words.of(&scan)?;
         (Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: order.inverse }, explanation, Some(scan))
@@ -546,7 +546,7 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
 /// A scan in words.
 struct Words<'a> {
     task: &'a Task<'a>,
-    recording: Option<&'a Recording>,
+    recording: Option<&'a ServoRecording>,
     inverse: bool,
 }
 
@@ -682,12 +682,12 @@ impl Reckoned {
         if let Some(dataset) = recording {
             require_same_stage(chain, dataset)?;
         }
-        let order = Order { recording, ..Order::default() };
+        let order = DesignOrder { recording, ..DesignOrder::default() };
         Ok(Self { known: known(chain, model, &order, &mut Vec::new())?, delay_s: known_delay_s(chain) })
     }
 
     /// The recording as the model sees it.
-    pub(super) fn recording(&self) -> Option<&Recording> {
+    pub(super) fn recording(&self) -> Option<&ServoRecording> {
         self.known.recording.as_ref()
     }
 
@@ -725,7 +725,7 @@ impl Reckoned {
 ///
 /// # Errors
 /// The refusal.
-pub fn scheme_without_recording(design: &ServoDesign, choice: Choice, inverse: bool) -> Result<Scheme, String> {
+pub fn scheme_without_recording(design: &ServoDesign, choice: SchemeChoice, inverse: bool) -> Result<Scheme, String> {
     let (model, linear) = (&design.model, design.model.linear);
     let mut demands = Demands { sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM), ..Demands::default() };
     if !inverse {
@@ -734,7 +734,7 @@ pub fn scheme_without_recording(design: &ServoDesign, choice: Choice, inverse: b
     let second = linear.second_mode.map(|_| UNCONFIRMED);
     let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, mode_moves: 0.0, demands };
     let words = Words { task: &task, recording: None, inverse };
-    if choice == Choice::Predictor {
+    if choice == SchemeChoice::Predictor {
         let scan = task.scan();
         return Ok(Scheme::Predictor { tuning: words.of(&scan)?.0.tuning, hysteresis_inverse: inverse });
     }
@@ -788,7 +788,7 @@ fn where_the_mode_moves(task: &Task<'_>, chosen: &Candidate) -> String {
     let law = PredictorDesign::new(&task.linear, &chosen.tuning);
     let [lower, recorded, higher] = [-1.0, 0.0, 1.0].map(|way| {
         let moved = with_first_mode_at(&task.linear, 1.0 + way * task.mode_moves);
-        let band = ReferenceBand::of(&law, &Variation { delay_s: task.delay_s, ..Variation::NONE }.sampled(&moved), 1.0);
+        let band = ReferenceBand::of(&law, &PlantVariation { delay_s: task.delay_s, ..PlantVariation::NONE }.sampled(&moved), 1.0);
         format!("{:.0} Hz ({:.2} times at most)", band.bandwidth_hz, band.peak)
     });
     format!(

@@ -47,7 +47,7 @@ const SHOWN: f64 = 0.2;
 
 /// What a recording knows beside the values of a model.
 #[derive(Clone, Debug, Default)]
-pub struct Recording {
+pub struct ServoRecording {
     /// Frequencies, Hz, evenly spaced from the second line to half the loop's rate.
     pub frequency_hz: Vec<f64>,
     /// Missing response that is not excluded, um/um.
@@ -129,7 +129,7 @@ impl Sums {
     }
 }
 
-impl Recording {
+impl ServoRecording {
     /// Of a chain on a data set.
     #[must_use]
     pub fn of(chain: &Model, dataset: &Dataset) -> Self {

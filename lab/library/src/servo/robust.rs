@@ -14,7 +14,7 @@
 //! 4. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every
 //!    frequency up to half the sampling rate (small gain, so whatever the phase and the number of modes),
 //!    where `K S` is the answer of the drive to the reading and `W` the largest missing response: the
-//!    recording's level ([`Recording`]), at most the peak of an unknown mode ([`UNKNOWN_MODE_PEAK`]), times
+//!    recording's level ([`ServoRecording`]), at most the peak of an unknown mode ([`UNKNOWN_MODE_PEAK`]), times
 //!    the spread of the gain.
 //!
 //! Of those that do, and whose gains have a place in the tick's integers, the one with the least expected
@@ -28,9 +28,9 @@
 use super::loop_margins::phase_margin_deg;
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::moving_mode::MovingMode;
-use super::plant_set::Variation;
+use super::plant_set::PlantVariation;
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, STATES, frequency_response};
-use super::recording::Recording;
+use super::recording::ServoRecording;
 use crate::parallel;
 use nalgebra::{Complex, SMatrix, SVector};
 use std::f64::consts::{PI, TAU};
@@ -206,7 +206,7 @@ pub struct Task<'a> {
     /// Delay of the drive that the actuator is known to have and the observer does not carry, s.
     pub delay_s: f64,
     /// The recording, if it is at hand.
-    pub recording: Option<&'a Recording>,
+    pub recording: Option<&'a ServoRecording>,
     /// Share of its frequency by which the first mode moves to either side; zero where nobody said that it
     /// does. Beside it the spread of [`Task::first`] has to be as large.
     pub mode_moves: f64,
@@ -433,29 +433,33 @@ impl Task<'_> {
     /// With all plants at this gain over the one that the law inverts.
     fn conditions_at(&self, gain_ratio: f64) -> Conditions {
         let grid_hz = frequency_grid_hz(&self.linear);
-        let nominal = Variation { gain: gain_ratio, delay_s: self.delay_s, ..Variation::NONE }.sampled(&self.linear);
+        let nominal = PlantVariation { gain: gain_ratio, delay_s: self.delay_s, ..PlantVariation::NONE }.sampled(&self.linear);
         let moved = |mode: ModeModel, frequency: f64, damping: f64| ModeModel {
             natural_frequency_rad_s: mode.natural_frequency_rad_s * frequency,
             damping_ratio: mode.damping_ratio * damping,
         };
         let mut members = vec![("nominal", nominal.clone())];
-        let mut add = |name, variation: Variation, linear: &LinearModel| {
-            let late = Variation { gain: variation.gain * gain_ratio, delay_s: variation.delay_s + self.delay_s, ..variation };
+        let mut add = |name, variation: PlantVariation, linear: &LinearModel| {
+            let late = PlantVariation { gain: variation.gain * gain_ratio, delay_s: variation.delay_s + self.delay_s, ..variation };
             members.push((name, late.sampled(linear)));
         };
-        add("half the gain", Variation { gain: 0.5, ..Variation::NONE }, &self.linear);
-        add("one and a half times the gain", Variation { gain: 1.5, ..Variation::NONE }, &self.linear);
-        add("a period more of delay", Variation { delay_s: SAMPLING_PERIOD_S, ..Variation::NONE }, &self.linear);
-        add("twice the mass", Variation { mass_ratio: 2.0, ..Variation::NONE }, &self.linear);
-        add("1.4 times the mass", Variation { mass_ratio: 1.4, ..Variation::NONE }, &self.linear);
+        add("half the gain", PlantVariation { gain: 0.5, ..PlantVariation::NONE }, &self.linear);
+        add("one and a half times the gain", PlantVariation { gain: 1.5, ..PlantVariation::NONE }, &self.linear);
+        add("a period more of delay", PlantVariation { delay_s: SAMPLING_PERIOD_S, ..PlantVariation::NONE }, &self.linear);
+        add("twice the mass", PlantVariation { mass_ratio: 2.0, ..PlantVariation::NONE }, &self.linear);
+        add("1.4 times the mass", PlantVariation { mass_ratio: 1.4, ..PlantVariation::NONE }, &self.linear);
         for up in [-1.0, 1.0] {
             for gain in [1.0 / GAIN_SPREAD, GAIN_SPREAD] {
                 let spread = self.first;
                 let first_mode = moved(self.linear.first_mode, 1.0 + up * spread.frequency, 1.0 - spread.damping);
-                add("the first mode moved", Variation { gain, ..Variation::NONE }, &LinearModel { first_mode, ..self.linear });
+                add("the first mode moved", PlantVariation { gain, ..PlantVariation::NONE }, &LinearModel { first_mode, ..self.linear });
                 if let (Some((share, mode)), Some(spread)) = (self.linear.second_mode, self.second) {
                     let second_mode = Some((share, moved(mode, 1.0 + up * spread.frequency, 1.0 - spread.damping)));
-                    add("the second mode moved", Variation { gain, ..Variation::NONE }, &LinearModel { second_mode, ..self.linear });
+                    add(
+                        "the second mode moved",
+                        PlantVariation { gain, ..PlantVariation::NONE },
+                        &LinearModel { second_mode, ..self.linear },
+                    );
                 }
             }
         }

@@ -55,7 +55,7 @@ pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>) -> RepeatsLa
 /// How a reference goes from its lowest to its highest point and back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Shape {
+pub enum ReferenceShape {
     /// `offset + amplitude sin(2 pi f t + phase)`.
     Sine,
     /// In straight lines with sharp corners, where the sine would have its extremes.
@@ -66,7 +66,7 @@ pub enum Shape {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PeriodicReference {
     /// Shape.
-    pub shape: Shape,
+    pub shape: ReferenceShape,
     /// Frequency, Hz.
     pub frequency_hz: f64,
     /// Amplitude, um.
@@ -88,8 +88,8 @@ impl PeriodicReference {
         let expected = format!("expected {NAMES}");
         let mut fields = text.split(':');
         let shape = match fields.next() {
-            Some("sine") => Shape::Sine,
-            Some("triangle") => Shape::Triangle,
+            Some("sine") => ReferenceShape::Sine,
+            Some("triangle") => ReferenceShape::Triangle,
             _ => return Err(format!("reference `{text}`: {expected}")),
         };
         let numbers: Vec<f64> = fields
@@ -129,10 +129,10 @@ impl PeriodicReference {
         let fs = 1.0 / SAMPLING_PERIOD_S;
         let duration_s = lead_s + (2.0 / self.frequency_hz).max(1.0);
         let mut samples = match self.shape {
-            Shape::Sine => {
+            ReferenceShape::Sine => {
                 waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, self.phase_deg.to_radians(), duration_s)
             }
-            Shape::Triangle => (0..waveform::samples_in(fs, duration_s))
+            ReferenceShape::Triangle => (0..waveform::samples_in(fs, duration_s))
                 .map(|k| {
                     let turns = (self.frequency_hz * k as f64 / fs + (self.phase_deg + 90.0) / 360.0).rem_euclid(1.0);
                     self.offset_um + self.amplitude_um * (1.0 - 4.0 * (turns - 0.5).abs())
@@ -159,14 +159,14 @@ pub fn period_ticks(frequency_hz: f64) -> Option<u32> {
 
 /// RMS and largest error.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Figures {
+pub struct TrackingFigures {
     /// RMS, um.
     pub rms_um: f64,
     /// Largest magnitude, um.
     pub max_um: f64,
 }
 
-impl From<ErrorFigures> for Figures {
+impl From<ErrorFigures> for TrackingFigures {
     fn from(e: ErrorFigures) -> Self {
         Self { rms_um: e.rms_um, max_um: e.max_um }
     }
@@ -179,7 +179,7 @@ pub struct Beside {
     pub scheme: String,
     /// Error of the true displacement.
     #[serde(rename = "true")]
-    pub truth: Figures,
+    pub truth: TrackingFigures,
 }
 
 /// What a step became.
@@ -260,13 +260,13 @@ pub struct TrackResult {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beside: Option<Beside>,
     /// Error of what the sensor reads, noise removed.
-    pub sensor: Figures,
+    pub sensor: TrackingFigures,
     /// Error of the readings as hardware shows them: the sensor's noise and the steps of its converter
     /// included.
-    pub as_read: Figures,
+    pub as_read: TrackingFigures,
     /// Error of the true displacement.
     #[serde(rename = "true")]
-    pub truth: Figures,
+    pub truth: TrackingFigures,
     /// Mean error of what the sensor reads, um.
     pub steady_state_um: f64,
     /// How late the servo takes the sensor to be, s, where it undoes that: what is read is then off what was
