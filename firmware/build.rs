@@ -3,9 +3,9 @@
 //!
 //! The functions of `hysteron_core` and of the compiler's integer helpers are named in the section, because
 //! the control interrupt calls them; what it does not reach is dropped by the linker's garbage collection.
-//! What reads and verifies parameter blocks, the safety envelope and command lines only runs in tasks, and
-//! stays in flash: that memory is short on some boards. `cargo xtask firmware` finds a function that the
-//! control interrupt calls there.
+//! What reads and verifies parameter blocks, the safety envelope, kept settings and command lines, and what
+//! designs filters, only runs in tasks, and stays in flash: that memory is short on some boards. `cargo
+//! xtask firmware` finds a function that the control interrupt calls there.
 
 use std::{env, fs, path::Path};
 
@@ -16,6 +16,7 @@ SECTIONS
   .start_code : {
     *(.text.*hysteron_core*parameter_block* .text.*hysteron_core*safety_envelope* .text.*hysteron_core*block_choice*);
     *(.text.*hysteron_core*command_text* .text.*hysteron_core*command_lines* .text.*hysteron_core*checksum*);
+    *(.text.*hysteron_core*filter_design* .text.*hysteron_core*kept_settings*);
   } > FLASH
   .control_code : ALIGN(8)
   {

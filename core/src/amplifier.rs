@@ -20,6 +20,9 @@
 //! and a small step shows that the drive moves the sensor as the model says ([`crate::self_test`]).
 //! [`Command::Disarm`] goes to rest and switches it off there.
 //!
+//! A fault of the output itself ([`Fault::is_of_output`]) switches it off at once: the ramp to rest would not
+//! arrive.
+//!
 //! # Conditioning
 //! A played raised cosine over the whole range, as long as it is asked for or as long as the slew limit
 //! needs, a rest, and then the sensor is zeroed at the mean of the last [`ZERO_TICKS`] readings. It counts
@@ -44,12 +47,14 @@ use crate::block_swap;
 use crate::codes::{DriveCode, SensorCode};
 use crate::command_limits;
 use crate::guard::{Fault, Guard};
+use crate::output_monitor::OutputMonitor;
 use crate::parameter_block::AmplifierParameters;
 use crate::reference_generator::{LOWEST_POINT, ReferenceGenerator, Waveform, sweep};
 use crate::reference_window::PREVIEW_TICKS;
 use crate::self_test::{Extremes, Motion, SelfTest, has_model};
 use crate::servo_tick::ServoTick;
 use crate::signal::{Micrometres, Volts, narrow, volts};
+use crate::signal_filter::{FilteredSignal, Place, SectionRow};
 use crate::trace_frame::TraceSample;
 
 /// Readings whose mean is the sensor's zero.
@@ -134,6 +139,15 @@ pub enum Command {
     /// Whether the loop closes only behind a conditioning, as after every start, or whatever the stage's
     /// memory is.
     RequireConditioning(bool),
+    /// Changes a section of a filter, in any mode and without a step ([`crate::signal_filter`]).
+    Filter {
+        /// Of which signal.
+        signal: FilteredSignal,
+        /// Which section.
+        place: Place,
+        /// Its integers, whose gain at rest is one.
+        row: SectionRow,
+    },
 }
 
 /// Why a command is refused.
@@ -194,6 +208,8 @@ pub struct Amplifier {
     /// Mean square of the drive's change, times [`CURRENT_TICKS`], and its limit.
     change: u64,
     most_change: u64,
+    /// Looks at the amplifier's output, where its monitor is wired.
+    output: Option<OutputMonitor>,
     parameters: AmplifierParameters,
     servo: ServoTick,
 }
@@ -238,6 +254,7 @@ impl Amplifier {
             for_good: None,
             change: 0,
             most_change: u64::MAX,
+            output: None,
             reference: None,
             generator: ReferenceGenerator::new(Waveform::Constant, Micrometres::from_bits(0)),
             player: ReferenceGenerator::new(Waveform::Constant, Volts::from_bits(0)),
@@ -267,6 +284,9 @@ impl Amplifier {
         self.mode = Mode::Fault;
         self.conditioned = false;
         self.armed = false;
+        if fault.is_of_output() {
+            self.switch_off();
+        }
         self.forget_plans();
     }
 
@@ -282,6 +302,21 @@ impl Amplifier {
     /// ([`crate::safety_envelope::SafetyEnvelope::mean_square_codes`]).
     pub fn limit_current(&mut self, mean_square_codes: u64) {
         self.most_change = mean_square_codes << CURRENT_SHIFT;
+    }
+
+    /// From now on the amplifier's voltage monitor is compared with the drive ([`crate::output_monitor`]).
+    pub fn watch_output(&mut self, monitor: OutputMonitor) {
+        self.output = Some(monitor);
+    }
+
+    /// Takes what the voltage monitor read during the last period (`None`: its converter did not answer),
+    /// 65,536 codes. Call it before the tick.
+    #[inline]
+    pub fn inspect_output(&mut self, code: Option<u16>) {
+        let (drive, powered) = (self.servo.drive().to_bits(), self.powered);
+        if let Some(fault) = self.output.as_mut().and_then(|monitor| monitor.inspect(code, drive, powered)) {
+            self.refuse(fault);
+        }
     }
 
     /// What was asked for before a stop is not done behind it.
@@ -332,6 +367,7 @@ impl Amplifier {
                 return Ok(());
             }
             Command::RequireConditioning(required) => self.conditioning_required = required,
+            Command::Filter { signal, place, row } => self.servo.set_filter(signal, place, &row),
             _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
             Command::Reference { waveform: Waveform::Table(_), .. } if self.mode != Mode::Closed => return Err(Refusal::LoopOpen),
             Command::Reference { waveform, offset } => {

@@ -24,6 +24,8 @@
 //! | sensor drifts | self-test | ramp to rest |
 //! | conditioning did not reach the whole range | at its end | rest |
 //! | drive current | the drive's RMS slew is above that of [`crate::safety_envelope`] | ramp to rest |
+//! | output is not the drive, voltage monitor out of range | [`crate::output_monitor`] | power off at once |
+//! | drive's converter holds another code | its register, read back | power off at once |
 //! | parameter block | at start | rest |
 //! | watchdog, brown-out, hard fault, clock lost, supply low | at start, from the reset's cause | rest |
 
@@ -87,11 +89,17 @@ pub enum Fault {
     BeyondEnvelope = 26,
     /// The board has no safety envelope.
     NoEnvelope = 27,
+    /// The amplifier's voltage monitor reads another drive than the one that was written.
+    OutputDiffers = 28,
+    /// The voltage monitor's converter does not answer, or reads what an open or shorted cable gives.
+    MonitorOutOfRange = 29,
+    /// The register of the drive's converter holds another code than the one that was written.
+    DriveNotHeld = 30,
 }
 
 impl Fault {
     /// Every fault with its name.
-    pub const ALL: [(Self, &'static str); 27] = [
+    pub const ALL: [(Self, &'static str); 30] = [
         (Self::SensorSilent, "sensor silent"),
         (Self::SensorOutOfRange, "sensor out of range"),
         (Self::SensorStuck, "sensor stuck"),
@@ -119,7 +127,18 @@ impl Fault {
         (Self::DriveCurrent, "drive current"),
         (Self::BeyondEnvelope, "drive beyond the safety envelope"),
         (Self::NoEnvelope, "no safety envelope"),
+        (Self::OutputDiffers, "output of the amplifier is not the drive"),
+        (Self::MonitorOutOfRange, "voltage monitor out of range"),
+        (Self::DriveNotHeld, "drive's converter holds another code"),
     ];
+
+    /// Whether the drive that acts is not the one that was written: a ramp to rest would not arrive, and the
+    /// power stage goes off at once.
+    #[inline]
+    #[must_use]
+    pub fn is_of_output(self) -> bool {
+        matches!(self, Self::OutputDiffers | Self::MonitorOutOfRange | Self::DriveNotHeld)
+    }
 
     /// Its name.
     #[must_use]

@@ -14,13 +14,15 @@
 
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
+use crate::output_monitor::{MARGIN, MonitorParameters};
 use crate::parameter_block::{AmplifierParameters, BlockError, Reader, Wire, Writer, wire_struct};
+use crate::self_test::STEP_MILLIVOLTS;
 use crate::servo_parameters::LawParameters;
 
 /// First bytes of an envelope.
 pub const MAGIC: [u8; 4] = *b"HYSE";
 /// Version of the layout.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Bytes of the largest envelope.
 pub const ENVELOPE_BYTES: usize = 128;
 const HEADER_BYTES: usize = 8;
@@ -65,6 +67,16 @@ pub struct SafetyEnvelope {
     pub capacitance_nf: u32,
     /// Largest current into it, RMS over about a second, uA.
     pub current_ua: u32,
+    /// The register of the drive's converter can be read back: its SDO is wired.
+    pub drive_reads_back: bool,
+    /// Drive at code 0 of the amplifier's voltage monitor, uV.
+    pub monitor_at_code_0_uv: i32,
+    /// Drive over the 65,536 codes of the monitor, uV; 0: no monitor is wired.
+    pub monitor_span_uv: u32,
+    /// Furthest that the monitor may read from the drive, mV.
+    pub monitor_tolerance_mv: u16,
+    /// Longest time constant of amplifier and monitor together, us.
+    pub monitor_lag_us: u32,
 }
 
 wire_struct!(SafetyEnvelope {
@@ -86,6 +98,11 @@ wire_struct!(SafetyEnvelope {
     healthy_ms,
     capacitance_nf,
     current_ua,
+    drive_reads_back,
+    monitor_at_code_0_uv,
+    monitor_span_uv,
+    monitor_tolerance_mv,
+    monitor_lag_us,
 });
 
 /// Writes an envelope and returns its length.
@@ -159,7 +176,38 @@ impl SafetyEnvelope {
             && self.healthy_ms > 0
             && self.capacitance_nf > 0
             && self.current_ua > 0;
-        if limits { Ok(()) } else { Err(BlockError::Range("every limit of the envelope must be more than none")) }
+        if !limits {
+            return Err(BlockError::Range("every limit of the envelope must be more than none"));
+        }
+        if self.monitor_span_uv == 0 {
+            return Ok(());
+        }
+        // The whole range must lie inside the monitor's honest codes, or the ends of it would be faults;
+        // and the step of the self-test must be more than the tolerance, or a dead amplifier would pass it.
+        let margin = (i64::from(self.monitor_span_uv) * i64::from(MARGIN)) >> 16;
+        let (low, high) = (i64::from(self.monitor_at_code_0_uv), i64::from(self.monitor_at_code_0_uv) + i64::from(self.monitor_span_uv));
+        let covers = self.drive_uv(self.drive_min) >= low + margin && self.drive_uv(self.drive_max) <= high - margin;
+        if !covers {
+            return Err(BlockError::Range("the voltage monitor must read beyond both ends of the drive"));
+        }
+        if !(1..STEP_MILLIVOLTS).contains(&i64::from(self.monitor_tolerance_mv)) {
+            return Err(BlockError::Range("the tolerance of the voltage monitor must be below the step of the self-test, 1.5 V"));
+        }
+        Ok(())
+    }
+
+    /// How the amplifier's output is watched; `None` where no monitor is wired.
+    #[must_use]
+    pub fn monitor(&self, sample_rate_hz: u32) -> Option<MonitorParameters> {
+        (self.monitor_span_uv > 0).then(|| {
+            MonitorParameters::new(
+                self.monitor_at_code_0_uv,
+                self.monitor_span_uv,
+                self.monitor_tolerance_mv,
+                self.monitor_lag_us,
+                sample_rate_hz,
+            )
+        })
     }
 
     /// Drive of a code of the converter, uV.
@@ -273,6 +321,11 @@ pub(crate) mod tests {
             healthy_ms: 5,
             capacitance_nf: 1_500,
             current_ua: 20_000,
+            drive_reads_back: true,
+            monitor_at_code_0_uv: -30_000_000,
+            monitor_span_uv: 180_000_000,
+            monitor_tolerance_mv: 500,
+            monitor_lag_us: 2_000,
         }
     }
 
@@ -295,6 +348,9 @@ pub(crate) mod tests {
             |e| e.safe_code = DriveCode::new(0),
             |e| e.stuck_within_ms = 0,
             |e| e.current_ua = 0,
+            |e| e.monitor_at_code_0_uv = 1_000_000,
+            |e| e.monitor_tolerance_mv = 0,
+            |e| e.monitor_tolerance_mv = 1_500,
             |e| e.dac_bits = 21,
         ] {
             let mut wrong = envelope();

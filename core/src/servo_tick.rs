@@ -26,6 +26,11 @@
 //! With [`ServoParameters::adaptation`] the predictor law corrects the gain of its model slowly, within
 //! bounds ([`crate::gain_adaptation`]). The gain that was learned stays until the parameters change.
 //!
+//! # Filters
+//! Two notches and a low-pass on the set point and on the reading ([`crate::signal_filter`]) may be changed
+//! while the loop runs ([`ServoTick::set_filter`]). They belong to the bench and not to the block: another
+//! block leaves them as they are. They begin at rest when the loop is closed.
+//!
 //! # What is counted
 //! [`Counters`]: ticks at a drive limit, ticks at which the wanted output was not reachable, values that left
 //! their format.
@@ -40,6 +45,7 @@ use crate::predictor_law::PredictorLaw;
 use crate::reference_window::ReferenceWindow;
 use crate::servo_parameters::{ActuatorParameters, LawParameters, ServoParameters};
 use crate::signal::{Micrometres, SHARE_FRACTION_BITS, Volts, narrow, saturate};
+use crate::signal_filter::{FilteredSignal, Place, SectionRow, SignalFilter};
 use crate::sliding_mode_controller::{Reaching, SlidingModeController};
 use crate::state_estimator::StateEstimator;
 
@@ -84,6 +90,8 @@ pub struct ServoTick {
     slewing: bool,
     /// Something is learned: a correction, or the gain.
     learns: bool,
+    /// A section of a filter is on.
+    filters: bool,
     reading: i32,
     counters: Counters,
     window: ReferenceWindow,
@@ -93,6 +101,9 @@ pub struct ServoTick {
     /// Creep of everything that was applied, for a law that undoes it.
     creep: CreepInverse,
     adaptation: GainAdaptation,
+    /// Of the set point and of the reading.
+    set_point: SignalFilter,
+    sensor: SignalFilter,
     learner: LearnedFeedforward,
 }
 
@@ -110,6 +121,8 @@ impl ServoTick {
             window: ReferenceWindow::at_rest(0),
             learner: LearnedFeedforward::off(),
             adaptation: GainAdaptation::off(),
+            set_point: SignalFilter::OFF,
+            sensor: SignalFilter::OFF,
             hysteresis,
             creep: CreepInverse::default(),
             code: parameters.converters.dac_code_min,
@@ -120,6 +133,7 @@ impl ServoTick {
             limited: 0,
             slewing: false,
             learns: false,
+            filters: false,
             reading: 0,
             counters: Counters::default(),
         };
@@ -167,6 +181,28 @@ impl ServoTick {
         self.law = LawState::Fresh;
         self.learner.restart();
         self.adaptation.wait();
+        self.set_point.restart();
+        self.sensor.restart();
+        self.filters = !self.set_point.is_off() || !self.sensor.is_off();
+    }
+
+    /// Changes a section of a filter without a step of the drive. Call it between ticks.
+    #[inline(never)]
+    pub fn set_filter(&mut self, signal: FilteredSignal, place: Place, row: &SectionRow) {
+        match signal {
+            FilteredSignal::SetPoint => self.set_point.set(place, row),
+            FilteredSignal::Sensor => self.sensor.set(place, row),
+        }
+        self.filters = true;
+    }
+
+    /// The reading and the reference ahead, filtered.
+    #[inline(never)]
+    fn filter(&mut self, reading: i32, ahead: i32) -> (i32, i32) {
+        let saturated = &mut self.counters.saturated_values;
+        let filtered = (self.sensor.step(reading, saturated), self.set_point.step(ahead, saturated));
+        self.filters = !self.set_point.is_off() || !self.sensor.is_off();
+        filtered
     }
 
     /// Tells the period of the references from the next [`Self::enable`] on, ticks; `None`: they do not
@@ -311,7 +347,11 @@ impl ServoTick {
     // widens them and reloads every address.
     #[inline(never)]
     fn follow(&mut self, adc_code: SensorCode, ahead: i32, correction: i32) -> DriveCode {
-        let reading = self.parameters.converters.position(adc_code);
+        let mut signals = (self.parameters.converters.position(adc_code), ahead);
+        if self.filters {
+            signals = self.filter(signals.0, signals.1);
+        }
+        let (reading, ahead) = signals;
         self.reading = reading;
         if matches!(self.law, LawState::Fresh) {
             self.window.restart(reading, ahead);

@@ -103,6 +103,8 @@ pub struct Control {
     pub last_cycles: Option<u32>,
     /// There is an envelope and a block: the drive's converter is given codes.
     pub drives: bool,
+    /// The amplifier's voltage monitor is wired.
+    pub has_monitor: bool,
     /// Codes that may act, lowest and highest, whatever block and law say.
     pub envelope: (DriveCode, DriveCode),
     /// Times that the tick counter has begun again.
@@ -156,6 +158,9 @@ impl Control {
         }
         if within != code {
             self.amplifier.refuse(Fault::BeyondEnvelope);
+        }
+        if !self.front_end.holds() {
+            self.amplifier.refuse(Fault::DriveNotHeld);
         }
     }
 
@@ -510,6 +515,10 @@ extern "C" fn TIM2() {
     }
     if HOST.is_lost(control.tick, control.amplifier.mode()) {
         control.amplifier.refuse(Fault::HostLost);
+    }
+    if control.has_monitor {
+        let monitored = control.front_end.monitor();
+        control.amplifier.inspect_output(monitored);
     }
     control.amplifier.hold_adaptation(ADAPTATION_HELD.load(Ordering::Relaxed));
     let begin = DWT::cycle_count();

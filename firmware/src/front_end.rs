@@ -34,13 +34,22 @@ pub struct Wiring {
     pub sensor_is_signed: bool,
     /// From the lower reference of the drive's converter to its upper one, mV.
     pub reference_span_mv: u32,
+    /// The register of the drive's converter can be read back.
+    pub drive_reads_back: bool,
+    /// The amplifier's voltage monitor is wired.
+    pub has_monitor: bool,
 }
 
 impl Wiring {
     /// That of an envelope.
     #[allow(dead_code)] // not every image has one
     pub const fn of(envelope: &SafetyEnvelope) -> Self {
-        Self { sensor_is_signed: envelope.sensor_is_signed, reference_span_mv: envelope.reference_span_mv }
+        Self {
+            sensor_is_signed: envelope.sensor_is_signed,
+            reference_span_mv: envelope.reference_span_mv,
+            drive_reads_back: envelope.drive_reads_back,
+            has_monitor: envelope.monitor_span_uv > 0,
+        }
     }
 }
 
@@ -69,6 +78,20 @@ pub trait FrontEnd {
     /// take that. The code that it was given last is in its register.
     #[allow(dead_code)] // not every image that has a front end keeps it so long
     fn renew(&mut self) -> bool;
+    /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next
+    /// conversion. `None` if its converter did not answer, or there is none.
+    #[inline(always)]
+    #[allow(dead_code)] // the board check drives no amplifier
+    fn monitor(&mut self) -> Option<u16> {
+        None
+    }
+    /// Whether the register of the drive's converter held the code that was written last when the one
+    /// behind it was written; where it cannot be read back it counts as held.
+    #[inline(always)]
+    #[allow(dead_code)] // the board check sees the drive over its wire
+    fn holds(&self) -> bool {
+        true
+    }
     /// The drive at a code at once, without the sample clock, from any state: clocks off, pins not set up, a
     /// frame half sent.
     fn force(&mut self, code: DriveCode);

@@ -37,6 +37,7 @@ use hysteron_core::amplifier::Amplifier;
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_schedule::CommandSchedule;
 use hysteron_core::guard::Fault;
+use hysteron_core::output_monitor::OutputMonitor;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::PackedSample;
 use rtt_target::{ChannelMode, rtt_init};
@@ -73,6 +74,7 @@ async fn main(spawner: Spawner) {
 
     event_log::begin();
     let envelope = settings::load_envelope();
+    settings::load_kept(SAMPLE_RATE_HZ);
     let block = settings::load(SAMPLE_RATE_HZ);
     let refused = match (&envelope, &block) {
         (None, _) => Some(Fault::NoEnvelope),
@@ -150,7 +152,11 @@ fn hand_over(parameters: AmplifierParameters, refused: Option<Fault>, ends: Ends
     }
     if let Some(envelope) = settings::envelope() {
         amplifier.limit_current(envelope.mean_square_codes(amplifier.parameters()));
+        if let Some(monitor) = envelope.monitor(SAMPLE_RATE_HZ) {
+            amplifier.watch_output(OutputMonitor::new(monitor));
+        }
     }
+    settings::filter(&mut amplifier, SAMPLE_RATE_HZ);
     if !fault::cycle_counter_runs() {
         defmt::error!("the cycle counter does not run: ticks that are skipped cannot be found");
         amplifier.refuse(Fault::Overrun);
@@ -169,6 +175,7 @@ fn hand_over(parameters: AmplifierParameters, refused: Option<Fault>, ends: Ends
         late_cycles,
         last_cycles: None,
         drives: refused.is_none(),
+        has_monitor: settings::envelope().is_some_and(|envelope| envelope.monitor_span_uv > 0),
         envelope,
         turns: 0,
         latched: 0,

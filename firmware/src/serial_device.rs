@@ -5,10 +5,11 @@ use core::sync::atomic::AtomicI32;
 use hysteron_core::amplifier::Mode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
+use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
-use hysteron_protocol::device::{Brought, Device, Diagnosis, Event, Moving, View};
+use hysteron_protocol::device::{Brought, Device, DeviceDiagnosis, DeviceEvent, Moving, View};
 use hysteron_protocol::session::WAVE_TABLES;
 
 use crate::board::{Board, Platform};
@@ -94,13 +95,21 @@ impl Device for Target {
         settings::envelope()
     }
 
-    fn event(&self, before_last: u32) -> Option<Event> {
+    fn event(&self, before_last: u32) -> Option<DeviceEvent> {
         let event = event_log::event(before_last)?;
-        Some(Event { start: event.start, tick: event.tick, fault: Fault::from_number(event.fault as u8)? })
+        Some(DeviceEvent { start: event.start, tick: event.tick, fault: Fault::from_number(event.fault as u8)? })
     }
 
     fn swap_block(&mut self) {
         settings::swap();
+    }
+
+    fn kept_settings(&self) -> Option<KeptSettings> {
+        settings::kept_settings()
+    }
+
+    fn keep_settings(&mut self, settings: &KeptSettings) -> Result<(), Moving> {
+        if control::drive_rests() && !settings::is_keeping() { Ok(settings::keep_settings(settings)) } else { Err(Moving) }
     }
 
     fn brought(&self) -> Brought {
@@ -127,10 +136,10 @@ impl Device for Target {
         serial_port::set_baud(baud);
     }
 
-    fn diagnosis(&self) -> Diagnosis {
+    fn diagnosis(&self) -> DeviceDiagnosis {
         let (railed_ticks, limited_ticks) = telemetry::railed_and_limited_ticks();
         let (block_generation, block_checksum) = settings::in_use();
-        Diagnosis {
+        DeviceDiagnosis {
             railed_ticks,
             limited_ticks,
             saturated_values: control::saturated_values(),

@@ -28,9 +28,9 @@ use static_cell::StaticCell;
 use crate::board::{Board, Platform};
 use crate::control::{self, Reply, Source};
 use crate::serial_device::{Target, WAVES};
-use crate::{command_port, spawn, task_clock};
+use crate::{command_port, settings, spawn, task_clock};
 
-/// The line's speed after a start, bit/s.
+/// The line's speed after a start, unless the operator kept another, bit/s.
 const BAUD: u32 = 115_200;
 /// Bytes on their way out of and into the port.
 const BUFFER_BYTES: usize = 256;
@@ -54,7 +54,9 @@ static SESSION: StaticCell<Session<Target>> = StaticCell::new();
 pub fn open(spawner: Spawner, peripherals: Peripherals, parameters: AmplifierParameters) {
     Board::SERIAL_INTERRUPT.set_priority(Priority::P8);
     let mut config = Config::default();
-    config.baudrate = BAUD;
+    let baud = settings::kept_settings().map_or(BAUD, |kept| kept.baud);
+    config.baudrate = baud;
+    LINE_BAUD.store(baud, Ordering::Relaxed);
     let [outgoing, incoming] = BUFFERS.init([[0; BUFFER_BYTES]; 2]);
     match Board::serial_port(peripherals, outgoing, incoming, config) {
         Ok(port) => {

@@ -8,6 +8,9 @@
 //! refused; a block that the supply cut off while it was written is only unreadable ([`crate::flash_read`]).
 //! So a block that was damaged on its way or in flash leaves the last good one in force.
 //!
+//! What the operator asks to keep (`WPA`) stands in a sector of its own. Where it is damaged the board
+//! begins with what a new one has: nothing of it is a matter of safety.
+//!
 //! The envelope comes by the same lines, and is kept by a command that names its checksum. No block that
 //! exceeds it is taken, and without one nothing is.
 
@@ -18,11 +21,14 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
+use hysteron_core::amplifier::{Amplifier, Command};
 use hysteron_core::block_choice::{self, Choice, Kept};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
+use hysteron_core::kept_settings::{self, KeptSettings, SETTINGS_BYTES};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, fingerprint, generation, read, set_generation};
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
+use hysteron_core::signal_filter::{FilteredSignal, Place};
 use hysteron_protocol::device::Brought;
 
 use crate::board::{Board, Converters, Platform};
@@ -52,6 +58,8 @@ static SWAPPED: AtomicU32 = AtomicU32::new(0);
 static NEWEST: AtomicU16 = AtomicU16::new(0);
 /// The envelope in force.
 static ENVELOPE: ThreadModeMutex<Cell<Option<SafetyEnvelope>>> = ThreadModeMutex::new(Cell::new(None));
+/// What the operator kept, as it was at the start.
+static KEPT: ThreadModeMutex<Cell<Option<KeptSettings>>> = ThreadModeMutex::new(Cell::new(None));
 /// What has become of the block that was brought last.
 static BROUGHT: ThreadModeMutex<Cell<Brought>> = ThreadModeMutex::new(Cell::new(Brought::Nothing));
 
@@ -123,6 +131,51 @@ pub fn load_envelope() -> Option<SafetyEnvelope> {
     }
 }
 
+/// Looks for what the operator kept.
+pub fn load_kept(sample_rate_hz: u32) {
+    let mut bytes = [0; SETTINGS_BYTES];
+    let found = flash_read::copy(Board::KEPT_SETTINGS, &mut bytes).map_err(|_| BlockError::Unreadable);
+    match found.and_then(|()| kept_settings::read(&bytes, sample_rate_hz)) {
+        Ok(settings) => KEPT.lock(|place| place.set(Some(settings))),
+        Err(BlockError::Absent) => {}
+        Err(error) => defmt::warn!("kept settings left aside: {=str}", error.reason()),
+    }
+}
+
+/// What the operator kept, as it was at the start.
+pub fn kept_settings() -> Option<KeptSettings> {
+    KEPT.lock(Cell::get)
+}
+
+/// Gives an amplifier the filters that were kept for its stage.
+pub fn filter(amplifier: &mut Amplifier, sample_rate_hz: u32) {
+    let stage = amplifier.parameters().physical.name;
+    let Some(kept) = kept_settings().filter(|kept| kept.stage == stage) else { return };
+    for (signal, filter) in [FilteredSignal::SetPoint, FilteredSignal::Sensor].into_iter().zip(kept.filters) {
+        for place in [Place::Notch1, Place::Notch2, Place::LowPass] {
+            if let Ok(row) = filter.row(place, sample_rate_hz) {
+                let _ = amplifier.command(Command::Filter { signal, place, row });
+            }
+        }
+    }
+}
+
+/// Lets [`keeper`] keep settings from the next start on.
+pub fn keep_settings(settings: &KeptSettings) {
+    BROUGHT.lock(|brought| brought.set(Brought::Busy));
+    WANTED.signal(Wanted::Settings(*settings));
+}
+
+/// Writes settings and reads them back.
+async fn commit_settings(settings: &KeptSettings, sample_rate_hz: u32) -> Result<(), &'static str> {
+    let mut bytes = [0xFF; SETTINGS_BYTES];
+    kept_settings::write(settings, &mut bytes).map_err(BlockError::reason)?;
+    Board::write_sector(Board::KEPT_SETTINGS, &bytes).await?;
+    flash_read::copy(Board::KEPT_SETTINGS, &mut bytes).map_err(|_| BlockError::Unreadable.reason())?;
+    let same = kept_settings::read(&bytes, sample_rate_hz).is_ok_and(|read| read == *settings);
+    if same { Ok(()) } else { Err("what was written does not read back") }
+}
+
 /// Whether the block at an address is marked as replaced.
 fn is_replaced(address: u32) -> bool {
     let mut mark = [0xFF; MARK_BYTES as usize];
@@ -181,6 +234,8 @@ enum Wanted {
     Swap,
     /// It is a safety envelope with this checksum; into the flash.
     Envelope(u32),
+    /// Not what was brought: settings into the flash.
+    Settings(KeptSettings),
 }
 
 struct Upload {
@@ -248,8 +303,12 @@ pub async fn keeper(sample_rate_hz: u32) {
                 defmt::info!("safety envelope kept: `restart` takes it");
                 Brought::Kept
             }),
+            Wanted::Settings(settings) => commit_settings(&settings, sample_rate_hz).await.map(|()| {
+                defmt::info!("settings kept");
+                Brought::Kept
+            }),
             Wanted::Swap => upload.swap(sample_rate_hz).await.map(|()| {
-                defmt::info!("block swapped in; it is not kept");
+                defmt::info!("block swapped in; the flash keeps the old one");
                 Brought::Swapped
             }),
         };

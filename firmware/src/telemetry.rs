@@ -136,7 +136,7 @@ fn say_resonance(watch: ResonanceWatch, figures: LoopFigures) {
 pub fn say_loop() {
     let (watch, figures) = (resonance_watch(), loop_figures());
     defmt::info!(
-        "last second of the closed loop: error {=u32} pm RMS, {=u32} pm peak, drive {=u32} uV RMS, {=u32} pm at {=u32} mHz; {=u32} seconds, {=u32} given up",
+        "last second of the closed loop: error {=u32} pm RMS, {=u32} pm peak, drive {=u32} uV RMS, {=u32} pm at {=u32} mHz; {=u32} seconds, {=u32} abandoned",
         figures.error_rms_pm,
         figures.error_peak_pm,
         figures.drive_rms_uv,

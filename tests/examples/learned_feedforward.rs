@@ -11,7 +11,7 @@
 //! Models are those of `servo_from_data`, kept in target/servo_from_data.
 
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron_sim::bench::Bench;
 use hysteron_tests::independent_stage::StageTruth;
@@ -81,7 +81,10 @@ fn main() {
         let truth = StageTruth::drawn(seed);
         let dataset = record(&truth, StudyRecording::Wideband);
         let chain = kept_model(&truth, StudyRecording::Wideband, &dataset);
-        let design = match order::design(&chain, &Order { recording: Some(&dataset), learning: true, ..Order::default() }) {
+        let design = match order::design(
+            &chain,
+            &DesignOrder { recording: Some(&dataset), learning: true, usual_margins: false, ..DesignOrder::default() },
+        ) {
             Ok(design) => design,
             Err(reason) => {
                 println!("| {seed} | {reason} |");

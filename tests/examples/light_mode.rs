@@ -7,7 +7,7 @@
 
 use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::light_mode_study::{MODE_HZ, bandwidth_hz, moved, peak, reference_response, stable_range, with_first_mode};
 use hysteron_tests::servo_study::{StudyRecording, at_work, kept_model, record};
@@ -55,7 +55,9 @@ fn main() {
             "| servo | bandwidth, Hz (largest amplification) | mode 20 % lower | 20 % higher | noise | stable, mode times | errors, nm |"
         );
         println!("|---|---|---|---|---|---|---|");
-        let designed = |mode_moves: f64| order::design(&chain, &Order { recording: Some(&dataset), mode_moves, ..Order::default() });
+        let designed = |mode_moves: f64| {
+            order::design(&chain, &DesignOrder { recording: Some(&dataset), mode_moves, usual_margins: false, ..DesignOrder::default() })
+        };
         match designed(0.0) {
             Err(reason) => println!("| usual design | refused: {reason} |"),
             Ok(usual) => {

@@ -7,21 +7,21 @@
 //! effects; every scheme is designed from that model and that recording.
 
 use hysteron::model_file::effects_named;
-use hysteron::servo::order::{self, Order};
-use hysteron::servo::schemes::Choice;
+use hysteron::servo::order::{self, DesignOrder};
+use hysteron::servo::schemes::SchemeChoice;
 use hysteron::watch::Unwatched;
 use hysteron_tests::independent_stage::{StageChange, StageTruth};
 use hysteron_tests::servo_study::{FREQUENCIES_HZ, StudyRecording, at_work, record};
 
 /// Schemes with and without the hysteresis inverted.
-const SCHEMES: [(Choice, bool); 7] = [
-    (Choice::Predictor, true),
-    (Choice::Pidsmoc, true),
-    (Choice::PidsmcAlphaBeta, true),
-    (Choice::Pidsmoc, false),
-    (Choice::PidsmcAlphaBeta, false),
-    (Choice::Smcbl, true),
-    (Choice::Pid, true),
+const SCHEMES: [(SchemeChoice, bool); 7] = [
+    (SchemeChoice::Predictor, true),
+    (SchemeChoice::Pidsmoc, true),
+    (SchemeChoice::PidsmcAlphaBeta, true),
+    (SchemeChoice::Pidsmoc, false),
+    (SchemeChoice::PidsmcAlphaBeta, false),
+    (SchemeChoice::Smcbl, true),
+    (SchemeChoice::Pid, true),
 ];
 
 /// From here on the PIDSMOC has to be better than PIDSMC with the alpha-beta filter, Hz.
@@ -30,7 +30,7 @@ const FAST_HZ: f64 = 50.0;
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
     let (stages, first) = (numbers.first().copied().unwrap_or(24), numbers.get(1).copied().unwrap_or(100));
-    let name = |(choice, inverse): (Choice, bool)| format!("{}{}", choice.name(), if inverse { "" } else { ", no inverse" });
+    let name = |(choice, inverse): (SchemeChoice, bool)| format!("{}{}", choice.name(), if inverse { "" } else { ", no inverse" });
     println!("RMS error of the true position in nm at {} Hz", FREQUENCIES_HZ.map(|hz| hz.to_string()).join(" / "));
     println!("| stage | first mode | noise, nm | {} |", SCHEMES.map(name).join(" | "));
     println!("|---|---|---|{}", "---|".repeat(SCHEMES.len()));
@@ -43,7 +43,7 @@ fn main() {
         let mut cells = Vec::new();
         let mut errors = Vec::new();
         for (nth, (scheme, inverse)) in SCHEMES.into_iter().enumerate() {
-            let order = Order { recording: Some(&dataset), scheme, inverse, ..Order::default() };
+            let order = DesignOrder { recording: Some(&dataset), scheme, inverse, usual_margins: false, ..DesignOrder::default() };
             match order::design(&chain, &order) {
                 Err(reason) => {
                     refused[nth] += 1;

@@ -7,7 +7,7 @@
 
 use hysteron::model_file::{effects_named, from_toml, to_toml};
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::watch::Unwatched;
 use hysteron_tests::adaptation_study::{AdaptationDrift, AdaptationWay, adapted, sine_um};
 use hysteron_tests::independent_stage::StageTruth;
@@ -28,7 +28,7 @@ fn design_of(truth: &StageTruth) -> Result<ServoDesign, String> {
             chain
         }
     };
-    order::design(&chain, &Order { recording: Some(&dataset), ..Order::default() })
+    order::design(&chain, &DesignOrder { recording: Some(&dataset), usual_margins: false, ..DesignOrder::default() })
 }
 
 fn nm(um: f64) -> String {

@@ -14,8 +14,8 @@
 //!   noise and the steps of its converter. Converters have 16 bits ([`ConverterScale::around`]). A code acts
 //!   one period after the reading that it came from.
 //!
-//! A [`StageTruth`] is drawn from a seed. Every third stage has a lightly damped first mode, and every stage has a
-//! second mode between 1.2 times the first one and 9.5 kHz.
+//! A [`StageTruth`] is drawn from a seed. Every third stage has a lightly damped first mode, and every
+//! stage has a second mode between 1.2 times the first one and 9.5 kHz.
 
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::converter_scale::ConverterScale;

@@ -9,7 +9,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::learned_feedforward::{LearningDesign, from_correction};
 use hysteron::servo::model::SAMPLING_PERIOD_S;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::predictor::{PredictorDesign, frequency_response};
 use hysteron::watch::Unwatched;
 use hysteron_core::codes::{DriveCode, SensorCode};
@@ -298,7 +298,7 @@ pub fn designed_on_bench(bench: &Bench) -> Result<ServoDesign, String> {
         .map_err(|e| e.to_string())?;
     let dataset = Dataset { sensor_bandwidth_hz: Some(bench.data_sheet_sensor_bandwidth_hz()), ..dataset };
     let chain = identify(&dataset, &effects, &Unwatched).map_err(|e| e.to_string())?.model;
-    order::design(&chain, &Order { recording: Some(&dataset), learning: true, ..Order::default() })
+    order::design(&chain, &DesignOrder { recording: Some(&dataset), learning: true, usual_margins: false, ..DesignOrder::default() })
 }
 
 /// What a sine on the bench misses, % of its amplitude RMS: from the true position on: 2 um about 5.6 um.

@@ -7,9 +7,9 @@
 //! * *Voice coil* ([`ActuatorKind::VoiceCoil`]): a coil with resistance, inductance and back
 //!   electromotive force, on flexures, in a field that is weaker off its middle: `L i' = u - R
 //!   i - K(x) v`, `m v' = K(x) i - d v - k x`, `K(x) = K0 (1 - (x / w)^2)`.
-//! * *Motor stage* ([`ActuatorKind::MotorStage`]): a current-controlled motor on a screw with Stribeck friction whose
-//!   bristles give before they slip (LuGre, Canudas de Wit et al. 1995), inside its own position loop (PI on
-//!   velocity, P on position); its drive is the commanded position. An encoder counts.
+//! * *Motor stage* ([`ActuatorKind::MotorStage`]): a current-controlled motor on a screw with Stribeck
+//!   friction whose bristles give before they slip (LuGre, Canudas de Wit et al. 1995), inside its own
+//!   position loop (PI on velocity, P on position); its drive is the commanded position. An encoder counts.
 //! * *Reluctance actuator* ([`ActuatorKind::Reluctance`]): a biased magnet pulls a leaf spring across a gap,
 //!   `F = c (I0 + i)^2 / (g - x)^2`, driven by a current amplifier of first order, with eddy currents
 //!   as a second lag of the field.

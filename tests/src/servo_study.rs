@@ -8,7 +8,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::data_of_stage::RECOMMENDED_MULTISINE_HZ;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::model::{ModeModel, actuator_model};
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::predictor::{Demands, PredictorTuning};
 use hysteron::servo::robust::{ModeSpread, Task};
 use hysteron::watch::Unwatched;
@@ -325,10 +325,11 @@ pub fn designed_with_the_truth(truth: &StageTruth, chain: &Model) -> Option<Serv
     designs.into_iter().min_by(|a, b| worst_um(a).total_cmp(&worst_um(b)))
 }
 
-/// The design from a chain and its recording, as `hysteron design --data` makes it.
+/// The design with the least error from a chain and its recording, as `hysteron design --data
+/// --sensitivity-peak 2.5` makes it.
 ///
 /// # Errors
 /// The refusal.
 pub fn designed(chain: &Model, dataset: &Dataset) -> Result<ServoDesign, String> {
-    order::design(chain, &Order { recording: Some(dataset), ..Order::default() })
+    order::design(chain, &DesignOrder { recording: Some(dataset), usual_margins: false, ..DesignOrder::default() })
 }

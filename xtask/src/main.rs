@@ -20,7 +20,9 @@ mod mutate;
 mod packages;
 mod pipython;
 mod prose;
+mod public_items;
 mod python_package;
+mod result_tables;
 mod steps;
 mod test_programs;
 mod toolchain;
@@ -49,7 +51,10 @@ cargo xtask prose [--strict] [FILE..] words a sentence, banned words and long li
 cargo xtask house      workflows, citation and licences by the tools of their formats; what manifests lack
 cargo xtask packages   packs what is published and builds it from the packed files; nothing is uploaded
 cargo xtask finder-sets [--program PATH] [--label NAME] [--sample N] [--table] [SET..] how well a program finds what is missing, set by set; results in benchmarks/results
-cargo xtask readme     writes the table of effects in docs/reference/list_of_effects.md, and that of formats in docs/reference/formats.md";
+cargo xtask ablate [--sample N] [RULE..] what each rule of the finder buys on the planted and altered sets; benchmarks/results/ablation.csv
+cargo xtask readme     writes the table of effects in docs/reference/list_of_effects.md, and that of formats in docs/reference/formats.md
+cargo xtask tables     writes the tables of docs/ that come from benchmarks/results
+cargo xtask public-items writes the list of what the library shows, lab/library/public_items.txt (after `host`)";
 
 fn main() -> ExitCode {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
@@ -58,6 +63,15 @@ fn main() -> ExitCode {
     }
     if wanted == ["full"] {
         return ended(steps::full());
+    }
+    if let Some(("ablate", arguments)) = wanted.split_first().map(|(first, rest)| (first.as_str(), rest)) {
+        return ended(finder_sets::ablation::run(arguments));
+    }
+    if wanted == ["public-items"] {
+        return ended(public_items::write());
+    }
+    if wanted == ["tables"] {
+        return ended(result_tables::write());
     }
     if wanted == ["readme"] {
         return ended(steps::write_tables());

@@ -14,8 +14,8 @@ use std::time::Instant;
 
 use crate::test_programs::{self, TestProgram};
 use crate::{
-    board, board_tune, browser, control_code, debian, house, lab_page, library_alone, mutate, packages, pipython, prose, python_package,
-    toolchain, virtual_environment, whole_circle,
+    board, board_tune, browser, control_code, debian, house, lab_page, library_alone, mutate, packages, pipython, prose, public_items,
+    python_package, result_tables, toolchain, virtual_environment, whole_circle,
 };
 
 /// One step: its name and what it does.
@@ -95,7 +95,9 @@ pub fn host() -> Vec<CheckStep> {
         CheckStep { name: "format", action: format },
         CheckStep { name: "lints", action: lints },
         CheckStep { name: "documentation", action: documentation },
+        CheckStep { name: "what the library shows", action: public_items::check },
         CheckStep { name: "prose", action: || prose::report(&[]) },
+        CheckStep { name: "tables of results", action: result_tables::check },
         CheckStep { name: "host tests (release)", action: host_tests },
         CheckStep { name: "examples in the documentation", action: documentation_tests },
     ]

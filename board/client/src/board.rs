@@ -146,9 +146,17 @@ impl Board {
     /// # Errors
     /// The board does not come back.
     pub(crate) fn meet_again(&mut self, baud: Option<u32>) -> Result<()> {
-        self.port.set_baud(USUAL_BAUD)?;
-        self.greet(GREETINGS).map_err(|_| Error::new("board", "does not come back after its restart"))?;
-        baud.map_or(Ok(()), |baud| self.change_baud(baud))
+        // The operator may have kept the speed of this conversation (WPA).
+        let kept = baud.filter(|baud| *baud != USUAL_BAUD);
+        for _ in 0..GREETINGS {
+            for speed in [Some(USUAL_BAUD), kept].into_iter().flatten() {
+                self.port.set_baud(speed)?;
+                if self.greet(1).is_ok() {
+                    return baud.filter(|baud| *baud != speed).map_or(Ok(()), |baud| self.change_baud(baud));
+                }
+            }
+        }
+        Err(Error::new("board", "does not come back after its restart"))
     }
 
     /// Sends bytes as they are.

@@ -64,6 +64,15 @@ pub fn what_to_do(fault: &str) -> &'static str {
         }
         Some(Fault::BeyondEnvelope) => "A drive left the board's safety envelope and was held at its end: clear (INI), and report it.",
         Some(Fault::NoEnvelope) => "The board has no safety envelope and drives nothing: `hysteron board envelope FILE` brings one.",
+        Some(Fault::OutputDiffers) => {
+            "The amplifier's output is not the drive that was written: look at its gain, its supply, its cable and which block is in use, then clear (INI) and arm (ARM 1 1)."
+        }
+        Some(Fault::MonitorOutOfRange) => {
+            "The cable of the amplifier's voltage monitor is open or shorted: look at it, then clear (INI) and arm (ARM 1 1)."
+        }
+        Some(Fault::DriveNotHeld) => {
+            "The drive's converter holds another code than was written: look at its cable (SDO) and its supply, then clear (INI) and arm (ARM 1 1)."
+        }
         None => "firmware/README.md, Faults, says what sees it and how it comes back.",
     }
 }

@@ -9,6 +9,7 @@ use rigless::mcu::{Mcu, Operate};
 use rigless::soc::Error;
 use rigless::soc::stm32h743::Stm32h743;
 use rigless::soc::stm32h743::generated::{exti, gpioa as gpio, pwr};
+use rigless::soc::stm32h743::peripherals::adc::Channel;
 use rigless::soc::stm32h743::peripherals::gpio::Pin;
 use rigless::soc::stm32h743::peripherals::spi::Select;
 use rigless::time::VirtualNanos;
@@ -104,6 +105,13 @@ impl NucleoBoard {
     /// PWR_CSR1.PVDO (RM0433, 6.8.2).
     fn detector_says_low(&self) -> bool {
         self.mcu.bus().registers("PWR").is_some_and(|registers| registers.get(pwr::Register::Csr1) >> 4 & 1 == 1)
+    }
+
+    /// Sets the input that the amplifier's voltage monitor is on: PC0, channel 10 of ADC3, mV.
+    pub fn set_monitor(&mut self, millivolts: u32) {
+        if let (Some(converter), Some(channel)) = (self.mcu.adc.get_mut(2), Channel::new(10)) {
+            converter.set_input(channel, millivolts);
+        }
     }
 
     /// Whether the board lets the amplifier's power stage work; a pin that floats does not, there is a

@@ -55,6 +55,15 @@ pub enum Trouble {
     Shifted(u32),
 }
 
+/// Kinds of trouble with the amplifier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OutputTrouble {
+    /// Its gain over the right one; 0: it is dead.
+    Gain(f64),
+    /// The cable of its voltage monitor is off; a resistor brings the part's input to ground.
+    CableOpen,
+}
+
 /// Plant, sensor and the codes between them and the target.
 pub struct World {
     scale: ConverterScale,
@@ -81,6 +90,13 @@ pub struct World {
     /// Edges at which the drive's converter loses its supply and gets it again: clamped to ground, its
     /// register empty.
     pub converter_brown_outs: Vec<u64>,
+    /// What is wrong with the amplifier from which edge on.
+    pub output_trouble: Option<(u64, OutputTrouble)>,
+    /// From this edge on the register of the drive's converter keeps what it has.
+    pub register_stuck_from: Option<u64>,
+    /// What the drive's converter is asked for by the frame before.
+    asked: bool,
+    output_v: f64,
     /// At each edge: the code that the sensor gave and the code that acts from it on.
     pub codes: Vec<(SensorCode, DriveCode)>,
     /// Whether `codes` are kept: not in a run without an end.
@@ -130,6 +146,10 @@ impl World {
             wire: false,
             troubles: Vec::new(),
             converter_brown_outs: Vec::new(),
+            output_trouble: None,
+            register_stuck_from: None,
+            asked: false,
+            output_v: 0.0,
             codes: Vec::new(),
             keeps_codes: true,
             witness: None,
@@ -146,7 +166,8 @@ impl World {
     /// sensor is sampled.
     pub fn edge(&mut self) -> SensorCode {
         if self.edges > 0 {
-            self.plant.advance(self.scale.drive_v(self.acting_code), 0.0);
+            self.output_v = self.amplifier_gain() * self.scale.drive_v(self.acting_code);
+            self.plant.advance(self.output_v, 0.0);
         }
         if self.converter_brown_outs.contains(&self.edges) {
             (self.clamped, self.written_code) = (true, DriveCode::default());
@@ -171,6 +192,23 @@ impl World {
         }
         self.edges += 1;
         code
+    }
+
+    /// Gain of the amplifier over the right one.
+    fn amplifier_gain(&self) -> f64 {
+        match self.output_trouble {
+            Some((from, OutputTrouble::Gain(gain))) if self.edges >= from => gain,
+            _ => 1.0,
+        }
+    }
+
+    /// What the amplifier's voltage monitor gives the part, mV: -30..150 V over 3.3 V.
+    #[must_use]
+    pub fn monitor_mv(&self) -> u32 {
+        match self.output_trouble {
+            Some((from, OutputTrouble::CableOpen)) if self.edges >= from => 0,
+            _ => ((self.output_v + 30.0) / 180.0 * 3300.0).round().clamp(0.0, 3300.0) as u32,
+        }
     }
 
     /// The sensor's code of a drive that a wire brings there: the same share of its range.
@@ -205,14 +243,19 @@ impl World {
     }
 
     /// A frame of the drive's converter that ends at an instant.
-    fn frame(&mut self, word: u32, now_ns: u64) {
+    /// What the converter's SDO gives meanwhile.
+    fn frame(&mut self, word: u32, now_ns: u64) -> u32 {
         self.pass_edges(now_ns);
+        let register = self.written_code.steps() << (MOST_BITS - self.scale.dac_bits);
+        let given = if std::mem::replace(&mut self.asked, word >> 20 == 9) { register } else { 0 };
+        let stuck = self.register_stuck_from.is_some_and(|from| self.edges >= from);
         match word >> 20 {
+            1 if stuck => {}
             // The register has 20 bits; a code of fewer is their upper ones.
             1 => self.written_code = DriveCode::new((word & 0xF_FFFF) >> (MOST_BITS - self.scale.dac_bits)),
             // Output on ground, or three-state: bits 2 and 3.
             2 => self.clamped = word & 0b1100 != 0,
-            _ => return,
+            _ => return given,
         }
         let by_hand = self.last_read_ns.is_none_or(|last| now_ns.saturating_sub(last) >= BY_HAND_NS);
         if self.waiting_for_beat || by_hand {
@@ -220,6 +263,7 @@ impl World {
             // What has acted in between is seen at the next edge, however short it was.
             self.lowest_between_edges = self.lowest_between_edges.min(self.acting_code);
         }
+        given
     }
 
     /// The converters' scale.
@@ -308,7 +352,7 @@ impl Peer for DriveConverter {
         if bits == 24
             && let Ok(mut world) = self.world.lock()
         {
-            world.frame(mosi, context.now().0);
+            return world.frame(mosi, context.now().0);
         }
         0
     }

@@ -86,7 +86,7 @@ pub fn run_live(
 ) -> Result<()> {
     let bytes = std::fs::read(elf)?;
     let table = Table::parse(&bytes)?.ok_or_else(|| anyhow!("{}: no .defmt section", elf.display()))?;
-    let prepared = prepare(elf, board, [block, None], envelope, line, MILLISECOND)?;
+    let prepared = prepare(elf, board, [block, None], [envelope, None], line, MILLISECOND)?;
     let (raw_log, to_decode) = channel();
     std::thread::spawn(move || decode(&table, &to_decode, log));
     let driver = Live { control_block: prepared.control_block, raw_log, watchdog: Watchdog::default(), begun: Instant::now() };

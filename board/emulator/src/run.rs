@@ -19,6 +19,7 @@ use rigless::soc::stm32h743::generated::{iwdg, rcc, spi1};
 use rigless::time::VirtualNanos;
 
 use crate::board::{NucleoBoard, SafetyLine};
+use crate::converters::{PERIOD_NS, SharedWorld};
 use crate::real_time_transfer::ControlBlock;
 use crate::serial_line::SharedLine;
 
@@ -30,6 +31,9 @@ const SETTINGS: [u64; 2] = [0x081C_0000, 0x081E_0000];
 
 /// Where the safety envelope stands.
 const ENVELOPE: u64 = 0x0818_0000;
+
+/// Where the settings stand that an operator keeps.
+const KEPT_SETTINGS: u64 = 0x0816_0000;
 
 /// The envelope of the emulated bench: -20..120 V on 20 bits, of which what the reference actuator bears may
 /// act. Its guards are as wide as the widest test of the guard asks for.
@@ -54,6 +58,26 @@ pub fn bench_envelope() -> SafetyEnvelope {
         healthy_ms: 5,
         capacitance_nf: 1_500,
         current_ua: 200_000,
+        drive_reads_back: false,
+        monitor_at_code_0_uv: 0,
+        monitor_span_uv: 0,
+        monitor_tolerance_mv: 0,
+        monitor_lag_us: 0,
+    }
+}
+
+/// The same bench with the drive's SDO and the amplifier's voltage monitor wired: -30..150 V over the
+/// part's 3.3 V. The part's inputs have whole millivolts, 55 mV of the drive, and the bench sets them once
+/// a period.
+#[must_use]
+pub fn watched_envelope() -> SafetyEnvelope {
+    SafetyEnvelope {
+        drive_reads_back: true,
+        monitor_at_code_0_uv: -30_000_000,
+        monitor_span_uv: 180_000_000,
+        monitor_tolerance_mv: 500,
+        monitor_lag_us: 1_000,
+        ..bench_envelope()
     }
 }
 
@@ -98,6 +122,10 @@ pub struct Script {
     pub second_block: Option<Vec<u8>>,
     /// The safety envelope that the board has: that of the bench, unless the caller specifies another.
     pub envelope: Option<Vec<u8>>,
+    /// Settings that an operator has kept.
+    pub kept: Option<Vec<u8>>,
+    /// What the amplifier's voltage monitor is on: the board sets the part's input once a period.
+    pub monitored: Option<SharedWorld>,
     /// The option bytes let the watchdog start with the supply.
     pub hardware_watchdog: bool,
     /// Bytes for the command channel, each with the instant from which it is sent, ns; in order.
@@ -154,6 +182,8 @@ impl Script {
             block: None,
             second_block: None,
             envelope: Some(envelope_bytes(&bench_envelope())),
+            kept: None,
+            monitored: None,
             hardware_watchdog: false,
             commands: Vec::new(),
             serial: Vec::new(),
@@ -352,6 +382,11 @@ impl Driver<NucleoBoard> for Probe {
             host.set_interrupt(line, Level::Low);
         }
         self.watchdog.serve(session, stop, host);
+        if let Some(world) = &self.script.monitored
+            && let Ok(world) = world.lock()
+        {
+            session.board_mut().set_monitor(world.monitor_mv());
+        }
         let enables = session.board_mut().enables();
         if let Ok(mut taken) = self.taken.lock()
             && taken.enabled.last().is_some_and(|(_, last)| *last) != enables
@@ -375,7 +410,8 @@ impl Driver<NucleoBoard> for Probe {
         }
         let injection = self.script.injections.get(self.next_injection).map_or(u64::MAX, |(from_ns, _)| *from_ns);
         let serial = self.script.serial.get(self.next_serial).map_or(u64::MAX, |(from_ns, _)| *from_ns);
-        let next = self.next_read_ns.min(at_ns.saturating_add(MILLISECOND)).min(self.script.until_ns);
+        let look_ns = if self.script.monitored.is_some() { PERIOD_NS } else { MILLISECOND };
+        let next = self.next_read_ns.min(at_ns.saturating_add(look_ns)).min(self.script.until_ns);
         let next = next.min(injection.max(at_ns + 1)).min(serial.max(at_ns + 1));
         Some(VirtualNanos(next.min(self.detector_until_ns.unwrap_or(u64::MAX))))
     }
@@ -407,12 +443,13 @@ pub(crate) struct Prepared {
     pub(crate) control_block: ControlBlock,
 }
 
-/// Puts image, parameter block and serial line on a board; the run first stops at `first_stop_ns`.
+/// Puts image, parameter blocks, safety envelope, kept settings and serial line on a board; the run first
+/// stops at `first_stop_ns`.
 pub(crate) fn prepare(
     elf: &Path,
     mut board: NucleoBoard,
     blocks: [Option<&[u8]>; 2],
-    envelope: Option<&[u8]>,
+    [envelope, kept]: [Option<&[u8]>; 2],
     line: &SharedLine,
     first_stop_ns: u64,
 ) -> Result<Prepared> {
@@ -421,6 +458,9 @@ pub(crate) fn prepare(
     let mut images = vec![Image::read(elf, None)?];
     if let Some(envelope) = envelope {
         images.push(Image::new(Path::new("safety envelope"), envelope.to_vec(), Some(ENVELOPE))?);
+    }
+    if let Some(kept) = kept {
+        images.push(Image::new(Path::new("kept settings"), kept.to_vec(), Some(KEPT_SETTINGS))?);
     }
     for (block, place) in blocks.iter().zip(SETTINGS) {
         if let Some(block) = block {
@@ -443,8 +483,9 @@ pub fn run(elf: &Path, board: NucleoBoard, script: Script) -> Result<Outcome> {
 
     let line = SharedLine::default();
     let first = script.read_every_ns.unwrap_or(MILLISECOND).min(MILLISECOND).min(script.until_ns);
-    let Prepared { session, images, control_block } =
-        prepare(elf, board, [script.block.as_deref(), script.second_block.as_deref()], script.envelope.as_deref(), &line, first)?;
+    let blocks = [script.block.as_deref(), script.second_block.as_deref()];
+    let others = [script.envelope.as_deref(), script.kept.as_deref()];
+    let Prepared { session, images, control_block } = prepare(elf, board, blocks, others, &line, first)?;
     let taken = Arc::new(Mutex::new(Taken::default()));
     let watchdog = Watchdog { running: script.hardware_watchdog, ..Watchdog::default() };
     let probe = Probe {

@@ -4,6 +4,7 @@ use hysteron_core::amplifier::Mode;
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
+use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, ResonanceWatch};
 use hysteron_core::safety_envelope::SafetyEnvelope;
 use hysteron_core::trace_frame::TraceSample;
@@ -151,6 +152,16 @@ pub trait Device {
 
     /// The fault so many before the last one that was latched; `None` beyond the oldest that is kept.
     fn event(&self, before_last: u32) -> Option<DeviceEvent>;
+
+    /// What the operator asked to keep, as it was at the start; `None` where nothing is kept.
+    fn kept_settings(&self) -> Option<KeptSettings>;
+
+    /// Lets settings be kept from the next start on, which takes seconds; [`Device::brought`] says what has
+    /// become of them.
+    ///
+    /// # Errors
+    /// The drive does not rest, or something is being kept.
+    fn keep_settings(&mut self, settings: &KeptSettings) -> Result<(), Moving>;
 
     /// What has become of it.
     fn brought(&self) -> Brought;

@@ -27,7 +27,7 @@ pub const PARAMETERS: &str = "#Valid parameters: identifier, command level, item
 pub const COMMANDS: &str = "The following commands are valid:";
 
 /// The first line of `HDI?`.
-pub const DIAGNOSIS_HEAD: &str = "#DeviceDiagnosis: identifier and description";
+pub const DIAGNOSIS_HEAD: &str = "#Diagnosis: identifier and description";
 /// What `DIA?` answers under 1, 2, and so on.
 pub const DIAGNOSIS: [&str; 17] = [
     "mode: 0 rest, 1 open loop, 2 closed loop, 3 fault",
@@ -37,13 +37,13 @@ pub const DIAGNOSIS: [&str; 17] = [
     "values of the law that were cut to their format",
     "ticks that came late",
     "samples that were lost on their way to the recorder's task",
-    "generation of the parameter block in use, 0: swapped in and not kept, or none",
+    "generation of the parameter block in use, 0: swapped in only until a restart, or none",
     "checksum of the parameter block in use, 0: none",
     "ticks since the start",
     "conditioned since the start and the last fault",
     "option bytes that protect: 1 brown-out level, 2 watchdog from the supply on",
     "seconds of the closed loop that were measured (0x7F000010 and what follows of SPA? say what the last one came to)",
-    "seconds of the closed loop that were given up because samples were missing",
+    "seconds of the closed loop that were abandoned because samples were missing",
     "alarms: 1 the amplitude at the resonance is above its alarm",
     "gain of the actuator over the model's as it was adapted, millionths, 0: it is not adapted",
     "1 the power stage is on, 2 armed, 3 both",

@@ -2,6 +2,19 @@
 //! they are this target's own: the scale of its codes ([`crate::code_lines`]), and how well its closed loop
 //! follows ([`hysteron_core::loop_telemetry`]).
 
+use hysteron_core::signal_filter::FilteredSignal;
+
+/// What of a filter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FilterItem {
+    /// Frequency of a notch, Hz; 0: none.
+    NotchFrequency(usize),
+    /// Width of a notch between its -3 dB points, Hz; 0: a tenth of its frequency.
+    NotchWidth(usize),
+    /// Corner of the low-pass, Hz; 0: none.
+    LowPass,
+}
+
 /// A parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceParameter {
@@ -45,6 +58,8 @@ pub enum DeviceParameter {
     DriveRms,
     /// Amplitude of the error at the resonance, nm.
     ResonanceAmplitude,
+    /// Of the filter of a signal.
+    Filter(FilteredSignal, FilterItem),
     /// Period of the servo, s.
     ServoPeriod,
     /// Points of a wave table.
@@ -57,9 +72,12 @@ pub enum DeviceParameter {
     RecorderTables,
 }
 
+use FilterItem::{LowPass, NotchFrequency, NotchWidth};
+use FilteredSignal::{Sensor, SetPoint};
+
 impl DeviceParameter {
     /// Every one with its number, its type, and what it is.
-    pub const ALL: [(Self, u32, &'static str, &'static str); 25] = [
+    pub const ALL: [(Self, u32, &'static str, &'static str); 35] = [
         (Self::RangeMinimum, 0x0700_0000, "FLOAT", "Range_Limit_Min_(um)"),
         (Self::RangeMaximum, 0x0700_0001, "FLOAT", "Range_Limit_Max_(um)"),
         (Self::Velocity, 0x0700_0200, "FLOAT", "Servo_Loop_Slew-Rate_(um/s)"),
@@ -80,6 +98,16 @@ impl DeviceParameter {
         (Self::ErrorPeak, 0x7F00_0011, "FLOAT", "Tracking_Error_of_Last_Second_Peak_(nm)"),
         (Self::DriveRms, 0x7F00_0012, "FLOAT", "Drive_of_Last_Second_RMS_(V)"),
         (Self::ResonanceAmplitude, 0x7F00_0013, "FLOAT", "Amplitude_at_Resonance_of_Last_Second_(nm)"),
+        (Self::Filter(SetPoint, NotchFrequency(0)), 0x7F00_0020, "FLOAT", "Set_Point_Notch_1_Frequency_(Hz)_0:_none"),
+        (Self::Filter(SetPoint, NotchWidth(0)), 0x7F00_0021, "FLOAT", "Set_Point_Notch_1_Width_(Hz)_0:_a_tenth_of_its_frequency"),
+        (Self::Filter(SetPoint, NotchFrequency(1)), 0x7F00_0022, "FLOAT", "Set_Point_Notch_2_Frequency_(Hz)_0:_none"),
+        (Self::Filter(SetPoint, NotchWidth(1)), 0x7F00_0023, "FLOAT", "Set_Point_Notch_2_Width_(Hz)_0:_a_tenth_of_its_frequency"),
+        (Self::Filter(SetPoint, LowPass), 0x7F00_0024, "FLOAT", "Set_Point_Low_Pass_(Hz)_0:_none"),
+        (Self::Filter(Sensor, NotchFrequency(0)), 0x7F00_0030, "FLOAT", "Sensor_Notch_1_Frequency_(Hz)_0:_none"),
+        (Self::Filter(Sensor, NotchWidth(0)), 0x7F00_0031, "FLOAT", "Sensor_Notch_1_Width_(Hz)_0:_a_tenth_of_its_frequency"),
+        (Self::Filter(Sensor, NotchFrequency(1)), 0x7F00_0032, "FLOAT", "Sensor_Notch_2_Frequency_(Hz)_0:_none"),
+        (Self::Filter(Sensor, NotchWidth(1)), 0x7F00_0033, "FLOAT", "Sensor_Notch_2_Width_(Hz)_0:_a_tenth_of_its_frequency"),
+        (Self::Filter(Sensor, LowPass), 0x7F00_0034, "FLOAT", "Sensor_Low_Pass_(Hz)_0:_none"),
         (Self::ServoPeriod, 0x0E00_0200, "FLOAT", "Servo_Update_Time_(s)"),
         (Self::WavePoints, 0x1300_0004, "INT", "Max_Wave_Points"),
         (Self::WaveTables, 0x1300_010A, "INT", "Number_of_Waves"),

@@ -18,6 +18,8 @@
 //! * A wave that is defined with the servo on is one of positions, um, and is played with the servo on; one
 //!   that is defined with the servo off is one of drives, V, and is played from rest with the servo off, and
 //!   goes to rest when it has ended.
+//! * `SPA` of a filter acts in any mode, without a step; `WPA 100` keeps the settings at rest (`BLK?` says
+//!   when).
 //! * The data recorder writes all its tables at the same ticks; `DRC` chooses what is read from each.
 
 mod amplifier_state;
@@ -25,6 +27,7 @@ mod axis_parameters;
 mod command_table;
 mod data_recorder;
 mod diagnosis;
+mod filters;
 mod motion;
 mod parameter_block;
 mod queries;
@@ -35,6 +38,7 @@ use core::sync::atomic::AtomicI32;
 
 use heapless::Vec;
 use hysteron_core::amplifier::{Command, Refusal};
+use hysteron_core::filter_design::FilterSetting;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
@@ -112,10 +116,27 @@ enum Pending {
     DiagnosisHelp(usize),
     Events(u32),
     Recorded(DataArray),
-    Codes { first: u32, count: u32 },
+    Codes {
+        first: u32,
+        count: u32,
+    },
     Wave(DataArray),
-    Build { table: usize, at: usize, segment: Segment, done: u32 },
-    Commands { first: Command, then: Option<Command>, meaning: Meaning },
+    Build {
+        table: usize,
+        at: usize,
+        segment: Segment,
+        done: u32,
+    },
+    Commands {
+        first: Command,
+        then: Option<Command>,
+        meaning: Meaning,
+    },
+    /// Filters that the amplifier is given section by section: a bit for each that is left.
+    Filters {
+        left: u8,
+        new: [FilterSetting; 2],
+    },
 }
 
 /// Whether the wave generator runs.
@@ -184,6 +205,8 @@ pub struct Session<D> {
     record_every: u32,
     quantities: [Quantity; MOST_COLUMNS],
     trigger: Trigger,
+    /// Of set point and sensor, as the amplifier has them.
+    filters: [FilterSetting; 2],
 }
 
 type Handler<D> = fn(&mut Session<D>, &mut Words<'_>) -> Result<(), ErrorCode>;
@@ -201,12 +224,11 @@ fn volts(value: i32) -> Decimal {
 impl<D: Device + 'static> Session<D> {
     /// For an amplifier with these parameters; `waves` is the memory of the wave tables, of which each of
     /// [`WAVE_TABLES`] has the same share.
-    pub fn new(mut device: D, parameters: AmplifierParameters, waves: &'static [AtomicI32]) -> Self {
+    pub fn new(device: D, parameters: AmplifierParameters, waves: &'static [AtomicI32]) -> Self {
         let span = to_fixed(i64::from(parameters.physical.sensor_span_nm) * 1_000_000, MICROMETRE_FRACTION_BITS).unwrap_or(0);
         // A thousandth of the span, and ten times the span in a second.
         let tolerance = (span / 1000).max(1);
-        device.set_tolerance(tolerance);
-        Self {
+        let mut this = Self {
             device,
             waves,
             error: 0,
@@ -231,8 +253,12 @@ impl<D: Device + 'static> Session<D> {
             record_every: 1,
             quantities: [Quantity::Target, Quantity::Position, Quantity::Error, Quantity::Voltage],
             trigger: Trigger::Generator,
+            filters: [FilterSetting::OFF; 2],
             parameters,
-        }
+        };
+        this.take_kept_settings();
+        this.device.set_tolerance(this.tolerance);
+        this
     }
 
     /// Takes a line that has come; `before_stop`: a stop came after it, and it changes nothing any more.
@@ -368,6 +394,7 @@ impl<D: Device + 'static> Session<D> {
                 self.pending = Pending::Commands { first, then, meaning };
                 Step::Command(first)
             }
+            Pending::Filters { left, new } => self.next_filter(left, new),
         }
     }
 
@@ -383,7 +410,12 @@ impl<D: Device + 'static> Session<D> {
 
     /// Says what became of the command that [`Session::next`] gave.
     pub fn outcome(&mut self, outcome: Outcome) {
-        let Pending::Commands { then, meaning, .. } = core::mem::replace(&mut self.pending, Pending::Nothing) else { return };
+        let (then, meaning) = match core::mem::replace(&mut self.pending, Pending::Nothing) {
+            Pending::Commands { then, meaning, .. } => (then, meaning),
+            Pending::Filters { left, new } if matches!(outcome, Outcome::Done(_)) => return self.filter_acted(left, new),
+            Pending::Filters { .. } => (None, Meaning::Nothing),
+            _ => return,
+        };
         match (outcome, then) {
             (Outcome::Done(_), Some(first)) => self.pending = Pending::Commands { first, then: None, meaning },
             (Outcome::Done(tick), None) => self.take_note(tick, meaning),

@@ -9,6 +9,7 @@ use hysteron_core::amplifier::{Amplifier, Command, Mode};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::command_text::BlockPiece;
 use hysteron_core::guard::Fault;
+use hysteron_core::kept_settings::KeptSettings;
 use hysteron_core::loop_telemetry::{LoopFigures, LoopTelemetry, ResonanceWatch};
 use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, read, write};
 use hysteron_core::safety_envelope::{self, SafetyEnvelope};
@@ -43,6 +44,7 @@ struct Rig {
     skipped: u64,
     envelope: Option<SafetyEnvelope>,
     events: Vec<DeviceEvent>,
+    kept: Option<KeptSettings>,
 }
 
 const ROOM: u32 = 3000;
@@ -160,6 +162,17 @@ impl Device for Shared {
         let swapped = read(&rig.block, 20_000).map_err(|error| error.reason()).and_then(|block| rig.amplifier.swap(&block));
         rig.brought = swapped.map_or_else(Brought::Refused, |()| Brought::Swapped);
     }
+    fn kept_settings(&self) -> Option<KeptSettings> {
+        self.0.borrow().kept
+    }
+    fn keep_settings(&mut self, settings: &KeptSettings) -> Result<(), Moving> {
+        let mut rig = self.0.borrow_mut();
+        if !rig.amplifier.drive_rests() {
+            return Err(Moving);
+        }
+        rig.kept = Some(*settings);
+        Ok(())
+    }
     fn brought(&self) -> Brought {
         self.0.borrow().brought
     }
@@ -231,6 +244,7 @@ impl Table {
             skipped: 0,
             envelope: None,
             events: Vec::new(),
+            kept: None,
         })));
         rig.0.borrow_mut().run(100);
         let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(i32::MIN)).collect();
@@ -879,6 +893,11 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
         healthy_ms: 100,
         capacitance_nf: 1_500,
         current_ua: 20_000,
+        drive_reads_back: false,
+        monitor_at_code_0_uv: 0,
+        monitor_span_uv: 0,
+        monitor_tolerance_mv: 0,
+        monitor_lag_us: 0,
     };
     let mut bytes = [0; safety_envelope::ENVELOPE_BYTES];
     let length = safety_envelope::write(&envelope, &mut bytes).expect("fits");
@@ -897,4 +916,73 @@ fn a_safety_envelope_is_kept_only_by_its_checksum_and_with_the_power_stage_off()
     let event = |tick, fault| DeviceEvent { start: 3, tick, fault };
     table.rig.0.borrow_mut().events = vec![event(7, Fault::Watchdog), event(900, Fault::Interlock)];
     assert_eq!(table.ask("LOG?"), "START=3 TICK=900 FAULT=14 interlock \nSTART=3 TICK=7 FAULT=9 watchdog\n");
+}
+
+#[test]
+fn filters_are_tuned_while_the_axis_moves_without_a_step() {
+    let mut table = Table::ready();
+    table.tell("VEL 1 100", 0);
+    table.tell("MOV 1 8", 0);
+    table.run(600);
+    let largest_step = |table: &Table, ticks: u32| {
+        let mut largest = 0;
+        for _ in 0..ticks {
+            let before = table.rig.0.borrow().latest.dac_code;
+            table.run(1);
+            largest = largest.max(table.rig.0.borrow().latest.dac_code.abs_diff(before));
+        }
+        largest
+    };
+    let before = largest_step(&table, 100);
+    for line in [
+        "SPA 1 0x7F000020 735 1 0x7F000021 40 1 0x7F000024 3000",
+        "SPA 1 0x7F000030 2500",
+        "SPA 1 0x7F000022 900",
+        "SPA 1 0x7F000020 0 1 0x7F000030 0",
+    ] {
+        table.tell(line, 0);
+        assert_eq!(table.ask("SVO?"), "1=1\n");
+        let behind = largest_step(&table, 100);
+        assert!(behind <= before + 40, "{line}: {behind} codes a tick, {before} before");
+    }
+    assert_eq!(table.value("SPA? 1 0x7F000021"), 40.0);
+    assert_eq!(
+        (table.value("SPA? 1 0x7F000020"), table.value("SPA? 1 0x7F000022"), table.value("SPA? 1 0x7F000024")),
+        (0.0, 900.0, 3000.0)
+    );
+    table.run(4000);
+    assert_eq!(table.ask("ONT?"), "1=1\n");
+    // Beyond the limits nothing of a line acts.
+    table.tell("SPA 1 0x7F000022 500 1 0x7F000034 9", 17);
+    table.tell("SPA 1 0x7F000034 9500", 17);
+    table.tell("SPA 1 0x7F000034 -100", 17);
+    assert_eq!(table.value("SPA? 1 0x7F000022"), 900.0);
+}
+
+#[test]
+fn settings_are_kept_at_rest_and_come_back() {
+    let mut table = Table::ready();
+    table.tell("WPA 100", 93);
+    let mut table = Table::new();
+    for line in
+        ["VEL 1 250", "SPA 1 0x07000900 0.05", "SPA 1 0x7F000006 2", "SPA 1 0x7F000007 735", "SPA 1 0x7F000030 735 1 0x7F000034 4000"]
+    {
+        table.tell(line, 0);
+    }
+    table.tell("WPA 99", 17);
+    table.tell("WPA", 26);
+    assert_eq!(table.rig.0.borrow().kept, None);
+    table.tell("WPA 100", 0);
+    let kept = table.rig.0.borrow().kept;
+    let again = |stage: [u8; 16]| {
+        let mut table = Table::new();
+        table.rig.0.borrow_mut().kept = kept.map(|kept| KeptSettings { stage, ..kept });
+        let waves: Vec<AtomicI32> = (0..WAVE_TABLES * 4096).map(|_| AtomicI32::new(0)).collect();
+        table.session = Session::new(table.rig.clone(), parameters(), Box::leak(waves.into_boxed_slice()));
+        ["VEL? 1", "SPA? 1 0x07000900", "SPA? 1 0x7F000006", "SPA? 1 0x7F000007", "SPA? 1 0x7F000030", "SPA? 1 0x7F000034"]
+            .map(|line| table.value(line))
+    };
+    assert_eq!(again(parameters().physical.name), [250.0, 0.05, 2.0, 735.0, 735.0, 4000.0]);
+    // Another stage begins as a new one: ten times its span in a second, a thousandth of it.
+    assert_eq!(again([b'x'; 16]), [150.0, 0.015, 0.0, 0.0, 0.0, 0.0]);
 }

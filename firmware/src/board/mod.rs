@@ -66,6 +66,8 @@ pub trait Platform {
     /// Names and addresses of the two places of a parameter block: sectors that no code occupies, in a bank
     /// that no code is in.
     const BLOCKS: [(&'static str, u32); 2];
+    /// The sector of the settings that the operator keeps.
+    const KEPT_SETTINGS: u32;
     /// The sector of the safety envelope.
     const ENVELOPE: u32;
     /// Bytes of a sector; the last 32 of a block's are the mark that another one replaces it.

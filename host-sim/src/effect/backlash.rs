@@ -6,7 +6,8 @@
 //! bristle does the same; in front of a mode the gap comes first, and nothing holds the mass.
 
 use super::{
-    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -40,7 +41,7 @@ impl Stage for BacklashStage {
     }
 }
 
-impl Effect for Backlash {
+impl Physics for Backlash {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -54,29 +55,44 @@ impl Effect for Backlash {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y[k] = min(max(y[k-1], x[k] - gap_um / 2), x[k] + gap_um / 2)`. At rest `y = x`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("gap_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6))]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.002, 0.01, 0.04].iter().map(|share| vec![share * overview.range_um]).collect()
-    }
-    fn planted(&self) -> Planted {
-        Planted::Never
-    }
+
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(BacklashStage { half_gap_um: 0.5 * values[0].max(0.0), taken_along_um: 0.0 }))
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.06 * strength])
+}
+
+impl Estimation for Backlash {}
+
+impl SearchHints for Backlash {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        [0.002, 0.01, 0.04].iter().map(|share| vec![share * overview.range_um]).collect()
     }
+}
+
+impl Presentation for Backlash {
+    fn equations(&self) -> &'static str {
+        r"`y[k] = min(max(y[k-1], x[k] - gap_um / 2), x[k] + gap_um / 2)`. At rest `y = x`."
+    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::TimeSinceTurn,
             caption: "A gap holds the stage still just after the drive turns, over the same way each time.",
         }
+    }
+}
+
+impl SyntheticCases for Backlash {
+    fn planted(&self) -> Planted {
+        Planted::Never
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.06 * strength])
     }
 }
 

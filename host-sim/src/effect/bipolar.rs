@@ -1,6 +1,6 @@
 //! Bipolar drive: the hysteresis counts from a lower limit below the drive's nominal one.
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -15,7 +15,7 @@ pub fn lower_limit_v(model: &Model) -> f64 {
     model.values(ID).and_then(|v| v.first().copied()).unwrap_or(model.drive_min_v)
 }
 
-impl Effect for Bipolar {
+impl Physics for Bipolar {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -28,17 +28,29 @@ impl Effect for Bipolar {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`low = lower_limit_v` in the `X` of `hysteresis`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.drive_range_v();
         vec![Parameter::linear("lower_limit_v", "V", overview.drive_min_v - 2.0 * range, overview.drive_min_v, 0.01 * range).fixed()]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![overview.drive_min_v]]
-    }
+
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
     }
 }
+
+impl Estimation for Bipolar {}
+
+impl SearchHints for Bipolar {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![overview.drive_min_v]]
+    }
+}
+
+impl Presentation for Bipolar {
+    fn equations(&self) -> &'static str {
+        r"`low = lower_limit_v` in the `X` of `hysteresis`."
+    }
+}
+
+impl SyntheticCases for Bipolar {}

@@ -1,6 +1,8 @@
 //! Bouc-Wen hysteresis: one state that follows the drive and saturates.
 
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::block::Block;
 use crate::chain::Model;
 
@@ -78,7 +80,7 @@ impl Loops for BoucWenStage {
     }
 }
 
-impl Effect for BoucWen {
+impl Physics for BoucWen {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "bouc_wen".into(),
@@ -91,12 +93,7 @@ impl Effect for BoucWen {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - h`, `h' = alpha_um X' - beta |X'| h - gamma X' |h|`.
 
-The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|), 1), 400)` pieces `p`, each by the rule of the middle: with `f(h) = beta |p| + gamma p sign(h)`,
-`m = h + (alpha_um p - f(h) h) / 2`, then `h = h + alpha_um p - f(m) m`. At rest one step from `X = 0`, `h = 0`."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         vec![
@@ -106,23 +103,44 @@ The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|),
             Parameter::linear("gamma", "1", -100.0, 100.0, 0.02),
         ]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let scale = overview.gain_um_v * overview.drive_range_v();
-        vec![vec![1.1 * scale, 0.4 * scale, 2.0, 0.5]]
-    }
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(BoucWenStage::new(model, values)))
     }
+
     fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(BoucWenStage::new(model, values)))
     }
+}
+
+impl Estimation for BoucWen {
     fn fitting_rank(&self) -> usize {
         1
     }
+
     fn may_leave(&self) -> bool {
         false // nothing would be left to drive the chain
     }
 }
+
+impl SearchHints for BoucWen {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        vec![vec![1.1 * scale, 0.4 * scale, 2.0, 0.5]]
+    }
+
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
+}
+
+impl Presentation for BoucWen {
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - h`, `h' = alpha_um X' - beta |X'| h - gamma X' |h|`.
+
+The step `X[k] - X[k-1]` is divided into `N = min(max(ceil(200 |X[k] - X[k-1]|), 1), 400)` pieces `p`, each by the rule of the middle: with `f(h) = beta |p| + gamma p sign(h)`,
+`m = h + (alpha_um p - f(h) h) / 2`, then `h = h + alpha_um p - f(m) m`. At rest one step from `X = 0`, `h = 0`."
+    }
+}
+
+impl SyntheticCases for BoucWen {}

@@ -1,6 +1,9 @@
 //! Charge leakage: with a charge drive the piezo loses what it was given through its own resistance.
 
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, SimulatedStage,
+    Stage, SyntheticCases,
+};
 use crate::block::{Block, Linear};
 use crate::chain::Model;
 
@@ -31,7 +34,7 @@ impl Stage for LeakStage {
     }
 }
 
-impl Effect for ChargeLeakage {
+impl Physics for ChargeLeakage {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "charge_leakage".into(),
@@ -44,28 +47,42 @@ impl Effect for ChargeLeakage {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x - share q`, `time_constant_s q' + q = x - drive_min_v`.
 
-With `a = exp(-T / time_constant_s)`: `q[k] = a q[k-1] + (1 - a) (x[k] - drive_min_v)`. At rest `q = x - drive_min_v`."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![
             Parameter::linear("share", "1", 0.0, 1.0, 0.01),
             Parameter::logarithmic("time_constant_s", "s", 0.01, 1e3 * overview.duration_s),
         ]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        [0.1, 1.0, 5.0].iter().map(|times| vec![0.02, times * overview.duration_s]).collect()
-    }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let decay = (-setting.dt_s / values[1]).exp();
         Some(Box::new(LeakStage { decay, share: values[0], leaked: 0.0, rest_v: model.drive_min_v }))
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.02 * strength, 30.0 * (0.8 + 0.4 * random())])
+}
+
+impl Estimation for ChargeLeakage {}
+
+impl SearchHints for ChargeLeakage {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        [0.1, 1.0, 5.0].iter().map(|times| vec![0.02, times * overview.duration_s]).collect()
     }
+}
+
+impl Presentation for ChargeLeakage {
+    fn equations(&self) -> &'static str {
+        r"`y = x - share q`, `time_constant_s q' + q = x - drive_min_v`.
+
+With `a = exp(-T / time_constant_s)`: `q[k] = a q[k-1] + (1 - a) (x[k] - drive_min_v)`. At rest `q = x - drive_min_v`."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
+    }
+}
+
+impl SyntheticCases for ChargeLeakage {
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.02 * strength, 30.0 * (0.8 + 0.4 * random())])
     }
 }

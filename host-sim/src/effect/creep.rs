@@ -8,7 +8,8 @@
 //! equilibrium has hysteresis.
 
 use super::{
-    Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+    Against, Declaration, Effect, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Planted, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::{EffectInstance, Model};
@@ -236,7 +237,7 @@ pub fn with_signed_shares(overview: &Overview, time_constants_s: &[f64]) -> Effe
     creep
 }
 
-impl Effect for Creep {
+impl Physics for Creep {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -251,12 +252,7 @@ impl Effect for Creep {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x + sum share_i s_i`, `time_constant_i_s s_i' + s_i = x`.
 
-Exact for an input that runs straight through the interval. With `a = exp(-T / tau)` and `m = (1 - a) tau / T`: `s[k] = a s[k-1] + (m - a) x[k-1] + (1 - m) x[k]`. At rest `s_i = x`.
-Behind modes it goes once a period, by the values at the ends of periods."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         self.time_constants_s(overview)
             .iter()
@@ -269,43 +265,69 @@ Behind modes it goes once a period, by the values at the ends of periods."
             })
             .collect()
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let taus = self.time_constants_s(overview);
-        (0..taus.len()).map(|k| taus.iter().enumerate().flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau]).collect()).collect()
-    }
-    fn starts_combine(&self) -> bool {
-        true
-    }
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
+
     fn goes_by_ends(&self, _model: &Model) -> bool {
         true
     }
+
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(CreepStage::new(values, setting.dt_s)))
     }
+
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         // Those without a share too: a spectrum of creep is smooth, and shares that are not negative come out
         // sparse.
         values.chunks_exact(2).map(|pair| FreeMotion { decay_per_s: 1.0 / pair[1], frequency_rad_s: 0.0 }).collect()
     }
-    fn answers_drive_by(&self) -> Vec<usize> {
-        (0..self.terms).map(|term| 2 * term).collect()
-    }
-    fn fitting_rank(&self) -> usize {
-        4
-    }
+
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         (count > 0 && count.is_multiple_of(2)).then(|| Arc::new(Self { terms: count / 2 }) as Arc<dyn Effect>)
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some([0.02, 0.2, 2.0, 20.0].iter().flat_map(|tau| [0.006 * strength * (0.8 + 0.4 * random()), *tau]).collect())
+}
+
+impl Estimation for Creep {
+    fn answers_drive_by(&self) -> Vec<usize> {
+        (0..self.terms).map(|term| 2 * term).collect()
     }
+
+    fn fitting_rank(&self) -> usize {
+        4
+    }
+}
+
+impl SearchHints for Creep {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let taus = self.time_constants_s(overview);
+        (0..taus.len()).map(|k| taus.iter().enumerate().flat_map(|(i, tau)| [if i == k { 0.01 } else { 0.0 }, *tau]).collect()).collect()
+    }
+
+    fn starts_combine(&self) -> bool {
+        true
+    }
+}
+
+impl Presentation for Creep {
+    fn equations(&self) -> &'static str {
+        r"`y = x + sum share_i s_i`, `time_constant_i_s s_i' + s_i = x`.
+
+Exact for an input that runs straight through the interval. With `a = exp(-T / tau)` and `m = (1 - a) tau / T`: `s[k] = a s[k-1] + (m - a) x[k-1] + (1 - m) x[k]`. At rest `s_i = x`.
+Behind modes it goes once a period, by the values at the ends of periods."
+    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::TimeHeld,
             caption: "Creep goes on with the logarithm of time after the drive has stopped, in the direction of the last step; one curve for each hold.",
         }
+    }
+}
+
+impl SyntheticCases for Creep {
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some([0.02, 0.2, 2.0, 20.0].iter().flat_map(|tau| [0.006 * strength * (0.8 + 0.4 * random()), *tau]).collect())
     }
 }

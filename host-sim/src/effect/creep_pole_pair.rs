@@ -6,7 +6,10 @@
 //! its actuator (Ch. 5, Eq. 17: poles at -0.134, -1.64 and -6.19 +- 23.5i 1/s) is the product of two terms
 //! and this one.
 
-use super::{Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage,
+    SyntheticCases,
+};
 use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
@@ -114,7 +117,7 @@ impl LinearLanes for PairLanes {
     }
 }
 
-impl Effect for CreepPolePair {
+impl Physics for CreepPolePair {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -127,11 +130,7 @@ impl Effect for CreepPolePair {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x + share z + velocity_share v`, with `w = natural_frequency_rad_s`: `z' = w v`, `v' = w (x - z - 2 damping_ratio v)`.
 
-Exact for an input that runs straight through the interval. At rest `z = x`, `v = 0`. Behind modes it goes once a period, by the values at the ends of periods."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![
             Parameter::linear("share", "1", -0.9, 0.9, 0.01),
@@ -140,6 +139,32 @@ Exact for an input that runs straight through the interval. At rest `z = x`, `v 
             Parameter::logarithmic("damping_ratio", "1", 0.01, 0.99),
         ]
     }
+
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
+
+    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(PairStage { carried: Carried::new(values, setting.dt_s), state: [0.0; 2], input: 0.0 }))
+    }
+
+    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        let (w, xi) = (values[2], values[3].min(1.0));
+        vec![FreeMotion { decay_per_s: xi * w, frequency_rad_s: w * (1.0 - xi * xi).sqrt() }]
+    }
+}
+
+impl Estimation for CreepPolePair {
+    fn answers_drive_by(&self) -> Vec<usize> {
+        vec![0, 1]
+    }
+
+    fn fitting_rank(&self) -> usize {
+        5
+    }
+}
+
+impl SearchHints for CreepPolePair {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let (slowest, fastest) = (4.0 * slowest_rad_s(overview), 0.7 * TAU * FASTEST_HZ);
         let count = ((fastest / slowest).log2().ceil() as usize).clamp(1, 6);
@@ -148,23 +173,17 @@ Exact for an input that runs straight through the interval. At rest `z = x`, `v 
             .map(|w| vec![0.005, 0.0, w, FIRST_DAMPING])
             .collect()
     }
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PairStage { carried: Carried::new(values, setting.dt_s), state: [0.0; 2], input: 0.0 }))
-    }
-    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        let (w, xi) = (values[2], values[3].min(1.0));
-        vec![FreeMotion { decay_per_s: xi * w, frequency_rad_s: w * (1.0 - xi * xi).sqrt() }]
-    }
-    fn answers_drive_by(&self) -> Vec<usize> {
-        vec![0, 1]
-    }
-    fn fitting_rank(&self) -> usize {
-        5
+}
+
+impl Presentation for CreepPolePair {
+    fn equations(&self) -> &'static str {
+        r"`y = x + share z + velocity_share v`, with `w = natural_frequency_rad_s`: `z' = w v`, `v' = w (x - z - 2 damping_ratio v)`.
+
+Exact for an input that runs straight through the interval. At rest `z = x`, `v = 0`. Behind modes it goes once a period, by the values at the ends of periods."
     }
 }
+
+impl SyntheticCases for CreepPolePair {}
 
 /// Slowest natural frequency that a data set shows: a quarter of a turn in its longest record.
 fn slowest_rad_s(overview: &Overview) -> f64 {

@@ -5,7 +5,10 @@
 //! exact there without sub-intervals. Where something between the two moves inside the period or has a clock
 //! of its own, the delay stands where it acts and the period is divided.
 
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
+    SimulatedStage, Stage, SyntheticCases,
+};
 use crate::block::Block;
 use crate::chain::{EffectInstance, Model};
 use std::collections::VecDeque;
@@ -53,7 +56,7 @@ pub(super) fn taken_in_s(model: &Model) -> Option<f64> {
     model.effects.iter().all(passes_steps_on).then(|| delay.parameters[0].value)
 }
 
-impl Effect for Delay {
+impl Physics for Delay {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -66,26 +69,12 @@ impl Effect for Delay {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"The drive acts `delay_s` later: `y(t) = x(t - delay_s)`.
 
-Beside `vibration`, and with nothing between the two but saturation, charge leakage, hysteresis and friction, the modes take the delay in. With `d = delay_s / T`, its whole
-part delays the input of the modes by as many intervals, and its fraction `f` makes that input arrive late by the share `f` (*Arrival*).
-
-Otherwise the delay stands where it acts, and gives the mean of the held input that changes inside the interval: `y[k] = f x[k-d-1] + (1 - f) x[k-d]` with whole `d`. Then, for
-`T` above 60 us and with an amplifier, a slew limit, a mode or a sensor's lag in the model, the period is divided into `max(2, inside(T))` sub-intervals. At rest `y = x`."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let dt_s = 1.0 / overview.sample_rate_max_hz;
         vec![Parameter::linear("delay_s", "s", 0.0, 200.0 * dt_s, 0.05 * dt_s)]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let dt_s = 1.0 / overview.sample_rate_max_hz;
-        vec![vec![0.5 * dt_s], vec![2.0 * dt_s], vec![5.0 * dt_s]]
-    }
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         // Where the drive runs straight, what the stage makes of two ends is no mean but the place between
         // them.
@@ -97,6 +86,7 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
         let line = std::iter::repeat_n(model.drive_min_v, whole as usize + 1).collect();
         Some(Box::new(DelayStage { line, late_share: intervals - whole }))
     }
+
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
         // Without anything that takes time, a step would pass through at once and all delays between two
         // samples would read the same: the mean over the interval stands for the motion that a real stage
@@ -114,11 +104,40 @@ Otherwise the delay stands where it acts, and gives the mean of the held input t
         // the period is.
         if dt_s > 60e-6 { super::substeps_inside_period(dt_s).max(2) } else { 1 }
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![50e-6 * strength])
+}
+
+impl Estimation for Delay {}
+
+impl SearchHints for Delay {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let dt_s = 1.0 / overview.sample_rate_max_hz;
+        vec![vec![0.5 * dt_s], vec![2.0 * dt_s], vec![5.0 * dt_s]]
     }
+}
+
+impl Presentation for Delay {
+    fn equations(&self) -> &'static str {
+        r"The drive acts `delay_s` later: `y(t) = x(t - delay_s)`.
+
+Beside `vibration`, and with nothing between the two but saturation, charge leakage, hysteresis and friction, the modes take the delay in. With `d = delay_s / T`, its whole
+part delays the input of the modes by as many intervals, and its fraction `f` makes that input arrive late by the share `f` (*Arrival*).
+
+Otherwise the delay stands where it acts, and gives the mean of the held input that changes inside the interval: `y[k] = f x[k-d-1] + (1 - f) x[k-d]` with whole `d`. Then, for
+`T` above 60 us and with an amplifier, a slew limit, a mode or a sensor's lag in the model, the period is divided into `max(2, inside(T))` sub-intervals. At rest `y = x`."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
+    }
+}
+
+impl SyntheticCases for Delay {
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![50e-6 * strength])
     }
 }
 

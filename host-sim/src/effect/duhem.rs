@@ -1,6 +1,8 @@
 //! Duhem hysteresis: the slope of the displacement depends on the direction of the drive.
 
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::block::Block;
 use crate::chain::Model;
 
@@ -75,7 +77,7 @@ impl Loops for DuhemStage {
     }
 }
 
-impl Effect for Duhem {
+impl Physics for Duhem {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "duhem".into(),
@@ -88,12 +90,7 @@ impl Effect for Duhem {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y' = approach |X'| (slope_um X - y) + elastic_um X'`.
 
-Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) sign(D) / approach`: `y[k] = slope_um X[k] + f + (y[k-1] - slope_um X[k-1] - f) exp(-approach |D|)`; where `approach` is below 1e-9
-`y[k] = y[k-1] + elastic_um D`. At rest one step from `X = 0`, `y = 0`."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         vec![
@@ -102,23 +99,44 @@ Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) s
             Parameter::linear("elastic_um", "um", -1e6, 1e6, step),
         ]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let scale = overview.gain_um_v * overview.drive_range_v();
-        vec![vec![3.0, scale, 0.7 * scale]]
-    }
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(DuhemStage::new(model, values)))
     }
+
     fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(DuhemStage::new(model, values)))
     }
+}
+
+impl Estimation for Duhem {
     fn fitting_rank(&self) -> usize {
         1
     }
+
     fn may_leave(&self) -> bool {
         false // nothing would be left to drive the chain
     }
 }
+
+impl SearchHints for Duhem {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        vec![vec![3.0, scale, 0.7 * scale]]
+    }
+
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
+}
+
+impl Presentation for Duhem {
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y' = approach |X'| (slope_um X - y) + elastic_um X'`.
+
+Over a straight `X`, with `D = X[k] - X[k-1]` and `f = (elastic_um - slope_um) sign(D) / approach`: `y[k] = slope_um X[k] + f + (y[k-1] - slope_um X[k-1] - f) exp(-approach |D|)`; where `approach` is below 1e-9
+`y[k] = y[k-1] + elastic_um D`. At rest one step from `X = 0`, `y = 0`."
+    }
+}
+
+impl SyntheticCases for Duhem {}

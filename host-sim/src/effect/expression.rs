@@ -32,7 +32,7 @@
 //! combined, and each combination is a direction in which the effect may be found.
 
 use super::formula::Formula;
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases};
 use crate::chain::Model;
 use serde::Deserialize;
 
@@ -125,7 +125,7 @@ impl ExpressionEffect {
             .iter()
             .find(|(name, _)| *name == file.place)
             .map(|(_, place)| *place)
-            .ok_or_else(|| format!("place: \"{}\" is none of {}", file.place, Place::NAMES.map(|(name, _)| name).join(", ")))?;
+            .ok_or_else(|| format!("place: \"{}\"; expected one of {}", file.place, Place::NAMES.map(|(name, _)| name).join(", ")))?;
         let mut characters = file.id.chars();
         let begins = characters.next().is_some_and(|c| c.is_alphabetic() || c == '_');
         if !begins || characters.any(|c| !(c.is_alphanumeric() || c == '_')) {
@@ -320,26 +320,28 @@ impl Stage for ExpressionStage<'_> {
     }
 }
 
-impl Effect for ExpressionEffect {
+impl Physics for ExpressionEffect {
     fn declaration(&self) -> Declaration {
         self.declaration.clone()
     }
+
     fn definition(&self) -> Option<&str> {
         Some(&self.text)
     }
+
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         self.parameters.clone()
     }
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        self.starts.clone()
-    }
+
     fn auxiliary(&self) -> &[String] {
         &self.auxiliary
     }
+
     fn follows_record(&self) -> bool {
         let drive = GIVEN.iter().position(|name| *name == "u").unwrap_or(0);
         !self.auxiliary.is_empty() || self.derivatives.iter().chain([&self.output]).any(|formula| formula.uses(drive))
     }
+
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         let recorded = setting.signals;
         let mut signals = vec![(3, recorded.drive_v), (4, recorded.force_n.unwrap_or(&[]))];
@@ -370,6 +372,18 @@ impl Effect for ExpressionEffect {
     }
 }
 
+impl Estimation for ExpressionEffect {}
+
+impl SearchHints for ExpressionEffect {
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        self.starts.clone()
+    }
+}
+
+impl Presentation for ExpressionEffect {}
+
+impl SyntheticCases for ExpressionEffect {}
+
 #[cfg(test)]
 mod tests {
     use super::super::{AuxiliarySignal, Signals};
@@ -396,7 +410,7 @@ mod tests {
             }
         }
         let mut stage = effect.stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1)).unwrap();
-        assert!(stage.step(0, 1.0).is_nan(), "a state that cannot be followed is given up, not followed wrongly");
+        assert!(stage.step(0, 1.0).is_nan(), "a state that cannot be followed is abandoned, not followed wrongly");
     }
 
     #[test]

@@ -10,7 +10,8 @@
 
 use super::force_balance::{RestoringForce, Travel};
 use super::{
-    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::chain::Model;
 use crate::elastoplastic_friction::{Dahl, ElastoplasticFriction, SLIDES_WITHIN};
@@ -197,7 +198,7 @@ impl Stage for FrictionStage {
     }
 }
 
-impl Effect for Friction {
+impl Physics for Friction {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -210,13 +211,7 @@ impl Effect for Friction {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"A bristle of bend `z` holds the stage: `s = bristle_stiffness`, `S = break_away_um / s` the bend in steady sliding. While the stage moves, `dz = (1 - a(z) z sign(v) / S) dy` with `a = 1` (Dahl), or, with
-`breakaway_ratio = r > 0`, the elastic-plastic `a` of Dupont: 0 below `r S`, 1 above `S`, `(1 - cos(pi (|z| - r S) / (S - r S))) / 2` between, and 0 where `z` and the motion have different signs.
 
-Without `vibration` the stage rests where `y + s z = x`: the output is the solution of it, from the last one on. With `vibration` the bristle holds the moving mass, `m y'' + d y' + y + s z = x`, by a step
-that is divided where the mass sticks and slides. No export does this."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![
             Parameter::linear("break_away_um", "um", 0.0, 0.5 * overview.range_um, 1e-4 * overview.range_um.max(1e-6)),
@@ -224,6 +219,19 @@ that is divided where the mass sticks and slides. No export does this."
             Parameter::linear("breakaway_ratio", "1", 0.0, 0.99, 0.01).fixed(),
         ]
     }
+
+    fn stage<'a>(&self, model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
+        if model.effect(super::vibration::ID).is_some() {
+            return None;
+        }
+        Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
+    }
+}
+
+impl Estimation for Friction {}
+
+impl SearchHints for Friction {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let mut out = Vec::new();
         for share in [0.002, 0.01] {
@@ -233,24 +241,33 @@ that is divided where the mass sticks and slides. No export does this."
         }
         out
     }
+
     fn costly(&self) -> bool {
         true
     }
+}
+
+impl Presentation for Friction {
+    fn equations(&self) -> &'static str {
+        r"A bristle of bend `z` holds the stage: `s = bristle_stiffness`, `S = break_away_um / s` the bend in steady sliding. While the stage moves, `dz = (1 - a(z) z sign(v) / S) dy` with `a = 1` (Dahl), or, with
+`breakaway_ratio = r > 0`, the elastic-plastic `a` of Dupont: 0 below `r S`, 1 above `S`, `(1 - cos(pi (|z| - r S) / (S - r S))) / 2` between, and 0 where `z` and the motion have different signs.
+
+Without `vibration` the stage rests where `y + s z = x`: the output is the solution of it, from the last one on. With `vibration` the bristle holds the moving mass, `m y'' + d y' + y + s z = x`, by a step
+that is divided where the mass sticks and slides. No export does this."
+    }
+
+    fn picture(&self) -> Picture {
+        Picture { against: Against::TimeSinceTurn, caption: "Friction holds the motion back just after the drive turns, then lets go." }
+    }
+}
+
+impl SyntheticCases for Friction {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
-    fn stage<'a>(&self, model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        // With inertia in the model the bristle acts on the moving mass, not on the force in front of it.
-        if model.effect(super::vibration::ID).is_some() {
-            return None;
-        }
-        Bristle::of(model).map(|bristle| Box::new(FrictionStage { bristle }) as Box<dyn Stage + 'a>)
-    }
+
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         Some(vec![0.03 * strength, 1.0 * (0.8 + 0.4 * random())])
-    }
-    fn picture(&self) -> Picture {
-        Picture { against: Against::TimeSinceTurn, caption: "Friction holds the motion back just after the drive turns, then lets go." }
     }
 }
 

@@ -1,6 +1,8 @@
 //! Proportional response: the least that a model can be.
 
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::block::Block;
 use crate::chain::Model;
 
@@ -40,7 +42,7 @@ impl Loops for GainStage {
     }
 }
 
-impl Effect for Gain {
+impl Physics for Gain {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -53,25 +55,40 @@ impl Effect for Gain {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = gain_um_v (x - drive_min_v)`. At rest the same."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("gain_um_v", "um/V", -1e3, 1e3, 0.01 * overview.gain_um_v.abs().max(1e-6))]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![overview.gain_um_v]]
-    }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
     }
+
     fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(GainStage { gain_um_v: values[0], lower_limit_v: model.drive_min_v }))
     }
+}
+
+impl Estimation for Gain {
     fn fitting_rank(&self) -> usize {
         0
     }
+
     fn may_leave(&self) -> bool {
         false // nothing would be left to drive the chain
     }
 }
+
+impl SearchHints for Gain {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![overview.gain_um_v]]
+    }
+}
+
+impl Presentation for Gain {
+    fn equations(&self) -> &'static str {
+        r"`y = gain_um_v (x - drive_min_v)`. At rest the same."
+    }
+}
+
+impl SyntheticCases for Gain {}

@@ -4,10 +4,13 @@
 //! # How it works
 //! Sine and cosine of every multiple are estimated for every record, as those of the hum are. A periodic
 //! drive whose harmonics fall on the same lines would lend them what the loops leave, so they are proposed
-//! only where a line is seen while the drive stands still ([`Effect::speaks_for_it`]).
+//! only where a line is seen while the drive stands still ([`SearchHints::speaks_for_it`]).
 
 use super::mains_hum::{self, lines_stage};
-use super::{Against, Declaration, Effect, LinesAtRest, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, LinesAtRest, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints,
+    Setting, SimulatedStage, Stage, SyntheticCases,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -24,7 +27,7 @@ const USUAL_HZ: f64 = 50.0;
 /// that are half of that from one another.
 const NEAR_HZ: f64 = 1.0;
 
-impl Effect for HumHarmonics {
+impl Physics for HumHarmonics {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -39,45 +42,64 @@ impl Effect for HumHarmonics {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
         let amplitude = |name: String| Parameter::linear(name, "um", -range, range, 1e-4 * range).fixed();
         MULTIPLES.iter().flat_map(|k| [amplitude(format!("sine_{k}_um")), amplitude(format!("cosine_{k}_um"))]).collect()
     }
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![0.0; 2 * MULTIPLES.len()]]
-    }
-    fn planted(&self) -> Planted {
-        Planted::Never
-    }
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(mains_hum::ID).is_some()
-    }
-    fn speaks_for_it(&self, model: &Model, at_rest: &LinesAtRest) -> bool {
-        let multiples = self.line_frequencies_hz(model, &[]);
-        at_rest.lines_hz.iter().any(|line| multiples.iter().any(|multiple| (line - multiple).abs() < NEAR_HZ))
-    }
+
     fn goes_by_ends(&self, _model: &Model) -> bool {
         true
     }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         lines_stage(&self.line_frequencies_hz(model, values), values, setting.dt_s)
     }
+
     fn line_frequencies_hz(&self, model: &Model, _values: &[f64]) -> Vec<f64> {
         let mains_hz = model.values(mains_hum::ID).map_or(USUAL_HZ, |hum| hum[0]);
         MULTIPLES.iter().map(|multiple| f64::from(*multiple) * mains_hz).collect()
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some([0.002, 0.002, 0.003, 0.003].iter().map(|um| um * strength).chain([0.0; 2 * MULTIPLES.len() - 4]).collect())
+}
+
+impl Estimation for HumHarmonics {}
+
+impl SearchHints for HumHarmonics {
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.0; 2 * MULTIPLES.len()]]
     }
+
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect(mains_hum::ID).is_some()
+    }
+
+    fn speaks_for_it(&self, model: &Model, at_rest: &LinesAtRest) -> bool {
+        let multiples = self.line_frequencies_hz(model, &[]);
+        at_rest.lines_hz.iter().any(|line| multiples.iter().any(|multiple| (line - multiple).abs() < NEAR_HZ))
+    }
+}
+
+impl Presentation for HumHarmonics {
+    fn equations(&self) -> &'static str {
+        r"`y = x + sum_k cosine_k_um cos(2 pi k f t) + sine_k_um sin(2 pi k f t)`, `k = 2..7`, with `f` the `frequency_hz` of `mains_hum`, or 50 Hz without it; `t` counted from the first sample."
+    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::Frequency,
             caption: "Lines at multiples of the mains frequency, whatever the drive does, and present at rest.",
         }
+    }
+}
+
+impl SyntheticCases for HumHarmonics {
+    fn planted(&self) -> Planted {
+        Planted::Never
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some([0.002, 0.002, 0.003, 0.003].iter().map(|um| um * strength).chain([0.0; 2 * MULTIPLES.len() - 4]).collect())
     }
 }
 

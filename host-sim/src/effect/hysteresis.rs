@@ -9,7 +9,8 @@ use super::play_operators::PlayOperators;
 use super::rate_dependent_surfaces::RateOrders;
 use super::two_sided::TwoSidedMemory;
 use super::{
-    Against, CoefficientWalker, Declaration, Effect, Loops, Overview, Parameter, Picture, Place, Setting, Stage, bipolar, rate_dependence,
+    Against, CoefficientWalker, Declaration, Effect, Estimation, Loops, Overview, Parameter, Physics, Picture, Place, Presentation,
+    SearchHints, Setting, Stage, SyntheticCases, bipolar, rate_dependence,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -262,7 +263,7 @@ impl Contributions {
     }
 }
 
-impl Effect for Hysteresis {
+impl Physics for Hysteresis {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -275,6 +276,80 @@ impl Effect for Hysteresis {
             one_sided: false,
         }
     }
+
+    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
+        let step = 0.01 * overview.range_um.max(1e-6);
+        loop_terms(self.degree).map(|(i, j)| Parameter::linear(format!("g_{i}_{j}_um"), "um", -1e6, 1e6, step)).collect()
+    }
+
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(HysteresisStage::new(model, values, setting)))
+    }
+
+    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(HysteresisStage::new(model, values, setting)))
+    }
+
+    fn coefficient_walker(&self, model: &Model, setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
+        if model.effect(super::two_sided::ID).is_some() {
+            return None; // the surfaces act through the virgin part as well
+        }
+        let count = |id: &str| model.effect(id).map_or(0, |e| e.parameters.len());
+        let (loops, curve) = (count(ID), count(super::initial_curve::ID));
+        // Of each play operator its weight, the first of its two values.
+        let plays = count(super::play_operators::ID) / 2;
+        let counts = [(ID, loops, 1), (super::initial_curve::ID, curve, 1), (super::play_operators::ID, plays, 2)];
+        let walk = CoefficientWalk::virgin(degree_of(loops), curve);
+        let contributions = Contributions { walk, plays: PlayOperators::of(model) };
+        Some(Box::new(SurfaceWalker { counts, contributions, drive: HeldDrive::of(model, setting), present: Vec::new() }))
+    }
+
+    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
+        let degree = degree_of(count);
+        (coefficient_count(degree) == count).then(|| Arc::new(Self { degree }) as Arc<dyn Effect>)
+    }
+}
+
+impl Estimation for Hysteresis {
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
+}
+
+impl SearchHints for Hysteresis {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        // A loop of 15 % of the range, as piezo stacks have: on the way down from x less is lost at first
+        // than near zero.
+        let mut values = vec![0.0; coefficient_count(self.degree)];
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        values[0] = scale;
+        if self.degree > 1 {
+            values[1] = 0.12 * scale;
+            values[2] = -0.12 * scale;
+        }
+        // Around that loop every coefficient is a direction.
+        let moved = |k: usize| values.iter().enumerate().map(|(i, v)| if i == k { v + 0.05 * scale } else { *v }).collect();
+        std::iter::once(values.clone()).chain((0..values.len()).map(moved)).collect()
+    }
+
+    fn starts_combine(&self) -> bool {
+        true
+    }
+
+    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
+        model.effect(super::gain::ID).is_some()
+    }
+
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
+}
+
+impl Presentation for Hysteresis {
     fn equations(&self) -> &'static str {
         r"With `X = (x - low) / (drive_max_v - low)`, where `low = drive_min_v`, or `lower_limit_v` of `bipolar`:
 
@@ -295,70 +370,18 @@ A new input `X`
 
 At rest the memory is that of one rise from 0 to `X`. The output is a force-equivalent displacement, um. `play_operators` add to it, then `rate_dependence` acts."
     }
-    fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
-        let step = 0.01 * overview.range_um.max(1e-6);
-        loop_terms(self.degree).map(|(i, j)| Parameter::linear(format!("g_{i}_{j}_um"), "um", -1e6, 1e6, step)).collect()
-    }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        // A loop of 15 % of the range, as piezo stacks have: on the way down from x less is lost at first
-        // than near zero.
-        let mut values = vec![0.0; coefficient_count(self.degree)];
-        let scale = overview.gain_um_v * overview.drive_range_v();
-        values[0] = scale;
-        if self.degree > 1 {
-            values[1] = 0.12 * scale;
-            values[2] = -0.12 * scale;
-        }
-        // Around that loop every coefficient is a direction.
-        let moved = |k: usize| values.iter().enumerate().map(|(i, v)| if i == k { v + 0.05 * scale } else { *v }).collect();
-        std::iter::once(values.clone()).chain((0..values.len()).map(moved)).collect()
-    }
-    fn starts_combine(&self) -> bool {
-        true
-    }
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[super::initial_curve::ID]
-    }
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(HysteresisStage::new(model, values, setting)))
-    }
-    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(HysteresisStage::new(model, values, setting)))
-    }
-    fn coefficient_walker(&self, model: &Model, setting: &Setting) -> Option<Box<dyn CoefficientWalker>> {
-        if model.effect(super::two_sided::ID).is_some() {
-            return None; // the surfaces act through the virgin part as well
-        }
-        let count = |id: &str| model.effect(id).map_or(0, |e| e.parameters.len());
-        let (loops, curve) = (count(ID), count(super::initial_curve::ID));
-        // Of each play operator its weight, the first of its two values.
-        let plays = count(super::play_operators::ID) / 2;
-        let counts = [(ID, loops, 1), (super::initial_curve::ID, curve, 1), (super::play_operators::ID, plays, 2)];
-        let walk = CoefficientWalk::virgin(degree_of(loops), curve);
-        let contributions = Contributions { walk, plays: PlayOperators::of(model) };
-        Some(Box::new(SurfaceWalker { counts, contributions, drive: HeldDrive::of(model, setting), present: Vec::new() }))
-    }
-    fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
-        model.effect(super::gain::ID).is_some()
-    }
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
-    }
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
-    fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
-        let degree = degree_of(count);
-        (coefficient_count(degree) == count).then(|| Arc::new(Self { degree }) as Arc<dyn Effect>)
-    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::Drive,
             caption: "An error that depends on the branch: first rise, later rises and falls go different ways at the same voltage.",
         }
+    }
+}
+
+impl SyntheticCases for Hysteresis {
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[super::initial_curve::ID]
     }
 }
 

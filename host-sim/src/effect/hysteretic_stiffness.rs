@@ -6,7 +6,10 @@
 //! exponential of it.
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
+    SimulatedStage, Stage, SyntheticCases, vibration,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -94,7 +97,7 @@ impl HystereticStiffness {
     }
 }
 
-impl Effect for HystereticStiffness {
+impl Physics for HystereticStiffness {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -107,9 +110,7 @@ impl Effect for HystereticStiffness {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let per_um = 1.0 / overview.range_um.max(1e-6);
         vec![
@@ -119,34 +120,54 @@ impl Effect for HystereticStiffness {
             Parameter::linear("exponent", "1", 0.5, 10.0, 0.05).fixed(),
         ]
     }
+
+    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        Some(Self::spring(model, values, setting))
+    }
+
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
+    }
+}
+
+impl Estimation for HystereticStiffness {}
+
+impl SearchHints for HystereticStiffness {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let per_um = 1.0 / overview.range_um.max(1e-6);
         // Loops alone, loops that soften or harden, and loops that are closed early.
         let shapes = [(2.0, 0.0), (5.0, 5.0), (5.0, -5.0), (10.0, 0.0)];
         shapes.iter().map(|(beta, gamma)| vec![0.1, beta * per_um, gamma * per_um, 1.0]).collect()
     }
+
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
         model.effect(vibration::ID).is_some()
     }
-    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
-        Some(Self::spring(model, values, setting))
+}
+
+impl Presentation for HystereticStiffness {
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = share (h - y)`, with `h' = y' - beta_per_um |y'| |h|^(exponent - 1) h - gamma_per_um y' |h|^exponent`. No export does this."
     }
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
+
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Displacement, caption: "A force that depends on where the motion turned last." }
     }
+}
+
+impl SyntheticCases for HystereticStiffness {
     fn planted(&self) -> Planted {
         // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
         Planted::Never
     }
+
     fn comes_with(&self) -> &'static [&'static str] {
         &[vibration::ID]
     }
+
     fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let per_um = 1.0 / stage.overview.range_um;
         Some(vec![0.1 * strength * (0.8 + 0.4 * random()), 4.0 * per_um, 0.0, 1.0])
-    }
-    fn picture(&self) -> Picture {
-        Picture { against: Against::Displacement, caption: "A force that depends on where the motion turned last." }
     }
 }
 

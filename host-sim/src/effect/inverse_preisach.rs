@@ -4,7 +4,9 @@
 //! The surfaces are those of [`crate::hysteresis_surface`], in V over the share of a span of displacement;
 //! the displacement to a drive, which a model has to give, is found by [`crate::hysteresis_inverse`].
 
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::chain::Model;
 use crate::hysteresis_inverse::HysteresisInverse;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces, loop_terms};
@@ -59,7 +61,7 @@ impl Loops for InverseStage {
     }
 }
 
-impl Effect for InversePreisach {
+impl Physics for InversePreisach {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -72,11 +74,7 @@ impl Effect for InversePreisach {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"The model of `hysteresis` and `initial_curve` with the roles turned round: the drive above `drive_min_v`, V, is the output of the surfaces `g_i_j_v`, `r_i_v` for the input `Y = y / span_um`.
 
-`y` is what takes that output to the drive, found with the memory of the displacements so far; beyond `0 <= y <= span_um` it stays at that end."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.drive_range_v().max(1e-6);
         let volts = |name: String| Parameter::linear(name, "V", -1e6, 1e6, step);
@@ -84,6 +82,27 @@ impl Effect for InversePreisach {
         let loops = loop_terms(DEGREE).map(|(i, j)| volts(format!("g_{i}_{j}_v")));
         std::iter::once(span).chain(loops).chain((0..CURVE).map(|k| volts(format!("r_{k}_v")))).collect()
     }
+
+    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(InverseStage::new(model, values)))
+    }
+
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(InverseStage::new(model, values)))
+    }
+}
+
+impl Estimation for InversePreisach {
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
+}
+
+impl SearchHints for InversePreisach {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         // A straight line with the loops of a piezo turned round: the drive lags behind the displacement the
         // other way.
@@ -93,25 +112,25 @@ impl Effect for InversePreisach {
         (terms[0], terms[1], terms[2]) = (scale, -0.1 * scale, 0.1 * scale);
         vec![std::iter::once(span_um).chain(terms).collect()]
     }
+
     fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
         super::loops::closed_because(model)
     }
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(InverseStage::new(model, values)))
-    }
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(InverseStage::new(model, values)))
-    }
+
     fn is_tried_for_loops(&self) -> bool {
         false
     }
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
+}
+
+impl Presentation for InversePreisach {
+    fn equations(&self) -> &'static str {
+        r"The model of `hysteresis` and `initial_curve` with the roles turned round: the drive above `drive_min_v`, V, is the output of the surfaces `g_i_j_v`, `r_i_v` for the input `Y = y / span_um`.
+
+`y` is what takes that output to the drive, found with the memory of the displacements so far; beyond `0 <= y <= span_um` it stays at that end."
     }
 }
+
+impl SyntheticCases for InversePreisach {}
 
 #[cfg(test)]
 mod tests {

@@ -1,7 +1,8 @@
 //! External force on the actuator, taken from the measured force channel.
 
 use super::{
-    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -30,7 +31,7 @@ impl Stage for LoadStage<'_> {
     }
 }
 
-impl Effect for LoadForce {
+impl Physics for LoadForce {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "load_force".into(),
@@ -43,28 +44,44 @@ impl Effect for LoadForce {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x + compliance_um_n F`, with the measured force of the sample at which the interval begins."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("compliance_um_n", "um/N", -1e3, 1e3, 0.001 * overview.range_um.max(1e-6))]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        if overview.has_force { vec![vec![0.001 * overview.range_um.max(1e-6)]] } else { Vec::new() }
-    }
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-    fn needs_force(&self) -> bool {
-        true
-    }
+
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(LoadStage { compliance_um_n: values[0], setting: *setting }))
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.02 * strength])
+}
+
+impl Estimation for LoadForce {}
+
+impl SearchHints for LoadForce {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        if overview.has_force { vec![vec![0.001 * overview.range_um.max(1e-6)]] } else { Vec::new() }
     }
+
+    fn needs_force(&self) -> bool {
+        true
+    }
+}
+
+impl Presentation for LoadForce {
+    fn equations(&self) -> &'static str {
+        r"`y = x + compliance_um_n F`, with the measured force of the sample at which the interval begins."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Force, caption: "An error that follows the measured force, whatever the drive does." }
+    }
+}
+
+impl SyntheticCases for LoadForce {
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.02 * strength])
     }
 }

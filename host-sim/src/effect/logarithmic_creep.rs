@@ -8,7 +8,9 @@
 //! `settling_time_s` the creep ends.
 
 use super::creep::stage_of_terms;
-use super::{Declaration, Effect, FreeMotion, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -46,7 +48,7 @@ fn flat(values: &[f64]) -> Vec<f64> {
     terms(values, usize::MAX).into_iter().flat_map(|(share, tau_s)| [share, tau_s]).collect()
 }
 
-impl Effect for LogarithmicCreep {
+impl Physics for LogarithmicCreep {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -61,11 +63,7 @@ impl Effect for LogarithmicCreep {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"A step of one is answered by `1 + share_per_decade log10(1 + t / onset_s)` until about `settling_time_s`.
 
-It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger of `settling_time_s` and `10 onset_s` there are `d` decades and `n = ceil(2 d) + 1` terms, `time_constant_i_s = t_1 10^(d (i - 1) / (n - 1))`, `share_i = share_per_decade d / (n - 1) exp(-onset_s / time_constant_i_s)`, half of that for the last."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let longest_s = overview.duration_s.max(1e-3);
         let shortest_s = 0.1 / overview.sample_rate_max_hz;
@@ -75,26 +73,46 @@ It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger o
             Parameter::logarithmic("settling_time_s", "s", longest_s, 1e4 * longest_s).on_a_grid(),
         ]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let longest_s = overview.duration_s.max(1e-3);
-        [1e-3, 1e-2, 0.1].iter().map(|share| vec![0.01, share * longest_s, 100.0 * longest_s]).collect()
-    }
+
     fn goes_by_ends(&self, _model: &Model) -> bool {
         true
     }
+
     fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(stage_of_terms(&flat(values), setting.dt_s))
     }
+
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         terms(values, usize::MAX).iter().map(|(_, tau_s)| FreeMotion { decay_per_s: 1.0 / tau_s, frequency_rad_s: 0.0 }).collect()
     }
+}
+
+impl Estimation for LogarithmicCreep {
     fn answers_drive_by(&self) -> Vec<usize> {
         vec![0]
     }
+
     fn fitting_rank(&self) -> usize {
         4
     }
 }
+
+impl SearchHints for LogarithmicCreep {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let longest_s = overview.duration_s.max(1e-3);
+        [1e-3, 1e-2, 0.1].iter().map(|share| vec![0.01, share * longest_s, 100.0 * longest_s]).collect()
+    }
+}
+
+impl Presentation for LogarithmicCreep {
+    fn equations(&self) -> &'static str {
+        r"A step of one is answered by `1 + share_per_decade log10(1 + t / onset_s)` until about `settling_time_s`.
+
+It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger of `settling_time_s` and `10 onset_s` there are `d` decades and `n = ceil(2 d) + 1` terms, `time_constant_i_s = t_1 10^(d (i - 1) / (n - 1))`, `share_i = share_per_decade d / (n - 1) exp(-onset_s / time_constant_i_s)`, half of that for the last."
+    }
+}
+
+impl SyntheticCases for LogarithmicCreep {}
 
 #[cfg(test)]
 mod tests {

@@ -1,8 +1,8 @@
 //! Mains hum: a line at the mains frequency in the sensor signal, whatever the drive does.
 
 use super::{
-    Against, Declaration, Effect, LinearLanes, LinesAtRest, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting,
-    SimulatedStage, Stage,
+    Against, Declaration, Estimation, LinearLanes, LinesAtRest, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -69,7 +69,7 @@ pub(super) fn lines_stage<'a>(frequencies_hz: &[f64], amplitudes_um: &[f64], dt_
     (!lines.is_empty()).then(|| Box::new(LinesStage(lines)) as Box<dyn Stage + 'a>)
 }
 
-impl Effect for MainsHum {
+impl Physics for MainsHum {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -82,9 +82,7 @@ impl Effect for MainsHum {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
         vec![
@@ -93,6 +91,23 @@ impl Effect for MainsHum {
             Parameter::linear("cosine_um", "um", -range, range, 1e-4 * range).fixed(),
         ]
     }
+
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
+
+    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        lines_stage(&values[..1], &values[1..], setting.dt_s)
+    }
+
+    fn line_frequencies_hz(&self, _model: &Model, values: &[f64]) -> Vec<f64> {
+        vec![values[0]]
+    }
+}
+
+impl Estimation for MainsHum {}
+
+impl SearchHints for MainsHum {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let amplitude = 0.001 * overview.range_um;
         let mut out = Vec::new();
@@ -102,29 +117,32 @@ impl Effect for MainsHum {
         }
         out
     }
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
+
     fn speaks_for_it(&self, _model: &Model, at_rest: &LinesAtRest) -> bool {
         at_rest.samples < SHOWS_WEAK_LINES || at_rest.lines_hz.iter().any(|hz| (LOWEST_HZ..HIGHEST_HZ).contains(hz))
     }
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
+}
+
+impl Presentation for MainsHum {
+    fn equations(&self) -> &'static str {
+        r"`y = x + cosine_um cos(2 pi frequency_hz t) + sine_um sin(2 pi frequency_hz t)`, `t` counted from the first sample, where it is `x + cosine_um`."
     }
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        lines_stage(&values[..1], &values[1..], setting.dt_s)
-    }
-    fn line_frequencies_hz(&self, _model: &Model, values: &[f64]) -> Vec<f64> {
-        vec![values[0]]
-    }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![50.0, 0.007 * strength, 0.007 * strength])
-    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::Frequency,
             caption: "Hum is a line at the mains frequency and its multiples, whatever the drive does, and present at rest.",
         }
+    }
+}
+
+impl SyntheticCases for MainsHum {
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![50.0, 0.007 * strength, 0.007 * strength])
     }
 }
 

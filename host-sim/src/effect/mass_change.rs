@@ -1,6 +1,9 @@
 //! An added mass lowers the frequency and the damping ratio of the modes.
 
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, SimulatedStage,
+    Stage, SyntheticCases,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -15,7 +18,7 @@ pub fn frequency_factor(model: &Model) -> f64 {
     model.values(ID).and_then(|v| v.first().copied()).map_or(1.0, |ratio| 1.0 / (1.0 + ratio).max(0.01).sqrt())
 }
 
-impl Effect for MassChange {
+impl Physics for MassChange {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -28,22 +31,36 @@ impl Effect for MassChange {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"Natural frequency and damping ratio of every mode are multiplied by `1 / sqrt(max(1 + mass_ratio, 0.01))`."
-    }
+
     fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("mass_ratio", "1", -0.9, 50.0, 0.01)]
     }
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![0.0]]
-    }
+
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.1 * strength])
+}
+
+impl Estimation for MassChange {}
+
+impl SearchHints for MassChange {
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.0]]
     }
+}
+
+impl Presentation for MassChange {
+    fn equations(&self) -> &'static str {
+        r"Natural frequency and damping ratio of every mode are multiplied by `1 / sqrt(max(1 + mass_ratio, 0.01))`."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+    }
+}
+
+impl SyntheticCases for MassChange {
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.1 * strength])
     }
 }

@@ -1,6 +1,8 @@
 //! Maxwell slip hysteresis: elastic-plastic elements in parallel hold back an otherwise linear piezo.
 
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::block::{Block, Play};
 use crate::chain::Model;
 
@@ -73,7 +75,7 @@ impl Loops for SlipStage {
     }
 }
 
-impl Effect for MaxwellSlip {
+impl Physics for MaxwellSlip {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "maxwell_slip".into(),
@@ -86,35 +88,51 @@ impl Effect for MaxwellSlip {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - sum_i stiffness_i_um e_i`, `i = 0..7`, each `e_i = min(max(e_i + X[k] - X[k-1], -l_i), l_i)` from 0 on, `l_i = (i + 1) / 16`.
-At rest the elements follow `X` once from 0."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         let mut out = vec![Parameter::linear("gain_um", "um", -1e6, 1e6, step)];
         out.extend((0..ELEMENTS).map(|i| Parameter::linear(format!("stiffness_{i}_um"), "um", -1e6, 1e6, step)));
         out
     }
+
+    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(SlipStage::new(model, values)))
+    }
+
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(SlipStage::new(model, values)))
+    }
+}
+
+impl Estimation for MaxwellSlip {
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
+}
+
+impl SearchHints for MaxwellSlip {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let mut values = vec![1.1 * scale];
         values.extend([0.02 * scale; ELEMENTS]);
         vec![values]
     }
+
     fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
         super::loops::closed_because(model)
     }
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SlipStage::new(model, values)))
-    }
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(SlipStage::new(model, values)))
-    }
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
+}
+
+impl Presentation for MaxwellSlip {
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = gain_um X - sum_i stiffness_i_um e_i`, `i = 0..7`, each `e_i = min(max(e_i + X[k] - X[k-1], -l_i), l_i)` from 0 on, `l_i = (i + 1) / 16`.
+At rest the elements follow `X` once from 0."
     }
 }
+
+impl SyntheticCases for MaxwellSlip {}

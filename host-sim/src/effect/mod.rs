@@ -1,7 +1,7 @@
 //! The physical effects of a piezoelectric positioning system, one file each, and their registry.
 //!
 //! An effect declares itself ([`Declaration`], [`Parameter`]), says where it may start when it is looked for
-//! ([`Effect::starts`]) and builds a [`Stage`] that walks along a signal. Fitting, diagnosis, reports and the
+//! ([`SearchHints::starts`]) and builds a [`Stage`] that walks along a signal. Fitting, diagnosis, reports and the
 //! command line work from that alone. To add an effect: one file here, one line in [`registry`].
 //!
 //! A *modifier* ([`Declaration::modifies`]) has no stage of its own where the effect that it modifies is in
@@ -530,75 +530,17 @@ pub struct FreeMotion {
     pub frequency_rad_s: f64,
 }
 
-/// A physical effect.
-pub trait Effect: Send + Sync {
+/// What an effect is: its parameters and the stage that computes it.
+pub trait Physics: Send + Sync {
     /// What the effect says about itself.
     fn declaration(&self) -> Declaration;
-
-    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and
-    /// how it is discretised, in Markdown. `docs/reference/effects.md` explains the notation.
-    fn equations(&self) -> &'static str {
-        ""
-    }
 
     /// Its parameters for a data set (number of terms, bounds).
     fn parameters(&self, overview: &Overview) -> Vec<Parameter>;
 
-    /// Values, one list per start, at which the effect is small but visible; each is a direction in which it
-    /// may be found.
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>>;
-
-    /// True where the starts are coefficients of one linear form, which is looked for as a whole.
-    fn starts_combine(&self) -> bool {
-        false
-    }
-
-    /// Further starts at resonances that a residual shows.
-    fn resonant_starts(&self, _resonances: &[Resonance]) -> Vec<Vec<f64>> {
-        Vec::new()
-    }
-
-    /// Whether the effect makes sense beside what a model has, on data that look like this.
-    fn may_join(&self, _model: &Model, _overview: &Overview) -> bool {
-        true
-    }
-
-    /// Whether a walk of it takes much longer than of any other effect: a search leaves it out where the
-    /// signatures of others hardly change.
-    fn costly(&self) -> bool {
-        false
-    }
-
-    /// Place in the order in which a list of effects is fitted one after the other: those on which others
-    /// build come first.
-    fn fitting_rank(&self) -> usize {
-        9
-    }
-
-    /// Whether a model can do without it once it has it.
-    fn may_leave(&self) -> bool {
-        true
-    }
-
     /// The same effect with another number of parameters, for one whose number of terms is free.
     fn with_parameters(&self, _count: usize) -> Option<Arc<dyn Effect>> {
         None
-    }
-
-    /// Values that make the effect a few times as large as the noise at strength 1, for a simulated data set;
-    /// `None` where it has no strength.
-    fn values_at(&self, _strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        None
-    }
-
-    /// In which sets of synthetic cases it is hidden.
-    fn planted(&self) -> Planted {
-        if self.declaration().candidate { Planted::Alone } else { Planted::Never }
-    }
-
-    /// Effects that an actuator which has this one has with it.
-    fn comes_with(&self) -> &'static [&'static str] {
-        &[]
     }
 
     /// Names of the signals, beside drive and force, that have to be recorded for it.
@@ -612,50 +554,10 @@ pub trait Effect: Send + Sync {
         false
     }
 
-    /// Whether nothing of it can be seen without a measured force.
-    fn needs_force(&self) -> bool {
-        false
-    }
-
-    /// Its values where the readings are whole steps of this size, um, for an effect that is seen in them
-    /// whatever the model.
-    fn values_in_readings(&self, _step_um: f64) -> Option<Vec<f64>> {
-        None
-    }
-
-    /// Which of its parameters, by place, make it answer the drive, for an effect that has slow states
-    /// beside: with all of them zero only the free motions of the states are left.
-    fn answers_drive_by(&self) -> Vec<usize> {
-        Vec::new()
-    }
-
-    /// What a user of the literature might object to in values that were found: a reading of the same data by
-    /// another effect is then likelier.
-    fn unlikely_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
-        None
-    }
-
-    /// Why values that were found are none of this effect, whatever they bring: it is then part of a model,
-    /// and no name.
-    fn ruled_out_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
-        None
-    }
-
-    /// The picture that shows the effect in a residual.
-    fn picture(&self) -> Picture {
-        Picture { against: Against::Drive, caption: "Averaged over the drive, by branch." }
-    }
-
     /// Builds the stage from the values in `model`, or `None` where another effect's stage takes it in.
     ///
     /// `values` are this effect's values in `model`.
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>>;
-
-    /// Whether its loops are tried in the place of another structure's: one without memory, or that only adds
-    /// parameters to another, is not.
-    fn is_tried_for_loops(&self) -> bool {
-        self.declaration().is_main()
-    }
 
     /// The loops of a structure that has an inverse.
     fn loops(&self, _model: &Model, _values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
@@ -707,12 +609,127 @@ pub trait Effect: Send + Sync {
     fn line_frequencies_hz(&self, _model: &Model, _values: &[f64]) -> Vec<f64> {
         Vec::new()
     }
+}
+
+/// How the values of an effect are estimated.
+pub trait Estimation: Physics {
+    /// Place in the order in which a list of effects is fitted one after the other: those on which others
+    /// build come first.
+    fn fitting_rank(&self) -> usize {
+        9
+    }
+
+    /// Whether a model can do without it once it has it.
+    fn may_leave(&self) -> bool {
+        true
+    }
+
+    /// Which of its parameters, by place, make it answer the drive, for an effect that has slow states
+    /// beside: with all of them zero only the free motions of the states are left.
+    fn answers_drive_by(&self) -> Vec<usize> {
+        Vec::new()
+    }
+}
+
+/// When an effect is looked for in a residual, and from which values on.
+pub trait SearchHints: Physics {
+    /// Values, one list per start, at which the effect is small but visible; each is a direction in which it
+    /// may be found.
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>>;
+
+    /// True where the starts are coefficients of one linear form, which is looked for as a whole.
+    fn starts_combine(&self) -> bool {
+        false
+    }
+
+    /// Further starts at resonances that a residual shows.
+    fn resonant_starts(&self, _resonances: &[Resonance]) -> Vec<Vec<f64>> {
+        Vec::new()
+    }
+
+    /// Whether the effect makes sense beside what a model has, on data that look like this.
+    fn may_join(&self, _model: &Model, _overview: &Overview) -> bool {
+        true
+    }
+
+    /// Whether a walk of it takes much longer than of any other effect: a search leaves it out where the
+    /// signatures of others hardly change.
+    fn costly(&self) -> bool {
+        false
+    }
+
+    /// Whether nothing of it can be seen without a measured force.
+    fn needs_force(&self) -> bool {
+        false
+    }
+
+    /// Its values where the readings are whole steps of this size, um, for an effect that is seen in them
+    /// whatever the model.
+    fn values_in_readings(&self, _step_um: f64) -> Option<Vec<f64>> {
+        None
+    }
+
+    /// What a user of the literature might object to in values that were found: a reading of the same data by
+    /// another effect is then likelier.
+    fn unlikely_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
+        None
+    }
+
+    /// Why values that were found are none of this effect, whatever they bring: it is then part of a model,
+    /// and no name.
+    fn ruled_out_because(&self, _model: &Model, _values: &[f64]) -> Option<String> {
+        None
+    }
+
+    /// Whether its loops are tried in the place of another structure's: one without memory, or that only adds
+    /// parameters to another, is not.
+    fn is_tried_for_loops(&self) -> bool {
+        self.declaration().is_main()
+    }
 
     /// Whether what is read while the drive stands still lets it be looked for beside a model.
     fn speaks_for_it(&self, _model: &Model, _at_rest: &LinesAtRest) -> bool {
         true
     }
 }
+
+/// How an effect is shown to a person.
+pub trait Presentation {
+    /// What it computes, so that a reader can compute the same: symbols by the names of its parameters, and
+    /// how it is discretised, in Markdown. `docs/reference/effects.md` explains the notation.
+    fn equations(&self) -> &'static str {
+        ""
+    }
+
+    /// The picture that shows the effect in a residual.
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Drive, caption: "Averaged over the drive, by branch." }
+    }
+}
+
+/// How an effect is hidden in simulated data sets.
+pub trait SyntheticCases: Physics {
+    /// Values that make the effect a few times as large as the noise at strength 1, for a simulated data set;
+    /// `None` where it has no strength.
+    fn values_at(&self, _strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        None
+    }
+
+    /// In which sets of synthetic cases it is hidden.
+    fn planted(&self) -> Planted {
+        if self.declaration().candidate { Planted::Alone } else { Planted::Never }
+    }
+
+    /// Effects that an actuator which has this one has with it.
+    fn comes_with(&self) -> &'static [&'static str] {
+        &[]
+    }
+}
+
+/// A physical effect: all that is asked of it, by who asks.
+pub trait Effect: Physics + Estimation + SearchHints + Presentation + SyntheticCases {}
+
+impl<T: Physics + Estimation + SearchHints + Presentation + SyntheticCases> Effect for T {}
 
 impl Declaration {
     /// It stands for the hysteresis of the chain, or in place of it: a chain has one of these.

@@ -2,7 +2,10 @@
 //! with none of it as in dry friction.
 
 use super::force_balance::{RestoringForce, Travel};
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
+    SimulatedStage, Stage, SyntheticCases, vibration,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -40,7 +43,7 @@ impl RestoringForce for Damper {
     }
 }
 
-impl Effect for NonlinearDamping {
+impl Physics for NonlinearDamping {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -54,9 +57,7 @@ impl Effect for NonlinearDamping {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
         vec![
@@ -65,31 +66,51 @@ impl Effect for NonlinearDamping {
             Parameter::linear("at_um", "um", 1e-9, 1e9, 0.01 * half_um).fixed(),
         ]
     }
+
+    fn restoring_force(&self, _model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        Some(Box::new(Damper { force_um: values[0], exponent: values[1], at_um: values[2] }))
+    }
+
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None // without a mass nothing moves against it
+    }
+}
+
+impl Estimation for NonlinearDamping {}
+
+impl SearchHints for NonlinearDamping {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
         [2.0, 0.2].iter().map(|exponent| vec![0.005 * half_um, *exponent, half_um]).collect()
     }
+
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
         model.effect(vibration::ID).is_some()
     }
-    fn restoring_force(&self, _model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn RestoringForce>> {
-        Some(Box::new(Damper { force_um: values[0], exponent: values[1], at_um: values[2] }))
+}
+
+impl Presentation for NonlinearDamping {
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as in `nonlinear_stiffness`: `N = force_um s (s^2 + 10^-6)^((exponent - 1) / 2)`, with `s = y' / w / at_um`. No export does this."
     }
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        None // without a mass nothing moves against it
+
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Rate, caption: "A force that does not grow in proportion to the velocity." }
     }
+}
+
+impl SyntheticCases for NonlinearDamping {
     fn planted(&self) -> Planted {
         // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
         Planted::Never
     }
+
     fn comes_with(&self) -> &'static [&'static str] {
         &[vibration::ID]
     }
+
     fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let half_um = 0.5 * stage.overview.range_um;
         Some(vec![0.05 * strength * (0.8 + 0.4 * random()) * half_um, 2.0, half_um])
-    }
-    fn picture(&self) -> Picture {
-        Picture { against: Against::Rate, caption: "A force that does not grow in proportion to the velocity." }
     }
 }

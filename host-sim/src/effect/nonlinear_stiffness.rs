@@ -4,7 +4,10 @@
 //! gives way holds no less than the load at which it does: beyond, its force stays what it is there.
 
 use super::force_balance::{RestingPlace, RestoringForce, Travel};
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage, vibration};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
+    SimulatedStage, Stage, SyntheticCases, vibration,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -84,7 +87,7 @@ impl NonlinearStiffness {
     }
 }
 
-impl Effect for NonlinearStiffness {
+impl Physics for NonlinearStiffness {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -100,11 +103,7 @@ impl Effect for NonlinearStiffness {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
-`d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
-interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         // At a swing through half the range each power counts as much as the straight spring at most ten
         // times over.
@@ -115,35 +114,58 @@ interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three 
         };
         vec![power("quadratic_per_um", "1/um", 2), power("cubic_per_um2", "1/um^2", 3), power("fifth_per_um4", "1/um^4", 5).fixed()]
     }
+
+    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
+        Some(Self::spring(model, values, setting))
+    }
+
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
+    }
+}
+
+impl Estimation for NonlinearStiffness {}
+
+impl SearchHints for NonlinearStiffness {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let half_um = 0.5 * overview.range_um.max(1e-6);
         vec![vec![0.02 / half_um, 0.0, 0.0], vec![0.0, 0.02 / (half_um * half_um), 0.0]]
     }
+
     fn starts_combine(&self) -> bool {
         true
     }
+
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
         model.effect(vibration::ID).is_some()
     }
-    fn restoring_force(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn RestoringForce>> {
-        Some(Self::spring(model, values, setting))
+}
+
+impl Presentation for NonlinearStiffness {
+    fn equations(&self) -> &'static str {
+        r"A force in the balance of the mode of `vibration`, as the displacement that it makes at rest: `y'' / w^2 + 2 damping_ratio y' / w + y + N = x`, with `N = quadratic_per_um d^2 + cubic_per_um2 d^3 + fifth_per_um4 d^5` and
+`d` the displacement from where the stage stands without voltage. Where the whole spring would get weaker (`1 + N'` below 0) `N` and the straight spring together keep the force that they have there. The straight part is exact over an
+interval; `N` is followed in pieces of it as a parabola (Simpson's nodes, three trials). No export does this."
     }
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        RestingPlace::without_inertia(model, || Self::spring(model, values, setting))
+
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Displacement, caption: "A force that grows faster, or more slowly, than the displacement." }
     }
+}
+
+impl SyntheticCases for NonlinearStiffness {
     fn planted(&self) -> Planted {
         // Well damped stages, as the sets have them, show little of it beside the loops of a piezo.
         Planted::Never
     }
+
     fn comes_with(&self) -> &'static [&'static str] {
         &[vibration::ID]
     }
+
     fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let half_um = 0.5 * stage.overview.range_um;
         Some(vec![0.0, 0.05 * strength * (0.8 + 0.4 * random()) / (half_um * half_um), 0.0])
-    }
-    fn picture(&self) -> Picture {
-        Picture { against: Against::Displacement, caption: "A force that grows faster, or more slowly, than the displacement." }
     }
 }
 

@@ -9,7 +9,9 @@
 //! elements are met by no grid, whose nearest thresholds leave a step at every turn; for those thresholds are
 //! set free (`finer_plays` of the library).
 
-use super::{Declaration, Effect, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Effect, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::block::Play;
 use crate::chain::Model;
 use std::sync::Arc;
@@ -132,7 +134,7 @@ impl Default for PlayOperatorsBeside {
     }
 }
 
-impl Effect for PlayOperatorsBeside {
+impl Physics for PlayOperatorsBeside {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -145,10 +147,7 @@ impl Effect for PlayOperatorsBeside {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"Beside `hysteresis`, with its `X`: `y = y + sum weight_i_um p_i`, where each play follows `p_i = min(max(p_i, X - threshold_i), X + threshold_i)` from 0 on. In the `F(M_1)` of `rate_dependence` each
-counts `weight_i_um max(M_1 - threshold_i, 0)`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         let element = |i: usize| {
@@ -159,16 +158,33 @@ counts `weight_i_um max(M_1 - threshold_i, 0)`."
         };
         (0..self.elements).flat_map(element).collect()
     }
-    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
-        vec![(0..self.elements).flat_map(|i| [0.0, threshold(i, self.elements)]).collect()]
-    }
+
     fn with_parameters(&self, count: usize) -> Option<Arc<dyn Effect>> {
         (count > 0 && count.is_multiple_of(2)).then(|| Arc::new(Self { elements: count / 2 }) as Arc<dyn Effect>)
     }
+
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
     }
+}
+
+impl Estimation for PlayOperatorsBeside {
     fn fitting_rank(&self) -> usize {
         2
     }
 }
+
+impl SearchHints for PlayOperatorsBeside {
+    fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
+        vec![(0..self.elements).flat_map(|i| [0.0, threshold(i, self.elements)]).collect()]
+    }
+}
+
+impl Presentation for PlayOperatorsBeside {
+    fn equations(&self) -> &'static str {
+        r"Beside `hysteresis`, with its `X`: `y = y + sum weight_i_um p_i`, where each play follows `p_i = min(max(p_i, X - threshold_i), X + threshold_i)` from 0 on. In the `F(M_1)` of `rate_dependence` each
+counts `weight_i_um max(M_1 - threshold_i, 0)`."
+    }
+}
+
+impl SyntheticCases for PlayOperatorsBeside {}

@@ -1,7 +1,9 @@
 //! The major loop as two polynomials, one for a rising and one for a falling drive: no memory, so no minor
 //! loops.
 
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -69,7 +71,7 @@ impl Loops for PolynomialStage {
     }
 }
 
-impl Effect for PolynomialLoop {
+impl Physics for PolynomialLoop {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -82,34 +84,51 @@ impl Effect for PolynomialLoop {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = X (middle_0_um + middle_1_um X + middle_2_um X^2) - s X (1 - X) (opening_0_um + opening_1_um X)`, `s = 1` after a rise and `-1` after a fall of `x`. At first `s = 1`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         let of = |name: &str, i: usize| Parameter::linear(format!("{name}_{i}_um"), "um", -1e6, 1e6, step);
         (0..MIDDLE).map(|i| of("middle", i)).chain((0..OPENING).map(|i| of("opening", i))).collect()
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let scale = overview.gain_um_v * overview.drive_range_v();
-        vec![vec![scale, 0.0, 0.0, 0.2 * scale, 0.0]]
-    }
-    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
-        super::loops::closed_because(model)
-    }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(PolynomialStage::new(model, values)))
     }
+
     fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
         Some(Box::new(PolynomialStage::new(model, values)))
     }
-    fn is_tried_for_loops(&self) -> bool {
-        false
-    }
+}
+
+impl Estimation for PolynomialLoop {
     fn fitting_rank(&self) -> usize {
         1
     }
+
     fn may_leave(&self) -> bool {
         false // nothing would be left to drive the chain
     }
 }
+
+impl SearchHints for PolynomialLoop {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let scale = overview.gain_um_v * overview.drive_range_v();
+        vec![vec![scale, 0.0, 0.0, 0.2 * scale, 0.0]]
+    }
+
+    fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
+        super::loops::closed_because(model)
+    }
+
+    fn is_tried_for_loops(&self) -> bool {
+        false
+    }
+}
+
+impl Presentation for PolynomialLoop {
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `y = X (middle_0_um + middle_1_um X + middle_2_um X^2) - s X (1 - X) (opening_0_um + opening_1_um X)`, `s = 1` after a rise and `-1` after a fall of `x`. At first `s = 1`."
+    }
+}
+
+impl SyntheticCases for PolynomialLoop {}

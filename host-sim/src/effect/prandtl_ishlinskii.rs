@@ -2,7 +2,9 @@
 //! behind.
 
 use super::play_operators::PlayOperators;
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::block::{Block, Play};
 use crate::chain::Model;
 
@@ -76,7 +78,7 @@ impl Loops for PlayStage {
     }
 }
 
-impl Effect for PrandtlIshlinskii {
+impl Physics for PrandtlIshlinskii {
     fn declaration(&self) -> Declaration {
         let (id, reference) = if self.one_sided_dead_zones {
             ("modified_prandtl_ishlinskii", "Kuhnen, European Journal of Control 9 (2003) 407-418")
@@ -94,9 +96,7 @@ impl Effect for PrandtlIshlinskii {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `s = sum_i weight_i_um p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. `y = s`; for the modified model `y = s + sum_j dead_zone_j max(s - d_j, 0)`, `d_j = span_um (j + 1) / 5`, `j = 0..3`. At rest the plays follow `X` once from 0."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
         let mut out: Vec<_> = (0..PLAYS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, 0.01 * range)).collect();
@@ -106,6 +106,27 @@ impl Effect for PrandtlIshlinskii {
         }
         out
     }
+
+    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(PlayStage::new(model, values)))
+    }
+
+    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(PlayStage::new(model, values)))
+    }
+}
+
+impl Estimation for PrandtlIshlinskii {
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
+}
+
+impl SearchHints for PrandtlIshlinskii {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let mut values: Vec<_> = (0..PLAYS).map(|i| if i == 0 { 0.8 * scale } else { 0.2 * scale / (PLAYS - 1) as f64 }).collect();
@@ -115,19 +136,16 @@ impl Effect for PrandtlIshlinskii {
         }
         vec![values]
     }
+
     fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
         super::loops::closed_because(model)
     }
-    fn stage<'a>(&self, model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PlayStage::new(model, values)))
-    }
-    fn loops(&self, model: &Model, values: &[f64], _setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(PlayStage::new(model, values)))
-    }
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
+}
+
+impl Presentation for PrandtlIshlinskii {
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)`: `s = sum_i weight_i_um p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. `y = s`; for the modified model `y = s + sum_j dead_zone_j max(s - d_j, 0)`, `d_j = span_um (j + 1) / 5`, `j = 0..3`. At rest the plays follow `X` once from 0."
     }
 }
+
+impl SyntheticCases for PrandtlIshlinskii {}

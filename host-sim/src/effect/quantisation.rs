@@ -1,7 +1,8 @@
 //! Quantisation of the reading by the converter.
 
 use super::{
-    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -28,7 +29,7 @@ impl Stage for RoundStage {
     }
 }
 
-impl Effect for Quantisation {
+impl Physics for Quantisation {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "quantisation".into(),
@@ -42,34 +43,51 @@ impl Effect for Quantisation {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = lsb_um round(x / lsb_um)`, halves away from zero; `y = x` where `lsb_um = 0`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         vec![Parameter::linear("lsb_um", "um", 0.0, overview.range_um, 1e-5 * overview.range_um.max(1e-6)).fixed()]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![overview.range_um / 65536.0]]
-    }
-    fn planted(&self) -> Planted {
-        Planted::Alone
-    }
-    fn values_in_readings(&self, step_um: f64) -> Option<Vec<f64>> {
-        Some(vec![step_um])
-    }
+
     fn goes_by_ends(&self, _model: &Model) -> bool {
         true
     }
+
     fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         Some(Box::new(RoundStage { lsb_um: values[0] }))
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.005 * strength])
+}
+
+impl Estimation for Quantisation {}
+
+impl SearchHints for Quantisation {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![overview.range_um / 65536.0]]
     }
+
+    fn values_in_readings(&self, step_um: f64) -> Option<Vec<f64>> {
+        Some(vec![step_um])
+    }
+}
+
+impl Presentation for Quantisation {
+    fn equations(&self) -> &'static str {
+        r"`y = lsb_um round(x / lsb_um)`, halves away from zero; `y = x` where `lsb_um = 0`."
+    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::WithinStep,
             caption: "A converter takes the reading to the nearest whole step: an error that falls from one edge of a step to the other.",
         }
+    }
+}
+
+impl SyntheticCases for Quantisation {
+    fn planted(&self) -> Planted {
+        Planted::Alone
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.005 * strength])
     }
 }

@@ -5,7 +5,10 @@
 //! `f = (1 + c v) F(M) - (1 + g v + h v^2) sum G`, with the rate `v` in units of 10^4 V/s. The
 //! rate is that of successive drive samples, `|u[k] - u[k-1]| / T`.
 
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
+    SimulatedStage, Stage, SyntheticCases,
+};
 use crate::block::Rate;
 use crate::chain::Model;
 
@@ -49,7 +52,7 @@ impl RateLaw {
     }
 }
 
-impl Effect for RateDependence {
+impl Physics for RateDependence {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -62,6 +65,37 @@ impl Effect for RateDependence {
             one_sided: false,
         }
     }
+
+    fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
+        vec![
+            Parameter::linear("loop_linear", "1/(10^4 V/s)", -5.0, 5.0, 0.01),
+            Parameter::linear("loop_quadratic", "1/(10^4 V/s)^2", -5.0, 5.0, 0.01).fixed(),
+            Parameter::linear("curve_linear", "1/(10^4 V/s)", -5.0, 5.0, 0.01).fixed(),
+        ]
+    }
+
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None
+    }
+}
+
+impl Estimation for RateDependence {
+    fn fitting_rank(&self) -> usize {
+        5
+    }
+}
+
+impl SearchHints for RateDependence {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        vec![vec![0.02 * UNIT_RATE_V_S / overview.slope_max_v_s.max(1.0), 0.0, 0.0]]
+    }
+
+    fn may_join(&self, model: &Model, overview: &Overview) -> bool {
+        model.effect(super::hysteresis::ID).is_some() && overview.several_speeds
+    }
+}
+
+impl Presentation for RateDependence {
     fn equations(&self) -> &'static str {
         r"Behind `hysteresis` and `play_operators`, with `v = |x[k] - x[k-1]| / T / (10^4 V/s)` and the output `y` so far:
 
@@ -70,33 +104,19 @@ impl Effect for RateDependence {
 In `n` sub-intervals `v` is that of whole periods while the drive steps from sample to sample: the counter `c` of sub-intervals without change is `n` at first. A change of `x` takes
 `T` times `n` where `c + 1 >= n`, times 1 otherwise, and sets `c` to 0. Without change `c` grows by one, and the output is computed anew, with `v = 0`, from `c >= n` on; before that it stays. At rest the law does not act."
     }
-    fn parameters(&self, _overview: &Overview) -> Vec<Parameter> {
-        vec![
-            Parameter::linear("loop_linear", "1/(10^4 V/s)", -5.0, 5.0, 0.01),
-            Parameter::linear("loop_quadratic", "1/(10^4 V/s)^2", -5.0, 5.0, 0.01).fixed(),
-            Parameter::linear("curve_linear", "1/(10^4 V/s)", -5.0, 5.0, 0.01).fixed(),
-        ]
+
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        vec![vec![0.02 * UNIT_RATE_V_S / overview.slope_max_v_s.max(1.0), 0.0, 0.0]]
-    }
+}
+
+impl SyntheticCases for RateDependence {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        None
-    }
-    fn fitting_rank(&self) -> usize {
-        5
-    }
-    fn may_join(&self, model: &Model, overview: &Overview) -> bool {
-        model.effect(super::hysteresis::ID).is_some() && overview.several_speeds
-    }
+
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         Some(vec![0.03 * strength, 0.0, 0.0])
-    }
-    fn picture(&self) -> Picture {
-        Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and changes sign with it." }
     }
 }
 

@@ -2,7 +2,9 @@
 //! drive.
 
 use super::play_operators::PlayOperators;
-use super::{Declaration, Effect, Loops, Overview, Parameter, Place, Setting, Stage};
+use super::{
+    Declaration, Estimation, Loops, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases,
+};
 use crate::chain::Model;
 
 /// Identifier in files and on the command line.
@@ -69,7 +71,7 @@ impl RatePlayStage {
     }
 }
 
-impl Effect for RateDependentPrandtlIshlinskii {
+impl Physics for RateDependentPrandtlIshlinskii {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -82,36 +84,53 @@ impl Effect for RateDependentPrandtlIshlinskii {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and `v = |x[k] - x[k-1]| / T / (10^4 V/s)`, `T` that of whole periods: `y = sum_i (weight_i_um + rate_weight_i_um v) p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. At rest the plays follow `X` once from 0, with `v = 0`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         let weight = (0..PLAYS).map(|i| Parameter::linear(format!("weight_{i}_um"), "um", -1e6, 1e6, step));
         let by_rate = (0..PLAYS).map(|i| Parameter::linear(format!("rate_weight_{i}_um"), "um/(10^4 V/s)", -1e6, 1e6, step));
         weight.chain(by_rate).collect()
     }
+
+    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(RatePlayStage::new(model, values, setting)))
+    }
+
+    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
+        Some(Box::new(RatePlayStage::new(model, values, setting)))
+    }
+}
+
+impl Estimation for RateDependentPrandtlIshlinskii {
+    fn fitting_rank(&self) -> usize {
+        1
+    }
+
+    fn may_leave(&self) -> bool {
+        false // nothing would be left to drive the chain
+    }
+}
+
+impl SearchHints for RateDependentPrandtlIshlinskii {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let scale = overview.gain_um_v * overview.drive_range_v();
         let weight = |i: usize| if i == 0 { 0.8 * scale } else { 0.2 * scale / (PLAYS - 1) as f64 };
         vec![(0..PLAYS).map(weight).chain([0.0; PLAYS]).collect()]
     }
+
     fn ruled_out_because(&self, model: &Model, _values: &[f64]) -> Option<String> {
         super::loops::closed_because(model)
     }
-    fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(RatePlayStage::new(model, values, setting)))
-    }
-    fn loops(&self, model: &Model, values: &[f64], setting: &Setting) -> Option<Box<dyn Loops>> {
-        Some(Box::new(RatePlayStage::new(model, values, setting)))
-    }
+
     fn is_tried_for_loops(&self) -> bool {
         false
     }
-    fn fitting_rank(&self) -> usize {
-        1
-    }
-    fn may_leave(&self) -> bool {
-        false // nothing would be left to drive the chain
+}
+
+impl Presentation for RateDependentPrandtlIshlinskii {
+    fn equations(&self) -> &'static str {
+        r"With `X = (x - drive_min_v) / (drive_max_v - drive_min_v)` and `v = |x[k] - x[k-1]| / T / (10^4 V/s)`, `T` that of whole periods: `y = sum_i (weight_i_um + rate_weight_i_um v) p_i`, `i = 0..9`, each `p_i = min(max(p_i, X - r_i), X + r_i)` from 0 on, `r_i = 0.05 i`. At rest the plays follow `X` once from 0, with `v = 0`."
     }
 }
+
+impl SyntheticCases for RateDependentPrandtlIshlinskii {}

@@ -10,7 +10,10 @@
 //! not show, here at a fifth of the range. The printed procedure in two steps is
 //! `hysteron::identification::rate_surfaces`.
 
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, Stage,
+    SyntheticCases,
+};
 use crate::chain::Model;
 use crate::hysteresis_surface::{OneSidedHysteresis, Surfaces};
 
@@ -69,7 +72,7 @@ impl RateOrders {
     }
 }
 
-impl Effect for RateDependentSurfaces {
+impl Physics for RateDependentSurfaces {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -82,11 +85,7 @@ impl Effect for RateDependentSurfaces {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"Behind `hysteresis`, with `v = |x[k] - x[k-1]| / T / reference_rate_v_s`: to the output so far it adds `sum_p v^p y_p` over the powers `p` from 1 on. Each `y_p` is the output of the model of `hysteresis` and `initial_curve` for the same input, from the surfaces `g_i_j_rate_p_um` of degree 3 and `r_i_rate_p_um`.
 
-In `n` sub-intervals `v` is counted as for `rate_dependence`."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.002 * overview.range_um.max(1e-6);
         let coefficient = |name: String| Parameter::linear(name, "um", -1e6, 1e6, step);
@@ -97,28 +96,48 @@ In `n` sub-intervals `v` is counted as for `rate_dependence`."
         }
         out
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        // At the fastest drive the powers are one.
-        vec![std::iter::once(overview.slope_max_v_s.max(1e-6)).chain(std::iter::repeat_n(0.0, TERMS * self.orders)).collect()]
-    }
+
     fn with_parameters(&self, count: usize) -> Option<std::sync::Arc<dyn Effect>> {
         let coefficients = count.checked_sub(1)?;
         let whole = coefficients > 0 && coefficients.is_multiple_of(TERMS);
         whole.then(|| std::sync::Arc::new(Self { orders: coefficients / TERMS }) as std::sync::Arc<dyn Effect>)
     }
+
     fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         None
     }
+}
+
+impl Estimation for RateDependentSurfaces {
     fn fitting_rank(&self) -> usize {
         5
     }
+}
+
+impl SearchHints for RateDependentSurfaces {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        // At the fastest drive the powers are one.
+        vec![std::iter::once(overview.slope_max_v_s.max(1e-6)).chain(std::iter::repeat_n(0.0, TERMS * self.orders)).collect()]
+    }
+
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
         model.effect(super::hysteresis::ID).is_some() && overview.several_speeds
     }
+}
+
+impl Presentation for RateDependentSurfaces {
+    fn equations(&self) -> &'static str {
+        r"Behind `hysteresis`, with `v = |x[k] - x[k-1]| / T / reference_rate_v_s`: to the output so far it adds `sum_p v^p y_p` over the powers `p` from 1 on. Each `y_p` is the output of the model of `hysteresis` and `initial_curve` for the same input, from the surfaces `g_i_j_rate_p_um` of degree 3 and `r_i_rate_p_um`.
+
+In `n` sub-intervals `v` is counted as for `rate_dependence`."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Rate, caption: "An error that grows with the rate of the drive and differs from branch to branch." }
     }
 }
+
+impl SyntheticCases for RateDependentSurfaces {}
 
 #[cfg(test)]
 mod tests {

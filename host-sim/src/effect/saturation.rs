@@ -1,6 +1,9 @@
 //! Saturation of the amplifier: the voltage on the piezo stops at a limit that the drive exceeds.
 
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Planted, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, SearchHints, Setting,
+    SimulatedStage, Stage, SyntheticCases,
+};
 use crate::block::Block;
 use crate::chain::Model;
 
@@ -27,7 +30,7 @@ impl Stage for SaturationStage {
     }
 }
 
-impl Effect for Saturation {
+impl Physics for Saturation {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -40,9 +43,7 @@ impl Effect for Saturation {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = max(min(x, upper_v), lower_v)`. At rest the same."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.drive_range_v();
         vec![
@@ -50,6 +51,15 @@ impl Effect for Saturation {
             Parameter::linear("lower_v", "V", overview.drive_min_v - range, overview.drive_max_v, 0.002 * range).fixed(),
         ]
     }
+
+    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(SaturationStage { upper_v: values[0], lower_v: values[1] }))
+    }
+}
+
+impl Estimation for Saturation {}
+
+impl SearchHints for Saturation {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let span = overview.drive_peak_v - overview.drive_min_v;
         [0.97, 0.92, 0.85, 0.77, 0.68, 0.58]
@@ -57,16 +67,24 @@ impl Effect for Saturation {
             .map(|share| vec![overview.drive_min_v + share * span, overview.drive_min_v - overview.drive_range_v()])
             .collect()
     }
+}
+
+impl Presentation for Saturation {
+    fn equations(&self) -> &'static str {
+        r"`y = max(min(x, upper_v), lower_v)`. At rest the same."
+    }
+
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Drive, caption: "Saturation is one-sided: nothing below a voltage, then ever more." }
+    }
+}
+
+impl SyntheticCases for Saturation {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
-    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(SaturationStage { upper_v: values[0], lower_v: values[1] }))
-    }
+
     fn values_at(&self, strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         Some(vec![stage.overview.drive_max_v - 6.5 * strength, -stage.overview.drive_max_v])
-    }
-    fn picture(&self) -> Picture {
-        Picture { against: Against::Drive, caption: "Saturation is one-sided: nothing below a voltage, then ever more." }
     }
 }

@@ -1,8 +1,8 @@
 //! A second structural mode that takes a share of the motion.
 
 use super::{
-    Against, Declaration, Effect, FreeMotion, Overview, Parameter, Picture, Place, Planted, Resonance, Setting, SimulatedStage, Stage,
-    vibration,
+    Against, Declaration, Estimation, FreeMotion, Overview, Parameter, Physics, Picture, Place, Planted, Presentation, Resonance,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases, vibration,
 };
 use crate::chain::Model;
 
@@ -15,7 +15,7 @@ const AT_ITS_LIMIT: f64 = 0.98;
 /// A mode beside the first one; the vibration stage takes it in.
 pub struct SecondMode;
 
-impl Effect for SecondMode {
+impl Physics for SecondMode {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -28,10 +28,7 @@ impl Effect for SecondMode {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = (1 - share) y_1 + share y_2`: `y_2` is a second mode as in `vibration`, with its own `natural_frequency_rad_s` and `damping_ratio` and the same input, read by the same sensor; `y_1` is the first mode, or the input
-itself where there is no `vibration`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
         vec![
@@ -40,6 +37,27 @@ itself where there is no `vibration`."
             Parameter::logarithmic("damping_ratio", "1", 5e-4, 2.0),
         ]
     }
+
+    fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        match model.effect(super::vibration::ID) {
+            Some(_) => None,
+            None => Some(Box::new(vibration::VibrationStage::of(model, setting))),
+        }
+    }
+
+    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        let factor = super::mass_change::frequency_factor(model);
+        vibration::free_motions_of(values[1] * factor, values[2] * factor)
+    }
+}
+
+impl Estimation for SecondMode {
+    fn fitting_rank(&self) -> usize {
+        6
+    }
+}
+
+impl SearchHints for SecondMode {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
         let mut out = Vec::new();
@@ -52,38 +70,40 @@ itself where there is no `vibration`."
         }
         out
     }
-    fn planted(&self) -> Planted {
-        Planted::InPairs
-    }
-    fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        match model.effect(super::vibration::ID) {
-            Some(_) => None,
-            None => Some(Box::new(vibration::VibrationStage::of(model, setting))),
-        }
-    }
-    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        let factor = super::mass_change::frequency_factor(model);
-        vibration::free_motions_of(values[1] * factor, values[2] * factor)
-    }
+
     fn ruled_out_because(&self, model: &Model, values: &[f64]) -> Option<String> {
         let highest_rad_s = model.effect(ID)?.parameters.get(1)?.parameter.upper;
         (values[1] > AT_ITS_LIMIT * highest_rad_s)
             .then(|| format!("its {:.0} Hz are half the sampling rate, where nothing shows a resonance", values[1] / std::f64::consts::TAU))
     }
-    fn fitting_rank(&self) -> usize {
-        6
-    }
+
     fn may_join(&self, model: &Model, _overview: &Overview) -> bool {
         model.effect(super::vibration::ID).is_some()
     }
+
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
         resonances.iter().map(|r| vec![0.02, r.natural_frequency_rad_s, r.damping_ratio]).collect()
     }
-    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.05 * strength, stage.natural_frequency_rad_s * 2.2 * (0.8 + 0.4 * random()), 0.02])
+}
+
+impl Presentation for SecondMode {
+    fn equations(&self) -> &'static str {
+        r"`y = (1 - share) y_1 + share y_2`: `y_2` is a second mode as in `vibration`, with its own `natural_frequency_rad_s` and `damping_ratio` and the same input, read by the same sensor; `y_1` is the first mode, or the input
+itself where there is no `vibration`."
     }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+    }
+}
+
+impl SyntheticCases for SecondMode {
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
+
+    fn values_at(&self, strength: f64, stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.05 * strength, stage.natural_frequency_rad_s * 2.2 * (0.8 + 0.4 * random()), 0.02])
     }
 }
 

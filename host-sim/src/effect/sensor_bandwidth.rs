@@ -4,7 +4,10 @@
 //! exact for a held force. Without inertia the displacement itself steps or glides ([`super::arrival`]).
 
 use super::arrival::{Arrival, Over};
-use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints,
+    Setting, SimulatedStage, Stage, SyntheticCases,
+};
 use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
@@ -86,7 +89,7 @@ impl LinearLanes for LagLanes {
     }
 }
 
-impl Effect for SensorBandwidth {
+impl Physics for SensorBandwidth {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -99,19 +102,15 @@ impl Effect for SensorBandwidth {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         super::lag_parameters(overview)
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let by_data_sheet = overview.sensor_bandwidth_hz.map(|bandwidth_hz| vec![bandwidth_hz]);
-        by_data_sheet.into_iter().chain(super::lag_starts(overview)).collect()
-    }
+
     fn goes_by_ends(&self, model: &Model) -> bool {
         model.effect(super::vibration::ID).is_some()
     }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         if model.effect(super::vibration::ID).is_some() {
             return None;
@@ -119,14 +118,34 @@ impl Effect for SensorBandwidth {
         let interval = Interval::of(values[0], Arrival::of(model, setting), setting.dt_s);
         Some(Box::new(SensorLag { interval, before: 0.0, reading: 0.0 }))
     }
+
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         vec![FreeMotion { decay_per_s: std::f64::consts::TAU * values[0], frequency_rad_s: 0.0 }]
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![2500.0 / strength.max(0.01)])
+}
+
+impl Estimation for SensorBandwidth {}
+
+impl SearchHints for SensorBandwidth {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let by_data_sheet = overview.sensor_bandwidth_hz.map(|bandwidth_hz| vec![bandwidth_hz]);
+        by_data_sheet.into_iter().chain(super::lag_starts(overview)).collect()
     }
+}
+
+impl Presentation for SensorBandwidth {
+    fn equations(&self) -> &'static str {
+        r"`y' = 2 pi bandwidth_hz (x - y)`. Behind `vibration` it is a further state of the modes; without it, it is exact for an input that arrives as *Arrival* says. At rest `y = x`."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+    }
+}
+
+impl SyntheticCases for SensorBandwidth {
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![2500.0 / strength.max(0.01)])
     }
 }
 

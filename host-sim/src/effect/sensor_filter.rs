@@ -10,7 +10,10 @@
 
 use super::arrival::{Arrival, Over};
 use super::vibration::free_motions_of;
-use super::{Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Setting, SimulatedStage, Stage};
+use super::{
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints,
+    Setting, SimulatedStage, Stage, SyntheticCases,
+};
 use crate::block::{Block, Linear};
 use crate::chain::Model;
 use crate::linear_system::ContinuousSystem;
@@ -123,7 +126,7 @@ impl LinearLanes for FilterLanes {
     }
 }
 
-impl Effect for SensorFilter {
+impl Physics for SensorFilter {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -137,10 +140,7 @@ impl Effect for SensorFilter {
             one_sided: true,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
-exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest_hz = 0.5 * overview.sample_rate_max_hz;
         vec![
@@ -150,11 +150,7 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
             Parameter::logarithmic("damping_ratio", "1", DESIGNED_DAMPING_MIN, 1.0),
         ]
     }
-    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
-        let by_data_sheet = overview.sensor_bandwidth_hz;
-        let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
-        by_data_sheet.into_iter().chain(elsewhere).map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2]).collect()
-    }
+
     fn stage<'a>(&self, model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
         if taken_in_by_modes(model).is_some() {
             return None;
@@ -163,6 +159,7 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         let interval = Interval::new(values[0], values[1], setting.dt_s, arrival);
         Some(Box::new(FilterStage { interval, state: [0.0; 2], before: 0.0 }))
     }
+
     fn substeps(&self, model: &Model, dt_s: f64) -> usize {
         if !has_inertia(model) || taken_in_by_modes(model).is_some() {
             return 1;
@@ -172,20 +169,44 @@ exact for an input that arrives as *Arrival* says, or, behind a mass that fricti
         let straight = ((dt_s / 31.25e-6).ceil() as usize).min(40);
         super::substeps_inside_period(dt_s).max(straight)
     }
+
     fn goes_by_ends(&self, model: &Model) -> bool {
         taken_in_by_modes(model).is_some()
     }
+
     fn follows_motion(&self) -> bool {
         true
     }
+
     fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
         free_motions_of(TAU * values[0], values[1])
     }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![3000.0 / strength.max(0.01), 0.5 + 0.5 * random()])
+}
+
+impl Estimation for SensorFilter {}
+
+impl SearchHints for SensorFilter {
+    fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
+        let by_data_sheet = overview.sensor_bandwidth_hz;
+        let elsewhere = [0.25, 0.12, 0.06].map(|share| share * overview.sample_rate_max_hz);
+        by_data_sheet.into_iter().chain(elsewhere).map(|frequency_hz| vec![frequency_hz, FRAC_1_SQRT_2]).collect()
     }
+}
+
+impl Presentation for SensorFilter {
+    fn equations(&self) -> &'static str {
+        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = 2 pi natural_frequency_hz`. Behind `vibration` without friction it is two further states of the modes, behind `sensor_bandwidth` where there is one; otherwise it is a stage of its own,
+exact for an input that arrives as *Arrival* says, or, behind a mass that friction holds, that runs straight. At rest `y = x`."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+    }
+}
+
+impl SyntheticCases for SensorFilter {
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![3000.0 / strength.max(0.01), 0.5 + 0.5 * random()])
     }
 }
 

@@ -1,7 +1,8 @@
 //! Nonlinear sensor: its reading is a bent function of the displacement, the same on every branch.
 
 use super::{
-    Against, Declaration, Effect, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage, Stage,
+    Against, Declaration, Estimation, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted, Presentation,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -29,7 +30,7 @@ impl Stage for PolynomialStage {
     }
 }
 
-impl Effect for SensorNonlinearity {
+impl Physics for SensorNonlinearity {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: "sensor_nonlinearity".into(),
@@ -42,9 +43,7 @@ impl Effect for SensorNonlinearity {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x + quadratic_per_um x^2 + cubic_per_um2 x^3`. At rest the same."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let range = overview.range_um.max(1e-6);
         vec![
@@ -52,29 +51,48 @@ impl Effect for SensorNonlinearity {
             Parameter::linear("cubic_per_um2", "1/um^2", -0.3 / (range * range), 0.3 / (range * range), 1e-3 / (range * range)),
         ]
     }
+
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
+
+    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(PolynomialStage { quadratic: values[0], cubic: values[1] }))
+    }
+}
+
+impl Estimation for SensorNonlinearity {}
+
+impl SearchHints for SensorNonlinearity {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let range = overview.range_um.max(1e-6);
         vec![vec![0.003 / range, 0.0], vec![0.0, 0.003 / (range * range)]]
     }
+
     fn starts_combine(&self) -> bool {
         true
     }
-    fn planted(&self) -> Planted {
-        Planted::InPairs
+}
+
+impl Presentation for SensorNonlinearity {
+    fn equations(&self) -> &'static str {
+        r"`y = x + quadratic_per_um x^2 + cubic_per_um2 x^3`. At rest the same."
     }
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-    fn stage<'a>(&self, _model: &Model, values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(PolynomialStage { quadratic: values[0], cubic: values[1] }))
-    }
-    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![0.0016 * strength, 0.000_24 * strength])
-    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::Displacement,
             caption: "A function of the displacement alone: rising and falling branches fall on one curve.",
         }
+    }
+}
+
+impl SyntheticCases for SensorNonlinearity {
+    fn planted(&self) -> Planted {
+        Planted::InPairs
+    }
+
+    fn values_at(&self, strength: f64, _stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![0.0016 * strength, 0.000_24 * strength])
     }
 }

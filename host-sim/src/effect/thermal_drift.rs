@@ -1,8 +1,8 @@
 //! Thermal drift: the mechanics warm up after switching on and move without any cause in the drive.
 
 use super::{
-    Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, PassedOn, Picture, Place, Planted, Setting, SimulatedStage,
-    Stage,
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, PassedOn, Physics, Picture, Place, Planted,
+    Presentation, SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::Block;
 use crate::chain::Model;
@@ -38,7 +38,7 @@ impl Stage for DriftStage {
     }
 }
 
-impl Effect for ThermalDrift {
+impl Physics for ThermalDrift {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -51,9 +51,7 @@ impl Effect for ThermalDrift {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y = x + rate_um_s (1 - exp(-slowing_per_s t)) / slowing_per_s`, `t` counted from the first sample of the record; `y = x + rate_um_s t` where `|slowing_per_s t|` is below 1e-9. At rest `y = x`."
-    }
+
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let rate_um_s = overview.range_um.max(1e-6) / overview.duration_s;
         vec![
@@ -64,6 +62,25 @@ impl Effect for ThermalDrift {
             Parameter::linear("slowing_per_s", "1/s", -4.0 / overview.duration_s, 50.0 / overview.duration_s, 0.02 / overview.duration_s),
         ]
     }
+
+    fn goes_by_ends(&self, _model: &Model) -> bool {
+        true
+    }
+
+    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(DriftStage { rate_um_per_interval: values[0] * setting.dt_s, slowing_per_interval: values[1] * setting.dt_s }))
+    }
+
+    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        // How warm the stage is when a record begins is as little known as its loops: each such record drifts
+        // by an amount of its own.
+        vec![FreeMotion { decay_per_s: values[1], frequency_rad_s: 0.0 }]
+    }
+}
+
+impl Estimation for ThermalDrift {}
+
+impl SearchHints for ThermalDrift {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         [0.1, 0.4, 1.5]
             .iter()
@@ -73,26 +90,26 @@ impl Effect for ThermalDrift {
             })
             .collect()
     }
+}
+
+impl Presentation for ThermalDrift {
+    fn equations(&self) -> &'static str {
+        r"`y = x + rate_um_s (1 - exp(-slowing_per_s t)) / slowing_per_s`, `t` counted from the first sample of the record; `y = x + rate_um_s t` where `|slowing_per_s t|` is below 1e-9. At rest `y = x`."
+    }
+
+    fn picture(&self) -> Picture {
+        Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
+    }
+}
+
+impl SyntheticCases for ThermalDrift {
     fn planted(&self) -> Planted {
         Planted::InPairs
     }
-    fn goes_by_ends(&self, _model: &Model) -> bool {
-        true
-    }
-    fn stage<'a>(&self, _model: &Model, values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(DriftStage { rate_um_per_interval: values[0] * setting.dt_s, slowing_per_interval: values[1] * setting.dt_s }))
-    }
-    fn free_motions(&self, _model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        // How warm the stage is when a record begins is as little known as its loops: each such record drifts
-        // by an amount of its own.
-        vec![FreeMotion { decay_per_s: values[1], frequency_rad_s: 0.0 }]
-    }
+
     fn values_at(&self, strength: f64, _stage: &SimulatedStage, random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
         let slowing_per_s = 1.0 / (20.0 * (0.8 + 0.4 * random()));
         Some(vec![-0.03 * strength * slowing_per_s, slowing_per_s])
-    }
-    fn picture(&self) -> Picture {
-        Picture { against: Against::Time, caption: "An error that goes its own way in time, whatever the drive does." }
     }
 }
 

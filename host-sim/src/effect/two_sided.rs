@@ -13,7 +13,10 @@
 //! where `R+` and `R-` are what stays of the first way up and of the first way down. The hysteresis stage
 //! adds it.
 
-use super::{Against, Declaration, Effect, Overview, Parameter, Picture, Place, Setting, Stage};
+use super::{
+    Against, Declaration, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, Stage,
+    SyntheticCases,
+};
 use crate::chain::Model;
 use crate::hysteresis_surface::{Surfaces, horner, shifted_legendre};
 
@@ -81,7 +84,7 @@ impl TwoSidedMemory {
     }
 }
 
-impl Effect for TwoSided {
+impl Physics for TwoSided {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -94,13 +97,7 @@ impl Effect for TwoSided {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"Beside `hysteresis`, for drives on both sides of 0 V. In units of the drive range, `0` is where 0 V lies, `M` the highest and `m` the lowest input so far, both `0` at first. With `V(M, m) = G(1, 0) - G(M, 0) - G(1, m) + G(M, m)` (here `0` is the lowest input of the range), the output is
 
-loops - loops at 0 V + `virgin_share` (V(M, m) - V at 0 V) + `R+` - `R-`.
-
-`R+ = a sum_k rise_k_um P_k(a)` with the share `a` of the way from 0 V to `drive_max_v` at `M`, `R-` the same from `fall_k_um` with the share of the way to `drive_min_v` at `m`; `P_k` are the polynomials of `hysteresis`."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let step = 0.01 * overview.range_um.max(1e-6);
         let stays = |name: &str, k: usize| Parameter::linear(format!("{name}_{k}_um"), "um", -1e6, 1e6, step);
@@ -109,19 +106,38 @@ loops - loops at 0 V + `virgin_share` (V(M, m) - V at 0 V) + `R+` - `R-`.
             .chain((0..TERMS).map(|k| stays("fall", k)))
             .collect()
     }
+
+    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        None
+    }
+}
+
+impl Estimation for TwoSided {
+    fn fitting_rank(&self) -> usize {
+        2
+    }
+}
+
+impl SearchHints for TwoSided {
     fn starts(&self, _overview: &Overview) -> Vec<Vec<f64>> {
         vec![std::iter::once(MIDDLE).chain([0.0; 2 * TERMS]).collect()]
     }
+
     fn may_join(&self, model: &Model, overview: &Overview) -> bool {
         let alone = [super::bipolar::ID, super::initial_curve::ID].iter().all(|id| model.effect(id).is_none());
         alone && model.effect(super::hysteresis::ID).is_some() && overview.drive_min_v < 0.0 && overview.drive_max_v > 0.0
     }
-    fn stage<'a>(&self, _model: &Model, _values: &[f64], _setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        None
+}
+
+impl Presentation for TwoSided {
+    fn equations(&self) -> &'static str {
+        r"Beside `hysteresis`, for drives on both sides of 0 V. In units of the drive range, `0` is where 0 V lies, `M` the highest and `m` the lowest input so far, both `0` at first. With `V(M, m) = G(1, 0) - G(M, 0) - G(1, m) + G(M, m)` (here `0` is the lowest input of the range), the output is
+
+loops - loops at 0 V + `virgin_share` (V(M, m) - V at 0 V) + `R+` - `R-`.
+
+`R+ = a sum_k rise_k_um P_k(a)` with the share `a` of the way from 0 V to `drive_max_v` at `M`, `R-` the same from `fall_k_um` with the share of the way to `drive_min_v` at `m`; `P_k` are the polynomials of `hysteresis`."
     }
-    fn fitting_rank(&self) -> usize {
-        2
-    }
+
     fn picture(&self) -> Picture {
         Picture {
             against: Against::Drive,
@@ -129,6 +145,8 @@ loops - loops at 0 V + `virgin_share` (V(M, m) - V at 0 V) + `R+` - `R-`.
         }
     }
 }
+
+impl SyntheticCases for TwoSided {}
 
 #[cfg(test)]
 mod tests {

@@ -6,7 +6,8 @@ use super::force_balance::{BalancedMass, forces_of};
 use super::friction::Bristle;
 use super::held_mass::HeldMass;
 use super::{
-    Against, Declaration, Effect, FreeMotion, LinearLanes, Overview, Parameter, Picture, Place, Resonance, Setting, SimulatedStage, Stage,
+    Against, Declaration, Estimation, FreeMotion, LinearLanes, Overview, Parameter, Physics, Picture, Place, Presentation, Resonance,
+    SearchHints, Setting, SimulatedStage, Stage, SyntheticCases,
 };
 use crate::block::{Block, Linear};
 use crate::chain::Model;
@@ -663,7 +664,7 @@ pub(super) fn free_motions_of(natural_frequency_rad_s: f64, damping_ratio: f64) 
     [xi - root, xi + root].map(|factor| FreeMotion { decay_per_s: factor * w, frequency_rad_s: 0.0 }).to_vec()
 }
 
-impl Effect for Vibration {
+impl Physics for Vibration {
     fn declaration(&self) -> Declaration {
         Declaration {
             id: ID.into(),
@@ -676,12 +677,7 @@ impl Effect for Vibration {
             one_sided: false,
         }
     }
-    fn equations(&self) -> &'static str {
-        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = natural_frequency_rad_s`. `mass_change` multiplies `w` and `damping_ratio` by `1 / sqrt(1 + mass_ratio)`.
 
-States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w], [-w, -2 damping_ratio w]]`, `B = [0, w]`. Exact over an interval for an input that arrives as *Arrival* says. `sensor_bandwidth` and
-`sensor_filter` behind are further states of the same linear system: `r' = 2 pi bandwidth_hz (y - r)`. At rest `y = r = x`, `v = 0`."
-    }
     fn parameters(&self, overview: &Overview) -> Vec<Parameter> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
         vec![
@@ -690,6 +686,24 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
             Parameter::logarithmic("damping_ratio", "1", 1e-4, 20.0),
         ]
     }
+
+    fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
+        Some(Box::new(VibrationStage::of(model, setting)))
+    }
+
+    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
+        let factor = super::mass_change::frequency_factor(model);
+        free_motions_of(values[0] * factor, values[1] * factor)
+    }
+}
+
+impl Estimation for Vibration {
+    fn fitting_rank(&self) -> usize {
+        3
+    }
+}
+
+impl SearchHints for Vibration {
     fn starts(&self, overview: &Overview) -> Vec<Vec<f64>> {
         let highest = std::f64::consts::PI * overview.sample_rate_max_hz;
         let mut out = Vec::new();
@@ -700,27 +714,17 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
         }
         out
     }
-    fn values_at(&self, _strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
-        Some(vec![stage.natural_frequency_rad_s, stage.damping_ratio])
-    }
-    fn stage<'a>(&self, model: &Model, _values: &[f64], setting: &Setting<'a>) -> Option<Box<dyn Stage + 'a>> {
-        Some(Box::new(VibrationStage::of(model, setting)))
-    }
-    fn free_motions(&self, model: &Model, values: &[f64]) -> Vec<FreeMotion> {
-        let factor = super::mass_change::frequency_factor(model);
-        free_motions_of(values[0] * factor, values[1] * factor)
-    }
-    fn fitting_rank(&self) -> usize {
-        3
-    }
+
     fn resonant_starts(&self, resonances: &[Resonance]) -> Vec<Vec<f64>> {
         resonances.iter().map(|r| vec![r.natural_frequency_rad_s, r.damping_ratio]).collect()
     }
+
     fn ruled_out_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
         // Beyond the critical damping nothing rings: the equation is then that of two lags, which have names
         // of their own.
         (values[1] > 1.0).then(|| format!("with a damping ratio of {:.2} it does not ring: it is two lags", values[1]))
     }
+
     fn unlikely_because(&self, _model: &Model, values: &[f64]) -> Option<String> {
         (values[1] > 0.5).then(|| {
             let hz = values[0] / std::f64::consts::TAU;
@@ -731,7 +735,23 @@ States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w],
             )
         })
     }
+}
+
+impl Presentation for Vibration {
+    fn equations(&self) -> &'static str {
+        r"`y'' + 2 damping_ratio w y' + w^2 y = w^2 x`, `w = natural_frequency_rad_s`. `mass_change` multiplies `w` and `damping_ratio` by `1 / sqrt(1 + mass_ratio)`.
+
+States: displacement `y` and velocity over frequency `v = y' / w`: `A = [[0, w], [-w, -2 damping_ratio w]]`, `B = [0, w]`. Exact over an interval for an input that arrives as *Arrival* says. `sensor_bandwidth` and
+`sensor_filter` behind are further states of the same linear system: `r' = 2 pi bandwidth_hz (y - r)`. At rest `y = r = x`, `v = 0`."
+    }
+
     fn picture(&self) -> Picture {
         Picture { against: Against::Frequency, caption: "A dynamic effect: the residual stands where the signature has its power." }
+    }
+}
+
+impl SyntheticCases for Vibration {
+    fn values_at(&self, _strength: f64, stage: &SimulatedStage, _random: &mut dyn FnMut() -> f64) -> Option<Vec<f64>> {
+        Some(vec![stage.natural_frequency_rad_s, stage.damping_ratio])
     }
 }

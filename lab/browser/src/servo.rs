@@ -5,8 +5,7 @@ use crate::answers::Answer;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, upload_lines};
 use hysteron::servo::commands::{self, Work};
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
-use hysteron::servo::predictor::least_expected;
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::servo::words;
 use hysteron::{Dataset, Error, Result};
@@ -47,8 +46,8 @@ fn refused(message: String) -> Error {
     Error::new("servo", message)
 }
 
-fn order(dataset: &Dataset, reference_hz: f64) -> Order<'_> {
-    Order { reference_hz, recording: Some(dataset), ..Order::default() }
+fn order(dataset: &Dataset, reference_hz: f64) -> DesignOrder<'_> {
+    DesignOrder { reference_hz, recording: Some(dataset), ..DesignOrder::default() }
 }
 
 /// Answers a question about a servo; `servo` is the one at hand.
@@ -56,12 +55,12 @@ fn order(dataset: &Dataset, reference_hz: f64) -> Order<'_> {
 /// # Errors
 /// Why no servo is possible, or that no servo is designed yet.
 pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: &Model, dataset: &Dataset) -> Result<Answer> {
-    let at_hand = |servo: &Option<ServoDesign>| servo.clone().ok_or_else(|| refused("there is none yet; design one first".into()));
+    let at_hand = |servo: &Option<ServoDesign>| servo.clone().ok_or_else(|| refused("no servo yet; design one first".into()));
     match *question {
         ServoQuestion::Design { reference_hz } => {
             *servo = None;
             let design = order::design(model, &order(dataset, reference_hz)).map_err(refused)?;
-            let answer = designed(&design, model)?;
+            let answer = designed(&design, model, dataset)?;
             *servo = Some(design);
             Ok(answer)
         }
@@ -72,7 +71,7 @@ pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: 
         }
         ServoQuestion::Block { reference_hz } => {
             let front_end = FrontEnd::default();
-            let ordered = Order { front_end: Some(&front_end), ..order(dataset, reference_hz) };
+            let ordered = DesignOrder { front_end: Some(&front_end), ..order(dataset, reference_hz) };
             let design = order::design(model, &ordered).map_err(refused)?;
             let bytes = block(&amplifier_parameters(&design, &front_end)?)?;
             Ok(Answer::of(json!({ "commands": upload_lines(&bytes)?, "bytes": bytes })))
@@ -81,16 +80,18 @@ pub fn answer(question: &ServoQuestion, servo: &mut Option<ServoDesign>, model: 
 }
 
 /// A design with its margins on the model.
-fn designed(design: &ServoDesign, model: &Model) -> Result<Answer> {
-    let checked = commands::check(design, model).map_err(refused)?;
+fn designed(design: &ServoDesign, model: &Model, dataset: &Dataset) -> Result<Answer> {
+    let checked = commands::check_with(design, model, Some(dataset)).map_err(refused)?;
     let response = checked.margins.as_ref().map(|m| m.response.as_slice()).unwrap_or_default();
     let over = |value: &dyn Fn(&hysteron::servo::loop_margins::LoopPoint) -> f64| response.iter().map(value).collect::<Vec<f64>>();
-    let chosen = least_expected(&design.trade_off);
     Ok(Answer {
         json: json!({
             "explanation": design.explanation,
             "stable": checked.stable,
-            "margins": checked.margins.as_ref().map(words::margins),
+            "margins": checked.margins.as_ref().map(words::margins).map(|mut said| {
+                said.extend(checked.on_plants.as_ref().map(words::on_plants));
+                said
+            }),
             "amplitude_um": SHOWN_SHARE * design.model.reach_um(),
         }),
         columns: vec![
@@ -99,7 +100,7 @@ fn designed(design: &ServoDesign, model: &Model) -> Result<Answer> {
             over(&|p| p.complementary),
             design.trade_off.iter().map(|a| a.noise_um).collect(),
             design.trade_off.iter().map(|a| a.disturbance_um).collect(),
-            chosen.map_or_else(Vec::new, |a| vec![a.noise_um, a.disturbance_um]),
+            design.chosen.map_or_else(Vec::new, |a| vec![a.noise_um, a.disturbance_um]),
         ],
     })
 }

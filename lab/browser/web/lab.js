@@ -265,7 +265,7 @@ function showColumns() {
   const form = $("#columns form");
   const choices = lab.data.table.map(({ number, name, unit }) => `<option value="${number}">${number}: ${escaped(name || "(no name)")}${unit ? ` [${escaped(unit)}]` : ""}</option>`).join("");
   const column = (key, id) => `<select id="${id}" name="${key}"><option value="">as recognised</option>${choices}</select>`;
-  sayingForm(form, "column", lab.said, column, "What is said here holds for all files.");
+  sayingForm(form, "column", lab.said, column, "These columns hold for all files.");
   $("#columns").hidden = Boolean(lab.planted);
   form.onsubmit = (event) => {
     event.preventDefault();

@@ -2,7 +2,7 @@
 
 use crate::desk::Desk;
 use hysteron::watch::{Deadline, Watch};
-use hysteron::{Dataset, Result, series};
+use hysteron::{Dataset, Options, Policy, Result, series};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -29,6 +29,28 @@ pub struct Outputs {
     /// Replace files that exist
     #[arg(long)]
     pub force: bool,
+}
+
+/// How the search for effects goes.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct SearchArguments {
+    /// Effects of your own that take part, as .toml files
+    #[arg(long, value_name = "FILES", default_value = "")]
+    own: String,
+    /// Other thresholds than those of the method, as TOML: a line `family_wise = 0.01`
+    #[arg(long, value_name = "FILE")]
+    policy: Option<PathBuf>,
+}
+
+impl SearchArguments {
+    /// What the search is asked.
+    pub fn options(&self, desk: &Desk) -> Result<Options> {
+        let policy = self.policy.as_ref().map_or_else(
+            || Ok(Policy::default()),
+            |path| Policy::from_toml(&desk.text(path, "thresholds as TOML")?, &path.display().to_string()),
+        )?;
+        Ok(Options { own: desk.effects(&self.own)?, policy })
+    }
 }
 
 /// How long an answer may take.

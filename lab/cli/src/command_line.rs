@@ -3,7 +3,7 @@
 //! Exit status: 0 done, whatever the verdict; 1 a check or goal failed; 2 bad input, told in one message.
 //! Output files are written whole at the end, so that a failed run leaves what was there.
 
-use crate::arguments::{Benches, Outputs, RecordingOutputs, SensorSaid, StudyOutputs, TimeArguments};
+use crate::arguments::{Benches, Outputs, RecordingOutputs, SearchArguments, SensorSaid, StudyOutputs, TimeArguments};
 #[cfg(feature = "board")]
 use crate::board;
 #[cfg(feature = "trace")]
@@ -17,8 +17,11 @@ use crate::reproduce;
 use crate::{
     add, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate, track,
 };
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
+use hysteron::servo::commands::SCHEMES;
+use hysteron::servo::schemes::SchemeChoice;
 use hysteron::{Error, Result};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -43,9 +46,8 @@ enum Command {
         /// Effects to start from, comma-separated (default: gain), or a file that lists them
         #[arg(long, default_value = "gain")]
         from: String,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         /// Tell every step of the search, with its error
         #[arg(long, short)]
         verbose: bool,
@@ -94,9 +96,8 @@ enum Command {
         model: PathBuf,
         /// Data set
         dataset: PathBuf,
-        /// Effects of your own that take part, as .toml files
-        #[arg(long, value_name = "FILES", default_value = "")]
-        own: String,
+        #[command(flatten)]
+        search: SearchArguments,
         #[command(flatten)]
         time: TimeArguments,
         #[command(flatten)]
@@ -207,9 +208,8 @@ enum Command {
         /// Servo file to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
-        /// `predictor`, `pidsmoc`, `pidsmc-alpha-beta`, `smcbl` or `pid` (docs/reference/servo_schemes.md
-        /// says which to take)
-        #[arg(long, value_name = "NAME", default_value = "predictor")]
+        /// Which scheme (docs/reference/servo_schemes.md says which to take)
+        #[arg(long, value_name = "NAME", default_value = "predictor", value_parser = choice_names())]
         scheme: String,
         /// Leave the hysteresis to the unknown input instead of inverting it
         #[arg(long)]
@@ -227,9 +227,10 @@ enum Command {
         data: Option<PathBuf>,
         #[command(flatten)]
         reading: ReadArguments,
-        /// Largest sensitivity that is accepted
-        #[arg(long, default_value_t = 2.5)]
-        sensitivity_peak: f64,
+        /// Largest sensitivity that is accepted [default: 1.8 with a gain margin of 8 dB and a phase margin
+        /// of 35 degrees where that costs less than a third of the error, at most 2.5]
+        #[arg(long)]
+        sensitivity_peak: Option<f64>,
         /// Share of its frequency by which the first mode moves after it was recorded, such as 0.2 for a load
         /// that changes
         #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_negative_numbers = true)]
@@ -251,15 +252,24 @@ enum Command {
         outputs: Outputs,
     },
     /// Sampled eigenvalues and margins of a servo; exit status 1 if it is unstable
-    #[command(after_help = "Example:\n  hysteron check servo.toml --model model.toml --report check.html")]
+    #[command(
+        after_help = "Examples:\n  hysteron check model.toml servo.toml --data my_stage\n  hysteron check servo.toml --model model.toml --report check.html"
+    )]
     Check {
-        /// Servo file
-        servo: PathBuf,
-        /// Model file
+        /// Model file and servo file, in either order
+        #[arg(value_name = "MODEL SERVO", required = true, num_args = 1..=2)]
+        files: Vec<PathBuf>,
+        /// Model file, where it is not among the others
         #[arg(long)]
-        model: PathBuf,
+        model: Option<PathBuf>,
+        /// Recording that the model was identified from: the loop is checked on what it leaves possible, as
+        /// `design` does
+        #[arg(long, value_name = "DATASET")]
+        data: Option<PathBuf>,
+        #[command(flatten)]
+        reading: ReadArguments,
         /// Another scheme, designed for the servo's model without a recording
-        #[arg(long, value_name = "NAME")]
+        #[arg(long, value_name = "NAME", value_parser = scheme_names())]
         scheme: Option<String>,
         #[command(flatten)]
         outputs: Outputs,
@@ -267,16 +277,17 @@ enum Command {
     /// Follow a reference with a servo on an identified model
     #[command(after_help = "Example:\n  hysteron track model.toml servo.toml --reference sine:50:5:5.6 --report track.html")]
     Track {
-        /// Model file
+        /// Model file and servo file, in either order
         model: PathBuf,
         /// Servo file
         servo: PathBuf,
-        /// `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, or a file with
-        /// a column of time in s and one of um
+        /// `sine:HZ:UM[:OFFSET_UM[:PHASE_DEG]]`, `triangle:` with the same numbers, `step:UM[:FROM_UM]`,
+        /// `random:HZ:UM[:OFFSET_UM[:SEED]]` (up to a frequency), or a file with a column of time in s and
+        /// one of um
         #[arg(long)]
         reference: String,
         /// Another scheme, designed for the servo's model without a recording
-        #[arg(long, value_name = "NAME")]
+        #[arg(long, value_name = "NAME", value_parser = scheme_names())]
         scheme: Option<String>,
         /// RMS noise of the sensor [default: what the servo was designed for, or 0.001]
         #[arg(long, allow_negative_numbers = true)]
@@ -287,6 +298,9 @@ enum Command {
         /// Mass added to the moving part, as a ratio to it
         #[arg(long, value_name = "RATIO", default_value_t = 0.0, allow_negative_numbers = true)]
         added_mass: f64,
+        /// Capacitance of the actuator: prints the current that the drive takes
+        #[arg(long, value_name = "UF", allow_negative_numbers = true)]
+        capacitance_uf: Option<f64>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -303,7 +317,7 @@ enum Command {
     },
     /// Diagnose a folder of planted cases and compare with their truth
     #[command(after_help = "Example:\n  hysteron score cases --json score.json")]
-    SetScore {
+    Score {
         /// Folder with truth.json and one folder per case
         dir: PathBuf,
         #[command(flatten)]
@@ -350,6 +364,18 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
     command.allow_negative_numbers(true).mut_subcommands(taking_negative_numbers)
 }
 
+/// The schemes with a sentence each, for the long help and for shells.
+fn scheme_names() -> PossibleValuesParser {
+    PossibleValuesParser::new(SCHEMES.map(|(name, what)| PossibleValue::new(name).help(what)))
+}
+
+/// Those of them that are designed from a recording.
+fn choice_names() -> PossibleValuesParser {
+    let designed = |name: &str| SchemeChoice::ALL.iter().any(|choice| choice.name() == name);
+    let values = SCHEMES.into_iter().filter(|(name, _)| designed(name));
+    PossibleValuesParser::new(values.map(|(name, what)| PossibleValue::new(name).help(what)).collect::<Vec<_>>())
+}
+
 /// Most characters of a message: what a file holds may be in it, and a file may hold anything.
 const MESSAGE_MAX: usize = 1500;
 
@@ -388,16 +414,16 @@ pub fn run() -> ExitCode {
 
 fn dispatch(command: Command) -> Result<bool> {
     match command {
-        Command::Explain { dataset, from, own, verbose, time, animation, reading, outputs } => {
-            let wanted = explain::ExplainRequest { from: &from, own: &own, verbose, time, animation: animation.as_deref() };
+        Command::Explain { dataset, from, search, verbose, time, animation, reading, outputs } => {
+            let wanted = explain::ExplainRequest { from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
         Command::Identify { dataset, effects, hysteresis, reading, outputs } => {
             identify::identify(&dataset, &effects, hysteresis.as_deref(), &reading, &outputs)
         }
         Command::Compare { model, dataset, reading, outputs } => compare::compare(&model, &dataset, &reading, &outputs),
-        Command::Diagnose { model, dataset, own, time, reading, outputs } => {
-            diagnose::diagnose(&model, &dataset, &own, time, &reading, &outputs)
+        Command::Diagnose { model, dataset, search, time, reading, outputs } => {
+            diagnose::diagnose(&model, &dataset, &search, time, &reading, &outputs)
         }
         Command::Add { effect, model, dataset, out, reading, outputs } => add::add(&effect, &model, &dataset, &out, &reading, &outputs),
         Command::Simulate { model, drive, out, rate_hz, force } => simulate::simulate(&model, &drive, &out, rate_hz, force),
@@ -450,22 +476,32 @@ fn dispatch(command: Command) -> Result<bool> {
             };
             design::design(&files, &wanted, &reading, &outputs)
         }
-        Command::Check { servo, model, scheme, outputs } => check::check(&servo, &model, scheme.as_deref(), &outputs),
-        Command::Track { model, servo, reference, scheme, sensor_noise_um, disturbance, added_mass, outputs } => {
+        Command::Check { files, model, data, reading, scheme, outputs } => {
+            let [servo, model] = match (files.as_slice(), &model) {
+                ([servo], Some(model)) => [servo, model].map(PathBuf::as_path),
+                ([one, other], None) => check::servo_and_model(one, other),
+                _ => return Err(Error::new("check", "expected a model and a servo: check MODEL SERVO, or check SERVO --model MODEL")),
+            };
+            let wanted = check::CheckRequest { servo, model, data: data.as_deref(), scheme: scheme.as_deref() };
+            check::check(&wanted, &reading, &outputs)
+        }
+        Command::Track { model, servo, reference, scheme, sensor_noise_um, disturbance, added_mass, capacitance_uf, outputs } => {
             let wanted = track::TrackRequest {
                 reference: &reference,
                 scheme: scheme.as_deref(),
                 sensor_noise_um,
                 disturbance: disturbance.as_deref(),
                 added_mass,
+                capacitance_uf,
             };
-            track::track(&model, &servo, &wanted, &outputs)
+            let [servo, model] = check::servo_and_model(&servo, &model);
+            track::track(model, servo, &wanted, &outputs)
         }
         #[cfg(feature = "thesis")]
         Command::Reproduce { chapters, bench, outputs } => reproduce::reproduce(&chapters, bench, &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
-        Command::SetScore { dir, outputs } => score::score(&dir, &outputs),
+        Command::Score { dir, outputs } => score::score(&dir, &outputs),
         Command::Effects { equations, outputs } => effects::effects(equations.as_deref(), &outputs),
         Command::Drives { drive_min_v, drive_max_v, out, force } => drives::drives(drive_min_v, drive_max_v, &out, force),
         Command::Completions { shell } => {

@@ -1,14 +1,15 @@
 //! `design`.
 
 use crate::arguments::Outputs;
-use crate::desk::{Desk, as_argument, wrong};
+use crate::desk::{Desk, wrong};
 use crate::read_arguments::ReadArguments;
+use crate::screen::as_argument;
 use hysteron::servo::amplifier_block::{self, FrontEnd, amplifier_parameters, upload_lines};
 use hysteron::servo::commands::design_beside_predictor;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::Order;
+use hysteron::servo::order::DesignOrder;
 use hysteron::servo::predictor::Assessment;
-use hysteron::servo::schemes::{AtWork, Choice};
+use hysteron::servo::schemes::{AtWork, SchemeChoice};
 use hysteron::{Error, Result};
 use hysteron_report::{Page, PageBlock, Section, learning as convergence, trade_off};
 use serde::Serialize;
@@ -52,8 +53,8 @@ pub struct DesignRequest {
     pub sensor_noise_um: Option<f64>,
     /// Bandwidth of the sensor, Hz.
     pub sensor_bandwidth_hz: Option<f64>,
-    /// Largest sensitivity.
-    pub sensitivity_peak: f64,
+    /// Largest sensitivity; none: the usual margins where they are cheap.
+    pub sensitivity_peak: Option<f64>,
     /// A periodic reference's correction is to be learned.
     pub learning: bool,
     /// The gain of the model is to be corrected while it runs.
@@ -85,13 +86,14 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
     outputs.check(&desk)?;
     let DesignRequest { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, learning, adaptation, mode_moves, .. } =
         *wanted;
-    let scheme = Choice::named(&wanted.scheme).map_err(|m| Error::new("--scheme", m))?;
+    let scheme = SchemeChoice::named(&wanted.scheme).map_err(|m| Error::new("--scheme", m))?;
     let (recording, front_end_said) = (recording.as_ref(), front_end.as_ref());
-    let order = Order {
+    let order = DesignOrder {
         reference_hz,
         sensor_noise_um,
         sensor_bandwidth_hz,
-        sensitivity_peak,
+        sensitivity_peak: sensitivity_peak.unwrap_or(DesignOrder::default().sensitivity_peak),
+        usual_margins: sensitivity_peak.is_none(),
         recording,
         front_end: front_end_said,
         learning,
@@ -113,10 +115,7 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
         sections: vec![Section {
             heading: "Why this one".into(),
             text: design.explanation.join("\n\n"),
-            blocks: std::iter::once(trade_off(&design.trade_off))
-                .chain(design.learning.as_ref().map(convergence))
-                .map(PageBlock::Plot)
-                .collect(),
+            blocks: std::iter::once(trade_off(&design)).chain(design.learning.as_ref().map(convergence)).map(PageBlock::Plot).collect(),
         }],
         ..Page::default()
     };
@@ -130,7 +129,11 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
         println!("  {line}");
     }
     // Ends and middle of the curve: the whole of it is in the page and in the figures.
-    let curve = &design.trade_off;
+    let curve = if design.chosen.is_some_and(|c| design.trade_off_usual.iter().any(|a| a.tuning == c.tuning)) {
+        &design.trade_off_usual
+    } else {
+        &design.trade_off
+    };
     if let [first, .., last] = curve.as_slice() {
         let point = |a: &Assessment| format!("{:.2} and {:.2}", 1e3 * a.noise_um, 1e3 * a.disturbance_um);
         let middle = curve.get(curve.len() / 2).map(point).unwrap_or_default();

@@ -1,13 +1,13 @@
 //! `diagnose`.
 
-use crate::arguments::{RecordingOutputs, TimeArguments, as_typed};
+use crate::arguments::{RecordingOutputs, SearchArguments, TimeArguments, as_typed};
 use crate::desk::Desk;
 use crate::explain::write_next_experiment;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{say_candidates, say_next, say_notes, say_stopped};
 use hysteron::Result;
-use hysteron::analyse::{Options, Start, analyse};
+use hysteron::analyse::{Start, analyse};
 use hysteron::diagnosis::words::nm;
 use hysteron_report::{explain_page, explain_report};
 use std::path::Path;
@@ -16,13 +16,13 @@ use std::path::Path;
 pub fn diagnose(
     model: &Path,
     path: &Path,
-    own: &str,
+    search: &SearchArguments,
     time: TimeArguments,
     reading: &ReadArguments,
     outputs: &RecordingOutputs,
 ) -> Result<bool> {
     let desk = Desk::new(outputs.files.force);
-    let options = Options { own: desk.effects(own)?, ..Options::default() };
+    let options = search.options(&desk)?;
     let model = desk.model(model)?;
     let dataset = desk.dataset(path, reading)?;
     outputs.check(&desk, &dataset)?;

@@ -1,12 +1,12 @@
 //! `explain`.
 
-use crate::arguments::{Outputs, StudyOutputs, TimeArguments, as_typed};
+use crate::arguments::{Outputs, SearchArguments, StudyOutputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
 use crate::tables::{print_notes, print_records, print_steps, print_values, say_candidates, say_next, say_stopped};
 use hysteron::Result;
-use hysteron::analyse::{Options, Outcome, Start, analyse};
+use hysteron::analyse::{Outcome, Start, analyse};
 use hysteron::servo::order;
 use hysteron_report::{explain_page, explain_report, falling_error_svg};
 use std::path::Path;
@@ -16,8 +16,8 @@ use std::time::Instant;
 pub struct ExplainRequest<'a> {
     /// Effects to start from.
     pub from: &'a str,
-    /// Effects of the user's own.
-    pub own: &'a str,
+    /// How the search goes.
+    pub search: &'a SearchArguments,
     /// Every step is reported.
     pub verbose: bool,
     /// How long it may take.
@@ -28,11 +28,11 @@ pub struct ExplainRequest<'a> {
 
 /// The main job.
 pub fn explain(path: &Path, wanted: &ExplainRequest, reading: &ReadArguments, outputs: &StudyOutputs) -> Result<bool> {
-    let ExplainRequest { from, own, verbose, time, animation } = *wanted;
+    let ExplainRequest { from, search, verbose, time, animation } = *wanted;
     let started = Instant::now();
     let desk = Desk::new(outputs.recordings.files.force);
     let effects = desk.effects(from)?;
-    let options = Options { own: desk.effects(own)?, ..Options::default() };
+    let options = search.options(&desk)?;
     let dataset = desk.dataset(path, reading)?;
     outputs.check(&desk, &dataset)?;
     let files = &outputs.recordings.files;

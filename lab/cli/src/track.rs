@@ -6,10 +6,14 @@ use crate::desk::{Desk, wrong};
 use hysteron::dataset::readers::{self, Hints};
 use hysteron::servo::commands::{self, Work};
 use hysteron::servo::disturbance::Disturbance;
+use hysteron::servo::members::PlantBand;
 use hysteron::servo::reference::Reference;
+use hysteron::servo::track::{DriveFigures, SETTLED, TrackResult};
 use hysteron::servo::words;
+use hysteron::statistics::extremes;
 use hysteron::{Error, Result};
-use hysteron_report::{CurveRole, Page, PageBlock, Plot, Section, Series};
+use hysteron_report::TrackPage;
+use serde::Serialize;
 use std::path::Path;
 
 fn nm(um: f64) -> String {
@@ -28,6 +32,8 @@ pub struct TrackRequest<'a> {
     pub disturbance: Option<&'a str>,
     /// Mass added, as a ratio.
     pub added_mass: f64,
+    /// Capacitance of the actuator, uF.
+    pub capacitance_uf: Option<f64>,
 }
 
 /// The reference that was named: a shape, or a file of points.
@@ -49,79 +55,114 @@ fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
     Reference::through(&time_s.values, &reference_um.values).map_err(|m| wrong(path, m))
 }
 
-/// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N]
-/// [--disturbance D] [--added-mass RATIO]`.
+/// What `track --json` carries.
+#[derive(Serialize)]
+struct TrackFigures<'a> {
+    #[serde(flatten)]
+    found: &'a TrackResult,
+    /// The same on the plants that may stand in the place of the model.
+    band: &'a PlantBand,
+}
+
+/// Least and largest of a value, nm.
+fn range_nm([least, most]: [f64; 2]) -> String {
+    format!("{:.2} to {}", 1e3 * least, nm(most))
+}
+
+/// What the servo does on other plants.
+fn tell_band(band: &PlantBand) {
+    let [rms, max] = [band.rms_um(), band.max_um()].map(range_nm);
+    println!("  band    true RMS {rms}, max {max}, over {} plants", band.members.len());
+    if let Some(worst) = band.worst() {
+        println!("  worst   {}: RMS {}, max {}", worst.plant, nm(worst.truth.rms_um), nm(worst.truth.max_um));
+    }
+    let settling: Vec<f64> = band.members.iter().filter_map(|m| m.settling_s).collect();
+    let (low, high) = extremes(&settling);
+    if low < high {
+        let unsettled = band.members.len() - settling.len();
+        let rest = if unsettled > 0 { format!("; {unsettled} plants do not settle") } else { String::new() };
+        println!("  settling time over them {:.2} to {:.2} ms{rest}", 1e3 * low, 1e3 * high);
+    }
+    if !band.with_covariance {
+        println!("  the model file has no covariance of its values: gain, modes and loops are varied alone");
+    }
+    for (member, trouble) in band.members.iter().skip(1).filter_map(|m| Some((m, m.trouble.as_ref()?))) {
+        println!("  {}: {trouble}", member.plant);
+    }
+}
+
+/// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D]
+/// [--added-mass RATIO] [--capacitance-uf C]`.
 pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Outputs) -> Result<bool> {
-    let TrackRequest { reference, scheme, sensor_noise_um, disturbance, added_mass } = *wanted;
+    let TrackRequest { reference, scheme, sensor_noise_um, disturbance, added_mass, capacitance_uf } = *wanted;
     let desk = Desk::new(outputs.force);
     let design = read_design(&desk, servo)?;
     let chain = desk.model(model)?;
     outputs.check(&desk)?;
+    if let Some(uf) = capacitance_uf.filter(|uf| !(*uf > 0.0 && uf.is_finite())) {
+        return Err(Error::new("--capacitance-uf", format!("{uf}; expected above 0")));
+    }
     let followed = reference_of(&desk, reference)?;
     let disturbance_said = disturbance.map(Disturbance::parse).transpose().map_err(|m| Error::new("", m))?;
     let work = Work { scheme, sensor_noise_um, disturbance: disturbance_said, added_mass };
-    let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(|m| Error::new("", m))?;
+    let refused = |m: String| Error::new("", m);
+    let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(refused)?;
+    let band = commands::follow_on_members(&chain, &design, &followed, &work, &result).map_err(refused)?;
     let pushed = disturbance.map_or_else(String::new, |d| format!(", disturbed by {d}"));
     let loaded = if added_mass > 0.0 { format!(", {} times the moving mass", 1.0 + added_mass) } else { String::new() };
     let at_work = format!("{} on {reference}{pushed}{loaded}", result.scheme);
     println!("{at_work}");
     println!("  plant: {}", result.plant);
     println!("  true    RMS {}, max {}", nm(result.truth.rms_um), nm(result.truth.max_um));
-    println!("  sensor  RMS {}, max {}", nm(result.sensor.rms_um), nm(result.sensor.max_um));
+    println!(
+        "  read    RMS {}, max {}, as hardware shows it: {} of noise included ({} without)",
+        nm(result.as_read.rms_um),
+        nm(result.as_read.max_um),
+        nm(result.noise_um),
+        nm(result.sensor.rms_um)
+    );
+    if let Some(step) = &result.step {
+        let settled = match step.settling_s {
+            Some(s) => format!("settles to {:.0} % in {:.2} ms", 100.0 * SETTLED, 1e3 * s),
+            None => format!("does not settle to {:.0} %, {}", 100.0 * SETTLED, nm(SETTLED * step.by_um.abs())),
+        };
+        let rise = step.rise_s.map_or_else(String::new, |s| format!(", rises in {:.2} ms", 1e3 * s));
+        println!("  step    {settled}{rise}, overshoots by {:.1} %", 100.0 * step.overshoot);
+    }
+    tell_band(&band);
     if let Some(beside) = &result.beside {
         println!("  {} on the same run, true RMS {}, max {}", beside.scheme, nm(beside.truth.rms_um), nm(beside.truth.max_um));
     }
+    println!("  mean error {}, {} saturated ticks", nm(result.steady_state_um), result.saturated_ticks);
+    let DriveFigures { range_v: [low_v, high_v], rate_max_v_s, rate_rms_v_s } = result.drive;
     println!(
-        "  mean error {}, {} saturated ticks, noise of the sensor {}",
-        nm(result.steady_state_um),
-        result.saturated_ticks,
-        nm(result.noise_um)
+        "  drive   {low_v:.1} to {high_v:.1} V, at most {:.1} V/ms from tick to tick, {:.1} V/ms RMS",
+        1e-3 * rate_max_v_s,
+        1e-3 * rate_rms_v_s
     );
+    if let Some(uf) = capacitance_uf {
+        println!("  current {:.1} mA at most, {:.1} mA RMS, into {uf} uF", 1e-3 * uf * rate_max_v_s, 1e-3 * uf * rate_rms_v_s);
+    }
     if let Some(sentence) = words::sensor_lag(result.sensor_lag_s, result.model_sensor_lag_s) {
         println!("  {sentence}");
     }
     if let Some(gain) = result.adapted_gain {
         println!("  the gain was corrected to {gain:.3} times the model's");
     }
-    desk.write_json(outputs.json.as_deref(), &result)?;
-    let error_nm = result.sensor_um.iter().zip(&result.reference_um).map(|(y, r)| 1e3 * (y - r)).collect();
-    let page = Page {
-        title: at_work,
-        lead_sentence: format!(
-            "The true position's error is {} RMS, {} at most; the sensor reads {} RMS.",
-            nm(result.truth.rms_um),
-            nm(result.truth.max_um),
-            nm(result.sensor.rms_um)
-        ),
-        sections: vec![Section {
-            heading: "Tracking".into(),
-            text: format!("Integer servo, {} of sensor noise. Plant: {}.", nm(result.noise_um), result.plant),
-            blocks: vec![
-                PageBlock::Plot(
-                    Plot::new("Displacement")
-                        .x_axis("time", "s")
-                        .y_axis("displacement", "um")
-                        .link("time")
-                        .with(Series::line("reference", CurveRole::Drive, result.time_s.clone(), result.reference_um.clone()))
-                        .with(Series::line("sensor", CurveRole::Measured, result.time_s.clone(), result.sensor_um.clone())),
-                ),
-                PageBlock::Plot(Plot::new("Error").x_axis("time", "s").y_axis("error", "nm").link("time").with(Series::line(
-                    "sensor minus reference",
-                    CurveRole::Residual,
-                    result.time_s.clone(),
-                    error_nm,
-                ))),
-                PageBlock::Plot(Plot::new("Drive").x_axis("time", "s").y_axis("drive", "V").link("time").with(Series::line(
-                    "drive",
-                    CurveRole::Drive,
-                    result.time_s.clone(),
-                    result.drive_v.clone(),
-                ))),
-            ],
-        }],
-        ..Page::default()
+    desk.write_json(outputs.json.as_deref(), &TrackFigures { found: &result, band: &band })?;
+    let period_s = match &followed {
+        Reference::Periodic(periodic) => Some(1.0 / periodic.frequency_hz),
+        Reference::Step { .. } | Reference::Points(_) => None,
     };
-    desk.write_page(outputs.report.as_deref(), || page)?;
+    // A step of its own is on the page already.
+    let small_step = match outputs.report.as_ref().filter(|_| result.step.is_none()) {
+        Some(_) => Some(commands::follow_step(&chain, &design, &Work { disturbance: None, ..work }).map_err(refused)?),
+        None => None,
+    };
+    let step = small_step.as_ref();
+    desk.write_page(outputs.report.as_deref(), || {
+        TrackPage { found: &result, period_s, band: Some(&band), step, capacitance_uf }.page(at_work)
+    })?;
     let trouble = result.trouble();
     if let Some(trouble) = &trouble {
         eprintln!("WARNING: {trouble}");

@@ -168,6 +168,26 @@ fn readable(effect: &str, name: &str, unit: &str) -> (String, String, f64) {
     }
 }
 
+/// The same for a parameter that is known by its name alone.
+pub(crate) fn read_by_name(effect: &str, name: &str) -> (String, String, f64) {
+    let units = [
+        ("_rad_s", "rad/s"),
+        ("_um_v", "um/V"),
+        ("_um_s", "um/s"),
+        ("_um_n", "um/N"),
+        ("_per_s", "1/s"),
+        ("_per_um2", "1/um2"),
+        ("_per_um", "1/um"),
+        ("_v_s", "V/s"),
+        ("_hz", "Hz"),
+        ("_um", "um"),
+        ("_s", "s"),
+        ("_v", "V"),
+    ];
+    let unit = units.iter().find(|(suffix, _)| name.ends_with(suffix)).map_or("", |(_, unit)| unit);
+    readable(effect, name, unit)
+}
+
 /// Creep by the decade of time, from the shortest to the longest of its time constants.
 fn creep_figures(instance: &EffectInstance, open: bool) -> Vec<Figure> {
     let terms: Vec<(f64, f64, Option<f64>)> = instance

@@ -93,7 +93,11 @@ pub fn add(effect: &Arc<dyn Effect>, model: Model, dataset: &Dataset, watch: &dy
     watch.event(&WatchEvent::Fitting { effect: &effect.declaration().id });
     let id = effect.declaration().id;
     if model.effect(&id).is_some() {
-        return Err(Error::new("effect", format!("{id} is in the model already")));
+        let all = model.effect_ids().join(",");
+        return Err(Error::new(
+            "effect",
+            format!("{id} is in the model already; to fit it again beside the others: hysteron identify DATASET --effects {all}"),
+        ));
     }
     if id == gain::ID
         && let Some(loops) = main_effect(&model)

@@ -3,11 +3,13 @@
 //!
 //! * [`Dataset`], [`Record`]: drive and displacement as they were recorded; [`simulate_case`]: simulated ones
 //!   whose truth is known;
-//! * [`analyse`](fn@analyse): the main job, from a model and recordings to an [`Outcome`]; [`identify`](fn@identify)
-//!   and [`add`]: effects of the caller's choice;
-//! * [`Model`]: effects in the order of the chain; [`effects_named`], [`own_effect`]: [`Effect`]s by name and of
-//!   one's own; [`to_toml`], [`from_toml`]: models as text; [`export`](fn@export): as MATLAB, Python or C;
-//! * [`simulate`](fn@simulate): a model under any drive; [`replays`]: the saved model against whole recordings;
+//! * [`analyse`](fn@analyse): the main job, from a model and recordings to an [`Outcome`];
+//!   [`identify`](fn@identify) and [`add`]: effects of the caller's choice;
+//! * [`Model`]: effects in the order of the chain; [`effects_named`], [`own_effect`]: [`Effect`]s by name
+//!   and of one's own; [`to_toml`], [`from_toml`]: models as text; [`export`](fn@export): as MATLAB, Python
+//!   or C;
+//! * [`simulate`](fn@simulate): a model under any drive; [`replays`]: the saved model against whole
+//!   recordings;
 //! * [`servo`]: design, check and track.
 //!
 //! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed
@@ -71,6 +73,7 @@ pub mod identify;
 pub mod model_file;
 #[doc(hidden)]
 pub mod outcome;
+#[doc(hidden)]
 mod parallel;
 #[doc(hidden)]
 pub mod prediction;

@@ -67,5 +67,5 @@ def design(
     reference_hz: float,
     sensor_noise_um: float | None,
     sensor_bandwidth_hz: float | None,
-    sensitivity_peak: float,
+    sensitivity_peak: float | None,
 ) -> tuple[str, str]: ...

@@ -81,7 +81,7 @@ class Explanation(Fit):
 
     @property
     def named(self) -> list[str]:
-        """The missing effects; with "ambiguous" all that cannot be told apart."""
+        """The missing effects; with "ambiguous" all that the data cannot distinguish."""
         effects: list[str] = self.diagnosis["named"]
         return effects
 

@@ -74,11 +74,12 @@ def add(effect: PathLike, model: Model, records: Records, *, progress: Progress 
 
 def design(
     model: Model, records: Records | None = None, *, reference_hz: float = 150.0, sensor_noise_um: float | None = None,
-    sensor_bandwidth_hz: float | None = None, sensitivity_peak: float = 2.5,
+    sensor_bandwidth_hz: float | None = None, sensitivity_peak: float | None = None,
 ) -> Servo:
     """Designs a servo for references up to ``reference_hz``; with the records behind the model it holds for all that they leave possible.
 
     The lag of a sensor of ``sensor_bandwidth_hz`` is undone; without it what the model or the data set knows of it.
+    Without ``sensitivity_peak`` the loop keeps 1.8, 8 dB and 35 degrees where that costs less than a third of the error.
     """
     native = None if records is None else dataset_of(records)._native
     toml, figures = _native.design(model._native, native, reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak)

@@ -9,7 +9,7 @@ use hysteron::diagnosis::judgement::{noise_floor_beside, require_finite};
 use hysteron::figures::{FitFigures, fit_figures};
 use hysteron::identify::{Identification, add as add_effect, identify as identify_effects};
 use hysteron::model_file;
-use hysteron::servo::order::{Order, design as design_servo};
+use hysteron::servo::order::{DesignOrder, design as design_servo};
 use hysteron_report::{comparison_report, explain_page, explain_report};
 use hysteron_sim::effect::Effect;
 use pyo3::prelude::*;
@@ -152,10 +152,19 @@ pub fn design(
     reference_hz: f64,
     sensor_noise_um: Option<f64>,
     sensor_bandwidth_hz: Option<f64>,
-    sensitivity_peak: f64,
+    sensitivity_peak: Option<f64>,
 ) -> PyResult<(String, String)> {
     let recording = dataset.map(|dataset| dataset.0.as_ref());
-    let order = Order { reference_hz, sensor_noise_um, sensor_bandwidth_hz, sensitivity_peak, recording, ..Order::default() };
+    let usual = DesignOrder::default();
+    let order = DesignOrder {
+        reference_hz,
+        sensor_noise_um,
+        sensor_bandwidth_hz,
+        sensitivity_peak: sensitivity_peak.unwrap_or(usual.sensitivity_peak),
+        usual_margins: sensitivity_peak.is_none(),
+        recording,
+        ..usual
+    };
     let design = at_work(py, None, |_| design_servo(&model.model, &order).map_err(|why| hysteron::Error::new("design", why)))?;
     Ok((toml::to_string_pretty(&design).map_err(|error| wrong("design", error))?, json(&design)?))
 }

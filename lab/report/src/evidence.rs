@@ -273,7 +273,7 @@ fn binned(chosen: &[(f64, usize)], trace: &EvidenceTrace, bins: usize) -> (Vec<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hysteron_sim::effect::Effect;
+    use hysteron_sim::effect::Presentation;
 
     #[test]
     fn creep_is_drawn_over_the_logarithm_of_time_since_the_step() {

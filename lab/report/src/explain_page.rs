@@ -33,6 +33,7 @@ pub fn explain_page(report: &ExplainReport) -> Page {
     sections.extend(evidence(report));
     sections.push(falling_error(report));
     sections.push(one_record(report, &kept));
+    sections.extend(crate::loops::loops_section(report));
     sections.extend(crate::dynamics::dynamics(report));
     sections.extend(alternatives(report));
     sections.push(what_the_residual_follows(report, &kept));
@@ -147,12 +148,7 @@ fn facts(report: &ExplainReport) -> Vec<(String, String)> {
             None => "this data cannot give one".to_owned(),
         },
     ));
-    let mut added: Vec<String> = Vec::new();
-    for step in &report.steps {
-        added.retain(|effect| !step.removed.contains(effect));
-        added.extend(step.added.clone());
-    }
-    let added: Vec<String> = added.iter().map(|effect| effect_words(effect)).collect();
+    let added: Vec<String> = report.steps.iter().filter_map(|step| step.added.as_deref()).map(effect_words).collect();
     if !added.is_empty() {
         facts.push(("Added".to_owned(), added.join(", ")));
     }
@@ -298,13 +294,9 @@ fn evidence(report: &ExplainReport) -> Option<Section> {
     })
 }
 
-/// What a step added and took back.
+/// What a step added.
 fn added_words(step: &StepReport, name: &str) -> String {
-    let added = step.added.clone().unwrap_or_else(|| name.to_owned());
-    match step.removed.as_slice() {
-        [] => added,
-        removed => format!("{added}; {} taken back", removed.join(", ")),
-    }
+    step.added.clone().unwrap_or_else(|| name.to_owned())
 }
 
 fn falling_error(report: &ExplainReport) -> Section {
@@ -407,12 +399,14 @@ fn one_record(report: &ExplainReport, kept: &KeptSamples) -> Section {
         .x_axis("time", "s")
         .y_axis("measured - modelled", "nm")
         .link("time")
+        .percentiles()
         .width(Width::Full)
         .height_px(240);
     let mut loops = Plot::new("Measured and modelled over the drive").x_axis("drive", "V").y_axis("displacement", "um").height_px(340);
     let mut residual_over_drive = Plot::new("Residual over the drive")
         .x_axis("drive", "V")
         .y_axis("measured - modelled", "nm")
+        .percentiles()
         .height_px(340)
         .caption("Loops here mean that the branch matters; a single curve means that only the voltage does.");
     let mut spectrum = Plot::new("Spectrum of the residual")
@@ -587,7 +581,9 @@ fn what_the_residual_follows(report: &ExplainReport, kept: &KeptSamples) -> Sect
     ];
     let mut plots: Vec<Plot> = views
         .iter()
-        .map(|(title, label, x_unit)| Plot::new(*title).x_axis(label, x_unit).y_axis(name, &unit).width(Width::Third).height_px(230))
+        .map(|(title, label, x_unit)| {
+            Plot::new(*title).x_axis(label, x_unit).y_axis(name, &unit).percentiles().width(Width::Third).height_px(230)
+        })
         .collect();
     plots[5].x.log = true;
     let range_v = drive_range_v(report);

@@ -235,7 +235,7 @@ fn plot_json(plot: &Plot, columns: &mut Columns) -> Value {
         .collect();
     json!({
         "kind": "plot", "title": plot.title, "x": axis(&plot.x), "y": axis(&plot.y), "series": series,
-        "levels": plot.levels, "bands": plot.bands, "link": plot.link, "height": plot.height_px,
+        "levels": plot.levels, "bands": plot.bands, "link": plot.link, "height": plot.height_px, "equal": plot.equal, "percentiles": plot.percentiles,
     })
 }
 

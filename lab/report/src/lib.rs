@@ -21,7 +21,7 @@
 //!                     .x_axis("time", "s")
 //!                     .y_axis("displacement", "um")
 //!                     .link("time")
-//!                     .with(Series::line("reference", Role::Drive, t_s.clone(), reference)),
+//!                     .with(Series::line("reference", Role::Reference, t_s.clone(), reference)),
 //!             ),
 //!             Block::Plot(
 //!                 Plot::new("Error")
@@ -52,6 +52,7 @@
 //!   on nothing;
 //! - `explain_report` and `explain_page`: what an explanation has to show, and how; `of_findings` fills the
 //!   one from what the library found;
+//! - `servo_plots` and `track_page`: a servo, its loop and its work;
 //! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture
 //!   that moves.
 
@@ -64,10 +65,12 @@ mod explain_page;
 mod explain_report;
 mod falling_error;
 mod html;
+mod loops;
 mod of_findings;
 mod page;
 mod servo_plots;
 mod text;
+mod track_page;
 
 pub use decimate::extreme_indices;
 pub use effects_page::effects_page;
@@ -83,3 +86,4 @@ pub use page::{
     Waterfall, WaterfallStep, When, Width,
 };
 pub use servo_plots::{learning, nyquist, sensitivity, trade_off};
+pub use track_page::{TrackPage, step_section};

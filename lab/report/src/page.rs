@@ -139,8 +139,10 @@ pub enum CurveRole {
     Model,
     /// Measured minus modelled.
     Residual,
-    /// Drive, reference or another input.
+    /// Drive of the actuator.
     Drive,
+    /// What was asked for.
+    Reference,
     /// One of several of the same kind.
     Other1,
     /// A second of several.
@@ -241,6 +243,10 @@ pub struct Plot {
     pub width: Width,
     /// Height of the drawing in px; 0 takes the default.
     pub height_px: u32,
+    /// Both axes have the same scale.
+    pub equal: bool,
+    /// The vertical axis ends at percentiles where a few values would blow it up; a button shows the whole.
+    pub percentiles: bool,
 }
 
 impl Plot {
@@ -295,6 +301,18 @@ impl Plot {
     /// Sets the share of the page's width.
     pub fn width(mut self, width: Width) -> Self {
         self.width = width;
+        self
+    }
+
+    /// Gives both axes the same scale.
+    pub fn equal(mut self) -> Self {
+        self.equal = true;
+        self
+    }
+
+    /// Lets the vertical axis end at percentiles where a few values would blow it up.
+    pub fn percentiles(mut self) -> Self {
+        self.percentiles = true;
         self
     }
 

@@ -13,7 +13,7 @@ use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel
 use hysteron::servo::order::scheme_without_recording;
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::quantise::QuantisationError;
-use hysteron::servo::schemes::Choice;
+use hysteron::servo::schemes::SchemeChoice;
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron::servo::thesis_schemes::{Estimator, ReachingGains};
 use hysteron::servo::track::{lead_s, period_ticks, told_when_grown};
@@ -241,7 +241,7 @@ pub struct Commissioned {
 /// A scheme designed for an identified model under the margins that `design` keeps where no recording stands
 /// behind it, with the period of delay.
 #[must_use]
-pub fn designed(c: &Commissioned, choice: Choice, inverse: bool) -> Option<ServoDesign> {
+pub fn designed(c: &Commissioned, choice: SchemeChoice, inverse: bool) -> Option<ServoDesign> {
     let scheme = scheme_without_recording(&c.design, choice, inverse).ok()?;
     let mut design = ServoDesign { scheme, trade_off: Vec::new(), ..c.design.clone() };
     design.sensor_lag_s = c.identified.model.linear.sensor_bandwidth_hz.map(lag_s);

@@ -822,7 +822,7 @@ fn inverse_in_open_loop(one_sided: &Surfaces, bench: &Bench, variant: Variant) -
             .x_axis("time", "s")
             .y_axis("displacement", "um")
             .link("inverse")
-            .with(Series::line("desired", CurveRole::Drive, t.clone(), desired.clone()))
+            .with(Series::line("desired", CurveRole::Reference, t.clone(), desired.clone()))
             .with(Series::line("measured", CurveRole::Measured, t.clone(), tracked.reading_um.clone()).style(Style::Dashed)),
         Plot::new("Fig. 12 (c): error").x_axis("time", "s").y_axis("error", "um").link("inverse").with(Series::line(
             "desired less measured",
@@ -874,7 +874,7 @@ fn inverse_with_pi(one_sided: &Surfaces, bench: &Bench, variant: Variant) -> (Ch
             .x_axis("time", "s")
             .y_axis("displacement", "um")
             .link("pi")
-            .with(Series::line("desired", CurveRole::Drive, t.clone(), reference))
+            .with(Series::line("desired", CurveRole::Reference, t.clone(), reference))
             .with(Series::line("reached, noise removed", CurveRole::Measured, t.clone(), reached).style(Style::Dashed)),
         Plot::new("Fig. 14 (c): error").x_axis("time", "s").y_axis("error", "um").link("pi").with(Series::line(
             "desired less measured",

@@ -11,7 +11,7 @@ use crate::figures;
 use hysteron::servo::check::alpha_beta_loop_poles;
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
-use hysteron::servo::schemes::Choice;
+use hysteron::servo::schemes::SchemeChoice;
 use hysteron::servo::thesis_schemes::{AlphaBeta, ControllerGains, PidGains, ReachingGains};
 use hysteron_sim::bench::{Bench, Variant};
 use nalgebra::Complex;
@@ -81,7 +81,9 @@ pub fn schemes_of_chapter_6(bench: &Bench) -> Vec<NamedScheme> {
     let mut out: Vec<NamedScheme> =
         schemes.into_iter().filter_map(|(id, scheme, gains)| Some((id, without_model(bench, scheme?), gains))).collect();
     if let Some(c) = commission(bench, Variant::PLAIN) {
-        out.extend(designed(&c, Choice::Pidsmoc, false).map(|d| ("pidsmoc", d, "designed for the identified model, one period of delay")));
+        out.extend(
+            designed(&c, SchemeChoice::Pidsmoc, false).map(|d| ("pidsmoc", d, "designed for the identified model, one period of delay")),
+        );
         out.push(("predictor", c.design, "designed for the identified model, one period of delay, hysteresis inverted"));
     }
     out

@@ -19,7 +19,7 @@ use crate::robustness;
 use hysteron::servo::check::{observer_reachability, sliding_surface_parameter};
 use hysteron::servo::design::{Scheme, ServoDesign, thesis_scheme};
 use hysteron::servo::model::{NominalModel, SAMPLING_PERIOD_S};
-use hysteron::servo::schemes::{Choice, observer_cutoff_hz};
+use hysteron::servo::schemes::{SchemeChoice, observer_cutoff_hz};
 use hysteron::servo::sensor_lag::lag_s;
 use hysteron::servo::thesis_schemes::{ControllerGains, Estimator, ObserverGains, SlidingModeLaw, estimator_rows};
 use hysteron_core::one_sided_hysteresis::OneSidedHysteresis;
@@ -248,7 +248,7 @@ fn observer_rows(bench: &Bench, variant: Variant, c: &Commissioned, id: &str) ->
     let printed = "PIDSMO with the thesis' gains (10, 20000, 6e-6), drive of Eq. (35), full bench, against the noise-free sensor";
     pidsmo("pidsmo", &NominalModel::THESIS, ObserverGains::THESIS_ESTIMATION, printed.into());
     if let Some(ServoDesign { scheme: Scheme::SlidingMode { nominal, estimator: Estimator::Pidsmo(gains), .. }, .. }) =
-        designed(c, Choice::Pidsmoc, false)
+        designed(c, SchemeChoice::Pidsmoc, false)
     {
         let note = format!("PIDSMO as designed for the identified model ({:.2}, {:.0}, {:.1e}), same record", gains.p, gains.i, gains.d);
         pidsmo("pidsmo_designed", &nominal, gains, note);

@@ -7,7 +7,7 @@ use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::predictor::Demands;
-use hysteron::servo::schemes::Choice;
+use hysteron::servo::schemes::SchemeChoice;
 use hysteron_sim::bench::{Bench, Variant};
 use rayon::prelude::*;
 
@@ -26,8 +26,12 @@ fn followed(jobs: &[Job<'_>]) -> Vec<ChapterRow> {
 }
 
 /// Schemes that are designed under one set of margins, with their names in the rows.
-const DESIGNED: [(Choice, &str); 4] =
-    [(Choice::Pidsmoc, "pidsmoc"), (Choice::PidsmcAlphaBeta, "pidsmc_ab"), (Choice::Smcbl, "smcbl"), (Choice::Predictor, "predictor")];
+const DESIGNED: [(SchemeChoice, &str); 4] = [
+    (SchemeChoice::Pidsmoc, "pidsmoc"),
+    (SchemeChoice::PidsmcAlphaBeta, "pidsmc_ab"),
+    (SchemeChoice::Smcbl, "smcbl"),
+    (SchemeChoice::Predictor, "predictor"),
+];
 
 /// PIDSMOC, PIDSMC + alpha-beta, a boundary layer and a predictor, each designed for the model that was
 /// identified of the bench and under the same margins, with the period of delay, with and without the

@@ -228,7 +228,7 @@ fn robust_tracking(design: &ServoDesign) -> Option<Plot> {
         Plot::new("Robustness (Ch. 7, Fig. 12): xi, wn and K +50 %, unknown input, 0.05 um noise")
             .x_axis("time", "s")
             .y_axis("displacement", "um")
-            .with(Series::line("desired", CurveRole::Drive, time.clone(), reference[shown.clone()].to_vec()))
+            .with(Series::line("desired", CurveRole::Reference, time.clone(), reference[shown.clone()].to_vec()))
             .with(Series::line("reached", CurveRole::Measured, time.clone(), reached[shown].to_vec()))
             .with(Series::line("error", CurveRole::Residual, time, error)),
     )
@@ -325,7 +325,7 @@ pub fn chapter_7(bench: &Bench, rows: &[ChapterRow], full: Option<&Commissioned>
         blocks.extend(
             hysteresis_compensated(bench, &c.design, Variant::FULL, "Hysteresis compensated by the best design").map(PageBlock::Plot),
         );
-        blocks.push(PageBlock::Plot(hysteron_report::trade_off(&c.design.trade_off)));
+        blocks.push(PageBlock::Plot(hysteron_report::trade_off(&c.design)));
         blocks.push(PageBlock::Plot(noise_shaped(bench, &c.design)));
     }
     blocks.extend([

@@ -10,7 +10,7 @@ use devtools::{Page, browser};
 use hysteron::analyse::{Options, Start, analyse};
 use hysteron::dataset::folder;
 use hysteron::servo::commands::{Work, follow};
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::watch::Unwatched;
 use hysteron::{model_file, series};
@@ -138,7 +138,7 @@ fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line()
     // On to the servo: the same files as on the command line.
     page.click("#design");
     page.wait_for(&format!("servo.designed && {LEFT_ALONE}"));
-    let order = Order { recording: Some(&dataset), ..Order::default() };
+    let order = DesignOrder { recording: Some(&dataset), ..DesignOrder::default() };
     let designed = order::design(&found.model, &order).expect("a servo");
     page.click("#save-servo");
     let saved: toml::Value = toml::from_str(&page.saved(&out.path().join("servo.toml"))).expect("TOML");

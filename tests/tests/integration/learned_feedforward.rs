@@ -5,7 +5,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::commands::{Work, check, follow, with_scheme};
 use hysteron::servo::design::ServoDesign;
 use hysteron::servo::learned_feedforward::LearningDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::servo::track::lead_s;
 use hysteron::watch::Unwatched;
@@ -32,7 +32,9 @@ const TOO_WEAK: StageChange = StageChange { gain_ratio: 0.7, ..StageChange::NONE
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_triangle_of_100_hz_is_followed_to_a_twentieth_of_a_percent_within_ten_periods() {
     let (truth, dataset, chain) = recorded(20);
-    let design = order::design(&chain, &Order { recording: Some(&dataset), learning: true, ..Order::default() }).unwrap();
+    let design =
+        order::design(&chain, &DesignOrder { recording: Some(&dataset), learning: true, usual_margins: false, ..DesignOrder::default() })
+            .unwrap();
     assert_eq!(design.scheme_name(), "predictor-learning");
     let filters = design.learning.as_ref().unwrap();
     assert!(filters.convergence.iter().all(|p| p.contraction() < 1.0));
@@ -89,7 +91,9 @@ fn on_the_full_bench_a_twentieth_of_a_percent_of_the_true_position_is_left() {
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn beyond_what_is_learned_the_corners_are_fed_forward() {
     let (truth, dataset, chain) = recorded(17);
-    let design = order::design(&chain, &Order { recording: Some(&dataset), learning: true, ..Order::default() }).unwrap();
+    let design =
+        order::design(&chain, &DesignOrder { recording: Some(&dataset), learning: true, usual_margins: false, ..DesignOrder::default() })
+            .unwrap();
     let filters = design.learning.as_ref().unwrap();
     let plain = LearningDesign { feedforward: Vec::new(), ..filters.clone() };
     assert!(!filters.feedforward.is_empty());

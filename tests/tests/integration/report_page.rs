@@ -95,13 +95,7 @@ fn candidate(effect: &str, share: f64, p: f64, after: Option<f64>, why: &str) ->
 }
 
 fn step(added: Option<&str>, why: &str, identify_um: f64, validate_um: f64) -> StepReport {
-    StepReport {
-        added: added.map(str::to_owned),
-        removed: Vec::new(),
-        why: why.into(),
-        identify_rms_um: identify_um,
-        validate_rms_um: Some(validate_um),
-    }
+    StepReport { added: added.map(str::to_owned), why: why.into(), identify_rms_um: identify_um, validate_rms_um: Some(validate_um) }
 }
 
 fn demonstration() -> ExplainReport {
@@ -200,7 +194,7 @@ fn demonstration() -> ExplainReport {
             u_v: (0..1200).map(|k| if k < 600 { 60.0 } else { 20.0 }).collect(),
         }),
         warnings: vec![
-            "Rate dependence cannot be told from vibration below 5 Hz in this data.".into(),
+            "The data cannot distinguish rate dependence from vibration below 5 Hz.".into(),
         ],
         program_version: "0.1.0".into(),
         command: "hysteron explain demonstration --report page.html".into(),

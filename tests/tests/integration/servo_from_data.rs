@@ -5,7 +5,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::commands::{check, gain_ratio};
 use hysteron::servo::loop_margins::LoopMargins;
 use hysteron::servo::model::actuator_model;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::words;
 use hysteron::watch::Unwatched;
 use hysteron_sim::chain::Model;
@@ -22,7 +22,11 @@ fn stable_or_refused(seed: u64, recording: StudyRecording) -> Option<f64> {
     let chain = explained(&dataset).model;
     match designed(&chain, &dataset) {
         Err(reason) => {
-            assert!(reason.contains("record a multisine"), "{seed} {}: {reason}", recording.name());
+            assert!(
+                reason.contains("record a multisine") || reason.contains("raise its amplitude"),
+                "{seed} {}: {reason}",
+                recording.name()
+            );
             None
         }
         Ok(design) => {
@@ -62,6 +66,11 @@ fn a_wideband_recording_leads_to_nearly_the_best_with_the_truth() {
     for (found, best) in found.errors.iter().zip(&best.errors) {
         assert!(found.rms_um <= 1.5 * best.rms_um, "{found:?} {best:?}");
     }
+    // The default: the usual margins, for less than a third more of the error that was expected.
+    let usual = order::design(&chain, &DesignOrder { recording: Some(&dataset), ..DesignOrder::default() }).unwrap();
+    let usual = at_work(&truth, StageChange::NONE, &usual);
+    println!("usual margins {:.2} nm, fastest {:.2} nm", 1e3 * usual.worst_um(), 1e3 * found.worst_um());
+    assert!(!usual.unstable && usual.worst_um() < 1.5 * found.worst_um(), "{usual:?} {found:?}");
 }
 
 #[test]
@@ -175,18 +184,18 @@ fn what_cannot_be_meant_is_refused() {
     let truth = StageTruth::drawn(1);
     let chain = identified(&truth);
     for noise_um in [-1.0, 0.0, f64::NAN, f64::INFINITY, 5.0] {
-        let order = Order { sensor_noise_um: Some(noise_um), ..Order::default() };
+        let order = DesignOrder { sensor_noise_um: Some(noise_um), ..DesignOrder::default() };
         let reason = order::design(&chain, &order).unwrap_err();
         assert!(reason.contains("--sensor-noise-um"), "{noise_um}: {reason}");
     }
     // A sensor that ends before the actuator does.
     let narrow = hysteron::servo::amplifier_block::FrontEnd { sensor_min_um: 3.0, sensor_max_um: 14.0, ..Default::default() };
-    let reason = order::design(&chain, &Order { front_end: Some(&narrow), ..Order::default() }).unwrap_err();
+    let reason = order::design(&chain, &DesignOrder { front_end: Some(&narrow), ..DesignOrder::default() }).unwrap_err();
     assert!(reason.contains("3 to 14 um"), "{reason}");
     // Without a recording a second mode is no fact, and the explanation mentions the missing creep.
     let mut without = chain.clone();
     without.effects.retain(|e| e.id != "creep");
-    let design = order::design(&without, &Order::default()).unwrap();
+    let design = order::design(&without, &DesignOrder::default()).unwrap();
     assert!(design.model.linear.second_mode.is_none());
     let said = design.explanation.join(" ");
     assert!(said.contains("no creep") && said.contains("No recording stands behind"), "{said}");

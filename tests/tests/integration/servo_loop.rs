@@ -222,7 +222,7 @@ fn the_feedforward_undoes_creep() {
 fn every_scheme_can_be_checked_and_run() {
     let bench = Bench::reference().unwrap();
     let (reference, _) = sine_reference_um(&bench, 10.0, 3.0);
-    for name in SCHEMES {
+    for (name, _) in SCHEMES {
         let design = match with_scheme(&predictor(), name) {
             Ok(design) => design,
             // Without an estimate of the disturbance none of its tunings holds the bench under the order's

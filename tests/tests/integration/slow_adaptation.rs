@@ -6,7 +6,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block};
 use hysteron::servo::commands::{Work, check, follow, with_scheme};
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::reference::Reference;
 use hysteron::servo::track::lead_s;
 use hysteron::watch::Unwatched;
@@ -32,7 +32,11 @@ fn a_gain_that_is_a_fifth_off_costs_no_more_than_the_right_one() {
     // A damped first mode, and one with a damping ratio of 0.01.
     for seed in [20, 0] {
         let (truth, dataset, chain) = recorded(seed);
-        let design = order::design(&chain, &Order { recording: Some(&dataset), adaptation: true, ..Order::default() }).unwrap();
+        let design = order::design(
+            &chain,
+            &DesignOrder { recording: Some(&dataset), adaptation: true, usual_margins: false, ..DesignOrder::default() },
+        )
+        .unwrap();
         assert_eq!(design.scheme_name(), "predictor-adaptive");
         assert!(design.explanation.iter().any(|said| said.contains("corrected while it runs")), "{:?}", design.explanation);
         let without = ServoDesign { adaptation: None, ..design.clone() };
@@ -102,7 +106,7 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
 #[cfg_attr(debug_assertions, ignore = "slow: release mode")]
 fn a_gain_is_corrected_while_a_periodic_correction_is_learned() {
     let (truth, dataset, chain) = recorded(20);
-    let order = Order { recording: Some(&dataset), learning: true, adaptation: true, ..Order::default() };
+    let order = DesignOrder { recording: Some(&dataset), learning: true, adaptation: true, usual_margins: false, ..DesignOrder::default() };
     let both = order::design(&chain, &order).unwrap();
     let name = "predictor-learning-adaptive";
     assert_eq!(both.scheme_name(), name);

@@ -4,7 +4,7 @@
 use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::amplifier_parameters;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::watch::Unwatched;
 use hysteron_core::amplifier::{Command, Mode};
 use hysteron_core::integer_row::Row;
@@ -25,7 +25,7 @@ fn designed(truth: &StageTruth, recording: StudyRecording) -> ServoDesign {
     let dataset = record(truth, recording);
     let effects = effects_named("hysteresis,initial_curve,vibration,second_mode,creep").unwrap();
     let chain = hysteron::identify::identify(&dataset, &effects, &Unwatched).unwrap().model;
-    order::design(&chain, &Order { recording: Some(&dataset), ..Order::default() }).unwrap()
+    order::design(&chain, &DesignOrder { recording: Some(&dataset), usual_margins: false, ..DesignOrder::default() }).unwrap()
 }
 
 fn block(design: &ServoDesign) -> AmplifierParameters {

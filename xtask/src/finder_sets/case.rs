@@ -93,11 +93,13 @@ impl SetCase {
         std::fs::create_dir_all(&answers).map_err(|e| format!("{}: {e}", answers.display()))?;
         let json = answers.join(format!("{set}_{}.json", self.name.replace(['/', ' '], "_")));
         let data = self.data.to_string_lossy();
+        let policy = context.policy.as_ref().map(|path| path.to_string_lossy());
+        let policy: Vec<&str> = policy.iter().flat_map(|path| ["--policy", path]).collect();
         let asked = match &self.start {
-            CaseStart::Effects(from) => answered(&context.program, &["explain", &data, "--from", from], &json),
+            CaseStart::Effects(from) => answered(&context.program, &[&["explain", &data, "--from", from], &policy[..]].concat(), &json),
             CaseStart::ModelOf(clean) => {
                 let model = model_of(context, clean)?;
-                answered(&context.program, &["diagnose", &model.to_string_lossy(), &data], &json)
+                answered(&context.program, &[&["diagnose", &model.to_string_lossy(), &data], &policy[..]].concat(), &json)
             }
         };
         let mut row = ResultRow { set: set.into(), case: self.name.clone(), truth: self.truth(), ..ResultRow::default() };

@@ -10,6 +10,7 @@
 //! command goes on where it was. The table at the end has one block for each label with a file there;
 //! `--table` runs nothing.
 
+pub mod ablation;
 mod altered;
 mod answer;
 mod case;
@@ -19,7 +20,7 @@ mod mark;
 mod page;
 mod planted;
 mod recorded;
-mod results;
+pub mod results;
 mod table;
 mod table_of_numbers;
 
@@ -61,6 +62,8 @@ pub struct Context {
     label: String,
     /// Where data sets are made.
     folder: PathBuf,
+    /// Other thresholds, as the program reads them.
+    policy: Option<PathBuf>,
 }
 
 impl Context {
@@ -109,7 +112,7 @@ pub fn run(arguments: &[String]) -> Result<(), String> {
     if let Some(unknown) = asked.iter().find(|name| SETS.iter().all(|set| set.name != **name)) {
         return Err(format!("{unknown}: expected some of {}", SETS.map(|set| set.name).join(", ")));
     }
-    let context = Context { program, label, folder: root().join("target/finder_sets") };
+    let context = Context { program, label, folder: root().join("target/finder_sets"), policy: None };
     if let Some(folder) = write_to {
         return altered::write_all(&context, Path::new(&folder));
     }

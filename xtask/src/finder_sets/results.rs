@@ -109,7 +109,11 @@ pub struct Results {
 impl Results {
     /// Reads what is there.
     pub fn open(label: &str) -> Result<Self, String> {
-        let path = root().join(FOLDER).join(format!("finder_{label}.csv"));
+        Self::at(label, root().join(FOLDER).join(format!("finder_{label}.csv")))
+    }
+
+    /// The same of another file.
+    pub fn at(label: &str, path: PathBuf) -> Result<Self, String> {
         let mut rows = Vec::new();
         if path.exists() {
             let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;

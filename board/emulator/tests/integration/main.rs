@@ -12,6 +12,7 @@ mod host_lost;
 mod learned_feedforward;
 mod on_chip;
 mod option_bytes;
+mod output_path;
 mod record;
 mod serial_port;
 mod sliding_mode;

@@ -10,6 +10,8 @@ use hysteron_emulator::run::{MILLISECOND, Script, run};
 /// Core clock after reset, before any clock set-up: the count of instructions a second that makes a cycle an
 /// instruction.
 const RESET_CLOCK_HZ: u64 = 64_000_000;
+/// The part's clock in the firmware, kHz: shares of a period take an instruction as a cycle.
+const CORE_KHZ: u32 = 400_000;
 /// Instructions at most and on the mean, for each case: `follow`, `jump` and `chatter` are the servo's tick
 /// from the ADC's code to the DAC's, with 16 pairs of extrema stored, and the same while the correction of a
 /// triangle is learned, or the gain adapted; `amplifier` is all that the interrupt does between its
@@ -44,6 +46,8 @@ fn the_servo_tick_keeps_its_count_with_a_full_memory() {
             let mut words = text.split(' ').skip_while(|word| *word != name);
             words.nth(1).and_then(|word| word.parse().ok()).unwrap_or(u32::MAX)
         };
+        let share = |khz: u32| 100.0 * f64::from(number("most") * khz) / f64::from(CORE_KHZ);
+        println!("   of a period: {:.1} % at 20 kHz, {:.1} % at 50 kHz, {:.1} % at 100 kHz", share(20), share(50), share(100));
         assert!(number("most") <= most && number("typical") <= typical, "{text}");
         if case == "follow" {
             assert_eq!(number("pairs"), 16, "the memory is full: {text}");

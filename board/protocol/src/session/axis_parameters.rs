@@ -4,6 +4,7 @@ use hysteron_core::host_watch::timeout_ticks;
 use hysteron_core::loop_telemetry::ResonanceWatch;
 use hysteron_core::signal::{MICROMETRE_FRACTION_BITS, VOLT_FRACTION_BITS};
 
+use super::filters::{change_filter, filter_value};
 use super::{Pending, Piece, Session, Step, WAVE_TABLES, micrometres};
 use crate::data_array::MOST_COLUMNS;
 use crate::decimal::{Decimal, ONE, from_fixed, from_wide, to_fixed};
@@ -21,6 +22,7 @@ impl<D: Device + 'static> Session<D> {
     }
 
     pub(super) fn set_parameter(&mut self, words: &mut Words<'_>) -> Result<(), ErrorCode> {
+        let mut filters = self.filters;
         loop {
             let (parameter, _) = Self::named_parameter(words)?;
             let value = words.number()?;
@@ -53,10 +55,11 @@ impl<D: Device + 'static> Session<D> {
                     let alarm_pm = thousandths(value)?;
                     self.listen(ResonanceWatch { alarm_pm, ..self.device.resonance_watch() })?;
                 }
+                DeviceParameter::Filter(signal, item) => change_filter(&mut filters[signal as usize], item, thousandths(value)?),
                 _ => return Err(ErrorCode::ReadOnly),
             }
             if !words.more() {
-                return Ok(());
+                return self.tune_filters(filters);
             }
         }
     }
@@ -101,6 +104,7 @@ impl<D: Device + 'static> Session<D> {
             DeviceParameter::DriveRms => of_millionths(figures.drive_rms_uv),
             DeviceParameter::ResonanceAmplitude => of_thousandths(figures.resonance_pm),
             DeviceParameter::ServoPeriod => seconds(1),
+            DeviceParameter::Filter(signal, item) => of_thousandths(filter_value(&self.filters[signal as usize], item)),
             DeviceParameter::SensorAtCode0 => exact(from_fixed(self.converters(&self.device.view()).adc_zero, MICROMETRE_FRACTION_BITS)),
             // All codes of um with 40 fraction bits: um with 24; likewise V with 38 and 22.
             DeviceParameter::SensorSpan => exact(from_wide((c.adc_step << c.adc_bits) >> 16, MICROMETRE_FRACTION_BITS)),

@@ -77,6 +77,7 @@ impl<D: Device + 'static> Session<D> {
         ("WGC?", "[<generator>] get the number of cycles", Self::cycles),
         ("WGO", "<generator> <0|1> stop or start the wave generator", Self::generate),
         ("WGO?", "[<generator>] get whether the wave generator runs", Self::generates),
+        ("WPA", "<100> keep the settings from the next start on", Self::keep_settings),
         ("WSL", "<generator> <table> select a wave table, 0: none", Self::select_wave),
         ("WSL?", "[<generator>] get the selected wave table", Self::selected_wave),
         ("WTR", "<generator> <ticks> <interpolation> set the time of a point", Self::set_wave_rate),

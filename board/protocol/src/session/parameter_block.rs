@@ -56,7 +56,12 @@ impl<D: Device + 'static> Session<D> {
         self.say(format_args!("DRIVE={lowest} {highest} V"))?;
         self.say(format_args!("REST={rest} V"))?;
         self.say(format_args!("SLEW={} V/s", envelope.slew_limit_v_s))?;
-        self.say(format_args!("CURRENT={} uA {} nF", envelope.current_ua, envelope.capacitance_nf))
+        self.say(format_args!("CURRENT={} uA {} nF", envelope.current_ua, envelope.capacitance_nf))?;
+        self.say(format_args!("READ_BACK={}", u8::from(envelope.drive_reads_back)))?;
+        match envelope.monitor_span_uv {
+            0 => self.say(format_args!("MONITOR=NONE")),
+            _ => self.say(format_args!("MONITOR={} mV {} us", envelope.monitor_tolerance_mv, envelope.monitor_lag_us)),
+        }
     }
 
     /// A line of the log of faults, the last one first.

@@ -10,6 +10,7 @@ mod on_chip_converters;
 mod option_bytes;
 #[cfg(not(feature = "on-chip-converters"))]
 mod spi_converters;
+mod voltage_monitor;
 
 use cortex_m::peripheral::SCB;
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
@@ -54,6 +55,7 @@ impl Platform for NucleoH743zi {
     const SERIAL_INTERRUPT: Interrupt = Interrupt::USART3;
     /// SETTINGS of `memory.x`.
     const BLOCKS: [(&'static str, u32); 2] = [("A", 0x081C_0000), ("B", 0x081E_0000)];
+    const KEPT_SETTINGS: u32 = 0x0816_0000;
     const ENVELOPE: u32 = 0x0818_0000;
     const SECTOR_BYTES: u32 = 128 * 1024;
     const SPARE_SECTOR: u32 = 0x081A_0000;

@@ -20,6 +20,7 @@ use embassy_stm32::pac::{ADC1, ADC12_COMMON, DAC1, GPIOA, RCC};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
+use super::voltage_monitor;
 use crate::board::triggered_converters;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
@@ -36,6 +37,7 @@ const CYCLES_PER_US: u32 = 400;
 pub struct OnChipConverters {
     /// From a drive's code to the converter's own.
     shift: u8,
+    has_monitor: bool,
 }
 
 /// Reads each enable back: a clock runs two cycles after its bit is set, and what is written before is lost
@@ -67,11 +69,14 @@ impl FrontEnd for OnChipConverters {
         bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac
     }
 
-    fn new(bits: CodeBits, _: Wiring) -> Self {
-        Self { shift: Self::BITS.dac.saturating_sub(bits.dac) }
+    fn new(bits: CodeBits, wiring: Wiring) -> Self {
+        Self { shift: Self::BITS.dac.saturating_sub(bits.dac), has_monitor: wiring.has_monitor }
     }
 
     fn start(&mut self, rest_code: Option<DriveCode>) {
+        if self.has_monitor {
+            voltage_monitor::start();
+        }
         enable_clocks();
         for pin in [3, 4] {
             GPIOA.moder().modify(|w| w.set_moder(pin, Moder::ANALOG));
@@ -128,6 +133,11 @@ impl FrontEnd for OnChipConverters {
     /// It has the part's own supply.
     fn renew(&mut self) -> bool {
         true
+    }
+
+    #[inline(always)]
+    fn monitor(&mut self) -> Option<u16> {
+        if self.has_monitor { voltage_monitor::read() } else { None }
     }
 
     fn force(&mut self, code: DriveCode) {

@@ -6,6 +6,7 @@
 //! | sensor SCK, SDO | PA5, PA6 (SPI1, frames of the block's bits, 32 MHz) | read by the control interrupt |
 //! | sensor CNV | PA0 (TIM2_CH1) | rises at the edge: the sample is taken there; low before the read |
 //! | drive SCK, SDIN, SYNC | PC10, PC12, PC9 (SPI3, 24-bit frames, 32 MHz) | the interrupt writes it |
+//! | drive SDO | PC11 (SPI3) | where the envelope has it wired; frames at 16 MHz (AD5791, table 3) |
 //! | drive LDAC | PB10 (TIM2_CH3) | falls at the edge: the code written before acts there |
 //!
 //! The DAC leaves power-up, and its RESET pin (wired to NRST), with its output clamped to ground and an empty
@@ -13,6 +14,10 @@
 //! the rest code reaches the register when its frame ends, and removes the clamp only then; without a rest
 //! code the clamp stays. The sample clock gets LDAC afterwards. SYNC stays high for [`SYNC_HIGH_CYCLES`]
 //! between frames.
+//!
+//! # Read back
+//! A frame that asks for the register goes out while the sensor's word comes in; the next frame, which
+//! writes the new code, brings the register's content. It must be the code that was written before.
 
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
@@ -22,12 +27,17 @@ use embassy_stm32::pac::{GPIOA, GPIOB, GPIOC, RCC, SPI1, SPI3};
 
 use hysteron_core::codes::{DriveCode, SensorCode};
 
+use super::voltage_monitor;
 use crate::front_end::{CodeBits, FrontEnd, Wiring};
 
 /// Polls of a flag before a converter counts as silent: about ten frames.
 const MOST_POLLS: u32 = 400;
 /// AD5791: write to the DAC register.
 const WRITE_DAC: u32 = 0x1 << 20;
+/// AD5791: the next frame brings the DAC register.
+const READ_DAC: u32 = 0x9 << 20;
+/// The code in a frame.
+const CODE_MASK: u32 = 0xF_FFFF;
 /// AD5791: write to the control register, offset binary, output on, clamp off, amplifier of the reference
 /// off.
 const WRITE_CONTROL: u32 = (0x2 << 20) | (1 << 4) | (1 << 1);
@@ -55,6 +65,15 @@ pub struct SpiConverters {
     sign: u32,
     /// What the control register is set to.
     control: u32,
+    /// The drive's SDO is wired.
+    reads_back: bool,
+    /// The frame before this one asked for the register.
+    asked: bool,
+    /// What the register was given last.
+    written: Option<u32>,
+    /// The register held it.
+    holds: bool,
+    has_monitor: bool,
 }
 
 /// The control register for references that are so far apart.
@@ -69,12 +88,12 @@ fn alternate(port: Gpio, pin: usize, function: u8) {
     port.moder().modify(|w| w.set_moder(pin, Moder::ALTERNATE));
 }
 
-fn start_interface(spi: Spi, frame_bits: u8, duplex: Comm, phase: Cpha) {
+fn start_interface(spi: Spi, frame_bits: u8, duplex: Comm, phase: Cpha, divider: Mbr) {
     spi.cr1().write(|w| w.set_ssi(true));
     spi.cfg1().write(|w| {
         w.set_dsize(frame_bits - 1);
         w.set_fthlv(Fthlv::ONE_FRAME);
-        w.set_mbr(Mbr::DIV2);
+        w.set_mbr(divider);
         w.set_crcsize(7);
     });
     spi.cfg2().write(|w| {
@@ -114,21 +133,36 @@ fn hold_lines() {
 }
 
 /// The drive's interface as after a reset, whatever it was doing.
-fn begin_drive_interface() {
+fn begin_drive_interface(reads_back: bool) {
     RCC.apb1lrstr().modify(|w| w.set_spi3rst(true));
     RCC.apb1lrstr().modify(|w| w.set_spi3rst(false));
     let _ = RCC.apb1lrstr().read();
     for pin in [10, 12] {
         alternate(GPIOC, pin, 6);
     }
-    start_interface(SPI3, 24, Comm::TRANSMITTER, Cpha::SECOND_EDGE);
+    if reads_back {
+        alternate(GPIOC, 11, 6);
+        start_interface(SPI3, 24, Comm::FULL_DUPLEX, Cpha::SECOND_EDGE, Mbr::DIV4);
+    } else {
+        start_interface(SPI3, 24, Comm::TRANSMITTER, Cpha::SECOND_EDGE, Mbr::DIV2);
+    }
 }
 
 /// One frame to the DAC, framed by SYNC; whether it has gone.
 #[inline(always)]
 fn send_to_dac(word: u32) -> bool {
+    begin_frame(word);
+    end_frame()
+}
+
+#[inline(always)]
+fn begin_frame(word: u32) {
     GPIOC.bsrr().write(|w| w.0 = SYNC_LOW);
     SPI3.txdr32().write_value(word);
+}
+
+#[inline(always)]
+fn end_frame() -> bool {
     let mut polls = 0;
     while !SPI3.sr().read().txc() {
         polls += 1;
@@ -142,51 +176,23 @@ fn send_to_dac(word: u32) -> bool {
 }
 
 impl SpiConverters {
-    /// The word that has come; the interface gives a longer one by its whole register only.
+    /// Sends a frame; what comes with it is the register, if the frame before asked for that.
     #[inline(always)]
-    fn take_word(&self) -> u32 {
-        if self.adc_bits > 16 { SPI1.rxdr32().read() } else { SPI1.rxdr16().read().into() }
-    }
-}
-
-impl FrontEnd for SpiConverters {
-    const NAME: &'static str = "SPI, AD4000 and AD5791 families";
-    const BITS: CodeBits = CodeBits { adc: 16, dac: 20 };
-    const INTERRUPT_AFTER_NS: u32 = 1_000;
-
-    fn has(bits: CodeBits) -> bool {
-        matches!(bits.adc, 16 | 18 | 20) && bits.dac <= Self::BITS.dac
-    }
-
-    fn new(bits: CodeBits, wiring: Wiring) -> Self {
-        Self {
-            adc_bits: bits.adc,
-            shift: Self::BITS.dac.saturating_sub(bits.dac),
-            sign: if wiring.sensor_is_signed { 1 << (bits.adc - 1) } else { 0 },
-            control: control_word(wiring.reference_span_mv),
+    fn send(&mut self, word: u32) -> bool {
+        let sent = send_to_dac(word);
+        if self.reads_back {
+            let register = SPI3.rxdr32().read() & CODE_MASK;
+            if self.asked {
+                self.asked = false;
+                self.holds = self.written.is_none_or(|written| written == register);
+            }
         }
+        sent
     }
 
-    fn start(&mut self, rest_code: Option<DriveCode>) {
-        enable_clocks();
-        hold_lines();
-        begin_drive_interface();
-        if let Some(rest_code) = rest_code {
-            self.write(rest_code);
-            cortex_m::asm::delay(SYNC_HIGH_CYCLES);
-            send_to_dac(self.control);
-            cortex_m::asm::delay(SYNC_HIGH_CYCLES);
-        }
-        alternate(GPIOB, 10, 1);
-        alternate(GPIOA, 0, 1);
-        for pin in [5, 6] {
-            alternate(GPIOA, pin, 5);
-        }
-        start_interface(SPI1, self.adc_bits, Comm::FULL_DUPLEX, Cpha::FIRST_EDGE);
-    }
-
+    /// The sensor's code.
     #[inline(always)]
-    fn read(&mut self) -> Option<SensorCode> {
+    fn sensor(&mut self) -> Option<SensorCode> {
         // A word that came too late for its tick is not this tick's, and would make every later reading a
         // period old.
         let mut late = 0;
@@ -210,20 +216,99 @@ impl FrontEnd for SpiConverters {
         Some(SensorCode::new(self.take_word() ^ self.sign))
     }
 
+    /// The word that has come; the interface gives a longer one by its whole register only.
+    #[inline(always)]
+    fn take_word(&self) -> u32 {
+        if self.adc_bits > 16 { SPI1.rxdr32().read() } else { SPI1.rxdr16().read().into() }
+    }
+}
+
+impl FrontEnd for SpiConverters {
+    const NAME: &'static str = "SPI, AD4000 and AD5791 families";
+    const BITS: CodeBits = CodeBits { adc: 16, dac: 20 };
+    const INTERRUPT_AFTER_NS: u32 = 1_000;
+
+    fn has(bits: CodeBits) -> bool {
+        matches!(bits.adc, 16 | 18 | 20) && bits.dac <= Self::BITS.dac
+    }
+
+    fn new(bits: CodeBits, wiring: Wiring) -> Self {
+        Self {
+            adc_bits: bits.adc,
+            shift: Self::BITS.dac.saturating_sub(bits.dac),
+            sign: if wiring.sensor_is_signed { 1 << (bits.adc - 1) } else { 0 },
+            control: control_word(wiring.reference_span_mv),
+            reads_back: wiring.drive_reads_back,
+            asked: false,
+            written: None,
+            holds: true,
+            has_monitor: wiring.has_monitor,
+        }
+    }
+
+    fn start(&mut self, rest_code: Option<DriveCode>) {
+        if self.has_monitor {
+            voltage_monitor::start();
+        }
+        enable_clocks();
+        hold_lines();
+        begin_drive_interface(self.reads_back);
+        if let Some(rest_code) = rest_code {
+            self.write(rest_code);
+            cortex_m::asm::delay(SYNC_HIGH_CYCLES);
+            self.send(self.control);
+            cortex_m::asm::delay(SYNC_HIGH_CYCLES);
+        }
+        alternate(GPIOB, 10, 1);
+        alternate(GPIOA, 0, 1);
+        for pin in [5, 6] {
+            alternate(GPIOA, pin, 5);
+        }
+        start_interface(SPI1, self.adc_bits, Comm::FULL_DUPLEX, Cpha::FIRST_EDGE, Mbr::DIV2);
+    }
+
+    #[inline(always)]
+    fn read(&mut self) -> Option<SensorCode> {
+        let asks = self.reads_back && self.written.is_some();
+        if asks {
+            begin_frame(READ_DAC);
+        }
+        let reading = self.sensor();
+        if asks {
+            self.asked = end_frame();
+            let _ = SPI3.rxdr32().read();
+        }
+        reading
+    }
+
     #[inline(always)]
     fn write(&mut self, code: DriveCode) -> bool {
-        send_to_dac(WRITE_DAC | code.steps() << self.shift)
+        let register = code.steps() << self.shift;
+        let sent = self.send(WRITE_DAC | register);
+        self.written = Some(register);
+        sent
     }
 
     #[inline(always)]
     fn renew(&mut self) -> bool {
-        send_to_dac(self.control)
+        self.send(self.control)
+    }
+
+    #[inline(always)]
+    fn monitor(&mut self) -> Option<u16> {
+        if self.has_monitor { voltage_monitor::read() } else { None }
+    }
+
+    #[inline(always)]
+    fn holds(&self) -> bool {
+        self.holds
     }
 
     fn force(&mut self, code: DriveCode) {
         enable_clocks();
         hold_lines();
-        begin_drive_interface();
+        begin_drive_interface(false);
+        self.reads_back = false;
         self.write(code);
         cortex_m::asm::delay(SYNC_HIGH_CYCLES);
     }

@@ -35,6 +35,22 @@ struct EnvelopeFile {
     healthy_s: f64,
     capacitance_uf: f64,
     current_ma: f64,
+    /// The drive's SDO is wired.
+    #[serde(default)]
+    drive_reads_back: bool,
+    /// The amplifier's voltage monitor, where it is wired.
+    monitor: Option<MonitorFile>,
+}
+
+/// How the amplifier's voltage monitor is wired.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MonitorFile {
+    drive_at_lowest_code_v: f64,
+    drive_beyond_highest_code_v: f64,
+    tolerance_v: f64,
+    /// Longest time constant of amplifier and monitor together.
+    lag_s: f64,
 }
 
 impl EnvelopeFile {
@@ -47,6 +63,7 @@ impl EnvelopeFile {
         let lowest = code((share(self.drive_min_v) - 1e-6).ceil());
         let mut name = [0u8; 16];
         name.iter_mut().zip(self.name.bytes()).for_each(|(to, from)| *to = from);
+        let monitor = |of: fn(&MonitorFile) -> f64| self.monitor.as_ref().map_or(0.0, |monitor| of(monitor).round());
         let milliseconds = |seconds: f64| (seconds * 1e3).round() as u16;
         SafetyEnvelope {
             name,
@@ -67,6 +84,11 @@ impl EnvelopeFile {
             healthy_ms: milliseconds(self.healthy_s),
             capacitance_nf: (self.capacitance_uf * 1e3).round() as u32,
             current_ua: (self.current_ma * 1e3).round() as u32,
+            drive_reads_back: self.drive_reads_back,
+            monitor_at_code_0_uv: monitor(|m| m.drive_at_lowest_code_v * 1e6) as i32,
+            monitor_span_uv: monitor(|m| (m.drive_beyond_highest_code_v - m.drive_at_lowest_code_v) * 1e6) as u32,
+            monitor_tolerance_mv: monitor(|m| m.tolerance_v * 1e3) as u16,
+            monitor_lag_us: monitor(|m| m.lag_s * 1e6) as u32,
         }
     }
 }
@@ -101,6 +123,15 @@ pub fn envelope(file: &Path, checksum: Option<&str>, line: &LineArguments) -> Re
         envelope.slew_limit_v_s,
         1e-3 * f64::from(envelope.current_ua),
         1e-3 * f64::from(envelope.capacitance_nf)
+    );
+    println!(
+        "  register of the drive's converter {}, output of the amplifier {}",
+        if envelope.drive_reads_back { "read back" } else { "not read back" },
+        if envelope.monitor_span_uv > 0 {
+            format!("watched to {:.3} V", 1e-3 * f64::from(envelope.monitor_tolerance_mv))
+        } else {
+            "not watched".into()
+        }
     );
     println!("  checksum {name}");
     match checksum {
@@ -150,5 +181,22 @@ mod tests {
         let wrong = |from: &str, to: &str| bytes_of(&FILE.replace(from, to), Path::new("bench.toml")).is_err();
         assert!(wrong("drive_bits = 20", "drive_bits = 30") && wrong("drive_max_v = 20.0", "drive_max_v = -5.0"));
         assert!(wrong("current_ma = 20.0", "current_ma = 0.0") && wrong("rest_v", "rset_v"));
+        assert_eq!((envelope.drive_reads_back, envelope.monitor_span_uv), (false, 0), "nothing is watched unless the file has it");
+    }
+
+    #[test]
+    fn a_monitor_must_see_the_whole_drive_and_a_dead_amplifier() {
+        let with = |lowest_v: f64, tolerance_v: f64| {
+            let monitor = format!(
+                "drive_reads_back = true\n[monitor]\ndrive_at_lowest_code_v = {lowest_v}\ndrive_beyond_highest_code_v = 150.0\ntolerance_v = {tolerance_v}\nlag_s = 0.002\n"
+            );
+            bytes_of(&format!("{FILE}{monitor}"), Path::new("bench.toml"))
+        };
+        let (envelope, _) = with(-30.0, 0.5).expect("an envelope");
+        assert!(envelope.drive_reads_back);
+        assert_eq!((envelope.monitor_at_code_0_uv, envelope.monitor_span_uv), (-30_000_000, 180_000_000));
+        assert_eq!((envelope.monitor_tolerance_mv, envelope.monitor_lag_us), (500, 2_000));
+        assert!(with(0.0, 0.5).is_err(), "0 V would be an open cable");
+        assert!(with(-30.0, 1.5).is_err(), "the step of the self-test would not show a dead amplifier");
     }
 }

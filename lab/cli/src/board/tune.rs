@@ -11,7 +11,7 @@ use hysteron::model_file::effects_named;
 use hysteron::servo::amplifier_block::{FrontEnd, amplifier_parameters, block, wiring_parameters};
 use hysteron::servo::commands::{self, CheckResult};
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::order::{self, Order};
+use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::words;
 use hysteron::statistics::{extremes, mean};
 use hysteron::synthetic::drives::board_drives;
@@ -212,12 +212,13 @@ fn design(desk: &Desk, recording: &Path, front_end: &FrontEnd, wanted: &TuneRequ
     println!("{}", found.diagnosis.sentence);
     let noise_um = found.floor.rms_um.ok_or_else(|| Error::new("recording", "shows no noise of the sensor"))?;
     let TuneRequest { reference_hz, sensor_bandwidth_hz } = *wanted;
-    let order = Order { reference_hz, sensor_bandwidth_hz, recording: Some(&dataset), front_end: Some(front_end), ..Order::default() };
+    let order =
+        DesignOrder { reference_hz, sensor_bandwidth_hz, recording: Some(&dataset), front_end: Some(front_end), ..DesignOrder::default() };
     let design = order::design(&found.model, &order).map_err(|problem| Error::new("design", problem))?;
     for line in &design.explanation {
         println!("  {line}");
     }
-    let check = commands::check(&design, &found.model).map_err(|problem| Error::new("check", problem))?;
+    let check = commands::check_with(&design, &found.model, Some(&dataset)).map_err(|problem| Error::new("check", problem))?;
     let block = block(&amplifier_parameters(&design, front_end)?)?;
     let (lowest_um, highest_um) = dataset
         .records
@@ -330,7 +331,7 @@ fn plots(name: &str, followed: &Followed) -> [PageBlock; 2] {
             Plot::new(name)
                 .x_axis("time", "s")
                 .y_axis("position", "um")
-                .with(Series::line("reference", CurveRole::Drive, time.clone(), followed.reference_um.clone()))
+                .with(Series::line("reference", CurveRole::Reference, time.clone(), followed.reference_um.clone()))
                 .with(Series::line("sensor", CurveRole::Measured, time.clone(), followed.position_um.clone())),
         ),
         PageBlock::Plot(Plot::new(format!("{name}: error")).x_axis("time", "s").y_axis("error", "nm").with(Series::line(
@@ -358,7 +359,7 @@ fn page(designed: &Designed, on_reference: &Followed, on_sine: &Followed, verdic
         Section {
             heading: "Why this servo".into(),
             text: design.explanation.join("\n\n"),
-            blocks: vec![PageBlock::Plot(trade_off(&design.trade_off))],
+            blocks: vec![PageBlock::Plot(trade_off(design))],
         },
         Section {
             heading: "The loop, checked on the model".into(),

@@ -15,7 +15,7 @@ pub fn upload(block: &Path, swap: bool, line: &LineArguments) -> Result<bool> {
     let mut board = line.connect()?;
     if swap {
         hysteron_client::upload::swap(&mut board, &bytes).map_err(of_board)?;
-        println!("{} runs now; it is not kept: a restart takes the block in the flash", block.display());
+        println!("{} runs until the next restart, which takes the block in the flash", block.display());
         return Ok(true);
     }
     hysteron_client::upload::upload(&mut board, &bytes, line.baud()).map_err(of_board)?;

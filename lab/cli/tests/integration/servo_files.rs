@@ -43,7 +43,13 @@ fn a_servo_is_judged_on_the_model_that_is_named() {
     let margins = |text: &str| text.lines().find(|l| l.contains("gain margin")).map(str::to_owned);
     assert!(margins(&own).is_some() && margins(&own) != margins(&other), "{own}\n{other}");
 
-    done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
+    let followed = done(&["track", "m.toml", "s.toml", "--reference", "sine:50:3"], folder);
+    // What a file is stands in it, so their order does not matter.
+    assert_eq!(followed, done(&["track", "s.toml", "m.toml", "--reference", "sine:50:3"], folder));
+    for files in [["m.toml", "s.toml"], ["s.toml", "m.toml"]] {
+        assert_eq!(own.lines().next(), done(&["check", files[0], files[1]], folder).lines().next());
+    }
+    says(&["check", "s.toml"], folder, "check MODEL SERVO");
     says(&["track", "weak.toml", "s.toml", "--reference", "sine:50:3"], folder, "the drive reaches 0 to");
     says(&["track", "m.toml", "s.toml", "--reference", "sine:1e-9:3"], folder, "at least 0.01 Hz");
 
@@ -245,4 +251,95 @@ fn an_unstable_loop_is_told_with_the_criterion_that_it_breaks() {
     assert_eq!(output.status.code(), Some(1), "{said}");
     let eigenvalue = said.lines().next().and_then(|line| line.split("the largest eigenvalue with the mean gain is ").nth(1));
     assert!(eigenvalue.and_then(|v| v.parse::<f64>().ok()).is_some_and(|v| v >= 1.0), "{said}");
+}
+
+/// The number behind a word in a text.
+fn behind(text: &str, word: &str) -> f64 {
+    numbers(text.split(word).nth(1).unwrap_or_else(|| panic!("{word} in {text}")))[0]
+}
+
+/// What a servo does on other plants than its model, on references that do not repeat, and what it takes.
+#[test]
+fn a_servo_prints_a_band_over_plants_and_the_worst() {
+    let folder = folder();
+    let folder = folder.path();
+    let track = |more: &[&str]| done(&[&["track", "m.toml", "s.toml"], more].concat(), folder);
+
+    let sine = track(&["--reference", "sine:150:3", "--json", "t.json", "--report", "t.html", "--capacitance-uf", "3"]);
+    let text = std::fs::read_to_string(folder.join("t.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let members = figures["band"]["members"].as_array().unwrap();
+    let named = |name: &str| members.iter().find(|m| m["plant"].as_str() == Some(name)).unwrap_or_else(|| panic!("{name}: {text}"));
+    let rms_um = |member: &serde_json::Value| member["true"]["rms_um"].as_f64().unwrap();
+    let nominal = rms_um(named("the model itself"));
+    assert_eq!(nominal, figures["true"]["rms_um"].as_f64().unwrap());
+    // A gain that is off and a mode elsewhere let more of a fast reference through than the model.
+    for plant in ["gain 20 % lower", "gain 20 % higher", "first mode 5 % lower and 40 % less damped"] {
+        assert!(rms_um(named(plant)) > 1.2 * nominal, "{plant}: {sine}");
+    }
+    assert!(members.iter().any(|m| m["plant"].as_str().unwrap().starts_with("draw 6 of 6")), "{text}");
+    let worst = members.iter().max_by(|a, b| rms_um(a).total_cmp(&rms_um(b))).unwrap();
+    assert!(sine.contains(&format!("worst   {}", worst["plant"].as_str().unwrap())), "{sine}");
+    // The readings hold the noise that the true position has in part only.
+    let [as_read, noise] = [&figures["as_read"]["rms_um"], &figures["noise_um"]].map(|v| v.as_f64().unwrap());
+    assert!(as_read > nominal.max(noise), "{sine}");
+    // 3 uF at a slope of 2 pi 150 Hz x 3 um / 0.156 um/V take 54 mA in the RMS of a sine over sqrt 2.
+    assert!(behind(&sine, "current") > 30.0, "{sine}");
+    let page = std::fs::read_to_string(folder.join("t.html")).unwrap();
+    for part in ["The last two periods", "Spectrum of the error", "A step", "On other plants", "Current into the actuator"] {
+        assert!(page.contains(part), "{part}");
+    }
+
+    let step = track(&["--reference", "step:0.5:4"]);
+    let settling_ms = behind(&step, "settles to 2 % in");
+    assert!(settling_ms > 0.05 && settling_ms < 20.0, "{step}");
+    let random = track(&["--reference", "random:50:2:4:7"]);
+    assert!(behind(&random, "true    RMS") < 50.0, "{random}");
+    says(&["track", "m.toml", "s.toml", "--reference", "step:0"], folder, "a step of zero");
+    says(&["track", "m.toml", "s.toml", "--reference", "step:1", "--capacitance-uf=-1"], folder, "expected above 0");
+}
+
+/// The default keeps the usual margins where they are cheap; `check` judges with the plants of `design`.
+#[test]
+fn a_design_keeps_the_usual_margins_and_check_has_its_plants() {
+    let folder = folder();
+    let folder = folder.path();
+    let example = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../examples/hidden_effect");
+    let example = example.to_string_lossy();
+    let usual = done(&["design", "m.toml", "--data", &example, "--out", "usual.toml"], folder);
+    let fast = done(&["design", "m.toml", "--data", &example, "--sensitivity-peak", "2.5", "--out", "fast.toml"], folder);
+    let expected = |said: &str| behind(said, "smallest expected error,");
+    assert!(expected(&fast) < expected(&usual) && expected(&usual) < 4.0 / 3.0 * expected(&fast), "{usual}{fast}");
+    assert!(usual.contains("With smaller margins the expected error is") && !fast.contains("With smaller margins"), "{usual}{fast}");
+    for (servo, keeps) in [("usual.toml", true), ("fast.toml", false)] {
+        let checked = done(&["check", servo, "--model", "m.toml", "--data", &example], folder);
+        let margins = [behind(&checked, "gain margin"), behind(&checked, "phase margin"), -behind(&checked, "peak sensitivity")];
+        let kept = margins.iter().zip([8.0, 35.0, -1.8]).all(|(margin, least)| *margin > least - 0.01);
+        assert_eq!(kept, keeps, "{checked}");
+        assert!(
+            checked.contains("  holds for the ") && checked.contains("unstable beyond gain x ") && checked.contains(" dB), mass x "),
+            "{checked}"
+        );
+        // Without the recording a mode is reckoned with that it excludes.
+        let blind = done(&["check", servo, "--model", "m.toml"], folder);
+        let refused = blind.lines().find(|line| line.contains("does not hold for the")).unwrap_or_else(|| panic!("{blind}"));
+        assert!(refused.contains("without --data"), "{blind}");
+    }
+    says(&["check", "usual.toml", "--model", "weak.toml", "--data", &example], folder, "is not of the stage that this model describes");
+}
+
+#[test]
+fn every_scheme_has_a_sentence_in_the_help() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in ["check", "track"] {
+        let help = done(&[command, "--help"], folder.path());
+        for (name, what) in hysteron::servo::commands::SCHEMES {
+            let begins = what.split_whitespace().take(3).collect::<Vec<_>>().join(" ");
+            assert!(
+                help.contains(&format!("- {name}:")) && help.split_whitespace().collect::<Vec<_>>().join(" ").contains(&begins),
+                "{name}: {help}"
+            );
+        }
+    }
+    says(&["track", "m.toml", "s.toml", "--reference", "step:1", "--scheme", "lqg"], folder.path(), "predictor");
 }

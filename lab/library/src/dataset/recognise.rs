@@ -135,11 +135,11 @@ impl Choice<'_> {
         let Some(wanted) = wanted else { return Ok(None) };
         let at = self.place_of(wanted, &format!("--columns or [record.columns] {key}"))?;
         if self.auxiliary.contains(&at) {
-            return Err(self.wrong(format!("{} is said to be both {key} and auxiliary", self.column(at).called())));
+            return Err(self.wrong(format!("{} is specified as {key} and as auxiliary; expected one of them", self.column(at).called())));
         }
         if let Some(other) = self.found.iter().position(|found| found.is_some_and(|f| f.at == at)) {
             let other = Quantity::ALL[other].key();
-            return Err(self.wrong(format!("{} is said to be both {other} and {key}", self.column(at).called())));
+            return Err(self.wrong(format!("{} is specified as {other} and as {key}; expected one of them", self.column(at).called())));
         }
         Ok(Some(Found { at, how: How::Said }))
     }

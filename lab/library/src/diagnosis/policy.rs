@@ -1,7 +1,20 @@
 //! Every threshold of the decision, with the reason for its value.
 
+use crate::error::{Error, Result, line_of};
+use serde::Deserialize;
+
 /// When a search goes on, when an effect is admitted, when two explanations are distinguished.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// ```
+/// use hysteron::Policy;
+///
+/// let strict = Policy::from_toml("family_wise = 0.01", "policy.toml")?;
+/// assert_eq!(strict, Policy { family_wise: 0.01, ..Policy::default() });
+/// assert!(Policy::from_toml("family_wize = 0.01", "policy.toml").is_err());
+/// # Ok::<(), hysteron::Error>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Policy {
     /// Samples of the fitted records that are simulated while searching, at most: every set of effects
     /// simulates them some thirty times. Longer records are searched on their beginnings and fitted whole at
@@ -69,8 +82,8 @@ pub struct Policy {
     pub closures_max: usize,
     /// Others that are fitted in the place of an effect, at most.
     pub rivals: usize,
-    /// What takes the place of an effect has a signature at least this similar to that of the effect. The search
-    /// itself finds what acts in another way.
+    /// What takes the place of an effect has a signature at least this similar to that of the effect. The
+    /// search itself finds what acts in another way.
     pub rival_similarity: f64,
     /// Initial guesses from which the most promising effects are begun.
     pub guesses: usize,
@@ -177,5 +190,15 @@ impl Default for Policy {
             alike: 0.9,
             rival: 0.5,
         }
+    }
+}
+
+impl Policy {
+    /// Thresholds as TOML; a key that is left out keeps its value. `file_name` is for messages.
+    ///
+    /// # Errors
+    /// A key that is no threshold, or a value of another kind, with its line.
+    pub fn from_toml(text: &str, file_name: &str) -> Result<Self> {
+        toml::from_str(text).map_err(|e| Error::new(format!("{file_name}: line {}", line_of(text, e.span())), e.message()))
     }
 }

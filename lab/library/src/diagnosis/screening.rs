@@ -16,15 +16,16 @@
 //! projections, products with the residual and random signs are products of matrices. The same products say
 //! what two candidates would explain together ([`Screening::together`]).
 //!
-//! The null distribution ([`ScreeningEvidence`]) comes from the data: under no effect the sign of each block of the
-//! residual is a toss-up, so the products of residual and signature, summed by blocks, are given random signs
-//! and the best start of each candidate is taken again. That accounts for coloured residuals and for having
-//! looked at many starts; what the fit took out of the residual in each block is given back first (its
-//! leverage), or noise would look smaller than it is. Over all candidates the same sign patterns give the
-//! distribution of the least p-value of any candidate under no effect; p-values are adjusted by it, stepping
-//! down (Westfall and Young, Resampling-Based Multiple Testing, 1993, Algorithm 2.8). Where nothing is
-//! missing, anything is called significant in one of twenty data sets, however alike the candidates are: the
-//! false discovery rate is controlled with it, and no power is lost to a bound that ignores their likeness.
+//! The null distribution ([`ScreeningEvidence`]) comes from the data: under no effect the sign of each
+//! block of the residual is a toss-up, so the products of residual and signature, summed by blocks, are
+//! given random signs and the best start of each candidate is taken again. That accounts for coloured
+//! residuals and for having looked at many starts; what the fit took out of the residual in each block is
+//! given back first (its leverage), or noise would look smaller than it is. Over all candidates the same
+//! sign patterns give the distribution of the least p-value of any candidate under no effect; p-values are
+//! adjusted by it, stepping down (Westfall and Young, Resampling-Based Multiple Testing, 1993, Algorithm
+//! 2.8). Where nothing is missing, anything is called significant in one of twenty data sets, however alike
+//! the candidates are: the false discovery rate is controlled with it, and no power is lost to a bound that
+//! ignores their likeness.
 
 use super::resonances::resonances;
 use crate::dataset::{Dataset, Record};
@@ -34,7 +35,7 @@ use crate::identification::fit::blocks;
 use crate::identification::linearisation::{
     Linearised, Rows, fill_left_out, free_parameters, left_in_window, linearise, normal_equations, walk_variations,
 };
-use crate::identification::own_part::{Samples, project_out, swinging, transposed_times};
+use crate::identification::nuisance_terms::{Samples, project_out, swinging, transposed_times};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Effect, FreeMotion, Overview, Resonance};

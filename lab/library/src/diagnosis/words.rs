@@ -5,6 +5,7 @@ use super::path::ModelChange;
 use super::study::Study;
 use crate::dataset::Dataset;
 use crate::dataset::reading_grid::rounding_noise;
+use crate::engineering::read_by_name;
 use crate::identification::identifiability::CannotIdentify;
 use crate::outcome::{ChangedValue, Diagnosis, Evidence, Finding, Standing, Verdict};
 use crate::quality::{self, Reason};
@@ -106,7 +107,10 @@ pub fn changed(values: &[ChangedValue]) -> String {
         if v.parameter == "scale" {
             format!("{} times {}", spoken(&v.effect), figure(v.to))
         } else {
-            format!("{} {} from {} to {}", spoken(&v.effect), spoken(&v.parameter), figure(v.from), figure(v.to))
+            let (name, unit, factor) = read_by_name(&v.effect, &v.parameter);
+            let effect = spoken(&v.effect);
+            let what = if effect == name { effect } else { format!("{effect} {name}") };
+            format!("{what} from {} to {} {unit}", figure(factor * v.from), figure(factor * v.to)).trim_end().to_owned()
         }
     };
     values.iter().map(one).collect::<Vec<_>>().join("; ")

@@ -2,16 +2,47 @@
 //! does.
 
 use super::model::SAMPLING_PERIOD_S;
-use hysteron_sim::chain::Model;
+use hysteron_sim::chain::{Drive, InitialState, Model};
 use hysteron_sim::closed_loop::Plant;
 use hysteron_sim::effect::{Place, Setting, Signals, Stage, sensor_bandwidth};
 
 /// Steps of the plant in a period.
 pub const SUBSTEPS: usize = 10;
 
+/// How the hysteresis of a plant differs from that of its chain, whatever effect makes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HysteresisChange {
+    /// Its gain over the chain's.
+    pub gain: f64,
+    /// By which share its loops are wider; the displacement at both ends of the drive stays.
+    pub wider: f64,
+}
+
+impl HysteresisChange {
+    /// As the chain has it.
+    pub const NONE: Self = Self { gain: 1.0, wider: 0.0 };
+}
+
+/// Samples of a drive over the range and back, from which the mean gain is taken.
+const RANGE_SAMPLES: usize = 400;
+
+/// Displacement over drive from end to end of the largest loop, um/V.
+fn end_to_end_um_v(chain: &Model) -> f64 {
+    let mut hysteresis = chain.clone();
+    hysteresis.effects.retain(|e| e.effect.declaration().place == Place::Hysteresis);
+    let (low, range) = (chain.drive_min_v, chain.drive_max_v - chain.drive_min_v);
+    let share = |k: usize| 1.0 - (1.0 - k as f64 / RANGE_SAMPLES as f64).abs();
+    let drive_v: Vec<f64> = (0..=2 * RANGE_SAMPLES).map(|k| low + range * share(k)).collect();
+    let y = hysteresis.simulate(&Drive::held(&drive_v, SAMPLING_PERIOD_S, InitialState::Virgin));
+    (y[RANGE_SAMPLES] - y[2 * RANGE_SAMPLES]) / range
+}
+
 /// The chain of a model as a plant under control.
 pub struct ChainPlant<'a> {
     stages: Vec<(bool, Box<dyn Stage + 'a>)>,
+    /// The stages that make the hysteresis, first and behind the last, with what is changed of it: gain,
+    /// width, and the straight line between its ends, um/V from the lowest drive.
+    hysteresis: Option<(std::ops::Range<usize>, HysteresisChange, f64, f64)>,
     /// The stage before which a force from outside acts.
     force_at: usize,
     interval: usize,
@@ -23,6 +54,12 @@ impl<'a> ChainPlant<'a> {
     /// At rest at the lowest drive, never driven beyond it.
     #[must_use]
     pub fn at_rest(chain: &Model, low_v: f64) -> Self {
+        Self::changed(chain, HysteresisChange::NONE, low_v)
+    }
+
+    /// The same with another hysteresis.
+    #[must_use]
+    pub fn changed(chain: &Model, change: HysteresisChange, low_v: f64) -> Self {
         let setting = Setting {
             dt_s: SAMPLING_PERIOD_S / SUBSTEPS as f64,
             substeps: SUBSTEPS,
@@ -36,8 +73,11 @@ impl<'a> ChainPlant<'a> {
             (place, (place >= Place::SensorNonlinearity, stage))
         });
         let (places, stages): (Vec<Place>, Vec<_>) = stages.unzip();
+        let of_hysteresis = places.partition_point(|p| *p < Place::Hysteresis)..places.partition_point(|p| *p <= Place::Hysteresis);
+        let is_changed = change != HysteresisChange::NONE && !of_hysteresis.is_empty();
+        let hysteresis = is_changed.then(|| (of_hysteresis, change, end_to_end_um_v(chain), low_v));
         let force_at = places.iter().position(|place| *place > Place::LoadForce).unwrap_or(places.len());
-        Self { stages, force_at, interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
+        Self { stages, hysteresis, force_at, interval: 0, displacement_um: 0.0, sensor_um: 0.0 }
     }
 }
 
@@ -60,12 +100,20 @@ impl Plant for ChainPlant<'_> {
     fn advance(&mut self, drive_v: f64, external_um: f64) {
         for _ in 0..SUBSTEPS {
             let mut signal = drive_v;
+            let mut into_hysteresis_v = drive_v;
             for (at, (of_sensor, stage)) in self.stages.iter_mut().enumerate() {
                 if at == self.force_at {
                     signal += external_um;
                     self.displacement_um = signal;
                 }
+                if self.hysteresis.as_ref().is_some_and(|(stages, ..)| stages.start == at) {
+                    into_hysteresis_v = signal;
+                }
                 signal = stage.step(self.interval, signal);
+                if let Some((_, change, line_um_v, low_v)) = self.hysteresis.as_ref().filter(|(stages, ..)| stages.end == at + 1) {
+                    let off_the_line_um = signal - line_um_v * (into_hysteresis_v - low_v);
+                    signal = change.gain * (signal + change.wider * off_the_line_um);
+                }
                 if !*of_sensor {
                     self.displacement_um = signal;
                 }
@@ -94,6 +142,35 @@ mod tests {
     use hysteron_sim::chain::EffectInstance;
     use hysteron_sim::effect::{Overview, by_id};
     use std::f64::consts::TAU;
+
+    /// The ends of the loop stay where its width changes, and the loop opens by as much.
+    #[test]
+    fn a_changed_hysteresis_has_its_gain_and_its_width() {
+        let overview = Overview::without_data(0.0, 100.0);
+        let mut chain = Model::new(0.0, 100.0);
+        chain.add(EffectInstance::new(by_id("hysteresis").unwrap(), &overview, &[9.0, 1.0, -2.0]));
+        // Up, down, and up to the middle: behind the loop over the whole range.
+        let drive_v = |k: usize| [0.0, 100.0, 50.0, 0.0, 50.0, 100.0][k];
+        let positions = |change: HysteresisChange| {
+            let mut plant = ChainPlant::changed(&chain, change, 0.0);
+            let mut at = Vec::new();
+            for k in 0..5 {
+                for share in 1..=200 {
+                    let share = f64::from(share) / 200.0;
+                    plant.advance(drive_v(k) + share * (drive_v(k + 1) - drive_v(k)), 0.0);
+                }
+                at.push(plant.displacement_um());
+            }
+            at
+        };
+        let of = |at: &[f64]| (at[0] - at[2], at[1] - at[3]);
+        let (travel, opening) = of(&positions(HysteresisChange::NONE));
+        let (wider_travel, wider_opening) = of(&positions(HysteresisChange { gain: 1.0, wider: 0.2 }));
+        assert!(opening > 0.01 * travel, "{opening} {travel}");
+        assert!((wider_travel / travel - 1.0).abs() < 1e-6 && (wider_opening / opening - 1.2).abs() < 1e-6);
+        let (stronger, _) = of(&positions(HysteresisChange { gain: 1.2, wider: 0.0 }));
+        assert!((stronger / travel - 1.2).abs() < 1e-6);
+    }
 
     /// A force moves the stage at rest by what it is given as, whatever stands behind it.
     #[test]

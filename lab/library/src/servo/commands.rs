@@ -8,41 +8,44 @@ use super::disturbance_observer;
 use super::from_rest::{Beginning, varied};
 use super::gain_adaptation::AdaptationDesign;
 use super::loop_margins::{Loop, LoopMargins};
+use super::members::{self, PlantBand};
 use super::model::{ActuatorModel, NominalModel, actuator_model, required_model};
-use super::order::{self, ASSUMED_NOISE_UM, Order};
-use super::plant_set::Variation;
+use super::order::{self, ASSUMED_NOISE_UM, DesignOrder, OnPlants, Reckoned};
+use super::plant_set::PlantVariation;
 use super::predictor::{Demands, PredictorDesign};
 use super::reference::Reference;
 use super::regulator_loop;
-use super::schemes::{self, AtWork, Choice};
+use super::schemes::{self, AtWork, SchemeChoice};
 use super::thesis_schemes::{PidGains, ReachingGains, SlidingModeLaw};
 use super::track::{Beside, Circumstances, TrackResult, track};
+use crate::dataset::Dataset;
 use crate::statistics::extremes;
 use hysteron_sim::chain::Model;
 use hysteron_sim::effect::vibration;
 use nalgebra::Complex;
 use serde::Serialize;
 
-/// Names of the schemes that `check --scheme` and `track --scheme` take besides the one of the design.
-pub const SCHEMES: [&str; 18] = [
-    "predictor",
-    "predictor-learning",
-    "predictor-adaptive",
-    "predictor-learning-adaptive",
-    "predictor-linear",
-    "disturbance-observer",
-    "disturbance-observer-inverse",
-    "pidsmoc",
-    "pidsmoc-linear",
-    "pidsmc-alpha-beta",
-    "pidsmc-alpha-beta-linear",
-    "smcbl",
-    "smcbl-linear",
-    "pid",
-    "feedforward",
-    "feedforward-without-creep",
-    "feedforward-pi",
-    "feedforward-pi-notch",
+/// The schemes that `check --scheme` and `track --scheme` take besides the one of the design, by name, with
+/// what each is.
+pub const SCHEMES: [(&str, &str); 18] = [
+    ("predictor", "Kalman observer one period ahead, hysteresis inverted: the default"),
+    ("predictor-learning", "predictor that learns the correction of a periodic reference"),
+    ("predictor-adaptive", "predictor that corrects the gain of its model slowly, within 20 %"),
+    ("predictor-learning-adaptive", "predictor with both, for a scan on a stage whose gain drifts"),
+    ("predictor-linear", "predictor without the inverse: all hysteresis is an unknown input"),
+    ("disturbance-observer", "nominal second-order model, everything else an observed disturbance"),
+    ("disturbance-observer-inverse", "disturbance observer behind the inverse of the hysteresis"),
+    ("pidsmoc", "the thesis' PID sliding-mode law on its sliding-mode observer (Ch. 7), hysteresis inverted"),
+    ("pidsmoc-linear", "the same without the inverse, as the thesis has it"),
+    ("pidsmc-alpha-beta", "the PID sliding-mode law on an alpha-beta filter (Ch. 6), hysteresis inverted"),
+    ("pidsmc-alpha-beta-linear", "the same without the inverse"),
+    ("smcbl", "sliding mode with a boundary layer (Ch. 6, Eq. 45), hysteresis inverted; a steady error stays"),
+    ("smcbl-linear", "the same without the inverse"),
+    ("pid", "PID on the error alone, no model"),
+    ("feedforward", "inverse of hysteresis, dynamics and creep, no feedback at all"),
+    ("feedforward-without-creep", "the same, creep not undone"),
+    ("feedforward-pi", "feedforward with a PI on the error"),
+    ("feedforward-pi-notch", "feedforward with a PI and a notch on the first mode"),
 ];
 
 /// Designs a servo for an identified chain without a recording behind it, so that an unknown mode is reckoned
@@ -51,8 +54,9 @@ pub const SCHEMES: [&str; 18] = [
 /// # Errors
 /// A message that says what the model lacks, or which demand cannot be met.
 pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
-    let Demands { reference_hz, sensor_noise_um, sensitivity_peak, .. } = *demands;
-    order::design(chain, &Order { reference_hz, sensor_noise_um: Some(sensor_noise_um), sensitivity_peak, ..Order::default() })
+    let Demands { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, .. } = *demands;
+    let sensor_noise_um = Some(sensor_noise_um);
+    order::design(chain, &DesignOrder { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, ..DesignOrder::default() })
 }
 
 /// Designs what was ordered and, where that is another scheme, a predictor for the same order; both follow
@@ -60,14 +64,14 @@ pub fn design(chain: &Model, demands: &Demands) -> Result<ServoDesign, String> {
 ///
 /// # Errors
 /// As [`order::design`]; the explanation reports a refused predictor.
-pub fn design_beside_predictor(chain: &Model, order: &Order<'_>) -> Result<(ServoDesign, Vec<AtWork>), String> {
+pub fn design_beside_predictor(chain: &Model, order: &DesignOrder<'_>) -> Result<(ServoDesign, Vec<AtWork>), String> {
     let mut design = order::design(chain, order)?;
-    if order.scheme == Choice::Predictor {
+    if order.scheme == SchemeChoice::Predictor {
         return Ok((design, Vec::new()));
     }
     let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
     let frequencies_hz: Vec<f64> = [1.0 / 15.0, 1.0 / 3.0, 1.0].iter().map(|share| share * order.reference_hz).collect();
-    let rows = match order::design(chain, &Order { scheme: Choice::Predictor, ..*order }) {
+    let rows = match order::design(chain, &DesignOrder { scheme: SchemeChoice::Predictor, ..*order }) {
         Ok(predictor) => {
             if let Scheme::Predictor { tuning, .. } = &predictor.scheme {
                 design.beside = Some(*tuning);
@@ -102,6 +106,10 @@ pub struct CheckResult {
     pub continuous: ContinuousConditions,
     /// Margins on the actuator that it was checked against.
     pub margins: Option<LoopMargins>,
+    /// Whether it holds for the plants that a design for this actuator has to hold for; empty where no linear
+    /// law closes the loop.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub on_plants: Option<OnPlants>,
     /// What it means, in sentences.
     pub remarks: Vec<String>,
 }
@@ -142,12 +150,22 @@ impl CheckResult {
     }
 }
 
-/// Checks a design against an actuator's chain.
+/// Checks a design against an actuator's chain, without a recording of it.
 ///
 /// # Errors
 /// A message that says what the model lacks.
 pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String> {
+    check_with(design, chain, None)
+}
+
+/// Checks a design against an actuator's chain and, with the recording behind it, for the plants that this
+/// leaves possible.
+///
+/// # Errors
+/// A message that says what the model lacks, or that the data are not those of the model.
+pub fn check_with(design: &ServoDesign, chain: &Model, recording: Option<&Dataset>) -> Result<CheckResult, String> {
     let model = required_model(chain)?;
+    let reckoned = Reckoned::with(chain, model.clone(), recording)?;
     let mut out = CheckResult {
         schema: "hysteron.check/1".into(),
         scheme: design.scheme_name().into(),
@@ -156,13 +174,14 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
         sampled_poles: Vec::new(),
         continuous: ContinuousConditions::default(),
         margins: None,
+        on_plants: None,
         remarks: Vec::new(),
     };
     let delay_s = order::known_delay_s(chain);
     let noise_um = design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM);
     // What both reach: a reference is given in um, whatever the servo's own model has as its reach.
     let travel_um = model.reach_um().min(design.model.reach_um());
-    let judged_with = (delay_s, Beginning { design, chain, travel_um, noise_um });
+    let judged_with = (&reckoned, delay_s, Beginning { design, chain, travel_um, noise_um });
     match &design.scheme {
         Scheme::Predictor { tuning, hysteresis_inverse } => {
             let ratio = gain_ratio(&design.model, &model, *hysteresis_inverse);
@@ -170,7 +189,7 @@ pub fn check(design: &ServoDesign, chain: &Model) -> Result<CheckResult, String>
             out.remarks.push("The loop is designed and checked in sampled time with the period of delay inside.".into());
             let law = PredictorDesign::new(&design.model.linear, tuning);
             if let Some(adaptation) = &design.adaptation {
-                let plant = Variation { delay_s, ..Variation::NONE }.sampled(&model.linear);
+                let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&model.linear);
                 let beliefs = ratio.iter().flat_map(|gain| adaptation.over_beliefs(*gain));
                 let worst = beliefs.map(|gain| law.spectral_radius(&plant, gain, 0)).fold(0.0, f64::max);
                 if worst.is_nan() || worst >= 1.0 {
@@ -321,14 +340,16 @@ pub fn gain_ratio(design: &ActuatorModel, actuator: &ActuatorModel, inverted: bo
 fn judge_law(
     law: &PredictorDesign,
     actuator: &ActuatorModel,
-    (delay_s, beginning): (f64, Beginning<'_>),
+    (reckoned, delay_s, beginning): (&Reckoned, f64, Beginning<'_>),
     ratio: [f64; 3],
     out: &mut CheckResult,
 ) {
-    let plant = Variation { delay_s, ..Variation::NONE }.sampled(&actuator.linear);
+    let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&actuator.linear);
     let poles: Vec<Complex<f64>> =
         law.closed_loop(&plant, ratio[1], 0).complex_eigenvalues().iter().copied().filter(|z| z.norm() > 1e-9).collect();
-    let margins = Loop { law, linear: &actuator.linear, gain_ratio: ratio, delay_s, beginning: Some(beginning) }.judged();
+    let (beginning, recording) = (Some(beginning), reckoned.recording());
+    let margins = Loop { law, linear: &actuator.linear, gain_ratio: ratio, delay_s, beginning, recording }.judged();
+    out.on_plants = Some(reckoned.judge(law, ratio[1]));
     out.stable = true;
     out.judge_poles(&poles, "with the mean gain");
     let places = ["smallest", "mean", "largest"].into_iter().zip(ratio.into_iter().zip(margins.spectral_radius));
@@ -357,17 +378,14 @@ pub struct Work<'a> {
 /// Largest mass that is added.
 const ADDED_MASS_MAX: f64 = 50.0;
 
-/// Follows a reference on a chain.
-///
-/// # Errors
-/// A message that names the field, or the number that does not fit the servo's formats.
-pub fn follow(
-    chain: &Model,
-    design: &ServoDesign,
-    reference: &Reference,
-    reference_name: &str,
-    work: &Work,
-) -> Result<TrackResult, String> {
+/// What is to be simulated, once it is known to be possible.
+struct Prepared {
+    chain: Model,
+    design: ServoDesign,
+    circumstances: Circumstances,
+}
+
+fn prepared(chain: &Model, design: &ServoDesign, reference: &Reference, work: &Work) -> Result<Prepared, String> {
     let Work { scheme, sensor_noise_um, disturbance, added_mass } = *work;
     order::require_known_in_a_loop(chain)?;
     if !(0.0..=ADDED_MASS_MAX).contains(&added_mass) {
@@ -376,13 +394,13 @@ pub fn follow(
     if added_mass > 0.0 && chain.effect(vibration::ID).is_none() {
         return Err("--added-mass: the model has no vibration, so no mass that it could be added to".into());
     }
-    let chain = &varied(chain, &Variation { mass_ratio: 1.0 + added_mass, ..Variation::NONE });
+    let chain = varied(chain, &PlantVariation { mass_ratio: 1.0 + added_mass, ..PlantVariation::NONE });
     let mut chosen = design.clone();
     if let Some(name) = scheme {
         chosen = with_scheme(design, name)?;
     }
     // What the actuator reaches counts, not what the servo's own model believes.
-    let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
+    let reach_um = actuator_model(&chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
     let (low_um, high_um) = extremes(&reference.samples_um(&chosen).0);
     if low_um < 0.0 || high_um > reach_um {
         return Err(format!(
@@ -398,13 +416,58 @@ pub fn follow(
         ));
     }
     let circumstances = Circumstances { noise_um, seed: 1, disturbance };
-    let mut found = track(chain, &chosen, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
-    if chosen.beside.is_some() {
-        let predictor = with_scheme(&chosen, if chosen.inverts_hysteresis() { "predictor" } else { "predictor-linear" })?;
-        let run = track(chain, &predictor, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
+    Ok(Prepared { chain, design: chosen, circumstances })
+}
+
+/// Follows a reference on a chain.
+///
+/// # Errors
+/// A message that names the field, or the number that does not fit the servo's formats.
+pub fn follow(
+    chain: &Model,
+    design: &ServoDesign,
+    reference: &Reference,
+    reference_name: &str,
+    work: &Work,
+) -> Result<TrackResult, String> {
+    let Prepared { chain, design, circumstances } = prepared(chain, design, reference, work)?;
+    let mut found = track(&chain, &design, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
+    if design.beside.is_some() {
+        let predictor = with_scheme(&design, if design.inverts_hysteresis() { "predictor" } else { "predictor-linear" })?;
+        let run = track(&chain, &predictor, reference, reference_name, circumstances).map_err(|e| e.to_string())?;
         found.beside = Some(Beside { scheme: run.scheme, truth: run.truth });
     }
     Ok(found)
+}
+
+/// Follows the same reference on the plants that may stand in the place of the model; `found` is what
+/// [`follow`] found on it.
+///
+/// # Errors
+/// As [`follow`].
+pub fn follow_on_members(
+    chain: &Model,
+    design: &ServoDesign,
+    reference: &Reference,
+    work: &Work,
+    found: &TrackResult,
+) -> Result<PlantBand, String> {
+    let Prepared { chain, design, circumstances } = prepared(chain, design, reference, work)?;
+    members::band(&chain, &design, reference, circumstances, found).map_err(|e| e.to_string())
+}
+
+/// Share of the travel of a step beside another reference.
+const SHOWN_STEP: f64 = 0.05;
+
+/// Follows a small step from the middle of the travel, for its response.
+///
+/// # Errors
+/// As [`follow`].
+pub fn follow_step(chain: &Model, design: &ServoDesign, work: &Work) -> Result<TrackResult, String> {
+    let reach_um = actuator_model(chain).map_or(f64::INFINITY, |m| m.reach_um()).min(design.model.reach_um());
+    let by_um = SHOWN_STEP * reach_um;
+    let reference = Reference::Step { from_um: 0.5 * reach_um, by_um };
+    follow(chain, design, &reference, &format!("step:{by_um:.3}:{:.3}", 0.5 * reach_um), work)
 }
 
 /// The same model under another scheme.
@@ -447,8 +510,9 @@ pub fn with_scheme(design: &ServoDesign, name: &str) -> Result<ServoDesign, Stri
         }
         _ => {
             // PID by itself: with the hysteresis inverted it is `feedforward-pi`.
-            let (family, inverse) = name.strip_suffix("-linear").map_or((name, name != Choice::Pid.name()), |family| (family, false));
-            let choice = Choice::named(family).map_err(|_| format!("scheme `{name}` is not known: choose from {}", SCHEMES.join(", ")))?;
+            let (family, inverse) = name.strip_suffix("-linear").map_or((name, name != SchemeChoice::Pid.name()), |family| (family, false));
+            let choice = SchemeChoice::named(family)
+                .map_err(|_| format!("scheme `{name}` is not known: choose from {}", SCHEMES.map(|(name, _)| name).join(", ")))?;
             (order::scheme_without_recording(design, choice, inverse)?, true)
         }
     };
@@ -471,6 +535,7 @@ mod tests {
             sampled_poles: poles.iter().map(|re| [*re, 0.0]).collect(),
             continuous: ContinuousConditions::default(),
             margins: None,
+            on_plants: None,
             remarks: Vec::new(),
         }
     }

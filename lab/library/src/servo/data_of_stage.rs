@@ -2,13 +2,13 @@
 //! too little drive, or the model itself.
 //!
 //! What hides a response in a recording is all that the model leaves of the readings: noise, and what the
-//! model does not describe. What noise alone would hide is known too ([`Recording::noise_hides_at`]). Where
+//! model does not describe. What noise alone would hide is known too ([`ServoRecording::noise_hides_at`]). Where
 //! that is little, more drive would not help: the model is of another stage, or lacks something that this
 //! stage has.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use super::predictor::frequency_response;
-use super::recording::Recording;
+use super::recording::ServoRecording;
 use super::robust::most_reckoned_with;
 use crate::dataset::{Dataset, Role};
 use crate::identification::fit::counted_residual;
@@ -32,8 +32,20 @@ const BY_NOISE: f64 = 0.5;
 /// nothing would show, has to be stood by every servo.
 pub const RECOMMENDED_MULTISINE_HZ: f64 = 0.499 / SAMPLING_PERIOD_S;
 
-/// In words, for a refusal or a recommendation.
-fn missing_drive() -> String {
+/// The drive that would show a frequency so many times better: more of the one that a record has there, or
+/// one that nothing has yet.
+fn missing_drive(recording: Option<&ServoRecording>, hz: f64, times: f64) -> String {
+    let there = recording.filter(|_| times.is_finite() && times > 1.0).and_then(|r| Some((r, r.driven_by_at(hz)?)));
+    if let Some((recording, name)) = there {
+        let [level, by_noise] = [recording.level_at(hz), recording.noise_hides_at(hz)].map(|v| v.unwrap_or(f64::INFINITY));
+        if by_noise >= BY_NOISE * level {
+            return format!(
+                "your record `{name}` is below the noise at {hz:.0} Hz: raise its amplitude {times:.1} times, or record it {:.0} times as long",
+                (times * times).ceil()
+            );
+        }
+        return format!("your record `{name}` shows more there than the model has: identify with another effect, such as second_mode");
+    }
     format!(
         "record a multisine to {RECOMMENDED_MULTISINE_HZ:.0} Hz at {:.0} Hz, 2 s, beside the other records (`hysteron drives` writes it)",
         1.0 / SAMPLING_PERIOD_S
@@ -44,7 +56,7 @@ fn missing_drive() -> String {
 const OTHER_DATA: &str = "name the recording that the model was identified from, or identify on this one";
 
 /// That a model does not describe its data, with the figures, if it leaves far more than the noise.
-fn not_described(recording: &Recording) -> Option<String> {
+fn not_described(recording: &ServoRecording) -> Option<String> {
     let noise_um = recording.noise_um.filter(|noise_um| recording.residual_um > LARGE_RESIDUAL * noise_um)?;
     Some(format!(
         "the model does not describe --data, which is of another stage or shows more than the model has: it leaves {:.1} nm RMS where the sensor's noise is {:.1} nm",
@@ -53,16 +65,16 @@ fn not_described(recording: &Recording) -> Option<String> {
     ))
 }
 
-/// What lets a recording exclude a missing response at a frequency, Hz: more drive, or a model that describes
-/// it.
-pub(super) fn how_to_exclude(recording: Option<&Recording>, hz: f64) -> String {
+/// What lets a recording exclude a missing response at a frequency, Hz, that is so many times as large as can
+/// be stood: more drive, or a model that describes it.
+pub(super) fn how_to_exclude(recording: Option<&ServoRecording>, hz: f64, times: f64) -> String {
     let by_model = recording.filter(|r| {
         let level = r.level_at(hz).unwrap_or(f64::INFINITY);
         level.is_finite() && r.noise_hides_at(hz).is_some_and(|by_noise| by_noise < BY_NOISE * level)
     });
     match by_model.and_then(not_described) {
         Some(not_described) => format!("{not_described}, and that hides it; {OTHER_DATA}"),
-        None => missing_drive(),
+        None => missing_drive(recording, hz, times),
     }
 }
 
@@ -70,7 +82,7 @@ pub(super) fn how_to_exclude(recording: Option<&Recording>, hz: f64) -> String {
 ///
 /// # Errors
 /// Why not.
-pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Result<(), String> {
+pub(super) fn first_mode_shown(recording: &ServoRecording, mode: &ModeModel) -> Result<(), String> {
     let hz = mode.natural_frequency_rad_s / TAU;
     let around: Vec<f64> = if mode.damping_ratio > BROAD {
         (-10..=10).map(|i| hz * 2f64.powf(f64::from(i) / 10.0)).collect()
@@ -89,10 +101,11 @@ pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Resul
             "{not_described}. That could hide a response of {hidden:.2} um/um at {hz:.0} Hz, where the model's first mode has {peak:.2} um/um, while noise alone would hide {by_noise:.2}; {OTHER_DATA}"
         ));
     }
+    let times = hidden / (FIRST_SHOWN * peak);
     let hidden = if hidden.is_finite() { format!("could hide a response of {hidden:.2} um/um there") } else { "is too slow for it".into() };
     Err(format!(
         "the model's first mode at {hz:.0} Hz is no fact: the recording {hidden}, where the mode has {peak:.2} um/um; {}",
-        missing_drive()
+        missing_drive(Some(recording), hz, times)
     ))
 }
 
@@ -101,7 +114,7 @@ pub(super) fn first_mode_shown(recording: &Recording, mode: &ModeModel) -> Resul
 ///
 /// # Errors
 /// Where they do, with the figures.
-pub(super) fn require_described(recording: &Recording, linear: &LinearModel) -> Result<(), String> {
+pub(super) fn require_described(recording: &ServoRecording, linear: &LinearModel) -> Result<(), String> {
     let first_hz = linear.first_mode.natural_frequency_rad_s / TAU;
     let sampled = linear.sampled(SAMPLING_PERIOD_S);
     let (hz, missing, has) = recording
@@ -150,4 +163,38 @@ pub(super) fn require_same_stage(chain: &Model, dataset: &Dataset) -> Result<(),
         "--data is not of the stage that this model describes: of readings that move by {moves_um:.3} um RMS the model leaves {left_um:.3} um ({:.0} %); with {factor:.2} times its displacement it would leave {scaled_um:.3} um; {OTHER_DATA}",
         100.0 * left_um / moves_um
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines of 9.77 Hz to half the loop's rate, with one value of everything.
+    fn recording(level: f64, by_noise: f64, driven_by: Option<&str>) -> ServoRecording {
+        let frequency_hz: Vec<f64> = (2..1024).map(|i| f64::from(i) * 10_000.0 / 1024.0).collect();
+        let all = |value: f64| vec![value; frequency_hz.len()];
+        ServoRecording {
+            level: all(level),
+            blind: all(level),
+            by_noise: all(by_noise),
+            missing: all(0.0),
+            driven_by: vec![driven_by.map(str::to_owned); frequency_hz.len()],
+            frequency_hz,
+            noise_um: Some(0.003),
+            residual_um: 0.003,
+        }
+    }
+
+    #[test]
+    fn a_record_below_the_noise_is_to_be_raised_and_not_asked_for() {
+        let said = |level, by_noise, driven_by| how_to_exclude(Some(&recording(level, by_noise, driven_by)), 5250.0, 2.05);
+        let raised = said(0.4, 0.38, Some("wideband"));
+        assert_eq!(
+            raised,
+            "your record `wideband` is below the noise at 5250 Hz: raise its amplitude 2.1 times, or record it 5 times as long"
+        );
+        assert!(said(0.4, 0.38, None).starts_with("record a multisine"));
+        assert!(said(f64::INFINITY, f64::INFINITY, None).starts_with("record a multisine"));
+        assert!(said(0.4, 0.01, Some("wideband")).contains("shows more there than the model has"));
+    }
 }

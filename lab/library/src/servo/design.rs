@@ -117,6 +117,12 @@ pub struct ServoDesign {
     /// What the scan weighed: for the trade-off curve (of a predictor).
     #[serde(default)]
     pub trade_off: Vec<Assessment>,
+    /// The same among those with the usual margins.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub trade_off_usual: Vec<Assessment>,
+    /// The one of them that was taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<Assessment>,
     /// How the correction of a periodic reference is learned; none: it is not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub learning: Option<LearningDesign>,
@@ -146,6 +152,8 @@ impl ServoDesign {
             scheme,
             model: model.clone(),
             trade_off: Vec::new(),
+            trade_off_usual: Vec::new(),
+            chosen: None,
             learning: None,
             adaptation: None,
             beside: None,
@@ -190,6 +198,7 @@ impl ServoDesign {
                 "The model has no second mode: the margin against an unknown one limits the bandwidth.".into()
             },
         ];
+        out.chosen = Some(*chosen);
         let accepted = scan.iter().filter(|a| a.accepted).copied().collect();
         out.trade_off = undominated(accepted, |a: &Assessment| a.noise_um, |a| a.disturbance_um);
         Some(out)

@@ -15,7 +15,7 @@
 //! leaves it out.
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, Judgement, PredictorDesign, STATES, best_of, feedforward};
+use super::predictor::{Demands, PredictorDesign, STATES, TuningJudgement, best_of, feedforward};
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -71,7 +71,7 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
 /// The gains with the smallest expected error of those that keep the same margins as a predictor, with what
 /// they are worth.
 #[must_use]
-pub fn tune(linear: &LinearModel, demands: &Demands) -> Option<(DisturbanceObserverGains, Judgement)> {
+pub fn tune(linear: &LinearModel, demands: &Demands) -> Option<(DisturbanceObserverGains, TuningJudgement)> {
     let mut candidates = Vec::new();
     for i in 0..16 {
         for proportional in [0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6] {

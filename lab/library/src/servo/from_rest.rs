@@ -10,9 +10,9 @@
 //! well, but masses up to 18 % too early (`cargo run --release -p hysteron-tests --example first_unstable`).
 
 use super::design::ServoDesign;
-use super::plant_set::Variation;
+use super::plant_set::PlantVariation;
 use super::reference::Reference;
-use super::track::{Circumstances, PeriodicReference, Shape, track};
+use super::track::{Circumstances, PeriodicReference, ReferenceShape, track};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::{Overview, by_id, delay, gain, hysteresis, initial_curve, play_operators, second_mode, vibration};
@@ -41,7 +41,7 @@ pub struct Beginning<'a> {
 }
 
 /// A chain with another gain, mass and delay.
-pub(super) fn varied(chain: &Model, variation: &Variation) -> Model {
+pub(super) fn varied(chain: &Model, variation: &PlantVariation) -> Model {
     let mut out = chain.clone();
     let slower = variation.mass_ratio.powf(-0.5);
     for effect in &mut out.effects {
@@ -76,7 +76,7 @@ pub(super) fn varied(chain: &Model, variation: &Variation) -> Model {
 impl Beginning<'_> {
     /// Whether the servo goes on swinging on the varied actuator, with any of the noises that are tried.
     #[must_use]
-    pub fn swings(&self, variation: &Variation) -> bool {
+    pub fn swings(&self, variation: &PlantVariation) -> bool {
         let chain = varied(self.chain, variation);
         let design = ServoDesign { learning: None, adaptation: None, ..self.design.clone() };
         let motions_um = parallel::map_indices(BEGINNINGS, |nth| self.motion_um(&chain, &design, nth as u64 + 1));
@@ -86,7 +86,7 @@ impl Beginning<'_> {
     /// RMS motion about its mean at the end, um; none where the design does not fit the tick.
     fn motion_um(&self, chain: &Model, design: &ServoDesign, seed: u64) -> f64 {
         let reference = PeriodicReference {
-            shape: Shape::Sine,
+            shape: ReferenceShape::Sine,
             frequency_hz: FREQUENCY_HZ,
             amplitude_um: 0.0,
             offset_um: 0.5 * self.travel_um,
@@ -115,7 +115,7 @@ mod tests {
         for (id, values) in effects {
             chain.effects.push(EffectInstance::new(by_id(id).unwrap(), &overview, values));
         }
-        let variation = Variation { gain: 1.4, mass_ratio: 1.7, delay_s: 3e-5, mode: None };
+        let variation = PlantVariation { gain: 1.4, mass_ratio: 1.7, delay_s: 3e-5, mode: None };
         let other = varied(&chain, &variation);
         let [before, after] = [&chain, &other].map(|c| actuator_model(c).unwrap());
         assert!((after.reach_um() / before.reach_um() - 1.4).abs() < 1e-12);

@@ -20,7 +20,7 @@
 //! All are rounded to the tick's integers here, and what is shown is the convergence of the rounded ones.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
-use super::plant_set::Variation;
+use super::plant_set::PlantVariation;
 use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::quantise::{QuantisationError, number, row_um};
 use super::robust::{LEAST_DAMPING_SPREAD, ModeSpread, Task, frequency_grid_hz, law_response};
@@ -208,7 +208,7 @@ fn grid_hz(task: &Task<'_>, plants: &[(f64, LinearModel)]) -> Vec<f64> {
 }
 
 fn met(law: &PredictorDesign, task: &Task<'_>, plants: &[(f64, LinearModel)]) -> Vec<Met> {
-    let sampled = |gain: f64, linear: &LinearModel| Variation { gain, delay_s: task.delay_s, ..Variation::NONE }.sampled(linear);
+    let sampled = |gain: f64, linear: &LinearModel| PlantVariation { gain, delay_s: task.delay_s, ..PlantVariation::NONE }.sampled(linear);
     let nominal = sampled(1.0, &task.linear);
     let set: Vec<_> = plants.iter().map(|(gain, linear)| sampled(*gain, linear)).collect();
     let one = Complex::new(1.0, 0.0);
@@ -258,7 +258,7 @@ fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
     let near = |spread: ModeSpread| ModeSpread { frequency: LEAST_FREQUENCY_SPREAD, damping: spread.damping.min(LEAST_DAMPING_SPREAD) };
     let near = Task { first: near(task.first), second: task.second.map(near), ..*task };
     let plants: Vec<_> = plants(&near).into_iter().filter(|(gain, _)| *gain == 1.0).collect();
-    let sampled = |linear: &LinearModel| Variation { delay_s: task.delay_s, ..Variation::NONE }.sampled(linear);
+    let sampled = |linear: &LinearModel| PlantVariation { delay_s: task.delay_s, ..PlantVariation::NONE }.sampled(linear);
     let set: Vec<_> = plants.iter().map(|(_, linear)| sampled(linear)).collect();
     let nominal = sampled(&task.linear);
     let before = (WINDOW - PREVIEW_TICKS) as f64;
@@ -525,7 +525,7 @@ impl LearningDesign {
     /// Largest `|Q (1 - L T)|` on an actuator, its gain multiplied, and where, Hz.
     #[must_use]
     pub fn contraction_on(&self, law: &PredictorDesign, linear: &LinearModel, gain: f64, delay_s: f64) -> (f64, f64) {
-        let plant = Variation { gain, delay_s, ..Variation::NONE }.sampled(linear);
+        let plant = PlantVariation { gain, delay_s, ..PlantVariation::NONE }.sampled(linear);
         let law = &self.of(law);
         let at = |hz: f64| {
             let t = from_correction(law, frequency_response(&plant, TAU * hz), hz);
@@ -594,7 +594,7 @@ impl LearningDesign {
 mod tests {
     use super::super::model::SampledModel;
     use super::super::predictor::{Demands, PredictorTuning};
-    use super::super::recording::Recording;
+    use super::super::recording::ServoRecording;
     use super::*;
 
     fn linear() -> LinearModel {
@@ -646,7 +646,7 @@ mod tests {
     fn the_answer_to_a_correction_is_that_of_the_loop_in_time() {
         let law = law();
         for gain in [1.0, 0.85] {
-            let plant = Variation { gain, ..Variation::NONE }.sampled(&linear());
+            let plant = PlantVariation { gain, ..PlantVariation::NONE }.sampled(&linear());
             let motion = after_one_corrected_sample(&law, &plant, 40, 6000);
             for hz in [3.0, 100.0, 700.0, 2500.0, 3979.0, 8000.0] {
                 let step = TAU * hz * SAMPLING_PERIOD_S;
@@ -665,18 +665,17 @@ mod tests {
         // A recording that excludes whatever is larger than a thousandth.
         let lines: Vec<f64> = (2..1024).map(|i| f64::from(i) * 9.765_625).collect();
         let level = vec![1e-3; lines.len()];
-        let recording = Recording {
+        let recording = ServoRecording {
             blind: level.clone(),
             by_noise: level.clone(),
             missing: vec![0.0; level.len()],
             level,
             frequency_hz: lines,
-            noise_um: None,
-            residual_um: 0.0,
+            ..ServoRecording::default()
         };
         let design = LearningDesign::new(&plain, &Task { recording: Some(&recording), ..known }, 12.0).unwrap();
         let wide = design.of(&plain);
-        let plant = Variation::NONE.sampled(&LinearModel { second_mode: None, ..linear() });
+        let plant = PlantVariation::NONE.sampled(&LinearModel { second_mode: None, ..linear() });
         let missed = |law: &PredictorDesign, hz: f64| {
             (frequency_response(&plant, TAU * hz) * law.feedforward_response(hz) - Complex::new(1.0, 0.0)).norm()
         };
@@ -736,7 +735,7 @@ mod tests {
         let (mut most_kept, mut most_left) = (0.0_f64, 0.0_f64);
         for mode_hz in [950.0, 1300.0, 1900.0, 2700.0, 3500.0, 4500.0, 6000.0, 7700.0, 9300.0] {
             let mode = ModeModel { natural_frequency_rad_s: TAU * mode_hz, damping_ratio: 0.015 };
-            let plant = Variation { mode: Some((0.05, mode)), ..Variation::NONE }.sampled(&linear());
+            let plant = PlantVariation { mode: Some((0.05, mode)), ..PlantVariation::NONE }.sampled(&linear());
             // Others than those at which the filters were made, and close together about the mode.
             let about = (-20..=20).map(|i| mode_hz * (1.0 + 0.003 * f64::from(i)));
             for hz in (0..660).map(|i| 3.7 + 15.1 * f64::from(i)).chain(about) {

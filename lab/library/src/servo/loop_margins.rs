@@ -14,9 +14,10 @@
 use super::from_rest::Beginning;
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::moving_mode::ReferenceBand;
-use super::plant_set::Variation;
+use super::plant_set::PlantVariation;
 use super::predictor::{PredictorDesign, frequency_response};
-use super::robust::{frequency_grid_hz, law_response};
+use super::recording::ServoRecording;
+use super::robust::{decibels, frequency_grid_hz, law_response};
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -120,6 +121,9 @@ pub struct LoopMargins {
     /// actuator; none where no beginning was given. The mode is that of a free drive.
     #[serde(default)]
     pub first_from_rest: Option<FirstUnstable>,
+    /// An unknown mode was sought among those alone that a recording leaves possible.
+    #[serde(default)]
+    pub with_recording: bool,
     /// The frequency response.
     pub response: Vec<LoopPoint>,
 }
@@ -136,22 +140,24 @@ pub struct Loop<'a> {
     pub delay_s: f64,
     /// How the servo begins, where it is to be run from there.
     pub beginning: Option<Beginning<'a>>,
+    /// The recording, if it is at hand: an unknown mode that it excludes does not count.
+    pub recording: Option<&'a ServoRecording>,
 }
 
 impl Loop<'_> {
     /// The actuator, varied.
-    fn plant(&self, variation: &Variation) -> SampledModel {
-        Variation { delay_s: variation.delay_s + self.delay_s, ..*variation }.sampled(self.linear)
+    fn plant(&self, variation: &PlantVariation) -> SampledModel {
+        PlantVariation { delay_s: variation.delay_s + self.delay_s, ..*variation }.sampled(self.linear)
     }
 
     /// Whether it is stable with each of these laws.
-    fn stable(&self, laws: &[PredictorDesign], variation: &Variation) -> bool {
+    fn stable(&self, laws: &[PredictorDesign], variation: &PlantVariation) -> bool {
         let plant = self.plant(variation);
         laws.iter().all(|law| law.spectral_radius(&plant, self.gain_ratio[1], 0) < 1.0)
     }
 
     /// Between a stable and an unstable value the value where it turns, by halving the interval's ratio.
-    fn turn(&self, laws: &[PredictorDesign], mut good: f64, mut bad: f64, at: &dyn Fn(f64) -> Variation) -> f64 {
+    fn turn(&self, laws: &[PredictorDesign], mut good: f64, mut bad: f64, at: &dyn Fn(f64) -> PlantVariation) -> f64 {
         while (bad / good - 1.0).abs() > PRECISION {
             let middle = if good > 0.0 { (good * bad).sqrt() } else { 0.5 * bad };
             if self.stable(laws, &at(middle)) { good = middle } else { bad = middle }
@@ -160,7 +166,13 @@ impl Loop<'_> {
     }
 
     /// The first of a row of values that is unstable, made precise.
-    fn first(&self, laws: &[PredictorDesign], begin: f64, values: impl Iterator<Item = f64>, at: &dyn Fn(f64) -> Variation) -> Option<f64> {
+    fn first(
+        &self,
+        laws: &[PredictorDesign],
+        begin: f64,
+        values: impl Iterator<Item = f64>,
+        at: &dyn Fn(f64) -> PlantVariation,
+    ) -> Option<f64> {
         let mut good = begin;
         for value in values {
             if !self.stable(laws, &at(value)) {
@@ -172,13 +184,13 @@ impl Loop<'_> {
     }
 
     fn first_unstable(&self, laws: &[PredictorDesign], longest_delay: f64, mode: impl Fn() -> Option<UnstableMode>) -> FirstUnstable {
-        if !self.stable(laws, &Variation::NONE) {
+        if !self.stable(laws, &PlantVariation::NONE) {
             return FirstUnstable::default();
         }
         let steps = |factor: f64| (1..200).map(move |i| factor.powi(i)).take_while(|f| *f < LARGEST_FACTOR && *f > 1.0 / LARGEST_FACTOR);
-        let gain = |gain: f64| Variation { gain, ..Variation::NONE };
-        let mass = |mass_ratio: f64| Variation { mass_ratio, ..Variation::NONE };
-        let delay = |delay_s: f64| Variation { delay_s, ..Variation::NONE };
+        let gain = |gain: f64| PlantVariation { gain, ..PlantVariation::NONE };
+        let mass = |mass_ratio: f64| PlantVariation { mass_ratio, ..PlantVariation::NONE };
+        let delay = |delay_s: f64| PlantVariation { delay_s, ..PlantVariation::NONE };
         let delays = (1..).map(|i| 0.1 * f64::from(i)).take_while(|d| *d <= longest_delay).map(|d| d * SAMPLING_PERIOD_S);
         FirstUnstable {
             gain_up: self.first(laws, 1.0, steps(1.05), &gain),
@@ -193,7 +205,7 @@ impl Loop<'_> {
     /// The smallest share of a mode at a frequency that makes the loop unstable, if it is below a limit.
     fn unstable_share(&self, laws: &[PredictorDesign], hz: f64, limit: f64) -> Option<UnstableMode> {
         let mode = ModeModel { natural_frequency_rad_s: TAU * hz, damping_ratio: UNKNOWN_DAMPING };
-        let at = |share: f64| Variation { mode: Some((share, mode)), ..Variation::NONE };
+        let at = |share: f64| PlantVariation { mode: Some((share, mode)), ..PlantVariation::NONE };
         let shares = (0..80).map(|i| 1e-4 * 1.15_f64.powi(i)).take_while(|s| *s <= limit);
         let share = self.first(laws, 5e-5, shares, &at)?;
         Some(UnstableMode { frequency_hz: hz, damping_ratio: UNKNOWN_DAMPING, share })
@@ -206,7 +218,9 @@ impl Loop<'_> {
         let highest_hz = 0.5 / SAMPLING_PERIOD_S;
         let mut worst: Option<UnstableMode> = None;
         let mut look = |hz: f64| {
-            let limit = worst.map_or(LARGEST_SHARE, |w| w.share);
+            // A mode of this damping has a peak of its share over twice the damping ratio.
+            let excluded = self.recording.and_then(|r| r.level_at(hz)).map_or(f64::INFINITY, |level| 2.0 * UNKNOWN_DAMPING * level);
+            let limit = worst.map_or(LARGEST_SHARE, |w| w.share).min(excluded);
             if let Some(found) = self.unstable_share(laws, hz, limit).filter(|found| worst.is_none_or(|w| found.share < w.share)) {
                 worst = Some(found);
             }
@@ -218,7 +232,7 @@ impl Loop<'_> {
     }
 
     fn response(&self) -> Vec<LoopPoint> {
-        let plant = self.plant(&Variation::NONE);
+        let plant = self.plant(&PlantVariation::NONE);
         let one = Complex::new(1.0, 0.0);
         frequency_grid_hz(self.linear)
             .into_iter()
@@ -233,7 +247,7 @@ impl Loop<'_> {
     /// Judges the loop.
     #[must_use]
     pub fn judged(&self) -> LoopMargins {
-        let spectral_radius = self.gain_ratio.map(|ratio| self.law.spectral_radius(&self.plant(&Variation::NONE), ratio, 0));
+        let spectral_radius = self.gain_ratio.map(|ratio| self.law.spectral_radius(&self.plant(&PlantVariation::NONE), ratio, 0));
         let response = self.response();
         let free = [self.law.clone()];
         let first_unstable = self.first_unstable(&free, LONGEST_DELAY, || self.worst_mode(&free));
@@ -254,16 +268,17 @@ impl Loop<'_> {
             spectral_radius,
             worst_case: worst_case(&self.gain_ratio, &spectral_radius, &first_unstable, &first_swinging),
             gain_margin: first_unstable.gain_up,
-            phase_margin_deg: phase_margin_deg(&response),
+            phase_margin_deg: phase_margin_deg(&response.iter().map(|p| Complex::new(p.open[0], p.open[1])).collect::<Vec<_>>()),
             bandwidth_hz: response.iter().find(|p| p.sensitivity > 0.5f64.sqrt()).map(|p| p.hz),
             reference_bandwidth_hz: (!self.law.feedforward.is_empty())
-                .then(|| ReferenceBand::of(self.law, &self.plant(&Variation::NONE), self.gain_ratio[1]).bandwidth_hz),
+                .then(|| ReferenceBand::of(self.law, &self.plant(&PlantVariation::NONE), self.gain_ratio[1]).bandwidth_hz),
             sensitivity_peak: peak.map_or(f64::NAN, |p| p.sensitivity),
             sensitivity_peak_hz: peak.map_or(f64::NAN, |p| p.hz),
             noise_transmission: noise_power.sqrt(),
             first_unstable,
             first_swinging,
             first_from_rest,
+            with_recording: self.recording.is_some(),
             response,
         }
     }
@@ -271,7 +286,7 @@ impl Loop<'_> {
 
 /// Between the first values at a limit and those of a free drive the first that swings from the beginning.
 fn first_from_rest(beginning: &Beginning<'_>, free: &FirstUnstable, limited: &FirstUnstable) -> FirstUnstable {
-    let find = |free: Option<f64>, limited: Option<f64>, at: &dyn Fn(f64) -> Variation| {
+    let find = |free: Option<f64>, limited: Option<f64>, at: &dyn Fn(f64) -> PlantVariation| {
         let (Some(end), Some(begin)) = (free, limited) else { return free };
         if !differ(begin, end) {
             return free;
@@ -293,20 +308,19 @@ fn first_from_rest(beginning: &Beginning<'_>, free: &FirstUnstable, limited: &Fi
         free
     };
     FirstUnstable {
-        gain_up: find(free.gain_up, limited.gain_up, &|gain| Variation { gain, ..Variation::NONE }),
-        gain_down: find(free.gain_down, limited.gain_down, &|gain| Variation { gain, ..Variation::NONE }),
-        mass_up: find(free.mass_up, limited.mass_up, &|mass_ratio| Variation { mass_ratio, ..Variation::NONE }),
-        mass_down: find(free.mass_down, limited.mass_down, &|mass_ratio| Variation { mass_ratio, ..Variation::NONE }),
-        delay_s: find(free.delay_s, limited.delay_s, &|delay_s| Variation { delay_s, ..Variation::NONE }),
+        gain_up: find(free.gain_up, limited.gain_up, &|gain| PlantVariation { gain, ..PlantVariation::NONE }),
+        gain_down: find(free.gain_down, limited.gain_down, &|gain| PlantVariation { gain, ..PlantVariation::NONE }),
+        mass_up: find(free.mass_up, limited.mass_up, &|mass_ratio| PlantVariation { mass_ratio, ..PlantVariation::NONE }),
+        mass_down: find(free.mass_down, limited.mass_down, &|mass_ratio| PlantVariation { mass_ratio, ..PlantVariation::NONE }),
+        delay_s: find(free.delay_s, limited.delay_s, &|delay_s| PlantVariation { delay_s, ..PlantVariation::NONE }),
         mode: free.mode,
     }
 }
 
 /// Phase to -180 degrees at the crossings of gain 1; the least.
-fn phase_margin_deg(response: &[LoopPoint]) -> Option<f64> {
-    let open = |p: &LoopPoint| Complex::new(p.open[0], p.open[1]);
-    let crossings = response.windows(2).filter_map(|pair| {
-        let (a, b) = (open(&pair[0]), open(&pair[1]));
+pub(super) fn phase_margin_deg(open: &[Complex<f64>]) -> Option<f64> {
+    let crossings = open.windows(2).filter_map(|pair| {
+        let (a, b) = (pair[0], pair[1]);
         let crosses = (a.norm() - 1.0) * (b.norm() - 1.0) <= 0.0 && a.norm() != b.norm();
         crosses.then(|| {
             // The distance of the phase from -180 degrees, whichever way round.
@@ -365,8 +379,11 @@ fn least_reserve(first: &FirstUnstable) -> Option<(f64, String)> {
     let mut cases: Vec<(f64, String)> = Vec::new();
     let mut add = |reserve: Option<f64>, text: String| cases.extend(reserve.map(|r| (r, text)));
     let from = |value: Option<f64>, digits: usize, upwards: bool| unstable_from(value.unwrap_or(f64::NAN), digits, upwards);
-    add(first.gain_up, format!("{} times the gain", from(first.gain_up, 2, true)));
-    add(first.gain_down.map(|g| 1.0 / g), format!("{} times the gain", from(first.gain_down, 2, false)));
+    let gain = |gain: Option<f64>, upwards: bool| {
+        format!("{} times the gain ({:.1} dB)", from(gain, 2, upwards), decibels(gain.unwrap_or(f64::NAN)))
+    };
+    add(first.gain_up, gain(first.gain_up, true));
+    add(first.gain_down.map(|g| 1.0 / g), gain(first.gain_down, false));
     add(first.mass_up, format!("{} times the mass", from(first.mass_up, 2, true)));
     add(first.mass_down.map(|m| 1.0 / m), format!("{} times the mass", from(first.mass_down, 2, false)));
     let delay_us = first.delay_s.map(|d| 1e6 * d);

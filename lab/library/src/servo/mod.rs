@@ -1,7 +1,7 @@
 //! Servo design: from an identified model to the integers of the control tick, proved for the sampled loop.
 //!
-//! [`design()`] makes a [`ServoDesign`] for a model or refuses with the reason, [`check()`] proves it on the model
-//! and [`follow`] shows it at work.
+//! [`design()`] makes a [`ServoDesign`] for a model or refuses with the reason, [`check()`] proves it on
+//! the model and [`follow`] shows it at work.
 //!
 //! ```
 //! use hysteron::servo::{Demands, Reference, Work, check, design, follow};
@@ -47,6 +47,8 @@ pub mod learned_feedforward;
 #[doc(hidden)]
 pub mod loop_margins;
 #[doc(hidden)]
+pub mod members;
+#[doc(hidden)]
 pub mod model;
 #[doc(hidden)]
 pub mod moving_mode;
@@ -76,6 +78,7 @@ pub mod sliding_mode;
 pub mod thesis_schemes;
 #[doc(hidden)]
 pub mod track;
+#[doc(hidden)]
 mod value_ranges;
 #[doc(hidden)]
 pub mod window_fit;
@@ -84,7 +87,7 @@ pub mod words;
 
 pub use commands::{CheckResult, Work, check, design, follow, with_scheme};
 pub use design::{Scheme, ServoDesign};
-pub use order::Order;
+pub use order::DesignOrder;
 pub use predictor::Demands;
 pub use reference::Reference;
 pub use track::TrackResult;

@@ -10,7 +10,7 @@
 //! what the choice of a tuning weighs.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
-use super::plant_set::Variation;
+use super::plant_set::PlantVariation;
 use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::robust::law_response;
 use nalgebra::Complex;
@@ -88,7 +88,7 @@ impl MovingMode {
             .collect();
         let at = |place: i32| {
             let moved = with_first_mode_at(linear, 1.0 + share * f64::from(place) / f64::from(PLACES));
-            let plant = Variation { delay_s, ..Variation::NONE }.sampled(&moved);
+            let plant = PlantVariation { delay_s, ..PlantVariation::NONE }.sampled(&moved);
             frequencies.iter().map(|(hz, _)| frequency_response(&plant, TAU * hz)).collect()
         };
         let places = (-PLACES..=PLACES).map(at).collect();

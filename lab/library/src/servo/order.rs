@@ -8,12 +8,14 @@ use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::{self, LearningDesign};
 use super::model::{ActuatorModel, ModeModel, SAMPLING_PERIOD_S, required_model};
 use super::moving_mode::{FARTHEST, ReferenceBand, with_first_mode_at};
-use super::plant_set::Variation;
-use super::predictor::{Demands, PredictorDesign, feedforward, missed_of_reference};
+use super::plant_set::PlantVariation;
+use super::predictor::{Assessment, Demands, PredictorDesign, feedforward, missed_of_reference};
 use super::quantise::QuantisationError;
-use super::recording::Recording;
-use super::robust::{Broken, Candidate, ModeSpread, Scan, Task, within_nyquist};
-use super::schemes::{self, Choice, InWords, left_without_inverse_um};
+use super::recording::ServoRecording;
+use super::robust::{
+    Broken, Candidate, ModeSpread, Scan, Task, USUAL_GAIN_MARGIN_DB, USUAL_PEAK, USUAL_PHASE_MARGIN_DEG, decibels, within_nyquist,
+};
+use super::schemes::{self, InWords, SchemeChoice, left_without_inverse_um};
 use super::sensor_lag;
 use crate::dataset::Dataset;
 use hysteron_core::learned_feedforward::{LEAST_PERIOD_TICKS, MOST_POINTS};
@@ -22,11 +24,12 @@ use hysteron_sim::converter_scale::ConverterScale;
 use hysteron_sim::effect::{
     Place, amplifier_bandwidth, delay, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
+use serde::Serialize;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 /// What a design is ordered with.
 #[derive(Clone, Copy)]
-pub struct Order<'a> {
+pub struct DesignOrder<'a> {
     /// Highest frequency of references, Hz.
     pub reference_hz: f64,
     /// Noise of the sensor, um RMS; without it that of the recording, or else [`ASSUMED_NOISE_UM`].
@@ -36,6 +39,9 @@ pub struct Order<'a> {
     pub sensor_bandwidth_hz: Option<f64>,
     /// Largest sensitivity that is accepted.
     pub sensitivity_peak: f64,
+    /// The usual margins ([`Candidate::keeps_usual_margins`]) are kept where that costs less than a third of
+    /// the error.
+    pub usual_margins: bool,
     /// The recording that the chain was identified from: it excludes modes, and shows whether the first one
     /// is a fact.
     pub recording: Option<&'a Dataset>,
@@ -49,7 +55,7 @@ pub struct Order<'a> {
     /// it stays.
     pub mode_moves: f64,
     /// The scheme.
-    pub scheme: Choice,
+    pub scheme: SchemeChoice,
     /// True: the hysteresis is inverted behind the law; false: it is left to the unknown input.
     pub inverse: bool,
 }
@@ -57,20 +63,21 @@ pub struct Order<'a> {
 /// Noise of a sensor of which nothing is known, um RMS.
 pub const ASSUMED_NOISE_UM: f64 = 0.001;
 
-impl Default for Order<'_> {
+impl Default for DesignOrder<'_> {
     fn default() -> Self {
-        let Demands { reference_hz, sensitivity_peak, .. } = Demands::default();
+        let Demands { reference_hz, sensitivity_peak, usual_margins, .. } = Demands::default();
         Self {
             reference_hz,
             sensor_noise_um: None,
             sensor_bandwidth_hz: None,
             sensitivity_peak,
+            usual_margins,
             recording: None,
             front_end: None,
             learning: false,
             adaptation: false,
             mode_moves: 0.0,
-            scheme: Choice::Predictor,
+            scheme: SchemeChoice::Predictor,
             inverse: true,
         }
     }
@@ -89,7 +96,7 @@ const SHARE_KNOWN: f64 = 0.3;
 /// ... at its frequency, but at most at this share of half the sampling rate.
 const HIGHEST_COMPLIANCE: f64 = 0.8;
 /// Spread of a first mode that no recording stands behind: frequency and damping ratio, relative.
-const UNCONFIRMED: ModeSpread = ModeSpread { frequency: 0.05, damping: 0.4 };
+pub(super) const UNCONFIRMED: ModeSpread = ModeSpread { frequency: 0.05, damping: 0.4 };
 /// Another drive is worth recommending where it lets the expected error fall below this share.
 const WORTH_RECORDING: f64 = 0.8;
 /// Surfaces for the tick may differ from the model's by this share of the travel.
@@ -194,7 +201,7 @@ fn period_that_is_learned(reference_hz: f64) -> Result<(), String> {
 }
 
 /// Checks what is asked.
-fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
+fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), String> {
     reasonable_frequency(order.reference_hz).map_err(|problem| format!("--reference-hz {problem}"))?;
     if order.learning {
         period_that_is_learned(order.reference_hz)?;
@@ -212,7 +219,7 @@ fn reasonable(order: &Order<'_>, model: &ActuatorModel) -> Result<(), String> {
     if !(0.0..=FARTHEST).contains(&order.mode_moves) {
         return Err(format!("--mode-moves {}; expected a share of the first mode's frequency from 0 to {FARTHEST}", order.mode_moves));
     }
-    if order.scheme != Choice::Predictor
+    if order.scheme != SchemeChoice::Predictor
         && let Some(option) = [(order.learning, "--learning"), (order.adaptation, "--adaptation"), (order.mode_moves > 0.0, "--mode-moves")]
             .into_iter()
             .find_map(|(asked, option)| asked.then_some(option))
@@ -257,7 +264,7 @@ fn formatted(model: &ActuatorModel, said: &mut Vec<String>) -> Result<ActuatorMo
 }
 
 /// The servo's converters, if the actuator is within them.
-fn converters(order: &Order<'_>, model: &ActuatorModel) -> Result<ConverterScale, String> {
+fn converters(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<ConverterScale, String> {
     let top_um = model.surfaces().initial_ascending_curve(1.0).max(model.reach_um());
     let Some(front_end) = order.front_end else {
         return Ok(ConverterScale::around(model.drive_min_v, model.drive_max_v, top_um));
@@ -286,10 +293,10 @@ struct Known {
     model: ActuatorModel,
     first: ModeSpread,
     second: Option<ModeSpread>,
-    recording: Option<Recording>,
+    recording: Option<ServoRecording>,
 }
 
-fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<String>) -> Result<Known, String> {
+fn known(chain: &Model, model: ActuatorModel, order: &DesignOrder<'_>, said: &mut Vec<String>) -> Result<Known, String> {
     let first_std = [relative_std(chain, vibration::ID, 0), relative_std(chain, vibration::ID, 1)];
     let dropped = |mut model: ActuatorModel| {
         model.linear.second_mode = None;
@@ -306,7 +313,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
         return Ok(Known { model: dropped(model), first, second: None, recording: None });
     };
     let first = ModeSpread::of(first_std[0], first_std[1]);
-    let with = Recording::of(chain, dataset);
+    let with = ServoRecording::of(chain, dataset);
     first_mode_shown(&with, &model.linear.first_mode)?;
     require_described(&with, &model.linear)?;
     let Some((share, mode)) = model.linear.second_mode else {
@@ -335,7 +342,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
             said.push(format!("The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.", hertz(&mode)));
             // The resonance that is left out is part of what is missing; how good the model is is judged with
             // it.
-            let recording = Recording { residual_um: with.residual_um, ..Recording::of(&with_second_mode(chain, kept), dataset) };
+            let recording = ServoRecording { residual_um: with.residual_um, ..ServoRecording::of(&with_second_mode(chain, kept), dataset) };
             let mut model = model;
             model.linear.second_mode = kept;
             Ok(Known { model, first, second: None, recording: Some(recording) })
@@ -344,7 +351,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &Order<'_>, said: &mut Vec<
 }
 
 /// What the model is not, said aloud.
-fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<String>) {
+fn shortcomings(chain: &Model, recording: Option<&ServoRecording>, said: &mut Vec<String>) {
     if chain.effects.iter().all(|e| e.effect.declaration().place != Place::Creep) {
         said.push("CAUTION: the model has no creep: slow errors are left to the integral action.".into());
     }
@@ -360,8 +367,8 @@ fn shortcomings(chain: &Model, recording: Option<&Recording>, said: &mut Vec<Str
 }
 
 /// Why no candidate is left.
-fn refusal<T>(scan: &Scan<T>, recording: Option<&Recording>) -> String {
-    let in_words = |broken: &Broken| {
+fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
+    let in_words = |(broken, times): &(Broken, f64)| {
         match broken {
         Broken::Member(name) => format!("with {name} none of the tunings is stable"),
         Broken::Limit(name) => format!("with {name} every tuning could go on swinging between the limits of the drive"),
@@ -369,14 +376,14 @@ fn refusal<T>(scan: &Scan<T>, recording: Option<&Recording>) -> String {
         Broken::Unknown { hz } => {
             format!(
                 "a mode near {hz:.0} Hz, which the recording does not exclude, could make every tuning unstable; {}",
-                how_to_exclude(recording, *hz)
+                how_to_exclude(recording, *hz, *times)
             )
         }
         Broken::Integers => "every tuning that holds needs gains beyond what the servo's integers hold: the first mode is too slow beside the 20 kHz of the loop for a sensor as quiet; name a larger --sensor-noise-um, so that a slower observer is chosen".to_owned(),
     }
     };
     // The candidate that came furthest says what is in the way.
-    let furthest = scan.candidates.iter().filter_map(|c| c.broken).max_by_key(|b| match b {
+    let furthest = scan.candidates.iter().filter_map(|c| Some((c.broken?, c.unknown.0))).max_by_key(|(b, _)| match b {
         Broken::Member(_) => 0,
         Broken::Sensitivity => 1,
         Broken::Limit(_) => 2,
@@ -390,7 +397,7 @@ fn refusal<T>(scan: &Scan<T>, recording: Option<&Recording>) -> String {
 const MORE_THAN_ALL: f64 = 1.5;
 
 /// The lag of the sensor that is undone, s, and in words why, or why not.
-fn lag_to_undo(chain: &Model, order: &Order<'_>, said: &mut Vec<String>) -> Option<f64> {
+fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, said: &mut Vec<String>) -> Option<f64> {
     match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
         sensor_lag::Known::Bandwidth(hz, whose) if hz >= sensor_lag::LEAST_BANDWIDTH_HZ => {
             let lag_s = sensor_lag::lag_s(hz);
@@ -442,7 +449,7 @@ pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
 ///
 /// # Errors
 /// A message that says what the model or the recording lacks, or which demand cannot be met.
-pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
+pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, String> {
     let model = designable(chain)?;
     reasonable(order, &model)?;
     if let Some(dataset) = order.recording {
@@ -459,17 +466,18 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
     let sensor_noise_um = told_noise_um.unwrap_or(ASSUMED_NOISE_UM).hypot(rounding_um);
     let largest = if order.learning { learned_feedforward::SENSITIVITY_PEAK } else { f64::INFINITY };
     let sensitivity_peak = order.sensitivity_peak.min(largest);
-    let mut demands = Demands { reference_hz: order.reference_hz, sensor_noise_um, sensitivity_peak, ..Demands::default() };
+    let DesignOrder { reference_hz, usual_margins, .. } = *order;
+    let mut demands = Demands { reference_hz, sensor_noise_um, sensitivity_peak, usual_margins, ..Demands::default() };
     if !order.inverse {
         demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(&model).0);
     }
     let delay_s = known_delay_s(chain);
     let task = Task { linear: model.linear, first, second, recording: recording.as_ref(), mode_moves: order.mode_moves, demands, delay_s };
     // A PID alone feeds nothing forward.
-    let feeds_forward = order.scheme != Choice::Pid || order.inverse;
+    let feeds_forward = order.scheme != SchemeChoice::Pid || order.inverse;
     let missed = if feeds_forward { missed_by_feedforward(&task)? } else { None };
     let words = Words { task: &task, recording: recording.as_ref(), inverse: order.inverse };
-    let (scheme, explanation, scan) = if order.scheme == Choice::Predictor {
+    let (scheme, explanation, scan) = if order.scheme == SchemeChoice::Predictor {
         let scan = task.scan();
         let (chosen, explanation) = words.of(&scan)?;
         (Scheme::Predictor { tuning: chosen.tuning, hysteresis_inverse: order.inverse }, explanation, Some(scan))
@@ -477,7 +485,7 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         let chosen = schemes::choose(order.scheme, order.inverse, &model, &task, &words)?;
         (chosen.scheme, chosen.said, None)
     };
-    let best = scan.as_ref().and_then(Scan::best);
+    let best = scan.as_ref().and_then(|scan| scan.chosen(usual_margins));
     let mut design = ServoDesign::new(scheme, &model, true);
     design.explanation = explanation;
     design.noise_shaping = true;
@@ -527,25 +535,34 @@ pub fn design(chain: &Model, order: &Order<'_>) -> Result<ServoDesign, String> {
         design.adaptation = Some(adaptation);
     }
     design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
-    design.trade_off = scan.map_or_else(Vec::new, |scan| trade_off(&task, &scan));
+    if let Some(scan) = scan {
+        design.trade_off = trade_off(&task, &scan, |_| true);
+        design.trade_off_usual = trade_off(&task, &scan, Candidate::keeps_usual_margins);
+        design.chosen = scan.chosen(usual_margins).map(|chosen| task.assessment(chosen));
+    }
     Ok(design)
 }
 
 /// A scan in words.
 struct Words<'a> {
     task: &'a Task<'a>,
-    recording: Option<&'a Recording>,
+    recording: Option<&'a ServoRecording>,
     inverse: bool,
 }
 
 impl InWords for Words<'_> {
     fn of<'a, T: Clone>(&self, scan: &'a Scan<T>) -> Result<(&'a Candidate<T>, Vec<String>), String> {
-        let chosen = scan.best().ok_or_else(|| refusal(scan, self.recording))?;
+        let chosen = scan.chosen(self.task.demands.usual_margins).ok_or_else(|| refusal(scan, self.recording))?;
         let (Task { first, demands, .. }, good) = (self.task, scan.candidates.iter().filter(|c| c.broken.is_none()).count());
         let mut out = vec![
             format!(
-                "Of {} tunings {good} hold for every plant that is left possible; this one has the smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of {} of {:.0} nm.",
+                "Of {} tunings {good} hold for every plant that is left possible; {} smallest expected error, {:.2} nm: the root of the sum of the squares of {:.2} nm passed on of {:.2} nm of sensor noise, and of {:.2} nm at {} Hz and {:.2} nm at {} Hz let through of {} of {:.0} nm.",
                 scan.candidates.len(),
+                if self.task.demands.usual_margins && chosen.keeps_usual_margins() {
+                    format!("of those with {}, this one has the", usual_margins_in_words())
+                } else {
+                    "this one has the".to_owned()
+                },
                 1e3 * chosen.expected_um(),
                 1e3 * chosen.noise_um,
                 1e3 * demands.sensor_noise_um,
@@ -557,20 +574,21 @@ impl InWords for Words<'_> {
                 1e3 * demands.model_error_um
             ),
             format!(
-                "It holds with the gain from half to one and a half, a period more of delay, twice the mass, the first mode {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). Peak sensitivity {:.2}.",
+                "It holds with the gain from half to one and a half, a period more of delay, twice the mass, the first mode {:.0} % off and {:.0} % less damped, and any missing response that is not excluded; nearest to its limit with one at {:.0} Hz ({:.0} % of what it can stand). {}.",
                 100.0 * first.frequency,
                 100.0 * first.damping,
                 chosen.unknown.1,
                 100.0 * chosen.unknown.0,
-                chosen.sensitivity_peak
+                capital(&margins_in_words(chosen))
             ),
         ];
+        out.extend(self.price_of_margins(scan, chosen));
         let worth = |better: &&Candidate<T>| better.expected_um() < WORTH_RECORDING * chosen.expected_um();
         if let Some(better) = scan.best_if_recorded().filter(worth) {
             out.push(format!(
                 "What limits it is a mode near {:.0} Hz that nothing excludes: {}, and the expected error falls to as little as {:.2} nm.",
                 better.unknown.1,
-                how_to_exclude(self.recording, better.unknown.1),
+                how_to_exclude(self.recording, better.unknown.1, better.unknown.0),
                 1e3 * better.expected_um()
             ));
         }
@@ -585,11 +603,129 @@ impl InWords for Words<'_> {
     }
 }
 
+impl Words<'_> {
+    /// What the usual margins cost, or would cost where they are not kept.
+    fn price_of_margins<T: Clone>(&self, scan: &Scan<T>, chosen: &Candidate<T>) -> Option<String> {
+        if !self.task.demands.usual_margins {
+            return None;
+        }
+        let best = scan.best()?;
+        let nm = |c: &Candidate<T>| 1e3 * c.expected_um();
+        if chosen.keeps_usual_margins() {
+            let differs = chosen.cost_um() > best.cost_um();
+            return differs.then(|| {
+                format!(
+                    "With smaller margins the expected error is {:.2} nm ({}); --sensitivity-peak {:.2} takes it.",
+                    nm(best),
+                    margins_in_words(best),
+                    0.005 + best.sensitivity_peak
+                )
+            });
+        }
+        Some(match scan.best_with_usual_margins() {
+            Some(usual) => format!(
+                "CAUTION: {} would raise the expected error by more than a third, to {:.2} nm; --sensitivity-peak {USUAL_PEAK} takes it.",
+                usual_margins_in_words(),
+                nm(usual)
+            ),
+            None => format!("CAUTION: no tuning that holds has {}.", usual_margins_in_words()),
+        })
+    }
+}
+
+fn usual_margins_in_words() -> String {
+    format!(
+        "a sensitivity of at most {USUAL_PEAK}, a gain margin of {USUAL_GAIN_MARGIN_DB:.0} dB and a phase margin of {USUAL_PHASE_MARGIN_DEG:.0} degrees"
+    )
+}
+
+/// Peak of the sensitivity, gain and phase margin of a candidate.
+fn margins_in_words<T>(candidate: &Candidate<T>) -> String {
+    let finite = |value: f64, text: String| if value.is_finite() { text } else { "without a limit".to_owned() };
+    format!(
+        "peak sensitivity {:.2}, gain margin {}, phase margin {}",
+        candidate.sensitivity_peak,
+        finite(candidate.gain_margin, format!("{:.1} dB", decibels(candidate.gain_margin))),
+        finite(candidate.phase_margin_deg, format!("{:.0} degrees", candidate.phase_margin_deg))
+    )
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().collect::<String>() + letters.as_str())
+}
+
+/// Whether a law that is there already holds for the plants that a design for this chain has to hold for.
+#[derive(Clone, Debug, Serialize)]
+pub struct OnPlants {
+    /// Plants of the set, beside every missing response that is left possible.
+    pub plants: usize,
+    /// The first condition that it breaks, in words; none where it holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub broken: Option<String>,
+    /// How much of what it can stand the least favourable missing response is, and its frequency, Hz.
+    pub missing_response: (f64, f64),
+}
+
+/// What a design for a chain reckons with, without the design.
+pub(super) struct Reckoned {
+    known: Known,
+    delay_s: f64,
+}
+
+impl Reckoned {
+    /// Of a chain and the recording behind it.
+    ///
+    /// # Errors
+    /// The data are not those of the model.
+    pub(super) fn with(chain: &Model, model: ActuatorModel, recording: Option<&Dataset>) -> Result<Self, String> {
+        if let Some(dataset) = recording {
+            require_same_stage(chain, dataset)?;
+        }
+        let order = DesignOrder { recording, ..DesignOrder::default() };
+        Ok(Self { known: known(chain, model, &order, &mut Vec::new())?, delay_s: known_delay_s(chain) })
+    }
+
+    /// The recording as the model sees it.
+    pub(super) fn recording(&self) -> Option<&ServoRecording> {
+        self.known.recording.as_ref()
+    }
+
+    /// Judges a law on an actuator with this gain over the one that the law inverts.
+    pub(super) fn judge(&self, law: &PredictorDesign, gain_ratio: f64) -> OnPlants {
+        let Known { model, first, second, recording } = &self.known;
+        let demands = Demands { sensitivity_peak: f64::INFINITY, ..Demands::default() };
+        let task = Task {
+            linear: model.linear,
+            first: *first,
+            second: *second,
+            delay_s: self.delay_s,
+            recording: recording.as_ref(),
+            mode_moves: 0.0,
+            demands,
+        };
+        let (found, plants) = task.judge_law(law, gain_ratio);
+        let broken = found.broken.map(|broken| match broken {
+            Broken::Member(name) => format!("with {name} it is unstable"),
+            Broken::Limit(name) => format!("with {name} it could go on swinging between the limits of the drive"),
+            Broken::Sensitivity | Broken::Integers => "its sensitivity is not finite".to_owned(),
+            Broken::Unknown { hz } => format!(
+                "a mode near {hz:.0} Hz could make it unstable; {}",
+                match recording {
+                    Some(_) => format!("the recording does not exclude it: {}", how_to_exclude(recording.as_ref(), hz, found.unknown.0)),
+                    None => "nothing excludes it without --data: name the recording that the model was identified from".to_owned(),
+                }
+            ),
+        });
+        OnPlants { plants, broken, missing_response: found.unknown }
+    }
+}
+
 /// Another scheme for the model of a design, with nothing known but the model: no recording stands behind it.
 ///
 /// # Errors
 /// The refusal.
-pub fn scheme_without_recording(design: &ServoDesign, choice: Choice, inverse: bool) -> Result<Scheme, String> {
+pub fn scheme_without_recording(design: &ServoDesign, choice: SchemeChoice, inverse: bool) -> Result<Scheme, String> {
     let (model, linear) = (&design.model, design.model.linear);
     let mut demands = Demands { sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM), ..Demands::default() };
     if !inverse {
@@ -598,7 +734,7 @@ pub fn scheme_without_recording(design: &ServoDesign, choice: Choice, inverse: b
     let second = linear.second_mode.map(|_| UNCONFIRMED);
     let task = Task { linear, first: UNCONFIRMED, second, delay_s: 0.0, recording: None, mode_moves: 0.0, demands };
     let words = Words { task: &task, recording: None, inverse };
-    if choice == Choice::Predictor {
+    if choice == SchemeChoice::Predictor {
         let scan = task.scan();
         return Ok(Scheme::Predictor { tuning: words.of(&scan)?.0.tuning, hysteresis_inverse: inverse });
     }
@@ -652,7 +788,7 @@ fn where_the_mode_moves(task: &Task<'_>, chosen: &Candidate) -> String {
     let law = PredictorDesign::new(&task.linear, &chosen.tuning);
     let [lower, recorded, higher] = [-1.0, 0.0, 1.0].map(|way| {
         let moved = with_first_mode_at(&task.linear, 1.0 + way * task.mode_moves);
-        let band = ReferenceBand::of(&law, &Variation { delay_s: task.delay_s, ..Variation::NONE }.sampled(&moved), 1.0);
+        let band = ReferenceBand::of(&law, &PlantVariation { delay_s: task.delay_s, ..PlantVariation::NONE }.sampled(&moved), 1.0);
         format!("{:.0} Hz ({:.2} times at most)", band.bandwidth_hz, band.peak)
     });
     format!(
@@ -679,8 +815,8 @@ pub fn learning_without_recording(design: &ServoDesign) -> Result<LearningDesign
 }
 
 /// The good candidates that no other one beats in both noise and error let through, by rising noise.
-fn trade_off(task: &Task<'_>, scan: &Scan) -> Vec<super::predictor::Assessment> {
-    let good: Vec<_> = scan.candidates.iter().filter(|c| c.broken.is_none()).collect();
+fn trade_off(task: &Task<'_>, scan: &Scan, which: impl Fn(&Candidate) -> bool) -> Vec<Assessment> {
+    let good: Vec<_> = scan.candidates.iter().filter(|c| c.broken.is_none() && which(c)).collect();
     let good = undominated(good, |c| c.noise_um, |c| c.disturbance_um);
     good.into_iter().map(|c| task.assessment(c)).collect()
 }

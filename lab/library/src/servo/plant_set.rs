@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// How a plant differs from a linear model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Variation {
+pub struct PlantVariation {
     /// Gain over the model's, 1.
     pub gain: f64,
     /// Moving mass over the model's, 1: the known modes become slower and less damped.
@@ -18,7 +18,7 @@ pub struct Variation {
     pub mode: Option<(f64, ModeModel)>,
 }
 
-impl Variation {
+impl PlantVariation {
     /// As the model has it.
     pub const NONE: Self = Self { gain: 1.0, mass_ratio: 1.0, delay_s: 0.0, mode: None };
 
@@ -89,7 +89,7 @@ mod tests {
     fn a_delay_within_a_period_is_the_one_of_a_finer_grid() {
         let fine = linear().sampled(SAMPLING_PERIOD_S / 10.0);
         for tenths in [3usize, 10, 17, 20] {
-            let delayed = Variation { delay_s: SAMPLING_PERIOD_S * tenths as f64 / 10.0, ..Variation::NONE }.sampled(&linear());
+            let delayed = PlantVariation { delay_s: SAMPLING_PERIOD_S * tenths as f64 / 10.0, ..PlantVariation::NONE }.sampled(&linear());
             let late = step_answer(&delayed, 30);
             let at_once = step_answer(&fine, 300);
             for (k, y) in late.iter().enumerate() {
@@ -103,9 +103,9 @@ mod tests {
     #[test]
     fn an_unknown_mode_takes_its_share_from_the_first_one() {
         let mode = ModeModel { natural_frequency_rad_s: 30_000.0, damping_ratio: 0.3 };
-        let varied = Variation { gain: 1.3, mode: Some((0.1, mode)), ..Variation::NONE }.sampled(&linear());
+        let varied = PlantVariation { gain: 1.3, mode: Some((0.1, mode)), ..PlantVariation::NONE }.sampled(&linear());
         let at_rest = step_answer(&varied, 3000).pop().unwrap();
         assert!((at_rest - 1.3).abs() < 1e-9, "{at_rest}");
-        assert_eq!(Variation::NONE.sampled(&linear()).a, linear().sampled(SAMPLING_PERIOD_S).a);
+        assert_eq!(PlantVariation::NONE.sampled(&linear()).a, linear().sampled(SAMPLING_PERIOD_S).a);
     }
 }

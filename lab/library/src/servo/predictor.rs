@@ -450,12 +450,6 @@ impl Assessment {
     }
 }
 
-/// Of tunings the one with the smallest expected error.
-#[must_use]
-pub fn least_expected(assessments: &[Assessment]) -> Option<&Assessment> {
-    assessments.iter().min_by(|a, b| a.expected_um().total_cmp(&b.expected_um()))
-}
-
 /// What the scan designs for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -469,17 +463,21 @@ pub struct Demands {
     pub sensor_noise_um: f64,
     /// Largest sensitivity that is accepted.
     pub sensitivity_peak: f64,
+    /// The usual margins are kept where that costs less than a third of the error ([`super::robust`]; the
+    /// plain scan of [`tune`] has no such preference).
+    #[serde(default)]
+    pub usual_margins: bool,
 }
 
 impl Default for Demands {
     fn default() -> Self {
-        Self { reference_hz: 150.0, model_error_um: 0.02, sensor_noise_um: 0.001, sensitivity_peak: 2.5 }
+        Self { reference_hz: 150.0, model_error_um: 0.02, sensor_noise_um: 0.001, sensitivity_peak: 2.5, usual_margins: true }
     }
 }
 
 /// What any law of the predictor's form is worth on a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judgement {
+pub struct TuningJudgement {
     /// Sensor noise that appears as motion, um RMS.
     pub noise_um: f64,
     /// Hysteresis model error that is let through, um RMS.
@@ -490,7 +488,7 @@ pub struct Judgement {
     pub accepted: bool,
 }
 
-impl Judgement {
+impl TuningJudgement {
     /// Expected error, um RMS.
     #[must_use]
     pub fn expected_um(&self) -> f64 {
@@ -507,7 +505,7 @@ pub fn best_of<G: Copy + Send + Sync>(
     law: impl Fn(&G) -> PredictorDesign + Sync,
     linear: &LinearModel,
     demands: &Demands,
-) -> Option<(G, Judgement)> {
+) -> Option<(G, TuningJudgement)> {
     let slow = Demands { reference_hz: 0.1 * demands.reference_hz, ..*demands };
     let judged = parallel::map_indices(candidates.len(), |i| {
         let design = law(&candidates[i]);
@@ -521,13 +519,13 @@ pub fn best_of<G: Copy + Send + Sync>(
 /// Assesses one tuning.
 #[must_use]
 pub fn assess(linear: &LinearModel, tuning: &PredictorTuning, demands: &Demands) -> Assessment {
-    let Judgement { noise_um, disturbance_um, margins, accepted } = judge(&PredictorDesign::new(linear, tuning), linear, demands);
+    let TuningJudgement { noise_um, disturbance_um, margins, accepted } = judge(&PredictorDesign::new(linear, tuning), linear, demands);
     Assessment { tuning: *tuning, noise_um, disturbance_um, margins, accepted }
 }
 
 /// Judges a law on the model that it was designed for: what it lets through, and its margins.
 #[must_use]
-pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) -> Judgement {
+pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) -> TuningJudgement {
     let plant = linear.sampled(SAMPLING_PERIOD_S);
     let radius = |model: &LinearModel, gain: f64, delay: usize| design.spectral_radius(&model.sampled(SAMPLING_PERIOD_S), gain, delay);
     let other_mode = match linear.second_mode {
@@ -569,7 +567,7 @@ pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) 
     let worst = [margins.nominal, margins.gain_half, margins.gain_plus_half, margins.delay, margins.mass_double, margins.second_mode]
         .into_iter()
         .fold(0.0, f64::max);
-    Judgement {
+    TuningJudgement {
         noise_um: noise_power.sqrt() * demands.sensor_noise_um,
         disturbance_um: disturbance_power.sqrt(),
         margins,

@@ -46,8 +46,8 @@ const DRIVEN: f64 = 1e-5;
 const SHOWN: f64 = 0.2;
 
 /// What a recording knows beside the values of a model.
-#[derive(Clone, Debug)]
-pub struct Recording {
+#[derive(Clone, Debug, Default)]
+pub struct ServoRecording {
     /// Frequencies, Hz, evenly spaced from the second line to half the loop's rate.
     pub frequency_hz: Vec<f64>,
     /// Missing response that is not excluded, um/um.
@@ -58,6 +58,9 @@ pub struct Recording {
     pub by_noise: Vec<f64>,
     /// The missing response that the data show, um/um; zero where they are not driven enough to show one.
     pub missing: Vec<f64>,
+    /// The record that drives a frequency most, where one does: at least with this share of its own strongest
+    /// line.
+    pub driven_by: Vec<Option<String>>,
     /// Noise of the sensor, um RMS, where the data show it.
     pub noise_um: Option<f64>,
     /// Residual over the records that were fitted, um RMS.
@@ -126,7 +129,7 @@ impl Sums {
     }
 }
 
-impl Recording {
+impl ServoRecording {
     /// Of a chain on a data set.
     #[must_use]
     pub fn of(chain: &Model, dataset: &Dataset) -> Self {
@@ -142,12 +145,13 @@ impl Recording {
             blind: vec![f64::INFINITY; lines.saturating_sub(2)],
             by_noise: vec![f64::INFINITY; lines.saturating_sub(2)],
             missing: vec![0.0; lines.saturating_sub(2)],
+            driven_by: vec![None; lines.saturating_sub(2)],
             noise_um: noise_floor(dataset).readings_rms_um(dataset),
             residual_um: 0.0,
         };
         let mut squares = Vec::new();
         let mut rates_hz: Vec<f64> = Vec::new();
-        let mut seen: Vec<(f64, Vec<f64>, Vec<f64>)> = Vec::new();
+        let mut seen: Vec<(f64, &str, Vec<f64>, Vec<f64>)> = Vec::new();
         for record in &dataset.records {
             if matches!(record.role, Role::Noise | Role::Test) {
                 continue;
@@ -164,17 +168,31 @@ impl Recording {
             if rate_hz >= LEAST_RATE_HZ && !rates_hz.contains(&rate_hz) {
                 rates_hz.push(rate_hz);
             }
-            seen.push((rate_hz, force, missed));
+            seen.push((rate_hz, &record.name, force, missed));
         }
         out.residual_um = rms(&squares);
         for rate_hz in rates_hz {
             let mut sums = Sums::new(rate_hz);
-            seen.iter().filter(|(rate, ..)| *rate == rate_hz).for_each(|(_, force, missed)| sums.add(force, missed));
+            let mut driven = vec![(0.0, ""); sums.force_power.len()];
+            for (_, name, force, missed) in seen.iter().filter(|(rate, ..)| *rate == rate_hz) {
+                let before = sums.force_power.clone();
+                sums.add(force, missed);
+                let of_record: Vec<f64> = sums.force_power.iter().zip(&before).map(|(after, before)| after - before).collect();
+                let strongest = of_record.iter().skip(2).copied().fold(0.0, f64::max);
+                for (most, power) in driven.iter_mut().zip(of_record) {
+                    if power > DRIVEN * strongest && power > most.0 {
+                        *most = (power, *name);
+                    }
+                }
+            }
             let strongest = sums.force_power.iter().skip(2).copied().fold(0.0, f64::max);
             for (i, hz) in
                 out.frequency_hz.iter().enumerate().filter(|(_, hz)| **hz < BELIEVED * rate_hz || rate_hz >= 0.99 / SAMPLING_PERIOD_S)
             {
                 if let Some((missing, hidden)) = sums.at(i + 2) {
+                    if driven[i + 2].0 > 0.0 {
+                        out.driven_by[i] = Some(driven[i + 2].1.to_owned());
+                    }
                     let narrow = 1.0 + HANN_LINES * LINE_HZ / (2.0 * LEAST_DAMPING * hz);
                     out.blind[i] = out.blind[i].min(narrow * hidden);
                     out.level[i] = out.level[i].min(narrow * (missing + hidden));
@@ -209,6 +227,13 @@ impl Recording {
     #[must_use]
     pub fn blind_at(&self, hz: f64) -> Option<f64> {
         self.at(&self.blind, hz)
+    }
+
+    /// The record that drives a frequency most, if one does.
+    #[must_use]
+    pub fn driven_by_at(&self, hz: f64) -> Option<&str> {
+        let nearest = self.frequency_hz.iter().zip(&self.driven_by).min_by(|a, b| (a.0 - hz).abs().total_cmp(&(b.0 - hz).abs()))?;
+        nearest.1.as_deref()
     }
 
     /// What is there for lack of drive, whatever the model.

@@ -1,4 +1,5 @@
-//! What a servo is asked to follow: a reference that repeats, or one that is given point by point.
+//! What a servo is asked to follow: a reference that repeats, one that jumps, a random one, or one that is
+//! given point by point.
 
 use super::design::ServoDesign;
 use super::model::SAMPLING_PERIOD_S;
@@ -10,20 +11,72 @@ use hysteron_sim::waveform;
 pub enum Reference {
     /// One that repeats.
     Periodic(PeriodicReference),
+    /// One that jumps when the error begins to count.
+    Step {
+        /// Where it stands before, um.
+        from_um: f64,
+        /// By how much it jumps, um.
+        by_um: f64,
+    },
     /// A point for each tick.
     Points(Vec<f64>),
 }
+
+/// Time that a step is followed for, s.
+const STEP_S: f64 = 0.5;
+/// Where a step begins without a word about it, over its size: the room that a sine has below it.
+const ROOM: f64 = 0.12;
+/// Lines of a random reference, as far as its length allows.
+const RANDOM_LINES: f64 = 64.0;
+/// Shortest and longest random reference, s.
+const RANDOM_S: [f64; 2] = [0.25, 20.0];
+/// Lowest upper frequency of a random reference, Hz: of a slower one less than twenty lines would be there.
+const LOWEST_RANDOM_HZ: f64 = 1.0;
+
+/// Names of references, for messages.
+pub const NAMES: &str =
+    "sine:HZ:UM[:OFFSET_UM[:PHASE_DEG]], triangle: with the same numbers, step:UM[:FROM_UM] or random:HZ:UM[:OFFSET_UM[:SEED]]";
 
 /// Longest reference that is given point by point, s.
 const LONGEST_S: f64 = 600.0;
 
 impl Reference {
-    /// One that repeats, by its name ([`PeriodicReference::parse`]).
+    /// One by its name: `sine:` and `triangle:` ([`PeriodicReference::parse`]), `step:UM[:FROM_UM]` (a jump
+    /// by so much), or `random:HZ:UM[:OFFSET_UM[:SEED]]` (equal sines of random phase up to a frequency, within
+    /// an amplitude).
     ///
     /// # Errors
     /// A message that names the field.
     pub fn named(text: &str) -> Result<Self, String> {
-        PeriodicReference::parse(text).map(Self::Periodic)
+        let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
+        if !matches!(kind, "step" | "random") {
+            return PeriodicReference::parse(text).map(Self::Periodic);
+        }
+        let number = |field: &str| field.parse::<f64>().ok().filter(|v| v.is_finite());
+        let numbers: Option<Vec<f64>> = rest.split(':').map(number).collect();
+        match (kind, numbers.as_deref()) {
+            ("step", Some([by_um] | [by_um, _])) if *by_um == 0.0 => Err(format!("reference `{text}`: a step of zero moves nothing")),
+            ("step", Some([by_um])) => Ok(Self::Step { from_um: ROOM * by_um.abs() + (-by_um).max(0.0), by_um: *by_um }),
+            ("step", Some([by_um, from_um])) => Ok(Self::Step { from_um: *from_um, by_um: *by_um }),
+            ("random", Some([hz, um])) => Self::random(text, *hz, *um, (1.0 + ROOM) * um, 1.0),
+            ("random", Some([hz, um, offset_um])) => Self::random(text, *hz, *um, *offset_um, 1.0),
+            ("random", Some([hz, um, offset_um, seed])) => Self::random(text, *hz, *um, *offset_um, *seed),
+            _ => Err(format!("reference `{text}`: expected {NAMES}")),
+        }
+    }
+
+    fn random(text: &str, highest_hz: f64, peak_um: f64, offset_um: f64, seed: f64) -> Result<Self, String> {
+        let fastest_hz = 0.25 / SAMPLING_PERIOD_S;
+        if !(LOWEST_RANDOM_HZ..=fastest_hz).contains(&highest_hz) {
+            return Err(format!("reference `{text}`: the frequency must be at least {LOWEST_RANDOM_HZ} Hz and at most {fastest_hz} Hz"));
+        }
+        if peak_um < 0.0 || !(0.0..=f64::from(u32::MAX)).contains(&seed) {
+            return Err(format!("reference `{text}`: neither amplitude nor seed may be negative"));
+        }
+        let lasts_s = (RANDOM_LINES / highest_hz).clamp(RANDOM_S[0], RANDOM_S[1]);
+        let lines: Vec<usize> = (1..=(lasts_s * highest_hz) as usize).collect();
+        let ticks = (lasts_s / SAMPLING_PERIOD_S).round() as usize;
+        Ok(Self::Points(waveform::multisine(ticks, &lines, peak_um, offset_um, 1, seed as u64)))
     }
 
     /// A reference through points at these times, s, in straight lines between them.
@@ -61,6 +114,14 @@ impl Reference {
     pub fn samples_um(&self, design: &ServoDesign) -> (Vec<f64>, usize) {
         match self {
             Self::Periodic(periodic) => periodic.samples_um(lead_s(design, periodic.frequency_hz)),
+            Self::Step { from_um, by_um } => {
+                let sample_rate_hz = 1.0 / SAMPLING_PERIOD_S;
+                let mut samples_um = waveform::hold(sample_rate_hz, *from_um, lead_s(design, f64::INFINITY));
+                let from = samples_um.len();
+                samples_um.extend(waveform::hold(sample_rate_hz, from_um + by_um, STEP_S));
+                waveform::grow_from_zero(&mut samples_um, sample_rate_hz);
+                (samples_um, from)
+            }
             Self::Points(points_um) => {
                 let sample_rate_hz = 1.0 / SAMPLING_PERIOD_S;
                 // What does not repeat is not learned.
@@ -78,7 +139,7 @@ impl Reference {
     pub fn period_ticks(&self) -> Option<u32> {
         match self {
             Self::Periodic(periodic) => periodic.period_ticks(),
-            Self::Points(_) => None,
+            Self::Step { .. } | Self::Points(_) => None,
         }
     }
 }
@@ -93,6 +154,31 @@ mod tests {
         assert_eq!(points.len(), 61);
         for (tick, expected) in [(0, 2.0), (10, 2.5), (20, 3.0), (40, 2.0), (60, 1.0)] {
             assert!((points[tick] - expected).abs() < 1e-9, "{tick}: {}", points[tick]);
+        }
+    }
+
+    #[test]
+    fn a_step_jumps_when_the_error_counts_and_a_random_reference_keeps_its_band() {
+        let Reference::Step { from_um, by_um } = Reference::named("step:-2").unwrap() else { panic!("a step") };
+        assert!((from_um - 2.24).abs() < 1e-12 && by_um == -2.0, "{from_um} {by_um}");
+        assert_eq!(Reference::named("step:2:1"), Ok(Reference::Step { from_um: 1.0, by_um: 2.0 }));
+        let Reference::Points(points) = Reference::named("random:100:2:5:3").unwrap() else { panic!("points") };
+        let (low, high) = crate::statistics::extremes(&points);
+        assert!((low - 3.0).abs() < 1e-9 || (high - 7.0).abs() < 1e-9, "{low} {high}");
+        assert!(low > 3.0 - 1e-9 && high < 7.0 + 1e-9, "{low} {high}");
+        // Nothing changes faster than all lines at the highest frequency would.
+        let fastest = points.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) / SAMPLING_PERIOD_S;
+        assert!(fastest < std::f64::consts::TAU * 100.0 * 2.0, "{fastest}");
+        assert_ne!(Reference::named("random:100:2:5:4"), Reference::named("random:100:2:5:3"));
+        for (text, expected) in [
+            ("step:0", "of zero"),
+            ("step", "expected sine"),
+            ("random:0.1:2", "at least 1 Hz"),
+            ("random:9:-2", "negative"),
+            ("ramp:1:2", "triangle:"),
+        ] {
+            let refused = Reference::named(text).unwrap_err();
+            assert!(refused.contains(expected), "{text}: {refused}");
         }
     }
 

@@ -3,7 +3,7 @@
 //! [`super::thesis_schemes::regulator`].
 
 use super::model::{LinearModel, SAMPLING_PERIOD_S};
-use super::predictor::{Demands, Judgement, PredictorDesign, STATES, best_of};
+use super::predictor::{Demands, PredictorDesign, STATES, TuningJudgement, best_of};
 use super::quantise::Unit;
 use super::robust::Family;
 use super::thesis_schemes::{Feedforward, Notch, PidGains, regulator};
@@ -50,7 +50,7 @@ pub fn notch_for(linear: &LinearModel) -> Notch {
 /// The PI with the smallest expected error of those that keep the margins; its output is um of
 /// force-equivalent displacement.
 #[must_use]
-pub fn tune(linear: &LinearModel, demands: &Demands, notch: Option<&Notch>) -> Option<(PidGains, Judgement)> {
+pub fn tune(linear: &LinearModel, demands: &Demands, notch: Option<&Notch>) -> Option<(PidGains, TuningJudgement)> {
     let mut candidates = Vec::new();
     for step in 0..24 {
         for p in [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.4] {

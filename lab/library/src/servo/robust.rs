@@ -14,21 +14,23 @@
 //! 4. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every
 //!    frequency up to half the sampling rate (small gain, so whatever the phase and the number of modes),
 //!    where `K S` is the answer of the drive to the reading and `W` the largest missing response: the
-//!    recording's level ([`Recording`]), at most the peak of an unknown mode ([`UNKNOWN_MODE_PEAK`]), times
+//!    recording's level ([`ServoRecording`]), at most the peak of an unknown mode ([`UNKNOWN_MODE_PEAK`]), times
 //!    the spread of the gain.
 //!
 //! Of those that do, and whose gains have a place in the tick's integers, the one with the least expected
-//! error is taken: noise passed on, and the error of the hysteresis model at the highest frequency of
-//! references and at a tenth of it (times what a reference becomes at worst where the order lets the first
+//! error is taken, among those with the usual margins ([`Candidate::keeps_usual_margins`]) where that costs
+//! less than a third of the error: noise passed on, and the error of the hysteresis model at the highest
+//! frequency of references and at a tenth of it (times what a reference becomes at worst where the order lets the first
 //! mode move: [`MovingMode`]). From there the tuning is refined between the points of the scan, with the fast
 //! noise of [`PredictorTuning::fast_noise_um`] as one number more. What the fourth condition costs is found
 //! by leaving it out, and told.
 
+use super::loop_margins::phase_margin_deg;
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
 use super::moving_mode::MovingMode;
-use super::plant_set::Variation;
+use super::plant_set::PlantVariation;
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, STATES, frequency_response};
-use super::recording::Recording;
+use super::recording::ServoRecording;
 use crate::parallel;
 use nalgebra::{Complex, SMatrix, SVector};
 use std::f64::consts::{PI, TAU};
@@ -51,6 +53,15 @@ const LAST_STEP: f64 = 1.2;
 const MOST_STEPS: usize = 40;
 /// A step must bring the cost below this share.
 const LEAST_GAIN: f64 = 0.995;
+
+/// Margins that a controller usually keeps: the largest sensitivity, ...
+pub const USUAL_PEAK: f64 = 1.8;
+/// ... the gain margin, dB, ...
+pub const USUAL_GAIN_MARGIN_DB: f64 = 8.0;
+/// ... and the phase margin, degrees (a peak of 1.8 alone leaves 7.0 dB and 32 degrees).
+pub const USUAL_PHASE_MARGIN_DEG: f64 = 35.0;
+/// The usual margins are kept where the cost stays below this factor.
+const COST_OF_USUAL: f64 = 4.0 / 3.0;
 
 /// Shares of what is commanded that act where the drive stands at a limit for part of a cycle.
 const LIMIT_SHARES: [f64; 5] = [0.6, 0.35, 0.2, 0.1, 0.05];
@@ -139,6 +150,31 @@ impl Family for Predictors<'_> {
     }
 }
 
+/// One law that is there already.
+struct Fixed<'a>(&'a PredictorDesign);
+
+impl Family for Fixed<'_> {
+    type Tuning = ();
+
+    fn law(&self, (): &()) -> Option<PredictorDesign> {
+        Some(self.0.clone())
+    }
+
+    fn fits(&self, (): &(), _law: &PredictorDesign) -> bool {
+        true
+    }
+
+    fn grid(&self, _demands: &Demands) -> Vec<()> {
+        vec![()]
+    }
+
+    fn numbers(&self) -> usize {
+        0
+    }
+
+    fn stepped(&self, (): &(), _number: usize, _by: f64) {}
+}
+
 /// How well the values of a mode are known: relative spreads that are reckoned with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModeSpread {
@@ -170,7 +206,7 @@ pub struct Task<'a> {
     /// Delay of the drive that the actuator is known to have and the observer does not carry, s.
     pub delay_s: f64,
     /// The recording, if it is at hand.
-    pub recording: Option<&'a Recording>,
+    pub recording: Option<&'a ServoRecording>,
     /// Share of its frequency by which the first mode moves to either side; zero where nobody said that it
     /// does. Beside it the spread of [`Task::first`] has to be as large.
     pub mode_moves: f64,
@@ -218,6 +254,16 @@ pub struct Candidate<T = PredictorTuning> {
     pub unknown: (f64, f64),
     /// Its gains have a place in the tick's integers.
     pub fits: bool,
+    /// Gain margin upwards, as a factor; infinite where the phase never reaches -180 degrees.
+    pub gain_margin: f64,
+    /// Phase margin, degrees; infinite where the open loop stays below one.
+    pub phase_margin_deg: f64,
+}
+
+/// A factor in decibels.
+#[must_use]
+pub fn decibels(factor: f64) -> f64 {
+    20.0 * factor.log10()
 }
 
 impl<T> Candidate<T> {
@@ -233,6 +279,19 @@ impl<T> Candidate<T> {
     pub fn cost_um(&self) -> f64 {
         self.expected_um() * self.reference_deviation
     }
+
+    /// Whether it keeps the margins that a controller usually keeps.
+    #[must_use]
+    pub fn keeps_usual_margins(&self) -> bool {
+        self.sensitivity_peak <= USUAL_PEAK
+            && decibels(self.gain_margin) >= USUAL_GAIN_MARGIN_DB
+            && self.phase_margin_deg >= USUAL_PHASE_MARGIN_DEG
+    }
+}
+
+/// Whether a candidate breaks nothing and keeps the usual margins.
+fn holds_with_usual_margins<T>(candidate: &Candidate<T>) -> bool {
+    holds(candidate) && candidate.keeps_usual_margins()
 }
 
 /// Whether a candidate breaks nothing.
@@ -257,6 +316,20 @@ impl<T> Scan<T> {
     #[must_use]
     pub fn best(&self) -> Option<&Candidate<T>> {
         self.candidates.iter().find(|c| holds(c))
+    }
+
+    /// The best of those that also keep the usual margins.
+    #[must_use]
+    pub fn best_with_usual_margins(&self) -> Option<&Candidate<T>> {
+        self.candidates.iter().find(|c| holds_with_usual_margins(c))
+    }
+
+    /// The one that a design takes: with the usual margins, where they are wanted and cheap.
+    #[must_use]
+    pub fn chosen(&self, usual_margins: bool) -> Option<&Candidate<T>> {
+        let best = self.best()?;
+        let usual = self.best_with_usual_margins().filter(|usual| usual_margins && usual.cost_um() < COST_OF_USUAL * best.cost_um());
+        Some(usual.unwrap_or(best))
     }
 
     /// The best of those that only the tick's integers keep from being taken.
@@ -354,30 +427,39 @@ impl Task<'_> {
     }
 
     fn conditions(&self) -> Conditions {
+        self.conditions_at(1.0)
+    }
+
+    /// With all plants at this gain over the one that the law inverts.
+    fn conditions_at(&self, gain_ratio: f64) -> Conditions {
         let grid_hz = frequency_grid_hz(&self.linear);
-        let nominal = Variation { delay_s: self.delay_s, ..Variation::NONE }.sampled(&self.linear);
+        let nominal = PlantVariation { gain: gain_ratio, delay_s: self.delay_s, ..PlantVariation::NONE }.sampled(&self.linear);
         let moved = |mode: ModeModel, frequency: f64, damping: f64| ModeModel {
             natural_frequency_rad_s: mode.natural_frequency_rad_s * frequency,
             damping_ratio: mode.damping_ratio * damping,
         };
         let mut members = vec![("nominal", nominal.clone())];
-        let mut add = |name, variation: Variation, linear: &LinearModel| {
-            let late = Variation { delay_s: variation.delay_s + self.delay_s, ..variation };
+        let mut add = |name, variation: PlantVariation, linear: &LinearModel| {
+            let late = PlantVariation { gain: variation.gain * gain_ratio, delay_s: variation.delay_s + self.delay_s, ..variation };
             members.push((name, late.sampled(linear)));
         };
-        add("half the gain", Variation { gain: 0.5, ..Variation::NONE }, &self.linear);
-        add("one and a half times the gain", Variation { gain: 1.5, ..Variation::NONE }, &self.linear);
-        add("a period more of delay", Variation { delay_s: SAMPLING_PERIOD_S, ..Variation::NONE }, &self.linear);
-        add("twice the mass", Variation { mass_ratio: 2.0, ..Variation::NONE }, &self.linear);
-        add("1.4 times the mass", Variation { mass_ratio: 1.4, ..Variation::NONE }, &self.linear);
+        add("half the gain", PlantVariation { gain: 0.5, ..PlantVariation::NONE }, &self.linear);
+        add("one and a half times the gain", PlantVariation { gain: 1.5, ..PlantVariation::NONE }, &self.linear);
+        add("a period more of delay", PlantVariation { delay_s: SAMPLING_PERIOD_S, ..PlantVariation::NONE }, &self.linear);
+        add("twice the mass", PlantVariation { mass_ratio: 2.0, ..PlantVariation::NONE }, &self.linear);
+        add("1.4 times the mass", PlantVariation { mass_ratio: 1.4, ..PlantVariation::NONE }, &self.linear);
         for up in [-1.0, 1.0] {
             for gain in [1.0 / GAIN_SPREAD, GAIN_SPREAD] {
                 let spread = self.first;
                 let first_mode = moved(self.linear.first_mode, 1.0 + up * spread.frequency, 1.0 - spread.damping);
-                add("the first mode moved", Variation { gain, ..Variation::NONE }, &LinearModel { first_mode, ..self.linear });
+                add("the first mode moved", PlantVariation { gain, ..PlantVariation::NONE }, &LinearModel { first_mode, ..self.linear });
                 if let (Some((share, mode)), Some(spread)) = (self.linear.second_mode, self.second) {
                     let second_mode = Some((share, moved(mode, 1.0 + up * spread.frequency, 1.0 - spread.damping)));
-                    add("the second mode moved", Variation { gain, ..Variation::NONE }, &LinearModel { second_mode, ..self.linear });
+                    add(
+                        "the second mode moved",
+                        PlantVariation { gain, ..PlantVariation::NONE },
+                        &LinearModel { second_mode, ..self.linear },
+                    );
                 }
             }
         }
@@ -401,6 +483,14 @@ impl Task<'_> {
         judge(&Predictors(&self.linear), tuning, &self.conditions())
     }
 
+    /// Judges a law that is there already, on an actuator with this gain over the one that the law inverts;
+    /// and on how many plants.
+    #[must_use]
+    pub fn judge_law(&self, law: &PredictorDesign, gain_ratio: f64) -> (Candidate<()>, usize) {
+        let conditions = self.conditions_at(gain_ratio);
+        (judge(&Fixed(law), &(), &conditions), conditions.members.len())
+    }
+
     /// Judges the predictors of a grid, and those between its points that are better than the best of them.
     #[must_use]
     pub fn scan(&self) -> Scan {
@@ -412,8 +502,9 @@ impl Task<'_> {
     pub fn scan_of<F: Family>(&self, family: &F) -> Scan<F::Tuning> {
         let conditions = self.conditions();
         let mut candidates = grid(family, &conditions);
-        // The one that is taken, and the one that a better recording would allow.
-        for good in [holds as fn(&Candidate<F::Tuning>) -> bool, holds_if_recorded] {
+        // The best that holds, the one that a better recording would allow, and the one with the usual margins.
+        let usual = self.demands.usual_margins.then_some(holds_with_usual_margins as fn(&Candidate<F::Tuning>) -> bool);
+        for good in [holds as fn(&Candidate<F::Tuning>) -> bool, holds_if_recorded].into_iter().chain(usual) {
             if let Some(best) = candidates.iter().find(|c| good(c)).cloned() {
                 candidates.extend(refined(family, best, good, &conditions));
                 candidates.sort_by(|x, y| x.cost_um().total_cmp(&y.cost_um()));
@@ -494,6 +585,8 @@ fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> 
         broken: None,
         unknown: (0.0, 0.0),
         fits: false,
+        gain_margin: 0.0,
+        phase_margin_deg: 0.0,
     };
     let Some(design) = family.law(tuning) else {
         out.broken = Some(Broken::Member("nominal"));
@@ -515,9 +608,11 @@ fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> 
     let one = Complex::new(1.0, 0.0);
     let highest_hz = 0.5 / SAMPLING_PERIOD_S;
     let (mut noise_power, mut last_hz, mut peak) = (0.0, 0.0, 0.0f64);
+    let mut open = Vec::with_capacity(conditions.grid_hz.len());
     for (i, hz) in conditions.grid_hz.iter().enumerate() {
         let (k, p) = (law.response(*hz), conditions.plant[i]);
         let s = one / (one + p * k);
+        open.push(p * k);
         let answer = k * s;
         noise_power += (p * answer).norm_sqr() * (hz - last_hz) / highest_hz;
         last_hz = *hz;
@@ -543,6 +638,8 @@ fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> 
     out.disturbance_um = let_through(conditions.demands.reference_hz);
     out.slow_um = let_through(0.1 * conditions.demands.reference_hz);
     out.sensitivity_peak = peak;
+    out.gain_margin = gain_margin(&open);
+    out.phase_margin_deg = phase_margin_deg(&open).unwrap_or(f64::INFINITY);
     if let Some(moving) = &conditions.moving {
         out.reference_deviation = moving.deviation(|hz| law.response(hz));
     }
@@ -564,6 +661,17 @@ fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> 
         None
     };
     out
+}
+
+/// The least factor that brings a crossing of the negative real axis to -1; infinite without one inside it.
+fn gain_margin(open: &[Complex<f64>]) -> f64 {
+    let crossings = open.windows(2).filter_map(|pair| {
+        let (a, b) = (pair[0], pair[1]);
+        let crosses = (a.im < 0.0) != (b.im < 0.0);
+        let at = a.re + (b.re - a.re) * a.im / (a.im - b.im);
+        (crosses && at < 0.0 && at > -1.0).then(|| -1.0 / at)
+    });
+    crossings.fold(f64::INFINITY, f64::min)
 }
 
 /// Whether the largest sampled frequency that a mode may have is inside what the loop sees.
@@ -599,6 +707,47 @@ mod tests {
         // Two modes and two lags: all states are taken.
         let (full, plain) = (PredictorDesign::new(&linear(true), &quiet), PredictorDesign::new(&linear(true), &PredictorTuning::START));
         assert_eq!((full.l, full.a), (plain.l, plain.a));
+    }
+
+    #[test]
+    fn margins_of_an_open_loop_are_those_of_its_crossings() {
+        // An integrator with a delay of a sample and a half at this gain: w = k at gain 1, phase -90 - 1.5 w T.
+        let gain = 2000.0;
+        let open: Vec<Complex<f64>> = (1..4000)
+            .map(|i| {
+                let w = 10.0 * f64::from(i);
+                Complex::from_polar(gain / w, -PI / 2.0 - 1.5 * w * SAMPLING_PERIOD_S)
+            })
+            .collect();
+        // -180 degrees at w = pi / (3 T).
+        let expected = PI / (3.0 * SAMPLING_PERIOD_S) / gain;
+        assert!((gain_margin(&open) / expected - 1.0).abs() < 1e-3, "{} {expected}", gain_margin(&open));
+        let phase = phase_margin_deg(&open).unwrap();
+        assert!((phase - (90.0 - (1.5 * gain * SAMPLING_PERIOD_S).to_degrees())).abs() < 0.1, "{phase}");
+    }
+
+    #[test]
+    fn the_usual_margins_are_kept_where_they_cost_less_than_a_third() {
+        let candidate = |error_um: f64, sensitivity_peak: f64| Candidate {
+            tuning: (),
+            noise_um: error_um,
+            disturbance_um: 0.0,
+            slow_um: 0.0,
+            sensitivity_peak,
+            reference_deviation: 1.0,
+            broken: None,
+            unknown: (0.0, 0.0),
+            fits: true,
+            gain_margin: 3.0,
+            phase_margin_deg: 40.0,
+        };
+        let taken = |usual_um: f64, wanted: bool| {
+            let scan = Scan { candidates: vec![candidate(0.006, 2.4), candidate(usual_um, 1.7)] };
+            scan.chosen(wanted).unwrap().sensitivity_peak
+        };
+        assert_eq!([taken(0.0079, true), taken(0.0081, true), taken(0.0079, false)], [1.7, 2.4, 2.4]);
+        let small = Candidate { gain_margin: 2.4, ..candidate(0.006, 1.7) };
+        assert!(!small.keeps_usual_margins() && !Candidate { phase_margin_deg: 34.0, ..candidate(0.006, 1.7) }.keeps_usual_margins());
     }
 
     #[test]

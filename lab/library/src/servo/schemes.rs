@@ -8,7 +8,7 @@ use super::regulator_loop::Regulators;
 use super::robust::{Candidate, Family, Scan, Task};
 use super::sliding_mode::{SlidingFamily, SlidingKind};
 use super::thesis_schemes::PidGains;
-use super::track::{Circumstances, PeriodicReference, Shape, track};
+use super::track::{Circumstances, PeriodicReference, ReferenceShape, track};
 use super::{check, reference::Reference};
 use hysteron_sim::chain::Model;
 use serde::Serialize;
@@ -16,7 +16,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 /// A scheme by its name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Choice {
+pub enum SchemeChoice {
     /// Kalman observer and linear-quadratic surface for the sampled model.
     #[default]
     Predictor,
@@ -30,7 +30,7 @@ pub enum Choice {
     Pid,
 }
 
-impl Choice {
+impl SchemeChoice {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Predictor, Self::Pidsmoc, Self::PidsmcAlphaBeta, Self::Smcbl, Self::Pid];
 
@@ -103,15 +103,15 @@ pub(super) struct Chosen {
 
 /// Scans a scheme other than the predictor; `explain` puts a scan's choice into words, or a refusal.
 pub(super) fn choose(
-    choice: Choice,
+    choice: SchemeChoice,
     inverse: bool,
     model: &ActuatorModel,
     task: &Task<'_>,
     words: &impl InWords,
 ) -> Result<Chosen, String> {
     let kind = match choice {
-        Choice::Predictor => return Err("the predictor is designed by itself".into()),
-        Choice::Pid => {
+        SchemeChoice::Predictor => return Err("the predictor is designed by itself".into()),
+        SchemeChoice::Pid => {
             let (chosen, mut said) = scanned(&Regulators, task, words)?;
             let gains = chosen.tuning;
             said.push(format!("P = {:.3}, I = {:.1} 1/s, D = {:.2e} s, in um of displacement per um of error.", gains.p, gains.i, gains.d));
@@ -123,9 +123,9 @@ pub(super) fn choose(
             };
             return Ok(Chosen { scheme, said });
         }
-        Choice::Pidsmoc => SlidingKind::Pidsmoc,
-        Choice::PidsmcAlphaBeta => SlidingKind::PidsmcAlphaBeta,
-        Choice::Smcbl => SlidingKind::BoundaryLayer,
+        SchemeChoice::Pidsmoc => SlidingKind::Pidsmoc,
+        SchemeChoice::PidsmcAlphaBeta => SlidingKind::PidsmcAlphaBeta,
+        SchemeChoice::Smcbl => SlidingKind::BoundaryLayer,
     };
     let nominal = nominal(model);
     let family = SlidingFamily { kind, nominal, unknown_bound_v: unknown_bound_v(model, inverse, &task.demands) };
@@ -167,8 +167,13 @@ pub fn at_work(chain: &Model, designs: &[&ServoDesign], frequencies_hz: &[f64], 
     let jobs: Vec<(&ServoDesign, f64)> = designs.iter().flat_map(|design| frequencies_hz.iter().map(move |hz| (*design, *hz))).collect();
     let run = |(design, hz): &(&ServoDesign, f64)| {
         let amplitude_um = 0.3 * design.model.reach_um();
-        let reference =
-            PeriodicReference { shape: Shape::Sine, frequency_hz: *hz, amplitude_um, offset_um: 1.12 * amplitude_um, phase_deg: -90.0 };
+        let reference = PeriodicReference {
+            shape: ReferenceShape::Sine,
+            frequency_hz: *hz,
+            amplitude_um,
+            offset_um: 1.12 * amplitude_um,
+            phase_deg: -90.0,
+        };
         let circumstances = Circumstances { noise_um, seed: 1, disturbance: None };
         let found = track(chain, design, &Reference::Periodic(reference), "", circumstances);
         let (true_rms_um, true_max_um) = found.map_or((f64::NAN, f64::NAN), |found| (found.truth.rms_um, found.truth.max_um));
@@ -232,7 +237,7 @@ mod tests {
 
     #[test]
     fn every_name_is_its_scheme() {
-        assert!(Choice::ALL.into_iter().all(|choice| Choice::named(choice.name()) == Ok(choice)));
-        assert!(Choice::named("lqg").unwrap_err().contains("pidsmc-alpha-beta"));
+        assert!(SchemeChoice::ALL.into_iter().all(|choice| SchemeChoice::named(choice.name()) == Ok(choice)));
+        assert!(SchemeChoice::named("lqg").unwrap_err().contains("pidsmc-alpha-beta"));
     }
 }

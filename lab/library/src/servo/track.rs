@@ -4,18 +4,19 @@
 //! The plant is a [`ChainPlant`]. Converters are those of a board that fits the actuator: the DAC spans the
 //! drive range with a quarter of it below and half of it above, the ADC the motion with a third to spare (for
 //! the P-753 the converters of the bench). The actuator is conditioned and the sensor zeroed before it
-//! begins.
+//! begins. [`super::members`] puts other plants in the place of the model.
 
-use super::chain_plant::ChainPlant;
+use super::chain_plant::{ChainPlant, HysteresisChange};
 use super::design::ServoDesign;
 use super::disturbance::Disturbance;
 use super::model::{SAMPLING_PERIOD_S, actuator_model};
 use super::quantise::QuantisationError;
-use super::reference::Reference;
+use super::reference::{NAMES, Reference};
 use super::sensor_lag;
 use crate::statistics::extremes;
 use hysteron_core::gain_adaptation::ONE;
 use hysteron_core::learned_feedforward::MOST_POINTS;
+use hysteron_core::reference_window::PREVIEW_TICKS;
 use hysteron_core::servo_tick::ServoTick;
 use hysteron_sim::chain::Model;
 use hysteron_sim::closed_loop::{Controller, ErrorFigures, Plant, RepeatsLater, Surroundings, condition, follow};
@@ -54,7 +55,7 @@ pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>) -> RepeatsLa
 /// How a reference goes from its lowest to its highest point and back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Shape {
+pub enum ReferenceShape {
     /// `offset + amplitude sin(2 pi f t + phase)`.
     Sine,
     /// In straight lines with sharp corners, where the sine would have its extremes.
@@ -65,7 +66,7 @@ pub enum Shape {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PeriodicReference {
     /// Shape.
-    pub shape: Shape,
+    pub shape: ReferenceShape,
     /// Frequency, Hz.
     pub frequency_hz: f64,
     /// Amplitude, um.
@@ -84,11 +85,11 @@ impl PeriodicReference {
     /// # Errors
     /// A message that names the field.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let expected = "expected sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]] or triangle: with the same numbers";
+        let expected = format!("expected {NAMES}");
         let mut fields = text.split(':');
         let shape = match fields.next() {
-            Some("sine") => Shape::Sine,
-            Some("triangle") => Shape::Triangle,
+            Some("sine") => ReferenceShape::Sine,
+            Some("triangle") => ReferenceShape::Triangle,
             _ => return Err(format!("reference `{text}`: {expected}")),
         };
         let numbers: Vec<f64> = fields
@@ -128,10 +129,10 @@ impl PeriodicReference {
         let fs = 1.0 / SAMPLING_PERIOD_S;
         let duration_s = lead_s + (2.0 / self.frequency_hz).max(1.0);
         let mut samples = match self.shape {
-            Shape::Sine => {
+            ReferenceShape::Sine => {
                 waveform::sine(fs, self.frequency_hz, self.amplitude_um, self.offset_um, self.phase_deg.to_radians(), duration_s)
             }
-            Shape::Triangle => (0..waveform::samples_in(fs, duration_s))
+            ReferenceShape::Triangle => (0..waveform::samples_in(fs, duration_s))
                 .map(|k| {
                     let turns = (self.frequency_hz * k as f64 / fs + (self.phase_deg + 90.0) / 360.0).rem_euclid(1.0);
                     self.offset_um + self.amplitude_um * (1.0 - 4.0 * (turns - 0.5).abs())
@@ -158,14 +159,14 @@ pub fn period_ticks(frequency_hz: f64) -> Option<u32> {
 
 /// RMS and largest error.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Figures {
+pub struct TrackingFigures {
     /// RMS, um.
     pub rms_um: f64,
     /// Largest magnitude, um.
     pub max_um: f64,
 }
 
-impl From<ErrorFigures> for Figures {
+impl From<ErrorFigures> for TrackingFigures {
     fn from(e: ErrorFigures) -> Self {
         Self { rms_um: e.rms_um, max_um: e.max_um }
     }
@@ -178,7 +179,70 @@ pub struct Beside {
     pub scheme: String,
     /// Error of the true displacement.
     #[serde(rename = "true")]
-    pub truth: Figures,
+    pub truth: TrackingFigures,
+}
+
+/// What a step became.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct StepFigures {
+    /// Size of the step, um.
+    pub by_um: f64,
+    /// Time from the step on after which the true error stays within [`SETTLED`] of it, s; none where it does
+    /// not.
+    pub settling_s: Option<f64>,
+    /// Time from a tenth to nine tenths of it, s.
+    pub rise_s: Option<f64>,
+    /// How far the true position goes beyond it, over its size.
+    pub overshoot: f64,
+}
+
+/// Share of a step within which it is settled.
+pub const SETTLED: f64 = 0.02;
+/// Share of the time behind a step in which it has to stay settled, so that it counts.
+const STAYS: f64 = 0.1;
+
+impl StepFigures {
+    /// Of a true position; the step is at a tick.
+    fn of(displacement_um: &[f64], at: usize, from_um: f64, by_um: f64) -> Self {
+        let progress = |k: usize| (displacement_um[k] - from_um) / by_um;
+        let seconds = |ticks: usize| ticks as f64 * SAMPLING_PERIOD_S;
+        let behind = displacement_um.len().saturating_sub(at);
+        // Nothing is read here that is outside: every k is below the length.
+        let outside = (at..displacement_um.len()).rev().find(|k| (progress(*k) - 1.0).abs() > SETTLED).map_or(0, |k| k + 1 - at);
+        let settled = outside as f64 <= (1.0 - STAYS) * behind as f64;
+        // The servo looks ahead, so it may set out before the step.
+        let first_beyond = |share: f64| (at.saturating_sub(PREVIEW_TICKS)..displacement_um.len()).find(|k| progress(*k) >= share);
+        Self {
+            by_um,
+            settling_s: settled.then(|| seconds(outside)),
+            rise_s: first_beyond(0.1).zip(first_beyond(0.9)).map(|(low, high)| seconds(high.saturating_sub(low))),
+            overshoot: (at..displacement_um.len()).map(|k| progress(k) - 1.0).fold(0.0, f64::max),
+        }
+    }
+}
+
+/// What the drive does while the error counts.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct DriveFigures {
+    /// Lowest and highest drive, V.
+    pub range_v: [f64; 2],
+    /// Largest rate from tick to tick, V/s.
+    pub rate_max_v_s: f64,
+    /// RMS rate from tick to tick, V/s.
+    pub rate_rms_v_s: f64,
+}
+
+impl DriveFigures {
+    fn of(drive_v: &[f64], from: usize) -> Self {
+        let counted = drive_v.get(from..).unwrap_or_default();
+        let rates: Vec<f64> = counted.windows(2).map(|w| (w[1] - w[0]) / SAMPLING_PERIOD_S).collect();
+        let (low, high) = extremes(counted);
+        Self {
+            range_v: [low, high],
+            rate_max_v_s: rates.iter().map(|r| r.abs()).fold(0.0, f64::max),
+            rate_rms_v_s: (rates.iter().map(|r| r * r).sum::<f64>() / rates.len().max(1) as f64).sqrt(),
+        }
+    }
 }
 
 /// What `hysteron track` found.
@@ -196,10 +260,13 @@ pub struct TrackResult {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beside: Option<Beside>,
     /// Error of what the sensor reads, noise removed.
-    pub sensor: Figures,
+    pub sensor: TrackingFigures,
+    /// Error of the readings as hardware shows them: the sensor's noise and the steps of its converter
+    /// included.
+    pub as_read: TrackingFigures,
     /// Error of the true displacement.
     #[serde(rename = "true")]
-    pub truth: Figures,
+    pub truth: TrackingFigures,
     /// Mean error of what the sensor reads, um.
     pub steady_state_um: f64,
     /// How late the servo takes the sensor to be, s, where it undoes that: what is read is then off what was
@@ -209,6 +276,11 @@ pub struct TrackResult {
     /// How late the sensor of the model is at rest, s, where the model has such a lag.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model_sensor_lag_s: Option<f64>,
+    /// What the step became, where the reference is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<StepFigures>,
+    /// What the drive did.
+    pub drive: DriveFigures,
     /// RMS noise of the sensor, um.
     pub noise_um: f64,
     /// Force from outside, where there is one.
@@ -230,9 +302,18 @@ pub struct TrackResult {
     /// What the sensor reads, noise removed, um.
     #[serde(skip)]
     pub sensor_um: Vec<f64>,
+    /// True position, um.
+    #[serde(skip)]
+    pub displacement_um: Vec<f64>,
+    /// What the converter gives, um.
+    #[serde(skip)]
+    pub reading_um: Vec<f64>,
     /// Drive, V.
     #[serde(skip)]
     pub drive_v: Vec<f64>,
+    /// The tick from which the error counts.
+    #[serde(skip)]
+    pub counts_from: usize,
 }
 
 impl TrackResult {
@@ -298,12 +379,27 @@ pub fn track(
     reference_name: &str,
     circumstances: Circumstances,
 ) -> Result<TrackResult, QuantisationError> {
+    track_on(chain, HysteresisChange::NONE, design, reference, reference_name, circumstances)
+}
+
+/// The same with another gain and wider loops than the chain has.
+///
+/// # Errors
+/// If the design does not fit the tick's formats.
+pub fn track_on(
+    chain: &Model,
+    change: HysteresisChange,
+    design: &ServoDesign,
+    reference: &Reference,
+    reference_name: &str,
+    circumstances: Circumstances,
+) -> Result<TrackResult, QuantisationError> {
     let Circumstances { noise_um, seed, disturbance } = circumstances;
     let (reference_um, from) = reference.samples_um(design);
     let external_um = disturbance.map_or_else(Vec::new, |d| d.samples_um(reference_um.len(), from));
     let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
     let scale = ConverterScale::around(low_v, high_v, design.model.surfaces().initial_ascending_curve(1.0));
-    let mut plant = ChainPlant::at_rest(chain, low_v);
+    let mut plant = ChainPlant::changed(chain, change, low_v);
     let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
     let fs = 1.0 / SAMPLING_PERIOD_S;
     let conditioning = waveform::concatenate(&[waveform::raised_cosine(fs, 10.0, low_v, high_v, 1), waveform::hold(fs, low_v, 1.0)]);
@@ -320,6 +416,10 @@ pub fn track(
     let mut told = told_when_grown(servo, reference.period_ticks());
     let trace = follow(&mut plant, &mut told, &around, &reference_um);
     let samples = trace.sensor_um.len();
+    let step = match reference {
+        Reference::Step { from_um, by_um } => Some(StepFigures::of(&trace.displacement_um, from, *from_um, *by_um)),
+        Reference::Periodic(_) | Reference::Points(_) => None,
+    };
     let mean = |signal: Vec<f64>| signal.iter().sum::<f64>() / signal.len().max(1) as f64;
     Ok(TrackResult {
         schema: "hysteron.track/1".into(),
@@ -329,6 +429,9 @@ pub fn track(
         beside: None,
         sensor: trace.sensor_error(from).into(),
         truth: trace.true_error(from).into(),
+        as_read: ErrorFigures::between(&trace.reading_um, &trace.reference_um, from).into(),
+        step,
+        drive: DriveFigures::of(&trace.drive_v, from),
         sensor_lag_s: design.sensor_lag_s,
         model_sensor_lag_s: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()).map(sensor_lag::lag_s),
         noise_um,
@@ -340,13 +443,31 @@ pub fn track(
         time_s: (0..samples).map(|k| k as f64 * SAMPLING_PERIOD_S).collect(),
         reference_um: trace.reference_um,
         sensor_um: trace.sensor_um,
+        displacement_um: trace.displacement_um,
+        reading_um: trace.reading_um,
         drive_v: trace.drive_v,
+        counts_from: from,
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_step_is_settled_when_it_stays() {
+        let at = 100;
+        let position = |k: usize| if k < at { 1.0 } else { 3.0 - 2.0 * (-((k - at) as f64) / 20.0).exp() };
+        let exponential: Vec<f64> = (0..1000).map(position).collect();
+        let found = StepFigures::of(&exponential, at, 1.0, 2.0);
+        // Within 2 % behind 20 ln 50 = 78.2 ticks, from a tenth to nine tenths in 20 ln 9 = 43.9.
+        assert_eq!(found.settling_s.map(|s| (s / SAMPLING_PERIOD_S).round()), Some(79.0));
+        assert_eq!(found.rise_s.map(|s| (s / SAMPLING_PERIOD_S).round()), Some(44.0));
+        assert!(found.overshoot < 1e-9, "{}", found.overshoot);
+        let late: Vec<f64> = exponential.iter().enumerate().map(|(k, y)| if k == 990 { 3.1 } else { *y }).collect();
+        let late = StepFigures::of(&late, at, 1.0, 2.0);
+        assert!(late.settling_s.is_none() && (late.overshoot - 0.05).abs() < 1e-9, "{late:?}");
+    }
 
     #[test]
     fn a_triangle_goes_in_straight_lines_between_its_ends_and_repeats() {

@@ -1,6 +1,8 @@
 //! Findings of a servo in sentences, the same on screens, in pages and in the lab.
 
 use super::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
+use super::order::OnPlants;
+use super::robust::decibels;
 
 /// What a lag of the sensor does to the reported errors: the lag that the servo undoes and the one that the
 /// actuator's sensor has, s.
@@ -25,15 +27,27 @@ pub fn sensor_lag(undone_s: Option<f64>, of_sensor_s: Option<f64>) -> Option<Str
     })
 }
 
+/// A first unstable factor of the gain, rounded away from what is stable, and in decibels.
+fn gain_factor(value: f64, upwards: bool) -> String {
+    format!("x {} ({:.1} dB)", unstable_from(value, 2, upwards), decibels(value))
+}
+
+/// First unstable values as factors and amounts: `gain x 1.83 (5.2 dB), mass x 0.38 or x 2.05`.
+fn first_values(gain: [Option<f64>; 2], mass: [Option<f64>; 2], delay_s: Option<f64>) -> Vec<String> {
+    let factors = |name: &str, values: [Option<f64>; 2], shown: &dyn Fn(f64, bool) -> String| {
+        let shown: Vec<String> = values.iter().zip([false, true]).filter_map(|(v, upwards)| v.map(|v| shown(v, upwards))).collect();
+        (!shown.is_empty()).then(|| format!("{name} {}", shown.join(" or ")))
+    };
+    let mass_factor = |value: f64, upwards: bool| format!("x {}", unstable_from(value, 2, upwards));
+    let delay = delay_s.map(|s| format!("{} us more of delay", unstable_from(1e6 * s, 1, true)));
+    [factors("gain", gain, &gain_factor), factors("mass", mass, &mass_factor), delay].into_iter().flatten().collect()
+}
+
 /// Margins, one sentence a line.
 #[must_use]
 pub fn margins(m: &LoopMargins) -> Vec<String> {
     let value = |value: Option<f64>, scale: f64, digits: usize, unit: &str| {
         value.map_or_else(|| "none found".to_owned(), |v| format!("{:.digits$}{unit}", scale * v))
-    };
-    // First unstable values, rounded away from what is stable.
-    let from = |value: Option<f64>, scale: f64, digits: usize, upwards: bool, unit: &str| {
-        value.map_or_else(|| "none found".to_owned(), |v| format!("{}{unit}", unstable_from(scale * v, digits, upwards)))
     };
     let first = &m.first_unstable;
     let [least, mean, most] = m.gain_ratio;
@@ -47,7 +61,7 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
     if m.spectral_radius[1] < 1.0 {
         lines.push(format!(
             "gain margin {}, phase margin {}, bandwidth {}, references to {}, peak sensitivity {:.2} at {:.0} Hz, {:.2} of the sensor's noise becomes motion",
-            value(m.gain_margin, 1.0, 2, ""),
+            m.gain_margin.map_or_else(|| "none found".to_owned(), |g| format!("{:.1} dB (x {g:.2})", decibels(g))),
             value(m.phase_margin_deg, 1.0, 0, " degrees"),
             value(m.bandwidth_hz, 1.0, 0, " Hz"),
             value(m.reference_bandwidth_hz, 1.0, 0, " Hz"),
@@ -55,18 +69,22 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
             m.sensitivity_peak_hz,
             m.noise_transmission
         ));
-        let mode = first.mode.map_or_else(
-            || "none found".to_owned(),
-            |u| format!("{} % at {:.0} Hz (damping {})", unstable_from(100.0 * u.share, 2, true), u.frequency_hz, u.damping_ratio),
-        );
-        lines.push(format!(
-            "first unstable: gain {} and {}; mass {} and {}; delay {}; unknown mode {mode}",
-            from(first.gain_down, 1.0, 3, false, ""),
-            from(first.gain_up, 1.0, 3, true, ""),
-            from(first.mass_down, 1.0, 3, false, ""),
-            from(first.mass_up, 1.0, 3, true, ""),
-            from(first.delay_s, 1e6, 1, true, " us")
-        ));
+        let mut beyond = first_values([first.gain_down, first.gain_up], [first.mass_down, first.mass_up], first.delay_s);
+        beyond.extend(first.mode.map(|u| {
+            format!(
+                "an unknown mode with {} % of the motion at {:.0} Hz (damping {})",
+                unstable_from(100.0 * u.share, 2, true),
+                u.frequency_hz,
+                u.damping_ratio
+            )
+        }));
+        if !beyond.is_empty() {
+            lines.push(format!("unstable beyond {}", beyond.join(", ")));
+        }
+        if first.mode.is_none() {
+            let whichever = if m.with_recording { "that the recording leaves possible" } else { "that was tried" };
+            lines.push(format!("no unknown mode {whichever} makes it unstable"));
+        }
         let sooner = |limited: Option<f64>, free: Option<f64>| match (limited, free) {
             (Some(limited), Some(free)) => differ(limited, free),
             // A free drive is tried with longer delays.
@@ -74,28 +92,47 @@ pub fn margins(m: &LoopMargins) -> Vec<String> {
         };
         // Of first values those that come before the ones of a free drive.
         let before = |these: &FirstUnstable| -> Option<String> {
-            let pairs = [
-                (these.gain_down, first.gain_down, "gain", 3, 1.0, false, ""),
-                (these.gain_up, first.gain_up, "gain", 3, 1.0, true, ""),
-                (these.mass_down, first.mass_down, "mass", 3, 1.0, false, ""),
-                (these.mass_up, first.mass_up, "mass", 3, 1.0, true, ""),
-                (these.delay_s, first.delay_s, "delay", 1, 1e6, true, " us"),
-            ];
-            let differing = pairs
-                .into_iter()
-                .filter(|(limited, free, ..)| sooner(*limited, *free))
-                .map(|(limited, _, name, digits, scale, upwards, unit)| format!("{name} {}", from(limited, scale, digits, upwards, unit)));
-            let differing: Vec<String> = differing.collect();
+            let kept = |these: Option<f64>, free: Option<f64>| these.filter(|_| sooner(these, free));
+            let differing = first_values(
+                [kept(these.gain_down, first.gain_down), kept(these.gain_up, first.gain_up)],
+                [kept(these.mass_down, first.mass_down), kept(these.mass_up, first.mass_up)],
+                kept(these.delay_s, first.delay_s),
+            );
             (!differing.is_empty()).then(|| differing.join(", "))
         };
         if let Some(values) = m.first_from_rest.as_ref().and_then(before) {
             lines.push(format!(
-                "beginning at the lower limit of its drive it swings, as run on this model with the sensor's noise, from: {values}"
+                "beginning at the lower limit of its drive it swings, as run on this model with the sensor's noise, from {values}"
             ));
         }
         if let Some(values) = before(&m.first_swinging) {
-            lines.push(format!("once the drive was at a limit, by whatever, it may go on swinging between its limits from: {values}"));
+            lines.push(format!("once the drive was at a limit, by whatever, it may go on swinging between its limits from {values}"));
         }
     }
     lines
+}
+
+/// Whether a servo holds for the plants that a design for this actuator has to hold for.
+#[must_use]
+pub fn on_plants(found: &OnPlants) -> String {
+    let of = format!("the {} plants of a design and every missing response that is left possible", found.plants);
+    match &found.broken {
+        Some(broken) => format!("does not hold for {of}: {broken}"),
+        None => {
+            let (share, hz) = found.missing_response;
+            format!("holds for {of}; nearest to its limit with one at {hz:.0} Hz ({:.0} % of what it can stand)", 100.0 * share)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_unstable_values_are_factors_and_decibels() {
+        let said = first_values([None, Some(1.8291)], [Some(0.3889), Some(2.045)], Some(70.73e-6)).join(", ");
+        assert_eq!(said, "gain x 1.83 (5.2 dB), mass x 0.38 or x 2.05, 70.8 us more of delay");
+        assert_eq!(first_values([Some(0.25), Some(4.0)], [None, None], None), ["gain x 0.25 (-12.0 dB) or x 4.00 (12.0 dB)"]);
+    }
 }

@@ -1,10 +1,15 @@
 //! Faults that a user met, one test each.
 
+use hysteron::dataset::drive_variety::DriveVariety;
 use hysteron::dataset::manifest::Manifest;
 use hysteron::dataset::reading::from_file;
+use hysteron::diagnosis::words::changed;
 use hysteron::identification::noise_floor::noise_floor;
+use hysteron::identify::add;
 use hysteron::model_file::effects_named;
+use hysteron::outcome::ChangedValue;
 use hysteron::simulate::simulate;
+use hysteron::watch::Unwatched;
 use hysteron::{Dataset, Record};
 use hysteron_sim::chain::{Drive, EffectInstance, InitialState, Model};
 use hysteron_sim::noise::WhiteNoise;
@@ -84,4 +89,42 @@ fn a_drive_to_the_commanded_limit_is_simulated() {
     };
     assert!(reaches(95.0).is_ok());
     assert!(reaches(96.0).unwrap_err().to_string().contains("96"));
+}
+
+#[test]
+fn a_value_that_moved_has_its_name_once_and_its_unit() {
+    let moved = |effect: &str, parameter: &str, from: f64, to: f64| {
+        changed(&[ChangedValue { effect: effect.into(), parameter: parameter.into(), from, to }])
+    };
+    assert_eq!(moved("delay", "delay_s", 2.5e-5, 0.0005243), "delay from 0.02500 to 0.5243 ms");
+    let mode = moved("vibration", "natural_frequency_rad_s", std::f64::consts::TAU * 600.0, std::f64::consts::TAU * 620.0);
+    assert_eq!(mode, "vibration natural frequency from 600.0 to 620.0 Hz");
+    assert_eq!(moved("vibration", "damping_ratio", 0.5, 0.25), "vibration damping ratio from 0.5000 to 0.2500");
+}
+
+#[test]
+fn an_effect_that_is_there_already_is_refused_with_a_way_on() {
+    let drive: Vec<f64> = (0..2000).map(|k| 30.0 - 30.0 * (0.01 * f64::from(k)).cos()).collect();
+    let read = (0..2000_usize).map(|k| 0.14 * drive[k.saturating_sub(1)]).collect();
+    let dataset = Dataset::new("d", 0.0, 60.0, vec![Record::new("r", 1000.0, drive, read)]).unwrap();
+    let mut model = Model::new(0.0, 60.0);
+    for (effect, value) in effects_named("gain,delay").unwrap().into_iter().zip([0.14, 1e-3]) {
+        model.add(EffectInstance::new(effect, &dataset.overview(), &[value]));
+    }
+    let refused = add(&effects_named("delay").unwrap()[0], model, &dataset, &Unwatched).err().unwrap().to_string();
+    assert!(refused.contains("in the model already") && refused.contains("identify DATASET --effects"), "{refused}");
+    assert!(refused.contains("gain") && refused.contains("delay"), "{refused}");
+}
+
+/// A tape with several frequencies at once moves at many speeds, a triangle at one.
+#[test]
+fn a_multisine_does_not_move_at_one_speed() {
+    let varied = |drive: Vec<f64>| {
+        let read = drive.iter().map(|u| 0.1 * u).collect();
+        let dataset = Dataset::new("d", 0.0, 60.0, vec![Record::new("r", 1000.0, drive, read)]).unwrap();
+        DriveVariety::of(&dataset, &[0]).varied_within_a_record()
+    };
+    let lines: Vec<usize> = (1..=40).collect();
+    assert!(varied(hysteron_sim::waveform::multisine(4000, &lines, 25.0, 30.0, 1, 5)));
+    assert!(!varied((0..4000).map(|k: i32| 60.0 * (1.0 - (f64::from(k % 400) / 200.0 - 1.0).abs())).collect()));
 }

@@ -64,7 +64,7 @@ fn refused(name: &str, bytes: &[u8], words: &[&str]) {
 #[test]
 fn separators_headers_and_decimal_commas() {
     let known = gives("a.csv", format!("t_s,u_v,y_um\n{}", plain(",")).as_bytes(), &[]);
-    assert!(!known.notes.join("\n").contains("columns:"), "what is said by the file needs no note: {:?}", known.notes);
+    assert!(!known.notes.join("\n").contains("columns:"), "what the file specifies needs no note: {:?}", known.notes);
     gives("a.csv", format!("t [s];u [V];y [um]\r\n{}", plain(";").replace('\n', "\r\n")).as_bytes(), &[]);
     gives("a.txt", format!("# t_s u_V y_um\n{}", plain(" ")).as_bytes(), &[]);
     gives("a.txt", format!("Time (s)\tVoltage (V)\tPosition (µm)\n{}", plain("\t")).as_bytes(), &[]);

@@ -156,6 +156,14 @@ function padded(low, high, log) {
   const air = high > low ? 0.05 * (high - low) : Math.abs(high) * 0.1 || 1;
   return [low - air, high + air];
 }
+/** The ends of what is shown of `values` where few of them lie far outside: one in a hundred on either side may; null where all are shown. */
+function withoutFew(values) {
+  if (values.length < 200) return null;
+  const sorted = Float64Array.from(values).sort(), n = sorted.length - 1;
+  const low = sorted[Math.floor(0.01 * n)], high = sorted[Math.ceil(0.99 * n)], wide = high - low;
+  if (!(wide > 0) || sorted[n] - sorted[0] < 3 * wide) return null;
+  return [Math.max(sorted[0], low - 0.5 * wide), Math.min(sorted[n], high + 0.5 * wide)];
+}
 /** Index of the first value of a rising array that is not below `value`. */
 function lowerBound(values, value) {
   let low = 0, high = values.length;
@@ -173,6 +181,7 @@ class Plot {
     this.spec = spec;
     this.hidden = new Set();
     this.view = {};
+    this.whole = false;
     this.height = (spec.height || 280);
     const drawing = frame.querySelector(".drawing");
     this.legend = document.createElement("div");
@@ -204,15 +213,26 @@ class Plot {
     let x0 = Infinity, x1 = -Infinity, y0 = Infinity, y1 = -Infinity;
     for (const s of series) for (const v of column(s.x)) if (Number.isFinite(v) && !(xAxis.log && v <= 0)) { if (v < x0) x0 = v; if (v > x1) x1 = v; }
     let xs = this.view.x || (series.some(s => !column(s.x).rising) || xAxis.log ? padded(x0, x1, xAxis.log) : x0 < x1 ? [x0, x1] : padded(x0, x1, false));
+    const seen = [];
     for (const s of series) {
       const x = column(s.x), y = column(s.y);
       for (let i = 0; i < y.length; i++) {
         const v = y[i];
-        if (x[i] >= xs[0] && x[i] <= xs[1] && Number.isFinite(v) && !(yAxis.log && v <= 0)) { if (v < y0) y0 = v; if (v > y1) y1 = v; }
+        if (x[i] >= xs[0] && x[i] <= xs[1] && Number.isFinite(v) && !(yAxis.log && v <= 0)) { if (v < y0) y0 = v; if (v > y1) y1 = v; if (this.spec.percentiles) seen.push(v); }
       }
     }
+    const most = withoutFew(seen);
+    this.cut = most !== null && !this.view.y;
+    if (this.cut && !this.whole) [y0, y1] = most;
     if (!yAxis.log) for (const level of this.spec.levels) if (matches(level.when) && !this.view.x) { y0 = Math.min(y0, level.value); y1 = Math.max(y1, level.value); }
-    return [xs, this.view.y || padded(y0, y1, yAxis.log)];
+    let ys = this.view.y || padded(y0, y1, yAxis.log);
+    if (this.spec.equal && !this.view.x && !this.view.y) {
+      // The tighter axis gets as many units a pixel as the other one.
+      const w = (this.surface.clientWidth || 640) - margin.left - margin.right, h = this.height - margin.top - margin.bottom;
+      const unit = Math.max((xs[1] - xs[0]) / w, (ys[1] - ys[0]) / h), about = ([a, b], pixels) => [(a + b - unit * pixels) / 2, (a + b + unit * pixels) / 2];
+      xs = about(xs, w); ys = about(ys, h);
+    }
+    return [xs, ys];
   }
   draw() {
     const width = this.width = this.surface.clientWidth || 640, height = this.height, spec = this.spec;
@@ -263,7 +283,7 @@ class Plot {
       pen = true; lastX = px; lastY = low = high = py; pixel = Math.round(px);
     }
     flush();
-    return `<path class="${dots ? "dots" + (to - from > 300 ? " many" : "") : `curve ${s.role}${x.rising ? "" : " loop"}`}" data-series="${safe(s.label)}" style="stroke:var(--${s.role})"${s.style === "dashed" ? ' stroke-dasharray="6 4"' : ""} d="${path.join("")}"/>`;
+    return `<path class="${dots ? "dots" + (to - from > 300 ? " many" : to - from < 4 ? " few" : "") : `curve ${s.role}${x.rising || x.length < 1500 ? "" : " loop"}`}" data-series="${safe(s.label)}" style="stroke:var(--${s.role})"${s.style === "dashed" ? ' stroke-dasharray="6 4"' : ""} d="${path.join("")}"/>`;
   }
   drawLegend() {
     const labels = new Map();
@@ -277,6 +297,13 @@ class Plot {
       button.series = s;
       return button;
     }));
+    if (this.cut) {
+      const button = document.createElement("button");
+      button.className = "whole";
+      button.textContent = this.whole ? "without the few largest values" : "the few largest values are outside: show all";
+      button.onclick = () => { this.whole = !this.whole; this.draw(); };
+      this.legend.append(button);
+    }
     this.at = document.createElement("span");
     this.at.className = "at";
     this.legend.append(this.at);
@@ -286,7 +313,7 @@ class Plot {
     const { X, Y, spec } = this, marks = [];
     if (value === null) { this.over.innerHTML = ""; this.at.textContent = ""; for (const b of this.legend.querySelectorAll("b")) b.textContent = ""; return; }
     let where = value, line = true;
-    for (const button of this.legend.querySelectorAll("button")) {
+    for (const button of this.legend.querySelectorAll("button:not(.whole)")) {
       const s = button.series, text = button.querySelector("b");
       text.textContent = "";
       if (this.hidden.has(s.label)) continue;

@@ -157,7 +157,11 @@ pub fn assert_same_bits(target: &[TraceSample], host: &[TraceSample]) {
 
 /// The same amplifier on the host, with commands at their ticks: what the target must have done, bit by bit.
 pub fn host_run(parameters: &AmplifierParameters, world: &mut World, commands: &[(u32, &str)], ticks: usize) -> Vec<TraceSample> {
-    let mut amplifier = Amplifier::new(*parameters);
+    host_run_of(Amplifier::new(*parameters), world, commands, ticks)
+}
+
+/// The same of an amplifier that was given something before.
+pub fn host_run_of(mut amplifier: Amplifier, world: &mut World, commands: &[(u32, &str)], ticks: usize) -> Vec<TraceSample> {
     let mut commands = commands.iter().peekable();
     (0..ticks)
         .map(|tick| {

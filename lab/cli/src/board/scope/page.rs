@@ -96,7 +96,7 @@ fn found(scope: &Scope, number: Option<u64>, answer: impl FnOnce(&mut Seen, &Arc
     let block = seen.newest.iter().chain(&seen.held).find(|block| Some(block.number) == number).cloned();
     match block {
         Some(block) => answer(&mut seen, &block),
-        None => (404, TEXT, b"this block is not kept any more; expected block=NUMBER of one that was shown a moment ago\n".to_vec()),
+        None => (404, TEXT, b"this block has left the memory; expected block=NUMBER of one that was shown a moment ago\n".to_vec()),
     }
 }
 

@@ -141,7 +141,8 @@ fn metadata(mut file: Bytes, channels: &mut BTreeMap<String, Channel>, names: &m
             u32::MAX => active.retain(|other| *other != path),
             0 => {
                 if channel.layout.is_none() {
-                    return file.wrong(format!("{path} has the layout of a segment before, and there is none; is the file damaged?"));
+                    return file
+                        .wrong(format!("{path} refers to the layout of an earlier segment, and this is the first; is the file damaged?"));
                 }
                 if !active.contains(&path) {
                     active.push(path.clone());

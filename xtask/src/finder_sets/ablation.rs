@@ -1,0 +1,83 @@
+//! `cargo xtask ablate`: what each rule of the decision buys.
+//!
+//! Every rule is a threshold of `Policy`. It is set to the value at which it decides nothing, and the planted
+//! and the altered sets run again. A rule whose row equals that of the method buys nothing on these sets.
+
+use super::results::Results;
+use super::{Context, SETS, run_set};
+use crate::steps::{built, root};
+use std::fmt::Write as _;
+
+/// Rules with the value at which each decides nothing.
+const RULES: [(&str, &str); 20] = [
+    ("promises_nothing", "1.0"),
+    ("seen_in_the_noise", "1e9"),
+    ("gain_per_effect", "0.0"),
+    ("least_gain", "0.0"),
+    ("matters_at_noise", "0.0"),
+    ("matters_of_remainder", "0.0"),
+    ("in_contention", "1e9"),
+    ("closed_around", "0"),
+    ("rivals", "0"),
+    ("pairs", "0"),
+    ("singles", "20"),
+    ("story_max", "0"),
+    ("hopeless", "1e9"),
+    ("loops_come_near", "0.0"),
+    ("beyond_chance", "0.0"),
+    ("rounds_without_gain_far_above", "1"),
+    ("guesses", "1"),
+    ("prior_guesses", "1"),
+    ("floor_z", "0.0"),
+    ("contradiction", "0.0"),
+];
+const OF: [&str; 2] = ["planted", "altered"];
+const TABLE: &str = "benchmarks/results/ablation.csv";
+
+/// Runs the sets, whole or some cases of each, without each of these rules, or without each of all.
+pub fn run(arguments: &[String]) -> Result<(), String> {
+    let mut asked = arguments.to_vec();
+    let sample = match asked.iter().position(|a| a == "--sample") {
+        Some(at) if at + 1 < asked.len() => {
+            let text = asked.drain(at..at + 2).next_back().unwrap_or_default();
+            Some(text.parse().map_err(|_| format!("--sample {text}: expected a whole number"))?)
+        }
+        Some(_) => return Err("--sample: expected a whole number".into()),
+        None => None,
+    };
+    if let Some(unknown) = asked.iter().find(|name| RULES.iter().all(|(rule, _)| rule != *name)) {
+        return Err(format!("{unknown}: expected some of {}", RULES.map(|(rule, _)| rule).join(", ")));
+    }
+    let folder = root().join("target/finder_sets");
+    let mut context = Context { program: built("hysteron"), label: "ablation".into(), folder: folder.clone(), policy: None };
+    if !context.program.exists() {
+        return Err(format!("{}: is not there; cargo build --release -p hysteron-cli", context.program.display()));
+    }
+    let wanted = RULES.iter().filter(|(rule, _)| asked.is_empty() || asked.iter().any(|name| name == rule));
+    let mut table = String::from("without,set,cases,right,in_set,missed,wrong_or,wrong,processor_s\n");
+    for (rule, off) in std::iter::once(&("", "")).chain(wanted) {
+        let name = if rule.is_empty() { "nothing" } else { rule };
+        let told = |e: std::io::Error| format!("{}: {e}", folder.display());
+        std::fs::create_dir_all(folder.join("ablation")).map_err(told)?;
+        context.policy = if rule.is_empty() {
+            None
+        } else {
+            let path = folder.join(format!("ablation/{rule}.toml"));
+            std::fs::write(&path, format!("{rule} = {off}\n")).map_err(told)?;
+            Some(path)
+        };
+        let mut results = Results::at(name, folder.join(format!("ablation/{name}.csv")))?;
+        for set in SETS.iter().filter(|set| OF.contains(&set.name)) {
+            let cases = (set.cases)(&context, sample)?;
+            run_set(&context, set, &cases, &mut results)?;
+            let ran: Vec<_> = results.rows.iter().filter(|r| r.set == set.name && cases.iter().any(|c| c.name == r.case)).collect();
+            let count = |mark: &str| ran.iter().filter(|row| row.mark == mark).count();
+            let processor_s: f64 = ran.iter().map(|row| row.processor_s).sum();
+            let counts = ["right", "in set", "missed", "wrong or", "wrong"].map(|mark| count(mark).to_string()).join(",");
+            let _ = writeln!(table, "{name},{},{},{counts},{processor_s:.0}", set.name, ran.len());
+        }
+    }
+    print!("{table}");
+    let path = root().join(TABLE);
+    std::fs::write(&path, table).map_err(|e| format!("{}: {e}", path.display()))
+}
