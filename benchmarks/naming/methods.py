@@ -106,7 +106,7 @@ def operon(fitted, _held_out):
 
 
 def hysteron(program, model, folder, out):
-    """`hysteron diagnose`: its findings, each a group that the data do not tell apart, and other values of effects that are there."""
+    """`hysteron diagnose`: its findings, each a group that the data do not distinguish, and other values of effects that are there."""
     used = lambda: sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
     before = used()
     subprocess.run([program, "diagnose", model, folder, "--json", out, "--force"], check=True, capture_output=True)

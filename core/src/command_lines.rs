@@ -202,7 +202,7 @@ mod tests {
             assert_eq!(rest, [("play sine 1 2 3 4".into(), true), ("status".into(), false)]);
         }
         let mut lines = CommandLines::new();
-        assert!(!lines.receive(b"@100 disable\ndisabled\n").stop, "that one waits for its tick, and that one is none");
+        assert!(!lines.receive(b"@100 disable\ndisabled\n").stop, "the first waits for its tick, the second stops nothing");
         assert!(lines.receive(b"ena\x18ble\n").stop);
         assert_eq!(rest(&mut lines), ["@100 disable", "disabled", "ble"]);
     }

@@ -1,6 +1,7 @@
 //! `capture`.
 
-use crate::desk::{Desk, as_argument};
+use crate::desk::Desk;
+use crate::screen::as_argument;
 use hysteron::Result;
 use std::path::Path;
 

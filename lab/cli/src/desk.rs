@@ -26,12 +26,6 @@ fn canonical(path: &Path) -> PathBuf {
     path.canonicalize().ok().or_else(|| Some(folder.canonicalize().ok()?.join(path.file_name()?))).unwrap_or_else(|| path.to_path_buf())
 }
 
-/// A path as it is typed in a suggested command: in quotes where it has spaces.
-pub fn as_argument(path: &Path) -> String {
-    let text = path.display().to_string();
-    if text.contains(char::is_whitespace) { format!("\"{text}\"") } else { text }
-}
-
 /// A file as it is called in messages.
 pub fn wrong(path: &Path, message: impl std::fmt::Display) -> Error {
     Error::new(path.display(), message)

@@ -2,9 +2,10 @@
 
 use crate::arguments::StudyOutputs;
 use crate::compare::write_fit;
-use crate::desk::{Desk, as_argument};
+use crate::desk::Desk;
 use crate::progress::Progress;
 use crate::read_arguments::ReadArguments;
+use crate::screen::as_argument;
 use crate::tables::{print_notes, print_records, print_values, say_stopped};
 use hysteron::error::nearest;
 use hysteron::{Error, Result, model_file};

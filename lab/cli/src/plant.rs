@@ -1,7 +1,8 @@
 //! `plant`.
 
-use crate::desk::{Desk, as_argument, wrong};
+use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
+use crate::screen::as_argument;
 use hysteron::synthetic::case::{CaseOrder, SyntheticCase, simulate_case, truths_json};
 use hysteron::synthetic::case_set::{SetOrder, kinds, simulate_set};
 use hysteron::{Error, Result, model_file};

@@ -1,6 +1,6 @@
 //! What a person says about the files of a data set: columns, units, sampling rate.
 
-use crate::desk::as_argument;
+use crate::screen::as_argument;
 use hysteron::dataset::column_rules::ColumnRules;
 use hysteron::dataset::column_rules::{ColumnName, PerColumn};
 use hysteron::dataset::reading::Instructions;

@@ -4,6 +4,7 @@
 use hysteron::dataset::units::SignalUnits;
 use std::fmt::Arguments;
 use std::io::{ErrorKind, Write, stdout};
+use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -45,4 +46,10 @@ fn note(written: std::io::Result<()>) {
     if written.is_err_and(|error| error.kind() != ErrorKind::BrokenPipe) {
         FAILED.store(true, Ordering::Relaxed);
     }
+}
+
+/// A path as it is typed in a suggested command: in quotes where it has spaces.
+pub fn as_argument(path: &Path) -> String {
+    let text = path.display().to_string();
+    if text.contains(char::is_whitespace) { format!("\"{text}\"") } else { text }
 }

@@ -18,9 +18,7 @@ pub fn print_steps(steps: &[StepFigures], floor_um: Option<f64>) {
             (None, 0) => "start".into(),
             (None, _) => step.why.split([';', ':']).next().unwrap_or_default().to_owned(),
         };
-        let taken_back =
-            if step.removed.is_empty() { String::new() } else { format!("   (no longer needed: {})", step.removed.join(", ")) };
-        println!("  {name:width$}  {:>9}  {:>11}{taken_back}", nm(step.identify_rms_um), step.validate_rms_um.map_or("-".into(), nm));
+        println!("  {name:width$}  {:>9}  {:>11}", nm(step.identify_rms_um), step.validate_rms_um.map_or("-".into(), nm));
     }
     if let Some(floor) = floor_um {
         println!("  {:width$}  {:>9}  {:>11}", "noise", nm(floor), nm(floor));

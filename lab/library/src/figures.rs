@@ -53,8 +53,6 @@ pub struct ParameterFigures {
 pub struct StepFigures {
     /// What was added.
     pub added: Option<String>,
-    /// What was removed.
-    pub removed: Vec<String>,
     /// Why.
     pub why: String,
     /// Fitted error.
@@ -178,7 +176,6 @@ pub fn step_figures(steps: &[PathStep]) -> Vec<StepFigures> {
         .zip(before)
         .map(|(step, before)| StepFigures {
             added: step.change.added(),
-            removed: Vec::new(),
             why: words::why_step(&step.change, before, &step.judged),
             identify_rms_um: step.judged.identify_rms_um,
             validate_rms_um: step.judged.validate_rms_um,

@@ -13,7 +13,7 @@
 
 use crate::dataset::{Dataset, Record, Role};
 use crate::identification::fit::{dot, residual, rms};
-use crate::identification::own_part::{orthonormalised, project_out_of};
+use crate::identification::nuisance_terms::{orthonormalised, project_out_of};
 use crate::parallel;
 use hysteron_sim::chain::{InitialState, Model};
 use nalgebra::{DMatrix, DVector};

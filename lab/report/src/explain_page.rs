@@ -148,12 +148,7 @@ fn facts(report: &ExplainReport) -> Vec<(String, String)> {
             None => "this data cannot give one".to_owned(),
         },
     ));
-    let mut added: Vec<String> = Vec::new();
-    for step in &report.steps {
-        added.retain(|effect| !step.removed.contains(effect));
-        added.extend(step.added.clone());
-    }
-    let added: Vec<String> = added.iter().map(|effect| effect_words(effect)).collect();
+    let added: Vec<String> = report.steps.iter().filter_map(|step| step.added.as_deref()).map(effect_words).collect();
     if !added.is_empty() {
         facts.push(("Added".to_owned(), added.join(", ")));
     }
@@ -299,13 +294,9 @@ fn evidence(report: &ExplainReport) -> Option<Section> {
     })
 }
 
-/// What a step added and took back.
+/// What a step added.
 fn added_words(step: &StepReport, name: &str) -> String {
-    let added = step.added.clone().unwrap_or_else(|| name.to_owned());
-    match step.removed.as_slice() {
-        [] => added,
-        removed => format!("{added}; {} taken back", removed.join(", ")),
-    }
+    step.added.clone().unwrap_or_else(|| name.to_owned())
 }
 
 fn falling_error(report: &ExplainReport) -> Section {

@@ -97,8 +97,6 @@ pub struct NoiseFloorReport {
 pub struct StepReport {
     /// Effect added in this step; none for the model that was started from.
     pub added: Option<String>,
-    /// Effects that this step took back, since the added one explains what they seemed to.
-    pub removed: Vec<String>,
     /// Why, in words.
     pub why: String,
     /// RMS over the fitted records, um.

@@ -16,7 +16,7 @@ use hysteron::figures::{FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
 use hysteron::identification::linearisation::{counted_of, fill_left_out};
 use hysteron::identification::noise_floor::NoiseFloor;
-use hysteron::identification::own_part::Samples;
+use hysteron::identification::nuisance_terms::Samples;
 use hysteron::outcome::{CandidateFigures, Standing, Verdict};
 use hysteron::replay::{lines, replays};
 use hysteron::statistics::largest;
@@ -57,13 +57,8 @@ pub fn explain_report(found: &Outcome, dataset: &Dataset, command: String) -> Ex
 }
 
 fn step_reports(steps: &[PathStep]) -> Vec<StepReport> {
-    let of = |s: StepFigures| StepReport {
-        added: s.added,
-        removed: s.removed,
-        why: s.why,
-        identify_rms_um: s.identify_rms_um,
-        validate_rms_um: s.validate_rms_um,
-    };
+    let of =
+        |s: StepFigures| StepReport { added: s.added, why: s.why, identify_rms_um: s.identify_rms_um, validate_rms_um: s.validate_rms_um };
     step_figures(steps).into_iter().map(of).collect()
 }
 
@@ -243,7 +238,6 @@ pub fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures,
         noise_floor: floor_report(&floor),
         steps: vec![StepReport {
             added: None,
-            removed: Vec::new(),
             why: "the model as it is".into(),
             identify_rms_um: judged.identify_rms_um,
             validate_rms_um: judged.validate_rms_um,

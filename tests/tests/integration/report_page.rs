@@ -95,13 +95,7 @@ fn candidate(effect: &str, share: f64, p: f64, after: Option<f64>, why: &str) ->
 }
 
 fn step(added: Option<&str>, why: &str, identify_um: f64, validate_um: f64) -> StepReport {
-    StepReport {
-        added: added.map(str::to_owned),
-        removed: Vec::new(),
-        why: why.into(),
-        identify_rms_um: identify_um,
-        validate_rms_um: Some(validate_um),
-    }
+    StepReport { added: added.map(str::to_owned), why: why.into(), identify_rms_um: identify_um, validate_rms_um: Some(validate_um) }
 }
 
 fn demonstration() -> ExplainReport {

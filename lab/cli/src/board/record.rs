@@ -1,7 +1,8 @@
 //! `board record`: drives that the board plays, as a data set.
 
 use super::{LineArguments, WiringArguments, of_board};
-use crate::desk::{Desk, as_argument};
+use crate::desk::Desk;
+use crate::screen::as_argument;
 use hysteron::servo::amplifier_block::{block, wiring_parameters};
 use hysteron::synthetic::drives::{DriveOfRecord, board_drives, manifest};
 use hysteron::{Error, Result};

@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::identification::finer_hysteresis::main_effect;
 use crate::identification::held_values::{as_free_as, holding};
 use crate::identification::linearisation::{Rows, measured};
-use crate::identification::own_part::{columns, orthonormalised, project_out_of};
+use crate::identification::nuisance_terms::{columns, orthonormalised, project_out_of};
 use crate::outcome::ChangedValue;
 use crate::parallel;
 use crate::watch::WatchEvent;

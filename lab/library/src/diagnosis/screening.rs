@@ -35,7 +35,7 @@ use crate::identification::fit::blocks;
 use crate::identification::linearisation::{
     Linearised, Rows, fill_left_out, free_parameters, left_in_window, linearise, normal_equations, walk_variations,
 };
-use crate::identification::own_part::{Samples, project_out, swinging, transposed_times};
+use crate::identification::nuisance_terms::{Samples, project_out, swinging, transposed_times};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, InitialState, Model};
 use hysteron_sim::effect::{Effect, FreeMotion, Overview, Resonance};

@@ -2,7 +2,7 @@
 //!
 //! # How it works
 //! * Residual and derivatives come from [`super::linearisation`], free of what each record has of its own
-//!   ([`super::own_part`]).
+//!   ([`super::nuisance_terms`]).
 //! * Steps are Levenberg and Marquardt's on the normal equations, which are accumulated record by record. A
 //!   weak prior of one full range on coefficients keeps directions that the data do not show small; it weighs
 //!   one part in 10^4 of one sample.
@@ -16,7 +16,7 @@ use super::linearisation::{
     LinearCoefficients, Linearised, ParameterIndex, Rows, along_residual, free_parameters, left_in_window, linearise, linearise_reusing,
     residual_at, residual_near, squares_of_derivatives,
 };
-use super::own_part::Samples;
+use super::nuisance_terms::Samples;
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::{EffectInstance, Model};

@@ -5,7 +5,9 @@
 //! ([`hysteron_sim::variations`]). The coefficients of the hysteresis, most of the parameters, enter
 //! linearly: one walk gives what all of them add.
 
-use super::own_part::{self, OwnBases, OwnBasis, OwnMotions, Places, Samples, amounts, project_out, project_out_by_rows, project_out_of};
+use super::nuisance_terms::{
+    self, OwnBases, OwnBasis, OwnMotions, Places, Samples, amounts, project_out, project_out_by_rows, project_out_of,
+};
 use crate::dataset::{Dataset, Record};
 use crate::parallel;
 use hysteron_sim::chain::Model;
@@ -191,7 +193,7 @@ pub fn left_in_window(model: &Model, record: &Record, reading_um: &[f64]) -> Vec
         project_out_of(&OwnBasis::of(OwnMotions::of(model, record), record, &every, None).orthonormal, &mut left);
     } else {
         let counted: Vec<usize> = record.counted().map(|k| k - record.window.start).collect();
-        project_out_by_rows(&own_part::columns(model, record, &every), &counted, &mut left);
+        project_out_by_rows(&nuisance_terms::columns(model, record, &every), &counted, &mut left);
     }
     left.as_slice().to_vec()
 }
@@ -405,7 +407,7 @@ pub fn normal_equations(parts: &[Linearised]) -> (DMatrix<f64>, DVector<f64>, f6
 /// `J'J` of linearised records.
 #[must_use]
 pub fn squares_of_derivatives(parts: &[Linearised]) -> DMatrix<f64> {
-    let each = parallel::map(parts, |part| own_part::transposed_times(&part.jacobian, &part.jacobian));
+    let each = parallel::map(parts, |part| nuisance_terms::transposed_times(&part.jacobian, &part.jacobian));
     each.into_iter().reduce(|sum, of_record| sum + of_record).unwrap_or_default()
 }
 

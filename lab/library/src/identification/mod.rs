@@ -1,7 +1,7 @@
 //! From records to a model: least squares over the whole chain, the noise that nothing explains, finer
 //! surfaces of hysteresis.
 //!
-//! * [`linearisation`]: residual and derivatives of a chain on records; [`own_part`]: what each record has of
+//! * [`linearisation`]: residual and derivatives of a chain on records; [`nuisance_terms`]: what each record has of
 //!   its own;
 //! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
 //!   [`identifiability`]: what they leave open;
@@ -18,6 +18,6 @@ pub mod held_values;
 pub mod identifiability;
 pub mod linearisation;
 pub mod noise_floor;
-pub mod own_part;
+pub mod nuisance_terms;
 pub mod rate_surfaces;
 pub mod uncertainty;

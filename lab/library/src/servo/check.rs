@@ -57,13 +57,6 @@ pub fn sliding_surface_parameter(model: &NominalModel, gains: &ObserverGains) ->
         .fold(f64::NAN, f64::max)
 }
 
-/// Discriminant of Ch. 7, Eq. (20): negative means that the sliding surface parameter is unique.
-#[must_use]
-pub fn discriminant(model: &NominalModel, gains: &ObserverGains) -> f64 {
-    let (b, c, d) = (model.a22() - model.b2() * gains.d, model.b2() * gains.p, -model.b2() * gains.i);
-    18.0 * b * c * d - 4.0 * b.powi(3) * d + b * b * c * c - 4.0 * c.powi(3) - 27.0 * d * d
-}
-
 /// Roots of Ch. 7, Eq. (21): reachability of the observer's sliding surface.
 #[must_use]
 pub fn observer_reachability(model: &NominalModel, gains: &ObserverGains) -> Vec<Complex<f64>> {
@@ -245,6 +238,12 @@ mod tests {
         close(&poles, &[(-7606.45, 0.0), (-1919.21, 5237.84), (-1919.21, -5237.84), (-1413.45, 0.0), (-15.02, 0.0)], 0.006);
         let poles = alpha_beta_loop_poles(&MODEL, &ControllerGains::THESIS_CHAPTER_6, &AlphaBeta::THESIS_CHAPTER_6, 5e-5);
         close(&poles, &[(-7779.32, 0.0), (-1435.37, 5296.74), (-1435.37, -5296.74), (-1111.65, 1529.75), (-1111.65, -1529.75)], 0.006);
+    }
+
+    /// Discriminant of Ch. 7, Eq. (20): negative means that the sliding surface parameter is unique.
+    fn discriminant(model: &NominalModel, gains: &ObserverGains) -> f64 {
+        let (b, c, d) = (model.a22() - model.b2() * gains.d, model.b2() * gains.p, -model.b2() * gains.i);
+        18.0 * b * c * d - 4.0 * b.powi(3) * d + b * b * c * c - 4.0 * c.powi(3) - 27.0 * d * d
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! * [`high_band`]: a lower bound from what readings have above everything that the drive excites;
 //! * [`random_part`]: lines, slow drift and what follows a measured force are effects, not noise, and are
 //!   taken out of all of them.
-//! * [`wander`]: noise that is the stronger the slower it is, carried on from a rest to longer records.
+//! * [`one_over_f`]: noise that is the stronger the slower it is, carried on from a rest to longer records.
 //!
 //! A record at rest that the data set brings is taken at its word. Without one, every record has the floor
 //! that its own repetitions show, or its own hold; a record that has neither has the least of the others,
@@ -15,15 +15,15 @@
 //! ([`crate::dataset::reading_grid`]).
 
 mod high_band;
+mod one_over_f;
 mod random_part;
 mod read_back;
 mod repetition;
 mod rest;
-mod wander;
 
+pub use one_over_f::OneOverFNoise;
 pub use random_part::periodogram;
 pub use read_back::{DriveNoiseEvidence, ReadBack};
-pub use wander::Wander;
 
 use crate::dataset::reading_grid::{noise_between_repeats_um, reading_step_um, rounding_noise};
 use crate::dataset::{Dataset, Record, Role};
@@ -103,10 +103,10 @@ pub struct NoiseFloor {
     /// All estimates, the one used first.
     pub estimates: Vec<FloorEstimate>,
     /// 1/f noise of the rest record; `None` where the noise is white as far as the rest shows.
-    pub wander: Option<Wander>,
+    pub one_over_f: Option<OneOverFNoise>,
     /// Largest standard deviation of the RMS of such noise from one judged record to another, as a share of
     /// it.
-    pub wander_relative_std: f64,
+    pub one_over_f_relative_std: f64,
     /// Step of a converter that is coarse enough to matter beside the rest of the noise, um.
     pub reading_step_um: Option<f64>,
     /// Where estimates disagree.
@@ -131,7 +131,7 @@ impl NoiseFloor {
     #[must_use]
     pub fn relative_std(&self) -> f64 {
         let white = self.estimates.first().filter(|e| e.rms_um > 0.0).map_or(0.0, |e| e.std_um / e.rms_um);
-        white.hypot(self.wander_relative_std)
+        white.hypot(self.one_over_f_relative_std)
     }
 
     /// RMS of the readings alone over all records that are fitted or judge, um: without what the noise of the
@@ -217,7 +217,7 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         lines_hz: still().flat_map(|one| one.lines_hz.iter().copied()).collect(),
         samples: still().filter(|one| one.sample_rate_hz > SHOWS_MAINS_HZ).map(|one| one.samples).max().unwrap_or(0),
     };
-    let wander = rests.first().and_then(|rest| rest.wander);
+    let one_over_f = rests.first().and_then(|rest| rest.one_over_f);
     let mut estimates: Vec<FloorEstimate> = rests.into_iter().map(|rest| rest.estimate).collect();
     let mut repeats: Vec<Repeated> = driven.iter().filter_map(|r| repetition::of_periods(r, span_v)).collect();
     repeats.extend(repetition::of_pairs(dataset));
@@ -231,14 +231,17 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
     let gain_um_v = dataset.overview().gain_um_v;
     let bounds: Vec<FloorEstimate> = driven.iter().filter_map(|r| high_band::of_record(r, gain_um_v)).collect();
     let at_least_um = bounds.iter().map(|e| e.rms_um).reduce(f64::min);
-    let of_records_um: Vec<Option<f64>> =
-        dataset.records.iter().map(|r| wander.map(|wander| wander.in_record_um(r)).or_else(|| of_record(r, &estimates))).collect();
-    let judged = driven.iter().map(|r| wander.map_or(0.0, |wander| wander.relative_std(r)));
-    let wander_relative_std = judged.fold(0.0, f64::max);
+    let of_records_um: Vec<Option<f64>> = dataset
+        .records
+        .iter()
+        .map(|r| one_over_f.map(|one_over_f| one_over_f.in_record_um(r)).or_else(|| of_record(r, &estimates)))
+        .collect();
+    let judged = driven.iter().map(|r| one_over_f.map_or(0.0, |one_over_f| one_over_f.relative_std(r)));
+    let one_over_f_relative_std = judged.fold(0.0, f64::max);
     let rms_um = over_judging(dataset, &of_records_um);
     let mut warnings = disagreements(&estimates);
     warnings.extend(declared_step(dataset, step_um));
-    warnings.extend(wander.map(|w| {
+    warnings.extend(one_over_f.map(|w| {
         format!(
             "the noise is the stronger the slower it is ({:.2} nm white, {:.2} nm per root of a hertz at 1 Hz): its floor grows with the length of a record",
             1e3 * w.white_um,
@@ -259,8 +262,8 @@ pub fn noise_floor(dataset: &Dataset) -> NoiseFloor {
         of_records_um,
         at_least_um,
         estimates,
-        wander,
-        wander_relative_std,
+        one_over_f,
+        one_over_f_relative_std,
         reading_step_um,
         lines_at_rest,
         of_readings_warnings: warnings.clone(),

@@ -1,7 +1,7 @@
 //! The noise that rest shows: in records of their own, and where a drive holds still inside a record.
 
+use super::one_over_f::OneOverFNoise;
 use super::random_part::{Beside, lines_hz, random, random_part_beside_lines};
-use super::wander::Wander;
 use super::{FloorEstimate, FloorEvidence};
 use crate::dataset::holds::{holds, read_noise_v};
 use crate::dataset::reading_grid::{noise_at_rest_um, rounding_noise};
@@ -23,7 +23,7 @@ const PARTS: usize = 4;
 pub(super) struct AtRest {
     pub estimate: FloorEstimate,
     /// The 1/f noise, where it shows.
-    pub wander: Option<Wander>,
+    pub one_over_f: Option<OneOverFNoise>,
     /// Lines beside the noise, Hz.
     pub lines_hz: Vec<f64>,
     /// Samples in which they were looked for.
@@ -44,7 +44,7 @@ pub(super) fn of_record(record: &Record, step_um: Option<f64>) -> AtRest {
     let shown = step_um.is_none_or(|step_um| random_um >= HIDDEN_BY_STEP * step_um);
     AtRest {
         estimate,
-        wander: Wander::of_rest(&residual_um, record.sample_rate_hz).filter(|_| shown),
+        one_over_f: OneOverFNoise::of_rest(&residual_um, record.sample_rate_hz).filter(|_| shown),
         lines_hz,
         samples: readings_um.len(),
         sample_rate_hz: record.sample_rate_hz,
@@ -91,7 +91,7 @@ pub(super) fn of_hold(record: &Record, step_um: Option<f64>) -> Option<AtRest> {
     let rms_um = *of_parts.get(of_parts.len() / 2)?;
     (rms_um > 0.0).then(|| AtRest {
         estimate: FloorEstimate::new(FloorEvidence::Hold, vec![record.name.clone()], rms_um, readings_um.len()),
-        wander: None,
+        one_over_f: None,
         lines_hz,
         samples: readings_um.len(),
         sample_rate_hz: record.sample_rate_hz,

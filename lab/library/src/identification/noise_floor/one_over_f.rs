@@ -31,7 +31,7 @@ const SCATTER_OF_LINES: f64 = 1.645;
 
 /// Noise with a white part and one that falls with the frequency.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Wander {
+pub struct OneOverFNoise {
     /// RMS of the white part, sample by sample, um.
     pub white_um: f64,
     /// Amplitude density of the other part at 1 Hz, um per root of a hertz; it falls with the root of the
@@ -43,7 +43,7 @@ pub struct Wander {
     pub up_to_hz: f64,
 }
 
-impl Wander {
+impl OneOverFNoise {
     /// The noise of a rest, from what is left of it without drift and lines; nothing where it is white as far
     /// as the rest shows.
     pub(super) fn of_rest(residual_um: &[f64], sample_rate_hz: f64) -> Option<Self> {
@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn white_noise_is_white() {
         for seed in 0..40 {
-            assert_eq!(Wander::of_rest(&noise(0.0, 0.004, 4000, seed), RATE_HZ), None, "{seed}");
+            assert_eq!(OneOverFNoise::of_rest(&noise(0.0, 0.004, 4000, seed), RATE_HZ), None, "{seed}");
         }
     }
 
@@ -134,7 +134,7 @@ mod tests {
             let white = noise(0.0, 0.004, 4000, seed);
             let drifting: Vec<f64> = (white.iter().enumerate()).map(|(k, v)| v + 0.5 * (-(k as f64) / tau_samples).exp()).collect();
             let residual = super::super::random_part::random(&drifting, RATE_HZ, None).residual;
-            assert_eq!(Wander::of_rest(&residual, RATE_HZ), None, "{seed}");
+            assert_eq!(OneOverFNoise::of_rest(&residual, RATE_HZ), None, "{seed}");
         }
     }
 
@@ -143,7 +143,7 @@ mod tests {
     fn what_a_rest_shows_holds_in_longer_records() {
         let (mut densities, mut ratios) = (Vec::new(), Vec::new());
         for seed in 0..20 {
-            let found = Wander::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it wanders");
+            let found = OneOverFNoise::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it has 1/f noise");
             densities.push(found.at_1_hz_um);
             let long = noise(0.001, 0.004, 40_000, 500 + seed);
             let rms_um = rms(&long);
@@ -154,7 +154,7 @@ mod tests {
         // As far apart as reported: of twenty, two may be beyond two standard deviations, none beyond three
         // and a half.
         let of_one = |seed: u64| {
-            let found = Wander::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it wanders");
+            let found = OneOverFNoise::of_rest(&noise(0.001, 0.004, 4000, seed), RATE_HZ).expect("it has 1/f noise");
             found.relative_std(&Record::new("long", RATE_HZ, vec![0.0; 40_000], vec![0.0; 40_000]))
         };
         let z: Vec<f64> = ratios.iter().zip(0..).map(|(ratio, seed)| (ratio - 1.0) / of_one(seed)).collect();
