@@ -111,7 +111,14 @@ pub fn design(files: &DesignFiles, wanted: &DesignRequest, reading: &ReadArgumen
     desk.write_json(outputs.json.as_deref(), &DesignFigures { schema: "hysteron.design/1", design: &design, at_work: &at_work })?;
     let page = Page {
         title: "Servo design".into(),
-        lead_sentence: design.explanation.first().cloned().unwrap_or_default(),
+        lead_sentence: match &design.chosen {
+            Some(chosen) => format!(
+                "Expected at {reference_hz} Hz: {:.2} nm of the sensor's noise passed on and {:.2} nm of the model's error let through.",
+                1e3 * chosen.noise_um,
+                1e3 * chosen.disturbance_um
+            ),
+            None => design.explanation.first().cloned().unwrap_or_default(),
+        },
         sections: vec![Section {
             heading: "Why this one".into(),
             text: design.explanation.join("\n\n"),

@@ -2,7 +2,7 @@
 //! looks at first.
 
 use crate::explain_report::{ExplainReport, RecordReport};
-use crate::page::{CurveRole, PageBlock, Plot, Section, Series};
+use crate::page::{CurveRole, PageBlock, Plot, Section, Series, Width};
 use hysteron::response::{Correlations, Response, correlations, frequency_response};
 
 /// The section of the record that shows most of the dynamics; none without a driven record of some hundred
@@ -53,11 +53,12 @@ fn bode(measured: &Response, model: &Response) -> [Plot; 3] {
         let line = |label: &str, role: CurveRole, response: &Response| {
             Series::line(label, role, response.frequency_hz.clone(), of(response).clone())
         };
-        let plot = Plot::new(title).x_axis("frequency", "Hz").y_axis(axis, unit).log(true, log).link("frequency").with(line(
-            "measured",
-            CurveRole::Measured,
-            measured,
-        ));
+        let plot =
+            Plot::new(title).x_axis("frequency", "Hz").y_axis(axis, unit).log(true, log).width(Width::Third).link("frequency").with(line(
+                "measured",
+                CurveRole::Measured,
+                measured,
+            ));
         if both { plot.with(line("modelled", CurveRole::Model, model)) } else { plot }
     };
     [

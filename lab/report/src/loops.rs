@@ -3,10 +3,13 @@
 
 use crate::explain_report::ExplainReport;
 use crate::page::{CurveRole, PageBlock, Plot, Section, Series, Style};
+use crate::text::figure;
 use std::ops::Range;
 
 /// A turn of the drive counts where it comes back by this share of the range.
 const TURN: f64 = 0.04;
+/// Smaller loops, as a share of the range, are not seen beside the largest.
+const SEEN: f64 = 0.1;
 /// Samples of a loop, so that it is a curve.
 const SAMPLES_MIN: usize = 24;
 /// Samples of a loop that are drawn.
@@ -55,7 +58,7 @@ fn loops(report: &ExplainReport, range_v: f64) -> Vec<Loop> {
         for w in turns.windows(3) {
             let (low, high) = (r.u_v[w[0]], r.u_v[w[1]]);
             let height_v = high - low;
-            let closed = height_v > 0.0 && (r.u_v[w[2]] - low).abs() < CLOSED * height_v;
+            let closed = height_v > SEEN * range_v && (r.u_v[w[2]] - low).abs() < CLOSED * height_v;
             let whole = r.residual_um.last().is_some_and(|left| left[w[0]..w[2]].iter().all(|e| e.is_finite()));
             if closed && whole && w[2] - w[0] >= SAMPLES_MIN {
                 let seconds = (w[2] - w[0]) as f64 / r.sample_rate_hz;
@@ -121,10 +124,10 @@ pub(crate) fn loops_section(report: &ExplainReport) -> Option<Section> {
         let measured = |k: usize| r.y_um[k] - r.y_um[low];
         let modelled = |k: usize| r.y_um[k] - residual[k] - (r.y_um[low] - residual[low]);
         let line = |k: usize| gain_um_v * (r.u_v[k] - r.u_v[low]);
-        let name = format!("{:.3} V at {} V/s ({})", l.height_v, crate::text::figure(l.speed_v_s), r.name);
+        let name = format!("{} V at {} V/s ({})", figure(l.height_v), figure(l.speed_v_s), r.name);
         let series = |of: &dyn Fn(usize) -> f64| kept.iter().map(|k| of(*k)).collect::<Vec<f64>>();
         let drawn = |y: Vec<f64>, dashed: bool| {
-            let line = Series::line(if dashed { format!("{name}, modelled") } else { name.clone() }, role, u_v.clone(), y);
+            let line = Series::line(name.clone(), role, u_v.clone(), y);
             if dashed { line.style(Style::Dashed) } else { line }
         };
         over_each_other.series.extend([drawn(series(&measured), false), drawn(series(&modelled), true)]);

@@ -89,7 +89,7 @@ pub fn nyquist(margins: &LoopMargins) -> Plot {
         .equal()
         .height_px(400)
         .caption("From 0 Hz to half the sampling rate. The distance from the point -1 is one over the sensitivity; inside the circle about it the sensitivity is above 1.8.")
-        .with(circle("unit circle", CurveRole::Measured, 0.0, 1.0))
+        .with(circle("unit circle", CurveRole::Other3, 0.0, 1.0))
         .with(circle(format!("sensitivity {USUAL_PEAK}"), CurveRole::Other1, -1.0, 1.0 / USUAL_PEAK))
         .with(Series::line("open loop", CurveRole::Model, x, y))
         .with(Series::points("-1", CurveRole::Residual, vec![-1.0], vec![0.0]));

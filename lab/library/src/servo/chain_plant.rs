@@ -31,10 +31,12 @@ fn end_to_end_um_v(chain: &Model) -> f64 {
     let mut hysteresis = chain.clone();
     hysteresis.effects.retain(|e| e.effect.declaration().place == Place::Hysteresis);
     let (low, range) = (chain.drive_min_v, chain.drive_max_v - chain.drive_min_v);
-    let share = |k: usize| 1.0 - (1.0 - k as f64 / RANGE_SAMPLES as f64).abs();
-    let drive_v: Vec<f64> = (0..=2 * RANGE_SAMPLES).map(|k| low + range * share(k)).collect();
+    let up = || (0..=RANGE_SAMPLES).map(|k| k as f64 / RANGE_SAMPLES as f64);
+    // A reading shows the drive before it, so both ends are held for a sample.
+    let shares = up().chain([1.0]).chain(up().map(|share| 1.0 - share)).chain([0.0]);
+    let drive_v: Vec<f64> = shares.map(|share| low + range * share).collect();
     let y = hysteresis.simulate(&Drive::held(&drive_v, SAMPLING_PERIOD_S, InitialState::Virgin));
-    (y[RANGE_SAMPLES] - y[2 * RANGE_SAMPLES]) / range
+    (y[RANGE_SAMPLES + 1] - y[y.len() - 1]) / range
 }
 
 /// The chain of a model as a plant under control.

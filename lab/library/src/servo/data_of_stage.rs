@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn a_record_below_the_noise_is_to_be_raised_and_not_asked_for() {
-        let said = |level, by_noise, driven_by| how_to_exclude(Some(&recording(level, by_noise, driven_by)), 5250.0, 2.05);
+        let said = |level, by_noise, driven_by| how_to_exclude(Some(&recording(level, by_noise, driven_by)), 5250.0, 2.08);
         let raised = said(0.4, 0.38, Some("wideband"));
         assert_eq!(
             raised,

@@ -256,7 +256,7 @@ class Plot {
     for (const s of [...series].sort((a, b) => depth(a) - depth(b))) out.push(this.curve(s));
     for (const level of spec.levels.filter(l => matches(l.when) && !(spec.y.log && l.value <= 0))) {
       const p = inside(Y(level.value)).toFixed(1);
-      out.push(`<path class="level" d="M${margin.left} ${p}H${right}"/><text x="${right - 4}" y="${p - 4}" text-anchor="end">${safe(level.label)}</text>`);
+      out.push(`<path class="level" d="M${margin.left} ${p}H${right}"/><text x="${right - 4}" y="${p < margin.top + 14 ? +p + 13 : p - 4}" text-anchor="end">${safe(level.label)}</text>`);
     }
     out.push(`<g class="over"></g></g><path class="frame" d="M${margin.left} ${margin.top}V${bottom}H${right}"/>`);
     this.surface.innerHTML = `<svg viewBox="0 0 ${width} ${height}" aria-hidden="true">${out.join("")}</svg>${series.some(s => column(s.x).length) ? "" : '<div class="empty">nothing to show for this choice</div>'}`;
