@@ -30,6 +30,7 @@ pub mod linear_system;
 pub mod loop_inverse;
 pub mod noise;
 pub mod rate_dependent_hysteresis;
+pub mod several_axes;
 pub mod stick_slip;
 pub mod variations;
 pub mod waveform;

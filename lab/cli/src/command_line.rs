@@ -15,7 +15,8 @@ use crate::read_arguments::ReadArguments;
 #[cfg(feature = "thesis")]
 use crate::reproduce;
 use crate::{
-    add, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate, track,
+    add, axes, check, compare, design, diagnose, drives, effects, explain, export, full_build, identify, plant, score, screen, simulate,
+    track,
 };
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -178,6 +179,14 @@ enum Command {
         after_help = "Examples:\n  hysteron plant creep=2,delay --out hidden --seed 7\n  hysteron plant all --strengths 1,2,4 --out cases"
     )]
     Plant(PlantArguments),
+    /// Stages with several drives and sensors: find what is where, decouple, simulate
+    #[command(
+        after_help = "Examples:\n  hysteron axes explain my_stage --out model.toml --report axes.html\n  hysteron axes decouple model.toml --hidden-coupling 0.1"
+    )]
+    Axes {
+        #[command(subcommand)]
+        command: axes::AxesCommand,
+    },
     /// Work with the amplifier's board: tune, record, upload, status, send, attach; emulate runs the program
     /// that `cargo xtask board` builds
     #[command(disable_help_flag = true, after_help = "Example:\n  hysteron board tune tuned --port /dev/ttyACM0 --drive-max-v 80")]
@@ -415,6 +424,9 @@ pub fn run() -> ExitCode {
 fn dispatch(command: Command) -> Result<bool> {
     match command {
         Command::Explain { dataset, from, search, verbose, time, animation, reading, outputs } => {
+            if axes::is_of_several_axes(&dataset) {
+                return axes::explain(&dataset, None, outputs.out.as_deref(), &axes::Manner { verbose, time }, &outputs.recordings.files);
+            }
             let wanted = explain::ExplainRequest { from: &from, search: &search, verbose, time, animation: animation.as_deref() };
             explain::explain(&dataset, &wanted, &reading, &outputs)
         }
@@ -432,6 +444,7 @@ fn dispatch(command: Command) -> Result<bool> {
         Command::Lab { dataset, no_open, reading } => lab::lab(dataset, no_open, &reading),
         #[cfg(not(feature = "lab"))]
         Command::Lab { .. } => full_build::needed("lab"),
+        Command::Axes { command } => axes::axes(command),
         Command::Plant(wanted) => plant::plant(&wanted),
         Command::Board { .. } => full_build::needed("board"),
         #[cfg(feature = "trace")]

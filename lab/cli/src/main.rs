@@ -8,6 +8,7 @@ macro_rules! println {
 
 mod add;
 mod arguments;
+mod axes;
 #[cfg(feature = "board")]
 mod board;
 #[cfg(feature = "trace")]

@@ -9,7 +9,7 @@
 //! cargo run --release -p hysteron --example loop_models -- [--data FOLDER] [--csv FILE] [MODEL ...]
 //! ```
 //!
-//! The recordings are not part of the project (docs/real_recordings.md names their source); without the
+//! The recordings are not part of the project (docs/results/real_recordings.md names their source); without the
 //! folder it says so.
 
 use hysteron::dataset::{Dataset, Record, Role};

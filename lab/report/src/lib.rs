@@ -56,6 +56,7 @@
 //! - `effects_page`: the library of effects as a page; `falling_error`: the growth of a model as a picture
 //!   that moves.
 
+mod axes_page;
 mod decimate;
 mod dynamics;
 mod effects_page;
@@ -72,6 +73,7 @@ mod servo_plots;
 mod text;
 mod track_page;
 
+pub use axes_page::axes_page;
 pub use decimate::extreme_indices;
 pub use effects_page::effects_page;
 pub use explain_page::explain_page;

@@ -1,5 +1,6 @@
 //! Tests of the program as its users start it: one program, so that dependencies are linked once.
 
+mod axes;
 mod bad_input;
 mod common;
 mod formats;

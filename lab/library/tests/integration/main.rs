@@ -7,6 +7,7 @@ mod formats;
 mod how_it_was_recorded;
 mod prediction;
 mod replay;
+mod several_axes;
 mod slow_noise;
 mod stages_written_by_hand;
 mod text_files;

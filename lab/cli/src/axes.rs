@@ -1,0 +1,348 @@
+//! `axes`: stages with several drives and sensors.
+
+use crate::arguments::{Outputs, TimeArguments, as_typed};
+use crate::desk::{Desk, wrong};
+use crate::progress::Progress;
+use clap::Subcommand;
+use hysteron::several_axes::decoupling::{AxesServo, AxesTrack, Decoupling, WholeCheck};
+use hysteron::several_axes::finder::{AxesPolicy, find};
+use hysteron::several_axes::manifest;
+use hysteron::several_axes::model_text::{AxesModel, figures};
+use hysteron::several_axes::planted::{AxisPlant, JudgedStage, planted_stage};
+use hysteron::several_axes::recordings::{AxesData, AxesRecord};
+use hysteron::several_axes::response_matrix::response_matrix;
+use hysteron::several_axes::structure::Described;
+use hysteron::watch::Watch;
+use hysteron::{Error, Result};
+use hysteron_report::axes_page;
+use hysteron_sim::several_axes::ModalStage;
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What to do with a stage of several axes.
+#[derive(Subcommand)]
+pub enum AxesCommand {
+    /// Find which effect is there in which drive, mode or sensor; `hysteron explain` does the same for such a
+    /// data set
+    Explain {
+        /// Folder with dataset.toml, or a manifest, whose columns are lists
+        dataset: PathBuf,
+        /// Model to start from
+        #[arg(long, value_name = "MODEL")]
+        from: Option<PathBuf>,
+        /// Write the model
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// Tell every step of the search
+        #[arg(long, short)]
+        verbose: bool,
+        #[command(flatten)]
+        time: TimeArguments,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Decouple the axes of a model, and check the loop as a whole
+    Decouple {
+        /// Model file
+        model: PathBuf,
+        /// Share of its own drive by which every drive also moves the modes of the others in the simulated
+        /// stage, unknown to the design
+        #[arg(long, default_value_t = 0.1)]
+        hidden_coupling: f64,
+        /// Frequency of the reference
+        #[arg(long, default_value_t = 5.0)]
+        reference_hz: f64,
+        /// Amplitude of the reference, in the unit of the sensors
+        #[arg(long, default_value_t = 1.0)]
+        amplitude: f64,
+        #[command(flatten)]
+        outputs: Outputs,
+    },
+    /// Simulate the recordings of a stage of three axes with one effect planted in one channel
+    Plant {
+        /// What to plant: coupling, mode_of_one_drive, friction, delay, creep, nonlinear_stiffness,
+        /// sensor_bandwidth or sensor_coupling
+        effect: String,
+        /// Folder to write
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        /// Seed of parameters and noise
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
+    /// Search simulated stages and compare with what was planted in them
+    Score {
+        /// What to plant, comma-separated
+        #[arg(long, value_delimiter = ',', default_value = "coupling,mode_of_one_drive,friction")]
+        effects: Vec<String>,
+        /// Stages of each
+        #[arg(long, default_value_t = 20)]
+        cases: u64,
+        /// Write a row for each stage
+        #[arg(long, value_name = "CSV")]
+        out: Option<PathBuf>,
+        /// Replace the file if it exists
+        #[arg(long)]
+        force: bool,
+    },
+}
+
+/// Does it.
+pub fn axes(command: AxesCommand) -> Result<bool> {
+    match command {
+        AxesCommand::Explain { dataset, from, out, verbose, time, outputs } => {
+            explain(&dataset, from.as_deref(), out.as_deref(), &Manner { verbose, time }, &outputs)
+        }
+
+        AxesCommand::Decouple { model, hidden_coupling, reference_hz, amplitude, outputs } => {
+            decouple(&model, &Reference { hidden_coupling, hz: reference_hz, amplitude }, &outputs)
+        }
+        AxesCommand::Plant { effect, out, seed, force } => plant(&effect, &out, seed, force),
+        AxesCommand::Score { effects, cases, out, force } => score(&effects, cases, out.as_deref(), force),
+    }
+}
+
+/// The manifest of a data set, if its columns are lists.
+fn manifest_of(path: &Path) -> Option<(PathBuf, String)> {
+    let file = if path.is_dir() { path.join("dataset.toml") } else { path.to_path_buf() };
+    if file.extension().is_none_or(|extension| extension != "toml") {
+        return None;
+    }
+    let text = std::fs::read_to_string(&file).ok()?;
+    manifest::has_several(&text).then_some((file, text))
+}
+
+/// Whether a data set has several drives or sensors.
+pub fn is_of_several_axes(path: &Path) -> bool {
+    manifest_of(path).is_some()
+}
+
+fn load(desk: &Desk, path: &Path) -> Result<AxesData> {
+    let Some((file, _)) = manifest_of(path) else {
+        return Err(wrong(
+            path,
+            "is no data set of several axes; expected a folder with dataset.toml, or a manifest, with lists of columns (docs/guides/several_axes.md)",
+        ));
+    };
+    let text = desk.text(&file, "a manifest")?;
+    let beside = file.parent().unwrap_or_else(|| Path::new(".")).to_path_buf();
+    manifest::from_manifest(&text, &file.display().to_string(), &|name| desk.bytes(&beside.join(name), "the file of a record"))
+}
+
+fn read_model(desk: &Desk, path: &Path) -> Result<AxesModel> {
+    AxesModel::from_toml(&desk.text(path, "a model written by `hysteron axes explain`")?, &path.display().to_string())
+}
+
+/// How a search is done.
+pub struct Manner {
+    /// Every step is told.
+    pub verbose: bool,
+    /// How long it may take.
+    pub time: TimeArguments,
+}
+
+/// Searches a data set.
+pub fn explain(path: &Path, from: Option<&Path>, out: Option<&Path>, manner: &Manner, outputs: &Outputs) -> Result<bool> {
+    let started = Instant::now();
+    let desk = Desk::new(outputs.force);
+    let data = load(&desk, path)?;
+    let start = match from {
+        None => Described::empty(&data),
+        Some(from) => {
+            let model = read_model(&desk, from)?;
+            if (model.stage.drives.len(), model.stage.sensors.len()) != (data.drives.len(), data.sensors.len()) {
+                return Err(wrong(
+                    from,
+                    format!(
+                        "has {} drives and {} sensors; expected {} and {} as in the data set",
+                        model.stage.drives.len(),
+                        model.stage.sensors.len(),
+                        data.drives.len(),
+                        data.sensors.len()
+                    ),
+                ));
+            }
+            Described { stage: model.stage, effects: model.effects }
+        }
+    };
+    desk.target(out)?;
+    outputs.check(&desk)?;
+    let progress = Progress::of_search(manner.verbose);
+    let found = manner.time.beside(&progress, |watch| find(&data, &start, &AxesPolicy::default(), watch))?;
+    drop(progress);
+    let figures = figures(&found, &data, started.elapsed().as_secs_f64());
+    let unit = if figures.error_in == "noise" { "x the noise" } else { "of the reading" };
+    println!("{}: {} drives, {} sensors", data.name, data.drives.len(), data.sensors.len());
+    for effect in &figures.named {
+        let or = effect.or.iter().fold(String::new(), |text, other| format!("{text}\n      or {other}"));
+        println!("  {:<20} {:<48} without it {:.3} {unit}{or}", effect.effect, effect.channel, effect.error_without);
+    }
+    for sensor in &figures.sensors {
+        println!(
+            "  {}: {:.4} {} RMS on held-out records, {:.2} %",
+            sensor.sensor, sensor.held_out_rms, data.sensor_unit, sensor.held_out_pct
+        );
+    }
+    println!("  error {:.3} {unit}, {} parameters, {:.0} s", figures.error, figures.parameters, figures.seconds);
+    if let Some(out) = out {
+        desk.write(out, AxesModel::new(&found.model, &data).to_toml()?.as_bytes())?;
+    }
+    desk.write_json(outputs.json.as_deref(), &figures)?;
+    desk.write_page(outputs.report.as_deref(), || {
+        axes_page(&figures, &data, &found.model.stage, &response_matrix(&data, &found.model), as_typed())
+    })?;
+    Ok(true)
+}
+
+struct Reference {
+    hidden_coupling: f64,
+    hz: f64,
+    amplitude: f64,
+}
+
+/// A decoupled servo with its checks.
+#[derive(Serialize)]
+struct DecoupledFigures {
+    servo: AxesServo,
+    on_model: WholeCheck,
+    on_hidden: WholeCheck,
+    track_model: Vec<AxesTrack>,
+    track_hidden: Vec<AxesTrack>,
+}
+
+/// Every drive also moves the modes of the others.
+fn with_hidden_coupling(stage: &ModalStage, share: f64) -> ModalStage {
+    let mut hidden = stage.clone();
+    for mode in &mut hidden.modes {
+        let largest = mode.of_drives.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
+        mode.of_drives.iter_mut().for_each(|of_drive| *of_drive += if of_drive.abs() < largest { share * largest } else { 0.0 });
+    }
+    hidden
+}
+
+/// Turns of a reference of which the second half counts.
+const TURNS: f64 = 4.0;
+
+fn decouple(path: &Path, reference: &Reference, outputs: &Outputs) -> Result<bool> {
+    let desk = Desk::new(outputs.force);
+    let model = read_model(&desk, path)?;
+    outputs.check(&desk)?;
+    if !(reference.hz > 0.0 && reference.amplitude > 0.0 && reference.hidden_coupling.is_finite()) {
+        return Err(Error::new("--reference-hz, --amplitude", "expected numbers above zero"));
+    }
+    let hidden = with_hidden_coupling(&model.stage, reference.hidden_coupling);
+    let mut all = Vec::new();
+    println!(
+        "{}, sampled at {:.0} Hz; reference {} Hz, hidden coupling {}",
+        model.name, model.sample_rate_hz, reference.hz, reference.hidden_coupling
+    );
+    println!("  {:<8} {:<7} {:>15} {:>11} {:>12} {:>10}", "", "stage", "spectral radius", "sensitivity", "own error %", "others %");
+    for decoupling in [Decoupling::Static, Decoupling::Modal] {
+        let servo = AxesServo::design(&model.stage, decoupling, 1.0 / model.sample_rate_hz)?;
+        let track = |stage: &ModalStage| -> Vec<AxesTrack> {
+            (0..stage.sensors.len()).map(|axis| servo.track(stage, axis, reference.amplitude, reference.hz, TURNS)).collect()
+        };
+        let figures = DecoupledFigures {
+            on_model: servo.check(&model.stage),
+            on_hidden: servo.check(&hidden),
+            track_model: track(&model.stage),
+            track_hidden: track(&hidden),
+            servo,
+        };
+        for (stage, check, track) in
+            [("model", &figures.on_model, &figures.track_model), ("hidden", &figures.on_hidden, &figures.track_hidden)]
+        {
+            let worst = |of: fn(&AxesTrack) -> f64| 100.0 * track.iter().map(of).fold(0.0_f64, f64::max);
+            println!(
+                "  {:<8} {:<7} {:>15.5} {:>11.2} {:>12.2} {:>10.2}",
+                decoupling.name(),
+                stage,
+                check.spectral_radius,
+                check.sensitivity_peak,
+                worst(|t| t.own),
+                worst(|t| t.crosstalk)
+            );
+        }
+        all.push(figures);
+    }
+    desk.write_json(outputs.json.as_deref(), &all)?;
+    Ok(all.iter().all(|figures| figures.on_model.spectral_radius < 1.0 && figures.on_hidden.spectral_radius < 1.0))
+}
+
+fn plant(effect: &str, out: &Path, seed: u64, force: bool) -> Result<bool> {
+    let planted = planted_stage(AxisPlant::named(effect)?, seed);
+    let desk = Desk::new(force);
+    let records = &planted.data.records;
+    let file = |n: usize| format!("record_{}.csv", n + 1);
+    let mut names: Vec<String> = (0..records.len()).map(file).collect();
+    names.extend(["dataset.toml".to_owned(), "truth.toml".to_owned()]);
+    desk.folder(out, &names)?;
+    let mut text = format!("name = \"simulated stage of three axes, seed {seed}\"\n");
+    for (n, record) in planted.periods(seed).iter().enumerate() {
+        desk.write(&out.join(file(n)), csv(record).as_bytes())?;
+        let list = |what: &str, count: usize| (1..=count).map(|i| format!("\"{what}{i}\"")).collect::<Vec<_>>().join(", ");
+        let _ = write!(
+            text,
+            "\n[[record]]\nfile = \"{}\"\nname = \"{}\"\nsample_rate_hz = {:.1}\nrole = \"{}\"\nperiod_s = {}\ncolumns = {{ u = [{}], y = [{}] }}\n",
+            file(n),
+            record.name,
+            record.sample_rate_hz,
+            record.role.name(),
+            (records[n].counted_to - records[n].counted_from) as f64 / record.sample_rate_hz,
+            list("u", record.drives.len()),
+            list("y", record.readings.len())
+        );
+    }
+    desk.write(&out.join("dataset.toml"), text.as_bytes())?;
+    let truth = toml::to_string(&planted.stage).map_err(|e| Error::new("truth.toml", e))?;
+    desk.write(&out.join("truth.toml"), format!("# {}\n{truth}", planted.truth).as_bytes())?;
+    println!("{} records, {}: {}", records.len(), planted.truth, out.display());
+    Ok(true)
+}
+
+fn csv(record: &AxesRecord) -> String {
+    let heads = (1..=record.drives.len()).map(|j| format!("u{j}")).chain((1..=record.readings.len()).map(|i| format!("y{i}")));
+    let mut text = heads.collect::<Vec<_>>().join(",") + "\n";
+    for k in 0..record.drives[0].len() {
+        let row = record.drives.iter().chain(&record.readings).map(|signal| format!("{:.7e}", signal[k]));
+        text += &(row.collect::<Vec<_>>().join(",") + "\n");
+    }
+    text
+}
+
+fn score(effects: &[String], cases: u64, out: Option<&Path>, force: bool) -> Result<bool> {
+    let desk = Desk::new(force);
+    desk.target(out)?;
+    let plants = effects.iter().map(|name| AxisPlant::named(name.trim())).collect::<Result<Vec<_>>>()?;
+    let progress = Progress::start();
+    let mut table = format!("{}\n", JudgedStage::COLUMNS);
+    println!("{:<20} {:>6} {:>8} {:>10} {:>22} {:>9}", "planted", "stages", "named", "with \"or\"", "with a name too many", "seconds");
+    for plant in plants {
+        let started = Instant::now();
+        let mut judged: Vec<JudgedStage> = Vec::new();
+        for seed in 1..=cases {
+            progress.say(&format!("{}, stage {seed} of {cases}", plant.name()));
+            let began = Instant::now();
+            let this = planted_stage(plant, seed).search(&AxesPolicy::default(), &progress as &dyn Watch)?;
+            table += &(this.row(plant, seed, began.elapsed().as_secs_f64()) + "\n");
+            judged.push(this);
+        }
+        let count = |of: fn(&JudgedStage) -> bool| judged.iter().filter(|judged| of(judged)).count();
+        println!(
+            "{:<20} {:>6} {:>8} {:>10} {:>22} {:>9.0}",
+            plant.name(),
+            cases,
+            count(|j| j.named),
+            count(|j| j.with_or),
+            count(|j| !j.wrong.is_empty()),
+            started.elapsed().as_secs_f64()
+        );
+    }
+    out.map_or(Ok(()), |out| desk.write(out, table.as_bytes()))?;
+    Ok(true)
+}

@@ -1,0 +1,361 @@
+//! Which effect is missing in which channel or mode.
+//!
+//! Every candidate is an effect in a channel or mode. All are scored by the same rule: the fall of the error on
+//! held-out records. The linearised fall of all candidates decides which are fitted; the fitted fall decides
+//! which joins. When none lowers the error any more, every effect is taken out once, and everything else is
+//! tried in its place. An effect without which the error is no larger is removed. An effect that another one
+//! replaces as well is reported with an "or".
+
+use super::fit::{Problem, damped_solution};
+use super::recordings::AxesData;
+use super::residual_spectra::ResidualSpectra;
+use super::structure::{AxisEffect, Described, Free};
+use crate::dataset::Role;
+use crate::error::{Error, Result};
+use crate::parallel;
+use crate::watch::{Watch, WatchEvent};
+use nalgebra::{DMatrix, DVector};
+
+/// Thresholds of the search.
+#[derive(Clone, Copy, Debug)]
+pub struct AxesPolicy {
+    /// A difference of two errors counts when the mean logarithm of their ratio over stretches is so many standard errors.
+    pub standard_errors: f64,
+    /// And when the RMS error changes by such a share: less is of no use to a reader of the model.
+    pub least_share: f64,
+    /// An error of so many times the noise is the noise: the scatter of few periods shows it no better.
+    pub at_the_noise: f64,
+    /// Candidates that are fitted in a step, the best by their linearised falls.
+    pub fitted: usize,
+    /// Most effects of a model.
+    pub effects_max: usize,
+}
+
+impl Default for AxesPolicy {
+    fn default() -> Self {
+        Self { standard_errors: 3.0, least_share: 0.01, at_the_noise: 1.02, fitted: 4, effects_max: 60 }
+    }
+}
+
+/// An effect that joined.
+#[derive(Clone, Debug)]
+pub struct Joined {
+    /// The effect in its channel.
+    pub effect: AxisEffect,
+    /// In words, with the values of that step.
+    pub named: String,
+    /// Held-out error before, weighted RMS: in times the noise where the records show it.
+    pub before: f64,
+    /// And after.
+    pub after: f64,
+}
+
+/// An effect of the final model with what the data say about it.
+#[derive(Clone, Debug)]
+pub struct AxisFinding {
+    /// The effect in its channel.
+    pub effect: AxisEffect,
+    /// In words.
+    pub named: String,
+    /// Held-out error without it, everything else fitted again.
+    pub without: f64,
+    /// Effects that do as well in its place: it is one of all these.
+    pub or: Vec<(AxisEffect, String)>,
+}
+
+/// What a search found.
+#[derive(Clone, Debug)]
+pub struct AxesFound {
+    /// The model.
+    pub model: Described,
+    /// How it grew.
+    pub steps: Vec<Joined>,
+    /// Its effects.
+    pub findings: Vec<AxisFinding>,
+    /// Held-out error, weighted RMS: in times the noise where the records show it.
+    pub error: f64,
+    /// The same on the records that were fitted.
+    pub fitted_error: f64,
+    /// Whether errors are in times the noise.
+    pub in_times_the_noise: bool,
+    /// RMS of every sensor's error on the held-out records, in its unit.
+    pub held_out_rms: Vec<f64>,
+    /// RMS of every sensor's reading.
+    pub reading_rms: Vec<f64>,
+}
+
+/// A candidate with a first guess.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    effect: AxisEffect,
+    guess: [f64; 2],
+}
+
+/// A candidate with its linearised fall and the values there.
+struct Scored {
+    candidate: Candidate,
+    predicted: f64,
+    start: Described,
+}
+
+/// Frequencies of a scan for a mode stand apart by this share: about the width of a mode with the smaller
+/// damping ratio of the scan.
+const SCAN_APART: f64 = 0.03;
+const SCAN_DAMPING: [f64; 2] = [0.015, 0.08];
+/// Lowest frequency of a scan, in turns of the record, and highest, of the sampling rate.
+const SCAN_FROM_TURNS: f64 = 8.0;
+const SCAN_TO: f64 = 0.45;
+/// Motions within which friction may build up, of the reach of the mode.
+const FRICTION_BENDS: [f64; 3] = [0.02, 0.08, 0.3];
+/// Steps of a fit during the search, and of the last one.
+const STEPS_OF_SEARCH: usize = 6;
+const STEPS_OF_LAST: usize = 20;
+
+/// Finds the effects of a data set, beside those of a model to start from.
+///
+/// # Errors
+/// When the watch stops it.
+pub fn find(data: &AxesData, start: &Described, policy: &AxesPolicy, watch: &dyn Watch) -> Result<AxesFound> {
+    let problem = Problem::new(data);
+    let search = Search { problem: &problem, policy, watch };
+    let mut model = problem.fit(start, STEPS_OF_LAST);
+    let given = model.effects.len();
+    let mut judged = problem.judged(&model.stage);
+    let mut steps = Vec::new();
+    while model.effects.len() < policy.effects_max && !search.at_the_noise(&judged) && !watch.searched_enough() {
+        let names: Vec<String> = steps.iter().map(|step: &Joined| step.named.clone()).collect();
+        let Some((effect, next, next_judged)) = search.step(&model, &judged, &names)? else { break };
+        let (before, after) = (rms(&judged), rms(&next_judged));
+        steps.push(Joined { effect, named: effect.named(&next.stage, data), before, after });
+        (model, judged) = (next, next_judged);
+    }
+    model = problem.fit(&model, STEPS_OF_LAST);
+    let (model, findings) = search.question(model, given)?;
+    let judged = problem.judged(&model.stage);
+    Ok(AxesFound {
+        steps,
+        findings,
+        error: rms(&judged),
+        fitted_error: problem.cost(&model.stage, Role::Identify).sqrt(),
+        in_times_the_noise: problem.noise_known,
+        held_out_rms: problem.errors(&model.stage, Role::Validate),
+        reading_rms: problem.scales.reading_rms.clone(),
+        model,
+    })
+}
+
+fn rms(judged: &[f64]) -> f64 {
+    (judged.iter().sum::<f64>() / judged.len().max(1) as f64).sqrt()
+}
+
+struct Search<'p> {
+    problem: &'p Problem<'p>,
+    policy: &'p AxesPolicy,
+    watch: &'p dyn Watch,
+}
+
+impl Search<'_> {
+    fn at_the_noise(&self, judged: &[f64]) -> bool {
+        self.problem.noise_known && rms(judged) < self.policy.at_the_noise
+    }
+
+    /// Whether `better` has a smaller error than `worse`, beyond its scatter over the stretches and by a share
+    /// that matters. The scatter is that of the logarithms: a beat of two drives makes the errors of a few
+    /// stretches a hundred times those of the others.
+    fn is_better(&self, better: &[f64], worse: &[f64]) -> bool {
+        let ratios: Vec<f64> = worse.iter().zip(better).map(|(w, b)| (w.max(f64::MIN_POSITIVE) / b.max(f64::MIN_POSITIVE)).ln()).collect();
+        let count = ratios.len() as f64;
+        let mean = ratios.iter().sum::<f64>() / count;
+        let spread = (ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0) / count).sqrt();
+        mean > self.policy.standard_errors * spread && rms(better) < (1.0 - self.policy.least_share) * rms(worse)
+    }
+
+    /// The candidate that lowers the held-out error most, fitted; none if none does.
+    fn step(&self, model: &Described, judged: &[f64], beside: &[String]) -> Result<Option<(AxisEffect, Described, Vec<f64>)>> {
+        if self.watch.stopped() {
+            return Err(Error::Stopped);
+        }
+        let candidates = self.candidates(model);
+        self.watch.event(&WatchEvent::Scoring { candidates: candidates.len(), beside });
+        let fitted = self.fitted(self.scored(model, &candidates), self.policy.fitted);
+        let better: Vec<_> = fitted.into_iter().filter(|(_, _, with)| self.is_better(with, judged)).collect();
+        let Some(lowest) = better.iter().min_by(|a, b| rms(&a.2).total_cmp(&rms(&b.2))).map(|best| best.2.clone()) else { return Ok(None) };
+        // Of those that are as good, the one with the fewest numbers.
+        let as_good = better.into_iter().filter(|(_, _, with)| !self.is_better(&lowest, with));
+        Ok(as_good
+            .min_by(|a, b| (a.1.parameters(), rms(&a.2)).partial_cmp(&(b.1.parameters(), rms(&b.2))).unwrap_or(std::cmp::Ordering::Equal)))
+    }
+
+    /// The best candidates by their linearised falls, fitted, with what judges them.
+    fn fitted(&self, scored: Vec<Scored>, count: usize) -> Vec<(AxisEffect, Described, Vec<f64>)> {
+        let best: Vec<Scored> = scored.into_iter().take(count).collect();
+        parallel::map(&best, |scored| {
+            let fitted = self.problem.fit(&scored.start, STEPS_OF_SEARCH);
+            let judged = self.problem.judged(&fitted.stage);
+            (scored.candidate.effect, fitted, judged)
+        })
+    }
+
+    /// Takes every effect out once: removes those without which the error is no larger, and finds what does as
+    /// well in the place of the others.
+    fn question(&self, mut model: Described, given: usize) -> Result<(Described, Vec<AxisFinding>)> {
+        loop {
+            let judged = self.problem.judged(&model.stage);
+            let effects: Vec<AxisEffect> = model.effects[given..].to_vec();
+            let without = parallel::map(&effects, |effect| {
+                let fitted = self.problem.fit(&model.without(*effect), STEPS_OF_SEARCH);
+                let without = self.problem.judged(&fitted.stage);
+                (fitted, without)
+            });
+            // The one that is missed least goes first: another one may take its place.
+            let idle = without.iter().filter(|(_, without)| !self.is_better(&judged, without));
+            if let Some((fitted, _)) = idle.min_by(|a, b| rms(&a.1).total_cmp(&rms(&b.1))) {
+                model = fitted.clone();
+                continue;
+            }
+            let mut findings = Vec::new();
+            for (effect, (fitted, without)) in effects.iter().zip(&without) {
+                if self.watch.stopped() {
+                    return Err(Error::Stopped);
+                }
+                let named = effect.named(&model.stage, self.problem.data);
+                findings.push(AxisFinding {
+                    effect: *effect,
+                    named,
+                    without: rms(without),
+                    or: self.instead(*effect, &judged, &model, fitted),
+                });
+            }
+            return Ok((model, findings));
+        }
+    }
+
+    /// Single effects that do as well as `effect` beside the rest of the model.
+    fn instead(&self, effect: AxisEffect, judged: &[f64], model: &Described, without: &Described) -> Vec<(AxisEffect, String)> {
+        // Another mode that the same drive moves at the same sensor is the same effect.
+        let same = |other: AxisEffect| match (effect, other) {
+            (AxisEffect::Vibration { drive, sensor, .. }, AxisEffect::Vibration { drive: d, sensor: s, .. }) => (drive, sensor) == (d, s),
+            _ => effect == other,
+        };
+        // Where a mode goes, what stands on it goes too: no single effect replaces all of them.
+        if model.effects.len() != without.effects.len() + 1 {
+            return Vec::new();
+        }
+        let candidates: Vec<Candidate> = self.candidates(without).into_iter().filter(|candidate| !same(candidate.effect)).collect();
+        let fitted = self.fitted(self.scored(without, &candidates), self.policy.fitted);
+        // What needs more numbers for the same error is no explanation beside this one.
+        let simple = fitted.into_iter().filter(|(_, fitted, _)| fitted.parameters() <= model.parameters());
+        let as_good = simple.filter(|(_, _, with)| !self.is_better(judged, with));
+        as_good.map(|(other, fitted, _)| (other, other.named(&fitted.stage, self.problem.data))).collect()
+    }
+
+    /// Every effect in every channel and mode where it is not yet.
+    fn candidates(&self, model: &Described) -> Vec<Candidate> {
+        let (drives, sensors, modes) = (model.stage.drives.len(), model.stage.sensors.len(), model.stage.modes.len());
+        let mut effects = Vec::new();
+        for drive in 0..drives {
+            effects.extend([AxisEffect::Hysteresis { drive }, AxisEffect::Creep { drive }, AxisEffect::Delay { drive }]);
+            effects.extend((0..sensors).map(|sensor| AxisEffect::Feedthrough { drive, sensor }));
+            let moves = |mode: usize| model.stage.modes[mode].of_drives[drive] != 0.0;
+            effects.extend((0..modes).filter(|mode| !moves(*mode)).map(|mode| AxisEffect::DriveCoupling { drive, mode }));
+        }
+        for sensor in 0..sensors {
+            effects.push(AxisEffect::SensorBandwidth { sensor });
+            let sees = |mode: usize| model.stage.modes[mode].of_sensors[sensor] != 0.0;
+            effects.extend((0..modes).filter(|mode| !sees(*mode)).map(|mode| AxisEffect::SensorCoupling { mode, sensor }));
+        }
+        effects.extend((0..modes).map(|mode| AxisEffect::NonlinearStiffness { mode }));
+        let reach = self.problem.scales.reach();
+        let mut out: Vec<Candidate> = effects.into_iter().map(|effect| Candidate { effect, guess: [0.0; 2] }).collect();
+        for mode in 0..modes {
+            out.extend(FRICTION_BENDS.map(|share| Candidate { effect: AxisEffect::Friction { mode }, guess: [share * reach, 0.0] }));
+        }
+        out.retain(|candidate| !model.effects.contains(&candidate.effect));
+        out.extend(self.modes_in_the_residual(model));
+        out
+    }
+
+    /// For every drive and sensor the frequency and damping at which one more mode follows the residual best.
+    fn modes_in_the_residual(&self, model: &Described) -> Vec<Candidate> {
+        let problem = self.problem;
+        let signals = problem.simulate(&model.stage);
+        let residual = problem.residual(&signals, Role::Identify);
+        let (drives, sensors) = (model.stage.drives.len(), model.stage.sensors.len());
+        let scales = &problem.scales;
+        let (from_hz, to_hz) = (SCAN_FROM_TURNS / scales.duration_s, SCAN_TO / scales.dt_s);
+        let count = ((to_hz / from_hz).ln() / SCAN_APART).ceil().max(1.0) as usize;
+        let frequency_hz = |f: usize| from_hz * (SCAN_APART * f as f64).exp();
+        let tried: Vec<(usize, usize, f64)> =
+            (0..drives).flat_map(|drive| (0..count).flat_map(move |f| SCAN_DAMPING.map(|damping| (drive, f, damping)))).collect();
+        let mode = model.stage.modes.len();
+        // Of each: by how much it lowers the squares of every sensor.
+        let spectra = ResidualSpectra::of(problem, &signals, &residual);
+        let falls = parallel::map(&tried, |(drive, f, damping)| spectra.falls_by_mode(*drive, frequency_hz(*f), *damping));
+        let pairs: Vec<(usize, usize)> = (0..drives).flat_map(|drive| (0..sensors).map(move |sensor| (drive, sensor))).collect();
+        let candidate = |(drive, sensor): &(usize, usize)| {
+            let of_drive = tried.iter().zip(&falls).filter(|((d, _, _), _)| d == drive);
+            let ((_, f, damping), _) = of_drive.max_by(|a, b| a.1[*sensor].total_cmp(&b.1[*sensor]))?;
+            let guess = spectra.refined(*drive, *sensor, [frequency_hz(*f), *damping], SCAN_APART);
+            Some(Candidate { effect: AxisEffect::Vibration { mode, drive: *drive, sensor: *sensor }, guess })
+        };
+        parallel::map(&pairs, candidate).into_iter().flatten().collect()
+    }
+
+    /// Candidates by the held-out error that their linearised fits predict, the best first; of each effect its
+    /// best guess.
+    fn scored(&self, model: &Described, candidates: &[Candidate]) -> Vec<Scored> {
+        let roles = [Role::Identify, Role::Validate];
+        let problem = self.problem;
+        let rows = problem.linearised(model, &roles);
+        let signals = problem.simulate(&model.stage);
+        let own = model.free();
+        let gram_of_own = rows[0].columns.tr_mul(&rows[0].columns);
+        let score = |candidate: &Candidate| -> Option<Scored> {
+            let with = model.with(candidate.effect, candidate.guess, &problem.scales);
+            // At first the shape of what does nothing has no derivative.
+            let shapes = |free: &Free| matches!(free, Free::LogFrequency(_) | Free::LogDamping(_) | Free::LogFrictionBend(_));
+            let new: Vec<Free> = with.free_of(candidate.effect).into_iter().filter(|free| !shapes(free)).collect();
+            let columns = problem.columns_beside(&with, &signals, &new, &roles);
+            let solved = Linearised::new(&gram_of_own, &rows[0].columns, &columns[0], &rows[0].residual);
+            let step = damped_solution(&solved.gram, &solved.against, 1e-9)?;
+            let left = &rows[1].residual - &rows[1].columns * step.rows(0, own.len()) - &columns[1] * step.rows(own.len(), new.len());
+            let mut start = with;
+            for (free, by) in new.iter().zip(step.rows(own.len(), new.len()).iter()) {
+                let value = free.get(&start.stage) + by;
+                free.set(&mut start.stage, value);
+            }
+            Some(Scored { candidate: *candidate, predicted: left.norm_squared(), start })
+        };
+        let mut scored: Vec<Scored> = parallel::map(candidates, score).into_iter().flatten().collect();
+        scored.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
+        let mut seen = Vec::new();
+        scored.retain(|scored| {
+            let new = !seen.contains(&scored.candidate.effect);
+            seen.push(scored.candidate.effect);
+            new
+        });
+        scored
+    }
+}
+
+/// Normal equations of the columns of a model and those of a candidate.
+struct Linearised {
+    gram: DMatrix<f64>,
+    against: DVector<f64>,
+}
+
+impl Linearised {
+    fn new(gram_of_own: &DMatrix<f64>, own: &DMatrix<f64>, new: &DMatrix<f64>, residual: &DVector<f64>) -> Self {
+        let (p, c) = (own.ncols(), new.ncols());
+        let mut gram = DMatrix::zeros(p + c, p + c);
+        gram.view_mut((0, 0), (p, p)).copy_from(gram_of_own);
+        let across = own.tr_mul(new);
+        gram.view_mut((0, p), (p, c)).copy_from(&across);
+        gram.view_mut((p, 0), (c, p)).copy_from(&across.transpose());
+        gram.view_mut((p, p), (c, c)).copy_from(&new.tr_mul(new));
+        let mut against = DVector::zeros(p + c);
+        against.rows_mut(0, p).copy_from(&own.tr_mul(residual));
+        against.rows_mut(p, c).copy_from(&new.tr_mul(residual));
+        Self { gram, against }
+    }
+}

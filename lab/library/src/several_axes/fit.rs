@@ -1,0 +1,289 @@
+//! Least squares over all records, drives and sensors; derivatives by simulating only what a number changes.
+
+use super::recordings::{AxesData, AxesRecord};
+use super::structure::{Described, Free, Part, Scales};
+use crate::dataset::Role;
+use crate::parallel;
+use hysteron_sim::several_axes::{Held, ModalStage};
+use nalgebra::{DMatrix, DVector};
+
+/// Records with their weights.
+pub(super) struct Problem<'d> {
+    pub(super) data: &'d AxesData,
+    pub(super) scales: Scales,
+    /// For each record and sensor: one over its noise, or over its RMS where a record does not show the noise.
+    weights: Vec<Vec<f64>>,
+    /// Whether all records show their noise.
+    pub(super) noise_known: bool,
+}
+
+/// Least noise by which a sensor is weighted, of its RMS: below it the arithmetic of the simulation is seen.
+const NOISE_LEAST: f64 = 1e-6;
+
+/// Every signal of a simulation, by record.
+#[derive(Clone)]
+pub(super) struct Signals {
+    drives: Vec<Vec<Vec<Held>>>,
+    modes: Vec<Vec<Vec<f64>>>,
+    readings: Vec<Vec<Vec<f64>>>,
+}
+
+/// Residual and derivatives on the records of one role.
+pub(super) struct Rows {
+    pub(super) residual: DVector<f64>,
+    pub(super) columns: DMatrix<f64>,
+}
+
+fn slices<T>(signals: &[Vec<T>]) -> Vec<&[T]> {
+    signals.iter().map(Vec::as_slice).collect()
+}
+
+impl<'d> Problem<'d> {
+    pub(super) fn new(data: &'d AxesData) -> Self {
+        let scales = Scales::of(data);
+        let noise_known = data.records.iter().all(|record| record.noise.is_some());
+        let weight = |record: &AxesRecord| -> Vec<f64> {
+            let of_sensor = |i: usize| match (&record.noise, noise_known) {
+                (Some(noise), true) => 1.0 / noise[i].max(NOISE_LEAST * scales.reading_rms[i]),
+                _ => 1.0 / scales.reading_rms[i],
+            };
+            (0..record.readings.len()).map(of_sensor).collect()
+        };
+        Self { data, weights: data.records.iter().map(weight).collect(), noise_known, scales }
+    }
+
+    pub(super) fn simulate(&self, stage: &ModalStage) -> Signals {
+        let of_record = |record: &AxesRecord| {
+            let dt_s = record.dt_s();
+            let drives: Vec<Vec<Held>> =
+                record.drives.iter().enumerate().map(|(j, u)| stage.drive_signal(j, u, dt_s, record.periodic)).collect();
+            let modes: Vec<Vec<f64>> = (0..stage.modes.len()).map(|r| stage.mode_signal(r, &slices(&drives), dt_s)).collect();
+            let readings = (0..stage.sensors.len()).map(|i| stage.reading(i, &slices(&modes), &slices(&drives), dt_s)).collect();
+            (drives, modes, readings)
+        };
+        let mut out = Signals { drives: Vec::new(), modes: Vec::new(), readings: Vec::new() };
+        for (drives, modes, readings) in parallel::map(&self.data.records, of_record) {
+            out.drives.push(drives);
+            out.modes.push(modes);
+            out.readings.push(readings);
+        }
+        out
+    }
+
+    /// The readings of a record after one part of the stage has changed; none where a sensor does not notice.
+    fn changed(&self, stage: &ModalStage, part: Part, base: &Signals, record: usize) -> Vec<Option<Vec<f64>>> {
+        let recorded = &self.data.records[record];
+        let dt_s = recorded.dt_s();
+        let (mut drives, mut modes) = (slices(&base.drives[record]), slices(&base.modes[record]));
+        let new_drive = match part {
+            Part::Drive(j) => stage.drive_signal(j, &recorded.drives[j], dt_s, recorded.periodic),
+            _ => Vec::new(),
+        };
+        let touches = |r: usize| match part {
+            Part::Drive(j) => stage.modes[r].of_drives[j] != 0.0,
+            Part::Mode(changed) => changed == r,
+            Part::Sensor(_) => false,
+        };
+        if let Part::Drive(j) = part {
+            drives[j] = &new_drive;
+        }
+        let new_modes: Vec<Option<Vec<f64>>> =
+            (0..stage.modes.len()).map(|r| touches(r).then(|| stage.mode_signal(r, &drives, dt_s))).collect();
+        for (mode, new) in modes.iter_mut().zip(&new_modes) {
+            *mode = new.as_deref().unwrap_or(mode);
+        }
+        let notices = |i: usize| match part {
+            Part::Sensor(changed) => changed == i,
+            Part::Mode(r) => stage.modes[r].of_sensors[i] != 0.0,
+            Part::Drive(j) => stage.feedthrough[i][j] != 0.0 || (0..modes.len()).any(|r| touches(r) && stage.modes[r].of_sensors[i] != 0.0),
+        };
+        (0..stage.sensors.len()).map(|i| notices(i).then(|| stage.reading(i, &modes, &drives, dt_s))).collect()
+    }
+
+    /// Rows of a role: record by record, in each sensor by sensor, weighted, each about its mean. A constant of
+    /// each sensor in each record is thereby estimated with everything else.
+    fn rows(&self, role: Role, value: impl Fn(usize, usize, usize) -> f64) -> Vec<f64> {
+        let mut out = Vec::new();
+        for (n, record) in self.data.of_role(role) {
+            for i in 0..record.readings.len() {
+                let from = out.len();
+                out.extend((record.counted_from..record.counted_to).map(|k| self.weights[n][i] * value(n, i, k)));
+                let mean = out[from..].iter().sum::<f64>() / (out.len() - from) as f64;
+                out[from..].iter_mut().for_each(|x| *x -= mean);
+            }
+        }
+        out
+    }
+
+    pub(super) fn residual(&self, signals: &Signals, role: Role) -> DVector<f64> {
+        DVector::from_vec(self.rows(role, |n, i, k| self.data.records[n].readings[i][k] - signals.readings[n][i][k]))
+    }
+
+    /// What the simulation changes by, for each number and its unit.
+    fn column(&self, model: &Described, signals: &Signals, free: Free, roles: &[Role]) -> Vec<Vec<f64>> {
+        let step = self.scales.step(free);
+        let mut moved = model.stage.clone();
+        free.set(&mut moved, free.get(&model.stage) + step);
+        let wanted = |n: usize| roles.contains(&self.data.records[n].role);
+        let changed: Vec<Vec<Option<Vec<f64>>>> = (0..self.data.records.len())
+            .map(|n| if wanted(n) { self.changed(&moved, free.part(), signals, n) } else { Vec::new() })
+            .collect();
+        let per_unit = 1.0 / step;
+        let of = |n: usize, i: usize, k: usize| match &changed[n][i] {
+            Some(reading) => (reading[k] - signals.readings[n][i][k]) * per_unit,
+            None => 0.0,
+        };
+        roles.iter().map(|role| self.rows(*role, of)).collect()
+    }
+
+    /// Derivatives of the readings by some numbers, on the records of each role.
+    pub(super) fn columns(&self, model: &Described, signals: &Signals, free: &[Free], roles: &[Role]) -> Vec<DMatrix<f64>> {
+        let by_number = parallel::map(free, |free| self.column(model, signals, *free, roles));
+        let of_role = |role: usize| {
+            let of_record = |record: &AxesRecord| (record.counted_to - record.counted_from) * record.readings.len();
+            let rows = self.data.of_role(roles[role]).map(|(_, record)| of_record(record)).sum();
+            DMatrix::from_iterator(rows, free.len(), by_number.iter().flat_map(|columns| columns[role].iter().copied()))
+        };
+        (0..roles.len()).map(of_role).collect()
+    }
+
+    /// Derivatives by the numbers of an effect that does nothing yet, beside the signals without it.
+    pub(super) fn columns_beside(&self, with: &Described, without: &Signals, free: &[Free], roles: &[Role]) -> Vec<DMatrix<f64>> {
+        let new_modes = without.modes[0].len()..with.stage.modes.len();
+        if new_modes.is_empty() {
+            return self.columns(with, without, free, roles);
+        }
+        let mut signals = without.clone();
+        for (n, record) in self.data.records.iter().enumerate() {
+            let drives = slices(&signals.drives[n]);
+            let moved: Vec<Vec<f64>> = new_modes.clone().map(|r| with.stage.mode_signal(r, &drives, record.dt_s())).collect();
+            signals.modes[n].extend(moved);
+        }
+        self.columns(with, &signals, free, roles)
+    }
+
+    /// What a drive gives in a record, where it counts.
+    pub(super) fn counted_drive(&self, signals: &Signals, record: usize, drive: usize) -> Vec<f64> {
+        let recorded = &self.data.records[record];
+        signals.drives[record][drive][recorded.counted_from..recorded.counted_to].iter().map(|held| held.late).collect()
+    }
+
+    /// The weight of a sensor in a record.
+    pub(super) fn weight(&self, record: usize, sensor: usize) -> f64 {
+        self.weights[record][sensor]
+    }
+
+    pub(super) fn linearised(&self, model: &Described, roles: &[Role]) -> Vec<Rows> {
+        let signals = self.simulate(&model.stage);
+        let columns = self.columns(model, &signals, &model.free(), roles);
+        roles.iter().zip(columns).map(|(role, columns)| Rows { residual: self.residual(&signals, *role), columns }).collect()
+    }
+
+    /// Mean square of the weighted residual.
+    pub(super) fn cost(&self, stage: &ModalStage, role: Role) -> f64 {
+        let residual = self.residual(&self.simulate(stage), role);
+        residual.norm_squared() / residual.len().max(1) as f64
+    }
+
+    /// Mean squares of the weighted residual on stretches of the records that judge.
+    pub(super) fn judged(&self, stage: &ModalStage) -> Vec<f64> {
+        let residual = self.residual(&self.simulate(stage), Role::Validate);
+        let mut out = Vec::new();
+        let mut at = 0;
+        for (_, record) in self.data.of_role(Role::Validate) {
+            let (samples, sensors) = (record.counted_to - record.counted_from, record.readings.len());
+            for stretch in 0..STRETCHES {
+                let (from, to) = (stretch * samples / STRETCHES, (stretch + 1) * samples / STRETCHES);
+                let squares: f64 = (0..sensors).map(|i| residual.rows(at + i * samples + from, to - from).norm_squared()).sum();
+                out.push(squares / ((to - from) * sensors) as f64);
+            }
+            at += samples * sensors;
+        }
+        out
+    }
+
+    /// RMS error of every sensor on the records of a role, in its unit.
+    pub(super) fn errors(&self, stage: &ModalStage, role: Role) -> Vec<f64> {
+        let signals = self.simulate(stage);
+        let sensors = stage.sensors.len();
+        let (mut squares, mut counts) = (vec![0.0; sensors], vec![0_usize; sensors]);
+        let rows = self.rows(role, |n, i, k| (self.data.records[n].readings[i][k] - signals.readings[n][i][k]) / self.weights[n][i]);
+        let mut at = 0;
+        for (_, record) in self.data.of_role(role) {
+            let samples = record.counted_to - record.counted_from;
+            for i in 0..sensors {
+                squares[i] += rows[at..at + samples].iter().map(|e| e * e).sum::<f64>();
+                counts[i] += samples;
+                at += samples;
+            }
+        }
+        squares.iter().zip(counts).map(|(squares, count)| (squares / count.max(1) as f64).sqrt()).collect()
+    }
+
+    /// The readings of a record as a stage gives them.
+    pub(super) fn modelled(&self, stage: &ModalStage, record: usize) -> Vec<Vec<f64>> {
+        let recorded = &self.data.records[record];
+        stage.simulate(&recorded.drives, recorded.dt_s(), recorded.periodic)
+    }
+
+    /// Refines all numbers of a model on the records that are fitted.
+    pub(super) fn fit(&self, model: &Described, steps_max: usize) -> Described {
+        let mut best = model.clone();
+        let free = best.free();
+        if free.is_empty() {
+            return best;
+        }
+        let mut cost = self.cost(&best.stage, Role::Identify);
+        let mut damping = DAMPING_FIRST;
+        for _ in 0..steps_max {
+            let rows = self.linearised(&best, &[Role::Identify]).remove(0);
+            let gram = rows.columns.tr_mul(&rows.columns);
+            let against = rows.columns.tr_mul(&rows.residual);
+            let before = cost;
+            for _ in 0..TRIALS {
+                let Some(step) = damped_solution(&gram, &against, damping) else {
+                    damping *= DAMPING_UP;
+                    continue;
+                };
+                let mut tried = best.clone();
+                free.iter().zip(step.iter()).for_each(|(free, by)| free.set(&mut tried.stage, free.get(&best.stage) + by));
+                let tried_cost = self.cost(&tried.stage, Role::Identify);
+                if tried_cost < cost {
+                    (best, cost) = (tried, tried_cost);
+                    damping = (damping / DAMPING_DOWN).max(DAMPING_LEAST);
+                    break;
+                }
+                damping *= DAMPING_UP;
+            }
+            if before - cost <= FALL_ENOUGH * before {
+                break;
+            }
+        }
+        best
+    }
+}
+
+/// Stretches of a record that judges, over which differences between two models scatter.
+const STRETCHES: usize = 16;
+/// Levenberg's damping, relative to the diagonal: the usual schedule of Levenberg and Marquardt.
+const DAMPING_FIRST: f64 = 1e-4;
+const DAMPING_UP: f64 = 8.0;
+const DAMPING_DOWN: f64 = 10.0;
+const DAMPING_LEAST: f64 = 1e-9;
+const TRIALS: usize = 6;
+/// A step that lowers the cost by less ends the fit: the error changes by half of it.
+const FALL_ENOUGH: f64 = 1e-3;
+/// Ridge of the normal equations, relative to their diagonal: directions that the records do not show stay.
+const RIDGE: f64 = 1e-12;
+
+/// The step that lowers the residual, with each number held back by its own scale.
+pub(super) fn damped_solution(gram: &DMatrix<f64>, against: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
+    // Scaled to a unit diagonal first: the numbers have units of their own.
+    let scale = gram.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
+    let mut scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| gram[(i, j)] * scale[i] * scale[j]);
+    for i in 0..scaled.nrows() {
+        scaled[(i, i)] = 1.0 + damping + RIDGE;
+    }
+    let solution = scaled.cholesky()?.solve(&against.component_mul(&scale));
+    Some(solution.component_mul(&scale))
+}

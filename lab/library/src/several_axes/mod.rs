@@ -1,0 +1,21 @@
+//! Stages with several drives and sensors: which effect is missing in which channel or mode, and a decoupled
+//! servo.
+//!
+//! * [`recordings`]: records in memory; `manifest`: from files (feature `readers`);
+//! * [`structure`]: effects, each in its channel or mode;
+//! * [`finder`]: the search;
+//! * [`planted`]: simulated stages whose truth is known, and the score on them;
+//! * [`decoupling`]: a servo for every mode, checked as a whole;
+//! * [`model_text`]: models as text and figures of a search.
+
+pub mod decoupling;
+pub mod finder;
+mod fit;
+#[cfg(feature = "readers")]
+pub mod manifest;
+pub mod model_text;
+pub mod planted;
+pub mod recordings;
+mod residual_spectra;
+pub mod response_matrix;
+pub mod structure;
