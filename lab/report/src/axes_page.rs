@@ -1,7 +1,7 @@
 //! The page of a stage with several drives and sensors: what was found in which channel, and the responses of
 //! every sensor to every drive.
 
-use crate::page::{Block, Page, Plot, Role, Section, Series, Table, Tone, Width};
+use crate::page::{CurveRole, Page, PageBlock, Plot, Section, Series, Table, Tone, Width};
 use hysteron::several_axes::model_text::AxesFigures;
 use hysteron::several_axes::recordings::AxesData;
 use hysteron::several_axes::response_matrix::ResponseMatrix;
@@ -46,7 +46,7 @@ fn effects(figures: &AxesFigures) -> Section {
     let steps = figures.steps.iter().map(|step| vec![step.added.clone(), short(step.before), short(step.after)]);
     let sensors = figures.sensors.iter().map(|s| vec![s.sensor.clone(), short(s.held_out_rms), format!("{:.2}", s.held_out_pct)]);
     let table = |title: &str, columns: &[&str], rows: Vec<Vec<String>>, caption: &str| {
-        Block::Table(Table {
+        PageBlock::Table(Table {
             title: title.into(),
             columns: columns.iter().map(|c| (*c).to_owned()).collect(),
             rows,
@@ -76,16 +76,16 @@ fn responses(data: &AxesData, matrix: &ResponseMatrix) -> Section {
     let mut blocks = Vec::new();
     for (i, sensor) in data.sensors.iter().enumerate() {
         for (j, drive) in data.drives.iter().enumerate() {
-            let line = |label: &str, role: Role, y: &[f64]| Series::line(label, role, matrix.frequency_hz.clone(), y.to_vec());
-            blocks.push(Block::Plot(
+            let line = |label: &str, role: CurveRole, y: &[f64]| Series::line(label, role, matrix.frequency_hz.clone(), y.to_vec());
+            blocks.push(PageBlock::Plot(
                 Plot::new(format!("{drive} to {sensor}"))
                     .x_axis("frequency", "Hz")
                     .y_axis("response", &unit)
                     .log(true, true)
                     .link("frequency")
                     .width(if data.drives.len() > 2 { Width::Third } else { Width::Half })
-                    .with(line("measured", Role::Measured, &matrix.measured[i][j]))
-                    .with(line("modelled", Role::Model, &matrix.modelled[i][j])),
+                    .with(line("measured", CurveRole::Measured, &matrix.measured[i][j]))
+                    .with(line("modelled", CurveRole::Model, &matrix.modelled[i][j])),
             ));
         }
     }
@@ -108,6 +108,6 @@ fn modes(data: &AxesData, stage: &ModalStage) -> Section {
     Section {
         heading: "Modes".into(),
         text: "Participations of drives are relative to the drive with which the mode was found.".into(),
-        blocks: vec![Block::Table(Table { columns, rows: stage.modes.iter().map(row).collect(), ..Table::default() })],
+        blocks: vec![PageBlock::Table(Table { columns, rows: stage.modes.iter().map(row).collect(), ..Table::default() })],
     }
 }
