@@ -304,6 +304,11 @@ impl Amplifier {
         self.most_change = mean_square_codes << CURRENT_SHIFT;
     }
 
+    /// Changes a section of a filter, as [`Command::Filter`] does.
+    pub fn set_filter(&mut self, signal: FilteredSignal, place: Place, row: &SectionRow) {
+        self.servo.set_filter(signal, place, row);
+    }
+
     /// From now on the amplifier's voltage monitor is compared with the drive ([`crate::output_monitor`]).
     pub fn watch_output(&mut self, monitor: OutputMonitor) {
         self.output = Some(monitor);
@@ -367,7 +372,7 @@ impl Amplifier {
                 return Ok(());
             }
             Command::RequireConditioning(required) => self.conditioning_required = required,
-            Command::Filter { signal, place, row } => self.servo.set_filter(signal, place, &row),
+            Command::Filter { signal, place, row } => self.set_filter(signal, place, &row),
             _ if self.mode == Mode::Fault => return Err(Refusal::Faulted),
             Command::Reference { waveform: Waveform::Table(_), .. } if self.mode != Mode::Closed => return Err(Refusal::LoopOpen),
             Command::Reference { waveform, offset } => {

@@ -67,11 +67,13 @@ pub struct FilterSetting {
 }
 
 /// The product of two numbers.
+#[inline(never)]
 fn times(a: i64, b: i64) -> i64 {
     ((i128::from(a) * i128::from(b)) >> BITS) as i64
 }
 
 /// The quotient of two numbers below 8; the divisor is not zero.
+#[inline(never)]
 fn over(a: i64, b: i64) -> i64 {
     (i128::from(a) << BITS).checked_div(i128::from(b)).map_or(0, |quotient| quotient as i64)
 }
@@ -93,10 +95,17 @@ fn sine_and_cosine(angle: i64) -> (i64, i64) {
 }
 
 /// `tan(pi f / f_s)`, which is below 7 for a frequency that is accepted.
+#[inline(never)]
 fn tangent(millihertz: u32, sample_rate_hz: u32) -> i64 {
     let share = over(i64::from(millihertz), i64::from(sample_rate_hz.max(1)) * 1000);
     let (sine, cosine) = sine_and_cosine(times(PI, share));
     over(sine, cosine.max(1))
+}
+
+/// The quotient of two numbers; what is divided is below 64, and the divisor is not zero.
+#[inline(never)]
+fn share(a: i128, b: i128) -> i128 {
+    (a << BITS).checked_div(b).unwrap_or(0)
 }
 
 /// The nearest number with the fraction bits of a section.
@@ -118,6 +127,7 @@ impl FilterSetting {
     ///
     /// # Errors
     /// [`EXPECTED_FILTER`].
+    #[inline(never)]
     pub fn row(&self, place: Place, sample_rate_hz: u32) -> Result<SectionRow, &'static str> {
         let highest = u64::from(sample_rate_hz) * 1000 * HIGHEST_SHARE / 1024;
         let within = |lowest: u32, millihertz: u32| {
@@ -125,40 +135,39 @@ impl FilterSetting {
             if accepted { Ok(tangent(millihertz, sample_rate_hz)) } else { Err(EXPECTED_FILTER) }
         };
         let [first, second] = &self.notches;
-        match place {
-            Place::Notch1 => first.row(within),
-            Place::Notch2 => second.row(within),
-            Place::LowPass if self.low_pass_millihertz == 0 => Ok(PASSES),
-            Place::LowPass => within(LOWEST_MILLIHERTZ, self.low_pass_millihertz).map(low_pass),
+        let notch = match place {
+            Place::LowPass if self.low_pass_millihertz == 0 => return Ok(PASSES),
+            Place::LowPass => return within(LOWEST_MILLIHERTZ, self.low_pass_millihertz).map(low_pass),
+            Place::Notch1 => first,
+            Place::Notch2 => second,
+        };
+        if notch.frequency_millihertz == 0 {
+            return Ok(PASSES);
         }
+        let centre = within(LOWEST_MILLIHERTZ, notch.frequency_millihertz)?;
+        Ok(notch_row(centre, within(NARROWEST_MILLIHERTZ, notch.width())?))
     }
 }
 
-impl Notch {
-    fn row(&self, tangent: impl Fn(u32, u32) -> Result<i64, &'static str>) -> Result<SectionRow, &'static str> {
-        if self.frequency_millihertz == 0 {
-            return Ok(PASSES);
-        }
-        let (centre, width) = (tangent(LOWEST_MILLIHERTZ, self.frequency_millihertz)?, tangent(NARROWEST_MILLIHERTZ, self.width())?);
-        // With 60 fraction bits and up to 50 in front of the point.
-        let square = (i128::from(centre) * i128::from(centre)) >> BITS;
-        let one = i128::from(ONE);
-        let share = |a: i128, b: i128| (a << BITS) / b;
-        let b = share(one, one + i128::from(width));
-        let cosine = share(one - square, one + square);
-        let (b, middle) = (rounded(b), rounded(-2 * ((b * cosine) >> BITS)));
-        let last = 2 * b - (1 << SECTION_FRACTION_BITS);
-        Ok(SectionRow { coefficients: [b, middle, b, -middle, -last] })
-    }
+/// From the tangents of the frequency and of the width.
+fn notch_row(centre: i64, width: i64) -> SectionRow {
+    // With 60 fraction bits and up to 50 in front of the point.
+    let square = (i128::from(centre) * i128::from(centre)) >> BITS;
+    let one = i128::from(ONE);
+    let b = share(one, one + i128::from(width));
+    let cosine = share(one - square, one + square);
+    let (b, middle) = (rounded(b), rounded(-2 * ((b * cosine) >> BITS)));
+    let last = 2 * b - (1 << SECTION_FRACTION_BITS);
+    SectionRow { coefficients: [b, middle, b, -middle, -last] }
 }
 
 fn low_pass(tangent: i64) -> SectionRow {
     let (one, t) = (i128::from(ONE), i128::from(tangent));
     let square = (t * t) >> BITS;
     let damping = (i128::from(ROOT_2) * t) >> BITS;
-    let share = |a: i128| (a << BITS) / (one + damping + square);
-    let ends = rounded(share(square));
-    let (a1, a2) = (rounded(2 * share(square - one)), rounded(share(one - damping + square)));
+    let all = one + damping + square;
+    let ends = rounded(share(square, all));
+    let (a1, a2) = (rounded(2 * share(square - one, all)), rounded(share(one - damping + square, all)));
     SectionRow { coefficients: [ends, (1 << SECTION_FRACTION_BITS) + a1 + a2 - 2 * ends, ends, -a1, -a2] }
 }
 

@@ -80,7 +80,8 @@ impl Section {
         (saturate_shifted::<SECTION_FRACTION_BITS>(total, saturated), cut)
     }
 
-    #[inline]
+    // Not inlined: six copies would not fit the memory of the control interrupt's code on the smaller board.
+    #[inline(never)]
     fn step(&mut self, sample: i32, saturated: &mut u32) -> i32 {
         if !self.runs || self.before.is_some() {
             self.take_over(sample, saturated);
@@ -133,7 +134,8 @@ impl SignalFilter {
     #[inline(never)]
     pub fn restart(&mut self) {
         for (nth, section) in self.sections.iter_mut().enumerate() {
-            *section = Section { row: section.row, ..Section::OFF };
+            // The past begins anew where a section does not run.
+            (section.before, section.runs, section.offset) = (None, false, 0);
             if section.row == PASSES {
                 self.on &= !(1 << nth);
             }

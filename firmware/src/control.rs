@@ -516,7 +516,7 @@ extern "C" fn TIM2() {
     if HOST.is_lost(control.tick, control.amplifier.mode()) {
         control.amplifier.refuse(Fault::HostLost);
     }
-    if control.has_monitor {
+    if Converters::HAS_MONITOR && control.has_monitor {
         let monitored = control.front_end.monitor();
         control.amplifier.inspect_output(monitored);
     }

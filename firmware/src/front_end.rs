@@ -62,6 +62,12 @@ pub trait FrontEnd {
     const BITS: CodeBits;
     /// From the edge of the sample clock until the sample can be read, ns.
     const INTERRUPT_AFTER_NS: u32;
+    /// The register of the drive's converter can be read back.
+    #[allow(dead_code)] // for who reads an envelope
+    const READS_BACK: bool;
+    /// The part can read the amplifier's voltage monitor.
+    #[allow(dead_code)] // for who reads an envelope
+    const HAS_MONITOR: bool;
     /// Whether it can give and take codes of so many bits.
     #[allow(dead_code)] // the board check has no block
     fn has(bits: CodeBits) -> bool;

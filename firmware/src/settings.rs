@@ -21,7 +21,7 @@ use embassy_sync::blocking_mutex::ThreadModeMutex;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
-use hysteron_core::amplifier::{Amplifier, Command};
+use hysteron_core::amplifier::Amplifier;
 use hysteron_core::block_choice::{self, Choice, Kept};
 use hysteron_core::codes::{DriveCode, SensorCode};
 use hysteron_core::command_text::BlockPiece;
@@ -104,13 +104,24 @@ pub fn envelope() -> Option<SafetyEnvelope> {
     ENVELOPE.lock(Cell::get)
 }
 
+/// Whether this image's converters are those that an envelope is for, and can be watched as it says.
+fn fits_converters(envelope: &SafetyEnvelope) -> Result<(), &'static str> {
+    if envelope.dac_bits != Converters::BITS.dac {
+        return Err("made for a drive's converter of other bits");
+    }
+    if (envelope.drive_reads_back && !Converters::READS_BACK) || (envelope.monitor_span_uv > 0 && !Converters::HAS_MONITOR) {
+        return Err("the drive's converter is to be read back or the output watched, and this board cannot");
+    }
+    Ok(())
+}
+
 /// Looks for the envelope.
 pub fn load_envelope() -> Option<SafetyEnvelope> {
     let mut bytes = [0; ENVELOPE_BYTES];
     let found =
         flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable).and_then(|()| safety_envelope::read(&bytes));
     // For the codes of another converter it says nothing.
-    let found = found.and_then(|envelope| if envelope.dac_bits == Converters::BITS.dac { Ok(envelope) } else { Err(BlockError::Mismatch) });
+    let found = found.and_then(|envelope| fits_converters(&envelope).map(|()| envelope).map_err(BlockError::Range));
     match found {
         Ok(envelope) => {
             let millivolts = |code| (envelope.drive_uv(code) / 1000) as i32;
@@ -154,7 +165,7 @@ pub fn filter(amplifier: &mut Amplifier, sample_rate_hz: u32) {
     for (signal, filter) in [FilteredSignal::SetPoint, FilteredSignal::Sensor].into_iter().zip(kept.filters) {
         for place in [Place::Notch1, Place::Notch2, Place::LowPass] {
             if let Ok(row) = filter.row(place, sample_rate_hz) {
-                let _ = amplifier.command(Command::Filter { signal, place, row });
+                amplifier.set_filter(signal, place, &row);
             }
         }
     }
@@ -369,9 +380,7 @@ impl Upload {
         if safety_envelope::fingerprint(&envelope) != fingerprint {
             return Err("the checksum that was named is another envelope's");
         }
-        if envelope.dac_bits != Converters::BITS.dac {
-            return Err("made for a drive's converter of other bits");
-        }
+        fits_converters(&envelope)?;
         Board::write_sector(Board::ENVELOPE, &self.bytes).await?;
         let mut bytes = [0; ENVELOPE_BYTES];
         flash_read::copy(Board::ENVELOPE, &mut bytes).map_err(|_| BlockError::Unreadable.reason())?;

@@ -1,10 +1,9 @@
 //! `axes`: stages with several drives and sensors.
 
-use crate::command_line::{Outputs, TimeArguments, as_typed};
+use crate::arguments::{Outputs, TimeArguments, as_typed};
 use crate::desk::{Desk, wrong};
 use crate::progress::Progress;
 use clap::Subcommand;
-use hysteron::dataset::folder;
 use hysteron::several_axes::decoupling::{AxesServo, AxesTrack, Decoupling, WholeCheck};
 use hysteron::several_axes::finder::{AxesPolicy, find};
 use hysteron::several_axes::manifest;

@@ -84,6 +84,8 @@ impl FrontEnd for OnChipConverters {
     const NAME: &'static str = "on-chip ADC1 and DAC1, 12 bits";
     const BITS: CodeBits = CodeBits { adc: 16, dac: 12 };
     const INTERRUPT_AFTER_NS: u32 = 1_000;
+    const READS_BACK: bool = false;
+    const HAS_MONITOR: bool = false;
 
     fn has(bits: CodeBits) -> bool {
         bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac

@@ -64,6 +64,8 @@ impl FrontEnd for OnChipConverters {
     const NAME: &'static str = "on-chip ADC1 and DAC1";
     const BITS: CodeBits = CodeBits { adc: 16, dac: 12 };
     const INTERRUPT_AFTER_NS: u32 = 1_500;
+    const READS_BACK: bool = false;
+    const HAS_MONITOR: bool = true;
 
     fn has(bits: CodeBits) -> bool {
         bits.adc == Self::BITS.adc && bits.dac <= Self::BITS.dac

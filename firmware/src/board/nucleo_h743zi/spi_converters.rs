@@ -227,6 +227,8 @@ impl FrontEnd for SpiConverters {
     const NAME: &'static str = "SPI, AD4000 and AD5791 families";
     const BITS: CodeBits = CodeBits { adc: 16, dac: 20 };
     const INTERRUPT_AFTER_NS: u32 = 1_000;
+    const READS_BACK: bool = true;
+    const HAS_MONITOR: bool = true;
 
     fn has(bits: CodeBits) -> bool {
         matches!(bits.adc, 16 | 18 | 20) && bits.dac <= Self::BITS.dac
