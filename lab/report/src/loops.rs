@@ -38,7 +38,8 @@ fn turns(u_v: &[f64], least_v: f64) -> Vec<usize> {
             None if (u - first).abs() > least_v => (extreme, at, up) = (*u, k, Some(u > first)),
             None => {}
             Some(up_now) => {
-                if if up_now { *u > extreme } else { *u < extreme } {
+                let further = if up_now { *u > extreme } else { *u < extreme };
+                if further {
                     (extreme, at) = (*u, k);
                 } else if (u - extreme).abs() > least_v {
                     out.push(at);

@@ -1,12 +1,12 @@
-//! Estimators of the velocity that the thesis argues against, beside its PIDSMO, on both benches: error, phase
-//! lag and noise gain of the velocity estimate.
+//! Estimators of the velocity that the thesis argues against, beside its PIDSMO, on both benches: error,
+//! phase lag and noise gain of the velocity estimate.
 //!
 //! ```text
 //! cargo run --release -p hysteron-thesis --example velocity_estimators -- [--csv FILE]
 //! ```
 //!
-//! The bench of domains is the plant that is not the model. Each estimator has one number that makes it faster;
-//! it is chosen by the least error on another record of the same bench.
+//! The bench of domains is the plant that is not the model. Each estimator has one number that makes it
+//! faster; it is chosen by the least error on another record of the same bench.
 
 use hysteron_thesis::{ChapterRow, PlayedOn, estimators};
 use std::fmt::Write as _;

@@ -281,8 +281,8 @@ fn rows_of_the_printed_gains() -> Vec<ChapterRow> {
     rows
 }
 
-/// The least damping ratio among the poles of the sampled loop that the thesis' gains close around its nominal
-/// model, with and without the load's mass: below zero the loop is unstable.
+/// The least damping ratio among the poles of the sampled loop that the thesis' gains close around its
+/// nominal model, with and without the load's mass: below zero the loop is unstable.
 fn least_damping_of_the_printed_gains(bench: &Bench) -> Vec<ChapterRow> {
     let mut rows = Vec::new();
     for (name, id) in [("pidsmoc", "pidsmoc"), ("pidsmc-alpha-beta", "pidsmc_ab")] {

@@ -63,8 +63,8 @@ pub struct PrintedTable {
 pub struct TableLine {
     /// Algorithm, condition and quantity.
     pub what: [String; 3],
-    /// Printed; as printed without and with the thesis' noise; as the sensor reads it; as printed on the bench
-    /// of domains; improved; our own.
+    /// Printed; as printed without and with the thesis' noise; as the sensor reads it; as printed on the
+    /// bench of domains; improved; our own.
     pub numbers: [String; 7],
     /// Unit.
     pub unit: String,
