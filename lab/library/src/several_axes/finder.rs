@@ -6,7 +6,7 @@
 //! tried in its place. An effect without which the error is no larger is removed. An effect that another one
 //! replaces as well is reported with an "or".
 
-use super::fit::{Problem, damped_solution};
+use super::fit::{Problem, STRETCHES, damped_solution};
 use super::recordings::AxesData;
 use super::residual_spectra::ResidualSpectra;
 use super::structure::{AxisEffect, Described, Free};
@@ -19,8 +19,8 @@ use nalgebra::{DMatrix, DVector};
 /// Thresholds of the search.
 #[derive(Clone, Copy, Debug)]
 pub struct AxesPolicy {
-    /// A difference of two errors counts when the mean logarithm of their ratio over stretches is so many standard errors.
-    pub standard_errors: f64,
+    /// A fall of the error counts when chance gives it with a smaller probability: three standard errors.
+    pub p_value: f64,
     /// And when the RMS error changes by such a share: less is of no use to a reader of the model.
     pub least_share: f64,
     /// An error of so many times the noise is the noise: the scatter of few periods shows it no better.
@@ -33,7 +33,7 @@ pub struct AxesPolicy {
 
 impl Default for AxesPolicy {
     fn default() -> Self {
-        Self { standard_errors: 3.0, least_share: 0.01, at_the_noise: 1.02, fitted: 4, effects_max: 60 }
+        Self { p_value: 1.35e-3, least_share: 0.01, at_the_noise: 1.02, fitted: 4, effects_max: 60 }
     }
 }
 
@@ -110,6 +110,10 @@ const FRICTION_BENDS: [f64; 3] = [0.02, 0.08, 0.3];
 /// Steps of a fit during the search, and of the last one.
 const STEPS_OF_SEARCH: usize = 6;
 const STEPS_OF_LAST: usize = 20;
+/// A step that lowers the squares by less ends a fit: during the search half of what matters, and at the end
+/// nothing that a reader sees.
+const FALL_OF_SEARCH: f64 = 1e-2;
+const FALL_OF_LAST: f64 = 1e-4;
 
 /// Finds the effects of a data set, beside those of a model to start from.
 ///
@@ -118,7 +122,7 @@ const STEPS_OF_LAST: usize = 20;
 pub fn find(data: &AxesData, start: &Described, policy: &AxesPolicy, watch: &dyn Watch) -> Result<AxesFound> {
     let problem = Problem::new(data);
     let search = Search { problem: &problem, policy, watch };
-    let mut model = problem.fit(start, STEPS_OF_LAST);
+    let mut model = problem.fit(start, STEPS_OF_LAST, FALL_OF_LAST);
     let given = model.effects.len();
     let mut judged = problem.judged(&model.stage);
     let mut steps = Vec::new();
@@ -129,7 +133,7 @@ pub fn find(data: &AxesData, start: &Described, policy: &AxesPolicy, watch: &dyn
         steps.push(Joined { effect, named: effect.named(&next.stage, data), before, after });
         (model, judged) = (next, next_judged);
     }
-    model = problem.fit(&model, STEPS_OF_LAST);
+    model = problem.fit(&model, STEPS_OF_LAST, FALL_OF_LAST);
     let (model, findings) = search.question(model, given)?;
     let judged = problem.judged(&model.stage);
     Ok(AxesFound {
@@ -148,6 +152,25 @@ fn rms(judged: &[f64]) -> f64 {
     (judged.iter().sum::<f64>() / judged.len().max(1) as f64).sqrt()
 }
 
+/// Share of all flips of signs that lower the sum of the differences no less. Stretches of several records at
+/// the same place count together, so that all flips can be tried.
+fn by_chance(better: &[f64], worse: &[f64]) -> f64 {
+    let mut differences = [0.0; STRETCHES];
+    worse.iter().zip(better).enumerate().for_each(|(n, (w, b))| differences[n % STRETCHES] += w - b);
+    let observed: f64 = differences.iter().sum();
+    // One flip after the other, in the order of Gray's code. What rounding leaves of a sum is no fall.
+    let least = observed - 1e-9 * differences.iter().map(|d| d.abs()).sum::<f64>();
+    let mut sum = observed;
+    let mut as_low = 1_u32;
+    for n in 1_u32..1 << STRETCHES {
+        let flipped = n.trailing_zeros() as usize;
+        sum -= 2.0 * differences[flipped];
+        differences[flipped] = -differences[flipped];
+        as_low += u32::from(sum >= least);
+    }
+    f64::from(as_low) / f64::from(1_u32 << STRETCHES)
+}
+
 struct Search<'p> {
     problem: &'p Problem<'p>,
     policy: &'p AxesPolicy,
@@ -159,15 +182,11 @@ impl Search<'_> {
         self.problem.noise_known && rms(judged) < self.policy.at_the_noise
     }
 
-    /// Whether `better` has a smaller error than `worse`, beyond its scatter over the stretches and by a share
-    /// that matters. The scatter is that of the logarithms: a beat of two drives makes the errors of a few
-    /// stretches a hundred times those of the others.
+    /// Whether `better` has a smaller error than `worse`, beyond chance and by a share that matters. Chance is
+    /// judged by flipping signs: a beat of two drives makes the errors of a few stretches a hundred times those
+    /// of the others, which no standard error describes.
     fn is_better(&self, better: &[f64], worse: &[f64]) -> bool {
-        let ratios: Vec<f64> = worse.iter().zip(better).map(|(w, b)| (w.max(f64::MIN_POSITIVE) / b.max(f64::MIN_POSITIVE)).ln()).collect();
-        let count = ratios.len() as f64;
-        let mean = ratios.iter().sum::<f64>() / count;
-        let spread = (ratios.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0) / count).sqrt();
-        mean > self.policy.standard_errors * spread && rms(better) < (1.0 - self.policy.least_share) * rms(worse)
+        rms(better) < (1.0 - self.policy.least_share) * rms(worse) && by_chance(better, worse) < self.policy.p_value
     }
 
     /// The candidate that lowers the held-out error most, fitted; none if none does.
@@ -190,7 +209,7 @@ impl Search<'_> {
     fn fitted(&self, scored: Vec<Scored>, count: usize) -> Vec<(AxisEffect, Described, Vec<f64>)> {
         let best: Vec<Scored> = scored.into_iter().take(count).collect();
         parallel::map(&best, |scored| {
-            let fitted = self.problem.fit(&scored.start, STEPS_OF_SEARCH);
+            let fitted = self.problem.fit(&scored.start, STEPS_OF_SEARCH, FALL_OF_SEARCH);
             let judged = self.problem.judged(&fitted.stage);
             (scored.candidate.effect, fitted, judged)
         })
@@ -203,7 +222,7 @@ impl Search<'_> {
             let judged = self.problem.judged(&model.stage);
             let effects: Vec<AxisEffect> = model.effects[given..].to_vec();
             let without = parallel::map(&effects, |effect| {
-                let fitted = self.problem.fit(&model.without(*effect), STEPS_OF_SEARCH);
+                let fitted = self.problem.fit(&model.without(*effect), STEPS_OF_SEARCH, FALL_OF_SEARCH);
                 let without = self.problem.judged(&fitted.stage);
                 (fitted, without)
             });

@@ -226,8 +226,9 @@ impl<'d> Problem<'d> {
         stage.simulate(&recorded.drives, recorded.dt_s(), recorded.periodic)
     }
 
-    /// Refines all numbers of a model on the records that are fitted.
-    pub(super) fn fit(&self, model: &Described, steps_max: usize) -> Described {
+    /// Refines all numbers of a model on the records that are fitted, until a step lowers the cost by a smaller
+    /// share than `fall_enough`.
+    pub(super) fn fit(&self, model: &Described, steps_max: usize, fall_enough: f64) -> Described {
         let mut best = model.clone();
         let free = best.free();
         if free.is_empty() {
@@ -255,7 +256,7 @@ impl<'d> Problem<'d> {
                 }
                 damping *= DAMPING_UP;
             }
-            if before - cost <= FALL_ENOUGH * before {
+            if before - cost <= fall_enough * before {
                 break;
             }
         }
@@ -264,15 +265,13 @@ impl<'d> Problem<'d> {
 }
 
 /// Stretches of a record that judges, over which differences between two models scatter.
-const STRETCHES: usize = 16;
+pub(super) const STRETCHES: usize = 16;
 /// Levenberg's damping, relative to the diagonal: the usual schedule of Levenberg and Marquardt.
 const DAMPING_FIRST: f64 = 1e-4;
 const DAMPING_UP: f64 = 8.0;
 const DAMPING_DOWN: f64 = 10.0;
 const DAMPING_LEAST: f64 = 1e-9;
 const TRIALS: usize = 6;
-/// A step that lowers the cost by less ends the fit: the error changes by half of it.
-const FALL_ENOUGH: f64 = 1e-3;
 /// Ridge of the normal equations, relative to their diagonal: directions that the records do not show stay.
 const RIDGE: f64 = 1e-12;
 
