@@ -9,8 +9,8 @@
 //!
 //! Creep is a sum of
 //! * first-order terms, `share_i z_i`, where `z_i` follows `x` with the time constant `tau_i` (thesis Ch. 5,
-//!   Eqs. 13 and 17). A term with a threshold stands still until `x` is farther from it than that: an elementary
-//!   creep operator, whose equilibrium has hysteresis (thesis Ch. 2, 3.2.1);
+//!   Eqs. 13 and 17). A term with a threshold stands still until `x` is farther from it than that: an
+//!   elementary creep operator, whose equilibrium has hysteresis (thesis Ch. 2, 3.2.1);
 //! * a second-order term with complex poles, as the thesis' own actuator has (Ch. 5, Eq. 17): `z` follows `x`
 //!   with unit static gain, and both `z` and its velocity over the natural frequency are read.
 //!

@@ -387,7 +387,7 @@ mod tests {
         };
         assert!(amplitude(735.0) < 1e-3, "{}", amplitude(735.0));
         // At the edge of the width 3 dB.
-        assert!((amplitude(710.4) - 0.7071).abs() < 0.02, "{}", amplitude(710.4));
+        assert!((amplitude(710.4) - std::f64::consts::FRAC_1_SQRT_2).abs() < 0.02, "{}", amplitude(710.4));
         assert!(amplitude(100.0) > 0.99 && amplitude(3000.0) > 0.98);
     }
 }

@@ -314,7 +314,7 @@ impl Bench {
             amplifier: if full { lag(self.full.amplifier_bandwidth_hz) } else { None },
             stage: match &self.domains {
                 Some(truth) => Actuator::Domains(DomainStage::virgin(truth, limits_v, load_kg, dt_s)),
-                None => Actuator::Surfaces(surfaces()),
+                None => Actuator::Surfaces(Box::new(surfaces())),
             },
             coloured: self.coloured_noise(0),
             sensor: if full { lag(self.full.sensor_bandwidth_hz) } else { None },
@@ -442,7 +442,7 @@ impl SurfaceStage {
 /// One actuator or the other.
 #[derive(Clone, Debug)]
 enum Actuator {
-    Surfaces(SurfaceStage),
+    Surfaces(Box<SurfaceStage>),
     Domains(DomainStage),
 }
 

@@ -204,8 +204,8 @@ impl Domains {
         // Some draws lie outside the drive's range; a distribution that never meets it ends the search.
         let most = 1000 * truth.count.max(1) as u64;
         let inside = (1..most).map(domain).filter(|(up, _)| *up > drive_min_v && *up <= drive_max_v).take(truth.count);
-        let (mut up_v, mut down_v): (Vec<(f64, u32)>, Vec<(f64, u32)>) =
-            inside.enumerate().map(|(i, (up, down))| ((up, i as u32), (down, i as u32))).unzip();
+        let numbered = (0u32..).zip(inside);
+        let (mut up_v, mut down_v): (Vec<_>, Vec<_>) = numbered.map(|(i, (up, down))| ((up, i), (down, i))).unzip();
         up_v.sort_by(|a, b| a.0.total_cmp(&b.0));
         down_v.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (count, below) = (up_v.len(), down_v.partition_point(|(v, _)| *v < drive_min_v));

@@ -550,9 +550,9 @@ fn parameters_are_named_by_numbers() {
     table.tell("SPA 1 0x0E000200 1", 64);
     table.tell("SPA 1 0x42 1", 54);
     table.tell("SPA? 1 0x42", 54);
-    assert_eq!(table.ask("SPA?").lines().count(), 25);
+    assert_eq!(table.ask("SPA?").lines().count(), 35);
     assert_eq!(table.ask("SPA? 1 0x7F000009 1 0x7F00000A"), "1 0x7f000009=16 \n1 0x7f00000a=16\n");
-    assert_eq!(table.ask("HPA?").lines().count(), 27);
+    assert_eq!(table.ask("HPA?").lines().count(), 37);
     assert_eq!(table.ask("SPA? 1 0x7F000001"), "1 0x7f000001=15.000000000\n");
     assert_eq!(table.ask("SPA? 1 0x7F000002"), "1 0x7f000002=-20.000000000\n");
     table.tell("VEL 1 0", 8);

@@ -1,14 +1,14 @@
 //! A stage with several drives and sensors: drives act on modes, sensors read them.
 //!
-//! Every mode has a natural frequency, a damping ratio and a participation of every drive and every sensor, so
-//! that its residue has rank one (Gawronski, Advanced Structural Dynamics and Active Control of Structures
-//! (2004), chapter 2). Each drive has its own delay, hysteresis and creep, each mode its own friction and
-//! nonlinear stiffness, each sensor its own lag:
+//! Every mode has a natural frequency, a damping ratio and a participation of every drive and every sensor,
+//! so that its residue has rank one (Gawronski, Advanced Structural Dynamics and Active Control of
+//! Structures (2004), chapter 2). Each drive has its own delay, hysteresis and creep, each mode its own
+//! friction and nonlinear stiffness, each sensor its own lag:
 //!
 //! ```text
 //! w_j = creep_j(hysteresis_j(u_j(t - delay_j)))
-//! q_r'' / w0_r^2 + 2 zeta_r q_r' / w0_r + q_r = sum_j of_drives_rj w_j - friction_r - quadratic_r q_r^2 - cubic_r q_r^3
-//! y_i = lag_i(sum_r of_sensors_ir q_r + sum_j feedthrough_ij w_j)
+//! q_r'' / w0_r^2 + 2 zeta_r q_r' / w0_r + q_r = sum_j of_drives_rj w_j - friction_r - quadratic_r q_r^2 -
+//! cubic_r q_r^3 y_i = lag_i(sum_r of_sensors_ir q_r + sum_j feedthrough_ij w_j)
 //! ```
 //!
 //! Drives and modal coordinates have the unit of the drive, readings that of the sensor.

@@ -59,8 +59,8 @@ impl StageMode {
     }
 }
 
-/// Largest turn of a nonlinear mode inside a step, rad: the trapezoidal rule for its own forces then errs by a
-/// thousandth of them.
+/// Largest turn of a nonlinear mode inside a step, rad: the trapezoidal rule for its own forces then errs
+/// by a thousandth of them.
 const TURN_MAX_RAD: f64 = 0.3;
 /// Most steps in a period.
 const STEPS_MAX: usize = 16;
@@ -82,7 +82,8 @@ pub struct ModalMotion {
     mode: StageMode,
     steps: usize,
     transition: [[f64; 2]; 2],
-    /// For each drive: the step inside the period in which it changes, and what early and late part give there.
+    /// For each drive: the step inside the period in which it changes, and what early and late part give
+    /// there.
     changes: Vec<(usize, [f64; 2], [f64; 2])>,
     held: [f64; 2],
     ramp: [f64; 2],

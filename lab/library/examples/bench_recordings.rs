@@ -2,7 +2,8 @@
 //! that bench.
 //!
 //! ```text
-//! cargo run --release -p hysteron --example bench_recordings -- [--bench reference|domains] [--full] [--effects LIST] [--out DIR]
+//! cargo run --release -p hysteron --example bench_recordings -- [--bench reference|domains] [--full]
+//! [--effects LIST] [--out DIR]
 //! ```
 //!
 //! With `--out` the records are written as a data set, for `hysteron explain DIR`. Records: nested loops of

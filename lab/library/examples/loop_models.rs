@@ -9,8 +9,8 @@
 //! cargo run --release -p hysteron --example loop_models -- [--data FOLDER] [--csv FILE] [MODEL ...]
 //! ```
 //!
-//! The recordings are not part of the project (docs/results/real_recordings.md names their source); without the
-//! folder it says so.
+//! The recordings are not part of the project (docs/results/real_recordings.md names their source); without
+//! the folder it says so.
 
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identification::fit::{Effort, fit, rms_over};

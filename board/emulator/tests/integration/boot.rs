@@ -47,9 +47,9 @@ fn the_image_boots_beats_at_20_khz_and_rests_without_a_block() {
     lines_of_the_bench(&outcome);
     let world = world.lock().expect("the world");
     let rest = bench.converter_scale().dac_code(bench.drive_min_v);
-    // The converters saw every edge: the beat began at most 4 ms after the start and is exact.
+    // The converters saw every edge: the beat began at most 5 ms after the start and is exact.
     let expected = until_ns / 50_000;
-    assert!((expected - 80..=expected).contains(&(world.codes.len() as u64)), "{} edges", world.codes.len());
+    assert!((expected - 100..=expected).contains(&(world.codes.len() as u64)), "{} edges", world.codes.len());
     assert!(world.codes.iter().all(|(_, acting)| *acting == rest), "always the safe output");
     assert!(world.lowest_between_edges >= rest, "the clamp goes only when the register holds rest: {}", world.lowest_between_edges);
 }

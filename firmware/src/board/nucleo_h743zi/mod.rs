@@ -1,8 +1,8 @@
 //! NUCLEO-H743ZI2: STM32H743ZI at 400 MHz, precision converters on SPI or the part's own.
 //!
 //! Crystal: the 8 MHz that the NUCLEO's debugger feeds to OSC_IN. PLL1 makes 400 MHz for the core (voltage
-//! scale 1), 200 MHz for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 and the voltage monitor
-//! have the internal 64 MHz. Memory: `memory.x` of the repository's root.
+//! scale 1), 200 MHz for the buses' timers, and 100 MHz that nobody needs; SPI1 to SPI3 and the voltage
+//! monitor have the internal 64 MHz. Memory: `memory.x` of the repository's root.
 
 mod flash;
 #[cfg(feature = "on-chip-converters")]

@@ -5,8 +5,8 @@
 //! front end, whose trigger and calibration stay its own.
 //!
 //! Clock: the internal oscillator's 64 MHz, which a lost crystal does not take along, divided by 2, and by 2
-//! once more on revision V: 16 MHz (RM0433, 25.4.3). 64.5 cycles of sampling, for a divider of some kilohms in
-//! front of the pin, and 8.5 of conversion are 4.6 us.
+//! once more on revision V: 16 MHz (RM0433, 25.4.3). 64.5 cycles of sampling, for a divider of some kilohms
+//! in front of the pin, and 8.5 of conversion are 4.6 us.
 
 use embassy_stm32::pac::adc::vals::{Boost, Exten, Ovrmod, Pcsel, Res, SampleTime};
 use embassy_stm32::pac::adccommon::vals::{Ckmode, Presc};

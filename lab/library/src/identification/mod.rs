@@ -1,8 +1,8 @@
 //! From records to a model: least squares over the whole chain, the noise that nothing explains, finer
 //! surfaces of hysteresis.
 //!
-//! * [`linearisation`]: residual and derivatives of a chain on records; [`nuisance_terms`]: what each record has of
-//!   its own;
+//! * [`linearisation`]: residual and derivatives of a chain on records; [`nuisance_terms`]: what each
+//!   record has of its own;
 //! * [`fit`]: estimates parameters; [`uncertainty`]: how well the data fix them,
 //!   [`identifiability`]: what they leave open;
 //! * [`noise_floor`]: what remains random, and on which evidence;

@@ -65,7 +65,7 @@ pub fn two_steps(model: &Model, dataset: &Dataset, records: &[usize], orders: us
     let solver = powers.svd(true, true);
     let mut values = vec![reference_v_s];
     values.resize(1 + orders * TERMS, 0.0);
-    let mut base = vec![0.0; TERMS];
+    let mut base = [0.0; TERMS];
     for k in 0..TERMS {
         let polynomial = solver.solve(&DVector::from_iterator(at_rates.len(), at_rates.iter().map(|c| c[k])), 1e-12).ok()?;
         base[k] = polynomial[0];

@@ -2,9 +2,9 @@
 //! too little drive, or the model itself.
 //!
 //! What hides a response in a recording is all that the model leaves of the readings: noise, and what the
-//! model does not describe. What noise alone would hide is known too ([`ServoRecording::noise_hides_at`]). Where
-//! that is little, more drive would not help: the model is of another stage, or lacks something that this
-//! stage has.
+//! model does not describe. What noise alone would hide is known too ([`ServoRecording::noise_hides_at`]).
+//! Where that is little, more drive would not help: the model is of another stage, or lacks something that
+//! this stage has.
 
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
 use super::predictor::frequency_response;

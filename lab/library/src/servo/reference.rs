@@ -42,8 +42,8 @@ const LONGEST_S: f64 = 600.0;
 
 impl Reference {
     /// One by its name: `sine:` and `triangle:` ([`PeriodicReference::parse`]), `step:UM[:FROM_UM]` (a jump
-    /// by so much), or `random:HZ:UM[:OFFSET_UM[:SEED]]` (equal sines of random phase up to a frequency, within
-    /// an amplitude).
+    /// by so much), or `random:HZ:UM[:OFFSET_UM[:SEED]]` (equal sines of random phase up to a frequency,
+    /// within an amplitude).
     ///
     /// # Errors
     /// A message that names the field.

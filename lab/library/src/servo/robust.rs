@@ -14,16 +14,16 @@
 //! 4. stay stable with any linear response added that the recording does not exclude: `|K S| W <= 1` at every
 //!    frequency up to half the sampling rate (small gain, so whatever the phase and the number of modes),
 //!    where `K S` is the answer of the drive to the reading and `W` the largest missing response: the
-//!    recording's level ([`ServoRecording`]), at most the peak of an unknown mode ([`UNKNOWN_MODE_PEAK`]), times
-//!    the spread of the gain.
+//! recording's level ([`ServoRecording`]), at most the peak of an unknown mode ([`UNKNOWN_MODE_PEAK`]),
+//! times the spread of the gain.
 //!
 //! Of those that do, and whose gains have a place in the tick's integers, the one with the least expected
 //! error is taken, among those with the usual margins ([`Candidate::keeps_usual_margins`]) where that costs
 //! less than a third of the error: noise passed on, and the error of the hysteresis model at the highest
-//! frequency of references and at a tenth of it (times what a reference becomes at worst where the order lets the first
-//! mode move: [`MovingMode`]). From there the tuning is refined between the points of the scan, with the fast
-//! noise of [`PredictorTuning::fast_noise_um`] as one number more. What the fourth condition costs is found
-//! by leaving it out, and told.
+//! frequency of references and at a tenth of it (times what a reference becomes at worst where the order
+//! lets the first mode move: [`MovingMode`]). From there the tuning is refined between the points of the
+//! scan, with the fast noise of [`PredictorTuning::fast_noise_um`] as one number more. What the fourth
+//! condition costs is found by leaving it out, and told.
 
 use super::loop_margins::phase_margin_deg;
 use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
@@ -502,7 +502,8 @@ impl Task<'_> {
     pub fn scan_of<F: Family>(&self, family: &F) -> Scan<F::Tuning> {
         let conditions = self.conditions();
         let mut candidates = grid(family, &conditions);
-        // The best that holds, the one that a better recording would allow, and the one with the usual margins.
+        // The best that holds, the one that a better recording would allow, and the one with the usual
+        // margins.
         let usual = self.demands.usual_margins.then_some(holds_with_usual_margins as fn(&Candidate<F::Tuning>) -> bool);
         for good in [holds as fn(&Candidate<F::Tuning>) -> bool, holds_if_recorded].into_iter().chain(usual) {
             if let Some(best) = candidates.iter().find(|c| good(c)).cloned() {
@@ -711,7 +712,8 @@ mod tests {
 
     #[test]
     fn margins_of_an_open_loop_are_those_of_its_crossings() {
-        // An integrator with a delay of a sample and a half at this gain: w = k at gain 1, phase -90 - 1.5 w T.
+        // An integrator with a delay of a sample and a half at this gain: w = k at gain 1, phase -90 - 1.5
+        // w T.
         let gain = 2000.0;
         let open: Vec<Complex<f64>> = (1..4000)
             .map(|i| {

@@ -1,14 +1,14 @@
-//! A servo for a stage with several axes: drives and sensors are transformed so that every channel sees mostly
-//! one motion, and each channel has a controller of its own.
+//! A servo for a stage with several axes: drives and sensors are transformed so that every channel sees
+//! mostly one motion, and each channel has a controller of its own.
 //!
 //! * Static decoupling inverts the matrix of the gains at rest.
 //! * Modal decoupling inverts the participations of the drives and sensors in the modes that move most.
 //!
-//! A channel has an integral controller with a notch at its mode. Its gain is the largest at which the channel
-//! alone keeps its sensitivity below the limit. Then the loop is checked as a whole: eigenvalues of the closed
-//! sampled system with the delay of one period, and the largest singular value of its sensitivity over
-//! frequency, for the gain of small and of large motions of each drive. If the whole needs less, all gains are
-//! lowered together.
+//! A channel has an integral controller with a notch at its mode. Its gain is the largest at which the
+//! channel alone keeps its sensitivity below the limit. Then the loop is checked as a whole: eigenvalues of
+//! the closed sampled system with the delay of one period, and the largest singular value of its
+//! sensitivity over frequency, for the gain of small and of large motions of each drive. If the whole needs
+//! less, all gains are lowered together.
 
 use crate::error::{Error, Result};
 use hysteron_sim::several_axes::{Held, ModalMotion, ModalStage, StageRun};
@@ -83,7 +83,8 @@ pub struct AxesTrack {
     pub finite: bool,
 }
 
-/// Largest sensitivity of a channel alone and of the whole: a phase margin of 29 degrees and a gain margin of 2.
+/// Largest sensitivity of a channel alone and of the whole: a phase margin of 29 degrees and a gain margin
+/// of 2.
 pub const SENSITIVITY_MAX: f64 = 2.0;
 /// Damping of the notch's poles: well damped, with less phase lag below it than 1.
 const NOTCH_DAMPING: f64 = 0.7;
@@ -240,7 +241,8 @@ impl AxesServo {
         let controller = &mut self.channels[channel];
         controller.integral_per_s = TAU * mode_hz;
         for _ in 0..GAIN_STEPS {
-            // The loop starts above -1 at low frequencies: below half a turn of phase a gain above one encircles.
+            // The loop starts above -1 at low frequencies: below half a turn of phase a gain above one
+            // encircles.
             let peak = plant
                 .iter()
                 .map(|(hz, plant)| 1.0 / (Complex::from(1.0) + plant * controller.response(*hz, self.dt_s)).norm())

@@ -1,10 +1,10 @@
 //! Which effect is missing in which channel or mode.
 //!
-//! Every candidate is an effect in a channel or mode. All are scored by the same rule: the fall of the error on
-//! held-out records. The linearised fall of all candidates decides which are fitted; the fitted fall decides
-//! which joins. When none lowers the error any more, every effect is taken out once, and everything else is
-//! tried in its place. An effect without which the error is no larger is removed. An effect that another one
-//! replaces as well is reported with an "or".
+//! Every candidate is an effect in a channel or mode. All are scored by the same rule: the fall of the
+//! error on held-out records. The linearised fall of all candidates decides which are fitted; the fitted
+//! fall decides which joins. When none lowers the error any more, every effect is taken out once, and
+//! everything else is tried in its place. An effect without which the error is no larger is removed. An
+//! effect that another one replaces as well is reported with an "or".
 
 use super::fit::{Problem, STRETCHES, damped_solution};
 use super::recordings::AxesData;
@@ -182,9 +182,9 @@ impl Search<'_> {
         self.problem.noise_known && rms(judged) < self.policy.at_the_noise
     }
 
-    /// Whether `better` has a smaller error than `worse`, beyond chance and by a share that matters. Chance is
-    /// judged by flipping signs: a beat of two drives makes the errors of a few stretches a hundred times those
-    /// of the others, which no standard error describes.
+    /// Whether `better` has a smaller error than `worse`, beyond chance and by a share that matters. Chance
+    /// is judged by flipping signs: a beat of two drives makes the errors of a few stretches a hundred
+    /// times those of the others, which no standard error describes.
     fn is_better(&self, better: &[f64], worse: &[f64]) -> bool {
         rms(better) < (1.0 - self.policy.least_share) * rms(worse) && by_chance(better, worse) < self.policy.p_value
     }
@@ -215,8 +215,8 @@ impl Search<'_> {
         })
     }
 
-    /// Takes every effect out once: removes those without which the error is no larger, and finds what does as
-    /// well in the place of the others.
+    /// Takes every effect out once: removes those without which the error is no larger, and finds what does
+    /// as well in the place of the others.
     fn question(&self, mut model: Described, given: usize) -> Result<(Described, Vec<AxisFinding>)> {
         loop {
             let judged = self.problem.judged(&model.stage);
@@ -320,8 +320,8 @@ impl Search<'_> {
         parallel::map(&pairs, candidate).into_iter().flatten().collect()
     }
 
-    /// Candidates by the held-out error that their linearised fits predict, the best first; of each effect its
-    /// best guess.
+    /// Candidates by the held-out error that their linearised fits predict, the best first; of each effect
+    /// its best guess.
     fn scored(&self, model: &Described, candidates: &[Candidate]) -> Vec<Scored> {
         let roles = [Role::Identify, Role::Validate];
         let problem = self.problem;

@@ -11,7 +11,8 @@ use nalgebra::{DMatrix, DVector};
 pub(super) struct Problem<'d> {
     pub(super) data: &'d AxesData,
     pub(super) scales: Scales,
-    /// For each record and sensor: one over its noise, or over its RMS where a record does not show the noise.
+    /// For each record and sensor: one over its noise, or over its RMS where a record does not show the
+    /// noise.
     weights: Vec<Vec<f64>>,
     /// Whether all records show their noise.
     pub(super) noise_known: bool,
@@ -100,8 +101,8 @@ impl<'d> Problem<'d> {
         (0..stage.sensors.len()).map(|i| notices(i).then(|| stage.reading(i, &modes, &drives, dt_s))).collect()
     }
 
-    /// Rows of a role: record by record, in each sensor by sensor, weighted, each about its mean. A constant of
-    /// each sensor in each record is thereby estimated with everything else.
+    /// Rows of a role: record by record, in each sensor by sensor, weighted, each about its mean. A
+    /// constant of each sensor in each record is thereby estimated with everything else.
     fn rows(&self, role: Role, value: impl Fn(usize, usize, usize) -> f64) -> Vec<f64> {
         let mut out = Vec::new();
         for (n, record) in self.data.of_role(role) {
@@ -226,8 +227,8 @@ impl<'d> Problem<'d> {
         stage.simulate(&recorded.drives, recorded.dt_s(), recorded.periodic)
     }
 
-    /// Refines all numbers of a model on the records that are fitted, until a step lowers the cost by a smaller
-    /// share than `fall_enough`.
+    /// Refines all numbers of a model on the records that are fitted, until a step lowers the cost by a
+    /// smaller share than `fall_enough`.
     pub(super) fn fit(&self, model: &Described, steps_max: usize, fall_enough: f64) -> Described {
         let mut best = model.clone();
         let free = best.free();

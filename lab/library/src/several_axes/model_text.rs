@@ -72,7 +72,7 @@ impl AxesModel {
             mode.of_drives.len() == drives && mode.of_sensors.len() == sensors && mode.frequency_hz > 0.0 && finite
         });
         let feedthrough_fits = model.stage.feedthrough.len() == sensors && model.stage.feedthrough.iter().all(|row| row.len() == drives);
-        if drives == 0 || sensors == 0 || !modes_fit || !feedthrough_fits || !(model.sample_rate_hz > 0.0) {
+        if drives == 0 || sensors == 0 || !modes_fit || !feedthrough_fits || model.sample_rate_hz.is_nan() || model.sample_rate_hz <= 0.0 {
             return Err(Error::new(
                 place,
                 format!(
@@ -134,7 +134,8 @@ pub struct AxesFigures {
     pub error: f64,
     /// Error on the records that were fitted.
     pub fitted_error: f64,
-    /// What errors are counted in: the noise, or the RMS of a reading where the records do not show the noise.
+    /// What errors are counted in: the noise, or the RMS of a reading where the records do not show the
+    /// noise.
     pub error_in: &'static str,
     /// By sensor.
     pub sensors: Vec<SensorError>,

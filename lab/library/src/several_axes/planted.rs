@@ -1,5 +1,5 @@
-//! Simulated stages of three drives and three sensors with one effect planted in one channel, and the score of
-//! the search on them.
+//! Simulated stages of three drives and three sensors with one effect planted in one channel, and the score
+//! of the search on them.
 //!
 //! The plant is no copy of what is fitted: its hysteresis has 40 play operators with thresholds of their own
 //! where a model has 25 by seven numbers, its creep 7 terms at other times, and its readings have noise.
@@ -294,8 +294,8 @@ impl PlantedStage {
         }
     }
 
-    /// Whether an effect of a model is what was planted. Which drive or sensor of a mode joined first does not
-    /// matter: a mode that two drives move is the same whichever was found with it.
+    /// Whether an effect of a model is what was planted. Which drive or sensor of a mode joined first does
+    /// not matter: a mode that two drives move is the same whichever was found with it.
     fn is_planted(&self, found: &Described, effect: AxisEffect) -> bool {
         let Channel { drive, mode, sensor } = self.channel;
         let of_mode = |m: usize| self.true_mode(found, m) == Some(mode);

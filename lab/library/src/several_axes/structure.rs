@@ -271,7 +271,8 @@ impl Scales {
 /// Knots between which the weights of the play operators of a drive run straight: the loops of a ceramic are
 /// smooth, and so few numbers are seen by any record.
 const KNOTS: usize = 7;
-/// Play operators from one knot to the next: loops are straight between thresholds, to `1 / 25^2` of their width.
+/// Play operators from one knot to the next: loops are straight between thresholds, to `1 / 25^2` of their
+/// width.
 const PLAYS_BY_KNOT: usize = 4;
 /// Play operators of a drive.
 const PLAYS: usize = (KNOTS - 1) * PLAYS_BY_KNOT + 1;
