@@ -9,7 +9,7 @@ use hysteron_sim::several_axes::ModalStage;
 
 fn short(value: f64) -> String {
     match value.abs() {
-        v if v == 0.0 => "0".into(),
+        0.0 => "0".into(),
         v if (0.01..1000.0).contains(&v) => format!("{value:.3}"),
         _ => format!("{value:.2e}"),
     }
