@@ -78,7 +78,7 @@ pub struct CreepInverse {
 }
 
 impl CreepInverse {
-    /// As if this had been applied for ever since the actuator came from zero.
+    /// The state that this drive leads to when it rests for ever, from zero.
     #[must_use]
     pub fn applied_for_ever(parameters: &CreepInverseParameters, applied: i32) -> Self {
         if parameters.is_off() {
@@ -91,7 +91,7 @@ impl CreepInverse {
         Self { states, pair: [Integrating::at(applied), Integrating::default()] }
     }
 
-    /// As if the actuator had been at a position for ever.
+    /// The state of rest at a position.
     #[must_use]
     pub fn at_rest(parameters: &CreepInverseParameters, position: i32, saturated: &mut u32) -> Self {
         let asked = crate::signal::saturate((i64::from(position) * i64::from(parameters.at_rest)) >> 28, saturated);

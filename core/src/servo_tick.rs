@@ -152,7 +152,7 @@ impl ServoTick {
         self.code
     }
 
-    /// Creep as if what is applied had been for ever.
+    /// Creep at rest under what is applied.
     fn begin_creep(&mut self) {
         if let LawParameters::Regulator(law) = &self.parameters.law {
             self.creep = CreepInverse::applied_for_ever(&law.creep, self.applied);

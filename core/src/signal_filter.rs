@@ -235,8 +235,8 @@ mod tests {
             prop_assert_eq!(saturated, 0);
         }
 
-        /// The sample at which a section changes leaves as if it had not; and the steps behind it are those
-        /// of the two filters beside each other, and what the offset loses in a tick.
+        /// The sample at which a section changes leaves as without the change; and the steps behind it are
+        /// those of the two filters beside each other, and what the offset loses in a tick.
         #[test]
         fn a_change_in_motion_makes_no_step([old, new] in prop::array::uniform2(setting()), hz in 1.0f64..200.0, at in 100u32..4000) {
             let (mut filter, mut saturated) = (SignalFilter::OFF, 0);

@@ -85,7 +85,7 @@ pub trait FrontEnd {
     #[allow(dead_code)] // not every image that has a front end keeps it so long
     fn renew(&mut self) -> bool;
     /// What the amplifier's voltage monitor read during the last period, 65,536 codes; starts the next
-    /// conversion. `None` if its converter did not answer, or there is none.
+    /// conversion. `None` if its converter did not answer or is missing.
     #[inline(always)]
     #[allow(dead_code)] // the board check drives no amplifier
     fn monitor(&mut self) -> Option<u16> {

@@ -92,7 +92,7 @@ impl Stage for PairStage {
     }
 }
 
-/// The same with states for each lane.
+/// The same with states for each perturbation of a batch.
 struct PairLanes {
     carried: Carried,
     states: Vec<[f64; 2]>,

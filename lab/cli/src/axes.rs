@@ -140,7 +140,7 @@ fn read_model(desk: &Desk, path: &Path) -> Result<AxesModel> {
 
 /// How a search is done.
 pub struct Manner {
-    /// Every step is told.
+    /// Every step is printed.
     pub verbose: bool,
     /// How long it may take.
     pub time: TimeArguments,

@@ -10,7 +10,7 @@
 //! ```
 //!
 //! The recordings are not part of the project (docs/results/real_recordings.md names their source); without
-//! the folder it says so.
+//! the folder it reports that.
 
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identification::fit::{Effort, fit, rms_over};

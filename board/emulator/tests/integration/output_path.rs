@@ -106,9 +106,8 @@ fn kept(stage: [u8; 16]) -> Vec<u8> {
     bytes.to_vec()
 }
 
-/// Most instructions of guard, reference, filters, servo and sample with everything on, and on the mean:
-/// those of `closed_loop` and six sections.
-const MOST_TICK_INSTRUCTIONS: u64 = 1_500;
+/// With all six sections, the monitor and the register read back: 1,778 measured.
+const MOST_TICK_INSTRUCTIONS: u64 = 1_900;
 
 #[test]
 fn the_loop_with_filters_monitor_and_read_back_gives_the_hosts_bits() {

@@ -604,7 +604,7 @@ impl InWords for Words<'_> {
 }
 
 impl Words<'_> {
-    /// What the usual margins cost, or would cost where they are not kept.
+    /// What the usual margins cost, or would cost where they are exceeded.
     fn price_of_margins<T: Clone>(&self, scan: &Scan<T>, chosen: &Candidate<T>) -> Option<String> {
         if !self.task.demands.usual_margins {
             return None;

@@ -408,7 +408,7 @@ mod tests {
         let mut servo = AxesServo::design(&stage, Decoupling::Modal, dt_s).unwrap();
         assert!(servo.check(&stage).spectral_radius < 1.0);
         assert!(servo.track(&stage, 0, 1.0, 2.0, 2.0).finite);
-        // With thirty times the gain the loop runs away, and the eigenvalues say so.
+        // With thirty times the gain the loop runs away, and the eigenvalues show it.
         servo.channels.iter_mut().for_each(|channel| channel.integral_per_s *= 30.0);
         assert!(servo.check(&stage).spectral_radius > 1.0);
         assert!(!servo.track(&stage, 0, 1.0, 2.0, 2.0).finite);
