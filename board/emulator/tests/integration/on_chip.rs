@@ -48,11 +48,11 @@ fn its_registers_are_set_up_and_a_silent_converter_rests() {
     assert_eq!(outcome.texts_with("front end on-chip ADC1 and DAC1").count(), 1, "{:?}", outcome.messages);
     // The timer's update is its trigger output (CR2.MMS = 2).
     assert_eq!(register(&outcome, "TIM2", tim2::Register::Cr2) >> 4 & 7, 2);
-    // The ADC runs at the bus clock over 4 (CKMODE = 3), powered (ADVREGEN) and in the middle of its
-    // calibration (ADCAL, ADCALLIN).
+    // The ADC runs at the bus clock over 4 (CKMODE = 3), powered (ADVREGEN), with its calibration (ADCALLIN)
+    // behind it.
     assert_eq!(register(&outcome, "ADC12_Common", adc3_common::Register::Ccr) >> 16 & 3, 3);
     let control = register(&outcome, "ADC1", adc3::Register::Cr);
-    assert_eq!((control >> 28 & 3, control >> 31, control >> 16 & 1, control >> 8 & 3), (1, 1, 1, 2), "{control:#x}");
+    assert_eq!((control >> 28 & 3, control >> 31, control >> 16 & 1, control >> 8 & 3), (1, 0, 1, 2), "{control:#x}");
     // Rising edges of trigger 11 convert channel 15, 16 bits, the newest word kept.
     let configuration = register(&outcome, "ADC1", adc3::Register::Cfgr);
     assert_eq!((configuration >> 10 & 3, configuration >> 5 & 31, configuration >> 2 & 7, configuration >> 12 & 1), (1, 11, 0, 1));

@@ -36,7 +36,7 @@ const LIMITS: [(&str, u32, u32); 10] = [
 fn the_servo_tick_keeps_its_count_with_a_full_memory() {
     let mut board = NucleoBoard::new().expect("a board");
     board.instructions_per_second = RESET_CLOCK_HZ;
-    let outcome = run(&image_named("tick_cost"), board, Script::listening(600 * MILLISECOND)).expect("a run");
+    let outcome = run(&image_named("tick_cost"), board, Script::listening(1_000 * MILLISECOND)).expect("a run");
     assert_eq!(outcome.texts_with("tick cost done").count(), 1, "{:?}", outcome.messages);
     for (case, most, typical) in LIMITS {
         let begin = format!("tick cost {case} most");
