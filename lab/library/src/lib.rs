@@ -11,7 +11,6 @@
 //! * [`simulate`](fn@simulate): a model under any drive; [`replays`]: the saved model against whole
 //!   recordings;
 //! * [`servo`]: design, check and track;
-//! * [`several_axes`]: stages with several drives and sensors.
 //!
 //! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed
 //! results. What is not on this page is there for the programs of the project and may change.
@@ -87,6 +86,7 @@ pub mod response;
 #[doc(hidden)]
 pub mod series;
 pub mod servo;
+#[doc(hidden)]
 pub mod several_axes;
 #[doc(hidden)]
 pub mod simulate;
