@@ -10,7 +10,7 @@
 //!   or C;
 //! * [`simulate`](fn@simulate): a model under any drive; [`replays`]: the saved model against whole
 //!   recordings;
-//! * [`servo`]: design, check and track;
+//! * [`servo`]: design, check and track.
 //!
 //! Nothing here opens a file, prints, or reads a clock: callers hand in bytes and arrays and get typed
 //! results. What is not on this page is there for the programs of the project and may change.
