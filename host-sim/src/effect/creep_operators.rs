@@ -195,7 +195,7 @@ mod tests {
                     }
                     x = next;
                     let reached = stage.step(k, x) - x;
-                    prop_assert!((reached - z).abs() < 2e-3, "{reached} {z}");
+                    prop_assert!((reached - z).abs() < 4e-3, "{reached} {z}");
                 }
             }
         }

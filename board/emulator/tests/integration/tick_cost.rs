@@ -24,10 +24,10 @@ const LIMITS: [(&str, u32, u32); 10] = [
     ("learn", 1_500, 1_400),
     ("adapt", 1_500, 900),
     ("jump", 1_300, 950),
-    ("jump while learning", 1_800, 1_100),
+    ("jump while learning", 1_800, 1_150),
     ("chatter", 1_050, 950),
-    ("amplifier begins", 1_250, 1_050),
-    ("amplifier follows", 1_300, 1_050),
+    ("amplifier begins", 1_300, 1_150),
+    ("amplifier follows", 1_400, 1_150),
     ("exchange", 9_800, 9_700),
     ("swap", 4_400, 4_400),
 ];
