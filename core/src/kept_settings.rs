@@ -4,10 +4,9 @@
 //! the board begins as a new one does. As bytes it looks as the safety envelope does: a magic, a version,
 //! the fields in their order, a checksum.
 
-use crate::checksum::crc32;
 use crate::filter_design::{FilterSetting, Notch};
 use crate::loop_telemetry::ResonanceWatch;
-use crate::parameter_block::{BlockError, Reader, Wire, Writer, wire_struct};
+use crate::parameter_block::{BlockError, read_kept, wire_struct, write_kept};
 
 /// First bytes.
 pub const MAGIC: [u8; 4] = *b"HYSK";
@@ -47,15 +46,7 @@ wire_struct!(KeptSettings { stage, velocity, tolerance, settling_ticks, host_tim
 /// # Errors
 /// [`BlockError::NoRoom`]; [`SETTINGS_BYTES`] always suffice.
 pub fn write(settings: &KeptSettings, bytes: &mut [u8]) -> Result<usize, BlockError> {
-    let mut writer = Writer::new(bytes);
-    MAGIC.write(&mut writer)?;
-    VERSION.write(&mut writer)?;
-    0u16.write(&mut writer)?;
-    settings.write(&mut writer)?;
-    let end = writer.at();
-    let checksum = crc32(bytes.get(..end).ok_or(BlockError::NoRoom)?);
-    bytes.get_mut(end..end + 4).ok_or(BlockError::NoRoom)?.copy_from_slice(&checksum.to_le_bytes());
-    Ok(end + 4)
+    write_kept(MAGIC, VERSION, settings, bytes)
 }
 
 /// Reads settings from the beginning of `bytes`; what follows them does not matter.
@@ -63,20 +54,7 @@ pub fn write(settings: &KeptSettings, bytes: &mut [u8]) -> Result<usize, BlockEr
 /// # Errors
 /// [`BlockError`].
 pub fn read(bytes: &[u8], sample_rate_hz: u32) -> Result<KeptSettings, BlockError> {
-    let mut reader = Reader::new(bytes);
-    if <[u8; 4]>::read(&mut reader).map_err(|_| BlockError::Absent)? != MAGIC {
-        return Err(BlockError::Absent);
-    }
-    let version = u16::read(&mut reader)?;
-    if version != VERSION {
-        return Err(BlockError::Version(version));
-    }
-    let _reserved = u16::read(&mut reader)?;
-    let settings = KeptSettings::read(&mut reader)?;
-    let end = bytes.len() - reader.left();
-    if u32::read(&mut reader)? != crc32(bytes.get(..end).ok_or(BlockError::Length)?) {
-        return Err(BlockError::Checksum);
-    }
+    let settings: KeptSettings = read_kept(MAGIC, VERSION, bytes)?;
     if settings.filters.iter().any(|filter| !filter.accepted(sample_rate_hz)) || !settings.watch.accepted(sample_rate_hz) {
         return Err(BlockError::SampleRate(sample_rate_hz));
     }

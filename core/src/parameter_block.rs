@@ -177,6 +177,48 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// Bytes of the header of [`write_kept`].
+pub(crate) const KEPT_HEADER_BYTES: usize = 8;
+
+/// Writes a value that is kept beside the blocks: a magic, a version, the value, a checksum. Returns the
+/// length.
+///
+/// # Errors
+/// [`BlockError::NoRoom`].
+pub fn write_kept(magic: [u8; 4], version: u16, value: &impl Wire, bytes: &mut [u8]) -> Result<usize, BlockError> {
+    let mut writer = Writer::new(bytes);
+    writer.put(&magic)?;
+    version.write(&mut writer)?;
+    0u16.write(&mut writer)?;
+    value.write(&mut writer)?;
+    let checksum = crc32(writer.bytes.get(..writer.at).ok_or(BlockError::NoRoom)?);
+    checksum.write(&mut writer)?;
+    Ok(writer.at)
+}
+
+/// Reads what [`write_kept`] wrote at the beginning of `bytes`; what follows it does not matter.
+///
+/// # Errors
+/// [`BlockError::Absent`] without the magic, [`BlockError::Version`], [`BlockError::Length`],
+/// [`BlockError::Checksum`].
+pub fn read_kept<T: Wire>(magic: [u8; 4], version: u16, bytes: &[u8]) -> Result<T, BlockError> {
+    let mut reader = Reader::new(bytes);
+    if reader.take::<4>().map_err(|_| BlockError::Absent)? != magic {
+        return Err(BlockError::Absent);
+    }
+    let found = u16::read(&mut reader)?;
+    if found != version {
+        return Err(BlockError::Version(found));
+    }
+    let _reserved = u16::read(&mut reader)?;
+    let value = T::read(&mut reader)?;
+    let end = bytes.len() - reader.left();
+    if u32::read(&mut reader)? != crc32(bytes.get(..end).ok_or(BlockError::Length)?) {
+        return Err(BlockError::Checksum);
+    }
+    Ok(value)
+}
+
 /// What can stand in a block.
 pub trait Wire: Sized {
     /// Writes the value.

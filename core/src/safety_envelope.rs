@@ -15,7 +15,7 @@
 use crate::checksum::crc32;
 use crate::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use crate::output_monitor::{MARGIN, MonitorParameters};
-use crate::parameter_block::{AmplifierParameters, BlockError, Reader, Wire, Writer, wire_struct};
+use crate::parameter_block::{AmplifierParameters, BlockError, KEPT_HEADER_BYTES, read_kept, wire_struct, write_kept};
 use crate::self_test::STEP_MILLIVOLTS;
 use crate::servo_parameters::LawParameters;
 
@@ -25,7 +25,6 @@ pub const MAGIC: [u8; 4] = *b"HYSE";
 pub const VERSION: u16 = 2;
 /// Bytes of the largest envelope.
 pub const ENVELOPE_BYTES: usize = 128;
-const HEADER_BYTES: usize = 8;
 
 /// What the board may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,15 +109,7 @@ wire_struct!(SafetyEnvelope {
 /// # Errors
 /// [`BlockError::NoRoom`]; [`ENVELOPE_BYTES`] always suffice.
 pub fn write(envelope: &SafetyEnvelope, bytes: &mut [u8]) -> Result<usize, BlockError> {
-    let mut writer = Writer::new(bytes);
-    MAGIC.write(&mut writer)?;
-    VERSION.write(&mut writer)?;
-    0u16.write(&mut writer)?;
-    envelope.write(&mut writer)?;
-    let end = writer.at();
-    let checksum = crc32(bytes.get(..end).ok_or(BlockError::NoRoom)?);
-    bytes.get_mut(end..end + 4).ok_or(BlockError::NoRoom)?.copy_from_slice(&checksum.to_le_bytes());
-    Ok(end + 4)
+    write_kept(MAGIC, VERSION, envelope, bytes)
 }
 
 /// Reads an envelope from the beginning of `bytes`; what follows it does not matter.
@@ -126,20 +117,7 @@ pub fn write(envelope: &SafetyEnvelope, bytes: &mut [u8]) -> Result<usize, Block
 /// # Errors
 /// [`BlockError`].
 pub fn read(bytes: &[u8]) -> Result<SafetyEnvelope, BlockError> {
-    let mut reader = Reader::new(bytes);
-    if <[u8; 4]>::read(&mut reader).map_err(|_| BlockError::Absent)? != MAGIC {
-        return Err(BlockError::Absent);
-    }
-    let version = u16::read(&mut reader)?;
-    if version != VERSION {
-        return Err(BlockError::Version(version));
-    }
-    let _reserved = u16::read(&mut reader)?;
-    let envelope = SafetyEnvelope::read(&mut reader)?;
-    let end = bytes.len() - reader.left();
-    if u32::read(&mut reader)? != crc32(bytes.get(..end).ok_or(BlockError::Length)?) {
-        return Err(BlockError::Checksum);
-    }
+    let envelope: SafetyEnvelope = read_kept(MAGIC, VERSION, bytes)?;
     envelope.is_consistent()?;
     Ok(envelope)
 }
@@ -149,7 +127,7 @@ pub fn read(bytes: &[u8]) -> Result<SafetyEnvelope, BlockError> {
 pub fn fingerprint(envelope: &SafetyEnvelope) -> u32 {
     let mut bytes = [0; ENVELOPE_BYTES];
     let length = write(envelope, &mut bytes).unwrap_or(0);
-    bytes.get(HEADER_BYTES..length.saturating_sub(4)).map_or(0, crc32)
+    bytes.get(KEPT_HEADER_BYTES..length.saturating_sub(4)).map_or(0, crc32)
 }
 
 /// Ticks of a time, rounded up.

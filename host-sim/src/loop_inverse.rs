@@ -13,7 +13,7 @@
 //! and is reported.
 
 use crate::chain::Model;
-use crate::effect::{Loops, Setting, Signals};
+use crate::effect::{Loops, Setting};
 pub use crate::hysteresis_inverse::InverseDrive;
 
 /// Accuracy of the drive, as a share of its range.
@@ -35,23 +35,16 @@ impl LoopInverse {
     #[must_use]
     pub fn of(model: &Model, dt_s: f64) -> Option<Self> {
         let main = model.effects.iter().find(|e| e.effect.declaration().is_main())?;
-        let setting = Setting {
-            dt_s,
-            substeps: 1,
-            signals: Signals::default(),
-            drive_min_v: model.drive_min_v,
-            drive_max_v: model.drive_max_v,
-            runs_straight: false,
-        };
+        let setting = Setting::of_held_drive(model.drive_min_v, model.drive_max_v, dt_s);
         let mut loops = main.effect.loops(model, &main.values(), &setting)?;
         let drive_v = model.virgin_drive_v();
-        loops.go_to(drive_v);
+        loops.step(0, drive_v);
         Some(Self { loops, limits_v: [model.drive_min_v, model.drive_max_v], drive_v })
     }
 
     /// What the loops would give at a drive.
     fn at(&self, drive_v: f64) -> f64 {
-        self.loops.boxed().go_to(drive_v)
+        self.loops.boxed().step(0, drive_v)
     }
 
     /// The drive that takes the output to `desired_um`, and the memory with it.
@@ -59,7 +52,7 @@ impl LoopInverse {
         let held_um = self.at(self.drive_v);
         let (drive_v, saturated) = if desired_um == held_um { (self.drive_v, false) } else { self.towards(desired_um, held_um) };
         self.drive_v = drive_v;
-        InverseDrive { drive_v, output_um: self.loops.go_to(drive_v), saturated }
+        InverseDrive { drive_v, output_um: self.loops.step(0, drive_v), saturated }
     }
 
     fn towards(&self, desired_um: f64, held_um: f64) -> (f64, bool) {
@@ -120,7 +113,7 @@ mod tests {
     /// The model simulated apart: what it gives for the drives of the inverse, um.
     fn forward(model: &Model, drive_v: &[f64], dt_s: f64) -> Vec<f64> {
         let main = &model.effects[0];
-        let setting = Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: 0.0, drive_max_v: 80.0, runs_straight: false };
+        let setting = Setting::of_held_drive(0.0, 80.0, dt_s);
         let mut stage = main.effect.stage(model, &main.values(), &setting).unwrap();
         stage.settle(0.0);
         drive_v.iter().enumerate().map(|(k, v)| stage.step(k, *v)).collect()

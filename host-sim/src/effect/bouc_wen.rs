@@ -72,12 +72,6 @@ impl Loops for BoucWenStage {
     fn boxed(&self) -> Box<dyn Loops> {
         Box::new(self.clone())
     }
-    fn go_to(&mut self, drive_v: f64) -> f64 {
-        self.step(0, drive_v)
-    }
-    fn bends_v(&self, _rising: bool) -> Vec<f64> {
-        Vec::new()
-    }
 }
 
 impl Physics for BoucWen {

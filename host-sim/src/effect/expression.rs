@@ -390,7 +390,7 @@ mod tests {
     use super::*;
 
     fn setting(dt_s: f64) -> Setting<'static> {
-        Setting { dt_s, substeps: 1, signals: Signals::default(), drive_min_v: 0.0, drive_max_v: 1.0, runs_straight: false }
+        Setting::of_held_drive(0.0, 1.0, dt_s)
     }
 
     #[test]

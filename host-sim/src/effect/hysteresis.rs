@@ -187,9 +187,6 @@ impl Loops for HysteresisStage {
     fn boxed(&self) -> Box<dyn Loops> {
         Box::new(self.clone())
     }
-    fn go_to(&mut self, drive_v: f64) -> f64 {
-        self.step(0, drive_v)
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         let stack = self.operator.stack();
         let remembered = stack.pairs().iter().map(|pair| if rising { pair.maximum } else { pair.minimum });

@@ -108,7 +108,7 @@ impl Presentation for LogarithmicCreep {
     fn equations(&self) -> &'static str {
         r"A step of one is answered by `1 + share_per_decade log10(1 + t / onset_s)` until about `settling_time_s`.
 
-It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger of `settling_time_s` and `10 onset_s` there are `d` decades and `n = ceil(2 d) + 1` terms, `time_constant_i_s = t_1 10^(d (i - 1) / (n - 1))`, `share_i = share_per_decade d / (n - 1) exp(-onset_s / time_constant_i_s)`, half of that for the last."
+It is computed as the terms of `creep`. From `t_1 = onset_s / 8` to the larger of `settling_time_s` and `10 onset_s` there are `d` decades and `n = ceil(2 d) + 1` terms. They have `time_constant_i_s = t_1 10^(d (i - 1) / (n - 1))` and `share_i = share_per_decade d / (n - 1) exp(-onset_s / time_constant_i_s)`. The last share is half of that."
     }
 }
 

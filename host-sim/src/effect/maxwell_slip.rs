@@ -65,9 +65,6 @@ impl Loops for SlipStage {
     fn boxed(&self) -> Box<dyn Loops> {
         Box::new(self.clone())
     }
-    fn go_to(&mut self, drive_v: f64) -> f64 {
-        self.step(0, drive_v)
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // Where an element begins to slip.
         let left = |(i, stretch): (usize, &f64)| if rising { limit(i) - stretch } else { -limit(i) - stretch };

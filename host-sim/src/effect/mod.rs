@@ -387,6 +387,12 @@ pub struct Setting<'a> {
 }
 
 impl Setting<'_> {
+    /// Of a drive between these limits, held over each period, with nothing recorded beside it.
+    #[must_use]
+    pub fn of_held_drive(drive_min_v: f64, drive_max_v: f64, dt_s: f64) -> Self {
+        Self { dt_s, substeps: 1, signals: Signals::default(), drive_min_v, drive_max_v, runs_straight: false }
+    }
+
     /// Value of a signal of the record on an interval of the chain: held from each sample to the next, 0
     /// without such a signal.
     #[must_use]
@@ -477,18 +483,17 @@ pub trait Stage: Send {
     }
 }
 
-/// Loops of a structure that can be tried: what a drive would give, without going there. For
-/// [`crate::loop_inverse`].
-pub trait Loops: Send {
+/// Loops of a structure that can be tried: a stage from drive, V, to force-equivalent displacement, um, whose
+/// copy answers what a drive would give. For [`crate::loop_inverse`].
+pub trait Loops: Stage {
     /// The same loops with the same memory.
     fn boxed(&self) -> Box<dyn Loops>;
 
-    /// Takes the next drive, V, and returns the force-equivalent displacement, um.
-    fn go_to(&mut self, drive_v: f64) -> f64;
-
     /// Drives at which the output bends on the way up, or down, from where the drive stands, V, in any order;
-    /// those behind it may be among them.
-    fn bends_v(&self, rising: bool) -> Vec<f64>;
+    /// those behind it may be among them. None where it is smooth.
+    fn bends_v(&self, _rising: bool) -> Vec<f64> {
+        Vec::new()
+    }
 }
 
 /// Many signals that pass a linear stage side by side. A block holds a row for every interval, with one value

@@ -61,9 +61,6 @@ impl Loops for PolynomialStage {
     fn boxed(&self) -> Box<dyn Loops> {
         Box::new(self.clone())
     }
-    fn go_to(&mut self, drive_v: f64) -> f64 {
-        self.step(0, drive_v)
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         // A turn jumps to the other branch.
         let ahead = if rising { f64::EPSILON } else { -f64::EPSILON };

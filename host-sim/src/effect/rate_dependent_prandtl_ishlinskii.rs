@@ -47,9 +47,6 @@ impl Loops for RatePlayStage {
     fn boxed(&self) -> Box<dyn Loops> {
         Box::new(self.clone())
     }
-    fn go_to(&mut self, drive_v: f64) -> f64 {
-        self.step(0, drive_v)
-    }
     fn bends_v(&self, rising: bool) -> Vec<f64> {
         self.operators.bends(rising).map(|x| self.lower_limit_v + self.range_v * x).collect()
     }

@@ -14,8 +14,9 @@
 
 use hysteron::dataset::{Dataset, Record, Role};
 use hysteron::identification::fit::{Effort, fit, rms_over};
+use hysteron::statistics::peak_to_peak;
 use hysteron_sim::chain::{EffectInstance, Model};
-use hysteron_sim::effect::{Overview, Setting, Signals, by_id};
+use hysteron_sim::effect::{Overview, Setting, by_id};
 use hysteron_sim::loop_inverse::LoopInverse;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -83,14 +84,7 @@ fn with(model: &Model, id: &str, overview: &Overview, values: &[f64]) -> Model {
 /// Time of a sample of the loops, and of their inverse along what they give.
 fn loops_and_inverse(model: &Model, drive_v: &[f64], dt_s: f64) -> (f64, Option<(f64, f64)>) {
     let main = model.effects.iter().find(|e| e.effect.declaration().is_main()).expect("loops");
-    let setting = Setting {
-        dt_s,
-        substeps: 1,
-        signals: Signals::default(),
-        drive_min_v: model.drive_min_v,
-        drive_max_v: model.drive_max_v,
-        runs_straight: false,
-    };
+    let setting = Setting::of_held_drive(model.drive_min_v, model.drive_max_v, dt_s);
     let mut stage = main.effect.stage(model, &main.values(), &setting).expect("a stage");
     stage.settle(model.drive_min_v);
     let begin = Instant::now();
@@ -114,10 +108,7 @@ fn main() {
         Err(error) => return eprintln!("{error}: give the folder of the recordings with --data"),
     };
     let overview = dataset.overview();
-    let (low, high) = dataset.records[1].displacement_um[dataset.records[1].window.clone()]
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), y| (low.min(*y), high.max(*y)));
-    let range_um = high - low;
+    let range_um = peak_to_peak(&dataset.records[1].displacement_um[dataset.records[1].window.clone()]);
     let mut rest = with(&Model::new(dataset.drive_min_v, dataset.drive_max_v), "gain", &overview, &[]);
     rest = with(&with(&rest, "vibration", &overview, &MODE), "creep", &overview, &[]);
     let mut rows = Vec::new();

@@ -1,5 +1,6 @@
 //! At which frequencies a residual lives: averaged periodograms (Welch 1967), thinned on a logarithmic axis.
 
+use nalgebra::Complex;
 use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
@@ -57,6 +58,15 @@ pub fn amplitude_density(signal: &[f64], sample_rate_hz: f64) -> Spectrum {
         bin = end;
     }
     spectrum
+}
+
+/// The lines of a signal up to half the sampling rate, as they stand.
+pub(crate) fn lines(mut signal: Vec<f64>, planner: &mut RealFftPlanner<f64>) -> Vec<Complex<f64>> {
+    let plan = planner.plan_fft_forward(signal.len());
+    let mut lines = plan.make_output_vec();
+    // Input and output have the lengths that the plan asks for.
+    let _ = plan.process(&mut signal, &mut lines);
+    lines.into_iter().map(|c| Complex::new(c.re, c.im)).collect()
 }
 
 /// How much a signal, its mean removed, resembles itself later: one at no lag, by whole samples. Each lag is

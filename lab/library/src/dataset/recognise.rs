@@ -5,7 +5,7 @@ use super::behaviour::{correlation, counts_samples, drive_among, is_constant, no
 use super::column_rules::{ColumnName, ColumnRules};
 use super::table::{Column, Table};
 use super::units::{Quantity, SignalUnits, factor, has_own_unit, is_of_counts, is_of_something_else, is_voltage, own_unit};
-use crate::error::{Error, Result, nearest};
+use crate::error::{Error, Result};
 use hysteron_sim::effect::AuxiliarySignal;
 
 /// The signals of a record in the program's units.
@@ -57,7 +57,7 @@ const CHANNELS_IN_TURN: f64 = 2.0;
 pub fn signals(table: &Table, wanted: &ColumnRules) -> Result<RecordedSignals> {
     let mut choice = Choice { table, found: [None; 4], auxiliary: Vec::new(), notes: table.notes.clone() };
     for (name, column) in &wanted.auxiliary {
-        let at = choice.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
+        let at = table.place_of(column, &format!("--auxiliary or [record.auxiliary] {name}"))?;
         if hysteron_sim::effect::expression::is_given(name) {
             return Err(
                 choice.wrong(format!("--auxiliary or [record.auxiliary] {name}: expressions know that name already; expected another"))
@@ -133,7 +133,7 @@ impl Choice<'_> {
     fn said(&self, quantity: Quantity, wanted: Option<&ColumnName>) -> Result<Option<Found>> {
         let key = quantity.key();
         let Some(wanted) = wanted else { return Ok(None) };
-        let at = self.place_of(wanted, &format!("--columns or [record.columns] {key}"))?;
+        let at = self.table.place_of(wanted, &format!("--columns or [record.columns] {key}"))?;
         if self.auxiliary.contains(&at) {
             return Err(self.wrong(format!("{} is specified as {key} and as auxiliary; expected one of them", self.column(at).called())));
         }
@@ -145,33 +145,6 @@ impl Choice<'_> {
     }
 
     /// The column of this name or number; `said` is where it was asked for.
-    fn place_of(&self, wanted: &ColumnName, said: &str) -> Result<usize> {
-        match wanted {
-            ColumnName::Number(n) => self.table.columns.iter().position(|c| c.number == *n).ok_or_else(|| {
-                let numbers: Vec<String> = self.table.columns.iter().map(|c| c.number.to_string()).collect();
-                self.wrong(format!("{said} = {n}: no such column of numbers; there are {}, counted from 1", numbers.join(", ")))
-            }),
-            ColumnName::Name(name) => {
-                let (bare, _) = super::units::split_name(name);
-                let full = |c: &Column| c.unit.as_ref().map_or(c.name.clone(), |unit| format!("{} [{unit}]", c.name));
-                let is_it = |c: &&Column| c.name == *name || full(c) == *name;
-                let called_so: Vec<String> = self.table.columns.iter().filter(is_it).map(|c| c.number.to_string()).collect();
-                if called_so.len() > 1 {
-                    let numbers = called_so.join(" and ");
-                    return Err(
-                        self.wrong(format!("{said} = \"{name}\": columns {numbers} are called so; expected the number of one of them"))
-                    );
-                }
-                let exact = self.table.columns.iter().position(|c| is_it(&c));
-                let alike = || self.table.columns.iter().position(|c| c.name.eq_ignore_ascii_case(&bare));
-                exact.or_else(alike).ok_or_else(|| {
-                    let names = self.table.names();
-                    self.wrong(format!("{said} = \"{name}\" is not in the header ({}){}", names.join(", "), nearest(name, &names)))
-                })
-            }
-        }
-    }
-
     /// Columns that could be a quantity by name and unit, the likeliest first; those that are as likely
     /// follow in the order of the file.
     fn by_name(&self, quantity: Quantity) -> Vec<usize> {

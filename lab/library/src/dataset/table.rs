@@ -1,7 +1,8 @@
 //! One file of numbers as columns, whatever its format.
 
+use super::column_rules::ColumnName;
 use super::units::split_name;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, nearest};
 
 /// One column of numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -132,6 +133,36 @@ impl Table {
     pub fn line_of(&self, row: usize) -> usize {
         let run = self.lines.iter().rev().find(|(first, _)| *first <= row);
         run.map_or(row + 1, |(first, line)| line + row - first)
+    }
+
+    /// Where the column is that somebody specified; `said` is how, for messages.
+    ///
+    /// # Errors
+    /// No column of this name or number, or two.
+    pub fn place_of(&self, wanted: &ColumnName, said: &str) -> Result<usize> {
+        let wrong = |message: String| Error::new(&self.place, message);
+        match wanted {
+            ColumnName::Number(n) => self.columns.iter().position(|c| c.number == *n).ok_or_else(|| {
+                let numbers: Vec<String> = self.columns.iter().map(|c| c.number.to_string()).collect();
+                wrong(format!("{said} = {n}: no such column of numbers; there are {}, counted from 1", numbers.join(", ")))
+            }),
+            ColumnName::Name(name) => {
+                let (bare, _) = split_name(name);
+                let full = |c: &Column| c.unit.as_ref().map_or(c.name.clone(), |unit| format!("{} [{unit}]", c.name));
+                let is_it = |c: &&Column| c.name == *name || full(c) == *name;
+                let called_so: Vec<String> = self.columns.iter().filter(is_it).map(|c| c.number.to_string()).collect();
+                if called_so.len() > 1 {
+                    let numbers = called_so.join(" and ");
+                    return Err(wrong(format!("{said} = \"{name}\": columns {numbers} are called so; expected the number of one of them")));
+                }
+                let exact = self.columns.iter().position(|c| is_it(&c));
+                let alike = || self.columns.iter().position(|c| c.name.eq_ignore_ascii_case(&bare));
+                exact.or_else(alike).ok_or_else(|| {
+                    let names = self.names();
+                    wrong(format!("{said} = \"{name}\" is not in the header ({}){}", names.join(", "), nearest(name, &names)))
+                })
+            }
+        }
     }
 
     /// Names of the columns, for messages.

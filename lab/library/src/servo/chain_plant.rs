@@ -4,7 +4,7 @@
 use super::model::SAMPLING_PERIOD_S;
 use hysteron_sim::chain::{Drive, InitialState, Model};
 use hysteron_sim::closed_loop::Plant;
-use hysteron_sim::effect::{Place, Setting, Signals, Stage, sensor_bandwidth};
+use hysteron_sim::effect::{Place, Setting, Stage, sensor_bandwidth};
 
 /// Steps of the plant in a period.
 pub const SUBSTEPS: usize = 10;
@@ -63,12 +63,8 @@ impl<'a> ChainPlant<'a> {
     #[must_use]
     pub fn changed(chain: &Model, change: HysteresisChange, low_v: f64) -> Self {
         let setting = Setting {
-            dt_s: SAMPLING_PERIOD_S / SUBSTEPS as f64,
             substeps: SUBSTEPS,
-            signals: Signals::default(),
-            drive_min_v: chain.drive_min_v,
-            drive_max_v: chain.drive_max_v,
-            runs_straight: false,
+            ..Setting::of_held_drive(chain.drive_min_v, chain.drive_max_v, SAMPLING_PERIOD_S / SUBSTEPS as f64)
         };
         let stages = position_and_reading_apart(chain, &setting).into_iter().map(|(place, mut stage)| {
             stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });

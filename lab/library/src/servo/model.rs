@@ -7,7 +7,7 @@ use super::quantise;
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::hysteresis::degree_of;
 use hysteron_sim::effect::{
-    Setting, Signals, amplifier_bandwidth, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
+    Setting, amplifier_bandwidth, gain, hysteresis, initial_curve, play_operators, second_mode, sensor_bandwidth, vibration,
 };
 use hysteron_sim::hysteresis_surface::Surfaces;
 use hysteron_sim::linear_system::ContinuousSystem;
@@ -379,26 +379,19 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
 /// itself.
 fn first_falls_um(main: &EffectInstance, chain: &Model) -> Option<Vec<Vec<f64>>> {
     // So slow that nothing of the loops depends on the rate.
-    let setting = Setting {
-        dt_s: 1.0,
-        substeps: 1,
-        signals: Signals::default(),
-        drive_min_v: chain.drive_min_v,
-        drive_max_v: chain.drive_max_v,
-        runs_straight: false,
-    };
+    let setting = Setting::of_held_drive(chain.drive_min_v, chain.drive_max_v, 1.0);
     let drive_v = |k: usize| chain.drive_min_v + (chain.drive_max_v - chain.drive_min_v) * k as f64 / LOOP_GRID as f64;
     (0..=LOOP_GRID)
         .map(|turn| {
             let mut loops = main.effect.loops(chain, &main.values(), &setting)?;
-            let zero_um = loops.go_to(drive_v(0));
+            let zero_um = loops.step(0, drive_v(0));
             (1..=turn).for_each(|k| {
-                loops.go_to(drive_v(k));
+                loops.step(0, drive_v(k));
             });
-            let mut fall: Vec<f64> = (0..turn).rev().map(|k| loops.go_to(drive_v(k)) - zero_um).collect();
+            let mut fall: Vec<f64> = (0..turn).rev().map(|k| loops.step(0, drive_v(k)) - zero_um).collect();
             fall.reverse();
             let mut risen = main.effect.loops(chain, &main.values(), &setting)?;
-            let top = (0..=turn).map(|k| risen.go_to(drive_v(k))).last().unwrap_or(zero_um) - zero_um;
+            let top = (0..=turn).map(|k| risen.step(0, drive_v(k))).last().unwrap_or(zero_um) - zero_um;
             fall.push(top);
             Some(fall)
         })

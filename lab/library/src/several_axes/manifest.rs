@@ -2,19 +2,12 @@
 
 use super::recordings::{AxesData, AxesRecord};
 use crate::dataset::Role;
+use crate::dataset::column_rules::ColumnName;
 use crate::dataset::readers::{self, Hints};
 use crate::dataset::table::{Column, Table};
 use crate::dataset::timing::Timing;
 use crate::error::{Error, Result, line_of};
 use serde::Deserialize;
-
-/// A column by its name or by its number, counted from 1.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(untagged, expecting = "expected the name of a column, or its number from 1")]
-enum ColumnName {
-    Number(usize),
-    Name(String),
-}
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -92,11 +85,12 @@ pub fn from_manifest(text: &str, place: &str, read: &dyn Fn(&str) -> Result<Vec<
             }
         }
         let table = |file: &str| &tables.iter().find(|(name, _)| name == file).expect("it was read above").1;
-        let pick = |file: &str, names: &[ColumnName]| -> Result<Vec<Column>> {
-            names.iter().map(|name| column(table(file), file, name).cloned()).collect()
+        let pick = |file: &str, key: &str, names: &[ColumnName]| -> Result<Vec<Column>> {
+            let place = |name| table(file).place_of(name, &format!("[record.columns] {key}"));
+            names.iter().map(|name| Ok(table(file).columns[place(name)?].clone())).collect()
         };
-        let drives = pick(&entry.file, &entry.columns.u)?;
-        let sensors = pick(entry.y_file.as_ref().unwrap_or(&entry.file), &entry.columns.y)?;
+        let drives = pick(&entry.file, "u", &entry.columns.u)?;
+        let sensors = pick(entry.y_file.as_ref().unwrap_or(&entry.file), "y", &entry.columns.y)?;
         let names = |columns: &[Column], what: &str| {
             let name = |(i, column): (usize, &Column)| {
                 if column.name.is_empty() { format!("{what} {}", i + 1) } else { column.name.clone() }
@@ -135,21 +129,6 @@ pub fn from_manifest(text: &str, place: &str, read: &dyn Fn(&str) -> Result<Vec<
     Ok(data)
 }
 
-fn column<'t>(table: &'t Table, file: &str, wanted: &ColumnName) -> Result<&'t Column> {
-    let found = match wanted {
-        ColumnName::Number(number) => table.columns.iter().find(|column| column.number == *number),
-        ColumnName::Name(name) => table.columns.iter().find(|column| {
-            let with_unit = column.unit.as_ref().map(|unit| format!("{}_{unit}", column.name));
-            column.name.eq_ignore_ascii_case(name) || with_unit.is_some_and(|full| full.eq_ignore_ascii_case(name))
-        }),
-    };
-    let wanted = match wanted {
-        ColumnName::Number(number) => number.to_string(),
-        ColumnName::Name(name) => format!("`{name}`"),
-    };
-    found.ok_or_else(|| Error::new(file, format!("has no column {wanted}; its columns are {}", table.names().join(", "))))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -183,6 +162,6 @@ columns = { u = ["ux", "uy"], y = ["x", 4] }
     fn a_column_that_is_not_there_is_named_with_those_that_are() {
         let text = MANIFEST.replace("\"uy\"", "\"uz\"");
         let refused = from_manifest(&text, "dataset.toml", &|_| Ok(file(400))).unwrap_err().to_string();
-        assert!(refused.contains("`uz`") && refused.contains("ux, uy, x, y"), "{refused}");
+        assert!(refused.contains("u = \"uz\"") && refused.contains("ux, uy, x, y"), "{refused}");
     }
 }

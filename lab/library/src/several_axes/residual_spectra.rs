@@ -4,6 +4,7 @@
 
 use super::fit::{Problem, Signals};
 use crate::dataset::Role;
+use crate::spectrum::lines;
 use nalgebra::{Complex, DVector};
 use realfft::RealFftPlanner;
 use std::f64::consts::PI;
@@ -22,14 +23,6 @@ struct OfRecord {
     weights: Vec<f64>,
 }
 
-fn spectrum(mut signal: Vec<f64>, planner: &mut RealFftPlanner<f64>) -> Vec<Complex<f64>> {
-    let plan = planner.plan_fft_forward(signal.len());
-    let mut lines = plan.make_output_vec();
-    // Input and output have the lengths that the plan asks for.
-    let _ = plan.process(&mut signal, &mut lines);
-    lines.into_iter().map(|c| Complex::new(c.re, c.im)).collect()
-}
-
 impl ResidualSpectra {
     pub(super) fn of(problem: &Problem, signals: &Signals, residual: &DVector<f64>) -> Self {
         let mut planner = RealFftPlanner::new();
@@ -38,9 +31,9 @@ impl ResidualSpectra {
         let mut records = Vec::new();
         for (n, record) in problem.data.of_role(Role::Identify) {
             let samples = record.counted_to - record.counted_from;
-            let drives = (0..record.drives.len()).map(|j| spectrum(problem.counted_drive(signals, n, j), &mut planner)).collect();
+            let drives = (0..record.drives.len()).map(|j| lines(problem.counted_drive(signals, n, j), &mut planner)).collect();
             let of_sensor = |i: usize| residual.rows(at + i * samples, samples).iter().copied().collect::<Vec<f64>>();
-            let residual = (0..sensors).map(|i| spectrum(of_sensor(i), &mut planner)).collect();
+            let residual = (0..sensors).map(|i| lines(of_sensor(i), &mut planner)).collect();
             at += sensors * samples;
             let weights = (0..sensors).map(|i| problem.weight(n, i)).collect();
             records.push(OfRecord { sample_rate_hz: record.sample_rate_hz, samples, drives, residual, weights });

@@ -3,6 +3,8 @@
 use super::fit::Problem;
 use super::recordings::AxesData;
 use super::structure::Described;
+use crate::spectrum;
+use crate::statistics::mean;
 use nalgebra::{Complex, DMatrix};
 use realfft::RealFftPlanner;
 
@@ -90,12 +92,7 @@ pub fn response_matrix(data: &AxesData, model: &Described) -> ResponseMatrix {
 const SHORTEST: usize = 64;
 
 fn windowed(signal: &[f64], periodic: bool, planner: &mut RealFftPlanner<f64>) -> Vec<Complex<f64>> {
-    let mean = signal.iter().sum::<f64>() / signal.len() as f64;
+    let mean = mean(signal);
     let window = |k: usize| if periodic { 1.0 } else { 0.5 - 0.5 * (std::f64::consts::TAU * k as f64 / signal.len() as f64).cos() };
-    let mut values: Vec<f64> = signal.iter().enumerate().map(|(k, x)| (x - mean) * window(k)).collect();
-    let plan = planner.plan_fft_forward(values.len());
-    let mut lines = plan.make_output_vec();
-    // Input and output have the lengths that the plan asks for.
-    let _ = plan.process(&mut values, &mut lines);
-    lines.into_iter().map(|c| Complex::new(c.re, c.im)).collect()
+    spectrum::lines(signal.iter().enumerate().map(|(k, x)| (x - mean) * window(k)).collect(), planner)
 }
