@@ -1,8 +1,8 @@
 //! The physical effects of a piezoelectric positioning system, one file each, and their registry.
 //!
 //! An effect declares itself ([`Declaration`], [`Parameter`]), says where it may start when it is looked for
-//! ([`SearchHints::starts`]) and builds a [`Stage`] that walks along a signal. Fitting, diagnosis, reports and
-//! the command line work from that alone. To add an effect: one file here, one line in [`registry`].
+//! ([`SearchHints::starts`]) and builds a [`Stage`] that walks along a signal. Fitting, diagnosis, reports
+//! and the command line work from that alone. To add an effect: one file here, one line in [`registry`].
 //!
 //! A *modifier* ([`Declaration::modifies`]) has no stage of its own where the effect that it modifies is in
 //! the model: the initial ascending curve and the rate dependence are properties of the hysteresis stage, a
