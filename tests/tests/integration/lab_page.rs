@@ -250,6 +250,13 @@ fn the_served_page_has_the_native_engine_behind_it() {
 
     page.click("#find");
     state(&mut page, "named");
+    // A file that is refused leaves the verdict and the way to the model.
+    let wrong = out.path().join("broken.csv");
+    std::fs::write(&wrong, "t,u,y\n0,1,2\n1,x,3\n").expect("the folder can be written");
+    page.drop_files(&[wrong]);
+    page.wait_for(&format!("!document.querySelector('#message').hidden && {LEFT_ALONE}"));
+    assert_eq!(page.value("document.querySelector('#finder .verdict').textContent"), "Named");
+    state(&mut page, "named");
     page.click("#add");
     page.wait_for(&format!("lab.step === 1 && {LEFT_ALONE}"));
     page.click("#save > summary");
