@@ -108,7 +108,7 @@ fn designed(design: &ServoDesign, model: &Model, dataset: &Dataset) -> Result<An
 /// The integer servo on the simulated model.
 fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Result<Answer> {
     let name = format!("sine:{hz}:{amplitude_um}");
-    let reference = Reference::named(&name).map_err(refused)?;
+    let reference = Reference::named(&name, design.period_s()).map_err(refused)?;
     let found = commands::follow(model, design, &reference, &name, &Work::default()).map_err(refused)?;
     let error_um = found.sensor_um.iter().zip(&found.reference_um).map(|(y, r)| y - r).collect();
     Ok(Answer {
