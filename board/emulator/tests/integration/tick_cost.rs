@@ -29,7 +29,7 @@ const LIMITS: [(&str, u32, u32); 11] = [
     ("chatter", 1_050, 950),
     ("amplifier begins", 1_300, 1_150),
     ("amplifier follows", 1_400, 1_150),
-    ("amplifier conditions", 1_500, 400),
+    ("amplifier conditions", 700, 400),
     ("exchange", 9_800, 9_700),
     ("swap", 4_400, 4_400),
 ];
