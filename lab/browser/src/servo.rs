@@ -108,7 +108,7 @@ fn designed(design: &ServoDesign, model: &Model, dataset: &Dataset) -> Result<An
 /// The integer servo on the simulated model, on the plants that may stand in its place, and a small step.
 fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Result<Answer> {
     let name = format!("sine:{hz}:{amplitude_um}");
-    let reference = Reference::named(&name).map_err(refused)?;
+    let reference = Reference::named(&name, design.period_s()).map_err(refused)?;
     let work = Work::default();
     let found = commands::follow(model, design, &reference, &name, &work).map_err(refused)?;
     let band = commands::follow_on_members(model, design, &reference, &work, &found).map_err(refused)?;

@@ -35,12 +35,12 @@ pub struct TrackRequest<'a> {
     pub capacitance_uf: Option<f64>,
 }
 
-/// The reference that was named: a shape, or a file of points.
-fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
+/// The reference that was named, a shape or a file of points, for a loop with this sampling period, s.
+fn reference_of(desk: &Desk, text: &str, period_s: f64) -> Result<Reference> {
     let path = Path::new(text);
     let file_is_meant = path.is_file() || path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     if !file_is_meant {
-        return Reference::named(text).map_err(|m| Error::new("", m));
+        return Reference::named(text, period_s).map_err(|m| Error::new("", m));
     }
     let table = readers::read(text, &desk.bytes(path, "a reference")?, Hints::default())?;
     let [time_s, reference_um] = table.columns.as_slice() else {
@@ -51,7 +51,7 @@ fn reference_of(desk: &Desk, text: &str) -> Result<Reference> {
             return Err(wrong(path, format!("column {} is in {unit}; expected {expected}", column.called())));
         }
     }
-    Reference::through(&time_s.values, &reference_um.values).map_err(|m| wrong(path, m))
+    Reference::through(&time_s.values, &reference_um.values, period_s).map_err(|m| wrong(path, m))
 }
 
 /// What `track --json` carries.
@@ -74,8 +74,9 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
     if let Some(uf) = capacitance_uf.filter(|uf| !(*uf > 0.0 && uf.is_finite())) {
         return Err(Error::new("--capacitance-uf", format!("{uf}; expected above 0")));
     }
-    let followed = reference_of(&desk, reference)?;
-    let disturbance_said = disturbance.map(Disturbance::parse).transpose().map_err(|m| Error::new("", m))?;
+    let period_s = design.period_s();
+    let followed = reference_of(&desk, reference, period_s)?;
+    let disturbance_said = disturbance.map(|text| Disturbance::parse(text, period_s)).transpose().map_err(|m| Error::new("", m))?;
     let work = Work { scheme, sensor_noise_um, disturbance: disturbance_said, added_mass };
     let refused = |m: String| Error::new("", m);
     let result = commands::follow(&chain, &design, &followed, reference, &work).map_err(refused)?;

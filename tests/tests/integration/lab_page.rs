@@ -151,7 +151,7 @@ fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line()
     let nm = |page: &mut Page, key: &str| 1e3 * page.value(&format!("servo.followed.{key}")).as_f64().expect("a number");
     let amplitude_um = page.value("servo.amplitude_um").as_f64().expect("a number");
     let name = format!("sine:50:{amplitude_um}");
-    let reference = Reference::named(&name).expect("a sine");
+    let reference = Reference::named(&name, 5e-5).expect("a sine");
     let followed = follow(&found.model, &designed, &reference, &name, &Work::default()).expect("it is followed");
     assert!((nm(&mut page, "true_rms_um") / (1e3 * followed.truth.rms_um) - 1.0).abs() < 1e-3);
     let band = page.value("document.querySelector('#servo-band').textContent");
