@@ -55,7 +55,8 @@ fn with_a_mode(study: &Study, fitted: &Judged) -> Option<Judged> {
 /// Half a period of the drive moves the reading by as much as a part of the error that matters.
 fn a_period_matters(dataset: &Dataset, records: &[usize], fitted: &Judged) -> bool {
     let gain_um_v = dataset.overview().gain_um_v.abs();
-    let moves_um = |i: &usize| 0.5 * gain_um_v * rms(&dataset.records[*i].drive_v.windows(2).map(|two| two[1] - two[0]).collect::<Vec<_>>());
+    let moves_um =
+        |i: &usize| 0.5 * gain_um_v * rms(&dataset.records[*i].drive_v.windows(2).map(|two| two[1] - two[0]).collect::<Vec<_>>());
     let most_um = records.iter().map(moves_um).fold(0.0, f64::max);
     most_um > -(-MUCH_BETTER).exp_m1() * fitted.error_um()
 }

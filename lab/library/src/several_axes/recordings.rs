@@ -210,4 +210,24 @@ mod tests {
         assert!((shown - 0.1 / 3.0).abs() < 0.003, "{shown}");
         assert_eq!((record.counted_from, record.counted_to, record.drives[0].len()), (640, 1280, 1280));
     }
+
+    #[test]
+    fn a_search_takes_the_quietest_record_of_every_level() {
+        let record = |level: f64, noise: f64, role: Role| {
+            let signal: Vec<f64> = (0..1000).map(|k| level * f64::from(k % 50)).collect();
+            AxesRecord {
+                noise: Some(vec![noise]),
+                ..AxesRecord::new(&format!("{level} {noise}"), 1000.0, role, vec![signal.clone()], vec![signal])
+            }
+        };
+        let levels = [(3.0, 0.2), (1.0, 0.3), (2.0, 0.1), (1.0, 0.1), (3.0, 0.1), (2.0, 0.4)];
+        let mut records: Vec<AxesRecord> = levels.iter().map(|(level, noise)| record(*level, *noise, Role::Identify)).collect();
+        records.push(record(2.0, 0.1, Role::Validate));
+        let data = AxesData::new("levels", records).unwrap();
+        let names = |data: &AxesData| data.of_role(Role::Identify).map(|(_, record)| record.name.clone()).collect::<Vec<_>>();
+        // Half of the fitted samples: one record of each level.
+        assert_eq!(names(&data.for_search(2850)), ["2 0.1", "1 0.1", "3 0.1"]);
+        assert_eq!(data.for_search(2850).of_role(Role::Validate).count(), 1);
+        assert_eq!(data.for_search(100_000).records.len(), data.records.len());
+    }
 }

@@ -119,3 +119,31 @@ fn best_near(guess: [f64; 2], apart: f64, fall: impl Fn([f64; 2]) -> f64) -> [f6
 /// Steps of a search by halving: eight halvings end at a hundredth of a scan's spacing.
 const REFINEMENTS: usize = 24;
 const DAMPING_RANGE: [f64; 2] = [1e-3, 0.9];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::several_axes::recordings::{AxesData, AxesRecord};
+    use crate::several_axes::structure::Described;
+    use hysteron_sim::several_axes::{ModalStage, StageMode};
+    use hysteron_sim::waveform::multisine;
+
+    #[test]
+    fn a_mode_shows_how_much_each_drive_moves_it() {
+        let mut stage = ModalStage::at_rest(2, 2);
+        stage.modes.push(StageMode { of_drives: vec![-0.4, 1.0], of_sensors: vec![0.3, 0.1], ..StageMode::linear(210.0, 0.02, 2, 2) });
+        let lines: Vec<usize> = (1..600).collect();
+        let drives: Vec<Vec<f64>> = (0..2).map(|j| multisine(2048, &lines, 1.0, 0.0, 3, 7 + j)).collect();
+        let readings = stage.simulate(&drives, 1.0 / 6400.0, true);
+        let record = AxesRecord::new("r", 6400.0, Role::Identify, drives, readings).averaged(2048, 2048).unwrap();
+        let judging = AxesRecord { role: Role::Validate, ..record.clone() };
+        let data = AxesData::new("two drives", vec![record, judging]).unwrap();
+        let problem = Problem::new(&data);
+        let signals = problem.simulate(&Described::empty(&data).stage);
+        let spectra = ResidualSpectra::of(&problem, &signals, &problem.residual(&signals, Role::Identify));
+        let found = spectra.refined_of_all([200.0, 0.05], 0.03);
+        let (of_drives, _) = spectra.of_all_drives(found[0], found[1]);
+        assert!((found[0] / 210.0 - 1.0).abs() < 0.01, "{found:?}");
+        assert!((of_drives[0] + 0.4).abs() < 0.1 && (of_drives[1] - 1.0).abs() < 1e-12, "{of_drives:?}");
+    }
+}
