@@ -2,8 +2,8 @@
 //!
 //! A converter holds its output, a measured drive runs on. All that a stage adds to a held drive (loops,
 //! creep, lags) comes later; a drive that runs on is half a period earlier at every frequency, and nothing in
-//! the library makes up for that. A search that begins with the wrong way takes up the half period with loops and
-//! filters, and is long. So the first fit is tried with a mode and each way of the drive, where nobody
+//! the library makes up for that. A search that begins with the wrong way takes up the half period with loops
+//! and filters, and is long. So the first fit is tried with a mode and each way of the drive, where nobody
 //! specified one, and at the end of a search its model with a mode once more.
 
 use super::{Issue, IssueKind, Moment, Severity, Subject};
@@ -49,7 +49,12 @@ fn with_a_mode(study: &Study, fitted: &Judged) -> Option<Judged> {
     let score = screening.scores.first()?;
     let begin = study.with(&fitted.model, &[(score.effect.clone(), score.starts.first()?.clone())]);
     let held = study.quickly(&begin);
-    (study.merit(fitted) - study.merit(&held) > MUCH_BETTER).then_some(held)
+    // Where the drive of the same row does without a mode what the mode does, the rows are the question.
+    let rows = study.dataset.in_own_rows();
+    let of_same_row = study.of(&rows);
+    let same_row = of_same_row.judged(of_same_row.quickly(&fitted.model).model);
+    let mode_counts = study.merit(&held) < of_same_row.merit(&same_row).min(study.merit(fitted) - MUCH_BETTER);
+    mode_counts.then_some(held)
 }
 
 /// Half a period of the drive moves the reading by as much as a part of the error that matters.
