@@ -622,7 +622,7 @@ impl Amplifier {
         let c = &mut self.parameters.servo.converters;
         // codes * ZERO_TICKS (2^10) * um/code (40) -> um (24)
         c.adc_zero = -narrow((self.zero_sum * c.adc_step) >> 26);
-        self.servo.swap(self.parameters.servo);
+        self.servo.zero_sensor(c.adc_zero);
         self.servo.reset_counters();
         self.zeroed = true;
         self.conditioned = true;

@@ -255,6 +255,14 @@ impl ServoTick {
         }
     }
 
+    /// Takes another zero of the sensor while the loop is open: what a swap of parameters does that differ in
+    /// nothing else, without looking at them. A conditioning ends with it, within a period.
+    pub fn zero_sensor(&mut self, adc_zero: i32) {
+        self.parameters.converters.adc_zero = adc_zero;
+        self.begin_adaptation();
+        self.note(self.code);
+    }
+
     /// Changes all parameters of a running loop without a step of the drive or of the reference: the new law
     /// goes on from the last output as from its own, the reference and what was learned of it stay. Only
     /// between parameters that [`crate::block_swap`] allows; call it between ticks.

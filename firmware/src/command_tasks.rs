@@ -10,9 +10,9 @@ use hysteron_core::guard::Fault;
 use hysteron_core::trace_frame::Channels;
 use rtt_target::DownChannel;
 
+use crate::board::SAMPLE_RATE_HZ;
 use crate::control::{self, COMMAND_QUEUE, Outcome, Reply, Source};
 use crate::ring::Consumer;
-use crate::sample_clock::SAMPLE_RATE_HZ;
 use crate::{command_port, event_log, option_bytes, recorder, serial_port, settings, stack, task_clock, telemetry, trace_tasks};
 
 /// Reads lines from the probe. All that has come is looked at for a stop before any other line is obeyed.

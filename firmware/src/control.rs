@@ -22,13 +22,14 @@ use hysteron_core::host_watch::HostWatch;
 use hysteron_core::parameter_block::AmplifierParameters;
 use hysteron_core::trace_frame::PackedSample;
 
-use crate::board::{Board, Converters, Platform};
+use crate::board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
 use crate::front_end::FrontEnd;
 use crate::recorder::Recorder;
 use crate::ring::{Consumer, Producer};
 use crate::{event_log, safety_lines, task_clock};
 
-/// Samples on their way to the trace task: 12 ms at 20 kHz.
+/// Samples on their way to the trace task: 12.8 ms at 20 kHz, 2.56 ms at 100 kHz. The task looks every
+/// 1.024 ms.
 pub const SAMPLE_QUEUE: usize = 256;
 /// Commands on their way to the interrupt.
 pub const COMMAND_QUEUE: usize = 16;
@@ -136,7 +137,9 @@ impl Control {
         let exchange = unsafe { &mut *EXCHANGE.0.get() };
         let block = unsafe { exchange.block.assume_init_ref() };
         let same_hysteresis = block.servo.actuator == self.amplifier.parameters().servo.actuator;
-        exchange.outcome = if same_hysteresis || Board::SWAPS_HYSTERESIS {
+        exchange.outcome = if !Board::SWAPS {
+            Err("a swap: this part has no time for it within a period")
+        } else if same_hysteresis || Board::SWAPS_HYSTERESIS {
             self.amplifier.swap(block)
         } else {
             Err("another model of the actuator: this part has no time for it within a period")
@@ -470,9 +473,9 @@ fn keep_largest(largest: &AtomicU32, value: u32) {
     }
 }
 
-/// At rest the drive's converter is set up anew every 2048 ticks, 0.1 s: its own supply may have failed
-/// without anybody seeing it.
-const RENEW_MASK: u32 = 2047;
+/// At rest the drive's converter is set up anew every so many ticks less one, 0.1 to 0.2 s: its own supply
+/// may have failed without anybody seeing it.
+const RENEW_MASK: u32 = (SAMPLE_RATE_HZ / 10).next_power_of_two() - 1;
 const COMPARE_4: u32 = 1 << 4;
 /// The mean of the tick's cycles forgets a 2^-n part at every tick.
 const RECENT_SHIFT: u32 = 8;

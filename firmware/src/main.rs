@@ -43,11 +43,10 @@ use hysteron_core::trace_frame::PackedSample;
 use rtt_target::{ChannelMode, rtt_init};
 use static_cell::StaticCell;
 
-use board::{Board, Converters, Platform};
+use board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
 use control::{COMMAND_QUEUE, Control, Reply, SAMPLE_QUEUE, Scheduled};
 use front_end::{CodeBits, FrontEnd, Wiring};
 use ring::{Consumer, Producer, Ring};
-use sample_clock::SAMPLE_RATE_HZ;
 
 static SAMPLES: StaticCell<Ring<PackedSample, SAMPLE_QUEUE>> = StaticCell::new();
 static COMMANDS: StaticCell<Ring<Scheduled, COMMAND_QUEUE>> = StaticCell::new();

@@ -14,10 +14,8 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac::TIM2;
 use embassy_stm32::pac::timer::vals::Mms;
 
-use crate::board::{Board, Platform};
+use crate::board::{Board, Platform, SAMPLE_RATE_HZ};
 
-/// Control ticks per second.
-pub const SAMPLE_RATE_HZ: u32 = Board::SAMPLE_RATE_HZ;
 const CONVERSION_PULSE_NS: u32 = 500;
 /// Longer than the sensor's converter converts (AD4000 family: 320 ns), so that LDAC does not rise meanwhile,
 /// and shorter than the way to the first frame.

@@ -17,8 +17,8 @@ use hysteron_core::servo_parameters::ConverterParameters;
 use hysteron_core::signal::{Micrometres, Quantity, Volts};
 use hysteron_core::trace_frame::TraceSample;
 
+use crate::board::SAMPLE_RATE_HZ;
 use crate::control;
-use crate::sample_clock::SAMPLE_RATE_HZ;
 
 #[derive(Clone, Copy)]
 struct Telemetry {

@@ -121,7 +121,7 @@ impl Around {
         let Scheme::Predictor { tuning, .. } = &design.scheme else { unreachable!("a predictor") };
         let law = PredictorDesign::new(&design.model.linear, tuning);
         let at_rad_s = TAU * 50.0;
-        let late = law.sensitivities(&design.model.linear.sampled(SAMPLING_PERIOD_S), at_rad_s).0.norm();
+        let late = law.sensitivities(&design.model.linear.sampled(), at_rad_s).0.norm();
         Self {
             way,
             design: design.clone(),

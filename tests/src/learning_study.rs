@@ -8,7 +8,6 @@ use hysteron::identify::identify;
 use hysteron::model_file::effects_named;
 use hysteron::servo::design::{Scheme, ServoDesign};
 use hysteron::servo::learned_feedforward::{LearningDesign, from_correction};
-use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::order::{self, DesignOrder};
 use hysteron::servo::predictor::{PredictorDesign, frequency_response};
 use hysteron::watch::Unwatched;
@@ -193,7 +192,7 @@ fn inverse_answers(design: &ServoDesign) -> Vec<(f64, f64)> {
     let Scheme::Predictor { tuning, .. } = &design.scheme else { return Vec::new() };
     let plain = PredictorDesign::new(&design.model.linear, tuning);
     let law = design.learning.as_ref().map_or(plain.clone(), |learning| learning.of(&plain));
-    let plant = design.model.linear.sampled(SAMPLING_PERIOD_S);
+    let plant = design.model.linear.sampled();
     (0..PERIOD_TICKS / 2)
         .map(|h| {
             let hz = (h as f64 * RATE_HZ / PERIOD_TICKS as f64).max(0.1);

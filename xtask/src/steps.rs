@@ -354,6 +354,9 @@ fn firmware_images() -> Result<(), String> {
     keep(toolchain::g474re_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware", "--features", "on-chip-converters"])?;
     keep(toolchain::on_chip_image())?;
+    let fast = [("HYSTERON_SAMPLE_RATE_HZ", "100000")];
+    toolchain.build_with(&toolchain::FIRMWARE, &folder, &["--bin", "hysteron-firmware"], &fast)?;
+    keep(toolchain::fast_image())?;
     toolchain.build(&toolchain::FIRMWARE, &folder, &[])
 }
 
@@ -388,6 +391,7 @@ fn control_code() -> Result<(), String> {
     let nucleo_h743zi = [MOST_CONTROL_CODE_BYTES, MOST_RAM_BYTES];
     check_image("NUCLEO-H743ZI2, SPI converters", &toolchain::image(), nucleo_h743zi)?;
     check_image("NUCLEO-H743ZI2, on-chip converters", &toolchain::on_chip_image(), nucleo_h743zi)?;
+    check_image("NUCLEO-H743ZI2, 100 kHz", &toolchain::fast_image(), nucleo_h743zi)?;
     check_image("NUCLEO-G474RE", &toolchain::g474re_image(), [MOST_G474RE_CONTROL_CODE_BYTES, MOST_G474RE_RAM_BYTES])
 }
 

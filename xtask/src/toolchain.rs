@@ -51,6 +51,11 @@ pub fn on_chip_image() -> PathBuf {
     image().with_file_name("hysteron-firmware-on-chip")
 }
 
+/// That of 100 kHz.
+pub fn fast_image() -> PathBuf {
+    image().with_file_name("hysteron-firmware-100khz")
+}
+
 /// That of the NUCLEO-G474RE.
 pub fn g474re_image() -> PathBuf {
     image().with_file_name("hysteron-firmware-nucleo-g474re")
@@ -106,24 +111,29 @@ pub fn for_target(target: &Target) -> Result<Toolchain, String> {
 impl Toolchain {
     /// Builds what a folder has for a target, release profile.
     pub fn build(&self, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
-        self.cargo("build", target, folder, selection)
+        self.cargo("build", target, folder, selection, &[])
+    }
+
+    /// The same with these variables.
+    pub fn build_with(&self, target: &Target, folder: &Path, selection: &[&str], variables: &[(&str, &str)]) -> Result<(), String> {
+        self.cargo("build", target, folder, selection, variables)
     }
 
     /// Checks that it would build, without making code of it.
     pub fn check(&self, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
-        self.cargo("check", target, folder, selection)
+        self.cargo("check", target, folder, selection, &[])
     }
 
-    fn cargo(&self, task: &str, target: &Target, folder: &Path, selection: &[&str]) -> Result<(), String> {
+    fn cargo(&self, task: &str, target: &Target, folder: &Path, selection: &[&str], variables: &[(&str, &str)]) -> Result<(), String> {
         let mut arguments = vec![task, "--release", "--target", target.name];
         arguments.extend(selection);
         match self {
-            Self::Rustup => command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, &[]),
+            Self::Rustup => command(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), &arguments, folder, variables),
             Self::Distribution => {
                 arguments.extend(["-Z", target.standard_library]);
                 // Set by the cargo that runs this program; the other compiler must not see it.
-                let variables = [("RUSTC", "/usr/bin/rustc"), ("RUSTC_BOOTSTRAP", "1"), ("RUSTUP_TOOLCHAIN", ""), target.linker];
-                command("/usr/bin/cargo", &arguments, folder, &variables)
+                let own = [("RUSTC", "/usr/bin/rustc"), ("RUSTC_BOOTSTRAP", "1"), ("RUSTUP_TOOLCHAIN", ""), target.linker];
+                command("/usr/bin/cargo", &arguments, folder, &[&own, variables].concat())
             }
         }
     }

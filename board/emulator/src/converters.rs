@@ -10,7 +10,7 @@
 //! has it), with its output clamped to ground and code 0, the lowest drive, in its register; a clamp that is
 //! removed before the register was written shows. A code that is written while the sample clock does not beat
 //! acts when its frame ends, because the firmware then holds LDAC low; so does one that is written
-//! [`BY_HAND_NS`] or more after the last reading, when only a handler of faults still writes.
+//! [`by_hand_ns`] or more after the last reading, when only a handler of faults still writes.
 
 use std::sync::{Arc, Mutex};
 
@@ -22,16 +22,18 @@ use hysteron_sim::noise::WhiteNoise;
 use rigless::chip::Timeline;
 use rigless::chip::spi::Peer;
 
-/// The sample clock's period, ns.
+/// The sample clock's period at the usual sampling rate, ns.
 pub const PERIOD_NS: u64 = 50_000;
 
-/// Silence of the target after which its next read begins a new phase of the sample clock: a restart takes
-/// milliseconds.
-const RESTARTED_NS: u64 = 400_000;
+/// Silence of the target, in periods, after which its next read begins a new phase of the sample clock: a
+/// restart takes milliseconds.
+const RESTARTED_PERIODS: u64 = 8;
 
-/// Time since the last reading after which a frame acts when it ends: the tick writes within microseconds of
-/// its reading, and a handler of faults holds LDAC low.
-const BY_HAND_NS: u64 = 30_000;
+/// Time since the last reading after which a frame acts when it ends, because a handler of faults holds LDAC
+/// low: three fifths of the period, and no less than a tick takes from its reading to its frame.
+fn by_hand_ns(period_ns: u64) -> u64 {
+    (period_ns * 3 / 5).max(8_500)
+}
 
 /// What is wrong with the sensor, and when (edges, from included, to excluded).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +78,8 @@ pub struct World {
     ground_code: DriveCode,
     /// No edge has come since the last reset.
     waiting_for_beat: bool,
+    /// The sample clock's period, ns.
+    pub period_ns: u64,
     first_edge_ns: Option<u64>,
     began_ns: Option<u64>,
     /// The lowest code that acted without waiting for an edge.
@@ -121,10 +125,13 @@ impl World {
     /// A virgin actuator of the bench, its drive at rest, with this seed of noise.
     #[must_use]
     pub fn new(bench: &Bench, variant: Variant, seed: u64) -> Self {
-        Self::with(Box::new(bench.plant(variant)), bench.converter_scale(), bench.converters.sensor_noise_um, seed)
+        let mut world = Self::with(Box::new(bench.plant(variant)), bench.converter_scale(), bench.converters.sensor_noise_um, seed);
+        world.period_ns = (1e9 * bench.sampling_period_s()).round() as u64;
+        world
     }
 
-    /// Any plant at rest between converters of this scale, with this noise of the sensor, um RMS.
+    /// Any plant at rest between converters of this scale, with this noise of the sensor, um RMS. It advances by
+    /// [`PERIOD_NS`] from edge to edge, unless [`World::period_ns`] says otherwise.
     #[must_use]
     pub fn with(plant: Box<dyn Plant + Send>, scale: ConverterScale, noise_um: f64, seed: u64) -> Self {
         let rest = scale.dac_code(scale.drive_min_v);
@@ -137,6 +144,7 @@ impl World {
             clamped: false,
             ground_code: ConverterScale { drive_min_v: f64::NEG_INFINITY, drive_max_v: f64::INFINITY, ..scale }.dac_code(0.0),
             waiting_for_beat: true,
+            period_ns: PERIOD_NS,
             first_edge_ns: None,
             began_ns: None,
             lowest_between_edges: DriveCode::MOST,
@@ -237,7 +245,7 @@ impl World {
     /// Lets the edges before an instant pass.
     fn pass_edges(&mut self, now_ns: u64) {
         let Some(first) = self.first_edge_ns else { return };
-        while first + self.edges * PERIOD_NS < now_ns {
+        while first + self.edges * self.period_ns < now_ns {
             self.edge();
         }
     }
@@ -257,7 +265,7 @@ impl World {
             2 => self.clamped = word & 0b1100 != 0,
             _ => return given,
         }
-        let by_hand = self.last_read_ns.is_none_or(|last| now_ns.saturating_sub(last) >= BY_HAND_NS);
+        let by_hand = self.last_read_ns.is_none_or(|last| now_ns.saturating_sub(last) >= by_hand_ns(self.period_ns));
         if self.waiting_for_beat || by_hand {
             self.acting_code = if self.clamped { self.ground_code } else { self.written_code };
             // What has acted in between is seen at the next edge, however short it was.
@@ -288,16 +296,16 @@ impl World {
     fn read_at(&mut self, now_ns: u64) -> SensorCode {
         self.began_ns.get_or_insert(now_ns);
         let mut first = *self.first_edge_ns.get_or_insert(now_ns);
-        if self.last_read_ns.is_some_and(|last| now_ns.saturating_sub(last) > RESTARTED_NS) {
+        if self.last_read_ns.is_some_and(|last| now_ns.saturating_sub(last) > RESTARTED_PERIODS * self.period_ns) {
             // The part has restarted and its sample clock beats in another phase: this read is at an edge.
-            let passed = (now_ns.saturating_sub(first) + PERIOD_NS / 2) / PERIOD_NS;
-            first = now_ns.saturating_sub(passed * PERIOD_NS);
+            let passed = (now_ns.saturating_sub(first) + self.period_ns / 2) / self.period_ns;
+            first = now_ns.saturating_sub(passed * self.period_ns);
             self.first_edge_ns = Some(first);
         }
         self.last_read_ns = Some(now_ns);
         self.waiting_for_beat = false;
         // The interrupt's latency is far below half a period.
-        let passed = (now_ns.saturating_sub(first) + PERIOD_NS / 2) / PERIOD_NS + 1;
+        let passed = (now_ns.saturating_sub(first) + self.period_ns / 2) / self.period_ns + 1;
         while self.edges < passed {
             self.edge();
         }

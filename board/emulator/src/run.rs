@@ -19,7 +19,7 @@ use rigless::soc::stm32h743::generated::{iwdg, rcc, spi1};
 use rigless::time::VirtualNanos;
 
 use crate::board::{NucleoBoard, SafetyLine};
-use crate::converters::{PERIOD_NS, SharedWorld};
+use crate::converters::SharedWorld;
 use crate::real_time_transfer::ControlBlock;
 use crate::serial_line::SharedLine;
 
@@ -411,7 +411,8 @@ impl Driver<NucleoBoard> for Probe {
         }
         let injection = self.script.injections.get(self.next_injection).map_or(u64::MAX, |(from_ns, _)| *from_ns);
         let serial = self.script.serial.get(self.next_serial).map_or(u64::MAX, |(from_ns, _)| *from_ns);
-        let look_ns = if self.script.monitored.is_some() { PERIOD_NS } else { MILLISECOND };
+        let monitored = self.script.monitored.as_ref().and_then(|world| world.lock().ok());
+        let look_ns = monitored.map_or(MILLISECOND, |world| world.period_ns);
         let next = self.next_read_ns.min(at_ns.saturating_add(look_ns)).min(self.script.until_ns);
         let next = next.min(injection.max(at_ns + 1)).min(serial.max(at_ns + 1));
         Some(VirtualNanos(next.min(self.detector_until_ns.unwrap_or(u64::MAX))))
@@ -427,6 +428,18 @@ pub fn address_of(elf: &Path, name: &str) -> Result<u64> {
     let file = object::File::parse(&*bytes)?;
     let symbol = file.symbols().find(|symbol| symbol.name() == Ok(name)).ok_or_else(|| anyhow!("{}: no symbol {name}", elf.display()))?;
     Ok(symbol.address() & !1)
+}
+
+/// The sampling rate of an image, Hz: the value of the symbol that its build gives it.
+///
+/// # Errors
+/// The image cannot be read or does not say.
+pub fn sample_rate_hz(elf: &Path) -> Result<u32> {
+    let bytes = std::fs::read(elf).with_context(|| format!("{}", elf.display()))?;
+    let file = object::File::parse(&*bytes)?;
+    let symbol = file.symbols().find(|symbol| symbol.name() == Ok("__sample_rate_hz"));
+    let rate_hz = symbol.and_then(|symbol| u32::try_from(symbol.address()).ok()).filter(|rate_hz| *rate_hz > 0);
+    rate_hz.ok_or_else(|| anyhow!("{}: does not say its sampling rate", elf.display()))
 }
 
 /// The halfword that the image has at an address.

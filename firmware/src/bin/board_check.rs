@@ -53,7 +53,7 @@ use embassy_stm32::pac::TIM2 as TIMER;
 use embassy_time::Timer;
 use rtt_target::{ChannelMode, rtt_init};
 
-use board::{Board, Converters, Platform};
+use board::{Board, Converters, Platform, SAMPLE_RATE_HZ};
 use front_end::{FrontEnd, Wiring};
 use hysteron_core::codes::DriveCode;
 use hysteron_core::safety_envelope::{self, ENVELOPE_BYTES, SafetyEnvelope};
@@ -288,7 +288,7 @@ async fn main(spawner: Spawner) {
         refuse(fault.name());
     }
     let fifth = envelope.drive_max.abs_diff(envelope.drive_min) / 5;
-    let slew = (u64::from(envelope.slew_limit_v_s) * 1_000_000 / u64::from(Board::SAMPLE_RATE_HZ)) << envelope.dac_bits;
+    let slew = (u64::from(envelope.slew_limit_v_s) * 1_000_000 / u64::from(SAMPLE_RATE_HZ)) << envelope.dac_bits;
     for (place, code) in [
         (&LOW, (envelope.drive_min + fifth).steps()),
         (&HIGH, (envelope.drive_max - fifth).steps()),
@@ -306,7 +306,7 @@ async fn main(spawner: Spawner) {
     let ticks = TICK.load(Ordering::Relaxed);
     let span = LAST_CYCLES.load(Ordering::Relaxed).wrapping_sub(FIRST_CYCLES.load(Ordering::Relaxed));
     let period = span as f32 / ticks.saturating_sub(1).max(1) as f32;
-    let nominal = clocks.core_hz as f32 / Board::SAMPLE_RATE_HZ as f32;
+    let nominal = clocks.core_hz as f32 / SAMPLE_RATE_HZ as f32;
     verdict.say("period", period, "cycles", (period - nominal).abs() <= 1.0);
     let jitter = MOST_PERIOD.load(Ordering::Relaxed).wrapping_sub(LEAST_PERIOD.load(Ordering::Relaxed)) as f32;
     verdict.say("jitter", jitter, "cycles", jitter <= clocks.core_hz as f32 / 1e6);

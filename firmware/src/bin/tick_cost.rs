@@ -163,6 +163,7 @@ fn main() -> ! {
         leaping.converters.slew_codes = NO_SLEW_LIMIT;
         measure(ServoTick::new(leaping));
         measure_amplifier(Amplifier::new(parameters));
+        measure_conditioning(Amplifier::new(parameters));
     }
     defmt::info!("tick cost done");
     loop {
@@ -311,6 +312,28 @@ fn jump(fresh: &ServoTick, learning: Option<LearningParameters>, empty: u32) -> 
         }
     }
     cost
+}
+
+/// The same while a conditioning is played: its last tick judges it and zeroes the sensor.
+#[inline(never)]
+fn measure_conditioning(mut amplifier: Amplifier) {
+    let begin = DWT::cycle_count();
+    let empty = DWT::cycle_count().wrapping_sub(begin);
+    let c = amplifier.parameters().servo.converters;
+    let _ = amplifier.command(Command::Arm { tested: false });
+    let _ = amplifier.command(Command::Condition { cycle_ticks: 2000, rest_ticks: 1200 });
+    let mut plant = Mode { position: 0, velocity: 0 };
+    let mut cost = Cost::NONE;
+    for k in 0..3300u32 {
+        let applied = amplifier.servo().applied().to_bits();
+        let adc_code = black_box(plant.code(&c, k));
+        let begin = DWT::cycle_count();
+        timed_amplifier(&mut amplifier, adc_code);
+        cost.take(begin, empty);
+        plant.step(applied);
+    }
+    cost.say("amplifier conditions", amplifier.servo());
+    defmt::info!("conditioned {=bool}", amplifier.conditioned());
 }
 
 /// The whole of what the control interrupt does between its converters, following a sine of 5 um at 150 Hz.

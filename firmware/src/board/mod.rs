@@ -1,7 +1,7 @@
 //! The board: everything that is one board's and not another's, behind one trait, [`Platform`].
 //!
 //! A board has a folder here: clocks, pins, converters, flash, option bytes, the supply's detector, how much
-//! memory there is for what, and the sample rate. A feature of the package chooses one ([`Board`]); the rest
+//! memory there is for what. A feature of the package chooses one ([`Board`]); the rest
 //! of the firmware asks [`Board`] and knows no other.
 //!
 //! | feature | board | part |
@@ -42,16 +42,22 @@ compile_error!("no board: one of the features nucleo-h743zi and nucleo-g474re");
 /// The converters of this image.
 pub type Converters = <Board as Platform>::Converters;
 
+/// Control ticks per second, which build.rs has from the environment.
+pub const SAMPLE_RATE_HZ: u32 = match u32::from_str_radix(env!("HYSTERON_SAMPLE_RATE_HZ"), 10) {
+    Ok(rate_hz) => rate_hz,
+    Err(_) => panic!("build.rs gives a number"),
+};
+
 /// What a board is to the firmware. The sample clock is TIM2 and the tasks' clock TIM5 on every board.
 pub trait Platform {
-    /// Control ticks per second.
-    const SAMPLE_RATE_HZ: u32;
     /// Bytes of the log on its way to the probe.
     const LOG_BYTES: usize;
     /// Samples that the recorder keeps; a power of two.
     const RECORDED_SAMPLES: u32;
     /// Points of a wave table.
     const WAVE_POINTS: usize;
+    /// Whether a period has time for a swap, some 3,750 instructions before the tick.
+    const SWAPS: bool;
     /// Whether a period has time for a swap that evaluates the whole memory of the hysteresis anew: some
     /// 13,000 instructions before the tick.
     const SWAPS_HYSTERESIS: bool;

@@ -10,6 +10,7 @@ mod record;
 mod record_over_probe;
 mod scope;
 mod status;
+mod sweep;
 mod tune;
 mod upload;
 
@@ -58,6 +59,33 @@ enum BoardCommand {
         /// What is known of the sensor
         #[command(flatten)]
         sensor: SensorSaid,
+        /// Where the board is
+        #[command(flatten)]
+        line: LineArguments,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
+    /// Condition the actuator, play exponential sines over a band, and write what came as a data set, with the
+    /// transfer function and the distortion
+    Sweep {
+        /// Folder to write, as `hysteron explain` takes it
+        out: PathBuf,
+        /// Lowest frequency, Hz
+        #[arg(long, value_name = "HZ")]
+        from_hz: f64,
+        /// Highest frequency, Hz: up to a quarter of the board's sampling rate
+        #[arg(long, value_name = "HZ")]
+        to_hz: f64,
+        /// Amplitude, V
+        #[arg(long, value_name = "V")]
+        amplitude_v: f64,
+        /// Drive about which it swings, V [default: the middle of the range]
+        #[arg(long, value_name = "V")]
+        offset_v: Option<f64>,
+        /// What the actuator is, for a board without a block
+        #[command(flatten)]
+        wiring: WiringArguments,
         /// Where the board is
         #[command(flatten)]
         line: LineArguments,
@@ -276,6 +304,9 @@ fn obey(command: BoardCommand) -> Result<bool> {
             tune::tune(&out, &wiring, &tune::TuneRequest { reference_hz, sensor_bandwidth_hz: sensor.sensor_bandwidth_hz }, &line, force)
         }
         BoardCommand::Record { out, wiring, line, force } => record::record(&out, &wiring, &line, force),
+        BoardCommand::Sweep { out, from_hz, to_hz, amplitude_v, offset_v, wiring, line, force } => {
+            sweep::sweep(&out, &sweep::SweepRequest { from_hz, to_hz, amplitude_v, offset_v }, &wiring, &line, force)
+        }
         BoardCommand::Scope { listen, no_open, line } => scope::scope(listen, no_open, &line),
         BoardCommand::Upload { block, swap, line } => upload::upload(&block, swap, &line),
         BoardCommand::Envelope { file, checksum, line } => envelope::envelope(&file, checksum.as_deref(), &line),

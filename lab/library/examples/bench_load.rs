@@ -28,7 +28,7 @@ fn design(bench: &Bench, scheme: &str) -> ServoDesign {
         drive_max_v: bench.drive_max_v,
         g_um: vec![vec![0.0, -10.0], vec![10.0, 0.0]],
         r_um: vec![0.0],
-        linear: LinearModel { first_mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: None },
+        linear: LinearModel { first_mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: None, period_s: 5e-5 },
         creep: Vec::new(),
         creep_pair: None,
     };

@@ -95,6 +95,8 @@ pub mod spectrum;
 #[doc(hidden)]
 pub mod statistics;
 #[doc(hidden)]
+pub mod sweep;
+#[doc(hidden)]
 pub mod synthetic;
 #[doc(hidden)]
 pub mod toml_file;

@@ -4,7 +4,6 @@
 use crate::page::{CurveRole, Page, PageBlock, Plot, Section, Series, Table, Tone, Width};
 use crate::text::figure;
 use hysteron::servo::members::PlantBand;
-use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::track::{SETTLED, TrackResult};
 use hysteron::spectrum::amplitude_density;
 use std::ops::Range;
@@ -35,8 +34,8 @@ pub struct TrackPage<'a> {
     pub capacitance_uf: Option<f64>,
 }
 
-fn ticks(seconds: f64) -> usize {
-    (seconds / SAMPLING_PERIOD_S).round() as usize
+fn ticks(seconds: f64, period_s: f64) -> usize {
+    (seconds / period_s).round() as usize
 }
 
 fn nm(um: f64) -> String {
@@ -52,7 +51,7 @@ struct Stretch<'a> {
 
 impl Stretch<'_> {
     fn time_ms(&self) -> Vec<f64> {
-        self.ticks.clone().map(|k| 1e3 * SAMPLING_PERIOD_S * (k as f64 - self.zero as f64)).collect()
+        self.ticks.clone().map(|k| 1e3 * self.run.period_s * (k as f64 - self.zero as f64)).collect()
     }
 
     fn of(&self, values: &[f64]) -> Vec<f64> {
@@ -124,7 +123,7 @@ impl<'a> TrackPage<'a> {
         if run.step.is_some() {
             return around_step(run);
         }
-        let wanted = ticks(self.period_s.map_or(SHOWN_S, |period_s| PERIODS * period_s));
+        let wanted = ticks(self.period_s.map_or(SHOWN_S, |period_s| PERIODS * period_s), self.found.period_s);
         let from = end.saturating_sub(wanted).max(counted);
         Stretch { run, ticks: from..end, zero: from }
     }
@@ -140,7 +139,7 @@ impl<'a> TrackPage<'a> {
         let counted = run.counts_from.min(run.time_s.len())..run.time_s.len();
         let whole = Stretch { run, ticks: counted, zero: 0 };
         let density = |values_um: &[f64], label: &str, role: CurveRole| {
-            let density = amplitude_density(&whole.off_nm(values_um), 1.0 / SAMPLING_PERIOD_S);
+            let density = amplitude_density(&whole.off_nm(values_um), 1.0 / run.period_s);
             Series::line(label, role, density.frequency_hz, density.density)
         };
         let spectrum = Plot::new("Spectrum of the error")
@@ -153,7 +152,7 @@ impl<'a> TrackPage<'a> {
         let all = Stretch { run, ticks: 0..run.time_s.len(), zero: 0 };
         let rms = |values_um: &[f64], label: &str, role: CurveRole| {
             let off_nm = all.off_nm(values_um);
-            let windows = off_nm.chunks(ticks(WINDOW_S)).enumerate();
+            let windows = off_nm.chunks(ticks(WINDOW_S, run.period_s)).enumerate();
             let (x, y) =
                 windows.map(|(k, w)| ((k as f64 + 0.5) * WINDOW_S, (w.iter().map(|e| e * e).sum::<f64>() / w.len() as f64).sqrt())).unzip();
             Series::line(label, role, x, y)
@@ -162,7 +161,7 @@ impl<'a> TrackPage<'a> {
             .x_axis("time", "s")
             .y_axis("error", "nm")
             .percentiles()
-            .caption(format!("The error counts from {:.2} s on.", run.counts_from as f64 * SAMPLING_PERIOD_S))
+            .caption(format!("The error counts from {:.2} s on.", run.counts_from as f64 * run.period_s))
             .with(rms(&run.reading_um, "read", CurveRole::Measured))
             .with(rms(&run.displacement_um, "true", CurveRole::Model));
         Section {
@@ -218,7 +217,7 @@ impl<'a> TrackPage<'a> {
         let (run, stretch) = (self.found, self.stretch());
         let time = stretch.time_ms();
         let rate_v_ms: Vec<f64> =
-            stretch.ticks.clone().map(|k| 1e-3 * (run.drive_v[k] - run.drive_v[k.saturating_sub(1)]) / SAMPLING_PERIOD_S).collect();
+            stretch.ticks.clone().map(|k| 1e-3 * (run.drive_v[k] - run.drive_v[k.saturating_sub(1)]) / run.period_s).collect();
         let line = |title: &str, label: &str, unit: &str, values: Vec<f64>| {
             let width = if self.capacitance_uf.is_some() { Width::Third } else { Width::Half };
             let series = Series::line(label, CurveRole::Drive, time.clone(), values).style(crate::page::Style::Steps);
@@ -254,8 +253,8 @@ impl<'a> TrackPage<'a> {
 fn around_step(run: &TrackResult) -> Stretch<'_> {
     let at = run.counts_from;
     let settling_s = run.step.and_then(|s| s.settling_s).unwrap_or(0.0);
-    let behind = ticks((SETTLINGS * settling_s).max(AROUND_STEP_S[1]));
-    Stretch { run, ticks: at.saturating_sub(ticks(AROUND_STEP_S[0]))..(at + behind).min(run.time_s.len()), zero: at }
+    let behind = ticks((SETTLINGS * settling_s).max(AROUND_STEP_S[1]), run.period_s);
+    Stretch { run, ticks: at.saturating_sub(ticks(AROUND_STEP_S[0], run.period_s))..(at + behind).min(run.time_s.len()), zero: at }
 }
 
 /// A step with the band in which it is settled, and the time that it takes.

@@ -9,7 +9,7 @@
 use crate::chapter::{ChapterProgress, ChapterRow, ErrorPair, RunKey};
 use crate::commissioning::{CommissionedStage, on_bench};
 use hysteron::servo::design::{Scheme, ServoDesign};
-use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel};
+use hysteron::servo::model::{ActuatorModel, LinearModel, ModeModel, NominalModel, SAMPLING_PERIOD_S};
 use hysteron::servo::order::scheme_without_recording;
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::quantise::QuantisationError;
@@ -115,7 +115,7 @@ fn run_repeating(
     let mut experiment = Experiment::new(bench, variant, seed);
     experiment.substeps = SUBSTEPS;
     let servo = ServoTick::new(design.parameters(bench.converter_scale().parameters())?);
-    Ok(experiment.follow_with(told_when_grown(servo, period_ticks), reference_um))
+    Ok(experiment.follow_with(told_when_grown(servo, period_ticks, SAMPLING_PERIOD_S), reference_um))
 }
 
 /// A design that only carries a scheme that needs no model; the limits of the drive are the bench's data
@@ -135,6 +135,7 @@ pub fn without_model(bench: &Bench, scheme: Scheme) -> ServoDesign {
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: SAMPLING_PERIOD_S,
         },
         creep: Vec::new(),
         creep_pair: None,
@@ -162,7 +163,7 @@ pub fn tracking(
     condition: &str,
 ) -> ChapterRow {
     let (reference, from) = sine_that_counts_after_um(bench, hz, amplitude_um, lead_s(design, hz));
-    match run_repeating(bench, variant, design, &reference, period_ticks(hz), JUDGED_SEED) {
+    match run_repeating(bench, variant, design, &reference, period_ticks(hz, SAMPLING_PERIOD_S), JUDGED_SEED) {
         Ok(trace) => row_of_run(id, &trace, from, condition, sine_key(hz, amplitude_um)),
         Err(e) => row_um(id, f64::NAN, e.to_string()),
     }

@@ -5,7 +5,6 @@ use crate::bench_runs::{Commissioned, FREQUENCIES_HZ, LOADED, designed, gains_of
 use crate::chapter::ChapterRow;
 use hysteron::servo::commands::with_scheme;
 use hysteron::servo::design::ServoDesign;
-use hysteron::servo::model::SAMPLING_PERIOD_S;
 use hysteron::servo::predictor::Demands;
 use hysteron::servo::schemes::SchemeChoice;
 use hysteron_sim::bench::{Bench, Variant};
@@ -57,7 +56,7 @@ pub fn rows_of_designed_schemes(bench: &Bench, commissioned: &[Option<Commission
             rows.push(row_um(format!("ch7.{group}.{id}.{load}.refused"), f64::NAN, "no gains keep the margins"));
             continue;
         };
-        let radius = design.law().map_or(f64::NAN, |law| law.spectral_radius(&design.model.linear.sampled(SAMPLING_PERIOD_S), 1.0, 0));
+        let radius = design.law().map_or(f64::NAN, |law| law.spectral_radius(&design.model.linear.sampled(), 1.0, 0));
         for hz in FREQUENCIES_HZ {
             jobs.push(Job {
                 id: format!("ch7.{group}.{id}.{hz}hz.{load}.rms"),

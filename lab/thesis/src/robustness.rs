@@ -118,6 +118,7 @@ fn nominal_predictor(tuning: PredictorTuning) -> ServoDesign {
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: SAMPLING_PERIOD_S,
         },
         creep: Vec::new(),
         creep_pair: None,
@@ -179,7 +180,7 @@ pub fn rows(made_for_it: &(ServoDesign, PredictorTuning, f64)) -> Vec<ChapterRow
             },
             ..linear
         };
-        law.spectral_radius(&wrong.sampled(SAMPLING_PERIOD_S), 1.5, 0)
+        law.spectral_radius(&wrong.sampled(), 1.5, 0)
     };
     // Of the 10 um that the reference spans.
     let mut rows = vec![ChapterRow::new(

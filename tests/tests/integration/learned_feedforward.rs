@@ -111,7 +111,8 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     assert!(found.stable && found.remarks.iter().any(|r| r.contains("Learning converges")), "{:?}", found.remarks);
     let text = toml::to_string_pretty(design).unwrap();
     assert_eq!(&toml::from_str::<ServoDesign>(&text).unwrap(), design);
-    let followed = |name: &str, work: Work| follow(chain, design, &Reference::named(name).unwrap(), name, &work).unwrap();
+    let followed =
+        |name: &str, work: Work| follow(chain, design, &Reference::named(name, design.period_s()).unwrap(), name, &work).unwrap();
     let error_um = |scheme: Option<&str>| followed("triangle:100:2:4", Work { scheme, ..Work::default() }).truth.rms_um;
     assert!(error_um(None) < 0.6 * error_um(Some("predictor")), "{} {}", error_um(None), error_um(Some("predictor")));
     // The noise is the one that the servo was designed for, unless another is specified; the error counts ten

@@ -30,6 +30,7 @@ fn model() -> ActuatorModel {
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: SAMPLING_PERIOD_S,
         },
         creep: Vec::new(),
         creep_pair: None,

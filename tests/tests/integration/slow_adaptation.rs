@@ -83,7 +83,7 @@ fn commands_know_it(design: &ServoDesign, chain: &Model) {
     assert!(found.stable && found.remarks.iter().any(|r| r.contains("correction of the gain stands")), "{:?}", found.remarks);
     let text = toml::to_string_pretty(design).unwrap();
     assert_eq!(&toml::from_str::<ServoDesign>(&text).unwrap(), design);
-    let reference = Reference::named("sine:150:2:4").unwrap();
+    let reference = Reference::named("sine:150:2:4", design.period_s()).unwrap();
     let follow = |scheme: Option<&str>| follow(&weaker, design, &reference, "sine:150:2:4", &Work { scheme, ..Work::default() }).unwrap();
     let (adaptive, plain) = (follow(None), follow(Some("predictor")));
     println!("track: {:.2} nm, {:.2} without", 1e3 * adaptive.truth.rms_um, 1e3 * plain.truth.rms_um);

@@ -14,6 +14,7 @@ mod on_chip;
 mod option_bytes;
 mod output_path;
 mod record;
+mod sampling_rate;
 mod serial_port;
 mod sliding_mode;
 mod swap;

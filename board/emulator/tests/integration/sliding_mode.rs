@@ -24,7 +24,13 @@ const LIMITS: (u64, u64) = (4_300, 1_150);
 fn pidsmoc() -> AmplifierParameters {
     let nominal = NominalModel::THESIS;
     let mode = ModeModel { natural_frequency_rad_s: nominal.natural_frequency_rad_s, damping_ratio: nominal.damping_ratio };
-    let linear = LinearModel { first_mode: mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: None };
+    let linear = LinearModel {
+        first_mode: mode,
+        second_mode: None,
+        amplifier_bandwidth_hz: None,
+        sensor_bandwidth_hz: None,
+        period_s: SAMPLING_PERIOD_S,
+    };
     // Stable with half the gain and half as much again, a period more of delay and twice the mass; the
     // assertion below checks the first three.
     let tuning = SlidingTuning { m: 3100.0, reaching: (5400.0, 0.8), estimator: (8000.0, 0.7), unknown_rate: 1800.0 };
@@ -32,7 +38,7 @@ fn pidsmoc() -> AmplifierParameters {
     let (estimator, controller, reaching) = family.gains(&tuning);
     let law = SlidingModeLaw::predicted(&nominal, &estimator, &controller, &reaching);
     let loop_of = law.as_predictor().expect("linear");
-    let plant = linear.sampled(SAMPLING_PERIOD_S);
+    let plant = linear.sampled();
     let radius = |gain: f64, extra_delay: usize| loop_of.spectral_radius(&plant, gain, extra_delay);
     assert!([(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)].into_iter().all(|(gain, extra_delay)| radius(gain, extra_delay) < 1.0));
     let mut out = best_parameters();

@@ -42,11 +42,11 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 pub struct NucleoG474re;
 
 impl Platform for NucleoG474re {
-    const SAMPLE_RATE_HZ: u32 = 20_000;
     const LOG_BYTES: usize = 4_096;
     /// 25.6 ms.
     const RECORDED_SAMPLES: u32 = 1 << 9;
     const WAVE_POINTS: usize = 512;
+    const SWAPS: bool = true;
     const SWAPS_HYSTERESIS: bool = false;
     type Converters = on_chip_converters::OnChipConverters;
     /// Arduino's A5, A4 and D9, and pins 2 and 4 of CN10.

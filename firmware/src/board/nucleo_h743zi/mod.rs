@@ -24,7 +24,7 @@ use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as Ser
 use embassy_stm32::{Config, Peripherals, bind_interrupts, interrupt};
 use hysteron_core::guard::Fault;
 
-use super::{Lines, Platform, ResetCause};
+use super::{Lines, Platform, ResetCause, SAMPLE_RATE_HZ};
 use crate::fault;
 
 /// PLS: 2.76 V falling, 2.86 V rising (DS12110, table 116), the highest of the detector's own levels.
@@ -40,12 +40,12 @@ bind_interrupts!(struct Interrupts {
 pub struct NucleoH743zi;
 
 impl Platform for NucleoH743zi {
-    const SAMPLE_RATE_HZ: u32 = 20_000;
     const LOG_BYTES: usize = 32_768;
-    /// 0.8 s.
+    /// 0.8 s at 20 kHz.
     const RECORDED_SAMPLES: u32 = 1 << 14;
     const WAVE_POINTS: usize = 4096;
-    const SWAPS_HYSTERESIS: bool = true;
+    const SWAPS: bool = SAMPLE_RATE_HZ <= 50_000;
+    const SWAPS_HYSTERESIS: bool = SAMPLE_RATE_HZ <= 20_000;
     #[cfg(feature = "on-chip-converters")]
     type Converters = on_chip_converters::OnChipConverters;
     #[cfg(not(feature = "on-chip-converters"))]

@@ -146,8 +146,9 @@ pub fn tune(out: &Path, wiring: &WiringArguments, wanted: &TuneRequest, line: &L
     if recording.exists() {
         desk.folder_to_be(&recording, &names(&drives))?;
     }
-    order::reasonable_frequency(wanted.reference_hz).map_err(|problem| Error::new("--reference-hz", problem))?;
-    order::reasonable_bandwidth(wanted.sensor_bandwidth_hz).map_err(|problem| Error::new("--sensor-bandwidth-hz", problem))?;
+    order::reasonable_frequency(wanted.reference_hz, front_end.period_s()).map_err(|problem| Error::new("--reference-hz", problem))?;
+    order::reasonable_bandwidth(wanted.sensor_bandwidth_hz, front_end.period_s())
+        .map_err(|problem| Error::new("--sensor-bandwidth-hz", problem))?;
     let mut board = line.connect()?;
     desk.make_folder(out)?;
     desk.make_folder(&recording)?;

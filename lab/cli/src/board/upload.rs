@@ -3,15 +3,14 @@
 use super::{LineArguments, of_board};
 use crate::desk::{Desk, wrong};
 use hysteron::Result;
-use hysteron::servo::amplifier_block::SAMPLE_RATE_HZ;
-use hysteron_core::parameter_block::read;
+use hysteron::servo::amplifier_block::read_block;
 use std::path::Path;
 
 /// Brings a block and restarts with it, or swaps it in under the running loop. What the board would refuse
 /// whatever it does is refused before anything is sent.
 pub fn upload(block: &Path, swap: bool, line: &LineArguments) -> Result<bool> {
     let bytes = Desk::new(false).bytes(block, "a parameter block written by `hysteron design --block`")?;
-    read(&bytes, SAMPLE_RATE_HZ).map_err(|problem| wrong(block, problem.reason()))?;
+    read_block(&bytes).map_err(|problem| wrong(block, problem.reason()))?;
     let mut board = line.connect()?;
     if swap {
         hysteron_client::upload::swap(&mut board, &bytes).map_err(of_board)?;

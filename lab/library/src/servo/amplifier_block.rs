@@ -10,7 +10,7 @@
 use hysteron_core::codes::{DriveCode, LEAST_BITS, MOST_BITS, SensorCode};
 use hysteron_core::command_text::write_upload;
 use hysteron_core::guard::GuardParameters;
-use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, PhysicalDescription, verify, write};
+use hysteron_core::parameter_block::{AmplifierParameters, BLOCK_BYTES, BlockError, PhysicalDescription, read, verify, write};
 use hysteron_core::sensor_lag::SensorLag;
 use hysteron_core::servo_parameters::{ActuatorParameters, ConverterParameters, LawParameters, NO_SLEW_LIMIT, ServoParameters};
 use hysteron_sim::converter_scale::ConverterScale;
@@ -18,10 +18,12 @@ use serde::Deserialize;
 
 use crate::error::{Error, Result};
 use crate::servo::design::ServoDesign;
-use crate::servo::model::{ModeModel, SAMPLING_PERIOD_S};
+use crate::servo::model::ModeModel;
 
-/// Sampling rate of the target, Hz.
-pub const SAMPLE_RATE_HZ: u32 = 20_000;
+/// Sampling rate of an image that nothing else is known of, Hz.
+pub const USUAL_SAMPLE_RATE_HZ: u32 = 20_000;
+/// Sampling rates for which the firmware is built, Hz.
+pub const SAMPLE_RATES_HZ: [u32; 3] = [20_000, 50_000, 100_000];
 /// Of 65,536 codes of the sensor, those at either end that count as out of range; as much of the span with
 /// other bits.
 const RAIL_CODES: u32 = 16;
@@ -43,6 +45,8 @@ pub struct FrontEnd {
     pub drive_at_lowest_code_v: f64,
     /// Drive one step beyond the highest code, V at the actuator.
     pub drive_beyond_highest_code_v: f64,
+    /// Sampling rate of the board's image, Hz.
+    pub sample_rate_hz: u32,
     /// Bits of the sensor's codes: those of its converter on SPI, 16 for the chip's own.
     pub sensor_bits: u8,
     /// Bits of the drive's codes: up to 20 for converters on SPI, 12 for the chip's own.
@@ -69,6 +73,7 @@ impl Default for FrontEnd {
             sensor_max_um: 14.0,
             drive_at_lowest_code_v: -20.0,
             drive_beyond_highest_code_v: 120.0,
+            sample_rate_hz: USUAL_SAMPLE_RATE_HZ,
             sensor_bits: 16,
             drive_bits: 16,
             stuck_s: 0.01,
@@ -96,10 +101,24 @@ impl FrontEnd {
                 return Err(Error::new(place, format!("{name} = {bits}: expected {LEAST_BITS} to {MOST_BITS}")));
             }
         }
+        if !SAMPLE_RATES_HZ.contains(&this.sample_rate_hz) {
+            return Err(Error::new(place, format!("sample_rate_hz = {}: expected one of {SAMPLE_RATES_HZ:?}", this.sample_rate_hz)));
+        }
         if !(this.slew_v_s > 0.0 && this.slew_v_s <= MOST_SLEW_V_S) {
             return Err(Error::new(place, format!("slew_v_s = {}: expected more than 0, at most {MOST_SLEW_V_S:.0}", this.slew_v_s)));
         }
         Ok(this)
+    }
+
+    /// Sampling period, s.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        1.0 / f64::from(self.sample_rate_hz)
+    }
+
+    /// Ticks of a time, s, in a field of 16 bits.
+    fn ticks(&self, seconds: f64) -> u16 {
+        (seconds * f64::from(self.sample_rate_hz)).round().clamp(0.0, 65_535.0) as u16
     }
 
     /// The scale of the converters for an actuator with these limits of its drive.
@@ -125,11 +144,6 @@ fn step_speed(mode: &ModeModel) -> f64 {
     (-damping / rest * (rest / damping).atan()).exp()
 }
 
-/// Ticks of a time, in the field of 16 bits.
-fn ticks(seconds: f64) -> u16 {
-    (seconds * f64::from(SAMPLE_RATE_HZ)).round().clamp(0.0, 65_535.0) as u16
-}
-
 /// The converters' integers, with the slew limit in codes.
 fn converters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Result<ConverterParameters> {
     let lowest_v = front_end.drive_at_lowest_code_v;
@@ -141,9 +155,9 @@ fn converters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f64) -> Resul
         return Err(Error::new("front end", format!("gives {lowest_v} to {beyond_v:.3} V; the actuator's drive is {limits}")));
     }
     let scale = front_end.scale(drive_min_v, drive_max_v);
-    let slew = front_end.slew_v_s * SAMPLING_PERIOD_S / scale.dac_lsb_v;
+    let slew = front_end.slew_v_s * front_end.period_s() / scale.dac_lsb_v;
     if slew < 1.0 {
-        let least = scale.dac_lsb_v / SAMPLING_PERIOD_S;
+        let least = scale.dac_lsb_v / front_end.period_s();
         return Err(Error::new(
             "front end",
             format!("slew_v_s = {}: a code of this converter in a tick is {least:.0} V/s", front_end.slew_v_s),
@@ -164,7 +178,7 @@ fn physical(front_end: &FrontEnd, converters: &ConverterParameters, radius: f64)
     };
     PhysicalDescription {
         name,
-        sample_rate_hz: SAMPLE_RATE_HZ,
+        sample_rate_hz: front_end.sample_rate_hz,
         drive_min_mv: drive_mv(converters.dac_code_min),
         drive_max_mv: drive_mv(converters.dac_code_max),
         slew_limit_v_s: front_end.slew_v_s.ceil() as u32,
@@ -181,13 +195,13 @@ fn guard(front_end: &FrontEnd, converters: &ConverterParameters, jump_codes: u32
     GuardParameters {
         adc_code_min: SensorCode::new(rail),
         adc_code_max: SensorCode::highest(converters.adc_bits) - rail,
-        stuck_ticks: ticks(front_end.stuck_s),
+        stuck_ticks: front_end.ticks(front_end.stuck_s),
         jump_codes,
         tracking_error,
-        tracking_ticks: ticks(front_end.tracking_s),
-        ramp_codes: (drive_codes / u32::from(ticks(front_end.ramp_s)).max(1)).max(1).min(converters.slew_codes),
+        tracking_ticks: front_end.ticks(front_end.tracking_s),
+        ramp_codes: (drive_codes / u32::from(front_end.ticks(front_end.ramp_s)).max(1)).max(1).min(converters.slew_codes),
         rest_code: converters.dac_code_min,
-        healthy_ticks: ticks(front_end.healthy_s),
+        healthy_ticks: front_end.ticks(front_end.healthy_s),
     }
 }
 
@@ -201,21 +215,25 @@ pub fn amplifier_parameters(design: &ServoDesign, front_end: &FrontEnd) -> Resul
         return Err(Error::new("parameter block", "is made for a law that acts one period after its reading and has sampled eigenvalues"));
     };
     let model = &design.model;
-    let radius = law.spectral_radius(&model.linear.sampled(SAMPLING_PERIOD_S), 1.0, 0);
+    if model.linear.period_s != front_end.period_s() {
+        let rates = [model.linear.period_s, front_end.period_s()].map(|period_s| (1.0 / period_s).round());
+        return Err(Error::new("front end", format!("samples at {} Hz; the servo was designed for {} Hz", rates[1], rates[0])));
+    }
+    let radius = law.spectral_radius(&model.linear.sampled(), 1.0, 0);
     let converters = converters(front_end, model.drive_min_v, model.drive_max_v)?;
     let servo = design.parameters(converters).map_err(|error| Error::new("design", error.to_string()))?;
     let step_um = converters.adc_step as f64 / 2f64.powi(40);
     let range_um = model.mean_gain_um_v() * (model.drive_max_v - model.drive_min_v);
     let mode = &model.linear.first_mode;
     let fastest_um_s = step_speed(mode) * mode.natural_frequency_rad_s * range_um;
-    let jump_codes = (fastest_um_s * SAMPLING_PERIOD_S / step_um).ceil().clamp(1.0, f64::from(NO_SLEW_LIMIT)) as u32;
+    let jump_codes = (fastest_um_s * model.linear.period_s / step_um).ceil().clamp(1.0, f64::from(NO_SLEW_LIMIT)) as u32;
     let tracking_error = (range_um / 5.0 * 2f64.powi(24)).min(f64::from(i32::MAX)) as i32;
     let parameters = AmplifierParameters {
         physical: physical(front_end, &converters, radius),
         servo,
         guard: guard(front_end, &converters, jump_codes, tracking_error),
     };
-    verify(&parameters, SAMPLE_RATE_HZ).map_err(|error| Error::new("parameter block", error.reason()))?;
+    verify(&parameters, front_end.sample_rate_hz).map_err(|error| Error::new("parameter block", error.reason()))?;
     Ok(parameters)
 }
 
@@ -239,8 +257,19 @@ pub fn wiring_parameters(front_end: &FrontEnd, drive_min_v: f64, drive_max_v: f6
         },
         guard: guard(front_end, &converters, NO_SLEW_LIMIT, i32::MAX),
     };
-    verify(&parameters, SAMPLE_RATE_HZ).map_err(|error| Error::new("parameter block", error.reason()))?;
+    verify(&parameters, front_end.sample_rate_hz).map_err(|error| Error::new("parameter block", error.reason()))?;
     Ok(parameters)
+}
+
+/// A block as a board of any of [`SAMPLE_RATES_HZ`] reads it.
+///
+/// # Errors
+/// What every board would refuse.
+pub fn read_block(bytes: &[u8]) -> std::result::Result<AmplifierParameters, BlockError> {
+    match read(bytes, USUAL_SAMPLE_RATE_HZ) {
+        Err(BlockError::SampleRate(rate_hz)) if SAMPLE_RATES_HZ.contains(&rate_hz) => read(bytes, rate_hz),
+        other => other,
+    }
 }
 
 /// The bytes of a block.
@@ -279,9 +308,13 @@ mod tests {
     #[test]
     fn a_block_without_a_servo_is_one_that_a_board_takes() {
         let bytes = block(&wiring_parameters(&FrontEnd::default(), 0.0, 80.0).expect("fits")).expect("fits");
-        let read = hysteron_core::parameter_block::read(&bytes, SAMPLE_RATE_HZ).expect("valid");
+        let read = read_block(&bytes).expect("valid");
         assert_eq!((read.servo.law, read.guard.rest_code), (LawParameters::Hold, read.servo.converters.dac_code_min));
         assert!((i64::from(read.physical.drive_max_mv) - 80_000).abs() < 3);
+        let fast = FrontEnd { sample_rate_hz: 100_000, ..FrontEnd::default() };
+        let of_fast = wiring_parameters(&fast, 0.0, 80.0).expect("fits");
+        assert_eq!(read_block(&block(&of_fast).expect("fits")), Ok(of_fast));
+        assert_eq!((of_fast.guard.healthy_ticks, of_fast.servo.converters.slew_codes), (10_000, read.servo.converters.slew_codes / 5));
         let beyond = wiring_parameters(&FrontEnd::default(), 0.0, 150.0).expect_err("beyond the converter").to_string();
         assert!(beyond.contains("150"), "{beyond}");
     }
@@ -293,6 +326,7 @@ mod tests {
             ("sensor_mix_um = 1.0", "unknown field"),
             ("drive_bits = 21", "8 to 20"),
             ("sensor_bits = 7", "8 to 20"),
+            ("sample_rate_hz = 30000", "[20000, 50000, 100000]"),
             ("name = 3", "invalid type"),
             ("slew_v_s = 0.0", "more than 0"),
         ] {

@@ -53,19 +53,17 @@ pub struct ChainPlant<'a> {
 }
 
 impl<'a> ChainPlant<'a> {
-    /// At rest at the lowest drive, never driven beyond it.
+    /// At rest at the lowest drive, never driven beyond it; in steps of this sampling period, s.
     #[must_use]
-    pub fn at_rest(chain: &Model, low_v: f64) -> Self {
-        Self::changed(chain, HysteresisChange::NONE, low_v)
+    pub fn at_rest(chain: &Model, low_v: f64, period_s: f64) -> Self {
+        Self::changed(chain, HysteresisChange::NONE, low_v, period_s)
     }
 
     /// The same with another hysteresis.
     #[must_use]
-    pub fn changed(chain: &Model, change: HysteresisChange, low_v: f64) -> Self {
-        let setting = Setting {
-            substeps: SUBSTEPS,
-            ..Setting::of_held_drive(chain.drive_min_v, chain.drive_max_v, SAMPLING_PERIOD_S / SUBSTEPS as f64)
-        };
+    pub fn changed(chain: &Model, change: HysteresisChange, low_v: f64, period_s: f64) -> Self {
+        let setting =
+            Setting { substeps: SUBSTEPS, ..Setting::of_held_drive(chain.drive_min_v, chain.drive_max_v, period_s / SUBSTEPS as f64) };
         let stages = position_and_reading_apart(chain, &setting).into_iter().map(|(place, mut stage)| {
             stage.settle(if place <= Place::Hysteresis { low_v } else { 0.0 });
             (place, (place >= Place::SensorNonlinearity, stage))
@@ -150,7 +148,7 @@ mod tests {
         // Up, down, and up to the middle: behind the loop over the whole range.
         let drive_v = |k: usize| [0.0, 100.0, 50.0, 0.0, 50.0, 100.0][k];
         let positions = |change: HysteresisChange| {
-            let mut plant = ChainPlant::changed(&chain, change, 0.0);
+            let mut plant = ChainPlant::changed(&chain, change, 0.0, SAMPLING_PERIOD_S);
             let mut at = Vec::new();
             for k in 0..5 {
                 for share in 1..=200 {
@@ -179,7 +177,7 @@ mod tests {
             ids.iter().for_each(|id| {
                 chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, &[]));
             });
-            let mut plant = ChainPlant::at_rest(&chain, 0.0);
+            let mut plant = ChainPlant::at_rest(&chain, 0.0, SAMPLING_PERIOD_S);
             (0..20_000).for_each(|_| plant.advance(0.0, 0.3));
             assert!((plant.displacement_um() - 0.3).abs() < 1e-6 && (plant.sensor_um() - 0.3).abs() < 1e-6, "{ids:?}");
         }
@@ -197,7 +195,7 @@ mod tests {
             for (id, values) in effects.iter().filter(|(id, _)| with_mode || *id != "vibration") {
                 chain.add(EffectInstance::new(by_id(id).unwrap(), &overview, values));
             }
-            let mut plant = ChainPlant::at_rest(&chain, 0.0);
+            let mut plant = ChainPlant::at_rest(&chain, 0.0, SAMPLING_PERIOD_S);
             let (per_period_v, periods) = (0.05, 400);
             for k in 0..periods {
                 plant.advance(per_period_v * f64::from(k), 0.0);

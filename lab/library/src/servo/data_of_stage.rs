@@ -46,6 +46,9 @@ fn missing_drive(recording: Option<&ServoRecording>, hz: f64, times: f64) -> Str
         }
         return format!("your record `{name}` shows more there than the model has: identify with another effect, such as second_mode");
     }
+    if hz > RECOMMENDED_MULTISINE_HZ {
+        return format!("record a multisine to beyond {hz:.0} Hz, sampled fast enough for it, 2 s, beside the other records");
+    }
     format!(
         "record a multisine to {RECOMMENDED_MULTISINE_HZ:.0} Hz at {:.0} Hz, 2 s, beside the other records (`hysteron drives` writes it)",
         1.0 / SAMPLING_PERIOD_S
@@ -116,7 +119,7 @@ pub(super) fn first_mode_shown(recording: &ServoRecording, mode: &ModeModel) -> 
 /// Where they do, with the figures.
 pub(super) fn require_described(recording: &ServoRecording, linear: &LinearModel) -> Result<(), String> {
     let first_hz = linear.first_mode.natural_frequency_rad_s / TAU;
-    let sampled = linear.sampled(SAMPLING_PERIOD_S);
+    let sampled = linear.sampled();
     let (hz, missing, has) = recording
         .frequency_hz
         .iter()

@@ -4,7 +4,7 @@
 use super::disturbance_observer::{self, DisturbanceObserverGains};
 use super::gain_adaptation::AdaptationDesign;
 use super::learned_feedforward::LearningDesign;
-use super::model::{ActuatorModel, NominalModel, SAMPLING_PERIOD_S};
+use super::model::{ActuatorModel, NominalModel};
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, frequency_response, tune};
 use super::quantise::{self, QuantisationError, Unit};
 use super::regulator_loop;
@@ -204,6 +204,12 @@ impl ServoDesign {
         Some(out)
     }
 
+    /// Sampling period of its loop, s.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        self.model.linear.period_s
+    }
+
     /// Name of the scheme.
     #[must_use]
     pub fn scheme_name(&self) -> &'static str {
@@ -312,10 +318,10 @@ impl ServoDesign {
             }
             Scheme::Feedforward { gains, notch, creep_inverse } => {
                 let ahead = if self.delayed { 1.0 } else { 0.0 };
-                let sampled = self.model.linear.sampled(SAMPLING_PERIOD_S);
-                let feedforward = window_fit::fit(SAMPLING_PERIOD_S, |w| {
+                let sampled = self.model.linear.sampled();
+                let feedforward = window_fit::fit(self.period_s(), |w| {
                     let notched = notch.map_or(Complex::new(1.0, 0.0), |n| n.response(w));
-                    Complex::from_polar(1.0, ahead * w * SAMPLING_PERIOD_S) / (frequency_response(&sampled, w) * notched)
+                    Complex::from_polar(1.0, ahead * w * self.period_s()) / (frequency_response(&sampled, w) * notched)
                 });
                 let (creep, creep_pair) =
                     if *creep_inverse { (self.model.creep.as_slice(), self.model.creep_pair.as_ref()) } else { (&[][..], None) };
@@ -325,7 +331,7 @@ impl ServoDesign {
         };
         let learning = self.learning.as_ref().map(LearningDesign::quantised).transpose()?;
         let adaptation = self.adaptation.as_ref().map(AdaptationDesign::quantised).transpose()?;
-        let sensor_lag = self.sensor_lag_s.map_or(Ok(SensorLag::NONE), sensor_lag::quantised)?;
+        let sensor_lag = self.sensor_lag_s.map_or(Ok(SensorLag::NONE), |lag_s| sensor_lag::quantised(lag_s, self.period_s()))?;
         Ok(ServoParameters { sensor_lag, converters, actuator, law, delayed: self.delayed, learning, adaptation })
     }
 }

@@ -14,7 +14,7 @@
 //! at a take-over: to the disturbance observer that is one more constant disturbance, and the analysis here
 //! leaves it out.
 
-use super::model::{LinearModel, SAMPLING_PERIOD_S};
+use super::model::LinearModel;
 use super::predictor::{Demands, PredictorDesign, STATES, TuningJudgement, best_of, feedforward};
 use hysteron_sim::linear_system::ContinuousSystem;
 use nalgebra::{DMatrix, DVector};
@@ -38,7 +38,7 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
     let mut a = DMatrix::zeros(STATES, STATES);
     let (mut b, mut l, mut k) = (DVector::zeros(STATES), DVector::zeros(STATES), DVector::zeros(STATES));
     // Q / P_n by Tustin's rule: b0 + b1 / z + b2 / z^2 over (1 - p / z)^2, written as two lags of unit gain.
-    let c = 2.0 / SAMPLING_PERIOD_S;
+    let c = 2.0 / linear.period_s;
     let leading = (c + wq).powi(2) / (wq / w).powi(2);
     let [b0, b1, b2] = [c * c + 2.0 * xi * w * c + w * w, 2.0 * (w * w - c * c), c * c - 2.0 * xi * w * c + w * w].map(|v| v / leading);
     let p = (c - wq) / (c + wq);
@@ -58,14 +58,14 @@ pub fn law(linear: &LinearModel, gains: &DisturbanceObserverGains) -> PredictorD
         c: DVector::from_row_slice(&[0.0, 1.0]),
         d: 0.0,
     };
-    let (phi, gamma) = q.held_matrices(SAMPLING_PERIOD_S);
+    let (phi, gamma) = q.held_matrices(linear.period_s);
     a.view_mut((3, 3), (2, 2)).copy_from(&phi);
     b.view_mut((3, 0), (2, 1)).copy_from(&gamma);
     // What was applied up to the reading, not what acts from now on.
     a[(5, 4)] = 1.0;
     k[2] = 1.0;
     k[5] = -1.0;
-    PredictorDesign { a, b, c: DVector::zeros(STATES), l, k, feedforward: feedforward(&linear.sampled(SAMPLING_PERIOD_S)) }
+    PredictorDesign { a, b, c: DVector::zeros(STATES), l, k, feedforward: feedforward(&linear.sampled()), period_s: linear.period_s }
 }
 
 /// The gains with the smallest expected error of those that keep the same margins as a predictor, with what
@@ -92,6 +92,7 @@ mod tests {
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: 5e-5,
         }
     }
 
@@ -99,7 +100,7 @@ mod tests {
     #[test]
     fn a_constant_unknown_input_leaves_no_error() {
         let design = law(&plant(), &DisturbanceObserverGains { cutoff_rad_s: 1000.0, proportional: 0.2 });
-        let sampled = plant().sampled(SAMPLING_PERIOD_S);
+        let sampled = plant().sampled();
         assert!(design.spectral_radius(&sampled, 1.0, 0) < 1.0);
         let (unknown, _) = design.sensitivities(&sampled, 1e-3);
         assert!(unknown.norm() < 1e-5, "{unknown}");

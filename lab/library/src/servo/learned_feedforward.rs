@@ -19,7 +19,7 @@
 //!
 //! All are rounded to the tick's integers here, and what is shown is the convergence of the rounded ones.
 
-use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S};
+use super::model::{LinearModel, ModeModel, is_usual_period, usual_period_s};
 use super::plant_set::PlantVariation;
 use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::quantise::{QuantisationError, number, row_um};
@@ -121,6 +121,9 @@ pub struct LearningDesign {
     pub most_halvings: u8,
     /// Number of plants of the set.
     pub plants: usize,
+    /// Sampling period of the loop, s.
+    #[serde(default = "usual_period_s", skip_serializing_if = "is_usual_period")]
+    pub period_s: f64,
     /// The proof.
     pub convergence: Vec<ConvergencePoint>,
 }
@@ -136,9 +139,9 @@ struct Met {
     missing: f64,
 }
 
-/// `sum c_i e^(j w (i - before))`.
-fn response(taps: &[f64], before: usize, hz: f64) -> Complex<f64> {
-    let step = TAU * hz * SAMPLING_PERIOD_S;
+/// `sum c_i e^(j w T (i - before))`.
+fn response(taps: &[f64], before: usize, period_s: f64, hz: f64) -> Complex<f64> {
+    let step = TAU * hz * period_s;
     taps.iter().enumerate().map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before as f64))).sum()
 }
 
@@ -231,8 +234,8 @@ fn met(law: &PredictorDesign, task: &Task<'_>, plants: &[(f64, LinearModel)]) ->
 
 /// `L`: least squares over the set, with as much weight on its taps as it takes to bring their sum below
 /// [`LARGEST_SUM`]: noise near half the sampling rate is what they would otherwise be spent on.
-fn learning_taps(met: &[Met]) -> Option<Vec<f64>> {
-    let (a, b) = normal_equations(met);
+fn learning_taps(met: &[Met], period_s: f64) -> Option<Vec<f64>> {
+    let (a, b) = normal_equations(met, period_s);
     let mean = a.trace() / LEARNING_TAPS as f64;
     (0..12).find_map(|nth| {
         let weight = mean * TAP_WEIGHT * 3f64.powi(nth);
@@ -280,7 +283,7 @@ fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
     let mut a = DMatrix::<f64>::zeros(WINDOW, WINDOW);
     let mut b = DVector::<f64>::zeros(WINDOW);
     let mut add = |hz: f64, power: f64, target: Complex<f64>, weight: f64| {
-        let step = TAU * hz * SAMPLING_PERIOD_S;
+        let step = TAU * hz * law.period_s;
         for i in 0..WINDOW {
             // |P F - 1|: the real part of conj(P e_i).
             b[i] += weight * (Complex::from_polar(1.0, -step * (i as f64 - before)) * target).re;
@@ -315,7 +318,7 @@ fn wide_feedforward(law: &PredictorDesign, task: &Task<'_>) -> Vec<f64> {
     found.filter(|taps| left(&with_feedforward(law, taps)) < left(law)).unwrap_or_default()
 }
 
-fn normal_equations(met: &[Met]) -> (DMatrix<f64>, DVector<f64>) {
+fn normal_equations(met: &[Met], period_s: f64) -> (DMatrix<f64>, DVector<f64>) {
     let mut a = DMatrix::<f64>::zeros(LEARNING_TAPS, LEARNING_TAPS);
     let mut b = DVector::<f64>::zeros(LEARNING_TAPS);
     let mut last_hz = 0.0;
@@ -326,7 +329,7 @@ fn normal_equations(met: &[Met]) -> (DMatrix<f64>, DVector<f64>) {
         // What cannot be learned anyway must not spoil what can.
         let weight = (mean.norm() / here.missing.max(1e-12)).min(1.0) * (here.hz - last_hz);
         last_hz = here.hz;
-        let step = TAU * here.hz * SAMPLING_PERIOD_S;
+        let step = TAU * here.hz * period_s;
         let cosines: Vec<f64> = (0..LEARNING_TAPS).map(|lag| weight * power * (step * lag as f64).cos()).collect();
         for i in 0..LEARNING_TAPS {
             let turned = Complex::from_polar(1.0, step * (i as f64 - LEARNING_BEFORE as f64)) * mean;
@@ -352,9 +355,9 @@ fn allowed(worst: f64) -> (f64, f64) {
 /// `Q`: symmetric taps with the least that is left for good, over the set and over references with corners,
 /// within what is allowed. Least squares in which every frequency that is not within its limits gets a larger
 /// weight on the nearer limit until all are.
-fn robustness_taps(judged: &[Judged]) -> Vec<f64> {
+fn robustness_taps(judged: &[Judged], period_s: f64) -> Vec<f64> {
     let half = ROBUSTNESS_TAPS / 2;
-    let step_hz = 0.5 / SAMPLING_PERIOD_S / POINTS as f64;
+    let step_hz = 0.5 / period_s / POINTS as f64;
     /// A frequency: `Q` there from the taps, what is allowed, the weight on one, and the weight on the nearer
     /// limit.
     struct Point {
@@ -454,30 +457,31 @@ impl LearningDesign {
     /// # Errors
     /// A message that says why nothing can be learned.
     pub fn new(law: &PredictorDesign, task: &Task<'_>, travel_um: f64) -> Result<Self, String> {
+        let period_s = task.linear.period_s;
         let plants = plants(task);
         let feedforward = rounded(&wide_feedforward(law, task), OUTPUT_ROW_FRACTION_BITS);
         let law = &with_feedforward(law, &feedforward);
         let met = met(law, task, &plants);
-        let taps =
-            learning_taps(&met).ok_or("no learning filter: the loop answers a correction too little, or its response is no number")?;
+        let taps = learning_taps(&met, period_s)
+            .ok_or("no learning filter: the loop answers a correction too little, or its response is no number")?;
         let learning = rounded(&taps, LEARNING_FRACTION_BITS);
         let one = Complex::new(1.0, 0.0);
         let judged: Vec<Judged> = met
             .iter()
             .map(|here| {
-                let l = response(&learning, LEARNING_BEFORE, here.hz);
+                let l = response(&learning, LEARNING_BEFORE, period_s, here.hz);
                 let left = |t: &Complex<f64>| (one - l * t).norm();
                 let worst = here.set.iter().map(left).fold(0.0, f64::max) + l.norm() * here.missing;
                 let missed = here.set.iter().map(|t| (one - t).norm_sqr()).sum::<f64>() / here.set.len().max(1) as f64;
                 Judged { hz: here.hz, nominal: left(&here.nominal), worst, missed }
             })
             .collect();
-        let robustness = rounded(&robustness_taps(&judged), ROBUSTNESS_FRACTION_BITS);
+        let robustness = rounded(&robustness_taps(&judged, period_s), ROBUSTNESS_FRACTION_BITS);
         let convergence: Vec<ConvergencePoint> = judged
             .iter()
             .map(|here| ConvergencePoint {
                 hz: here.hz,
-                robustness: response(&robustness, ROBUSTNESS_BEFORE, here.hz).re,
+                robustness: response(&robustness, ROBUSTNESS_BEFORE, period_s, here.hz).re,
                 nominal: here.nominal,
                 worst: here.worst,
             })
@@ -491,6 +495,7 @@ impl LearningDesign {
             periods_per_halving: PERIODS_PER_HALVING,
             most_halvings: MOST_HALVINGS,
             plants: plants.len(),
+            period_s,
             convergence,
         };
         let (contraction, hz) = out.worst_contraction();
@@ -529,8 +534,8 @@ impl LearningDesign {
         let law = &self.of(law);
         let at = |hz: f64| {
             let t = from_correction(law, frequency_response(&plant, TAU * hz), hz);
-            let left = Complex::new(1.0, 0.0) - response(&self.learning, LEARNING_BEFORE, hz) * t;
-            (left * response(&self.robustness, ROBUSTNESS_BEFORE, hz)).norm()
+            let left = Complex::new(1.0, 0.0) - response(&self.learning, LEARNING_BEFORE, self.period_s, hz) * t;
+            (left * response(&self.robustness, ROBUSTNESS_BEFORE, self.period_s, hz)).norm()
         };
         let all = frequency_grid_hz(linear).into_iter().map(|hz| (at(hz), hz));
         all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.0))
@@ -540,7 +545,7 @@ impl LearningDesign {
     /// make an error worse.
     #[must_use]
     pub fn what_closes(&self) -> String {
-        let apart_hz = 1.0 / (ROBUSTNESS_TAPS as f64 * SAMPLING_PERIOD_S);
+        let apart_hz = 1.0 / (ROBUSTNESS_TAPS as f64 * self.period_s);
         self.convergence.iter().find(|p| p.worst >= 1.0).map_or_else(
             || "the filter that decides what is learned is closed".to_owned(),
             |p| {
@@ -592,7 +597,7 @@ impl LearningDesign {
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::SampledModel;
+    use super::super::model::{SAMPLING_PERIOD_S, SampledModel};
     use super::super::predictor::{Demands, PredictorTuning};
     use super::super::recording::ServoRecording;
     use super::*;
@@ -603,6 +608,7 @@ mod tests {
             second_mode: Some((0.03, ModeModel { natural_frequency_rad_s: 25_000.0, damping_ratio: 0.02 })),
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: 5e-5,
         }
     }
 
@@ -692,9 +698,9 @@ mod tests {
     fn what_must_not_be_learned_costs_little_of_what_may() {
         let narrow = |hz: f64| Judged { hz, nominal: 0.1, worst: if (1900.0..2100.0).contains(&hz) { 2.0 } else { 0.2 }, missed: 1.0 };
         let judged: Vec<Judged> = (0..1000).map(|i| narrow(10.0 * f64::from(i) + 5.0)).collect();
-        let taps = robustness_taps(&judged);
+        let taps = robustness_taps(&judged, SAMPLING_PERIOD_S);
         assert!(taps[0] == 0.0 && (1..ROBUSTNESS_TAPS).all(|i| taps[i].to_bits() == taps[ROBUSTNESS_TAPS - i].to_bits()), "symmetric");
-        let q = |hz: f64| response(&taps, ROBUSTNESS_BEFORE, hz).re;
+        let q = |hz: f64| response(&taps, ROBUSTNESS_BEFORE, SAMPLING_PERIOD_S, hz).re;
         for here in &judged {
             let (least, largest) = allowed(here.worst);
             assert!(q(here.hz) < 1.02 * largest && q(here.hz) > 1.02 * least, "{} Hz: {} of {largest}", here.hz, q(here.hz));
@@ -740,8 +746,8 @@ mod tests {
             let about = (-20..=20).map(|i| mode_hz * (1.0 + 0.003 * f64::from(i)));
             for hz in (0..660).map(|i| 3.7 + 15.1 * f64::from(i)).chain(about) {
                 let t = from_correction(&law, frequency_response(&plant, TAU * hz), hz);
-                let q = response(&design.robustness, ROBUSTNESS_BEFORE, hz);
-                let kept = q * (one - response(&design.learning, LEARNING_BEFORE, hz) * t);
+                let q = response(&design.robustness, ROBUSTNESS_BEFORE, SAMPLING_PERIOD_S, hz);
+                let kept = q * (one - response(&design.learning, LEARNING_BEFORE, SAMPLING_PERIOD_S, hz) * t);
                 most_kept = most_kept.max(kept.norm());
                 most_left = most_left.max(((one - q) / (one - kept)).norm());
             }

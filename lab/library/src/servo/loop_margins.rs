@@ -12,7 +12,7 @@
 //! loop ([`super::from_rest`]).
 
 use super::from_rest::Beginning;
-use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::model::{LinearModel, ModeModel, SampledModel};
 use super::moving_mode::ReferenceBand;
 use super::plant_set::PlantVariation;
 use super::predictor::{PredictorDesign, frequency_response};
@@ -191,13 +191,13 @@ impl Loop<'_> {
         let gain = |gain: f64| PlantVariation { gain, ..PlantVariation::NONE };
         let mass = |mass_ratio: f64| PlantVariation { mass_ratio, ..PlantVariation::NONE };
         let delay = |delay_s: f64| PlantVariation { delay_s, ..PlantVariation::NONE };
-        let delays = (1..).map(|i| 0.1 * f64::from(i)).take_while(|d| *d <= longest_delay).map(|d| d * SAMPLING_PERIOD_S);
+        let delays = (1..).map(|i| 0.1 * f64::from(i)).take_while(|d| *d <= longest_delay).map(|d| d * self.linear.period_s);
         FirstUnstable {
             gain_up: self.first(laws, 1.0, steps(1.05), &gain),
             gain_down: self.first(laws, 1.0, steps(1.0 / 1.05), &gain),
             mass_up: self.first(laws, 1.0, steps(1.05), &mass),
             mass_down: self.first(laws, 1.0, steps(1.0 / 1.05), &mass),
-            delay_s: self.first(laws, 1e-3 * SAMPLING_PERIOD_S, delays, &delay),
+            delay_s: self.first(laws, 1e-3 * self.linear.period_s, delays, &delay),
             mode: mode(),
         }
     }
@@ -215,7 +215,7 @@ impl Loop<'_> {
     /// about it.
     fn worst_mode(&self, laws: &[PredictorDesign]) -> Option<UnstableMode> {
         let lowest_hz = self.linear.first_mode.natural_frequency_rad_s / TAU;
-        let highest_hz = 0.5 / SAMPLING_PERIOD_S;
+        let highest_hz = 0.5 / self.linear.period_s;
         let mut worst: Option<UnstableMode> = None;
         let mut look = |hz: f64| {
             // A mode of this damping has a peak of its share over twice the damping ratio.
@@ -260,13 +260,13 @@ impl Loop<'_> {
         let mut noise_power = 0.0;
         let mut last_hz = 0.0;
         for point in &response {
-            noise_power += point.complementary.powi(2) * (point.hz - last_hz) * 2.0 * SAMPLING_PERIOD_S;
+            noise_power += point.complementary.powi(2) * (point.hz - last_hz) * 2.0 * self.linear.period_s;
             last_hz = point.hz;
         }
         LoopMargins {
             gain_ratio: self.gain_ratio,
             spectral_radius,
-            worst_case: worst_case(&self.gain_ratio, &spectral_radius, &first_unstable, &first_swinging),
+            worst_case: worst_case(&self.gain_ratio, &spectral_radius, [&first_unstable, &first_swinging], self.linear.period_s),
             gain_margin: first_unstable.gain_up,
             phase_margin_deg: phase_margin_deg(&response.iter().map(|p| Complex::new(p.open[0], p.open[1])).collect::<Vec<_>>()),
             bandwidth_hz: response.iter().find(|p| p.sensitivity > 0.5f64.sqrt()).map(|p| p.hz),
@@ -341,15 +341,15 @@ pub(super) fn differ(a: f64, b: f64) -> bool {
 }
 
 /// What comes first of all that was judged.
-fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], first: &FirstUnstable, swinging: &FirstUnstable) -> String {
+fn worst_case(gain_ratio: &[f64; 3], radius: &[f64; 3], [first, swinging]: [&FirstUnstable; 2], period_s: f64) -> String {
     let unstable = gain_ratio.iter().zip(radius).find(|(_, radius)| radius.is_nan() || **radius >= 1.0);
     if let Some((ratio, radius)) = unstable {
         return format!(
             "unstable where the actuator's gain is {ratio:.2} times the one that the law inverts (largest eigenvalue {radius:.4})"
         );
     }
-    let free = least_reserve(first).map(|(reserve, text)| (reserve, format!("{text} makes it unstable")));
-    let limited = least_reserve(swinging)
+    let free = least_reserve(first, period_s).map(|(reserve, text)| (reserve, format!("{text} makes it unstable")));
+    let limited = least_reserve(swinging, period_s)
         .filter(|(reserve, _)| free.as_ref().is_none_or(|(of_free, _)| *reserve < (1.0 - NO_DIFFERENCE) * of_free))
         .map(|(_, text)| format!("{text} may keep it swinging once the drive was at a limit"));
     match (free, limited) {
@@ -375,7 +375,7 @@ pub(super) fn unstable_from(value: f64, digits: usize, upwards: bool) -> String 
 }
 
 /// What comes first of the first unstable values, with how far it can go as a factor.
-fn least_reserve(first: &FirstUnstable) -> Option<(f64, String)> {
+fn least_reserve(first: &FirstUnstable, period_s: f64) -> Option<(f64, String)> {
     let mut cases: Vec<(f64, String)> = Vec::new();
     let mut add = |reserve: Option<f64>, text: String| cases.extend(reserve.map(|r| (r, text)));
     let from = |value: Option<f64>, digits: usize, upwards: bool| unstable_from(value.unwrap_or(f64::NAN), digits, upwards);
@@ -387,7 +387,7 @@ fn least_reserve(first: &FirstUnstable) -> Option<(f64, String)> {
     add(first.mass_up, format!("{} times the mass", from(first.mass_up, 2, true)));
     add(first.mass_down.map(|m| 1.0 / m), format!("{} times the mass", from(first.mass_down, 2, false)));
     let delay_us = first.delay_s.map(|d| 1e6 * d);
-    add(first.delay_s.map(|d| 1.0 + d / SAMPLING_PERIOD_S), format!("{} us more of delay", from(delay_us, 0, true)));
+    add(first.delay_s.map(|d| 1.0 + d / period_s), format!("{} us more of delay", from(delay_us, 0, true)));
     if let Some(mode) = first.mode {
         add(
             Some(1.0 + mode.share / 0.05),
@@ -407,11 +407,11 @@ mod tests {
         assert_eq!([shown(2.0013, true), shown(2.0, true), shown(0.5, false), shown(0.3889, false)], ["2.01", "2.00", "0.50", "0.38"]);
         assert_eq!(unstable_from(70.2, 0, true), "71");
         let first = FirstUnstable { mass_up: Some(2.0013), ..FirstUnstable::default() };
-        let said = worst_case(&[1.0; 3], &[0.9; 3], &first, &FirstUnstable::default());
+        let said = worst_case(&[1.0; 3], &[0.9; 3], [&first, &FirstUnstable::default()], 5e-5);
         assert_eq!(said, "2.01 times the mass makes it unstable");
         // Not "0.6 %", with which it is stable.
         let mode = UnstableMode { frequency_hz: 2834.0, damping_ratio: 0.02, share: 0.006_47 };
-        let said = worst_case(&[1.0; 3], &[0.9; 3], &FirstUnstable { mode: Some(mode), ..first }, &FirstUnstable::default());
+        let said = worst_case(&[1.0; 3], &[0.9; 3], [&FirstUnstable { mode: Some(mode), ..first }, &FirstUnstable::default()], 5e-5);
         assert!(said.contains("with 0.65 % of the motion"), "{said}");
     }
 }

@@ -14,7 +14,7 @@
 //! }
 //! let servo = design(&stage, &Demands { sensor_noise_um: 0.004, ..Demands::default() })?;
 //! assert!(check(&servo, &stage)?.stable);
-//! let reference = Reference::named("sine:10:4")?;
+//! let reference = Reference::named("sine:10:4", servo.period_s())?;
 //! let track = follow(&stage, &servo, &reference, "sine:10:4", &Work::default())?;
 //! assert!(track.truth.rms_um < 0.02);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

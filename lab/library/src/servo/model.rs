@@ -15,8 +15,16 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// Sampling period of the loop, s (thesis Ch. 7, 2.1).
+/// Sampling period of a loop of which nothing else is known, s (thesis Ch. 7, 2.1).
 pub const SAMPLING_PERIOD_S: f64 = 5e-5;
+
+pub(super) fn usual_period_s() -> f64 {
+    SAMPLING_PERIOD_S
+}
+
+pub(super) fn is_usual_period(period_s: &f64) -> bool {
+    *period_s == SAMPLING_PERIOD_S
+}
 
 /// One second-order mode of unit static gain.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,6 +96,9 @@ pub struct LinearModel {
     pub amplifier_bandwidth_hz: Option<f64>,
     /// Bandwidth of the sensor, Hz.
     pub sensor_bandwidth_hz: Option<f64>,
+    /// Sampling period of the loop that is closed around them, s.
+    #[serde(default = "usual_period_s", skip_serializing_if = "is_usual_period")]
+    pub period_s: f64,
 }
 
 /// The linear dynamics, sampled: `x+ = a x + b v`, `y = c x`.
@@ -99,6 +110,8 @@ pub struct SampledModel {
     pub b: DVector<f64>,
     /// Reading, a row.
     pub c: DVector<f64>,
+    /// Sampling period, s.
+    pub period_s: f64,
 }
 
 impl LinearModel {
@@ -168,10 +181,10 @@ impl LinearModel {
 
     /// Sampled with the input held.
     #[must_use]
-    pub fn sampled(&self, period_s: f64) -> SampledModel {
+    pub fn sampled(&self) -> SampledModel {
         let system = self.continuous();
-        let (a, b) = system.held_matrices(period_s);
-        SampledModel { a, b, c: system.c }
+        let (a, b) = system.held_matrices(self.period_s);
+        SampledModel { a, b, c: system.c, period_s: self.period_s }
     }
 }
 
@@ -356,6 +369,7 @@ pub fn actuator_model(chain: &Model) -> Option<ActuatorModel> {
             second_mode: chain.values(second_mode::ID).and_then(|v| Some((*v.first()?, mode(v.get(1..)?)?))),
             amplifier_bandwidth_hz: chain.values(amplifier_bandwidth::ID).and_then(|v| v.first().copied()),
             sensor_bandwidth_hz: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()),
+            period_s: SAMPLING_PERIOD_S,
         },
         creep,
         creep_pair,

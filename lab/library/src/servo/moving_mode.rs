@@ -9,7 +9,7 @@
 //! mode that moves comes from feedforward and from gain about the mode together. [`MovingMode::deviation`] is
 //! what the choice of a tuning weighs.
 
-use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::model::{LinearModel, ModeModel, SampledModel};
 use super::plant_set::PlantVariation;
 use super::predictor::{PredictorDesign, frequency_response, reference_response};
 use super::robust::law_response;
@@ -51,7 +51,7 @@ impl ReferenceBand {
     /// Of a law on an actuator, its input multiplied by `gain`.
     #[must_use]
     pub fn of(law: &PredictorDesign, plant: &SampledModel, gain: f64) -> Self {
-        let highest_hz = 0.5 / SAMPLING_PERIOD_S;
+        let highest_hz = 0.5 / plant.period_s;
         let mut out = Self { bandwidth_hz: highest_hz, peak: 1.0 };
         for i in 1..(highest_hz / STEP_HZ) as u32 {
             let hz = STEP_HZ * f64::from(i);
@@ -115,6 +115,7 @@ impl MovingMode {
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::SAMPLING_PERIOD_S;
     use super::super::predictor::{Demands, PredictorTuning};
     use super::super::robust::{ModeSpread, Task};
     use super::*;
@@ -125,6 +126,7 @@ mod tests {
             second_mode: Some((0.02, ModeModel { natural_frequency_rad_s: TAU * 5000.0, damping_ratio: 0.02 })),
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: 5e-5,
         }
     }
 
@@ -132,7 +134,7 @@ mod tests {
     #[test]
     fn a_reference_becomes_what_the_running_loop_makes_of_it() {
         let law = PredictorDesign::new(&light(), &PredictorTuning::START);
-        let moved = with_first_mode_at(&light(), 0.9).sampled(SAMPLING_PERIOD_S);
+        let moved = with_first_mode_at(&light(), 0.9).sampled();
         for hz in [200.0, 500.0, 800.0] {
             let turn = |k: usize| TAU * hz * SAMPLING_PERIOD_S * k as f64;
             let reference = |k: i64| (TAU * hz * SAMPLING_PERIOD_S * k as f64).cos();
@@ -175,10 +177,10 @@ mod tests {
         let worst = |law: &PredictorDesign| MovingMode::new(&light(), law, 0.2, 0.0).deviation(|hz| law_response(law, hz));
         assert!(worst(&moving) < 0.7 * worst(&usual), "{} {}", worst(&moving), worst(&usual));
         for factor in [0.8, 0.87, 1.0, 1.13, 1.2] {
-            let plant = with_first_mode_at(&light(), factor).sampled(SAMPLING_PERIOD_S);
+            let plant = with_first_mode_at(&light(), factor).sampled();
             assert!(moving.spectral_radius(&plant, 1.0, 0) < 1.0, "{factor}");
         }
-        let band = ReferenceBand::of(&moving, &light().sampled(SAMPLING_PERIOD_S), 1.0);
+        let band = ReferenceBand::of(&moving, &light().sampled(), 1.0);
         assert!(band.bandwidth_hz > FOLLOWED_TO * 739.0 && band.peak < 1.1, "{band:?}");
     }
 }

@@ -141,8 +141,8 @@ fn with_second_mode(chain: &Model, second: Option<(f64, ModeModel)>) -> Model {
 /// What is left of a second mode whose resonance is no fact: its compliance, which the drive does show below
 /// it. Without that the model would move too late by the share of the motion that does not go through the
 /// first mode.
-fn without_resonance((share, mode): (f64, ModeModel)) -> (f64, ModeModel) {
-    let highest = HIGHEST_COMPLIANCE * PI / SAMPLING_PERIOD_S;
+fn without_resonance((share, mode): (f64, ModeModel), period_s: f64) -> (f64, ModeModel) {
+    let highest = HIGHEST_COMPLIANCE * PI / period_s;
     let natural_frequency_rad_s = mode.natural_frequency_rad_s.min(highest);
     (share, ModeModel { natural_frequency_rad_s, damping_ratio: mode.damping_ratio.max(FRAC_1_SQRT_2) })
 }
@@ -161,34 +161,35 @@ pub(super) fn require_known_in_a_loop(chain: &Model) -> Result<(), String> {
     }
 }
 
-/// Whether references can have so high a frequency, Hz, whatever the actuator.
+/// Whether references of a loop with this sampling period, s, can have so high a frequency, Hz, whatever the
+/// actuator.
 ///
 /// # Errors
 /// What was expected.
-pub fn reasonable_frequency(reference_hz: f64) -> Result<(), String> {
-    let fastest_hz = 0.5 / SAMPLING_PERIOD_S;
+pub fn reasonable_frequency(reference_hz: f64, period_s: f64) -> Result<(), String> {
+    let fastest_hz = 0.5 / period_s;
     let is_reasonable = reference_hz > 0.0 && reference_hz < fastest_hz;
     if is_reasonable { Ok(()) } else { Err(format!("{reference_hz}; expected above 0 and below {fastest_hz}")) }
 }
 
-/// Whether the lag of a sensor with this bandwidth, Hz, can be undone, whatever the actuator.
+/// Whether a loop with this sampling period, s, can undo the lag of a sensor with this bandwidth, Hz, whatever
+/// the actuator.
 ///
 /// # Errors
 /// What was expected.
-pub fn reasonable_bandwidth(sensor_bandwidth_hz: Option<f64>) -> Result<(), String> {
+pub fn reasonable_bandwidth(sensor_bandwidth_hz: Option<f64>, period_s: f64) -> Result<(), String> {
+    let least_hz = sensor_lag::least_bandwidth_hz(period_s);
     match sensor_bandwidth_hz {
-        Some(hz) if !(hz >= sensor_lag::LEAST_BANDWIDTH_HZ && hz.is_finite()) => Err(format!(
-            "{hz}; expected at least {:.0}, the lag of {:.0} periods",
-            sensor_lag::LEAST_BANDWIDTH_HZ.ceil(),
-            sensor_lag::LARGEST_LAG_S / SAMPLING_PERIOD_S
-        )),
+        Some(hz) if !(hz >= least_hz && hz.is_finite()) => {
+            Err(format!("{hz}; expected at least {:.0}, the lag of {:.0} periods", least_hz.ceil(), sensor_lag::LARGEST_LAG_PERIODS))
+        }
         _ => Ok(()),
     }
 }
 
 /// Whether the period of the fastest references is one that a correction is learned of.
-fn period_that_is_learned(reference_hz: f64) -> Result<(), String> {
-    let rate_hz = 1.0 / SAMPLING_PERIOD_S;
+fn period_that_is_learned(reference_hz: f64, period_s: f64) -> Result<(), String> {
+    let rate_hz = 1.0 / period_s;
     let (lowest_hz, highest_hz) = (rate_hz / MOST_POINTS as f64, rate_hz / f64::from(LEAST_PERIOD_TICKS));
     if (lowest_hz..=highest_hz).contains(&reference_hz) {
         return Ok(());
@@ -200,11 +201,21 @@ fn period_that_is_learned(reference_hz: f64) -> Result<(), String> {
     ))
 }
 
+/// Only the predictor is computed for another sampling rate than the thesis'.
+fn require_usual_rate(scheme: SchemeChoice, period_s: f64) -> Result<(), String> {
+    if scheme == SchemeChoice::Predictor || period_s == SAMPLING_PERIOD_S {
+        return Ok(());
+    }
+    Err(format!("a sampling rate of {:.0} Hz is for the predictor; leave it out, or choose --scheme predictor", 1.0 / period_s))
+}
+
 /// Checks what is asked.
 fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), String> {
-    reasonable_frequency(order.reference_hz).map_err(|problem| format!("--reference-hz {problem}"))?;
+    require_usual_rate(order.scheme, model.linear.period_s)?;
+    let period_s = model.linear.period_s;
+    reasonable_frequency(order.reference_hz, period_s).map_err(|problem| format!("--reference-hz {problem}"))?;
     if order.learning {
-        period_that_is_learned(order.reference_hz)?;
+        period_that_is_learned(order.reference_hz, period_s)?;
     }
     let travel_um = model.reach_um();
     if let Some(noise_um) = order.sensor_noise_um
@@ -212,7 +223,7 @@ fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), Stri
     {
         return Err(format!("--sensor-noise-um {noise_um}; expected above 0 and below {:.3}, a twentieth of the travel", 0.05 * travel_um));
     }
-    reasonable_bandwidth(order.sensor_bandwidth_hz).map_err(|problem| format!("--sensor-bandwidth-hz {problem}"))?;
+    reasonable_bandwidth(order.sensor_bandwidth_hz, period_s).map_err(|problem| format!("--sensor-bandwidth-hz {problem}"))?;
     if !(order.sensitivity_peak > 1.0 && order.sensitivity_peak < 100.0) {
         return Err(format!("--sensitivity-peak {}; expected above 1 and below 100", order.sensitivity_peak));
     }
@@ -227,11 +238,11 @@ fn reasonable(order: &DesignOrder<'_>, model: &ActuatorModel) -> Result<(), Stri
         return Err(format!("{option} is for the predictor; leave it out, or choose --scheme predictor"));
     }
     let mode = &model.linear.first_mode;
-    if !within_nyquist(mode) {
+    if !within_nyquist(mode, period_s) {
         return Err(format!(
             "the first mode at {:.0} rad/s is beyond half the servo's sampling rate of {:.0} Hz",
             mode.natural_frequency_rad_s,
-            1.0 / SAMPLING_PERIOD_S
+            1.0 / period_s
         ));
     }
     Ok(())
@@ -313,7 +324,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &DesignOrder<'_>, said: &mu
         return Ok(Known { model: dropped(model), first, second: None, recording: None });
     };
     let first = ModeSpread::of(first_std[0], first_std[1]);
-    let with = ServoRecording::of(chain, dataset);
+    let with = ServoRecording::of(chain, dataset, model.linear.period_s);
     first_mode_shown(&with, &model.linear.first_mode)?;
     require_described(&with, &model.linear)?;
     let Some((share, mode)) = model.linear.second_mode else {
@@ -322,7 +333,7 @@ fn known(chain: &Model, model: ActuatorModel, order: &DesignOrder<'_>, said: &mu
     let std = [relative_std(chain, second_mode::ID, 1), relative_std(chain, second_mode::ID, 2)];
     let peak = (share / (2.0 * mode.damping_ratio)).abs();
     let hidden = with.blind_at(hertz(&mode)).unwrap_or(f64::INFINITY);
-    let why_not = if !within_nyquist(&mode) {
+    let why_not = if !within_nyquist(&mode, model.linear.period_s) {
         Some("it is beyond half the sampling rate".to_owned())
     } else if hidden > PEAK_SHOWN * peak {
         Some(format!("the recording could hide a response of {hidden:.3} um/um there, and its peak is {peak:.3}"))
@@ -337,12 +348,16 @@ fn known(chain: &Model, model: ActuatorModel, order: &DesignOrder<'_>, said: &mu
             Ok(Known { model, first, second: Some(ModeSpread::of(std[0], std[1])), recording: Some(with) })
         }
         Some(why) => {
-            let kept = (relative_std(chain, second_mode::ID, 0) <= SHARE_KNOWN).then(|| without_resonance((share, mode)));
+            let kept =
+                (relative_std(chain, second_mode::ID, 0) <= SHARE_KNOWN).then(|| without_resonance((share, mode), model.linear.period_s));
             let of_it = if kept.is_some() { ", but for its share of the motion" } else { "" };
             said.push(format!("The model's second mode at {:.0} Hz stays out of the observer{of_it}: {why}.", hertz(&mode)));
             // The resonance that is left out is part of what is missing; how good the model is is judged with
             // it.
-            let recording = ServoRecording { residual_um: with.residual_um, ..ServoRecording::of(&with_second_mode(chain, kept), dataset) };
+            let recording = ServoRecording {
+                residual_um: with.residual_um,
+                ..ServoRecording::of(&with_second_mode(chain, kept), dataset, model.linear.period_s)
+            };
             let mut model = model;
             model.linear.second_mode = kept;
             Ok(Known { model, first, second: None, recording: Some(recording) })
@@ -379,7 +394,7 @@ fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
                 how_to_exclude(recording, *hz, *times)
             )
         }
-        Broken::Integers => "every tuning that holds needs gains beyond what the servo's integers hold: the first mode is too slow beside the 20 kHz of the loop for a sensor as quiet; name a larger --sensor-noise-um, so that a slower observer is chosen".to_owned(),
+        Broken::Integers => "every tuning that holds needs gains beyond what the servo's integers hold: the first mode is too slow beside the sampling rate of the loop for a sensor as quiet; name a larger --sensor-noise-um, so that a slower observer is chosen".to_owned(),
     }
     };
     // The candidate that came furthest says what is in the way.
@@ -397,9 +412,10 @@ fn refusal<T>(scan: &Scan<T>, recording: Option<&ServoRecording>) -> String {
 const MORE_THAN_ALL: f64 = 1.5;
 
 /// The lag of the sensor that is undone, s, and in words why, or why not.
-fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, said: &mut Vec<String>) -> Option<f64> {
+fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, period_s: f64, said: &mut Vec<String>) -> Option<f64> {
+    let least_hz = sensor_lag::least_bandwidth_hz(period_s);
     match sensor_lag::known(chain, order.recording, order.sensor_bandwidth_hz) {
-        sensor_lag::Known::Bandwidth(hz, whose) if hz >= sensor_lag::LEAST_BANDWIDTH_HZ => {
+        sensor_lag::Known::Bandwidth(hz, whose) if hz >= least_hz => {
             let lag_s = sensor_lag::lag_s(hz);
             said.push(format!(
                 "The sensor's bandwidth of {hz:.0} Hz ({whose}) is undone: the reference is made {:.1} us late before a reading is compared with it, so that the true position is not early.",
@@ -416,7 +432,7 @@ fn lag_to_undo(chain: &Model, order: &DesignOrder<'_>, said: &mut Vec<String>) -
         sensor_lag::Known::Bandwidth(hz, _) => {
             said.push(format!(
                 "CAUTION: the sensor's lag is not undone: a bandwidth of {hz:.0} Hz is below the {:.0} Hz that can be.",
-                sensor_lag::LEAST_BANDWIDTH_HZ.ceil()
+                least_hz.ceil()
             ));
             None
         }
@@ -450,7 +466,8 @@ pub fn designable(chain: &Model) -> Result<ActuatorModel, String> {
 /// # Errors
 /// A message that says what the model or the recording lacks, or which demand cannot be met.
 pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, String> {
-    let model = designable(chain)?;
+    let mut model = designable(chain)?;
+    model.linear.period_s = order.front_end.map_or(SAMPLING_PERIOD_S, FrontEnd::period_s);
     reasonable(order, &model)?;
     if let Some(dataset) = order.recording {
         require_same_stage(chain, dataset)?;
@@ -490,7 +507,7 @@ pub fn design(chain: &Model, order: &DesignOrder<'_>) -> Result<ServoDesign, Str
     design.explanation = explanation;
     design.noise_shaping = true;
     design.sensor_noise_um = told_noise_um;
-    design.sensor_lag_s = lag_to_undo(chain, order, &mut said);
+    design.sensor_lag_s = lag_to_undo(chain, order, model.linear.period_s, &mut said);
     design.parameters(scale.parameters()).map_err(|e| without_integers(&e))?;
     if let Some(chosen) = best.filter(|_| order.mode_moves > 0.0) {
         design.explanation.push(where_the_mode_moves(&task, chosen));
@@ -594,7 +611,7 @@ impl InWords for Words<'_> {
         }
         if let Some(better) = scan.best_in_other_integers().filter(worth) {
             out.push(format!(
-                "A faster observer would come to {:.2} nm, but its gains have no place in the servo's integers: the first mode at {:.0} Hz is slow beside the 20 kHz of the loop.",
+                "A faster observer would come to {:.2} nm, but its gains have no place in the servo's integers: the first mode at {:.0} Hz is slow beside the sampling rate of the loop.",
                 1e3 * better.expected_um(),
                 hertz(&self.task.linear.first_mode)
             ));
@@ -727,6 +744,7 @@ impl Reckoned {
 /// The refusal.
 pub fn scheme_without_recording(design: &ServoDesign, choice: SchemeChoice, inverse: bool) -> Result<Scheme, String> {
     let (model, linear) = (&design.model, design.model.linear);
+    require_usual_rate(choice, linear.period_s)?;
     let mut demands = Demands { sensor_noise_um: design.sensor_noise_um.unwrap_or(ASSUMED_NOISE_UM), ..Demands::default() };
     if !inverse {
         demands.model_error_um = demands.model_error_um.max(left_without_inverse_um(model).0);
@@ -757,7 +775,7 @@ const MISSED_MOST: f64 = 1.0;
 /// # Errors
 /// If it would move the stage by another reference than was asked for.
 fn missed_by_feedforward(task: &Task<'_>) -> Result<Option<String>, String> {
-    let (sampled, reference_hz) = (task.linear.sampled(SAMPLING_PERIOD_S), task.demands.reference_hz);
+    let (sampled, reference_hz) = (task.linear.sampled(), task.demands.reference_hz);
     let taps = feedforward(&sampled);
     let missed: Vec<(f64, f64)> =
         (1..=100).map(|i| 0.01 * f64::from(i) * reference_hz).map(|hz| (hz, missed_of_reference(&sampled, &taps, hz))).collect();
@@ -767,7 +785,7 @@ fn missed_by_feedforward(task: &Task<'_>) -> Result<Option<String>, String> {
         return Err(format!(
             "references up to {reference_hz:.0} Hz cannot be followed: the first mode at {:.0} Hz is too slow, or the stage hardly moves near there, for the {:.1} ms of its reference that the servo sees; {}",
             hertz(&task.linear.first_mode),
-            1e3 * SAMPLING_PERIOD_S * hysteron_core::reference_window::WINDOW as f64,
+            1e3 * task.linear.period_s * hysteron_core::reference_window::WINDOW as f64,
             match followed_to_hz(0.1 * MISSED_MOST) {
                 hz if hz > 0.0 => format!("name a --reference-hz of at most {hz:.1}"),
                 _ => "it needs a stage with a faster first mode".into(),
@@ -839,6 +857,7 @@ mod tests {
                     second_mode: second.then(|| (0.1, mode(900.0))),
                     amplifier_bandwidth_hz: None,
                     sensor_bandwidth_hz: None,
+                    period_s: 5e-5,
                 },
                 first: spread,
                 second: second.then_some(spread),

@@ -1,7 +1,7 @@
 //! Plants that are not the model: other mass, gain, delay, modes, as sampled systems for the eigenvalues of a
 //! loop.
 
-use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::model::{LinearModel, ModeModel, SampledModel};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +25,7 @@ impl PlantVariation {
     /// The varied plant, sampled with its drive held; a delay that is no multiple of the period is exact.
     #[must_use]
     pub fn sampled(&self, linear: &LinearModel) -> SampledModel {
-        let period_s = SAMPLING_PERIOD_S;
+        let period_s = linear.period_s;
         let mut system = linear.with_mass_ratio(self.mass_ratio).continuous_with(self.mode);
         system.b *= self.gain;
         let whole = (self.delay_s / period_s).floor().max(0.0);
@@ -38,7 +38,7 @@ impl PlantVariation {
         let (_, early) = system.held_matrices(rest_s);
         let before = &later * early;
         if self.delay_s <= 0.0 {
-            return SampledModel { a: phi, b: now, c: system.c };
+            return SampledModel { a: phi, b: now, c: system.c, period_s };
         }
         // States: the plant's, then the drives that are on their way, newest first.
         let size = n + whole + 1;
@@ -57,12 +57,13 @@ impl PlantVariation {
             a[(n + i, n + i - 1)] = 1.0;
         }
         c.view_mut((0, 0), (n, 1)).copy_from(&system.c);
-        SampledModel { a, b, c }
+        SampledModel { a, b, c, period_s }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::SAMPLING_PERIOD_S;
     use super::*;
 
     fn linear() -> LinearModel {
@@ -71,6 +72,7 @@ mod tests {
             second_mode: None,
             amplifier_bandwidth_hz: Some(5000.0),
             sensor_bandwidth_hz: Some(8000.0),
+            period_s: 5e-5,
         }
     }
 
@@ -87,7 +89,7 @@ mod tests {
     /// Delayed by fractions, seen on a grid ten times as fine with the drive held over ten of its steps.
     #[test]
     fn a_delay_within_a_period_is_the_one_of_a_finer_grid() {
-        let fine = linear().sampled(SAMPLING_PERIOD_S / 10.0);
+        let fine = LinearModel { period_s: SAMPLING_PERIOD_S / 10.0, ..linear() }.sampled();
         for tenths in [3usize, 10, 17, 20] {
             let delayed = PlantVariation { delay_s: SAMPLING_PERIOD_S * tenths as f64 / 10.0, ..PlantVariation::NONE }.sampled(&linear());
             let late = step_answer(&delayed, 30);
@@ -106,6 +108,6 @@ mod tests {
         let varied = PlantVariation { gain: 1.3, mode: Some((0.1, mode)), ..PlantVariation::NONE }.sampled(&linear());
         let at_rest = step_answer(&varied, 3000).pop().unwrap();
         assert!((at_rest - 1.3).abs() < 1e-9, "{at_rest}");
-        assert_eq!(PlantVariation::NONE.sampled(&linear()).a, linear().sampled(SAMPLING_PERIOD_S).a);
+        assert_eq!(PlantVariation::NONE.sampled(&linear()).a, linear().sampled().a);
     }
 }

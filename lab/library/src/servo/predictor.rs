@@ -11,7 +11,7 @@
 //! second mode that it does not know; of the accepted ones that with the least expected error is taken:
 //! sensor noise that it passes on, and the part of a model error in the hysteresis that it lets through.
 
-use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::model::{LinearModel, ModeModel, SampledModel};
 use super::quantise::{OF_OUTPUT_ROW_MOST, OF_STATE_ROW_MOST, QuantisationError, number, row_um};
 use super::window_fit;
 use crate::parallel;
@@ -74,6 +74,8 @@ pub struct PredictorDesign {
     pub k: DVector<f64>,
     /// Feedforward over the reference window.
     pub feedforward: Vec<f64>,
+    /// Sampling period, s.
+    pub period_s: f64,
 }
 
 /// Stationary solution of `P = A P A' - A P c' (c P c' + r)^-1 c P A' + Q` by the doubling algorithm
@@ -108,7 +110,7 @@ fn quadratic_regulator(model: &SampledModel, rho: f64) -> DVector<f64> {
 #[must_use]
 pub fn frequency_response(model: &SampledModel, omega_rad_s: f64) -> Complex<f64> {
     let n = model.a.nrows();
-    let z = Complex::from_polar(1.0, omega_rad_s * SAMPLING_PERIOD_S);
+    let z = Complex::from_polar(1.0, omega_rad_s * model.period_s);
     let matrix = DMatrix::from_fn(n, n, |i, j| if i == j { z } else { Complex::new(0.0, 0.0) } - Complex::new(model.a[(i, j)], 0.0));
     let b = model.b.map(|v| Complex::new(v, 0.0));
     match matrix.lu().solve(&b) {
@@ -143,9 +145,9 @@ const EVENLY_TO_HZ: f64 = 100.0;
 /// taps go.
 #[must_use]
 pub fn feedforward(model: &SampledModel) -> Vec<f64> {
-    let inverse = |w: f64| Complex::from_polar(1.0, w * SAMPLING_PERIOD_S) / frequency_response(model, w);
+    let inverse = |w: f64| Complex::from_polar(1.0, w * model.period_s) / frequency_response(model, w);
     let fits = |taps: &Vec<f64>| taps.iter().map(|tap| tap.abs()).sum::<f64>() < LARGEST_TAPS;
-    let whole = window_fit::fit(SAMPLING_PERIOD_S, inverse);
+    let whole = window_fit::fit(model.period_s, inverse);
     if fits(&whole) {
         return whole;
     }
@@ -154,7 +156,7 @@ pub fn feedforward(model: &SampledModel) -> Vec<f64> {
         of_band.map(|hz| (missed_of_reference(model, taps, hz) * EVENLY_TO_HZ / hz.max(EVENLY_TO_HZ)).powi(2)).sum()
     };
     let narrower = |weight: f64| {
-        let fitted = NARROWER_BANDS_HZ.iter().map(|band_hz| window_fit::fit_in(SAMPLING_PERIOD_S, *band_hz, weight, inverse));
+        let fitted = NARROWER_BANDS_HZ.iter().map(|band_hz| window_fit::fit_in(model.period_s, *band_hz, weight, inverse));
         fitted.filter(fits).min_by(|a, b| left(a).total_cmp(&left(b)))
     };
     // The more weight, the smaller the taps: the last come down to the constant alone.
@@ -167,15 +169,15 @@ pub fn feedforward(model: &SampledModel) -> Vec<f64> {
 #[must_use]
 pub fn missed_of_reference(model: &SampledModel, taps: &[f64], hz: f64) -> f64 {
     let omega = std::f64::consts::TAU * hz;
-    (frequency_response(model, omega) * feedforward_response(taps, hz) - 1.0).norm()
+    (frequency_response(model, omega) * feedforward_response(taps, model.period_s, hz) - 1.0).norm()
 }
 
 /// Response of taps over the reference window at a frequency, Hz: what acts, over the reference of the same
 /// instant.
-fn feedforward_response(taps: &[f64], hz: f64) -> Complex<f64> {
+fn feedforward_response(taps: &[f64], period_s: f64, hz: f64) -> Complex<f64> {
     // Computed at a tick, it acts one period later.
     let before = (WINDOW - PREVIEW_TICKS) as f64;
-    let step = std::f64::consts::TAU * hz * SAMPLING_PERIOD_S;
+    let step = std::f64::consts::TAU * hz * period_s;
     taps.iter().enumerate().map(|(i, c)| Complex::from_polar(*c, step * (i as f64 - before))).sum()
 }
 
@@ -183,13 +185,13 @@ impl PredictorDesign {
     /// For a linear model and a tuning.
     #[must_use]
     pub fn new(linear: &LinearModel, tuning: &PredictorTuning) -> Self {
-        Self { feedforward: feedforward(&linear.sampled(SAMPLING_PERIOD_S)), ..Self::of_loop(linear, tuning) }
+        Self { feedforward: feedforward(&linear.sampled()), ..Self::of_loop(linear, tuning) }
     }
 
     /// What closes the loop, without a feedforward: that depends on the model alone, and many tunings are
     /// judged on one.
     pub(super) fn of_loop(linear: &LinearModel, tuning: &PredictorTuning) -> Self {
-        let model = linear.sampled(SAMPLING_PERIOD_S);
+        let model = linear.sampled();
         let n = model.a.nrows();
         let (slope, unknown) = (STATES - 2, STATES - 1);
         let mut a = DMatrix::zeros(STATES, STATES);
@@ -225,13 +227,13 @@ impl PredictorDesign {
         let mut k = DVector::zeros(STATES);
         k.view_mut((0, 0), (n, 1)).copy_from(&quadratic_regulator(&model, tuning.effort_weight));
         k[unknown] = 1.0;
-        Self { a, b, c, l, k, feedforward: Vec::new() }
+        Self { a, b, c, l, k, feedforward: Vec::new(), period_s: linear.period_s }
     }
 
     /// Response of the feedforward at a frequency: what acts, over the reference of the same instant.
     #[must_use]
     pub fn feedforward_response(&self, hz: f64) -> Complex<f64> {
-        feedforward_response(&self.feedforward, hz)
+        feedforward_response(&self.feedforward, self.period_s, hz)
     }
 
     /// Rows of the tick, in units of the states in which they fit: as the model has them where they do, else
@@ -257,6 +259,7 @@ impl PredictorDesign {
             l: DVector::from_fn(STATES, |i, _| self.l[i] * at(i)),
             k: DVector::from_fn(STATES, |i, _| self.k[i] / at(i)),
             feedforward: self.feedforward.clone(),
+            period_s: self.period_s,
         }
     }
 
@@ -372,7 +375,9 @@ impl PredictorDesign {
         from_input.view_mut((0, 0), (n, 1)).copy_from(&plant.b);
         let mut from_noise = DVector::zeros(size);
         from_noise.view_mut((n, 0), (STATES, 1)).copy_from(&self.l);
-        let response = |b: DVector<f64>| frequency_response(&SampledModel { a: closed.clone(), b, c: c.clone() }, omega_rad_s);
+        let response = |b: DVector<f64>| {
+            frequency_response(&SampledModel { a: closed.clone(), b, c: c.clone(), period_s: plant.period_s }, omega_rad_s)
+        };
         (response(from_input), response(from_noise))
     }
 }
@@ -526,8 +531,8 @@ pub fn assess(linear: &LinearModel, tuning: &PredictorTuning, demands: &Demands)
 /// Judges a law on the model that it was designed for: what it lets through, and its margins.
 #[must_use]
 pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) -> TuningJudgement {
-    let plant = linear.sampled(SAMPLING_PERIOD_S);
-    let radius = |model: &LinearModel, gain: f64, delay: usize| design.spectral_radius(&model.sampled(SAMPLING_PERIOD_S), gain, delay);
+    let plant = linear.sampled();
+    let radius = |model: &LinearModel, gain: f64, delay: usize| design.spectral_radius(&model.sampled(), gain, delay);
     let other_mode = match linear.second_mode {
         Some((share, mode)) => {
             let lower = ModeModel { natural_frequency_rad_s: 0.9 * mode.natural_frequency_rad_s, ..mode };
@@ -545,7 +550,7 @@ pub fn judge(design: &PredictorDesign, linear: &LinearModel, demands: &Demands) 
     let mut sensitivity_peak = 0.0f64;
     let points = 200;
     for i in 0..points {
-        let omega = std::f64::consts::PI / SAMPLING_PERIOD_S * (i as f64 + 0.5) / points as f64;
+        let omega = std::f64::consts::PI / linear.period_s * (i as f64 + 0.5) / points as f64;
         let (_, noise) = design.sensitivities(&plant, omega);
         noise_power += noise.norm_sqr() / points as f64;
         sensitivity_peak = sensitivity_peak.max((noise + 1.0).norm());
@@ -614,6 +619,7 @@ mod tests {
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: 5e-5,
         };
         let tuning = PredictorTuning { unknown_change_um: 0.05, force_noise_um: 5.0, sensor_noise_um: 0.0005, ..PredictorTuning::START };
         let law = PredictorDesign::new(&linear, &tuning);
@@ -646,9 +652,10 @@ mod tests {
             second_mode: second.then_some((0.1, ModeModel { natural_frequency_rad_s: 5654.9, damping_ratio: 0.02 })),
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: 5e-5,
         };
         for (linear, hz, most) in [(of(true, 380.0), 20.0, 1e-3), (of(true, 380.0), 150.0, 0.01), (of(false, 150.0), 20.0, 5e-3)] {
-            let model = linear.sampled(SAMPLING_PERIOD_S);
+            let model = linear.sampled();
             let taps = feedforward(&model);
             assert!(taps.iter().map(|t| t.abs()).sum::<f64>() < LARGEST_TAPS);
             let missed = missed_of_reference(&model, &taps, hz);

@@ -2,7 +2,7 @@
 //! clipped number.
 
 use super::creep::{self, CreepPair, CreepTerm};
-use super::model::{ActuatorModel, SAMPLING_PERIOD_S};
+use super::model::ActuatorModel;
 use hysteron_core::creep_inverse::{CREEP_TERMS, CreepInverseParameters};
 use hysteron_core::integer_row::Row;
 use hysteron_core::one_sided_hysteresis::{SURFACE_LIMITS_UM, SURFACE_SIZE, SurfaceCoefficients, surface_fraction_bits};
@@ -140,11 +140,11 @@ pub fn hysteresis(model: &ActuatorModel) -> Result<ActuatorParameters, Quantisat
     })
 }
 
-/// Inverse of creep; terms whose share is nothing are left out.
+/// Inverse of creep in a loop with this period, s; terms whose share is nothing are left out.
 ///
 /// # Errors
 /// If there are more terms than the tick has, a coefficient does not fit, or the inverse would not be stable.
-pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>) -> Result<CreepInverseParameters, QuantisationError> {
+pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>, period_s: f64) -> Result<CreepInverseParameters, QuantisationError> {
     let used: Vec<&CreepTerm> = terms.iter().filter(|t| t.share.abs() > 1e-9).collect();
     if used.is_empty() && pair.is_none() {
         return Ok(CreepInverseParameters::default());
@@ -152,8 +152,8 @@ pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>) -> Result<Cr
     if used.len() > CREEP_TERMS {
         return Err(creep::too_many(used.len()));
     }
-    let rate = |t: &CreepTerm| -(-SAMPLING_PERIOD_S / t.time_constant_s.max(1e-6)).exp_m1();
-    let (phi, gamma) = pair.map(pair_over_a_period).unzip();
+    let rate = |t: &CreepTerm| -(-period_s / t.time_constant_s.max(1e-6)).exp_m1();
+    let (phi, gamma) = pair.map(|pair| pair_over_a_period(pair, period_s)).unzip();
     // Every state goes by `rates (x - z)` beside what the pair's own motion gives, with x = y - sum share z.
     let mut rates: Vec<f64> = used.iter().map(|t| rate(t)).collect();
     let mut shares: Vec<f64> = used.iter().map(|t| t.share).collect();
@@ -195,7 +195,7 @@ pub fn creep_inverse(terms: &[CreepTerm], pair: Option<&CreepPair>) -> Result<Cr
 
 /// Transition of displacement and velocity over the natural frequency of a pair over a period, and what a
 /// unit that is applied adds.
-fn pair_over_a_period(pair: &CreepPair) -> ([[f64; 2]; 2], [f64; 2]) {
+fn pair_over_a_period(pair: &CreepPair, period_s: f64) -> ([[f64; 2]; 2], [f64; 2]) {
     let (w, xi) = (pair.natural_frequency_rad_s, pair.damping_ratio);
     let system = ContinuousSystem {
         a: DMatrix::from_row_slice(2, 2, &[0.0, w, -w, -2.0 * xi * w]),
@@ -203,7 +203,7 @@ fn pair_over_a_period(pair: &CreepPair) -> ([[f64; 2]; 2], [f64; 2]) {
         c: DVector::from_row_slice(&[1.0, 0.0]),
         d: 0.0,
     };
-    let (phi, gamma) = system.held_matrices(SAMPLING_PERIOD_S);
+    let (phi, gamma) = system.held_matrices(period_s);
     ([[phi[(0, 0)], phi[(0, 1)]], [phi[(1, 0)], phi[(1, 1)]]], [gamma[0], gamma[1]])
 }
 

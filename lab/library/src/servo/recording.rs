@@ -15,7 +15,6 @@
 //! excluded. A resonance that is narrower than the window's resolution is seen too small; the level is raised
 //! for the least damping ratio that is reckoned with.
 
-use super::model::SAMPLING_PERIOD_S;
 use crate::dataset::{Dataset, Role};
 use crate::identification::fit::{residual, rms};
 use crate::identification::linearisation::{counted_of, fill_left_out};
@@ -130,15 +129,15 @@ impl Sums {
 }
 
 impl ServoRecording {
-    /// Of a chain on a data set.
+    /// Of a chain on a data set, for a loop with this sampling period, s.
     #[must_use]
-    pub fn of(chain: &Model, dataset: &Dataset) -> Self {
+    pub fn of(chain: &Model, dataset: &Dataset, period_s: f64) -> Self {
         let force_chain = {
             let mut to_force = chain.clone();
             to_force.effects.retain(|e| e.effect.declaration().place <= Place::Hysteresis);
             to_force
         };
-        let lines = (0.5 / (SAMPLING_PERIOD_S * LINE_HZ)) as usize + 1;
+        let lines = (0.5 / (period_s * LINE_HZ)) as usize + 1;
         let mut out = Self {
             frequency_hz: (2..lines).map(|i| i as f64 * LINE_HZ).collect(),
             level: vec![f64::INFINITY; lines.saturating_sub(2)],
@@ -186,9 +185,7 @@ impl ServoRecording {
                 }
             }
             let strongest = sums.force_power.iter().skip(2).copied().fold(0.0, f64::max);
-            for (i, hz) in
-                out.frequency_hz.iter().enumerate().filter(|(_, hz)| **hz < BELIEVED * rate_hz || rate_hz >= 0.99 / SAMPLING_PERIOD_S)
-            {
+            for (i, hz) in out.frequency_hz.iter().enumerate().filter(|(_, hz)| **hz < BELIEVED * rate_hz || rate_hz >= 0.99 / period_s) {
                 if let Some((missing, hidden)) = sums.at(i + 2) {
                     if driven[i + 2].0 > 0.0 {
                         out.driven_by[i] = Some(driven[i + 2].1.to_owned());

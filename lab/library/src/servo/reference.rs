@@ -2,7 +2,6 @@
 //! given point by point.
 
 use super::design::ServoDesign;
-use super::model::SAMPLING_PERIOD_S;
 use super::track::{PeriodicReference, lead_s};
 use hysteron_sim::waveform;
 
@@ -43,30 +42,31 @@ const LONGEST_S: f64 = 600.0;
 impl Reference {
     /// One by its name: `sine:` and `triangle:` ([`PeriodicReference::parse`]), `step:UM[:FROM_UM]` (a jump
     /// by so much), or `random:HZ:UM[:OFFSET_UM[:SEED]]` (equal sines of random phase up to a frequency,
-    /// within an amplitude).
+    /// within an amplitude). For a loop with this sampling period, s.
     ///
     /// # Errors
     /// A message that names the field.
-    pub fn named(text: &str) -> Result<Self, String> {
+    pub fn named(text: &str, period_s: f64) -> Result<Self, String> {
         let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
         if !matches!(kind, "step" | "random") {
-            return PeriodicReference::parse(text).map(Self::Periodic);
+            return PeriodicReference::parse(text, period_s).map(Self::Periodic);
         }
         let number = |field: &str| field.parse::<f64>().ok().filter(|v| v.is_finite());
         let numbers: Option<Vec<f64>> = rest.split(':').map(number).collect();
+        let random = |hz, um, offset_um, seed| Self::random(text, period_s, [hz, um, offset_um, seed]);
         match (kind, numbers.as_deref()) {
             ("step", Some([by_um] | [by_um, _])) if *by_um == 0.0 => Err(format!("reference `{text}`: a step of zero moves nothing")),
             ("step", Some([by_um])) => Ok(Self::Step { from_um: ROOM * by_um.abs() + (-by_um).max(0.0), by_um: *by_um }),
             ("step", Some([by_um, from_um])) => Ok(Self::Step { from_um: *from_um, by_um: *by_um }),
-            ("random", Some([hz, um])) => Self::random(text, *hz, *um, (1.0 + ROOM) * um, 1.0),
-            ("random", Some([hz, um, offset_um])) => Self::random(text, *hz, *um, *offset_um, 1.0),
-            ("random", Some([hz, um, offset_um, seed])) => Self::random(text, *hz, *um, *offset_um, *seed),
+            ("random", Some([hz, um])) => random(*hz, *um, (1.0 + ROOM) * um, 1.0),
+            ("random", Some([hz, um, offset_um])) => random(*hz, *um, *offset_um, 1.0),
+            ("random", Some([hz, um, offset_um, seed])) => random(*hz, *um, *offset_um, *seed),
             _ => Err(format!("reference `{text}`: expected {NAMES}")),
         }
     }
 
-    fn random(text: &str, highest_hz: f64, peak_um: f64, offset_um: f64, seed: f64) -> Result<Self, String> {
-        let fastest_hz = 0.25 / SAMPLING_PERIOD_S;
+    fn random(text: &str, period_s: f64, [highest_hz, peak_um, offset_um, seed]: [f64; 4]) -> Result<Self, String> {
+        let fastest_hz = 0.25 / period_s;
         if !(LOWEST_RANDOM_HZ..=fastest_hz).contains(&highest_hz) {
             return Err(format!("reference `{text}`: the frequency must be at least {LOWEST_RANDOM_HZ} Hz and at most {fastest_hz} Hz"));
         }
@@ -75,16 +75,17 @@ impl Reference {
         }
         let lasts_s = (RANDOM_LINES / highest_hz).clamp(RANDOM_S[0], RANDOM_S[1]);
         let lines: Vec<usize> = (1..=(lasts_s * highest_hz) as usize).collect();
-        let ticks = (lasts_s / SAMPLING_PERIOD_S).round() as usize;
+        let ticks = (lasts_s / period_s).round() as usize;
         Ok(Self::Points(waveform::multisine(ticks, &lines, peak_um, offset_um, 1, seed as u64)))
     }
 
-    /// A reference through points at these times, s, in straight lines between them.
+    /// A reference through points at these times, s, in straight lines between them, for a loop with this
+    /// sampling period, s.
     ///
     /// # Errors
     /// Fewer than two points, times that do not go forward, something that is no number, or more than ten
     /// minutes.
-    pub fn through(time_s: &[f64], reference_um: &[f64]) -> Result<Self, String> {
+    pub fn through(time_s: &[f64], reference_um: &[f64], period_s: f64) -> Result<Self, String> {
         let (Some(begin_s), Some(end_s)) = (time_s.first(), time_s.last().filter(|_| time_s.len() > 1)) else {
             return Err("one point is no reference; expected two or more".into());
         };
@@ -97,9 +98,9 @@ impl Reference {
         if end_s - begin_s > LONGEST_S {
             return Err(format!("the reference lasts {:.0} s; expected at most {LONGEST_S:.0} s", end_s - begin_s));
         }
-        let ticks = ((end_s - begin_s) / SAMPLING_PERIOD_S * (1.0 + 1e-12)) as usize;
+        let ticks = ((end_s - begin_s) / period_s * (1.0 + 1e-12)) as usize;
         let at = |tick: usize| {
-            let t_s = begin_s + tick as f64 * SAMPLING_PERIOD_S;
+            let t_s = begin_s + tick as f64 * period_s;
             let after = time_s.partition_point(|t| *t <= t_s).clamp(1, time_s.len() - 1);
             let (from_s, to_s) = (time_s[after - 1], time_s[after]);
             let share = ((t_s - from_s) / (to_s - from_s)).min(1.0);
@@ -113,9 +114,9 @@ impl Reference {
     #[must_use]
     pub fn samples_um(&self, design: &ServoDesign) -> (Vec<f64>, usize) {
         match self {
-            Self::Periodic(periodic) => periodic.samples_um(lead_s(design, periodic.frequency_hz)),
+            Self::Periodic(periodic) => periodic.samples_um(lead_s(design, periodic.frequency_hz), design.period_s()),
             Self::Step { from_um, by_um } => {
-                let sample_rate_hz = 1.0 / SAMPLING_PERIOD_S;
+                let sample_rate_hz = 1.0 / design.period_s();
                 let mut samples_um = waveform::hold(sample_rate_hz, *from_um, lead_s(design, f64::INFINITY));
                 let from = samples_um.len();
                 samples_um.extend(waveform::hold(sample_rate_hz, from_um + by_um, STEP_S));
@@ -123,7 +124,7 @@ impl Reference {
                 (samples_um, from)
             }
             Self::Points(points_um) => {
-                let sample_rate_hz = 1.0 / SAMPLING_PERIOD_S;
+                let sample_rate_hz = 1.0 / design.period_s();
                 // What does not repeat is not learned.
                 let mut samples_um = waveform::hold(sample_rate_hz, points_um[0], lead_s(design, f64::INFINITY));
                 let from = samples_um.len();
@@ -134,11 +135,12 @@ impl Reference {
         }
     }
 
-    /// Ticks after which it repeats; `None` where it does not, or these are no whole number.
+    /// Ticks of a loop with this sampling period, s, after which it repeats; `None` where it does not, or these
+    /// are no whole number.
     #[must_use]
-    pub fn period_ticks(&self) -> Option<u32> {
+    pub fn period_ticks(&self, period_s: f64) -> Option<u32> {
         match self {
-            Self::Periodic(periodic) => periodic.period_ticks(),
+            Self::Periodic(periodic) => periodic.period_ticks(period_s),
             Self::Step { .. } | Self::Points(_) => None,
         }
     }
@@ -146,11 +148,14 @@ impl Reference {
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::SAMPLING_PERIOD_S;
     use super::*;
 
     #[test]
     fn points_are_followed_in_straight_lines_at_every_tick() {
-        let Reference::Points(points) = Reference::through(&[1.0, 1.001, 1.003], &[2.0, 3.0, 1.0]).unwrap() else { panic!("points") };
+        let Reference::Points(points) = Reference::through(&[1.0, 1.001, 1.003], &[2.0, 3.0, 1.0], SAMPLING_PERIOD_S).unwrap() else {
+            panic!("points")
+        };
         assert_eq!(points.len(), 61);
         for (tick, expected) in [(0, 2.0), (10, 2.5), (20, 3.0), (40, 2.0), (60, 1.0)] {
             assert!((points[tick] - expected).abs() < 1e-9, "{tick}: {}", points[tick]);
@@ -159,17 +164,17 @@ mod tests {
 
     #[test]
     fn a_step_jumps_when_the_error_counts_and_a_random_reference_keeps_its_band() {
-        let Reference::Step { from_um, by_um } = Reference::named("step:-2").unwrap() else { panic!("a step") };
+        let Reference::Step { from_um, by_um } = Reference::named("step:-2", SAMPLING_PERIOD_S).unwrap() else { panic!("a step") };
         assert!((from_um - 2.24).abs() < 1e-12 && by_um == -2.0, "{from_um} {by_um}");
-        assert_eq!(Reference::named("step:2:1"), Ok(Reference::Step { from_um: 1.0, by_um: 2.0 }));
-        let Reference::Points(points) = Reference::named("random:100:2:5:3").unwrap() else { panic!("points") };
+        assert_eq!(Reference::named("step:2:1", SAMPLING_PERIOD_S), Ok(Reference::Step { from_um: 1.0, by_um: 2.0 }));
+        let Reference::Points(points) = Reference::named("random:100:2:5:3", SAMPLING_PERIOD_S).unwrap() else { panic!("points") };
         let (low, high) = crate::statistics::extremes(&points);
         assert!((low - 3.0).abs() < 1e-9 || (high - 7.0).abs() < 1e-9, "{low} {high}");
         assert!(low > 3.0 - 1e-9 && high < 7.0 + 1e-9, "{low} {high}");
         // Nothing changes faster than all lines at the highest frequency would.
         let fastest = points.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max) / SAMPLING_PERIOD_S;
         assert!(fastest < std::f64::consts::TAU * 100.0 * 2.0, "{fastest}");
-        assert_ne!(Reference::named("random:100:2:5:4"), Reference::named("random:100:2:5:3"));
+        assert_ne!(Reference::named("random:100:2:5:4", SAMPLING_PERIOD_S), Reference::named("random:100:2:5:3", SAMPLING_PERIOD_S));
         for (text, expected) in [
             ("step:0", "of zero"),
             ("step", "expected sine"),
@@ -177,7 +182,7 @@ mod tests {
             ("random:9:-2", "negative"),
             ("ramp:1:2", "triangle:"),
         ] {
-            let refused = Reference::named(text).unwrap_err();
+            let refused = Reference::named(text, SAMPLING_PERIOD_S).unwrap_err();
             assert!(refused.contains(expected), "{text}: {refused}");
         }
     }
@@ -191,7 +196,7 @@ mod tests {
             (vec![0.0, 1.0], vec![1.0, f64::NAN], "point 2 is no number"),
             (vec![0.0, 1e4], vec![1.0; 2], "at most 600 s"),
         ] {
-            let refused = Reference::through(&time_s, &reference_um).unwrap_err();
+            let refused = Reference::through(&time_s, &reference_um, SAMPLING_PERIOD_S).unwrap_err();
             assert!(refused.contains(expected), "{refused}");
         }
     }

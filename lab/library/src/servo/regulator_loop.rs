@@ -31,7 +31,7 @@ pub fn law(gains: &PidGains, notch: Option<&Notch>) -> PredictorDesign {
     a[(integral, integral)] = 1.0;
     l[integral] = gains.i * t;
     k[output] = 1.0;
-    PredictorDesign { a, b: DVector::zeros(STATES), c: DVector::zeros(STATES), l, k, feedforward: Vec::new() }
+    PredictorDesign { a, b: DVector::zeros(STATES), c: DVector::zeros(STATES), l, k, feedforward: Vec::new(), period_s: t }
 }
 
 /// A notch at the most lightly damped mode of a model, its poles critically damped.
@@ -133,6 +133,7 @@ mod tests {
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: 5e-5,
         };
         let demands = Demands { sensitivity_peak: 4.0, ..Demands::default() };
         let without = tune(&linear, &demands, None).unwrap().0;

@@ -26,7 +26,7 @@
 //! condition costs is found by leaving it out, and told.
 
 use super::loop_margins::phase_margin_deg;
-use super::model::{LinearModel, ModeModel, SAMPLING_PERIOD_S, SampledModel};
+use super::model::{LinearModel, ModeModel, SampledModel};
 use super::moving_mode::MovingMode;
 use super::plant_set::PlantVariation;
 use super::predictor::{Assessment, Demands, PredictorDesign, PredictorTuning, STATES, frequency_response};
@@ -349,7 +349,7 @@ impl<T> Scan<T> {
 /// about every mode.
 #[must_use]
 pub fn frequency_grid_hz(linear: &LinearModel) -> Vec<f64> {
-    let highest = 0.5 / SAMPLING_PERIOD_S;
+    let highest = 0.5 / linear.period_s;
     let mut grid: Vec<f64> = (1..400).map(|i| highest * f64::from(i) / 400.0).collect();
     grid.extend((0..24).map(|i| 0.5 * 1.2_f64.powi(i)));
     for mode in std::iter::once(linear.first_mode).chain(linear.second_mode.map(|(_, m)| m)) {
@@ -373,6 +373,7 @@ struct LawMatrices {
     a: SMatrix<f64, STATES, STATES>,
     l: SVector<Complex<f64>, STATES>,
     k: SVector<Complex<f64>, STATES>,
+    period_s: f64,
 }
 
 impl LawMatrices {
@@ -382,11 +383,12 @@ impl LawMatrices {
             a: SMatrix::from_fn(|i, j| law[(i, j)]),
             l: SVector::from_fn(|i, _| complex(design.l[i])),
             k: SVector::from_fn(|i, _| complex(design.k[i])),
+            period_s: design.period_s,
         }
     }
 
     fn response(&self, hz: f64) -> Complex<f64> {
-        let z = Complex::from_polar(1.0, TAU * hz * SAMPLING_PERIOD_S);
+        let z = Complex::from_polar(1.0, TAU * hz * self.period_s);
         let matrix =
             SMatrix::<Complex<f64>, STATES, STATES>::from_fn(
                 |i, j| {
@@ -445,7 +447,7 @@ impl Task<'_> {
         };
         add("half the gain", PlantVariation { gain: 0.5, ..PlantVariation::NONE }, &self.linear);
         add("one and a half times the gain", PlantVariation { gain: 1.5, ..PlantVariation::NONE }, &self.linear);
-        add("a period more of delay", PlantVariation { delay_s: SAMPLING_PERIOD_S, ..PlantVariation::NONE }, &self.linear);
+        add("a period more of delay", PlantVariation { delay_s: self.linear.period_s, ..PlantVariation::NONE }, &self.linear);
         add("twice the mass", PlantVariation { mass_ratio: 2.0, ..PlantVariation::NONE }, &self.linear);
         add("1.4 times the mass", PlantVariation { mass_ratio: 1.4, ..PlantVariation::NONE }, &self.linear);
         for up in [-1.0, 1.0] {
@@ -607,7 +609,7 @@ fn judge<F: Family>(family: &F, tuning: &F::Tuning, conditions: &Conditions) -> 
     let law = &design.a - &design.l * design.c.transpose() - &design.b * design.k.transpose();
     let law = LawMatrices::of(&law, &design);
     let one = Complex::new(1.0, 0.0);
-    let highest_hz = 0.5 / SAMPLING_PERIOD_S;
+    let highest_hz = 0.5 / conditions.nominal.period_s;
     let (mut noise_power, mut last_hz, mut peak) = (0.0, 0.0, 0.0f64);
     let mut open = Vec::with_capacity(conditions.grid_hz.len());
     for (i, hz) in conditions.grid_hz.iter().enumerate() {
@@ -675,14 +677,15 @@ fn gain_margin(open: &[Complex<f64>]) -> f64 {
     crossings.fold(f64::INFINITY, f64::min)
 }
 
-/// Whether the largest sampled frequency that a mode may have is inside what the loop sees.
+/// Whether a mode is inside what a loop with this sampling period, s, sees.
 #[must_use]
-pub fn within_nyquist(mode: &ModeModel) -> bool {
-    mode.natural_frequency_rad_s * SAMPLING_PERIOD_S < PI
+pub fn within_nyquist(mode: &ModeModel, period_s: f64) -> bool {
+    mode.natural_frequency_rad_s * period_s < PI
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::SAMPLING_PERIOD_S;
     use super::*;
 
     fn linear(lags: bool) -> LinearModel {
@@ -691,6 +694,7 @@ mod tests {
             second_mode: Some((0.03, ModeModel { natural_frequency_rad_s: TAU * 4300.0, damping_ratio: 0.02 })),
             amplifier_bandwidth_hz: lags.then_some(5000.0),
             sensor_bandwidth_hz: lags.then_some(9000.0),
+            period_s: 5e-5,
         }
     }
 
@@ -772,7 +776,7 @@ mod tests {
         assert!(best.expected_um() < 0.98 * scanned.expected_um(), "{} {}", best.expected_um(), scanned.expected_um());
         // By the eigenvalues of the loop itself, beside how the candidates are judged.
         let law = PredictorDesign::new(&task.linear, &best.tuning);
-        let plant = task.linear.sampled(SAMPLING_PERIOD_S);
+        let plant = task.linear.sampled();
         for (gain, extra_delay) in [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)] {
             assert!(law.spectral_radius(&plant, gain, extra_delay) < 1.0, "{gain} {extra_delay}");
         }

@@ -8,7 +8,6 @@
 //! the data tell them apart ([`KNOWN`]), or where the data set has it from a data sheet; otherwise not, and
 //! the explanation reports that.
 
-use super::model::SAMPLING_PERIOD_S;
 use super::quantise::{QuantisationError, number};
 use crate::dataset::Dataset;
 use hysteron_core::sensor_lag::{LAG_FRACTION_BITS, SensorLag};
@@ -19,10 +18,8 @@ use std::f64::consts::TAU;
 /// A bandwidth beside that of the amplifier is known where its standard deviation is at most this share of
 /// it.
 pub const KNOWN: f64 = 0.1;
-/// Slowest sensor whose lag is undone, Hz: a lag of 20 periods.
-pub const LEAST_BANDWIDTH_HZ: f64 = 1.0 / (TAU * LARGEST_LAG_S);
-/// Its lag, s.
-pub const LARGEST_LAG_S: f64 = 20.0 * SAMPLING_PERIOD_S;
+/// Largest lag that is undone, periods of the loop.
+pub const LARGEST_LAG_PERIODS: f64 = 20.0;
 /// Of a sensor that is hardly late Tustin's rule would ring near half the sampling rate, and `a` and `b`
 /// would not fit: `a` is not below this.
 const LEAST_CARRIED: f64 = -0.33;
@@ -89,23 +86,29 @@ pub fn of_chain_s(chain: &Model) -> Option<f64> {
     lags.chain(first(delay::ID)).reduce(|a, b| a + b)
 }
 
-/// Coefficients `a` and `b` for a lag.
-fn coefficients(lag_s: f64) -> (f64, f64) {
-    let ticks = lag_s / SAMPLING_PERIOD_S;
+/// The slowest sensor whose lag a loop with this period, s, undoes, Hz.
+#[must_use]
+pub fn least_bandwidth_hz(period_s: f64) -> f64 {
+    1.0 / (TAU * LARGEST_LAG_PERIODS * period_s)
+}
+
+/// Coefficients `a` and `b` for a lag, periods.
+fn coefficients(ticks: f64) -> (f64, f64) {
     let carried = ((2.0 * ticks - 1.0) / (2.0 * ticks + 1.0)).max(LEAST_CARRIED);
     // As late at rest, whatever `a` is.
     (carried, ticks * (1.0 - carried) - carried)
 }
 
-/// The integers of the tick.
+/// The integers of the tick for a lag, s, in a loop with this period, s.
 ///
 /// # Errors
-/// A lag beyond [`LARGEST_LAG_S`], or none.
-pub fn quantised(lag_s: f64) -> Result<SensorLag, QuantisationError> {
-    if !(0.0..=LARGEST_LAG_S).contains(&lag_s) {
-        return Err(QuantisationError { what: "lag of the sensor, s".into(), value: lag_s, limit: LARGEST_LAG_S });
+/// A lag beyond [`LARGEST_LAG_PERIODS`], or none.
+pub fn quantised(lag_s: f64, period_s: f64) -> Result<SensorLag, QuantisationError> {
+    let largest_s = LARGEST_LAG_PERIODS * period_s;
+    if !(0.0..=largest_s).contains(&lag_s) {
+        return Err(QuantisationError { what: "lag of the sensor, s".into(), value: lag_s, limit: largest_s });
     }
-    let (carried, before) = coefficients(lag_s);
+    let (carried, before) = coefficients(lag_s / period_s);
     let bits = LAG_FRACTION_BITS as i32;
     Ok(SensorLag { carried: number("lag of the sensor", carried, bits)?, before: number("lag of the sensor", before, bits)? })
 }
@@ -117,27 +120,34 @@ mod tests {
     use hysteron_sim::effect::{Overview, by_id};
     use nalgebra::Complex;
 
+    const PERIOD_S: f64 = 5e-5;
+    const LARGEST_LAG_S: f64 = LARGEST_LAG_PERIODS * PERIOD_S;
+
     /// The integers as a filter, against the first-order low-pass that they stand for.
     #[test]
     fn the_reference_is_delayed_as_a_first_order_sensor_reads() {
         for bandwidth_hz in [200.0, 1000.0, 3000.0, 10_000.0, 12_640.0, 12_732.4, 15_000.0, 40_000.0, 1e6] {
-            let lag = quantised(lag_s(bandwidth_hz)).unwrap();
+            let lag = quantised(lag_s(bandwidth_hz), PERIOD_S).unwrap();
             assert!(lag.accepted(), "{bandwidth_hz}");
             let one = f64::from(1u32 << LAG_FRACTION_BITS);
             let (a, b) = (f64::from(lag.carried) / one, f64::from(lag.before) / one);
-            let ticks = lag_s(bandwidth_hz) / SAMPLING_PERIOD_S;
+            let ticks = lag_s(bandwidth_hz) / PERIOD_S;
             for hz in [1.0, 10.0, 100.0, 500.0, 1000.0] {
-                let back = Complex::from_polar(1.0, -TAU * hz * SAMPLING_PERIOD_S);
+                let back = Complex::from_polar(1.0, -TAU * hz * PERIOD_S);
                 let filter = (1.0 - a - b + b * back) / (1.0 - a * back);
                 let sensor = 1.0 / Complex::new(1.0, hz / bandwidth_hz);
                 // Of the third order in the frequency for Tustin's rule, of the second where it would ring.
-                let angle = TAU * hz * SAMPLING_PERIOD_S;
+                let angle = TAU * hz * PERIOD_S;
                 let allowed = ticks * angle.powi(3) / 12.0 + (0.25 * ticks * (1.02 - 4.0 * ticks)).max(0.0) * angle.powi(2) + 1e-8;
                 assert!((filter - sensor).norm() < 1.05 * allowed, "{bandwidth_hz} {hz}: {} {allowed}", (filter - sensor).norm());
             }
         }
-        assert!(quantised(1.1 * LARGEST_LAG_S).is_err() && quantised(f64::NAN).is_err() && quantised(-1e-6).is_err());
-        assert!(quantised(LARGEST_LAG_S).unwrap().accepted() && quantised(0.0).unwrap().accepted());
+        assert!(
+            quantised(1.1 * LARGEST_LAG_S, PERIOD_S).is_err()
+                && quantised(f64::NAN, PERIOD_S).is_err()
+                && quantised(-1e-6, PERIOD_S).is_err()
+        );
+        assert!(quantised(LARGEST_LAG_S, PERIOD_S).unwrap().accepted() && quantised(0.0, PERIOD_S).unwrap().accepted());
     }
 
     fn chain(lags: &[(&str, f64, Option<f64>)]) -> Model {

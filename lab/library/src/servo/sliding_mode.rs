@@ -77,7 +77,7 @@ impl SlidingModeLaw {
     pub fn following(self, linear: &LinearModel) -> Self {
         let t = SAMPLING_PERIOD_S;
         let reference_velocity = window_fit::fit(t, |w| Complex::from_polar(w * t, w * t) * Complex::i());
-        Self { reference_drive: feedforward(&linear.sampled(t)), reference_velocity, ..self }
+        Self { reference_drive: feedforward(&linear.sampled()), reference_velocity, ..self }
     }
 
     /// The law as it closes the loop, in the form of a predictor: for eigenvalues, margins and responses. Of
@@ -123,6 +123,7 @@ impl SlidingModeLaw {
             l: DVector::from_row_slice(&step(&zero, 1.0, 0.0)),
             k,
             feedforward: Vec::new(),
+            period_s: SAMPLING_PERIOD_S,
         })
     }
 }
@@ -287,6 +288,7 @@ mod tests {
             second_mode: None,
             amplifier_bandwidth_hz: None,
             sensor_bandwidth_hz: None,
+            period_s: 5e-5,
         }
     }
 
@@ -304,7 +306,7 @@ mod tests {
     #[test]
     fn the_prediction_takes_the_delay_out_of_the_controller() {
         let linear = linear(850.0, 0.5);
-        let plant = linear.sampled(SAMPLING_PERIOD_S);
+        let plant = linear.sampled();
         let sliding = family(SlidingKind::Pidsmoc, &linear).sliding(&TUNING);
         let law = sliding.as_predictor().unwrap();
         assert!(law.spectral_radius(&plant, 1.0, 0) < 1.0);
@@ -383,7 +385,7 @@ mod tests {
             });
             println!("{hz} Hz, {damping_ratio}: {:.2} nm, {:?}", 1e3 * best.expected_um(), best.tuning);
             let law = family(SlidingKind::Pidsmoc, &linear).law(&best.tuning).unwrap();
-            let plant = linear.sampled(SAMPLING_PERIOD_S);
+            let plant = linear.sampled();
             for (gain, extra_delay) in [(0.5, 0), (1.0, 0), (1.5, 0), (1.0, 1)] {
                 assert!(law.spectral_radius(&plant, gain, extra_delay) < 1.0, "{hz} Hz {damping_ratio}: {gain} {extra_delay}");
             }

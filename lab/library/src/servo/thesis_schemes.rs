@@ -376,7 +376,7 @@ pub fn regulator(
         proportional_derivative: row("P, D", &[gains.p, gains.d / t], |_| Unit::Micrometre, output)?,
         integral: number("I", gains.i * t, 26 + unit_bits)?,
         feedforward: row("feedforward", feedforward.window, |_| Unit::Micrometre, output)?,
-        creep: creep_inverse(feedforward.creep, feedforward.creep_pair)?,
+        creep: creep_inverse(feedforward.creep, feedforward.creep_pair, t)?,
         notch: {
             let mut quantised = Row::default();
             for (i, value) in biquad.iter().enumerate() {

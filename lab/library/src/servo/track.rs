@@ -9,7 +9,7 @@
 use super::chain_plant::{ChainPlant, HysteresisChange};
 use super::design::ServoDesign;
 use super::disturbance::Disturbance;
-use super::model::{SAMPLING_PERIOD_S, actuator_model};
+use super::model::actuator_model;
 use super::quantise::QuantisationError;
 use super::reference::{NAMES, Reference};
 use super::sensor_lag;
@@ -41,15 +41,17 @@ const ADAPTED_WITHIN_S: f64 = 6.0;
 /// gain, is learned.
 #[must_use]
 pub fn lead_s(design: &ServoDesign, frequency_hz: f64) -> f64 {
-    let learns = design.learning.is_some() && period_ticks(frequency_hz).is_some_and(|ticks| ticks <= MOST_POINTS as u32);
+    let learns =
+        design.learning.is_some() && period_ticks(frequency_hz, design.period_s()).is_some_and(|ticks| ticks <= MOST_POINTS as u32);
     let lead_s = if design.adaptation.is_some() { ADAPTED_WITHIN_S } else { LEAD_S };
     if learns { lead_s.max(waveform::GROWN_WITHIN_S + LEARNED_PERIODS / frequency_hz) } else { lead_s }
 }
 
-/// The servo of a design; it receives the period of its reference, in ticks, once that has grown.
+/// The servo of a design, with its sampling period, s; it receives the period of its reference, in ticks, once
+/// that has grown.
 #[must_use]
-pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>) -> RepeatsLater {
-    RepeatsLater { servo, period_ticks, wait_ticks: waveform::samples_in(1.0 / SAMPLING_PERIOD_S, waveform::GROWN_WITHIN_S) }
+pub fn told_when_grown(servo: ServoTick, period_ticks: Option<u32>, period_s: f64) -> RepeatsLater {
+    RepeatsLater { servo, period_ticks, wait_ticks: waveform::samples_in(1.0 / period_s, waveform::GROWN_WITHIN_S) }
 }
 
 /// How a reference goes from its lowest to its highest point and back.
@@ -80,11 +82,11 @@ pub struct PeriodicReference {
 impl PeriodicReference {
     /// Reads `sine:HZ:AMPLITUDE_UM[:OFFSET_UM[:PHASE_DEG]]`, or `triangle:` with the same numbers. Without an
     /// offset it stands on 1.12 times its amplitude, which leaves room for the remnant and for creep; without
-    /// a phase it begins at its lowest point.
+    /// a phase it begins at its lowest point. For a loop with this sampling period, s.
     ///
     /// # Errors
     /// A message that names the field.
-    pub fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str, period_s: f64) -> Result<Self, String> {
         let expected = format!("expected {NAMES}");
         let mut fields = text.split(':');
         let shape = match fields.next() {
@@ -104,10 +106,10 @@ impl PeriodicReference {
             [f, a] | [f, a, _] | [f, a, _, _] => (*f, *a),
             _ => return Err(format!("reference `{text}`: {expected}")),
         };
-        if !(LOWEST_FREQUENCY_HZ..=0.25 / SAMPLING_PERIOD_S).contains(&frequency_hz) {
+        if !(LOWEST_FREQUENCY_HZ..=0.25 / period_s).contains(&frequency_hz) {
             return Err(format!(
                 "reference `{text}`: the frequency must be at least {LOWEST_FREQUENCY_HZ} Hz and at most {} Hz",
-                0.25 / SAMPLING_PERIOD_S
+                0.25 / period_s
             ));
         }
         if amplitude_um < 0.0 {
@@ -122,11 +124,11 @@ impl PeriodicReference {
         })
     }
 
-    /// Samples, grown from zero, for `lead_s` and then two periods or a second; and the sample from which the
-    /// error counts.
+    /// Samples of a loop with this sampling period, s, grown from zero, for `lead_s` and then two periods or a
+    /// second; and the sample from which the error counts.
     #[must_use]
-    pub fn samples_um(&self, lead_s: f64) -> (Vec<f64>, usize) {
-        let fs = 1.0 / SAMPLING_PERIOD_S;
+    pub fn samples_um(&self, lead_s: f64, period_s: f64) -> (Vec<f64>, usize) {
+        let fs = 1.0 / period_s;
         let duration_s = lead_s + (2.0 / self.frequency_hz).max(1.0);
         let mut samples = match self.shape {
             ReferenceShape::Sine => {
@@ -143,17 +145,19 @@ impl PeriodicReference {
         (samples, waveform::samples_in(fs, lead_s))
     }
 
-    /// Ticks after which it repeats; `None` where these are no whole number.
+    /// Ticks of a loop with this sampling period, s, after which it repeats; `None` where these are no whole
+    /// number.
     #[must_use]
-    pub fn period_ticks(&self) -> Option<u32> {
-        period_ticks(self.frequency_hz)
+    pub fn period_ticks(&self, period_s: f64) -> Option<u32> {
+        period_ticks(self.frequency_hz, period_s)
     }
 }
 
-/// Ticks after which something of a frequency repeats; `None` where these are no whole number.
+/// Ticks of a loop with this sampling period, s, after which something of a frequency repeats; `None` where
+/// these are no whole number.
 #[must_use]
-pub fn period_ticks(frequency_hz: f64) -> Option<u32> {
-    let ticks = 1.0 / (frequency_hz * SAMPLING_PERIOD_S);
+pub fn period_ticks(frequency_hz: f64, period_s: f64) -> Option<u32> {
+    let ticks = 1.0 / (frequency_hz * period_s);
     ((ticks - ticks.round()).abs() < 1e-9 * ticks && ticks < f64::from(u32::MAX)).then_some(ticks.round() as u32)
 }
 
@@ -203,9 +207,9 @@ const STAYS: f64 = 0.1;
 
 impl StepFigures {
     /// Of a true position; the step is at a tick.
-    fn of(displacement_um: &[f64], at: usize, from_um: f64, by_um: f64) -> Self {
+    fn of(displacement_um: &[f64], at: usize, [from_um, by_um]: [f64; 2], period_s: f64) -> Self {
         let progress = |k: usize| (displacement_um[k] - from_um) / by_um;
-        let seconds = |ticks: usize| ticks as f64 * SAMPLING_PERIOD_S;
+        let seconds = |ticks: usize| ticks as f64 * period_s;
         let behind = displacement_um.len().saturating_sub(at);
         // Nothing is read here that is outside: every k is below the length.
         let outside = (at..displacement_um.len()).rev().find(|k| (progress(*k) - 1.0).abs() > SETTLED).map_or(0, |k| k + 1 - at);
@@ -233,9 +237,9 @@ pub struct DriveFigures {
 }
 
 impl DriveFigures {
-    fn of(drive_v: &[f64], from: usize) -> Self {
+    fn of(drive_v: &[f64], from: usize, period_s: f64) -> Self {
         let counted = drive_v.get(from..).unwrap_or_default();
-        let rates: Vec<f64> = counted.windows(2).map(|w| (w[1] - w[0]) / SAMPLING_PERIOD_S).collect();
+        let rates: Vec<f64> = counted.windows(2).map(|w| (w[1] - w[0]) / period_s).collect();
         let (low, high) = extremes(counted);
         Self {
             range_v: [low, high],
@@ -293,6 +297,9 @@ pub struct TrackResult {
     pub saturated_ticks: u32,
     /// Ticks that came too late: none in a simulation.
     pub overruns: u32,
+    /// Sampling period, s.
+    #[serde(skip)]
+    pub period_s: f64,
     /// Time, s, of each sample of the signals for the report.
     #[serde(skip)]
     pub time_s: Vec<f64>,
@@ -363,7 +370,11 @@ fn plant_in_words(chain: &Model, design: &ServoDesign, scale: &ConverterScale) -
         if servo_knows { ", of which the servo was designed" } else { ", which is not the model that the servo was designed for" },
         scale.adc_bits,
         scale.dac_bits,
-        if design.delayed { "one period of 50 us after its reading, as on the target" } else { "at once, which no target does" }
+        if design.delayed {
+            format!("one period of {:.0} us after its reading, as on the target", 1e6 * design.period_s())
+        } else {
+            "at once, which no target does".to_owned()
+        }
     )
 }
 
@@ -395,13 +406,14 @@ pub fn track_on(
     circumstances: Circumstances,
 ) -> Result<TrackResult, QuantisationError> {
     let Circumstances { noise_um, seed, disturbance } = circumstances;
+    let period_s = design.period_s();
     let (reference_um, from) = reference.samples_um(design);
-    let external_um = disturbance.map_or_else(Vec::new, |d| d.samples_um(reference_um.len(), from));
+    let external_um = disturbance.map_or_else(Vec::new, |d| d.samples_um(reference_um.len(), from, period_s));
     let (low_v, high_v) = (design.model.drive_min_v, design.model.drive_max_v);
     let scale = ConverterScale::around(low_v, high_v, design.model.surfaces().initial_ascending_curve(1.0));
-    let mut plant = ChainPlant::changed(chain, change, low_v);
+    let mut plant = ChainPlant::changed(chain, change, low_v, period_s);
     let mut servo = ServoTick::new(design.parameters(scale.parameters())?);
-    let fs = 1.0 / SAMPLING_PERIOD_S;
+    let fs = 1.0 / period_s;
     let conditioning = waveform::concatenate(&[waveform::raised_cosine(fs, 10.0, low_v, high_v, 1), waveform::hold(fs, low_v, 1.0)]);
     condition(&mut plant, &mut servo, &scale, &conditioning);
     let around = Surroundings {
@@ -413,11 +425,11 @@ pub fn track_on(
         displacement_zero_um: plant.displacement_um(),
     };
     servo.take_scale(&around.scale);
-    let mut told = told_when_grown(servo, reference.period_ticks());
+    let mut told = told_when_grown(servo, reference.period_ticks(period_s), period_s);
     let trace = follow(&mut plant, &mut told, &around, &reference_um);
     let samples = trace.sensor_um.len();
     let step = match reference {
-        Reference::Step { from_um, by_um } => Some(StepFigures::of(&trace.displacement_um, from, *from_um, *by_um)),
+        Reference::Step { from_um, by_um } => Some(StepFigures::of(&trace.displacement_um, from, [*from_um, *by_um], period_s)),
         Reference::Periodic(_) | Reference::Points(_) => None,
     };
     let mean = |signal: Vec<f64>| signal.iter().sum::<f64>() / signal.len().max(1) as f64;
@@ -431,7 +443,7 @@ pub fn track_on(
         truth: trace.true_error(from).into(),
         as_read: ErrorFigures::between(&trace.reading_um, &trace.reference_um, from).into(),
         step,
-        drive: DriveFigures::of(&trace.drive_v, from),
+        drive: DriveFigures::of(&trace.drive_v, from, period_s),
         sensor_lag_s: design.sensor_lag_s,
         model_sensor_lag_s: chain.values(sensor_bandwidth::ID).and_then(|v| v.first().copied()).map(sensor_lag::lag_s),
         noise_um,
@@ -440,7 +452,8 @@ pub fn track_on(
         steady_state_um: mean((from..samples).map(|k| trace.sensor_um[k] - trace.reference_um[k]).collect()),
         saturated_ticks: trace.limited_after(from).saturating_add(trace.counters.saturated_values),
         overruns: 0,
-        time_s: (0..samples).map(|k| k as f64 * SAMPLING_PERIOD_S).collect(),
+        period_s,
+        time_s: (0..samples).map(|k| k as f64 * period_s).collect(),
         reference_um: trace.reference_um,
         sensor_um: trace.sensor_um,
         displacement_um: trace.displacement_um,
@@ -452,6 +465,7 @@ pub fn track_on(
 
 #[cfg(test)]
 mod tests {
+    use super::super::model::SAMPLING_PERIOD_S;
     use super::*;
 
     #[test]
@@ -459,26 +473,26 @@ mod tests {
         let at = 100;
         let position = |k: usize| if k < at { 1.0 } else { 3.0 - 2.0 * (-((k - at) as f64) / 20.0).exp() };
         let exponential: Vec<f64> = (0..1000).map(position).collect();
-        let found = StepFigures::of(&exponential, at, 1.0, 2.0);
+        let found = StepFigures::of(&exponential, at, [1.0, 2.0], SAMPLING_PERIOD_S);
         // Within 2 % behind 20 ln 50 = 78.2 ticks, from a tenth to nine tenths in 20 ln 9 = 43.9.
         assert_eq!(found.settling_s.map(|s| (s / SAMPLING_PERIOD_S).round()), Some(79.0));
         assert_eq!(found.rise_s.map(|s| (s / SAMPLING_PERIOD_S).round()), Some(44.0));
         assert!(found.overshoot < 1e-9, "{}", found.overshoot);
         let late: Vec<f64> = exponential.iter().enumerate().map(|(k, y)| if k == 990 { 3.1 } else { *y }).collect();
-        let late = StepFigures::of(&late, at, 1.0, 2.0);
+        let late = StepFigures::of(&late, at, [1.0, 2.0], SAMPLING_PERIOD_S);
         assert!(late.settling_s.is_none() && (late.overshoot - 0.05).abs() < 1e-9, "{late:?}");
     }
 
     #[test]
     fn a_triangle_goes_in_straight_lines_between_its_ends_and_repeats() {
-        let triangle = PeriodicReference::parse("triangle:100:3:5").unwrap();
-        assert_eq!(triangle.period_ticks(), Some(200));
-        let (samples, from) = triangle.samples_um(LEAD_S);
+        let triangle = PeriodicReference::parse("triangle:100:3:5", SAMPLING_PERIOD_S).unwrap();
+        assert_eq!(triangle.period_ticks(SAMPLING_PERIOD_S), Some(200));
+        let (samples, from) = triangle.samples_um(LEAD_S, SAMPLING_PERIOD_S);
         for (k, expected) in [(0, 2.0), (50, 5.0), (100, 8.0), (125, 6.5), (199, 2.06), (200, 2.0)] {
             assert!((samples[from + k] - expected).abs() < 1e-9, "{k}: {}", samples[from + k]);
         }
-        let ticks = |text: &str| PeriodicReference::parse(text).unwrap().period_ticks();
+        let ticks = |text: &str| PeriodicReference::parse(text, SAMPLING_PERIOD_S).unwrap().period_ticks(SAMPLING_PERIOD_S);
         assert_eq!((ticks("sine:150:1"), ticks("sine:0.3:1"), ticks("sine:12.5:1")), (None, None, Some(1600)));
-        assert!(PeriodicReference::parse("square:100:3").unwrap_err().contains("triangle:"));
+        assert!(PeriodicReference::parse("square:100:3", SAMPLING_PERIOD_S).unwrap_err().contains("triangle:"));
     }
 }

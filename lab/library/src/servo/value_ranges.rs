@@ -8,7 +8,7 @@ use super::design::{Scheme, ServoDesign};
 use super::gain_adaptation::{FARTHEST, LARGEST_STEP};
 use super::model::ActuatorModel;
 use super::predictor::PredictorTuning;
-use super::sensor_lag::LARGEST_LAG_S;
+use super::sensor_lag::LARGEST_LAG_PERIODS;
 use std::ops::RangeInclusive;
 
 /// A value with its name in the file, and where it may lie.
@@ -41,6 +41,7 @@ fn of_model(m: &ActuatorModel) -> Vec<Bounded<'static>> {
     }
     out.extend(m.linear.amplifier_bandwidth_hz.map(|hz| ("amplifier_bandwidth_hz", hz, 1e-3..=1e9)));
     out.extend(m.linear.sensor_bandwidth_hz.map(|hz| ("sensor_bandwidth_hz", hz, 1e-3..=1e9)));
+    out.push(("period_s", m.linear.period_s, 1e-6..=1e-2));
     for term in &m.creep {
         out.push(("share of a creep term", term.share, -10.0..=10.0));
         out.push(("time_constant_s of a creep term", term.time_constant_s, 1e-9..=1e9));
@@ -64,7 +65,7 @@ impl ServoDesign {
             values.extend(of_tuning(tuning));
         }
         values.extend(self.sensor_noise_um.map(|noise_um| ("sensor_noise_um of the servo", noise_um, ABOVE_ZERO..=FARTHEST_UM)));
-        values.extend(self.sensor_lag_s.map(|lag_s| ("sensor_lag_s of the servo", lag_s, 0.0..=LARGEST_LAG_S)));
+        values.extend(self.sensor_lag_s.map(|lag_s| ("sensor_lag_s of the servo", lag_s, 0.0..=LARGEST_LAG_PERIODS * self.period_s())));
         if let Some(a) = &self.adaptation {
             values.extend([
                 ("farthest of the adaptation", a.farthest, ABOVE_ZERO..=FARTHEST),
@@ -85,7 +86,8 @@ mod tests {
 
     fn design() -> ServoDesign {
         let first_mode = ModeModel { natural_frequency_rad_s: 5000.0, damping_ratio: 0.3 };
-        let linear = LinearModel { first_mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: Some(1e4) };
+        let linear =
+            LinearModel { first_mode, second_mode: None, amplifier_bandwidth_hz: None, sensor_bandwidth_hz: Some(1e4), period_s: 5e-5 };
         let creep = vec![CreepTerm::linear(0.01, 0.1)];
         let model =
             ActuatorModel { drive_min_v: 0.0, drive_max_v: 80.0, g_um: vec![vec![10.0]], r_um: vec![0.1], linear, creep, creep_pair: None };

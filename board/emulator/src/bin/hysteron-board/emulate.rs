@@ -7,14 +7,13 @@ use hysteron::model_file;
 use hysteron::servo::amplifier_block::FrontEnd;
 use hysteron::servo::chain_plant::ChainPlant;
 use hysteron_core::codes::DriveCode;
-use hysteron_core::parameter_block::read;
+use hysteron_core::parameter_block::{BlockError, read};
 use hysteron_emulator::converters::World;
+use hysteron_emulator::run::sample_rate_hz;
 use hysteron_emulator::running_board::{serve_board, witness};
 use hysteron_sim::bench::{Bench, Variant};
 
-/// Ticks per second that the image is made for.
-const SAMPLE_RATE_HZ: u32 = 20_000;
-/// The block that was designed for the simulated bench.
+/// The block that was designed for the simulated bench, for an image of 20 kHz.
 const BENCH_BLOCK: &[u8] = include_bytes!("../../../tests/p753.block");
 /// Seed of the sensor's noise.
 const SEED: u64 = 1;
@@ -101,14 +100,18 @@ fn image(options: &Options) -> Result<PathBuf, String> {
     }
 }
 
-fn block(options: &Options) -> Result<Option<Vec<u8>>, String> {
+/// What the flash holds, for an image of this sampling rate.
+fn block(options: &Options, rate_hz: u32) -> Result<Option<Vec<u8>>, String> {
     let path = match &options.block {
-        Block::Fitting => return Ok(options.stage.is_none().then(|| BENCH_BLOCK.to_vec())),
+        Block::Fitting => return Ok((options.stage.is_none() && read(BENCH_BLOCK, rate_hz).is_ok()).then(|| BENCH_BLOCK.to_vec())),
         Block::Empty => return Ok(None),
         Block::File(path) => path,
     };
     let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    read(&bytes, SAMPLE_RATE_HZ).map_err(|error| format!("{}: {}", path.display(), error.reason()))?;
+    read(&bytes, rate_hz).map_err(|error| match error {
+        BlockError::SampleRate(made_for_hz) => format!("{}: made for {made_for_hz} Hz; the image samples at {rate_hz} Hz", path.display()),
+        _ => format!("{}: {}", path.display(), error.reason()),
+    })?;
     Ok(Some(bytes))
 }
 
@@ -116,10 +119,11 @@ fn text(path: &Path) -> Result<String, String> {
     std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// What stands behind the converters.
-fn world(options: &Options) -> Result<World, String> {
+/// What stands behind the converters, sampled at this rate.
+fn world(options: &Options, rate_hz: u32) -> Result<World, String> {
     let Some(stage) = &options.stage else {
-        let bench = Bench::reference().map_err(|error| format!("the simulated bench: {error}"))?;
+        let mut bench = Bench::reference().map_err(|error| format!("the simulated bench: {error}"))?;
+        bench.converters.sample_rate_hz = rate_hz.into();
         return Ok(World::new(&bench, Variant::FULL, SEED));
     };
     let chain = model_file::from_toml(&text(stage)?, &stage.display().to_string()).map_err(|error| error.to_string())?;
@@ -136,13 +140,18 @@ fn world(options: &Options) -> Result<World, String> {
             stage.display()
         ));
     }
-    Ok(World::with(Box::new(ChainPlant::at_rest(&chain, chain.drive_min_v)), scale, options.noise_um, SEED))
+    let period_s = 1.0 / f64::from(rate_hz);
+    let mut world = World::with(Box::new(ChainPlant::at_rest(&chain, chain.drive_min_v, period_s)), scale, options.noise_um, SEED);
+    world.period_ns = (1e9 * period_s).round() as u64;
+    Ok(world)
 }
 
 /// Runs the board until the process is interrupted.
 pub fn run(options: Options) -> Result<(), String> {
-    let (image, block) = (image(&options)?, block(&options)?);
-    let mut world = world(&options)?;
+    let image = image(&options)?;
+    let rate_hz = sample_rate_hz(&image).map_err(|error| format!("{error:#}"))?;
+    let block = block(&options, rate_hz)?;
+    let mut world = world(&options, rate_hz)?;
     world.witness = options.truth.as_deref().map(witness).transpose()?;
     serve_board(world, &image, block.as_deref(), options.address)
 }
@@ -169,11 +178,11 @@ mod tests {
     #[test]
     fn a_block_that_is_none_is_refused_with_its_name() {
         let options = Options::read(&["--block", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml")]).expect("options");
-        assert!(block(&options).expect_err("refused").contains("Cargo.toml"));
-        assert!(read(BENCH_BLOCK, SAMPLE_RATE_HZ).is_ok());
+        assert!(block(&options, 20_000).expect_err("refused").contains("Cargo.toml"));
+        assert!(read(BENCH_BLOCK, 20_000).is_ok());
         let options = |words: &[&str]| Options::read(words).expect("options");
-        assert_eq!(block(&options(&["--stage", "a.toml"])), Ok(None), "a block for another stage fits none");
-        assert_eq!(block(&options(&["--empty"])), Ok(None));
-        assert_eq!(block(&options(&[])).map(|block| block.map(|block| block.len())), Ok(Some(BENCH_BLOCK.len())));
+        assert_eq!(block(&options(&["--stage", "a.toml"]), 20_000), Ok(None), "a block for another stage fits none");
+        assert_eq!(block(&options(&["--empty"]), 20_000), Ok(None));
+        assert_eq!(block(&options(&[]), 20_000).map(|block| block.map(|block| block.len())), Ok(Some(BENCH_BLOCK.len())));
     }
 }

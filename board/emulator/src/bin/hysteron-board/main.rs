@@ -6,13 +6,13 @@ use std::process::ExitCode;
 
 const USAGE: &str = "\
 hysteron board emulate [--tcp 127.0.0.1:PORT] [--image ELF] [--block FILE | --empty] [--stage MODEL [--front-end FILE] [--noise-nm N]] [--truth FILE]
-    The unmodified firmware image on an emulated STM32H743, with a simulated stage behind its converters. The serial port of the board is
-    the socket; programs that speak the General Command Set 2.0 connect to it. Runs until it is interrupted; the board's log goes to the
-    screen. It is not faster than the clock, and slower where this machine is.
+    The unmodified firmware image on an emulated STM32H743, with a simulated stage behind its converters, at the sampling rate that the
+    image was built for. The serial port of the board is the socket; programs that speak the General Command Set 2.0 connect to it. Runs
+    until it is interrupted; the board's log goes to the screen. It is not faster than the clock, and slower where this machine is.
 
     --tcp        where to listen [default: 127.0.0.1:50000]; port 0 takes a free one, which is said
     --image      the image [default: hysteron-firmware.elf beside this program]
-    --block      the parameter block in the board's flash [default: the one designed for the simulated bench; with --stage none]
+    --block      the parameter block in the board's flash [default: the one designed for the simulated bench at 20 kHz; with --stage none]
     --empty      no parameter block in the flash
     --stage      the stage: a model, as `hysteron identify` writes it, at rest and never driven [default: the simulated bench]
     --front-end  how its converters are wired, as for `hysteron design` [default: that of the wiring page]

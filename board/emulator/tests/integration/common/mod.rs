@@ -168,7 +168,8 @@ pub fn host_run_of(mut amplifier: Amplifier, world: &mut World, commands: &[(u32
             let reading = world.edge();
             // The interrupt takes at most one command in a tick.
             if let Some((_, text)) = commands.next_if(|(at, _)| *at as usize <= tick) {
-                let Ok(hysteron_core::command_text::Line::Control(_, command)) = hysteron_core::command_text::parse(text, 20_000) else {
+                let rate_hz = amplifier.parameters().physical.sample_rate_hz;
+                let Ok(hysteron_core::command_text::Line::Control(_, command)) = hysteron_core::command_text::parse(text, rate_hz) else {
                     panic!("{text}")
                 };
                 amplifier.command(command).expect("accepted");
