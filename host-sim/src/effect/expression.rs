@@ -34,6 +34,8 @@
 use super::formula::Formula;
 use super::{Declaration, Estimation, Overview, Parameter, Physics, Place, Presentation, SearchHints, Setting, Stage, SyntheticCases};
 use crate::chain::Model;
+use nalgebra::DMatrix;
+use nalgebra::linalg::balancing::balance_parlett_reinsch;
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -201,6 +203,8 @@ struct ExpressionStage<'a> {
     setting: Setting<'a>,
     /// In how many parts an interval is taken.
     parts: usize,
+    /// Units of the states in which their rates are compared.
+    units: Vec<f64>,
     /// Signals by their place among the values.
     signals: Vec<(usize, &'a [f64])>,
     room: Vec<f64>,
@@ -249,12 +253,12 @@ impl ExpressionStage<'_> {
     }
 
     /// The rate of the fastest state, 1/s, at the beginning: the largest row sum of the derivatives by the
-    /// states, at rest with inputs 0 and 1.
+    /// states, at rest with inputs 0 and 1. States are first scaled to balance that matrix (B. N. Parlett and
+    /// C. Reinsch, *Numer. Math.* 13 (1969) 293), so that the rate does not depend on their units.
     fn rate_at_rest(&mut self) -> f64 {
         let start = self.values[self.states.clone()].to_vec();
-        let mut fastest = 0.0_f64;
+        let mut sizes = DMatrix::<f64>::zeros(start.len(), start.len());
         for x in [0.0, 1.0] {
-            let mut rows = vec![0.0; start.len()];
             for (j, state) in start.iter().enumerate() {
                 let step = 1e-6 * (1.0 + state.abs());
                 let mut moved = start.clone();
@@ -262,13 +266,17 @@ impl ExpressionStage<'_> {
                 let up = self.derivatives(&moved, x, 0.0);
                 moved[j] = state - step;
                 let down = self.derivatives(&moved, x, 0.0);
-                rows.iter_mut().zip(up.iter().zip(&down)).for_each(|(row, (up, down))| *row += (up - down).abs() / (2.0 * step));
+                for (size, (up, down)) in sizes.column_mut(j).iter_mut().zip(up.iter().zip(&down)) {
+                    let slope = (up - down).abs() / (2.0 * step);
+                    // What has no value there says nothing.
+                    *size = if slope.is_finite() { size.max(slope) } else { *size };
+                }
             }
-            // What has no value there says nothing.
-            fastest = rows.into_iter().filter(|row| row.is_finite()).fold(fastest, f64::max);
         }
         self.values[self.states.clone()].copy_from_slice(&start);
-        fastest
+        let units = balance_parlett_reinsch(&mut sizes);
+        self.units = units.iter().copied().collect();
+        sizes.row_iter().map(|row| row.sum()).fold(0.0, f64::max)
     }
 
     /// One part of an interval; gives the rate of the fastest state, 1/s, as far as the steps of the method
@@ -286,9 +294,10 @@ impl ExpressionStage<'_> {
         for (i, s) in start.iter().enumerate() {
             self.values[self.states.start + i] = s + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
         }
-        let farthest = |a: &[f64], b: &[f64]| a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        let largest = |each: &mut dyn Iterator<Item = f64>| each.zip(&self.units).fold(0.0_f64, |m, (v, unit)| m.max(v.abs() / unit));
+        let farthest = |a: &[f64], b: &[f64]| largest(&mut a.iter().zip(b).map(|(a, b)| a - b));
         let (apart, answers) = (0.5 * h * farthest(&k2, &k1), farthest(&k3, &k2));
-        let size = start.iter().zip(&k1).fold(0.0_f64, |m, (s, d)| m.max(s.abs()).max(h * d.abs()));
+        let size = largest(&mut start.iter().zip(&k1).map(|(s, d)| s.abs().max(h * d.abs())));
         if apart > ROUNDING * size { answers / apart } else { 0.0 }
     }
 
@@ -360,6 +369,7 @@ impl Physics for ExpressionEffect {
             input: 0.0,
             setting: *setting,
             parts: 1,
+            units: vec![1.0; self.initial.len()],
             signals,
             room: Vec::new(),
         };
@@ -411,6 +421,36 @@ mod tests {
         }
         let mut stage = effect.stage(&Model::new(0.0, 1.0), &[1e-6], &setting(0.1)).unwrap();
         assert!(stage.step(0, 1.0).is_nan(), "a state that cannot be followed is abandoned, not followed wrongly");
+    }
+
+    /// A mode of 1.2 kHz by its displacement and its velocity, the velocity in a unit of `1 / per` um/s.
+    fn written_mode(per: f64) -> ExpressionEffect {
+        let w = 2.0 * std::f64::consts::PI * 1200.0;
+        ExpressionEffect::from_toml(&format!(
+            "id = \"mode\"\nplace = \"vibration\"\noutput = \"z\"\n[[parameter]]\nname = \"zeta\"\nlower = 0.0\nupper = 1.0\nstarts = [0.02]\n[[state]]\nname = \"z\"\nderivative = \"v / {per}\"\n[[state]]\nname = \"v\"\nderivative = \"{per} * ({w} * {w} * (x - z)) - 2 * zeta * {w} * v\"\n"
+        ))
+        .unwrap()
+    }
+
+    #[test]
+    fn a_written_mode_is_the_same_in_any_unit_of_its_velocity() {
+        let (dt_s, zeta) = (5e-5, 0.02);
+        let steps = |per: f64| -> Vec<f64> {
+            let effect = written_mode(per);
+            let mut stage = effect.stage(&Model::new(0.0, 1.0), &[zeta], &setting(dt_s)).unwrap();
+            stage.settle(1.0);
+            (0..400).map(|k| stage.step(k, 1.0)).collect()
+        };
+        // Of a step of 1 um; the first in physical units, um and um/s.
+        let (w, after) = (2.0 * std::f64::consts::PI * 1200.0, |k: usize| (k + 1) as f64 * dt_s);
+        for per in [1.0, 1e6, 1e-6] {
+            for (k, y) in steps(per).into_iter().enumerate() {
+                let (decay, wd) = ((-zeta * w * after(k)).exp(), w * (1.0 - zeta * zeta).sqrt());
+                let turned = (wd * after(k)).cos() + zeta * w / wd * (wd * after(k)).sin();
+                let expected = 1.0 - decay * turned;
+                assert!((y - expected).abs() < 5e-3, "1 / {per} um/s, sample {k}: {y} instead of {expected}");
+            }
+        }
     }
 
     #[test]

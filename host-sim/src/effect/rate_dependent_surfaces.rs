@@ -7,8 +7,8 @@
 //! hysteresis stage adds them.
 //!
 //! The joint fit estimates all coefficients at once; the prior of every fit holds down those that the data do
-//! not show, here at a fifth of the range. The printed procedure in two steps is
-//! `hysteron::identification::rate_surfaces`.
+//! not show, here at a fifth of the range. The printed procedure in two steps
+//! is part of `hysteron reproduce 4`.
 
 use super::{
     Against, Declaration, Effect, Estimation, Overview, Parameter, Physics, Picture, Place, Presentation, SearchHints, Setting, Stage,

@@ -105,19 +105,25 @@ fn designed(design: &ServoDesign, model: &Model, dataset: &Dataset) -> Result<An
     })
 }
 
-/// The integer servo on the simulated model.
+/// The integer servo on the simulated model, on the plants that may stand in its place, and a small step.
 fn follow(design: &ServoDesign, model: &Model, hz: f64, amplitude_um: f64) -> Result<Answer> {
     let name = format!("sine:{hz}:{amplitude_um}");
     let reference = Reference::named(&name, design.period_s()).map_err(refused)?;
-    let found = commands::follow(model, design, &reference, &name, &Work::default()).map_err(refused)?;
+    let work = Work::default();
+    let found = commands::follow(model, design, &reference, &name, &work).map_err(refused)?;
+    let band = commands::follow_on_members(model, design, &reference, &work, &found).map_err(refused)?;
+    let step = commands::follow_step(model, design, &work).map_err(refused)?;
     let error_um = found.sensor_um.iter().zip(&found.reference_um).map(|(y, r)| y - r).collect();
     Ok(Answer {
         json: json!({
             "true_rms_um": found.truth.rms_um, "true_max_um": found.truth.max_um,
             "read_rms_um": found.sensor.rms_um, "trouble": found.trouble(),
             "from_s": found.time_s.first(), "rate_hz": rate_hz(&found.time_s),
+            "band": words::band(&band).into_iter().map(|line| line.join(": ")).collect::<Vec<_>>(),
+            "step": step.step.as_ref().map(words::step),
+            "step_from_s": step.time_s.first(),
         }),
-        columns: vec![found.reference_um, found.sensor_um, error_um, found.drive_v],
+        columns: vec![found.reference_um, found.sensor_um, error_um, found.drive_v, step.reference_um, step.sensor_um],
     })
 }
 

@@ -199,7 +199,10 @@ async function readOtherwise(change) {
   try {
     await read();
   } catch (error) {
+    // A file that is refused changes neither what the page shows nor what the engine knows.
+    const refused = lab.data === before.data && !lab.engine.knowsNothing;
     Object.assign(lab, before);
+    if (refused) throw error;
     $("#empty").hidden = Boolean(lab.data);
     $("#lab").hidden = !lab.data;
     told.state = lab.data ? "loaded" : "empty";

@@ -64,7 +64,8 @@ function showServo() {
         <input id="sine-um" type="number" min="0" step="any" value="${servo.amplitude_um}" aria-label="amplitude"> um <button id="follow">Follow it in simulation</button>
         <button id="save-servo">Save servo.toml</button> <button id="save-block" title="For an amplifier with the usual wiring; beside it the lines that bring it to a running one">Save parameter block</button></p>` : ""}
     ${followed ? `<p>The integer servo on the simulated model: the true position is <b>${nm(followed.true_rms_um)} nm</b> RMS off, ${nm(followed.true_max_um)} nm at most; the sensor reads ${nm(followed.read_rms_um)} nm.
-      ${followed.trouble ? `</p><p class="refused">${escaped(followed.trouble)}</p><p>` : ""}</p><div class="pair" id="follow-plots"></div>` : ""}`;
+      ${followed.trouble ? `</p><p class="refused">${escaped(followed.trouble)}</p><p>` : ""}</p><ul id="servo-band">${followed.band.map((line) => `<li>${escaped(line)}</li>`).join("")}</ul>
+      <div class="pair" id="follow-plots"></div>` : ""}`;
   const act = (selector, work) => place.querySelector(selector)?.addEventListener("click", () => trying(work));
   const takes = (selector, key) => place.querySelector(selector)?.addEventListener("change", (event) => (servo[key] = Number(event.target.value)));
   takes("#servo-hz", "reference_hz");
@@ -92,12 +93,16 @@ function showLoop(place, { columns: [hz, sensitivity, complementary, noise, dist
   });
 }
 
-function showFollowed(place, { from_s: from, rate_hz: rate, columns: [reference, read, error] }) {
+function showFollowed(place, { from_s: from, rate_hz: rate, step, step_from_s: stepFrom, columns: [reference, read, error, , wanted, reached] }) {
   const link = new Link();
   new Plot(place, { title: "Reference and position", xLabel: "time, s", yLabel: "um", link, wide: true }).show({
     rate, from, series: [{ label: "reference", colour: "--measured", y: reference, thick: true }, { label: "position", colour: "--modelled", y: read }],
   });
   new Plot(place, { title: "Error: position less reference", xLabel: "time, s", yLabel: "nm", link, wide: true, height: 150 }).show({
     rate, from, series: [{ label: "error", colour: "--residual", y: Array.from(error, (v) => 1e3 * v) }],
+  });
+  if (!step) return;
+  new Plot(place, { title: `A small step: ${step}`, xLabel: "time, s", yLabel: "um", wide: true, height: 190 }).show({
+    rate, from: stepFrom, series: [{ label: "reference", colour: "--measured", y: wanted, thick: true }, { label: "position", colour: "--modelled", y: reached }],
   });
 }

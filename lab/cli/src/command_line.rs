@@ -321,6 +321,9 @@ enum Command {
         /// Benches of chapters 4 to 7
         #[arg(long, value_enum, default_value_t = Benches::Both)]
         bench: Benches,
+        /// Write a row for each printed result
+        #[arg(long, value_name = "FILE")]
+        csv: Option<PathBuf>,
         #[command(flatten)]
         outputs: Outputs,
     },
@@ -511,7 +514,7 @@ fn dispatch(command: Command) -> Result<bool> {
             track::track(model, servo, &wanted, &outputs)
         }
         #[cfg(feature = "thesis")]
-        Command::Reproduce { chapters, bench, outputs } => reproduce::reproduce(&chapters, bench, &outputs),
+        Command::Reproduce { chapters, bench, csv, outputs } => reproduce::reproduce(&chapters, bench, csv.as_deref(), &outputs),
         #[cfg(not(feature = "thesis"))]
         Command::Reproduce { .. } => full_build::needed("reproduce"),
         Command::Score { dir, outputs } => score::score(&dir, &outputs),

@@ -26,7 +26,7 @@ pub fn compare(model: &Path, path: &Path, reading: &ReadArguments, outputs: &Rec
     require_finite(&model, &dataset, &(0..dataset.records.len()).collect::<Vec<_>>())?;
     let floor = noise_floor_beside(&model, &dataset);
     let figures = fit_figures(&model, &dataset, &floor, Vec::new(), &[], started.elapsed().as_secs_f64());
-    println!("{}: {}", dataset.name, figures.effects.join(", "));
+    println!("{}: {}", dataset.name, figures.comparison_sentence());
     print_records(&figures);
     print_values(&figures);
     if let Some(floor) = figures.noise_floor_um {

@@ -4,10 +4,11 @@ use crate::arguments::{Benches, Outputs};
 use crate::desk::Desk;
 use crate::progress::Progress;
 use hysteron::{Error, Result};
-use hysteron_thesis::overview::{NUMBERS, PrintedTable, ReproduceFile, page, tables, totals_in_words};
+use hysteron_thesis::overview::{NUMBERS, PrintedTable, ReproduceFile, page, rows_as_csv, tables, totals_in_words};
 use hysteron_thesis::scoreboard::{ScoreRow, cells, score, score_both, totals};
 use hysteron_thesis::{CHAPTERS, Chapter, PlayedOn, chapter};
 use std::io::IsTerminal;
+use std::path::Path;
 
 /// The benches of the request, in the order of the rows' columns.
 fn played_on(benches: Benches) -> Vec<PlayedOn> {
@@ -50,9 +51,10 @@ fn print(table: &PrintedTable) {
 
 /// Reproduces chapters of the thesis on simulated benches; false if an algorithm as printed misses a printed
 /// result.
-pub fn reproduce(numbers: &[u32], benches: Benches, outputs: &Outputs) -> Result<bool> {
+pub fn reproduce(numbers: &[u32], benches: Benches, csv: Option<&Path>, outputs: &Outputs) -> Result<bool> {
     let desk = Desk::new(outputs.force);
     outputs.check(&desk)?;
+    desk.target(csv)?;
     let numbers: Vec<u32> = if numbers.is_empty() { CHAPTERS.to_vec() } else { numbers.to_vec() };
     if let Some(unknown) = numbers.iter().find(|n| !CHAPTERS.contains(n)) {
         return Err(Error::new("chapter", format!("{unknown} has nothing to reproduce; expected some of {CHAPTERS:?}")));
@@ -80,6 +82,9 @@ pub fn reproduce(numbers: &[u32], benches: Benches, outputs: &Outputs) -> Result
     println!("\n{}", totals_in_words(&rows));
     let (_, _, missed) = totals(&rows);
     desk.write_json(outputs.json.as_deref(), &ReproduceFile::of(rows.clone()))?;
+    if let Some(path) = csv {
+        desk.write(path, rows_as_csv(&rows).as_bytes())?;
+    }
     if let Some(path) = &outputs.report {
         desk.write_page(Some(path), || page(&chapters[0], &rows))?;
         println!("look at {}", path.display());

@@ -8,9 +8,8 @@ use hysteron::servo::commands::{self, Work};
 use hysteron::servo::disturbance::Disturbance;
 use hysteron::servo::members::PlantBand;
 use hysteron::servo::reference::Reference;
-use hysteron::servo::track::{DriveFigures, SETTLED, TrackResult};
+use hysteron::servo::track::{DriveFigures, TrackResult};
 use hysteron::servo::words;
-use hysteron::statistics::extremes;
 use hysteron::{Error, Result};
 use hysteron_report::TrackPage;
 use serde::Serialize;
@@ -64,33 +63,6 @@ struct TrackFigures<'a> {
     band: &'a PlantBand,
 }
 
-/// Least and largest of a value, nm.
-fn range_nm([least, most]: [f64; 2]) -> String {
-    format!("{:.2} to {}", 1e3 * least, nm(most))
-}
-
-/// What the servo does on other plants.
-fn tell_band(band: &PlantBand) {
-    let [rms, max] = [band.rms_um(), band.max_um()].map(range_nm);
-    println!("  band    true RMS {rms}, max {max}, over {} plants", band.members.len());
-    if let Some(worst) = band.worst() {
-        println!("  worst   {}: RMS {}, max {}", worst.plant, nm(worst.truth.rms_um), nm(worst.truth.max_um));
-    }
-    let settling: Vec<f64> = band.members.iter().filter_map(|m| m.settling_s).collect();
-    let (low, high) = extremes(&settling);
-    if low < high {
-        let unsettled = band.members.len() - settling.len();
-        let rest = if unsettled > 0 { format!("; {unsettled} plants do not settle") } else { String::new() };
-        println!("  settling time over them {:.2} to {:.2} ms{rest}", 1e3 * low, 1e3 * high);
-    }
-    if !band.with_covariance {
-        println!("  the model file has no covariance of its values: gain, modes and loops are varied alone");
-    }
-    for (member, trouble) in band.members.iter().skip(1).filter_map(|m| Some((m, m.trouble.as_ref()?))) {
-        println!("  {}: {trouble}", member.plant);
-    }
-}
-
 /// `hysteron track MODEL SERVO --reference R [--scheme NAME] [--sensor-noise-um N] [--disturbance D]
 /// [--added-mass RATIO] [--capacitance-uf C]`.
 pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Outputs) -> Result<bool> {
@@ -123,14 +95,11 @@ pub fn track(model: &Path, servo: &Path, wanted: &TrackRequest, outputs: &Output
         nm(result.sensor.rms_um)
     );
     if let Some(step) = &result.step {
-        let settled = match step.settling_s {
-            Some(s) => format!("settles to {:.0} % in {:.2} ms", 100.0 * SETTLED, 1e3 * s),
-            None => format!("does not settle to {:.0} %, {}", 100.0 * SETTLED, nm(SETTLED * step.by_um.abs())),
-        };
-        let rise = step.rise_s.map_or_else(String::new, |s| format!(", rises in {:.2} ms", 1e3 * s));
-        println!("  step    {settled}{rise}, overshoots by {:.1} %", 100.0 * step.overshoot);
+        println!("  step    {}", words::step(step));
     }
-    tell_band(&band);
+    for [word, said] in words::band(&band) {
+        println!("  {word:7} {said}");
+    }
     if let Some(beside) = &result.beside {
         println!("  {} on the same run, true RMS {}, max {}", beside.scheme, nm(beside.truth.rms_um), nm(beside.truth.max_um));
     }

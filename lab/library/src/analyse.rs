@@ -475,8 +475,9 @@ fn grow_from_prior(study: &Study, model: Model) -> Result<Grown> {
             steps.extend(changed.map(|change| PathStep { change, judged: told.clone() }));
             let again = study.thoroughly(&told.model);
             // Values that this recording does not fix are better where they were identified than where its
-            // noise would bring them.
-            (entry.moves.clone(), if study.merit(&again) <= study.merit(&told) { again } else { told })
+            // noise would bring them: the held-out records decide.
+            let met_better = study.merit(&again) <= study.merit(&told) && again.validate_rms_um <= told.validate_rms_um;
+            (entry.moves.clone(), if met_better { again } else { told })
         }
         None => (Vec::new(), refitted),
     };

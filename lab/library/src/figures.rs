@@ -2,10 +2,11 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::units::SignalUnits;
+use crate::diagnosis::judgement::Split;
 use crate::diagnosis::path::PathStep;
 use crate::diagnosis::words;
 use crate::engineering::{self, Figure};
-use crate::identification::fit::{counted_residual, rms};
+use crate::identification::fit::{counted_residual, rms, rms_over};
 use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::Diagnosis;
@@ -72,6 +73,10 @@ pub struct FitFigures {
     pub units: SignalUnits,
     /// Every record.
     pub records: Vec<RecordFigures>,
+    /// Error of all fitted records, um.
+    pub identify_rms_um: f64,
+    /// Error of all held-out records, um.
+    pub validate_rms_um: Option<f64>,
     /// The model driven from the first sample of each file to its last.
     pub replays: Vec<Replay>,
     /// Floor.
@@ -95,6 +100,16 @@ pub struct FitFigures {
     /// The diagnosis, with `explain` and `diagnose`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diagnosis: Option<Diagnosis>,
+}
+
+impl FitFigures {
+    /// How well the model as it is meets the recording, in a sentence.
+    #[must_use]
+    pub fn comparison_sentence(&self) -> String {
+        let (records, rms_um) = self.validate_rms_um.map_or(("fitted", self.identify_rms_um), |rms_um| ("held-out", rms_um));
+        let noise = self.noise_floor_um.map_or_else(String::new, |floor_um| format!("; the noise is {} nm", words::nm(floor_um)));
+        format!("The model ({}) meets the {records} records within {} nm RMS{noise}.", self.effects.join(", "), words::nm(rms_um))
+    }
 }
 
 fn record_figures(model: &Model, dataset: &Dataset, replays: &[Replay]) -> Vec<RecordFigures> {
@@ -148,11 +163,14 @@ pub fn fit_figures(
     seconds: f64,
 ) -> FitFigures {
     let replays = replays(model, dataset);
+    let split = Split::of(dataset);
     FitFigures {
         schema: "hysteron.fit/1",
         effects: model.effect_ids(),
         units: dataset.units.clone(),
         records: record_figures(model, dataset, &replays),
+        identify_rms_um: rms_over(model, dataset, &split.identify),
+        validate_rms_um: (!split.validate.is_empty()).then(|| rms_over(model, dataset, &split.validate)),
         replays,
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),

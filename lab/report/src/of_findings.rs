@@ -7,10 +7,10 @@ use crate::explain_report::{
 use hysteron::analyse::Outcome;
 use hysteron::dataset::Dataset;
 use hysteron::dataset::reading_grid::{mean_rounding_um, rounding_noise};
-use hysteron::diagnosis::judgement::{Split, judge, noise_floor_beside};
+use hysteron::diagnosis::judgement::noise_floor_beside;
 use hysteron::diagnosis::latent_force::latent_force_nm;
 use hysteron::diagnosis::path::PathStep;
-use hysteron::diagnosis::words::{self, nm};
+use hysteron::diagnosis::words;
 use hysteron::engineering::{Figure, figures};
 use hysteron::figures::{FitFigures, StepFigures, step_figures};
 use hysteron::identification::fit::{residual, rms};
@@ -221,26 +221,20 @@ fn value_reports(values: &[Figure]) -> Vec<[String; 3]> {
 /// A model as it is on a data set.
 #[must_use]
 pub fn comparison_report(model: &Model, dataset: &Dataset, figures: &FitFigures, command: String) -> ExplainReport {
-    let judged = judge(model.clone(), dataset, &Split::of(dataset));
     let floor = noise_floor_beside(model, dataset);
     let mut warnings = figures.warnings.clone();
     warnings.extend(figures.cannot_identify.iter().map(|c| format!("cannot be identified from this data: {c}")));
     ExplainReport {
         data_set: dataset.name.clone(),
         verdict: "compared".into(),
-        sentence: format!(
-            "The model ({}) meets the held-out records within {} nm RMS{}.",
-            figures.effects.join(", "),
-            nm(judged.validate_rms_um.unwrap_or(judged.identify_rms_um)),
-            figures.noise_floor_um.map_or_else(String::new, |f| format!("; the noise is {} nm", nm(f)))
-        ),
+        sentence: figures.comparison_sentence(),
         records: record_reports(&[model], dataset),
         noise_floor: floor_report(&floor),
         steps: vec![StepReport {
             added: None,
             why: "the model as it is".into(),
-            identify_rms_um: judged.identify_rms_um,
-            validate_rms_um: judged.validate_rms_um,
+            identify_rms_um: figures.identify_rms_um,
+            validate_rms_um: figures.validate_rms_um,
         }],
         parameters: parameter_reports(model),
         replays: lines(&figures.replays),

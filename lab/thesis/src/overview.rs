@@ -114,6 +114,44 @@ pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
     out
 }
 
+/// A row for each printed result, as a table of text; figures with six digits.
+#[must_use]
+pub fn rows_as_csv(rows: &[ScoreRow]) -> String {
+    let six = |v: f64| format!("{v:.5e}").parse::<f64>().map_or_else(|_| v.to_string(), |v| v.to_string());
+    let number = |v: Option<f64>| v.map_or_else(String::new, six);
+    let value = |v: Option<Value>| match v {
+        None => String::new(),
+        Some(Value::Number(v)) => six(v),
+        Some(Value::Pair([re, im])) => format!("{}{}{}i", six(re), if im < 0.0 { "" } else { "+" }, six(im)),
+    };
+    let other = |row: &ScoreRow, suffix: &str| {
+        let id = format!("{}{suffix}", row.id);
+        value(rows.iter().find(|r| r.id == id).and_then(|r| r.ours))
+    };
+    let met = |met: Option<bool>| met.map_or("", |met| if met { "met" } else { "missed" });
+    let mut out = String::from("id,thesis,as_printed,with_noise,sensor,domains,improved,ours,unit,met,met_on_reference,reason\n");
+    for row in rows.iter().filter(|row| counts(row)) {
+        let reason = row.reason.as_deref().filter(|_| row.met == Some(false)).unwrap_or_default();
+        let cells = [
+            row.id.clone(),
+            value(row.thesis),
+            value(row.printed_algorithm),
+            number(row.with_noise),
+            number(row.sensor),
+            value(row.on_domains),
+            other(row, ".improved"),
+            other(row, ".ours"),
+            row.unit.clone(),
+            met(row.met).into(),
+            met(row.met_on_reference).into(),
+            if reason.contains([',', '"']) { format!("\"{}\"", reason.replace('"', "\"\"")) } else { reason.into() },
+        ];
+        out.push_str(&cells.join(","));
+        out.push('\n');
+    }
+    out
+}
+
 /// What the counts say, in a sentence.
 #[must_use]
 pub fn totals_in_words(rows: &[ScoreRow]) -> String {
@@ -192,6 +230,16 @@ mod tests {
         assert_eq!((missed[0].title.as_str(), missed[0].lines[0].met), ("Ch. 6, Table I", false));
         assert_eq!(missed[0].lines[0].numbers[..2], ["0.0230".to_owned(), "0.500".to_owned()]);
         assert!(of(0.02)[0].lines[0].met);
+    }
+
+    #[test]
+    fn a_row_of_the_table_of_text_has_its_reason_in_quotes() {
+        let rows = vec![ChapterRow::new("ch6.pid_thesis.10hz.rms", 0.5, "um", "")];
+        let mut cells: Vec<_> = cells().unwrap().into_iter().filter(|c| c.id == "ch6.table1.pid.10hz.rms").collect();
+        cells[0].missed_because = Some("too slow, as printed".into());
+        let text = rows_as_csv(&score(&[Chapter { number: 6, rows, ..Chapter::default() }], &cells));
+        let line = text.lines().nth(1).unwrap();
+        assert!(line.starts_with("ch6.table1.pid.10hz.rms,0.023,0.5,,,,,,um,missed,,\"too slow, as printed\""), "{text}");
     }
 
     #[test]

@@ -154,6 +154,11 @@ fn dropped_files_are_explained_and_the_saved_model_is_that_of_the_command_line()
     let reference = Reference::named(&name, 5e-5).expect("a sine");
     let followed = follow(&found.model, &designed, &reference, &name, &Work::default()).expect("it is followed");
     assert!((nm(&mut page, "true_rms_um") / (1e3 * followed.truth.rms_um) - 1.0).abs() < 1e-3);
+    let band = page.value("document.querySelector('#servo-band').textContent");
+    assert!(band.as_str().is_some_and(|said| said.contains("over 13 plants") && said.contains("worst: ")), "{band}");
+    let step = page.value("servo.followed.step");
+    assert!(step.as_str().is_some_and(|said| said.starts_with("settles to 2 % in ")), "{step}");
+    assert_eq!(page.value("document.querySelectorAll('#follow-plots canvas').length > 2"), true);
     page.click("#save-block");
     let commands = page.saved(&out.path().join("servo.block.commands"));
     assert!(commands.lines().count() > 10, "{commands}");
@@ -249,6 +254,13 @@ fn the_served_page_has_the_native_engine_behind_it() {
     assert!((number(&mut page, "heldOutNm") / before_nm - 1.0).abs() < 1e-12, "nothing is kept of what was cancelled");
 
     page.click("#find");
+    state(&mut page, "named");
+    // A file that is refused leaves the verdict and the way to the model.
+    let wrong = out.path().join("broken.csv");
+    std::fs::write(&wrong, "t,u,y\n0,1,2\n1,x,3\n").expect("the folder can be written");
+    page.drop_files(&[wrong]);
+    page.wait_for(&format!("!document.querySelector('#message').hidden && {LEFT_ALONE}"));
+    assert_eq!(page.value("document.querySelector('#finder .verdict').textContent"), "Named");
     state(&mut page, "named");
     page.click("#add");
     page.wait_for(&format!("lab.step === 1 && {LEFT_ALONE}"));

@@ -105,3 +105,28 @@ fn signals_are_written_as_tables_that_fit_the_figures() {
     let again = hysteron(&["identify", "signals/a.csv", "--effects", "gain"], folder.path());
     assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
 }
+
+/// The sentence at the head of the page is that of the terminal, and its error that of the JSON.
+#[test]
+fn the_page_of_a_comparison_says_what_the_terminal_says() {
+    let folder = folder_to_search();
+    for (roles, of) in [(["identify", "validate"], "held-out"), (["identify", "identify"], "fitted")] {
+        let manifest = std::fs::read_to_string(folder.path().join("dataset.toml")).unwrap();
+        std::fs::write(folder.path().join("dataset.toml"), manifest.replace("\"validate\"", &format!("\"{}\"", roles[1]))).unwrap();
+        let made = hysteron(&["identify", ".", "--effects", "gain", "--out", "m.toml", "--force"], folder.path());
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        let compared = hysteron(&["compare", "m.toml", ".", "--json", "c.json", "--report", "c.html", "--force"], folder.path());
+        let said = String::from_utf8_lossy(&compared.stdout).into_owned();
+        let sentence = said.lines().next().and_then(|line| line.split_once(": ")).expect("a headline").1;
+        let page = String::from_utf8(bytes(folder.path(), "c.html")).unwrap();
+        assert!(page.contains(sentence), "{sentence}");
+        let figures: serde_json::Value = serde_json::from_slice(&bytes(folder.path(), "c.json")).unwrap();
+        let records = figures["records"].as_array().unwrap();
+        let role = if of == "fitted" { "identify" } else { "validate" };
+        let squares: Vec<f64> = records.iter().filter(|r| r["role"] == role).map(|r| r["rms_um"].as_f64().unwrap().powi(2)).collect();
+        // Records of one length.
+        let rms_nm = 1e3 * (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        let told: f64 = sentence.split_once(&format!("{of} records within ")).unwrap().1.split(' ').next().unwrap().parse().unwrap();
+        assert!((told / rms_nm - 1.0).abs() < 6e-3, "{told} {rms_nm}");
+    }
+}

@@ -201,6 +201,17 @@ fn prefixed(unit: &str, steps: i32) -> String {
 }
 
 impl SignalUnits {
+    /// Whether these signals are of no ceramic: a structure that is pushed by a force, or one that is moved and
+    /// whose force is read, has nothing of its loops and creep. A stage that follows a commanded position may.
+    #[must_use]
+    pub fn exclude_a_ceramic(&self) -> bool {
+        match dimension_of(&self.drive) {
+            Some(Dimension::Force) => true,
+            Some(Dimension::Length | Dimension::Angle | Dimension::Acceleration) => dimension_of(&self.reading) == Some(Dimension::Force),
+            _ => false,
+        }
+    }
+
     /// The same text in these units: sentences of the library are about a drive in V and a reading in um and
     /// nm.
     #[must_use]
@@ -486,6 +497,14 @@ mod tests {
         let units = SignalUnits { drive: "N".into(), reading: "mV".into() };
         assert_eq!(units.in_words("13.2 nm of 430 um at 3 V (um/V), Vibration"), "13.2 uV of 430 mV at 3 N (mV/N), Vibration");
         assert_eq!(SignalUnits::default().in_words("13.2 nm"), "13.2 nm");
+    }
+
+    #[test]
+    fn a_structure_that_is_pushed_or_whose_force_is_read_is_no_ceramic() {
+        let of = |drive: &str, reading: &str| SignalUnits { drive: drive.into(), reading: reading.into() }.exclude_a_ceramic();
+        assert!(of("N", "um") && of("um", "N") && of("in", "kip"));
+        // A force that a clamped ceramic gives, and a stage with a servo of its own.
+        assert!(!SignalUnits::default().exclude_a_ceramic() && !of("V", "N") && !of("um", "um"));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::identification::{finer_creep, finer_hysteresis, finer_plays};
 use crate::watch::{Watch, WatchEvent};
 use hysteron_sim::chain::{EffectInstance, Model};
 use hysteron_sim::effect::gain::Gain;
-use hysteron_sim::effect::{Effect, LinesAtRest, Overview};
+use hysteron_sim::effect::{Effect, LinesAtRest, Overview, Place};
 use std::cell::Cell;
 use std::sync::Arc;
 
@@ -94,6 +94,12 @@ const TO_THE_END_FAR_ABOVE: Effort = Effort { iterations: 30, tolerance: 0.05, r
 /// A model that leaves so many times as much of the held-out records has taken in what they would show.
 const FAILS_HELD_OUT: f64 = 1.5;
 
+/// Whether an effect is of a ceramic or of the amplifier in front of it.
+fn is_of_a_ceramic(place: Place) -> bool {
+    use Place::{AmplifierBandwidth, AmplifierSaturation, AmplifierSlew, Charge, Creep, Hysteresis};
+    matches!(place, AmplifierBandwidth | AmplifierSlew | AmplifierSaturation | Charge | Hysteresis | Creep)
+}
+
 /// A quick fit whose merit is worse by this much than that of a fit that went as far as it goes does not come
 /// past it.
 const CANNOT_CATCH_UP: f64 = 0.15;
@@ -164,9 +170,11 @@ impl<'a> Study<'a> {
     }
 
     fn joining(&self, model: &Model) -> Vec<Arc<dyn Effect>> {
+        let no_ceramic = self.dataset.units.exclude_a_ceramic();
         let joins = |effect: &&Arc<dyn Effect>| {
             let declaration = effect.declaration();
             model.effect(&declaration.id).is_none()
+                && !(no_ceramic && effect.definition().is_none() && is_of_a_ceramic(declaration.place))
                 && effect.may_join(model, &self.overview)
                 && effect.speaks_for_it(model, &self.lines_at_rest)
                 && !effect.starts(&self.overview).is_empty()

@@ -103,17 +103,27 @@ pub fn why(standing: &Standing) -> &'static str {
 /// What has changed, for a reader.
 #[must_use]
 pub fn changed(values: &[ChangedValue]) -> String {
+    let named = |v: &ChangedValue| read_by_name(&v.effect, &v.parameter);
+    let from_to = |v: &ChangedValue| {
+        let (_, unit, factor) = named(v);
+        format!("from {} to {} {unit}", figure(factor * v.from), figure(factor * v.to)).trim_end().to_owned()
+    };
     let one = |v: &ChangedValue| {
-        if v.parameter == "scale" {
-            format!("{} times {}", spoken(&v.effect), figure(v.to))
-        } else {
-            let (name, unit, factor) = read_by_name(&v.effect, &v.parameter);
-            let effect = spoken(&v.effect);
-            let what = if effect == name { effect } else { format!("{effect} {name}") };
-            format!("{what} from {} to {} {unit}", figure(factor * v.from), figure(factor * v.to)).trim_end().to_owned()
+        let (effect, name) = (spoken(&v.effect), named(v).0);
+        match v.parameter.as_str() {
+            "scale" => format!("{effect} times {}", figure(v.to)),
+            _ if effect == name => format!("{effect} {}", from_to(v)),
+            _ => format!("{effect} {name} {}", from_to(v)),
         }
     };
-    values.iter().map(one).collect::<Vec<_>>().join("; ")
+    // Of more than two values of an effect the one that has moved furthest stands for all.
+    let of_effect = |group: &[ChangedValue]| match group {
+        [_] | [_, _] => group.iter().map(one).collect::<Vec<_>>().join("; "),
+        _ => group.iter().max_by(|a, b| (a.to - a.from).abs().total_cmp(&(b.to - b.from).abs())).map_or_else(String::new, |furthest| {
+            format!("{} values of {}, {} most, {}", group.len(), spoken(&furthest.effect), named(furthest).0, from_to(furthest))
+        }),
+    };
+    values.chunk_by(|a, b| a.effect == b.effect).map(of_effect).collect::<Vec<_>>().join("; ")
 }
 
 /// That no drive within the limits of the data distinguishes an effect from another, for a reader.
@@ -378,5 +388,26 @@ pub fn cannot_identify(what: &CannotIdentify) -> String {
         CannotIdentify::RateDependence { speed_v_s } => {
             format!("rate dependence: the drive moves at one speed only (about {speed_v_s:.0} V/s), so loops at other speeds are a guess")
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_values_the_one_that_moved_furthest_is_told() {
+        let value = |effect: &str, parameter: &str, from: f64, to: f64| ChangedValue {
+            effect: effect.into(),
+            parameter: parameter.into(),
+            from,
+            to,
+        };
+        let weights = [(1, 0.1, 0.11), (2, -0.85, -2.0), (3, 0.2, 0.1)];
+        let mut values: Vec<ChangedValue> =
+            weights.iter().map(|(k, from, to)| value("play_operators", &format!("weight_{k}_um"), *from, *to)).collect();
+        values.push(value("delay", "delay_s", 1e-4, 2e-4));
+        let said = changed(&values);
+        assert!(said.starts_with("3 values of play operators, weight 2 most, from -0.8500 to -2.000 um; delay "), "{said}");
     }
 }

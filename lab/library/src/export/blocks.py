@@ -198,9 +198,9 @@ def _lines(x, rest, lines):
         rest_out += cosine
     return y, rest_out
 # block bend
-def _bend(x, rest, quadratic, cubic):
+def _bend(x, rest, quadratic, cubic, full_scale):
     def bent(v):
-        return v * (1.0 + v * (quadratic + v * cubic))
+        return v + v * (v - full_scale) * (quadratic + cubic * (v - 0.5 * full_scale))
 
     return bent(x), bent(rest)
 # block round

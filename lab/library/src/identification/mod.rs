@@ -7,8 +7,7 @@
 //!   [`identifiability`]: what they leave open;
 //! * [`noise_floor`]: what remains random, and on which evidence;
 //! * [`finer_creep`], [`finer_hysteresis`], [`finer_plays`]: more terms and more flexible surfaces, so that a
-//!   coarse description cannot pose as a missing effect;
-//! * [`rate_surfaces`]: rate-dependent hysteresis by the thesis' procedure in two steps.
+//!   coarse description cannot pose as a missing effect.
 
 pub mod finer_creep;
 pub mod finer_hysteresis;
@@ -19,5 +18,4 @@ pub mod identifiability;
 pub mod linearisation;
 pub mod noise_floor;
 pub mod nuisance_terms;
-pub mod rate_surfaces;
 pub mod uncertainty;

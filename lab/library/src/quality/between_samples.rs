@@ -2,16 +2,20 @@
 //!
 //! A converter holds its output, a measured drive runs on. All that a stage adds to a held drive (loops,
 //! creep, lags) comes later; a drive that runs on is half a period earlier at every frequency, and nothing in
-//! the library makes up for that. At the end of a search a model with a mode is refitted with each other way
-//! of the drive, where nobody specified one.
+//! the library makes up for that. A search that begins with the wrong way takes up the half period with loops and
+//! filters, and is long. So the first fit is tried with a mode and each way of the drive, where nobody
+//! specified one, and at the end of a search its model with a mode once more.
 
 use super::{Issue, IssueKind, Moment, Severity, Subject};
+use crate::dataset::Dataset;
 use crate::diagnosis::judgement::Judged;
 use crate::diagnosis::study::{FAR_BEHIND, Study};
+use crate::identification::fit::rms;
 use crate::parallel;
 use crate::watch::WatchEvent;
-use hysteron_sim::effect::vibration;
+use hysteron_sim::effect::{Effect, vibration};
 use hysteron_sim::intersample::Intersample;
+use std::sync::Arc;
 
 /// Another way of the drive is taken where the rank of the same effects is better by so much, as a logarithm
 /// of the error: a fifth of it goes. Of a Duffing oscillator whose drive is sampled at three times its
@@ -26,9 +30,35 @@ pub(super) fn named(name: &str) -> Intersample {
 /// Tries the other ways beside a model, where nobody specified when the drive acts.
 pub(super) fn check(subject: &Subject) -> Vec<Issue> {
     match subject.moment {
+        Moment::FirstFit(study, fitted) if subject.dataset.timing_is_assumed => {
+            with_a_mode(study, fitted).and_then(|held| compare(study, &held)).into_iter().collect()
+        }
         Moment::End(end) if subject.dataset.timing_is_assumed => compare(end.study, end.last).into_iter().collect(),
         _ => Vec::new(),
     }
+}
+
+/// The first fit with the mode that follows its residual best, where that mode explains much of it.
+fn with_a_mode(study: &Study, fitted: &Judged) -> Option<Judged> {
+    let of_a_mode = |effect: &Arc<dyn Effect>| effect.declaration().id == vibration::ID;
+    let mode = study.candidates_for(&fitted.model).into_iter().find(of_a_mode)?;
+    if study.watch.stopped() || !a_period_matters(study.dataset, &study.split.both(), fitted) {
+        return None;
+    }
+    let screening = study.score_each(&fitted.model, &[mode]).ok()?;
+    let score = screening.scores.first()?;
+    let begin = study.with(&fitted.model, &[(score.effect.clone(), score.starts.first()?.clone())]);
+    let held = study.quickly(&begin);
+    (study.merit(fitted) - study.merit(&held) > MUCH_BETTER).then_some(held)
+}
+
+/// Half a period of the drive moves the reading by as much as a part of the error that matters.
+fn a_period_matters(dataset: &Dataset, records: &[usize], fitted: &Judged) -> bool {
+    let gain_um_v = dataset.overview().gain_um_v.abs();
+    let moves_um =
+        |i: &usize| 0.5 * gain_um_v * rms(&dataset.records[*i].drive_v.windows(2).map(|two| two[1] - two[0]).collect::<Vec<_>>());
+    let most_um = records.iter().map(moves_um).fold(0.0, f64::max);
+    most_um > -(-MUCH_BETTER).exp_m1() * fitted.error_um()
 }
 
 fn compare(study: &Study, found: &Judged) -> Option<Issue> {

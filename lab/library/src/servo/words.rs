@@ -1,8 +1,49 @@
 //! Findings of a servo in sentences, the same on screens, in pages and in the lab.
 
 use super::loop_margins::{FirstUnstable, LoopMargins, differ, unstable_from};
+use super::members::PlantBand;
 use super::order::OnPlants;
 use super::robust::decibels;
+use super::track::{SETTLED, StepFigures};
+use crate::statistics::extremes;
+
+fn in_nm(um: f64) -> String {
+    format!("{:.2} nm", 1e3 * um)
+}
+
+/// What a step became.
+#[must_use]
+pub fn step(step: &StepFigures) -> String {
+    let settled = match step.settling_s {
+        Some(s) => format!("settles to {:.0} % in {:.2} ms", 100.0 * SETTLED, 1e3 * s),
+        None => format!("does not settle to {:.0} %, {}", 100.0 * SETTLED, in_nm(SETTLED * step.by_um.abs())),
+    };
+    let rise = step.rise_s.map_or_else(String::new, |s| format!(", rises in {:.2} ms", 1e3 * s));
+    format!("{settled}{rise}, overshoots by {:.1} %", 100.0 * step.overshoot)
+}
+
+/// What the servo does on other plants: each line with its word in front.
+#[must_use]
+pub fn band(band: &PlantBand) -> Vec<[String; 2]> {
+    let range = |[least, most]: [f64; 2]| format!("{:.2} to {}", 1e3 * least, in_nm(most));
+    let (rms, max, plants) = (range(band.rms_um()), range(band.max_um()), band.members.len());
+    let mut said = vec![["band".into(), format!("true RMS {rms}, max {max}, over {plants} plants")]];
+    if let Some(worst) = band.worst() {
+        said.push(["worst".into(), format!("{}: RMS {}, max {}", worst.plant, in_nm(worst.truth.rms_um), in_nm(worst.truth.max_um))]);
+    }
+    let settling: Vec<f64> = band.members.iter().filter_map(|m| m.settling_s).collect();
+    let (low, high) = extremes(&settling);
+    if low < high {
+        let unsettled = band.members.len() - settling.len();
+        let rest = if unsettled > 0 { format!("; {unsettled} plants do not settle") } else { String::new() };
+        said.push(["settling".into(), format!("time over them {:.2} to {:.2} ms{rest}", 1e3 * low, 1e3 * high)]);
+    }
+    if !band.with_covariance {
+        said.push(["note".into(), "the model file has no covariance of its values: gain, modes and loops are varied alone".into()]);
+    }
+    said.extend(band.members.iter().skip(1).filter_map(|m| Some([m.plant.clone(), m.trouble.clone()?])));
+    said
+}
 
 /// What a lag of the sensor does to the reported errors: the lag that the servo undoes and the one that the
 /// actuator's sensor has, s.

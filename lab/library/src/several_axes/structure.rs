@@ -112,8 +112,16 @@ impl AxisEffect {
         format!("{}: {}", self.id(), self.place(stage, data))
     }
 
+    /// The mode that it is or is of.
+    pub(super) fn mode(&self) -> Option<usize> {
+        match *self {
+            Self::Vibration { mode, .. } => Some(mode),
+            _ => self.needs_mode(),
+        }
+    }
+
     /// The mode without which it means nothing.
-    fn needs_mode(&self) -> Option<usize> {
+    pub(super) fn needs_mode(&self) -> Option<usize> {
         match *self {
             Self::DriveCoupling { mode, .. }
             | Self::SensorCoupling { mode, .. }
