@@ -102,7 +102,13 @@ function showFollowed(place, { from_s: from, rate_hz: rate, step, step_from_s: s
     rate, from, series: [{ label: "error", colour: "--residual", y: Array.from(error, (v) => 1e3 * v) }],
   });
   if (!step) return;
+  // From 5 ms before the step to 20 ms behind it.
+  const last = wanted[wanted.length - 1];
+  const at = wanted.findIndex((value) => value === last);
+  const begin = Math.max(0, at - Math.round(0.005 * rate));
+  const cut = (column) => column.slice(begin, at + Math.round(0.02 * rate));
   new Plot(place, { title: `A small step: ${step}`, xLabel: "time, s", yLabel: "um", wide: true, height: 190 }).show({
-    rate, from: stepFrom, series: [{ label: "reference", colour: "--measured", y: wanted, thick: true }, { label: "position", colour: "--modelled", y: reached }],
+    rate, from: stepFrom + begin / rate,
+    series: [{ label: "reference", colour: "--measured", y: cut(wanted), thick: true }, { label: "position", colour: "--modelled", y: cut(reached) }],
   });
 }
