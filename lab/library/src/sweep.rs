@@ -26,6 +26,10 @@ const NARROWEST_BAND: f64 = 2.0;
 const WAY_SHARE: usize = 16;
 /// Of the points of a table: the offset is held so long behind the sine, for what still rings.
 const TAIL_SHARE: usize = 16;
+/// The sine of a band begins at its lowest frequency over this, ...
+const BEGINS_BELOW: f64 = 1.25;
+/// ... and ends at its highest one times this: what begins or ends is no sine of its frequency.
+const ENDS_ABOVE: f64 = 1.06;
 /// Points over which the sine ends.
 const FADE_POINTS: usize = 64;
 /// Frequencies in a decade at which the response is given.
@@ -94,9 +98,10 @@ fn band(from_hz: f64, to_hz: f64, tick_rate_hz: f64, table_points: usize) -> Swe
     let rate_hz = tick_rate_hz / ticks_per_point;
     let (way_points, tail_points) = (table_points / WAY_SHARE, table_points / TAIL_SHARE);
     let room_s = (table_points - 2 * way_points - tail_points) as f64 / rate_hz;
-    let octaves = (to_hz / from_hz).ln();
-    let growth_s = (from_hz * room_s / octaves).floor().max(1.0) / from_hz;
-    let sine_points = ((growth_s * octaves * rate_hz) as usize).min(table_points - 2 * way_points - tail_points);
+    let begins_hz = from_hz / BEGINS_BELOW;
+    let growths = (ENDS_ABOVE * to_hz / begins_hz).ln();
+    let growth_s = (begins_hz * room_s / growths).floor().max(1.0) / begins_hz;
+    let sine_points = ((growth_s * growths * rate_hz) as usize).min(table_points - 2 * way_points - tail_points);
     SweepBand { from_hz, to_hz, ticks_per_point: ticks_per_point as u32, rate_hz, growth_s, sine_points, way_points, tail_points }
 }
 
@@ -107,7 +112,7 @@ impl SweepBand {
         let way = |k: usize| 0.5 - 0.5 * (PI * (k as f64 + 1.0) / self.way_points as f64).cos();
         let up = (0..self.way_points).map(|k| rest + (offset - rest) * way(k));
         let sine = (0..self.sine_points).map(|k| {
-            let phase = TAU * self.from_hz * self.growth_s * ((k as f64 / self.rate_hz / self.growth_s).exp() - 1.0);
+            let phase = TAU * self.from_hz / BEGINS_BELOW * self.growth_s * ((k as f64 / self.rate_hz / self.growth_s).exp() - 1.0);
             let left = (self.sine_points - k) as f64 / FADE_POINTS as f64;
             let fade = if left < 1.0 { 0.5 - 0.5 * (PI * left).cos() } else { 1.0 };
             offset + amplitude * fade * phase.sin()
@@ -124,9 +129,7 @@ impl SweepBand {
         let (Some(drive_v), Some(position_um)) = (drive_v.get(counted.clone()), position_um.get(counted)) else { return Vec::new() };
         let length = (2 * drive_v.len()).next_power_of_two();
         let Some(impulse) = impulse_response(&detrended(drive_v), &detrended(position_um), length) else { return Vec::new() };
-        // Where the sine begins to fade the response ends.
-        let highest_hz = self.to_hz * (-(FADE_POINTS as f64) / (self.rate_hz * self.growth_s)).exp();
-        let ratio = highest_hz / self.from_hz;
+        let ratio = self.to_hz / self.from_hz;
         let count = (FREQUENCIES_PER_DECADE * ratio.log10()).round().max(1.0);
         let frequencies = (0..=count as i32).map(|i| self.from_hz * ratio.powf(f64::from(i) / count));
         frequencies
@@ -141,7 +144,7 @@ impl SweepBand {
                     let [left, right] = self.window(harmonic, impulse.len());
                     // A window of this length smears what the end of the band does so far.
                     let smeared_hz = SMEARED_LINES * self.rate_hz / (left + right) as f64;
-                    (at_hz <= highest_hz - smeared_hz).then(|| {
+                    (at_hz <= self.to_hz - smeared_hz).then(|| {
                         let half = PI * at_hz / self.rate_hz;
                         self.harmonic(&impulse, harmonic, at_hz).norm() / (half.sin() / half).abs() / first.norm()
                     })
@@ -246,8 +249,7 @@ mod tests {
             let linear = 1.0 + 0.75 * CUBE * amplitude * amplitude;
             let found = band.response(&drive, &position);
             assert!(found.len() > 10);
-            // At the ends of the band the sine lasts for less than a period.
-            for point in &found[1..found.len() - 1] {
+            for point in &found {
                 let expected = low_pass(point.hz) * gain * linear;
                 let of_phase = (point.phase_deg - expected.arg().to_degrees()).abs();
                 assert!((point.gain_um_v / expected.norm() - 1.0).abs() < 0.03 && of_phase < 2.0, "{band:?} {point:?} {expected}");

@@ -842,7 +842,10 @@ fn trade_off(task: &Task<'_>, scan: &Scan, which: impl Fn(&Candidate) -> bool) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::servo::amplifier_block::amplifier_parameters;
     use crate::servo::model::LinearModel;
+    use hysteron_sim::chain::EffectInstance;
+    use hysteron_sim::effect::{Overview, by_id};
 
     /// What a servo cannot follow is refused by what the user asked for, and what it follows badly is
     /// reported.
@@ -873,5 +876,31 @@ mod tests {
         let refused = missed(60.0, false, 150.0).unwrap_err();
         assert!(refused.contains("name a --reference-hz of at most") && !refused.contains("row"), "{refused}");
         assert!(missed(380.0, true, 900.0).unwrap_err().contains("--reference-hz"));
+    }
+
+    /// The stage is the same in seconds, the block is one that an image of that rate takes, and a file keeps
+    /// the rate.
+    #[test]
+    fn a_predictor_is_designed_for_every_rate_and_the_others_for_one() {
+        let overview = Overview::without_data(0.0, 80.0);
+        let mut chain = Model::new(0.0, 80.0);
+        for (id, values) in [("hysteresis", &[9.0, 1.0, -2.0][..]), ("vibration", &[5_300.0, 0.6])] {
+            chain.add(EffectInstance::new(by_id(id).expect("an effect"), &overview, values));
+        }
+        let usual = FrontEnd::default();
+        for sample_rate_hz in [50_000, 100_000] {
+            let front_end = FrontEnd { sample_rate_hz, ..FrontEnd::default() };
+            let order = DesignOrder { front_end: Some(&front_end), ..DesignOrder::default() };
+            let servo = design(&chain, &order).expect("a servo");
+            let radius = servo.law().expect("a law").spectral_radius(&servo.model.linear.sampled(), 1.0, 0);
+            assert!(radius < 1.0, "{radius}");
+            let parameters = amplifier_parameters(&servo, &front_end).expect("a block");
+            assert_eq!((servo.period_s(), parameters.physical.sample_rate_hz), (front_end.period_s(), sample_rate_hz));
+            let text = toml::to_string(&servo).expect("a file");
+            assert_eq!(toml::from_str::<ServoDesign>(&text).expect("a servo").period_s(), servo.period_s());
+            assert!(amplifier_parameters(&servo, &usual).unwrap_err().to_string().contains("designed for"));
+            let refused = design(&chain, &DesignOrder { scheme: SchemeChoice::Pid, ..order }).unwrap_err();
+            assert!(refused.contains("--scheme predictor"), "{refused}");
+        }
     }
 }
