@@ -210,14 +210,12 @@ pub enum Block {
         /// Angle in an interval, sine and cosine, um.
         Vec<[f64; 3]>,
     ),
-    /// `y = x + x (x - full_scale) (quadratic + cubic (x - full_scale / 2))`.
+    /// `y = x (1 + x (quadratic + x cubic))`.
     Bend {
         /// 1/um.
         quadratic: f64,
         /// 1/um^2.
         cubic: f64,
-        /// um.
-        full_scale: f64,
     },
     /// The nearest multiple of a step, half a step away from zero.
     Round {
@@ -336,9 +334,7 @@ fn run(block: &Block, at_rest: f64, signal: &mut [f64], force_n: impl Fn(usize) 
     match block {
         Block::Proportional { gain, offset } => each(at_rest, signal, |x| gain * (x - offset)),
         Block::Clamp { lower, upper } => each(at_rest, signal, |x| x.min(*upper).max(*lower)),
-        Block::Bend { quadratic, cubic, full_scale } => {
-            each(at_rest, signal, |x| x + x * (x - full_scale) * (quadratic + cubic * (x - 0.5 * full_scale)))
-        }
+        Block::Bend { quadratic, cubic } => each(at_rest, signal, |x| x * (1.0 + x * (quadratic + x * cubic))),
         Block::Round { step } => each(at_rest, signal, |x| if *step > 0.0 { (x / step).round() * step } else { x }),
         Block::Slope { most, gives_mean } => {
             let mut stands = at_rest;

@@ -298,10 +298,9 @@ function [y, rest_out] = h_lines(x, rest, lines)
   end
 end
 % block bend
-function [y, rest_out] = h_bend(x, rest, quadratic, cubic, full_scale)
-  bent = @(v) v + v .* (v - full_scale) .* (quadratic + cubic * (v - 0.5 * full_scale));
-  y = bent(x);
-  rest_out = bent(rest);
+function [y, rest_out] = h_bend(x, rest, quadratic, cubic)
+  y = x .* (1 + x .* (quadratic + x * cubic));
+  rest_out = rest * (1 + rest * (quadratic + rest * cubic));
 end
 % block round
 function [y, rest_out] = h_round(x, rest, step)

@@ -198,9 +198,9 @@ def _lines(x, rest, lines):
         rest_out += cosine
     return y, rest_out
 # block bend
-def _bend(x, rest, quadratic, cubic, full_scale):
+def _bend(x, rest, quadratic, cubic):
     def bent(v):
-        return v + v * (v - full_scale) * (quadratic + cubic * (v - 0.5 * full_scale))
+        return v * (1.0 + v * (quadratic + v * cubic))
 
     return bent(x), bent(rest)
 # block round

@@ -101,10 +101,7 @@ fn written(i: usize, placed: &Placed) -> Written {
     match &placed.block {
         Block::Proportional { gain, offset } => plain(format!("{} * (x - {})", number(*gain), number(*offset))),
         Block::Clamp { lower, upper } => plain(format!("fmax(fmin(x, {}), {})", number(*upper), number(*lower))),
-        Block::Bend { quadratic, cubic, full_scale } => {
-            let [q, c, scale] = [quadratic, cubic, full_scale].map(|v| number(*v));
-            plain(format!("x + x * (x - {scale}) * ({q} + {c} * (x - 0.5 * {scale}))"))
-        }
+        Block::Bend { quadratic, cubic } => plain(format!("x * (1.0 + x * ({} + x * {}))", number(*quadratic), number(*cubic))),
         Block::Round { step } if *step > 0.0 => plain(format!("round(x / {0}) * {0}", number(*step))),
         Block::Round { .. } => plain("x".into()),
         Block::Force { compliance } => plain(format!("x + {} * force_n", number(*compliance))),

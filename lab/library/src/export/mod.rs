@@ -207,7 +207,7 @@ fn arguments(block: &Block, substeps: usize) -> Vec<Argument> {
         Block::Gap { half } => vec![Number(*half)],
         Block::Drift { rate, slowing } => vec![Number(*rate), Number(*slowing)],
         Block::Lines(lines) => vec![Rows(lines.iter().map(|line| line.to_vec()).collect())],
-        Block::Bend { quadratic, cubic, full_scale } => vec![Number(*quadratic), Number(*cubic), Number(*full_scale)],
+        Block::Bend { quadratic, cubic } => vec![Number(*quadratic), Number(*cubic)],
         Block::Round { step } => vec![Number(*step)],
         Block::Force { compliance } => vec![Force, Count(substeps), Number(*compliance)],
     }

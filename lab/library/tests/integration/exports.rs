@@ -41,7 +41,7 @@ const CASES: [Case; 9] = [
             ("second_mode", &[0.05, 6000.0, 0.02]),
             ("mass_change", &[0.2]),
             ("sensor_bandwidth", &[1500.0]),
-            ("sensor_nonlinearity", &[0.001, -0.0002, 9.0]),
+            ("sensor_nonlinearity", &[0.001, -0.0002]),
             ("creep", &[0.01, 0.004, 0.02, 0.1]),
         ],
     ),
