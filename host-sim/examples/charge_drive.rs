@@ -5,8 +5,8 @@
 //! cargo run --release -p hysteron-sim --example charge_drive -- [--csv FILE]
 //! ```
 //!
-//! The piezo is the electromechanical model of the thesis (Ch. 2, Eqs. 6-11). Its values are those of a stack
-//! of about 11 um at 100 V: 1.8 uF, 5 N/V, 45 N/um, hysteresis of 4 elements. The insulation is varied.
+//! The piezo is the electromechanical model of the thesis (Ch. 2, Eqs. 6-11) with the values of
+//! [`Electromechanical::stack`]. The insulation is varied.
 
 use hysteron_sim::electromechanical::{Drive, Electromechanical, ElectromechanicalState};
 use std::fmt::Write as _;
@@ -15,16 +15,6 @@ const DT_S: f64 = 1e-3;
 /// Samples of half a cycle, and of the hold behind it: 10 s.
 const HALF: u32 = 500;
 const HOLD: u32 = 10_000;
-
-fn piezo(leakage_ohm: f64) -> Electromechanical {
-    Electromechanical {
-        capacitance_f: 1.8e-6,
-        ratio_n_v: 5.0,
-        stiffness_n_m: 4.5e7,
-        elements: vec![(4e-6, 8e-6), (4e-6, 2e-5), (3e-6, 3e-5), (4e-6, f64::INFINITY)],
-        leakage_ohm,
-    }
-}
 
 /// Travel in m, and in per cent of it: the opening of the loop at half of the way and what is lost in the hold.
 fn cycle(model: &Electromechanical, drive: impl Fn(f64) -> Drive) -> [f64; 3] {
@@ -50,7 +40,7 @@ fn main() -> Result<(), String> {
     };
     let mut table = String::from("amplifier,insulation_ohm,travel_um,loop_pct,sinks_in_10_s_pct\n");
     for leakage_ohm in [1e9, 1e8, 1e7] {
-        let model = piezo(leakage_ohm);
+        let model = Electromechanical::stack(leakage_ohm);
         let rows = [
             ("voltage", cycle(&model, |share| Drive::Voltage(100.0 * share))),
             ("charge", cycle(&model, |share| Drive::Charge(1.5e-4 * share))),

@@ -2,14 +2,15 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::units::SignalUnits;
-use crate::diagnosis::judgement::Split;
+use crate::diagnosis::judgement::{Split, rms_of};
 use crate::diagnosis::path::PathStep;
 use crate::diagnosis::words;
 use crate::engineering::{self, Figure};
-use crate::identification::fit::{counted_residual, rms, rms_over};
+use crate::identification::fit::{counted_residual, rms};
 use crate::identification::identifiability::CannotIdentify;
 use crate::identification::noise_floor::NoiseFloor;
 use crate::outcome::Diagnosis;
+use crate::parallel;
 use crate::replay::{Replay, replays};
 use crate::statistics::largest;
 use hysteron_sim::chain::{EffectInstance, Model};
@@ -112,24 +113,24 @@ impl FitFigures {
     }
 }
 
-fn record_figures(model: &Model, dataset: &Dataset, replays: &[Replay]) -> Vec<RecordFigures> {
+fn record_figures(residuals: &[Vec<f64>], dataset: &Dataset, replays: &[Replay]) -> Vec<RecordFigures> {
     let replayed = |i: usize| replays.iter().find(|replay| replay.records.contains(&i)).map(|replay| (replay.rms_um, replay.max_um));
     dataset
         .records
         .iter()
+        .zip(residuals)
         .enumerate()
-        .map(|(i, record)| {
-            let r = counted_residual(model, record);
-            let rms_um = rms(&r);
+        .map(|(i, (record, r))| {
+            let rms_um = rms(r);
             let range = record.range_um();
-            let (replay_rms_um, replay_max_um) = replayed(i).unwrap_or((rms_um, largest(&r)));
+            let (replay_rms_um, replay_max_um) = replayed(i).unwrap_or((rms_um, largest(r)));
             RecordFigures {
                 replay_rms_um,
                 replay_max_um,
                 file: record.name.clone(),
                 role: record.role.name(),
                 rms_um,
-                max_um: largest(&r),
+                max_um: largest(r),
                 rms_pct_range: if range > 0.0 { 100.0 * rms_um / range } else { 0.0 },
             }
         })
@@ -164,13 +165,14 @@ pub fn fit_figures(
 ) -> FitFigures {
     let replays = replays(model, dataset);
     let split = Split::of(dataset);
+    let residuals = parallel::map(&dataset.records, |record| counted_residual(model, record));
     FitFigures {
         schema: "hysteron.fit/1",
         effects: model.effect_ids(),
         units: dataset.units.clone(),
-        records: record_figures(model, dataset, &replays),
-        identify_rms_um: rms_over(model, dataset, &split.identify),
-        validate_rms_um: (!split.validate.is_empty()).then(|| rms_over(model, dataset, &split.validate)),
+        records: record_figures(&residuals, dataset, &replays),
+        identify_rms_um: rms_of(&residuals, &split.identify).unwrap_or(0.0),
+        validate_rms_um: rms_of(&residuals, &split.validate),
         replays,
         noise_floor_um: floor.rms_um,
         floor_basis: floor.basis.clone(),

@@ -82,14 +82,16 @@ fn short(text: &str) -> String {
     text.split(['(', ',']).next().unwrap_or(text).trim().to_owned()
 }
 
+/// Our figure for a row by another procedure: `.improved` or `.ours`.
+fn by_procedure(rows: &[ScoreRow], row: &ScoreRow, suffix: &str) -> Option<Value> {
+    let id = format!("{}{suffix}", row.id);
+    rows.iter().find(|r| r.id == id).and_then(|r| r.ours)
+}
+
 /// The tables of the thesis, in its order.
 #[must_use]
 pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
     let mut out: Vec<PrintedTable> = Vec::new();
-    let other = |row: &ScoreRow, suffix: &str| {
-        let id = format!("{}{suffix}", row.id);
-        value(rows.iter().find(|r| r.id == id).and_then(|r| r.ours))
-    };
     for row in rows.iter().filter(|row| counts(row)) {
         let line = TableLine {
             what: [short(&row.algorithm), row.condition.clone(), row.quantity.clone()],
@@ -99,8 +101,8 @@ pub fn tables(rows: &[ScoreRow]) -> Vec<PrintedTable> {
                 number(row.with_noise),
                 number(row.sensor),
                 value(row.on_domains),
-                other(row, ".improved"),
-                other(row, ".ours"),
+                value(by_procedure(rows, row, ".improved")),
+                value(by_procedure(rows, row, ".ours")),
             ],
             unit: row.unit.clone(),
             met: row.met == Some(true),
@@ -124,10 +126,6 @@ pub fn rows_as_csv(rows: &[ScoreRow]) -> String {
         Some(Value::Number(v)) => six(v),
         Some(Value::Pair([re, im])) => format!("{}{}{}i", six(re), if im < 0.0 { "" } else { "+" }, six(im)),
     };
-    let other = |row: &ScoreRow, suffix: &str| {
-        let id = format!("{}{suffix}", row.id);
-        value(rows.iter().find(|r| r.id == id).and_then(|r| r.ours))
-    };
     let met = |met: Option<bool>| met.map_or("", |met| if met { "met" } else { "missed" });
     let mut out = String::from("id,thesis,as_printed,with_noise,sensor,domains,improved,ours,unit,met,met_on_reference,reason\n");
     for row in rows.iter().filter(|row| counts(row)) {
@@ -139,8 +137,8 @@ pub fn rows_as_csv(rows: &[ScoreRow]) -> String {
             number(row.with_noise),
             number(row.sensor),
             value(row.on_domains),
-            other(row, ".improved"),
-            other(row, ".ours"),
+            value(by_procedure(rows, row, ".improved")),
+            value(by_procedure(rows, row, ".ours")),
             row.unit.clone(),
             met(row.met).into(),
             met(row.met_on_reference).into(),

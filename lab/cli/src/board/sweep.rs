@@ -107,7 +107,7 @@ fn drives(bands: &[SweepBand], wanted: &SweepRequest, scale: &Scale) -> Result<V
     Ok(bands.iter().zip(&NAMES).flat_map(of_band).collect())
 }
 
-/// A number of the table; nothing where there is none.
+/// A number of the table; empty without one.
 fn or_nothing(value: Option<f64>) -> String {
     value.map_or_else(String::new, |value| format!("{value:.6}"))
 }

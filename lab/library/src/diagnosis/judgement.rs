@@ -83,7 +83,7 @@ impl Judged {
     }
 }
 
-fn rms_of(residuals: &[Vec<f64>], records: &[usize]) -> Option<f64> {
+pub(crate) fn rms_of(residuals: &[Vec<f64>], records: &[usize]) -> Option<f64> {
     let mut by_size: Vec<(f64, usize)> = records.iter().map(|&i| (dot(&residuals[i], &residuals[i]), residuals[i].len())).collect();
     // The same sum whatever the order of the records.
     by_size.sort_by(|a, b| a.0.total_cmp(&b.0));
