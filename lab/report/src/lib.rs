@@ -4,7 +4,7 @@
 //! `track` and `explain` all do:
 //!
 //! ```
-//! use hysteron_report::{Block, Page, Plot, Role, Section, Series, Table};
+//! use hysteron_report::{CurveRole, Page, PageBlock, Plot, Section, Series, Table};
 //!
 //! let t_s: Vec<f64> = (0..100).map(|k| f64::from(k) * 1e-3).collect();
 //! let reference = t_s.iter().map(|t| (60.0 * t).sin()).collect();
@@ -16,22 +16,22 @@
 //!         heading: "Over time".into(),
 //!         text: "Both plots share their time axis.".into(),
 //!         blocks: vec![
-//!             Block::Plot(
+//!             PageBlock::Plot(
 //!                 Plot::new("Reference")
 //!                     .x_axis("time", "s")
 //!                     .y_axis("displacement", "um")
 //!                     .link("time")
-//!                     .with(Series::line("reference", Role::Reference, t_s.clone(), reference)),
+//!                     .with(Series::line("reference", CurveRole::Reference, t_s.clone(), reference)),
 //!             ),
-//!             Block::Plot(
+//!             PageBlock::Plot(
 //!                 Plot::new("Error")
 //!                     .x_axis("time", "s")
 //!                     .y_axis("error", "nm")
 //!                     .link("time")
-//!                     .with(Series::line("error", Role::Residual, t_s, error))
+//!                     .with(Series::line("error", CurveRole::Residual, t_s, error))
 //!                     .level("goal", 2.0),
 //!             ),
-//!             Block::Table(Table {
+//!             PageBlock::Table(Table {
 //!                 columns: vec!["Frequency, Hz".into(), "RMS, nm".into()],
 //!                 rows: vec![vec!["10".into(), "1.4".into()]],
 //!                 ..Table::default()
