@@ -15,6 +15,10 @@ pub const PATIENCE: Duration = Duration::from_secs(20);
 const SHORT_PATIENCE: Duration = Duration::from_secs(1);
 /// How often a board is asked whether it is there.
 const GREETINGS: usize = 30;
+/// The same of a serial port at the first speed.
+const GREETINGS_OF_A_PORT: usize = 3;
+/// The same of a socket: an emulated board on a busy machine begins late.
+const GREETINGS_OF_A_SOCKET: usize = 15;
 /// Bytes of lines that are sent before the board is asked whether it took them: its store holds 2048.
 const MOST_BYTES_AT_ONCE: usize = 1500;
 /// Bytes of a line, at most: the board's longest has a few hundred.
@@ -61,9 +65,10 @@ impl Board {
         let mut this = Self { port: Port::open(address)?, incoming: VecDeque::new(), patience: PATIENCE, identification: String::new() };
         // A program that ended in the middle may have left the board at another speed.
         let speeds = [USUAL_BAUD, baud.unwrap_or(USUAL_BAUD)];
-        let mut met = this.meet_at(speeds[0]);
+        let times = if matches!(address, Address::Tcp(_)) { GREETINGS_OF_A_SOCKET } else { GREETINGS_OF_A_PORT };
+        let mut met = this.meet_at(speeds[0], times);
         if met.is_err() && speeds[1] != speeds[0] {
-            met = this.meet_at(speeds[1]);
+            met = this.meet_at(speeds[1], times);
         }
         if let Err(problem) = met {
             let hint = "is it powered, and does no other program hold the port?";
@@ -78,9 +83,9 @@ impl Board {
         Ok(this)
     }
 
-    fn meet_at(&mut self, speed: u32) -> Result<()> {
+    fn meet_at(&mut self, speed: u32, times: usize) -> Result<()> {
         self.port.set_baud(speed)?;
-        self.greet(3)
+        self.greet(times)
     }
 
     /// From now on the board counts as lost when it has sent nothing for so long while an answer is due.
